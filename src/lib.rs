@@ -1,0 +1,7 @@
+//! instgs-vk: shared-template Gaussian instancing on raw Vulkan.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
+
+pub mod io;
+pub mod math;
+pub mod reference;
+pub mod scene;

@@ -1,0 +1,101 @@
+//! Pinhole cameras in OpenCV axes: x right, y down, z forward; pixel centres at +0.5.
+
+use glam::{DMat3, DMat4, DVec3};
+
+/// One view. `view_from_world` is kept in f64 because files carry it so; the device gets f32.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Camera {
+    /// Name of the view, without extension; output files are named after it.
+    pub name: String,
+    /// Image width in pixels.
+    pub width: u32,
+    /// Image height in pixels.
+    pub height: u32,
+    /// Focal length along x in pixels.
+    pub fx: f64,
+    /// Focal length along y in pixels.
+    pub fy: f64,
+    /// Principal point x in pixels; the image centre is width / 2.
+    pub cx: f64,
+    /// Principal point y in pixels.
+    pub cy: f64,
+    /// 4x4 rigid transform, rows.
+    pub view_from_world: [[f64; 4]; 4],
+}
+
+/// Largest image side: 2^14, the limit common to Vulkan devices' 2D images, so that a picture can also be shown.
+pub const MAX_IMAGE_SIDE: u32 = 16384;
+
+impl Camera {
+    /// Rotation part of `view_from_world`.
+    pub fn rotation(&self) -> DMat3 {
+        let m = &self.view_from_world;
+        DMat3::from_cols(
+            DVec3::new(m[0][0], m[1][0], m[2][0]),
+            DVec3::new(m[0][1], m[1][1], m[2][1]),
+            DVec3::new(m[0][2], m[1][2], m[2][2]),
+        )
+    }
+
+    /// Translation part of `view_from_world`.
+    pub fn translation(&self) -> DVec3 {
+        let m = &self.view_from_world;
+        DVec3::new(m[0][3], m[1][3], m[2][3])
+    }
+
+    /// The camera centre in world units.
+    pub fn position_world(&self) -> DVec3 {
+        -(self.rotation().transpose() * self.translation())
+    }
+
+    /// A camera at `eye` that looks at `target`, `up` roughly upwards in the picture, with the vertical field of view
+    /// `fov_y` in radians and a centred principal point. `eye` must differ from `target` and `up` not be parallel to the view.
+    pub fn look_at(name: &str, eye: DVec3, target: DVec3, up: DVec3, fov_y: f64, size: (u32, u32)) -> Self {
+        let forward = (target - eye).normalize();
+        let right = forward.cross(up).normalize();
+        let down = forward.cross(right);
+        let focal = 0.5 * f64::from(size.1) / (0.5 * fov_y).tan();
+        let row = |axis: DVec3| [axis.x, axis.y, axis.z, -axis.dot(eye)];
+        Self {
+            name: name.into(),
+            width: size.0,
+            height: size.1,
+            fx: focal,
+            fy: focal,
+            cx: 0.5 * f64::from(size.0),
+            cy: 0.5 * f64::from(size.1),
+            view_from_world: [row(right), row(down), row(forward), [0.0, 0.0, 0.0, 1.0]],
+        }
+    }
+
+    /// The same view at another size; intrinsics are scaled per axis.
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let sx = f64::from(width) / f64::from(self.width);
+        let sy = f64::from(height) / f64::from(self.height);
+        Self { width, height, fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy, ..self.clone() }
+    }
+
+    /// `world_from_view` as a matrix.
+    pub fn world_from_view(&self) -> DMat4 {
+        DMat4::from_cols_array_2d(&self.view_from_world).transpose().inverse()
+    }
+
+    /// Checks sizes, focal lengths and that the pose is finite and rigid within 1e-3; the text says what is wrong.
+    pub fn validate(&self) -> Result<(), String> {
+        let name = &self.name;
+        if self.width == 0 || self.height == 0 || self.width > MAX_IMAGE_SIDE || self.height > MAX_IMAGE_SIDE {
+            return Err(format!("camera {name}: size {}x{} is not within 1..={MAX_IMAGE_SIDE}", self.width, self.height));
+        }
+        let positive = |v: f64| v.is_finite() && v > 0.0;
+        if !(positive(self.fx) && positive(self.fy) && self.cx.is_finite() && self.cy.is_finite()) {
+            return Err(format!("camera {name}: fx and fy must be positive and cx, cy finite"));
+        }
+        let rotation = self.rotation();
+        let error = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs()));
+        let rigid = error < 1e-3 && rotation.determinant() > 0.0 && self.translation().is_finite();
+        if !rigid {
+            return Err(format!("camera {name}: view_from_world is not a rigid transform"));
+        }
+        Ok(())
+    }
+}

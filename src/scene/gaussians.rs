@@ -1,0 +1,114 @@
+//! A cloud of 3D Gaussians, structure of arrays, in the INRIA parametrisation.
+
+/// Number of SH coefficients per colour channel of a `degree` (0..=3): (degree + 1)^2.
+pub const fn sh_coefficients(degree: u32) -> usize {
+    ((degree + 1) * (degree + 1)) as usize
+}
+
+/// The largest spherical-harmonics degree the file formats and kernels know.
+pub const MAX_SH_DEGREE: u32 = 3;
+
+/// N Gaussians in one frame. All arrays have N entries, but `sh` has `N * sh_coefficients(sh_degree)`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gaussians {
+    /// Spherical-harmonics degree of `sh`, 0..=3.
+    pub sh_degree: u32,
+    /// Centres, scene units, in the frame of the cloud (world for a background, template frame for a template).
+    pub means: Vec<[f32; 3]>,
+    /// Rotations as quaternions (w, x, y, z); not necessarily normalised, users normalise.
+    pub quats: Vec<[f32; 4]>,
+    /// Natural logarithm of the standard deviations along the local axes, scene units.
+    pub log_scales: Vec<[f32; 3]>,
+    /// Opacity before the sigmoid.
+    pub opacity_logits: Vec<f32>,
+    /// SH coefficients `[Gaussian][coefficient][rgb]`, flattened: entry `i * C + c` is coefficient c of Gaussian i.
+    pub sh: Vec<[f32; 3]>,
+}
+
+impl Gaussians {
+    /// An empty cloud of the given SH degree with room for `capacity` Gaussians.
+    pub fn with_capacity(sh_degree: u32, capacity: usize) -> Self {
+        Self {
+            sh_degree,
+            means: Vec::with_capacity(capacity),
+            quats: Vec::with_capacity(capacity),
+            log_scales: Vec::with_capacity(capacity),
+            opacity_logits: Vec::with_capacity(capacity),
+            sh: Vec::with_capacity(capacity * sh_coefficients(sh_degree)),
+        }
+    }
+
+    /// Number of Gaussians.
+    pub fn len(&self) -> usize {
+        self.means.len()
+    }
+
+    /// True if there are no Gaussians.
+    pub fn is_empty(&self) -> bool {
+        self.means.is_empty()
+    }
+
+    /// SH coefficients per Gaussian and channel.
+    pub fn sh_coefficients(&self) -> usize {
+        sh_coefficients(self.sh_degree)
+    }
+
+    /// The SH coefficients `[C][rgb]` of Gaussian `i`.
+    pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {
+        let c = self.sh_coefficients();
+        &self.sh[i * c..(i + 1) * c]
+    }
+
+    /// True if every parameter of Gaussian `i` is a finite number and its quaternion is not zero.
+    pub fn is_finite(&self, i: usize) -> bool {
+        let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
+        finite(&self.means[i])
+            && finite(&self.quats[i])
+            && self.quats[i].iter().any(|&q| q != 0.0)
+            && finite(&self.log_scales[i])
+            && self.opacity_logits[i].is_finite()
+            && self.sh_of(i).iter().all(|c| finite(c))
+    }
+
+    /// Appends Gaussian `i` of `other`, padding or cutting its SH to this cloud's degree.
+    pub fn push_from(&mut self, other: &Gaussians, i: usize) {
+        self.means.push(other.means[i]);
+        self.quats.push(other.quats[i]);
+        self.log_scales.push(other.log_scales[i]);
+        self.opacity_logits.push(other.opacity_logits[i]);
+        let source = other.sh_of(i);
+        for c in 0..self.sh_coefficients() {
+            self.sh.push(source.get(c).copied().unwrap_or([0.0; 3]));
+        }
+    }
+
+    /// Appends all of `other`, padding or cutting its SH to this cloud's degree.
+    pub fn append(&mut self, other: &Gaussians) {
+        for i in 0..other.len() {
+            self.push_from(other, i);
+        }
+    }
+
+    /// The Gaussians whose index satisfies `keep`, in order.
+    pub fn filtered(&self, keep: impl Fn(usize) -> bool) -> Gaussians {
+        let mut out = Gaussians::with_capacity(self.sh_degree, self.len());
+        (0..self.len()).filter(|&i| keep(i)).for_each(|i| out.push_from(self, i));
+        out
+    }
+
+    /// Removes Gaussians with a non-finite parameter or a zero quaternion; returns how many were removed.
+    pub fn drop_non_finite(&mut self) -> usize {
+        let before = self.len();
+        if (0..before).all(|i| self.is_finite(i)) {
+            return 0;
+        }
+        let kept = self.filtered(|i| self.is_finite(i));
+        *self = kept;
+        before - self.len()
+    }
+
+    /// Bytes of the parameters as f32 tensors.
+    pub fn tensor_bytes(&self) -> u64 {
+        4 * (self.len() * (3 + 4 + 3 + 1 + 3 * self.sh_coefficients())) as u64
+    }
+}

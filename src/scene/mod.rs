@@ -1,0 +1,12 @@
+//! L1: plain CPU data. Nothing here knows a file format or a GPU.
+
+pub mod camera;
+pub mod flatten;
+pub mod gaussians;
+pub mod instanced_scene;
+pub mod offsets;
+
+pub use camera::Camera;
+pub use gaussians::Gaussians;
+pub use instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
+pub use offsets::Offsets;
