@@ -25,10 +25,15 @@ impl Similarity {
         let a = out.linear();
         let det = a.determinant();
         if det <= 0.0 {
-            return Err(format!("has determinant {det:.3e}: a similarity has a positive one (no mirroring, no zero scale)"));
+            return Err(format!(
+                "has determinant {det:.3e}: a similarity has a positive one (no mirroring, no zero scale)"
+            ));
         }
         let s2 = out.scale() * out.scale();
-        let error = (a.transpose() * a - DMat3::from_diagonal(DVec3::splat(s2))).to_cols_array().iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        let error = (a.transpose() * a - DMat3::from_diagonal(DVec3::splat(s2)))
+            .to_cols_array()
+            .iter()
+            .fold(0.0, |m: f64, v| m.max(v.abs()));
         if error > SIMILARITY_TOLERANCE * s2 {
             return Err("is not a rotation times a uniform scale".into());
         }

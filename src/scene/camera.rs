@@ -84,14 +84,20 @@ impl Camera {
     pub fn validate(&self) -> Result<(), String> {
         let name = &self.name;
         if self.width == 0 || self.height == 0 || self.width > MAX_IMAGE_SIDE || self.height > MAX_IMAGE_SIDE {
-            return Err(format!("camera {name}: size {}x{} is not within 1..={MAX_IMAGE_SIDE}", self.width, self.height));
+            return Err(format!(
+                "camera {name}: size {}x{} is not within 1..={MAX_IMAGE_SIDE}",
+                self.width, self.height
+            ));
         }
         let positive = |v: f64| v.is_finite() && v > 0.0;
         if !(positive(self.fx) && positive(self.fy) && self.cx.is_finite() && self.cy.is_finite()) {
             return Err(format!("camera {name}: fx and fy must be positive and cx, cy finite"));
         }
         let rotation = self.rotation();
-        let error = (rotation.transpose() * rotation - DMat3::IDENTITY).to_cols_array().iter().fold(0.0, |a: f64, v| a.max(v.abs()));
+        let error = (rotation.transpose() * rotation - DMat3::IDENTITY)
+            .to_cols_array()
+            .iter()
+            .fold(0.0, |a: f64, v| a.max(v.abs()));
         let rigid = error < 1e-3 && rotation.determinant() > 0.0 && self.translation().is_finite();
         if !rigid {
             return Err(format!("camera {name}: view_from_world is not a rigid transform"));

@@ -125,12 +125,16 @@ impl InstancedScene {
                 ("sh", cloud.sh.len(), n * cloud.sh_coefficients()),
             ] {
                 if len != want {
-                    return fail(&format!("{name}.{field}"), format!("{len} entries where {name}.means calls for {want}"));
+                    return fail(
+                        &format!("{name}.{field}"),
+                        format!("{len} entries where {name}.means calls for {want}"),
+                    );
                 }
             }
         }
         let m = self.offsets.len();
-        for (field, len) in [("sh_dc", self.offsets.sh_dc.len()), ("opacity_logits", self.offsets.opacity_logits.len())] {
+        for (field, len) in [("sh_dc", self.offsets.sh_dc.len()), ("opacity_logits", self.offsets.opacity_logits.len())]
+        {
             if len != m {
                 return fail(&format!("offset.{field}"), format!("{len} entries where offset.means has {m}"));
             }
@@ -139,18 +143,27 @@ impl InstancedScene {
             let end = u64::from(range.first) + u64::from(range.count);
             if end > self.templates.len() as u64 {
                 let n = self.templates.len();
-                return fail("template.ranges", format!("range {g} ends at {end}, but there are {n} template Gaussians"));
+                return fail(
+                    "template.ranges",
+                    format!("range {g} ends at {end}, but there are {n} template Gaussians"),
+                );
             }
         }
         for (k, instance) in self.instances.iter().enumerate() {
             let Some(range) = self.template_ranges.get(instance.template as usize) else {
                 let count = self.template_ranges.len();
-                return fail("instance.template", format!("instance {k} uses template {}, but there are {count}", instance.template));
+                return fail(
+                    "instance.template",
+                    format!("instance {k} uses template {}, but there are {count}", instance.template),
+                );
             };
             if let Some(first) = instance.first_offset {
                 let end = u64::from(first) + u64::from(range.count);
                 if end > m as u64 {
-                    return fail("instance.first_offset", format!("offsets of instance {k} end at {end}, but there are {m}"));
+                    return fail(
+                        "instance.first_offset",
+                        format!("offsets of instance {k} end at {end}, but there are {m}"),
+                    );
                 }
             }
         }

@@ -1,0 +1,51 @@
+#version 460
+// Writes (tile, slot) for every tile of every splat of the slab, in depth order. Grid: one thread per splat (indirect).
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "splat.glsl"
+
+layout(scalar, binding = 0) readonly buffer Footprints { Footprint footprints[]; };     // extents by slot
+layout(scalar, binding = 1) readonly buffer SplatOrder { uint slot_from_order[]; };     // slots in depth order
+layout(scalar, binding = 2) readonly buffer IsectOffsets { uint isect_offsets[]; };     // scan of tile counts from the slab's begin
+layout(scalar, binding = 3) readonly buffer TileCounts { uint tile_counts[]; };         // tiles by slot
+layout(scalar, binding = 4) readonly buffer Counters { uint counters[]; };              // COUNTER_*
+layout(scalar, binding = 5) writeonly buffer TileKeys { uint tile_keys[]; };            // tile of the intersection
+layout(scalar, binding = 6) writeonly buffer TileSlots { uint slot_from_isect[]; };     // slot of the intersection
+layout(scalar, push_constant) uniform EmitParams {
+    uvec2 tiles;    // tile columns and rows
+    uint capacity;  // elements of tile_keys
+};
+
+void main() {
+    uint order = counters[COUNTER_SLAB_BEGIN] + thread_index();
+    if (order >= counters[COUNTER_SLAB_END]) return;
+    uint slot = slot_from_order[order];
+    Footprint f = footprints[slot];
+    uint next = isect_offsets[order];
+    uint end = min(next + tile_counts[slot], capacity);
+    uvec2 rows = tile_rows(f, tiles.y);
+    // One flat loop over rows and columns: lanes with few wide rows and lanes with many narrow ones stay together.
+    uint row = rows.x;
+    uvec2 columns = tile_columns(f, row, tiles.x);
+    while (next < end) {
+        bool inside = columns.x < columns.y;
+        if (inside) {
+            tile_keys[next] = row * tiles.x + columns.x;
+            slot_from_isect[next] = slot;
+        }
+        next += inside ? 1 : 0;
+        columns.x += inside ? 1 : 0;
+        bool advance = columns.x >= columns.y;
+        row += advance ? 1 : 0;
+        uvec2 next_columns = tile_columns(f, row, tiles.x);
+        columns = advance ? next_columns : columns;
+        if (row > rows.y) {
+            // Count and emit agree bit for bit; were they ever to differ, the rest goes to a tile outside the image.
+            for (; next < end; ++next) {
+                tile_keys[next] = tiles.x * tiles.y;
+                slot_from_isect[next] = slot;
+            }
+        }
+    }
+}

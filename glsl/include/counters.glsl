@@ -1,0 +1,54 @@
+// Device-side counts of one frame, and the indirect arguments that follow from them.
+
+const uint COUNTER_CANDIDATES = 0;          // (instance, chunk) pairs of visible instances, at most their capacity
+const uint COUNTER_WORK_ITEMS = 1;          // pairs that survive the chunk test, at most their capacity
+const uint COUNTER_VISIBLE = 2;             // splats that touch at least one tile
+const uint COUNTER_SLAB_BEGIN = 3;          // first splat in depth order of the current slab
+const uint COUNTER_SLAB_END = 4;            // one past the last splat of the current slab
+const uint COUNTER_SLAB_INTERSECTIONS = 5;  // (splat, tile) pairs of the current slab
+const uint COUNTER_CANDIDATES_NEEDED = 6;   // candidates before limiting to the capacity (saturating)
+const uint COUNTER_WORK_ITEMS_NEEDED = 7;   // work items before limiting to the capacity (saturating)
+const uint COUNTER_INTERSECTIONS = 8;       // pairs from the current slab's begin to the last splat (saturating)
+const uint COUNTER_INSTANCES = 9;           // instances of the scene, background included: set by the host
+const uint COUNTER_COUNT = 16;              // length of the counters buffer
+
+// Each count has a family of four argument sets.
+const uint ARGS_PER_COUNT = 4;   // argument sets of a family
+const uint ARGS_ITEMS = 0;       // one work-group per element
+const uint ARGS_THREADS = 1;     // one thread per element
+const uint ARGS_BLOCKS = 2;      // one work-group per BLOCK_SIZE elements
+const uint ARGS_HISTOGRAM = 3;   // scan blocks over the radix histogram of the elements
+
+const uint FAMILY_CANDIDATES = 0;     // arguments from COUNTER_CANDIDATES
+const uint FAMILY_WORK_ITEMS = 1;     // arguments from COUNTER_WORK_ITEMS
+const uint FAMILY_VISIBLE = 2;        // arguments from COUNTER_VISIBLE
+const uint FAMILY_SLAB_SPLATS = 3;    // arguments from COUNTER_SLAB_END - COUNTER_SLAB_BEGIN
+const uint FAMILY_INTERSECTIONS = 4;  // arguments from COUNTER_SLAB_INTERSECTIONS
+const uint FAMILY_COUNT = 5;          // families of indirect arguments
+
+const uint RADIX_BITS = 8;        // bits per radix digit
+const uint RADIX_SIZE = 256;      // values of a radix digit
+const uint BLOCK_SIZE = 2048;     // elements that one work-group scans or sorts
+const uint NO_OFFSET = 0xFFFFFFFF; // Instance.first_offset of an instance without offsets
+
+struct DispatchArgs {
+    uint x;  // work-groups along x
+    uint y;  // work-groups along y
+    uint z;  // work-groups along z
+};
+
+// Grid::groups on the device.
+DispatchArgs fold_groups(uint groups) {
+    const uint row = 65535;
+    return DispatchArgs(min(groups, row), groups == 0 ? 0 : (groups + row - 1) / row, 1);
+}
+
+// Rounds up without overflow.
+uint divide_up(uint n, uint by) {
+    return n / by + (n % by == 0 ? 0 : 1);
+}
+
+// Saturating sum: counts never wrap to a small number.
+uint add_saturating(uint a, uint b) {
+    return a > 0xFFFFFFFF - b ? 0xFFFFFFFF : a + b;
+}

@@ -1,0 +1,20 @@
+// What a scan runs over. The including file declares `counters` before.
+
+struct Scan {
+    uint count_slot;   // counter that holds the number of elements
+    uint histogram;    // 1 = scan the radix histogram of that many elements instead: RADIX_SIZE values per block
+    uint begin_slot;   // counter that holds the first element that counts, earlier ones add 0; COUNTER_COUNT = none
+    uint total_slot;   // counter that gets the total, limited to the capacity; COUNTER_COUNT = none
+    uint needed_slot;  // counter that gets the unlimited total; COUNTER_COUNT = none
+    uint capacity;     // limit of the total
+    uint family;       // indirect arguments to write from the limited total; FAMILY_COUNT = none
+};
+
+layout(scalar, push_constant) uniform ScanParams {
+    Scan scan;  // what to scan
+};
+
+uint scan_length() {
+    uint n = counters[scan.count_slot];
+    return scan.histogram != 0 ? divide_up(n, BLOCK_SIZE) * RADIX_SIZE : n;
+}

@@ -1,0 +1,76 @@
+// The scene as the kernels see it: source Gaussians, instances, chunks, and the view.
+
+struct Instance {
+    vec4 world_from_template[3];  // rows of the 3x4 similarity
+    vec3 bound_center;            // centre of the sphere around the template's means, template frame
+    float bound_radius;           // radius of that sphere, template units
+    float sigma_max;              // largest standard deviation of the template's Gaussians, template units
+    float max_offset;             // largest length of the instance's mean offsets, template units
+    float scale;                  // uniform scale of world_from_template
+    uint first_source;            // index of the template's first Gaussian in the source pool
+    uint source_count;            // Gaussians of the template
+    uint first_offset;            // first offset record, NO_OFFSET if none
+    uint first_chunk;             // index of the template's first chunk
+    uint first_flat;              // flat index of the instance's first Gaussian
+};
+
+struct Chunk {
+    vec3 center;      // centre of the sphere around the chunk's means, template frame
+    float radius;     // radius of that sphere, template units
+    float sigma_max;  // largest standard deviation in the chunk, template units
+};
+
+struct WorkItem {
+    uint instance;  // index into instances
+    uint chunk;     // chunk within the instance's template
+};
+
+struct View {
+    vec4 view_from_world[3];  // rows of the rigid transform, OpenCV axes
+    vec3 position_world;      // camera centre
+    float near;               // splats with view depth <= near are not drawn
+    vec2 focal_px;            // focal lengths in pixels
+    vec2 principal_px;        // principal point in pixels
+    uvec2 size_px;            // image width and height
+    float dilation_px2;       // added to the projected variances (0.3)
+    uint antialias;           // 1 = opacity compensation for the dilation
+};
+
+vec3 transform_point(vec4 rows[3], vec3 p) {
+    return vec3(dot(rows[0].xyz, p) + rows[0].w, dot(rows[1].xyz, p) + rows[1].w, dot(rows[2].xyz, p) + rows[2].w);
+}
+
+mat3 linear_part(vec4 rows[3]) {
+    return transpose(mat3(rows[0].xyz, rows[1].xyz, rows[2].xyz));
+}
+
+// How far beyond the image the Jacobian's x/z and y/z may go: 15 % of the image on each side.
+vec2 limit_min(View view) {
+    return -(view.principal_px + 0.15 * vec2(view.size_px)) / view.focal_px;
+}
+
+vec2 limit_max(View view) {
+    return (1.15 * vec2(view.size_px) - view.principal_px) / view.focal_px;
+}
+
+// sqrt(2 ln 255) = 3.3290: an opaque splat falls to alpha 1/255 there. Rounded up for f32.
+const float EXTENT_SIGMAS = 3.34;
+
+// True if no splat can touch the image whose mean lies within `radius` of `center` (world) and whose largest standard
+// deviation is `sigma`. A splat at view (x, y, z) reaches |du| <= EXTENT_SIGMAS sqrt((f/z)^2 (1 + lim^2) sigma^2 + dilation)
+// pixels, which is at most f L sigma k / z + k sqrt(dilation) with L = sqrt(1 + lim^2); "u + du >= 0" times z is linear
+// in x and z, so over a ball it is a half-space test. NaN never culls.
+bool outside_view(View view, vec3 center, float radius, float sigma) {
+    vec3 c = transform_point(view.view_from_world, center);
+    // Rounding of the transform: a few ulps of the coordinates' magnitude.
+    float r = radius * 1.0001 + 1e-5 * (abs(c.x) + abs(c.y) + abs(c.z));
+    if (c.z + r < view.near) return true;
+    vec2 limit = max(abs(limit_min(view)), abs(limit_max(view)));
+    vec2 reach = EXTENT_SIGMAS * sigma * view.focal_px * sqrt(1.0 + limit * limit) * 1.0001;
+    float border = EXTENT_SIGMAS * sqrt(view.dilation_px2) + 1.0;
+    vec2 low = view.principal_px + border;                        // u >= -border
+    vec2 high = vec2(view.size_px) - view.principal_px + border;  // u <= width + border
+    vec2 distance_low = view.focal_px * c.xy + low * c.z + r * sqrt(view.focal_px * view.focal_px + low * low) + reach;
+    vec2 distance_high = -view.focal_px * c.xy + high * c.z + r * sqrt(view.focal_px * view.focal_px + high * high) + reach;
+    return distance_low.x < 0.0 || distance_low.y < 0.0 || distance_high.x < 0.0 || distance_high.y < 0.0;
+}

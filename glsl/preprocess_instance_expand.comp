@@ -1,0 +1,202 @@
+#version 460
+// Expands one chunk of one instance: Eq. 6, EWA projection, opacity-aware extent, tile count; survivors only get their
+// colour. Survivors of work item w are written densely, in flat-index order, from slot w * WORKGROUP_SIZE.
+// Grid: one work-group per work item (indirect).
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "scene.glsl"
+#include "splat.glsl"
+
+layout(constant_id = 3) const uint SH_DEGREE = 3;
+
+layout(scalar, binding = 0) readonly buffer Instances { Instance instances[]; };               // instances, background last
+layout(scalar, binding = 1) readonly buffer WorkItems { WorkItem work_items[]; };              // visible chunks
+layout(scalar, binding = 2) readonly buffer Counters { uint counters[]; };                     // COUNTER_*
+layout(scalar, binding = 3) readonly buffer Means { vec3 means[]; };                           // source means
+layout(scalar, binding = 4) readonly buffer Quats { vec4 quats[]; };                           // source rotations, wxyz
+layout(scalar, binding = 5) readonly buffer LogScales { vec3 log_scales[]; };                  // source log standard deviations
+layout(scalar, binding = 6) readonly buffer OpacityLogits { float opacity_logits[]; };         // source opacity logits
+layout(scalar, binding = 7) readonly buffer Sh0 { vec3 sh0[]; };                               // source SH band 0, 1 per Gaussian
+layout(scalar, binding = 15) readonly buffer Sh1 { vec3 sh1[]; };                              // source SH band 1, 3 per Gaussian
+layout(scalar, binding = 16) readonly buffer Sh2 { vec3 sh2[]; };                              // source SH band 2, 5 per Gaussian
+layout(scalar, binding = 17) readonly buffer Sh3 { vec3 sh3[]; };                              // source SH band 3, 7 per Gaussian
+layout(scalar, binding = 8) readonly buffer OffsetMeans { vec3 offset_means[]; };              // mean offsets, template frame
+layout(scalar, binding = 9) readonly buffer OffsetShDc { vec3 offset_sh_dc[]; };               // offsets of SH coefficient 0
+layout(scalar, binding = 10) readonly buffer OffsetLogits { float offset_opacity_logits[]; };  // offsets of opacity logits
+layout(scalar, binding = 11) writeonly buffer Splats { Splat splats[]; };                      // projected survivors
+layout(scalar, binding = 12) writeonly buffer Footprints { Footprint footprints[]; };          // extents of survivors
+layout(scalar, binding = 13) writeonly buffer TileCounts { uint tile_counts[]; };              // tiles per survivor
+layout(scalar, binding = 14) writeonly buffer SurvivorCounts { uint survivor_counts[]; };      // survivors per work item
+layout(scalar, push_constant) uniform ExpandParams {
+    View view;  // the camera
+};
+
+// Geometry of survivors between the two halves of the kernel, by rank.
+shared vec4 shared_a[WORKGROUP_SIZE];
+shared vec4 shared_b[WORKGROUP_SIZE];  // conic yy, opacity, depth, unused
+shared uint shared_source[WORKGROUP_SIZE];
+shared uint subgroup_survivors[64];
+
+struct Projection {
+    bool visible;
+    vec4 a;
+    float conic_yy;
+    float opacity;
+    float depth;
+    Footprint footprint;
+    uint tiles;
+};
+
+mat3 rotation_from_quat(vec4 wxyz) {
+    vec4 q = wxyz / sqrt(dot(wxyz, wxyz));
+    float w = q.x, x = q.y, y = q.z, z = q.w;
+    return mat3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+                2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+                2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+}
+
+uint count_tiles(Footprint f) {
+    uvec2 tiles = (view.size_px + TILE_SIZE - 1) / TILE_SIZE;
+    uvec2 rows = tile_rows(f, tiles.y);
+    uint count = 0;
+    for (uint row = rows.x; row < rows.y; ++row) {
+        uvec2 columns = tile_columns(f, row, tiles.x);
+        count += max(columns.y, columns.x) - columns.x;
+    }
+    return count;
+}
+
+// EWA projection of a Gaussian with standard-deviation frame `axes` (columns: local axes times sigma, view frame).
+Projection project(vec3 mean_view, mat3 axes, float opacity) {
+    Projection p;
+    float z = mean_view.z;
+    vec2 slope = mean_view.xy / z;
+    vec2 clamped = clamp(slope, limit_min(view), limit_max(view));
+    vec2 scale = view.focal_px / z;
+    // Rows of J times the axes: cov2d = B B^T + dilation.
+    vec3 bx = scale.x * (vec3(axes[0].x, axes[1].x, axes[2].x) - clamped.x * vec3(axes[0].z, axes[1].z, axes[2].z));
+    vec3 by = scale.y * (vec3(axes[0].y, axes[1].y, axes[2].y) - clamped.y * vec3(axes[0].z, axes[1].z, axes[2].z));
+    float d = view.dilation_px2;
+    float xx = dot(bx, bx), yy = dot(by, by), xy = dot(bx, by);
+    vec3 area = cross(bx, by);
+    float det_sharp = dot(area, area);  // Lagrange: xx yy - xy^2 without the cancellation
+    float det = det_sharp + d * (xx + yy) + d * d;
+    xx += d;
+    yy += d;
+    if (view.antialias != 0) opacity *= sqrt(max(2.5e-5, det_sharp / det));
+    p.a = vec4(view.focal_px * slope + view.principal_px, yy / det, -xy / det);
+    p.conic_yy = xx / det;
+    p.opacity = opacity;
+    p.depth = z;
+    // sigma up to which alpha >= 1/255, enlarged: log is good to 1e-4 at worst on the drivers seen, and a little more
+    // only costs time.
+    float tau = log(255.0 * opacity) * 1.001 + 0.01;
+    p.footprint.mean_px = p.a.xy;
+    p.footprint.half_px = sqrt(2.0 * tau * vec2(xx, yy));
+    p.footprint.slope = xy / yy;
+    p.footprint.chord_px = sqrt(2.0 * tau * det / yy);
+    p.footprint.extreme_dy = p.footprint.half_px.x * xy / xx;
+    // Positive guards: NaN fails them. 1e30 keeps products of two of these finite.
+    float largest = max(max(xx, yy), max(abs(p.a.x), abs(p.a.y)));
+    p.visible = z > view.near && opacity >= 1.0 / 255.0 && det > 0.0 && det < 1e30 && largest < 1e15;
+    p.tiles = p.visible ? count_tiles(p.footprint) : 0;
+    p.visible = p.visible && p.tiles > 0;
+    return p;
+}
+
+vec3 mean_template(Instance instance, uint local, uint source) {
+    vec3 mean = means[source];
+    if (instance.first_offset != NO_OFFSET) mean += offset_means[instance.first_offset + local];
+    return mean;
+}
+
+Projection expand(Instance instance, uint local) {
+    uint source = instance.first_source + local;
+    vec3 mean_world = transform_point(instance.world_from_template, mean_template(instance, local, source));
+    vec3 mean_view = transform_point(view.view_from_world, mean_world);
+    float logit = opacity_logits[source];
+    if (instance.first_offset != NO_OFFSET) logit += offset_opacity_logits[instance.first_offset + local];
+    mat3 axes = linear_part(view.view_from_world) * linear_part(instance.world_from_template) * rotation_from_quat(quats[source]);
+    vec3 sigmas = exp(log_scales[source]);
+    axes = mat3(axes[0] * sigmas.x, axes[1] * sigmas.y, axes[2] * sigmas.z);
+    return project(mean_view, axes, 1.0 / (1.0 + exp(-logit)));
+}
+
+// INRIA order and signs; constants are the usual normalisation factors.
+vec3 evaluate_sh(uint source, vec3 dc_offset, vec3 dir) {
+    vec3 color = 0.28209479177387814 * (sh0[source] + dc_offset);
+    float x = dir.x, y = dir.y, z = dir.z;
+    float xx = x * x, yy = y * y, zz = z * z;
+    uint degree = SH_DEGREE;
+    if (degree > 0) {
+        uint k = 3 * source;
+        color += 0.4886025119029199 * (-y * sh1[k] + z * sh1[k + 1] - x * sh1[k + 2]);
+    }
+    if (degree > 1) {
+        uint k = 5 * source;
+        color += 1.0925484305920792 * (x * y * sh2[k] - y * z * sh2[k + 1] - x * z * sh2[k + 3]);
+        color += 0.31539156525252005 * (2.0 * zz - xx - yy) * sh2[k + 2];
+        color += 0.5462742152960396 * (xx - yy) * sh2[k + 4];
+    }
+    if (degree > 2) {
+        uint k = 7 * source;
+        color += -0.5900435899266435 * y * (3.0 * xx - yy) * sh3[k];
+        color += 2.890611442640554 * x * y * z * sh3[k + 1];
+        color += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * sh3[k + 2];
+        color += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * sh3[k + 3];
+        color += -0.4570457994644658 * x * (4.0 * zz - xx - yy) * sh3[k + 4];
+        color += 1.445305721320277 * z * (xx - yy) * sh3[k + 5];
+        color += -0.5900435899266435 * x * (xx - 3.0 * yy) * sh3[k + 6];
+    }
+    return max(color + 0.5, 0.0);
+}
+
+vec3 splat_color(Instance instance, uint local) {
+    uint source = instance.first_source + local;
+    vec3 mean_world = transform_point(instance.world_from_template, mean_template(instance, local, source));
+    vec3 dir_world = mean_world - view.position_world;
+    // R^T dir, with R = A / scale: the same side of an instance looks the same however it is turned.
+    vec3 dir = transpose(linear_part(instance.world_from_template)) * dir_world;
+    float len = sqrt(dot(dir, dir));
+    vec3 dc_offset = vec3(0.0);
+    if (instance.first_offset != NO_OFFSET) dc_offset = offset_sh_dc[instance.first_offset + local];
+    return evaluate_sh(source, dc_offset, len > 0.0 ? dir / len : vec3(0.0, 0.0, 1.0));
+}
+
+void main() {
+    uint w = group_index();
+    uint lane = gl_LocalInvocationID.x;
+    bool in_range = w < counters[COUNTER_WORK_ITEMS];
+    w = in_range ? w : 0;
+    Instance instance = instances[work_items[w].instance];
+    uint chunk_first = work_items[w].chunk * WORKGROUP_SIZE;
+    uint local = chunk_first + lane;
+    Projection p;
+    p.visible = false;
+    if (in_range && local < instance.source_count) p = expand(instance, local);
+
+    uvec4 ballot = subgroupBallot(p.visible);
+    uint rank = subgroupBallotExclusiveBitCount(ballot);
+    if (subgroupElect()) subgroup_survivors[gl_SubgroupID] = subgroupBallotBitCount(ballot);
+    barrier();
+    uint survivors = 0;
+    for (uint s = 0; s < WORKGROUP_SIZE / SUBGROUP_SIZE; ++s) {
+        rank += s < gl_SubgroupID ? subgroup_survivors[s] : 0;
+        survivors += subgroup_survivors[s];
+    }
+    if (p.visible) {
+        shared_a[rank] = p.a;
+        shared_b[rank] = vec4(p.conic_yy, p.opacity, p.depth, 0.0);
+        shared_source[rank] = local;
+        footprints[w * WORKGROUP_SIZE + rank] = p.footprint;
+        tile_counts[w * WORKGROUP_SIZE + rank] = p.tiles;
+    }
+    barrier();
+    if (lane == 0 && in_range) survivor_counts[w] = survivors;
+    if (lane < survivors) {
+        vec3 color = splat_color(instance, shared_source[lane]);
+        vec4 b = shared_b[lane];
+        splats[w * WORKGROUP_SIZE + lane] = Splat(shared_a[lane], vec4(b.xy, color.rg), vec2(color.b, b.z));
+    }
+}

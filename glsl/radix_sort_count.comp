@@ -1,0 +1,32 @@
+#version 460
+// First pass of a stable radix sort step: digit counts per block of BLOCK_SIZE keys, digit-major.
+// Grid: one work-group per block (indirect).
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+
+layout(scalar, binding = 0) readonly buffer Keys { uint keys[]; };               // keys
+layout(scalar, binding = 1) readonly buffer Counters { uint counters[]; };       // COUNTER_*
+layout(scalar, binding = 2) writeonly buffer Histogram { uint histogram[]; };    // [digit][block]
+layout(scalar, push_constant) uniform RadixSortCountParams {
+    uint count_slot;  // counter that holds the number of keys
+    uint shift;       // lowest bit of the digit
+};
+
+shared uint digit_counts[RADIX_SIZE];
+
+void main() {
+    uint n = counters[count_slot];
+    uint block = group_index();
+    uint blocks = divide_up(n, BLOCK_SIZE);
+    for (uint d = gl_LocalInvocationID.x; d < RADIX_SIZE; d += WORKGROUP_SIZE) digit_counts[d] = 0;
+    barrier();
+    for (uint k = gl_LocalInvocationID.x; k < BLOCK_SIZE; k += WORKGROUP_SIZE) {
+        uint i = block * BLOCK_SIZE + k;
+        if (i < n) atomicAdd(digit_counts[(keys[i] >> shift) & (RADIX_SIZE - 1)], 1);
+    }
+    barrier();
+    for (uint d = gl_LocalInvocationID.x; d < RADIX_SIZE; d += WORKGROUP_SIZE) {
+        if (block < blocks) histogram[d * blocks + block] = digit_counts[d];
+    }
+}

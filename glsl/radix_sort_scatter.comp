@@ -1,0 +1,94 @@
+#version 460
+// Second pass of a stable radix sort step: moves every key and value to its place. Each subgroup owns a contiguous run
+// of its block's keys and walks it in rounds of SUBGROUP_SIZE, so order within equal digits is kept.
+// Grid: one work-group per block (indirect).
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+
+layout(scalar, binding = 0) readonly buffer KeysIn { uint keys_in[]; };            // keys
+layout(scalar, binding = 1) readonly buffer ValuesIn { uint values_in[]; };        // values
+layout(scalar, binding = 2) readonly buffer Counters { uint counters[]; };         // COUNTER_*
+layout(scalar, binding = 3) readonly buffer DigitOffsets { uint digit_offsets[]; };  // exclusive scan of the histogram
+layout(scalar, binding = 4) writeonly buffer KeysOut { uint keys_out[]; };         // keys, sorted by the digit
+layout(scalar, binding = 5) writeonly buffer ValuesOut { uint values_out[]; };     // values, moved along
+layout(scalar, push_constant) uniform RadixSortScatterParams {
+    uint count_slot;  // counter that holds the number of keys
+    uint shift;       // lowest bit of the digit
+};
+
+const uint SUBGROUPS = WORKGROUP_SIZE / SUBGROUP_SIZE;
+const uint KEYS_PER_SUBGROUP = BLOCK_SIZE / SUBGROUPS;
+// Next free place per subgroup and digit.
+shared uint places[SUBGROUPS * RADIX_SIZE];
+
+uint digit_of(uint key) {
+    return (key >> shift) & (RADIX_SIZE - 1);
+}
+
+// Among the lanes with `in_list` set: how many lower lanes hold the same digit, and how many lanes do in all.
+uvec2 match_digit(uint digit, bool in_list) {
+    uvec2 rank_and_count = uvec2(0);
+    uint tagged = in_list ? digit : 0xFFFFFFFF;
+    uint lanes = SUBGROUP_SIZE;
+    if (lanes <= 16) {
+        // Shuffles with constant indices are one instruction where ballots are loops (lavapipe).
+        [[unroll]] for (uint other_lane = 0; other_lane < SUBGROUP_SIZE; ++other_lane) {
+            uint same = subgroupShuffle(tagged, other_lane) == tagged ? 1 : 0;
+            rank_and_count.x += other_lane < gl_SubgroupInvocationID ? same : 0;
+            rank_and_count.y += same;
+        }
+    } else {
+        uvec4 peers = subgroupBallot(in_list);
+        [[unroll]] for (uint bit = 0; bit < RADIX_BITS; ++bit) {
+            bool set = ((digit >> bit) & 1) != 0;
+            uvec4 ballot = subgroupBallot(set);
+            peers &= set ? ballot : ~ballot;
+        }
+        rank_and_count = uvec2(subgroupBallotExclusiveBitCount(peers), subgroupBallotBitCount(peers));
+    }
+    return rank_and_count;
+}
+
+void main() {
+    uint n = counters[count_slot];
+    uint block = group_index();
+    uint blocks = divide_up(n, BLOCK_SIZE);
+    uint table = gl_SubgroupID * RADIX_SIZE;
+    uint first = block * BLOCK_SIZE + gl_SubgroupID * KEYS_PER_SUBGROUP;
+    uint subgroups = SUBGROUPS;
+    if (subgroups > 1) {
+        for (uint d = gl_SubgroupInvocationID; d < RADIX_SIZE; d += SUBGROUP_SIZE) places[table + d] = 0;
+        barrier();
+        for (uint k = gl_SubgroupInvocationID; k < KEYS_PER_SUBGROUP; k += SUBGROUP_SIZE) {
+            if (first + k < n) atomicAdd(places[table + digit_of(keys_in[first + k])], 1);
+        }
+        barrier();
+    }
+    for (uint d = gl_LocalInvocationID.x; d < RADIX_SIZE; d += WORKGROUP_SIZE) {
+        uint place = block < blocks ? digit_offsets[d * blocks + block] : 0;
+        for (uint s = 0; s < SUBGROUPS; ++s) {
+            uint count = subgroups > 1 ? places[s * RADIX_SIZE + d] : 0;
+            places[s * RADIX_SIZE + d] = place;
+            place += count;
+        }
+    }
+    barrier();
+    for (uint k = 0; k < KEYS_PER_SUBGROUP; k += SUBGROUP_SIZE) {
+        uint i = first + k + gl_SubgroupInvocationID;
+        bool in_list = i < n;
+        uint key = in_list ? keys_in[i] : 0;
+        uint digit = digit_of(key);
+        uvec2 rank_and_count = match_digit(digit, in_list);
+        uint place = places[table + digit] + rank_and_count.x;
+        subgroupMemoryBarrierShared();
+        subgroupBarrier();
+        if (in_list && rank_and_count.x + 1 == rank_and_count.y) places[table + digit] = place + 1;
+        subgroupMemoryBarrierShared();
+        subgroupBarrier();
+        if (in_list) {
+            keys_out[place] = key;
+            values_out[place] = values_in[i];
+        }
+    }
+}

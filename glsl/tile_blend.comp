@@ -1,0 +1,111 @@
+#version 460
+// Blends each tile's splats front to back: colour, alpha, depth. One subgroup owns an 8x8 block of pixels; its lanes load
+// one splat each and share them by shuffle, so there is no work-group barrier.
+// Grid: one subgroup per 8x8 block of every tile.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "splat.glsl"
+
+layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };               // projected splats by slot
+layout(scalar, binding = 1) readonly buffer TileSlots { uint slot_from_isect[]; };    // slots, sorted by tile then depth
+layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };      // first and end intersection per tile
+layout(scalar, binding = 3) readonly buffer Counters { uint counters[]; };            // COUNTER_*
+layout(scalar, binding = 4) buffer Colors { vec4 colors[]; };                         // rgb and alpha; between slabs rgb without background and T
+layout(scalar, binding = 5) buffer Depths { float depths[]; };                        // expected view depth; between slabs its weighted sum
+layout(scalar, push_constant) uniform TileBlendParams {
+    vec3 background;  // colour behind everything
+    uvec2 size_px;    // image width and height
+    uvec2 tiles;      // tile columns and rows
+};
+
+layout(constant_id = 3) const uint COLUMNS_PER_LANE = 1;  // 2 at subgroup size 4, where a row of 8 has more pixels than lanes
+
+const uint BLOCK_SIDE = 8;
+const uint PIXELS_PER_LANE = BLOCK_SIDE * BLOCK_SIDE / SUBGROUP_SIZE;
+const uint LANES_PER_ROW = BLOCK_SIDE / COLUMNS_PER_LANE;
+const uint ROW_STEP = SUBGROUP_SIZE / LANES_PER_ROW;  // rows between a lane's pixels
+const float LOG2_E = 1.4426950408889634;
+const float ALPHA_MIN = 1.0 / 255.0;
+const float ALPHA_MAX = 0.99;
+const float T_STOP = 1e-4;
+
+struct Pixel {
+    vec3 color;  // sum of w c
+    float t;     // transmittance
+    float depth; // sum of w z
+    float live;  // 1 until the stop rule fires
+};
+
+void main() {
+    const uint blocks_per_side = TILE_SIZE / BLOCK_SIDE;
+    const uint blocks_per_tile = blocks_per_side * blocks_per_side;
+    uint unit = group_index() * (WORKGROUP_SIZE / SUBGROUP_SIZE) + gl_SubgroupID;
+    uint tile = unit / blocks_per_tile;
+    if (tile >= tiles.x * tiles.y) return;
+    uint block = unit % blocks_per_tile;
+    uvec2 origin = uvec2(tile % tiles.x, tile / tiles.x) * TILE_SIZE + uvec2(block % blocks_per_side, block / blocks_per_side) * BLOCK_SIDE;
+    uint lane = gl_SubgroupInvocationID;
+    uvec2 corner = origin + uvec2((lane % LANES_PER_ROW) * COLUMNS_PER_LANE, lane / LANES_PER_ROW);
+    uvec2 range = tile_ranges[tile];
+    bool first_slab = counters[COUNTER_SLAB_BEGIN] == 0;
+    bool last_slab = counters[COUNTER_SLAB_END] == counters[COUNTER_VISIBLE];
+
+    Pixel pixels[PIXELS_PER_LANE];
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        pixels[p] = Pixel(vec3(0.0), 1.0, 0.0, 1.0);
+        uvec2 at = corner + uvec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
+        if (!first_slab && all(lessThan(at, size_px))) {
+            vec4 state = colors[at.y * size_px.x + at.x];
+            // The stop rule fired in an earlier slab if T carries the sign bit.
+            pixels[p] = Pixel(state.rgb, abs(state.a), depths[at.y * size_px.x + at.x], state.a < 0.0 ? 0.0 : 1.0);
+        }
+    }
+
+    vec2 center = vec2(corner) + 0.5;
+    for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
+        uint i = min(base + lane, range.y - 1);
+        Splat mine = splats[slot_from_isect[i]];
+        // Past the end of the list: opacity 0 blends nothing.
+        if (base + lane >= range.y) mine.b.y = 0.0;
+        [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
+            vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
+            // Conic times -log2(e) / 2: alpha = opacity exp2(q).
+            float xx = subgroupShuffle(mine.a.z, j) * (-0.5 * LOG2_E);
+            float xy = subgroupShuffle(mine.a.w, j) * -LOG2_E;
+            float yy = subgroupShuffle(mine.b.x, j) * (-0.5 * LOG2_E);
+            float opacity = subgroupShuffle(mine.b.y, j);
+            vec3 color = vec3(subgroupShuffle(mine.b.z, j), subgroupShuffle(mine.b.w, j), subgroupShuffle(mine.c.x, j));
+            float depth = subgroupShuffle(mine.c.y, j);
+            [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+                vec2 d = delta + vec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
+                float q = xx * d.x * d.x + yy * d.y * d.y + xy * d.x * d.y;
+                float alpha = min(ALPHA_MAX, opacity * exp2(q));
+                bool hit = q <= 0.0 && alpha >= ALPHA_MIN && pixels[p].live > 0.0;
+                float t_next = pixels[p].t * (1.0 - alpha);
+                bool blended = hit && t_next >= T_STOP;
+                float weight = blended ? alpha * pixels[p].t : 0.0;
+                pixels[p].live = hit && !blended ? 0.0 : pixels[p].live;
+                pixels[p].t = blended ? t_next : pixels[p].t;
+                pixels[p].color += weight * color;
+                pixels[p].depth += weight * depth;
+            }
+        }
+        float live = 0.0;
+        [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live += pixels[p].live;
+        if (!subgroupAny(live > 0.0)) break;
+    }
+
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        uvec2 at = corner + uvec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
+        Pixel pixel = pixels[p];
+        float alpha = 1.0 - pixel.t;
+        vec4 state = vec4(pixel.color, pixel.live > 0.0 ? pixel.t : -pixel.t);
+        vec4 done = vec4(pixel.color + pixel.t * background, alpha);
+        float depth = last_slab ? (alpha > 0.0 ? pixel.depth / alpha : 0.0) : pixel.depth;
+        if (all(lessThan(at, size_px))) {
+            colors[at.y * size_px.x + at.x] = last_slab ? done : state;
+            depths[at.y * size_px.x + at.x] = depth;
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! Typed storage buffers.
+
+use std::marker::PhantomData;
+use std::sync::Arc;
+
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use gpu_allocator::vulkan::Allocation;
+
+use super::context::Gpu;
+use super::error::GpuError;
+
+/// `len` elements of `T` in device memory (or host-visible memory, for staging). Freed on drop, after the device is done.
+pub struct Buffer<T> {
+    gpu: Arc<Gpu>,
+    handle: vk::Buffer,
+    allocation: Option<Allocation>,
+    len: usize,
+    name: String,
+    marker: PhantomData<T>,
+}
+
+impl<T: bytemuck::NoUninit> Buffer<T> {
+    /// A device-local storage buffer with undefined contents. `len` 0 is made 1, since Vulkan has no empty buffers.
+    ///
+    /// # Errors
+    /// Larger than a storage binding may be, or out of memory; names the buffer.
+    pub fn new(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
+        Self::with_location(gpu, name, len, MemoryLocation::GpuOnly)
+    }
+
+    /// A host-visible buffer for uploads (`CpuToGpu`) or downloads (`GpuToCpu`).
+    pub(crate) fn with_location(
+        gpu: &Arc<Gpu>,
+        name: &str,
+        len: usize,
+        location: MemoryLocation,
+    ) -> Result<Self, GpuError> {
+        let len = len.max(1);
+        let bytes = len as u64 * size_of::<T>() as u64;
+        let limit = gpu.caps().max_storage_bytes;
+        if bytes > limit {
+            return Err(GpuError::BufferTooLarge { name: name.into(), bytes, limit });
+        }
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::INDIRECT_BUFFER
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST;
+        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
+        // SAFETY: a valid create-info; the handle is destroyed in drop.
+        let handle = unsafe { gpu.device.create_buffer(&info, None) }.map_err(GpuError::vulkan(name))?;
+        let mut buffer =
+            Self { gpu: gpu.clone(), handle, allocation: None, len, name: name.into(), marker: PhantomData };
+        // SAFETY: the handle is valid; on error below, drop destroys it.
+        let requirements = unsafe { gpu.device.get_buffer_memory_requirements(handle) };
+        let allocation = gpu.memory.allocate(name, requirements, location)?;
+        // SAFETY: memory and offset come from the allocator for these requirements, and are bound once.
+        let bound = unsafe { gpu.device.bind_buffer_memory(handle, allocation.memory(), allocation.offset()) };
+        buffer.allocation = Some(allocation);
+        bound.map_err(GpuError::vulkan(name))?;
+        gpu.set_name(handle, name);
+        Ok(buffer)
+    }
+
+    /// Number of elements.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Always false: buffers have at least one element.
+    pub fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Size in bytes.
+    pub fn bytes(&self) -> u64 {
+        self.len as u64 * size_of::<T>() as u64
+    }
+
+    /// The name it was made with.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The Vulkan buffer.
+    pub(crate) fn handle(&self) -> vk::Buffer {
+        self.handle
+    }
+
+    /// The mapped bytes of a host-visible buffer.
+    pub(crate) fn mapped(&self) -> Option<&[u8]> {
+        let bytes = self.bytes() as usize;
+        self.allocation.as_ref().and_then(|a| a.mapped_slice()).map(|all| &all[..bytes])
+    }
+
+    /// The mapped bytes of a host-visible buffer, writable.
+    pub(crate) fn mapped_mut(&mut self) -> Option<&mut [u8]> {
+        let bytes = self.bytes() as usize;
+        self.allocation.as_mut().and_then(|a| a.mapped_slice_mut()).map(|all| &mut all[..bytes])
+    }
+}
+
+impl<T> Drop for Buffer<T> {
+    fn drop(&mut self) {
+        // A lost device returns an error here; destruction is then allowed as well.
+        let _ = self.gpu.wait_all();
+        // SAFETY: the device no longer uses the buffer, and nothing else owns the handle.
+        unsafe { self.gpu.device.destroy_buffer(self.handle, None) };
+        if let Some(allocation) = self.allocation.take() {
+            self.gpu.memory.free(allocation);
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! What a device offers, read once, and the kernel variant that follows from it.
+
+use std::ffi::CStr;
+
+use ash::vk;
+
+/// Limits and features of one device that kernels and plans depend on.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct DeviceCaps {
+    /// Device name as the driver gives it.
+    pub name: String,
+    /// Driver name and version text.
+    pub driver: String,
+    /// Vulkan version, for instance "1.3.230".
+    pub api_version: String,
+    /// Discrete, integrated, virtual, cpu or other.
+    pub device_type: &'static str,
+    /// Smallest subgroup size a compute pipeline can require.
+    pub min_subgroup_size: u32,
+    /// Largest subgroup size a compute pipeline can require.
+    pub max_subgroup_size: u32,
+    /// Whether a compute pipeline may require a subgroup size at all.
+    pub can_require_subgroup_size: bool,
+    /// Most subgroups in a work-group with a required size.
+    pub max_workgroup_subgroups: u32,
+    /// Most invocations in a work-group.
+    pub max_workgroup_invocations: u32,
+    /// Work-group shared memory, bytes.
+    pub shared_memory_bytes: u32,
+    /// Largest storage-buffer binding, bytes.
+    pub max_storage_bytes: u64,
+    /// Largest work-group count along one dimension.
+    pub max_workgroup_count: u32,
+    /// Nanoseconds per timestamp tick; 0 = no timestamps.
+    pub timestamp_period_ns: f32,
+    /// Mesa's CPU driver.
+    pub is_llvmpipe: bool,
+    /// How many loop iterations one shader invocation may run in total before the driver ends its loops silently;
+    /// `None` = no such limit. Mesa's gallivm counts down from 65535 over all loops of a function.
+    pub loop_iteration_limit: Option<u32>,
+}
+
+/// gallivm's limit (`LP_MAX_TGSI_LOOP_ITERATIONS`, still there in Mesa 22.3 for compute shaders).
+const LLVMPIPE_LOOP_LIMIT: u32 = 65535;
+
+impl DeviceCaps {
+    /// Reads the properties of a physical device.
+    pub(crate) fn read(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Self {
+        let mut v11 = vk::PhysicalDeviceVulkan11Properties::default();
+        let mut v12 = vk::PhysicalDeviceVulkan12Properties::default();
+        let mut v13 = vk::PhysicalDeviceVulkan13Properties::default();
+        let mut properties =
+            vk::PhysicalDeviceProperties2::default().push_next(&mut v11).push_next(&mut v12).push_next(&mut v13);
+        // SAFETY: `physical` comes from `instance`; the chain holds only structs of Vulkan 1.3, which callers have checked.
+        unsafe { instance.get_physical_device_properties2(physical, &mut properties) };
+        let core = properties.properties;
+        let text = |raw: &[std::ffi::c_char]| {
+            let bytes: Vec<u8> = raw.iter().map(|&c| c.cast_unsigned()).collect();
+            CStr::from_bytes_until_nul(&bytes).map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
+        };
+        let version = core.api_version;
+        let is_llvmpipe = v12.driver_id == vk::DriverId::MESA_LLVMPIPE;
+        Self {
+            name: text(&core.device_name),
+            driver: format!("{} {}", text(&v12.driver_name), text(&v12.driver_info)),
+            api_version: format!(
+                "{}.{}.{}",
+                vk::api_version_major(version),
+                vk::api_version_minor(version),
+                vk::api_version_patch(version)
+            ),
+            device_type: device_type_name(core.device_type),
+            min_subgroup_size: v13.min_subgroup_size.max(1),
+            max_subgroup_size: v13.max_subgroup_size.max(v11.subgroup_size),
+            can_require_subgroup_size: v13.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
+            max_workgroup_subgroups: v13.max_compute_workgroup_subgroups,
+            max_workgroup_invocations: core.limits.max_compute_work_group_invocations,
+            shared_memory_bytes: core.limits.max_compute_shared_memory_size,
+            max_storage_bytes: u64::from(core.limits.max_storage_buffer_range),
+            max_workgroup_count: core.limits.max_compute_work_group_count[0],
+            timestamp_period_ns: core.limits.timestamp_period,
+            is_llvmpipe,
+            loop_iteration_limit: is_llvmpipe.then_some(LLVMPIPE_LOOP_LIMIT),
+        }
+    }
+
+    /// The subgroup sizes among 4, 8, 16, 32, 64 that the device can run.
+    pub fn subgroup_sizes(&self) -> Vec<u32> {
+        [4, 8, 16, 32, 64]
+            .into_iter()
+            .filter(|s| (self.min_subgroup_size..=self.max_subgroup_size).contains(s))
+            .collect()
+    }
+}
+
+fn device_type_name(kind: vk::PhysicalDeviceType) -> &'static str {
+    match kind {
+        vk::PhysicalDeviceType::DISCRETE_GPU => "discrete",
+        vk::PhysicalDeviceType::INTEGRATED_GPU => "integrated",
+        vk::PhysicalDeviceType::VIRTUAL_GPU => "virtual",
+        vk::PhysicalDeviceType::CPU => "cpu",
+        _ => "other",
+    }
+}

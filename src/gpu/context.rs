@@ -1,0 +1,315 @@
+//! Instance, device, queue: everything that lives as long as the program's use of the device.
+
+use std::ffi::{CStr, CString};
+use std::sync::{Arc, Mutex};
+
+use ash::{ext, vk};
+
+use super::caps::DeviceCaps;
+use super::error::GpuError;
+use super::memory::Memory;
+use super::timeline::{Ticket, Timeline};
+use super::validation::ValidationMessages;
+
+/// Which device to use.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum DeviceChoice {
+    /// The first discrete device, else integrated, virtual, CPU.
+    #[default]
+    Best,
+    /// Position in the list that `instgs-vk info` prints.
+    Index(usize),
+    /// Part of the device's name, case-insensitive.
+    Name(String),
+}
+
+impl std::str::FromStr for DeviceChoice {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(text.parse().map_or_else(|_| Self::Name(text.into()), Self::Index))
+    }
+}
+
+/// How to open the device.
+#[derive(Clone, Debug, Default)]
+pub struct GpuOptions {
+    /// Which device.
+    pub device: DeviceChoice,
+    /// Load the validation layers with synchronization validation; an error if they are not installed.
+    pub validation: bool,
+}
+
+/// The open device. Shared by everything that allocates or submits.
+pub struct Gpu {
+    pub(crate) device: ash::Device,
+    pub(crate) queue: Mutex<vk::Queue>,
+    pub(crate) queue_family: u32,
+    pub(crate) memory: Memory,
+    pub(crate) timeline: Timeline,
+    pub(crate) debug_names: Option<ext::debug_utils::Device>,
+    caps: DeviceCaps,
+    instance: ash::Instance,
+    messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    messages: ValidationMessages,
+    physical: vk::PhysicalDevice,
+    /// Keeps the loader library loaded.
+    _entry: ash::Entry,
+}
+
+const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+impl Gpu {
+    /// Opens a device.
+    ///
+    /// # Errors
+    /// No loader, no matching device, a missing feature, or no validation layer where it was asked for.
+    pub fn open(options: &GpuOptions) -> Result<Arc<Self>, GpuError> {
+        let messages = ValidationMessages::default();
+        let (entry, instance) = create_instance(options.validation, &messages)?;
+        let messenger = options.validation.then(|| create_messenger(&entry, &instance, &messages)).transpose()?;
+        let (physical, caps) = choose_device(&instance, &options.device)?;
+        let (device, queue_family) = create_device(&instance, physical, &caps)?;
+        // SAFETY: the family was requested with one queue at device creation.
+        let queue = unsafe { device.get_device_queue(queue_family, 0) };
+        let debug_names = options.validation.then(|| ext::debug_utils::Device::new(&instance, &device));
+        let memory = Memory::new(&instance, &device, physical)?;
+        let timeline = Timeline::new(&device)?;
+        Ok(Arc::new(Self {
+            device,
+            queue: Mutex::new(queue),
+            queue_family,
+            memory,
+            timeline,
+            debug_names,
+            caps,
+            instance,
+            messenger,
+            messages,
+            physical,
+            _entry: entry,
+        }))
+    }
+
+    /// What all devices of this machine offer, in the order of `DeviceChoice::Index`.
+    pub fn list() -> Result<Vec<DeviceCaps>, GpuError> {
+        let (_entry, instance) = create_instance(false, &ValidationMessages::default())?;
+        let devices = enumerate(&instance);
+        // SAFETY: nothing was created from the instance.
+        unsafe { instance.destroy_instance(None) };
+        Ok(devices?.into_iter().map(|(_, caps)| caps).collect())
+    }
+
+    /// Limits and features.
+    pub fn caps(&self) -> &DeviceCaps {
+        &self.caps
+    }
+
+    /// Messages of the validation layers so far (empty unless opened with validation).
+    pub fn validation_messages(&self) -> &ValidationMessages {
+        &self.messages
+    }
+
+    /// Device memory in bytes: allocated now, and the peak since the last `reset_memory_peak`.
+    pub fn memory_usage(&self) -> (u64, u64) {
+        self.memory.usage()
+    }
+
+    /// Starts a new peak measurement.
+    pub fn reset_memory_peak(&self) {
+        self.memory.reset_peak();
+    }
+
+    /// Bytes of the largest device-local heap.
+    pub fn device_heap_bytes(&self) -> u64 {
+        // SAFETY: `physical` belongs to `instance`.
+        let properties = unsafe { self.instance.get_physical_device_memory_properties(self.physical) };
+        let heaps = &properties.memory_heaps[..properties.memory_heap_count as usize];
+        heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)).map(|h| h.size).max().unwrap_or(0)
+    }
+
+    /// Blocks until a submission has finished.
+    pub fn wait(&self, ticket: Ticket) -> Result<(), GpuError> {
+        self.timeline.wait(&self.device, ticket).map_err(|result| match result {
+            vk::Result::ERROR_DEVICE_LOST => GpuError::DeviceLost { last_pass: "unknown".into() },
+            other => GpuError::Vulkan { what: "waiting for the device".into(), result: other },
+        })
+    }
+
+    /// Blocks until everything submitted has finished.
+    pub fn wait_all(&self) -> Result<(), GpuError> {
+        self.wait(self.timeline.last())
+    }
+
+    /// Names a Vulkan object for debuggers and validation messages.
+    pub(crate) fn set_name<H: vk::Handle>(&self, object: H, name: &str) {
+        let (Some(debug), Ok(name)) = (&self.debug_names, CString::new(name)) else { return };
+        let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
+        // SAFETY: the object was created from this device. A failure to name it is of no consequence.
+        let _ = unsafe { debug.set_debug_utils_object_name(&info) };
+    }
+}
+
+impl Drop for Gpu {
+    fn drop(&mut self) {
+        // SAFETY: buffers, pipelines and recorders hold an Arc of self, so none is left; the device is idle after the
+        // wait (or lost, when destruction is allowed too). Each object is destroyed once, children before parents.
+        unsafe {
+            let _ = self.device.device_wait_idle();
+            self.device.destroy_semaphore(self.timeline.semaphore, None);
+            self.memory.destroy();
+            self.device.destroy_device(None);
+            if let Some((debug, messenger)) = &self.messenger {
+                debug.destroy_debug_utils_messenger(*messenger, None);
+            }
+            self.instance.destroy_instance(None);
+        }
+    }
+}
+
+fn create_instance(validation: bool, messages: &ValidationMessages) -> Result<(ash::Entry, ash::Instance), GpuError> {
+    // SAFETY: loading the system's Vulkan loader runs its initialisers; it is kept loaded for the life of `Entry`.
+    let entry = unsafe { ash::Entry::load() }.map_err(|e| GpuError::NoLoader(e.to_string()))?;
+    let app = vk::ApplicationInfo::default().application_name(c"instgs-vk").api_version(vk::API_VERSION_1_3);
+    let layers = [VALIDATION_LAYER.as_ptr()];
+    let extensions = [ext::debug_utils::NAME.as_ptr()];
+    let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+    let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+    let mut messenger = messages.messenger_info();
+    let mut info = vk::InstanceCreateInfo::default().application_info(&app);
+    if validation {
+        info = info
+            .enabled_layer_names(&layers)
+            .enabled_extension_names(&extensions)
+            .push_next(&mut features)
+            .push_next(&mut messenger);
+    }
+    // SAFETY: all pointers in `info` live through the call.
+    let instance = unsafe { entry.create_instance(&info, None) }.map_err(|result| match result {
+        vk::Result::ERROR_LAYER_NOT_PRESENT => GpuError::MissingFeature {
+            device: "Vulkan loader".into(),
+            feature: "the validation layer VK_LAYER_KHRONOS_validation (package vulkan-validationlayers)".into(),
+        },
+        vk::Result::ERROR_INCOMPATIBLE_DRIVER => GpuError::NoDevice {
+            wanted: "with any driver (install one, for instance mesa-vulkan-drivers)".into(),
+            found: "none".into(),
+        },
+        result => GpuError::Vulkan { what: "instance".into(), result },
+    })?;
+    Ok((entry, instance))
+}
+
+fn create_messenger(
+    entry: &ash::Entry,
+    instance: &ash::Instance,
+    messages: &ValidationMessages,
+) -> Result<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT), GpuError> {
+    let debug = ext::debug_utils::Instance::new(entry, instance);
+    // SAFETY: the extension is enabled, and `Gpu` keeps `messages` alive until it destroys the messenger.
+    let messenger = unsafe { debug.create_debug_utils_messenger(&messages.messenger_info(), None) }
+        .map_err(GpuError::vulkan("debug messenger"))?;
+    Ok((debug, messenger))
+}
+
+fn enumerate(instance: &ash::Instance) -> Result<Vec<(vk::PhysicalDevice, DeviceCaps)>, GpuError> {
+    // SAFETY: the instance is valid.
+    let devices = unsafe { instance.enumerate_physical_devices() }.map_err(GpuError::vulkan("listing devices"))?;
+    let supported = devices.into_iter().filter(|&device| {
+        // SAFETY: the device comes from this instance.
+        let version = unsafe { instance.get_physical_device_properties(device) }.api_version;
+        vk::api_version_major(version) > 1 || vk::api_version_minor(version) >= 3
+    });
+    Ok(supported.map(|device| (device, DeviceCaps::read(instance, device))).collect())
+}
+
+fn choose_device(
+    instance: &ash::Instance,
+    choice: &DeviceChoice,
+) -> Result<(vk::PhysicalDevice, DeviceCaps), GpuError> {
+    let devices = enumerate(instance)?;
+    let names: Vec<String> = devices.iter().map(|(_, caps)| caps.name.clone()).collect();
+    let rank = |caps: &DeviceCaps| match caps.device_type {
+        "discrete" => 0,
+        "integrated" => 1,
+        "virtual" => 2,
+        _ => 3,
+    };
+    let (wanted, found) = match choice {
+        DeviceChoice::Best => ("with Vulkan 1.3".to_string(), devices.into_iter().min_by_key(|(_, caps)| rank(caps))),
+        DeviceChoice::Index(index) => (format!("number {index}"), devices.into_iter().nth(*index)),
+        DeviceChoice::Name(part) => {
+            let part_lower = part.to_lowercase();
+            let found = devices.into_iter().find(|(_, caps)| caps.name.to_lowercase().contains(&part_lower));
+            (format!("named {part}"), found)
+        }
+    };
+    found.ok_or_else(|| GpuError::NoDevice {
+        wanted,
+        found: if names.is_empty() { "none with Vulkan 1.3".into() } else { names.join(", ") },
+    })
+}
+
+fn create_device(
+    instance: &ash::Instance,
+    physical: vk::PhysicalDevice,
+    caps: &DeviceCaps,
+) -> Result<(ash::Device, u32), GpuError> {
+    check_features(instance, physical, caps)?;
+    // SAFETY: `physical` comes from `instance`.
+    let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
+    let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
+    let family = family
+        .ok_or_else(|| GpuError::MissingFeature { device: caps.name.clone(), feature: "a compute queue".into() })?
+        as u32;
+    let priorities = [1.0];
+    let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(family).queue_priorities(&priorities)];
+    let mut v12 = vk::PhysicalDeviceVulkan12Features::default()
+        .timeline_semaphore(true)
+        .scalar_block_layout(true)
+        .host_query_reset(true);
+    let mut v13 = vk::PhysicalDeviceVulkan13Features::default()
+        .synchronization2(true)
+        .maintenance4(true)
+        .subgroup_size_control(true)
+        .compute_full_subgroups(true);
+    let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut v12).push_next(&mut v13);
+    // SAFETY: features were checked, pointers live through the call.
+    let device = unsafe { instance.create_device(physical, &info, None) }.map_err(GpuError::vulkan("device"))?;
+    Ok((device, family))
+}
+
+/// Fails with the name of the first required feature that is missing.
+fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &DeviceCaps) -> Result<(), GpuError> {
+    let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
+    let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut v12).push_next(&mut v13);
+    // SAFETY: `physical` comes from `instance`, the chain holds Vulkan 1.3 structs.
+    unsafe { instance.get_physical_device_features2(physical, &mut features) };
+    let mut v11 = vk::PhysicalDeviceVulkan11Properties::default();
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut v11);
+    // SAFETY: as above.
+    unsafe { instance.get_physical_device_properties2(physical, &mut properties) };
+    let operations = v11.subgroup_supported_operations;
+    let needed_operations = vk::SubgroupFeatureFlags::BASIC
+        | vk::SubgroupFeatureFlags::VOTE
+        | vk::SubgroupFeatureFlags::BALLOT
+        | vk::SubgroupFeatureFlags::ARITHMETIC
+        | vk::SubgroupFeatureFlags::SHUFFLE;
+    for (present, feature) in [
+        (v12.timeline_semaphore, "timelineSemaphore"),
+        (v12.scalar_block_layout, "scalarBlockLayout"),
+        (v12.host_query_reset, "hostQueryReset"),
+        (v13.synchronization2, "synchronization2"),
+        (v13.maintenance4, "maintenance4"),
+        (v13.subgroup_size_control, "subgroupSizeControl"),
+        (v13.compute_full_subgroups, "computeFullSubgroups"),
+        (u32::from(operations.contains(needed_operations)), "subgroup vote, ballot, arithmetic and shuffle"),
+        (u32::from(v11.subgroup_supported_stages.contains(vk::ShaderStageFlags::COMPUTE)), "subgroups in compute"),
+        (u32::from(!caps.subgroup_sizes().is_empty()), "a subgroup size of 4, 8, 16, 32 or 64"),
+    ] {
+        if present == 0 {
+            return Err(GpuError::MissingFeature { device: caps.name.clone(), feature: feature.into() });
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,91 @@
+//! Errors of the Vulkan layer, one line each, naming the object at fault and what to do.
+
+use ash::vk;
+
+/// What can go wrong between us and the Vulkan device.
+#[derive(Debug, thiserror::Error)]
+pub enum GpuError {
+    /// No Vulkan loader library.
+    #[error("cannot load Vulkan ({0}); install the Vulkan loader (libvulkan1) and a driver, or run tools/setup")]
+    NoLoader(String),
+    /// No device, or none that matches the choice.
+    #[error("no Vulkan device {wanted}; found: {found}")]
+    NoDevice {
+        /// What was asked for.
+        wanted: String,
+        /// Names of the devices there are.
+        found: String,
+    },
+    /// The device lacks something this program needs.
+    #[error("device {device} lacks {feature}, which this program needs; choose another device with --device")]
+    MissingFeature {
+        /// Device name.
+        device: String,
+        /// The feature, extension or limit.
+        feature: String,
+    },
+    /// A Vulkan call failed.
+    #[error("{what}: Vulkan returned {result}")]
+    Vulkan {
+        /// The object or call.
+        what: String,
+        /// Vulkan's code.
+        result: vk::Result,
+    },
+    /// A buffer larger than one storage binding may be.
+    #[error(
+        "buffer {name} needs {bytes} bytes, but this device binds at most {limit} (maxStorageBufferRange); \
+         render fewer Gaussians or a smaller image, or use a device with a larger limit"
+    )]
+    BufferTooLarge {
+        /// Buffer name.
+        name: String,
+        /// Bytes asked for.
+        bytes: u64,
+        /// The device's limit.
+        limit: u64,
+    },
+    /// Device memory is exhausted.
+    #[error("out of device memory for {name} ({bytes} bytes): {reason}; render fewer Gaussians or a smaller image")]
+    OutOfMemory {
+        /// Buffer name.
+        name: String,
+        /// Bytes asked for.
+        bytes: u64,
+        /// The allocator's words.
+        reason: String,
+    },
+    /// The device was lost.
+    #[error("the device was lost; the last pass begun was {last_pass}")]
+    DeviceLost {
+        /// Stem of the pass.
+        last_pass: String,
+    },
+    /// A spec constant that the shader does not declare, or the like.
+    #[error("kernel {kernel}: {reason}")]
+    Kernel {
+        /// Kernel stem.
+        kernel: String,
+        /// What is wrong.
+        reason: String,
+    },
+    /// The start-up self-test found a wrong result.
+    #[error("self-test of {what} failed on {device} with subgroup size {subgroup_size}: {reason}")]
+    SelfTest {
+        /// What was tested.
+        what: String,
+        /// Device name.
+        device: String,
+        /// Subgroup size of the variant.
+        subgroup_size: u32,
+        /// The difference found.
+        reason: String,
+    },
+}
+
+impl GpuError {
+    /// Wraps a Vulkan result code with the name of the object or call.
+    pub(crate) fn vulkan(what: &str) -> impl FnOnce(vk::Result) -> GpuError {
+        move |result| GpuError::Vulkan { what: what.into(), result }
+    }
+}

@@ -1,0 +1,160 @@
+//! Compute pipelines: one per kernel and set of specialisation constants.
+
+use std::marker::PhantomData;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use ash::vk;
+
+use super::context::Gpu;
+use super::error::GpuError;
+use super::interface::{Kernel, Shader};
+
+/// Vulkan's pipeline cache, kept in a file between runs when a path is given.
+pub struct PipelineCache {
+    gpu: Arc<Gpu>,
+    handle: vk::PipelineCache,
+    path: Option<PathBuf>,
+}
+
+impl PipelineCache {
+    /// Opens the cache; a missing or foreign file is an empty cache (the driver checks the header).
+    pub fn new(gpu: &Arc<Gpu>, path: Option<&Path>) -> Result<Self, GpuError> {
+        let data = path.and_then(|p| std::fs::read(p).ok()).unwrap_or_default();
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(&data);
+        // SAFETY: the data lives through the call; Vulkan validates its header.
+        let handle =
+            unsafe { gpu.device.create_pipeline_cache(&info, None) }.map_err(GpuError::vulkan("pipeline cache"))?;
+        Ok(Self { gpu: gpu.clone(), handle, path: path.map(Path::to_path_buf) })
+    }
+}
+
+impl Drop for PipelineCache {
+    fn drop(&mut self) {
+        if let Some(path) = &self.path {
+            // SAFETY: the cache is valid. Losing it costs only compile time, so write errors are of no consequence.
+            if let Ok(data) = unsafe { self.gpu.device.get_pipeline_cache_data(self.handle) } {
+                let temporary = path.with_extension("tmp");
+                let _ = std::fs::write(&temporary, data).and_then(|()| std::fs::rename(&temporary, path));
+            }
+        }
+        // SAFETY: owned by self; pipelines made from it do not need it any more.
+        unsafe { self.gpu.device.destroy_pipeline_cache(self.handle, None) };
+    }
+}
+
+/// A compiled kernel with its spec constants fixed.
+pub struct Pipeline<K> {
+    gpu: Arc<Gpu>,
+    pub(crate) handle: vk::Pipeline,
+    pub(crate) layout: vk::PipelineLayout,
+    pub(crate) set_layout: vk::DescriptorSetLayout,
+    kernel: PhantomData<K>,
+}
+
+impl<K: Kernel> Pipeline<K> {
+    /// Compiles kernel `K` for `subgroup_size` with the named 32-bit specialisation constants.
+    ///
+    /// # Errors
+    /// A name that the shader does not declare, or the driver refuses the pipeline.
+    pub fn new(
+        gpu: &Arc<Gpu>,
+        cache: &PipelineCache,
+        subgroup_size: u32,
+        constants: &[(&str, u32)],
+    ) -> Result<Self, GpuError> {
+        let shader = K::SHADER;
+        let (entries, data) = specialisation(shader, constants)?;
+        let words = ash::util::read_spv(&mut std::io::Cursor::new(shader.spirv))
+            .map_err(|e| GpuError::Kernel { kernel: shader.name.into(), reason: e.to_string() })?;
+        let set_layout = create_set_layout(gpu, shader)?;
+        let layout = create_layout(gpu, shader, set_layout)?;
+        let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
+        // SAFETY: words are the SPIR-V that shaderc made; the module is destroyed below, after pipeline creation.
+        let module =
+            unsafe { gpu.device.create_shader_module(&module_info, None) }.map_err(GpuError::vulkan(shader.name))?;
+        let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(&data);
+        let mut required =
+            vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default().required_subgroup_size(subgroup_size);
+        let mut stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
+            .module(module)
+            .name(c"main")
+            .specialization_info(&specialization);
+        if gpu.caps().can_require_subgroup_size {
+            stage = stage.push_next(&mut required);
+        }
+        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
+        // SAFETY: every pointer of `info` lives through the call.
+        let created = unsafe { gpu.device.create_compute_pipelines(cache.handle, &info, None) };
+        // SAFETY: the module is not needed once the pipeline exists.
+        unsafe { gpu.device.destroy_shader_module(module, None) };
+        let handle = created.map_err(|(_, e)| e).map_err(GpuError::vulkan(shader.name))?[0];
+        gpu.set_name(handle, shader.name);
+        Ok(Self { gpu: gpu.clone(), handle, layout, set_layout, kernel: PhantomData })
+    }
+}
+
+impl<K> Drop for Pipeline<K> {
+    fn drop(&mut self) {
+        let _ = self.gpu.wait_all();
+        // SAFETY: the device is done with the pipeline and nothing else owns these handles.
+        unsafe {
+            self.gpu.device.destroy_pipeline(self.handle, None);
+            self.gpu.device.destroy_pipeline_layout(self.layout, None);
+            self.gpu.device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}
+
+fn specialisation(
+    shader: &Shader,
+    constants: &[(&str, u32)],
+) -> Result<(Vec<vk::SpecializationMapEntry>, Vec<u8>), GpuError> {
+    let mut entries = Vec::new();
+    let mut data = Vec::new();
+    for (name, value) in constants {
+        let declared = shader.spec_constants.iter().find(|c| c.name == *name).ok_or_else(|| GpuError::Kernel {
+            kernel: shader.name.into(),
+            reason: format!("has no spec constant {name}"),
+        })?;
+        entries.push(vk::SpecializationMapEntry { constant_id: declared.id, offset: data.len() as u32, size: 4 });
+        data.extend_from_slice(&value.to_ne_bytes());
+    }
+    Ok((entries, data))
+}
+
+fn create_set_layout(gpu: &Gpu, shader: &Shader) -> Result<vk::DescriptorSetLayout, GpuError> {
+    let bindings: Vec<_> = shader
+        .bindings
+        .iter()
+        .map(|b| {
+            vk::DescriptorSetLayoutBinding::default()
+                .binding(b.binding)
+                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                .descriptor_count(1)
+                .stage_flags(vk::ShaderStageFlags::COMPUTE)
+        })
+        .collect();
+    let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+    // SAFETY: the bindings live through the call.
+    unsafe { gpu.device.create_descriptor_set_layout(&info, None) }.map_err(GpuError::vulkan(shader.name))
+}
+
+fn create_layout(
+    gpu: &Gpu,
+    shader: &Shader,
+    set_layout: vk::DescriptorSetLayout,
+) -> Result<vk::PipelineLayout, GpuError> {
+    let sets = [set_layout];
+    let ranges = [vk::PushConstantRange {
+        stage_flags: vk::ShaderStageFlags::COMPUTE,
+        offset: 0,
+        size: shader.push_constant_bytes,
+    }];
+    let used = if shader.push_constant_bytes > 0 { &ranges[..] } else { &[] };
+    let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(used);
+    // SAFETY: the arrays live through the call.
+    unsafe { gpu.device.create_pipeline_layout(&info, None) }.map_err(GpuError::vulkan(shader.name))
+}

@@ -1,0 +1,60 @@
+//! Uploads and downloads outside the frame: blocking, through host-visible buffers.
+
+use std::sync::Arc;
+
+use gpu_allocator::MemoryLocation;
+
+use super::buffer::Buffer;
+use super::context::Gpu;
+use super::error::GpuError;
+use super::recorder::Recorder;
+
+/// A device buffer with the given contents.
+pub fn upload<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, name: &str, data: &[T]) -> Result<Buffer<T>, GpuError> {
+    let mut buffer = Buffer::new(gpu, name, data.len())?;
+    write(gpu, &mut buffer, data)?;
+    Ok(buffer)
+}
+
+/// Writes `data` to the start of `buffer`.
+///
+/// # Panics
+/// If `data` is longer than the buffer.
+pub fn write<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, buffer: &mut Buffer<T>, data: &[T]) -> Result<(), GpuError> {
+    assert!(data.len() <= buffer.len(), "{}: {} elements into {}", buffer.name(), data.len(), buffer.len());
+    if data.is_empty() {
+        return Ok(());
+    }
+    let mut staging = Buffer::<T>::with_location(gpu, "staging", data.len(), MemoryLocation::CpuToGpu)?;
+    let bytes: &[u8] = bytemuck::cast_slice(data);
+    let mapped = staging.mapped_mut().ok_or_else(|| not_mapped("staging"))?;
+    mapped.copy_from_slice(bytes);
+    let mut recorder = Recorder::new(gpu)?;
+    recorder.copy(&staging, buffer, bytes.len() as u64)?;
+    let ticket = recorder.submit()?;
+    recorder.wait(ticket)
+}
+
+/// The first `len` elements of a device buffer. Waits for everything submitted before.
+pub fn download<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+    gpu: &Arc<Gpu>,
+    buffer: &Buffer<T>,
+    len: usize,
+) -> Result<Vec<T>, GpuError> {
+    let len = len.min(buffer.len());
+    if len == 0 {
+        return Ok(Vec::new());
+    }
+    let mut readback = Buffer::<T>::with_location(gpu, "readback", len, MemoryLocation::GpuToCpu)?;
+    let mut recorder = Recorder::new(gpu)?;
+    let bytes = readback.bytes();
+    recorder.copy(buffer, &mut readback, bytes)?;
+    let ticket = recorder.submit()?;
+    recorder.wait(ticket)?;
+    let mapped = readback.mapped().ok_or_else(|| not_mapped("readback"))?;
+    Ok(mapped.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned).collect())
+}
+
+fn not_mapped(name: &str) -> GpuError {
+    GpuError::OutOfMemory { name: name.into(), bytes: 0, reason: "no host-visible memory".into() }
+}

@@ -1,0 +1,152 @@
+//! The views of a dataset folder, from whichever camera files it has.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::io::colmap::{self, Distortion, PosedImage};
+use crate::io::error::IoError;
+use crate::io::nerf;
+use crate::scene::camera::Camera;
+
+/// Without a split of its own, every eighth view of a dataset by name, from the first, is a test view.
+const TEST_EVERY: usize = 8;
+
+/// What a view is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Split {
+    /// Trained on.
+    Train,
+    /// Held out, for evaluation only.
+    Test,
+}
+
+/// A photo with its camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// The camera of the undistorted image. Its name is the image's stem, and unique in the dataset.
+    pub camera: Camera,
+    /// The image's file; not checked for existence.
+    pub image_path: PathBuf,
+    /// Train or test.
+    pub split: Split,
+    /// Lens distortion that the image still has; `None` for pinhole images.
+    pub distortion: Option<Distortion>,
+}
+
+/// All views of a folder, sorted by image path.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dataset {
+    /// The views.
+    pub views: Vec<View>,
+}
+
+impl Dataset {
+    /// The views of one split, in order.
+    pub fn split(&self, split: Split) -> impl Iterator<Item = &View> {
+        self.views.iter().filter(move |v| v.split == split)
+    }
+}
+
+/// Reads the views of a dataset folder. Of several camera files the first of these counts: `transforms_train.json` with
+/// `transforms_test.json`, `transforms.json`, `sparse/0` (or `sparse`). The split is the pair's, else views 0, 8, 16 ...
+/// by name are for test.
+pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
+    let mut views = Vec::new();
+    let mut add = |images: Vec<PosedImage>, root: &Path, split: Split| {
+        for PosedImage { camera, file, distortion } in images {
+            let relative: PathBuf =
+                Path::new(&file).components().filter(|c| !matches!(c, std::path::Component::CurDir)).collect();
+            views.push((View { camera, image_path: root.join(&relative), split, distortion }, relative));
+        }
+    };
+    let mut split_given = false;
+    let single = folder.join("transforms.json");
+    if let Some((train, test)) = nerf::train_test_files(folder) {
+        split_given = true;
+        add(nerf::read_transforms(&train)?, folder, Split::Train);
+        add(nerf::read_transforms(&test)?, folder, Split::Test);
+    } else if single.is_file() {
+        add(nerf::read_transforms(&single)?, folder, Split::Train);
+    } else if let Some(model) = colmap::colmap_folder(folder) {
+        add(colmap::read_colmap(&model)?, &folder.join("images"), Split::Train);
+    } else {
+        let error = IoError::new(folder, "has no cameras");
+        return Err(
+            error.advise("a dataset has transforms_train.json and transforms_test.json, transforms.json, or sparse/0")
+        );
+    }
+    if views.is_empty() {
+        return Err(IoError::new(folder, "its camera files have no views"));
+    }
+    views.sort_by(|a, b| a.0.image_path.cmp(&b.0.image_path));
+    if let Some(pair) = views.windows(2).find(|w| w[0].0.image_path == w[1].0.image_path) {
+        return Err(IoError::new(
+            folder,
+            format!("the image {} appears twice in its camera files", pair[0].1.display()),
+        ));
+    }
+    unique_names(&mut views);
+    let mut views: Vec<View> = views.into_iter().map(|(view, _)| view).collect();
+    if !split_given {
+        views.iter_mut().step_by(TEST_EVERY).for_each(|v| v.split = Split::Test);
+    }
+    Ok(Dataset { views })
+}
+
+/// Views whose stems are the same are named after their path instead: `left/0001.jpg` is `left_0001`; should that be
+/// taken too (`a.png` beside `a.jpg`), the ending joins the name.
+fn unique_names(views: &mut [(View, PathBuf)]) {
+    for round in 0..2 {
+        let mut count: BTreeMap<String, usize> = BTreeMap::new();
+        views.iter().for_each(|(v, _)| *count.entry(v.camera.name.clone()).or_default() += 1);
+        for (view, relative) in views.iter_mut().filter(|(v, _)| count[&v.camera.name] > 1) {
+            let path = if round == 0 { relative.with_extension("") } else { relative.clone() };
+            view.camera.name = path.to_string_lossy().replace(['/', '\\'], "_");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POSE: &str = "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]";
+
+    fn transforms(names: &[&str]) -> String {
+        let frames: Vec<_> =
+            names.iter().map(|n| format!(r#"{{"file_path":"{n}","transform_matrix":{POSE}}}"#)).collect();
+        format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{}]}}"#, frames.join(","))
+    }
+
+    #[test]
+    fn precedence_split_and_names() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let root = folder.path();
+        assert!(read_views(root).is_err_and(|e| e.to_string().contains("no cameras")));
+        std::fs::create_dir_all(root.join("sparse/0"))?;
+        std::fs::write(root.join("sparse/0/cameras.txt"), "1 PINHOLE 2 2 1 1 1 1\n")?;
+        std::fs::write(root.join("sparse/0/images.txt"), "1 1 0 0 0 0 0 0 1 z.jpg\n\n")?;
+        let colmap = read_views(root)?;
+        assert_eq!(
+            (colmap.views[0].image_path.clone(), colmap.views[0].split),
+            (root.join("images/z.jpg"), Split::Test)
+        );
+
+        let names: Vec<String> = (0..18).rev().map(|i| format!("images/{i:02}.jpg")).collect();
+        std::fs::write(
+            root.join("transforms.json"),
+            transforms(&names.iter().map(String::as_str).collect::<Vec<_>>()),
+        )?;
+        let single = read_views(root)?;
+        let test: Vec<_> = single.split(Split::Test).map(|v| v.camera.name.as_str()).collect();
+        assert_eq!((single.views.len(), test), (18, vec!["00", "08", "16"]));
+
+        std::fs::write(root.join("transforms_train.json"), transforms(&["./left/1.jpg", "right/1.jpg"]))?;
+        std::fs::write(root.join("transforms_test.json"), transforms(&["2.jpg"]))?;
+        let pair = read_views(root)?;
+        let got: Vec<_> = pair.views.iter().map(|v| (v.camera.name.as_str(), v.split)).collect();
+        assert_eq!(got, [("2", Split::Test), ("left_1", Split::Train), ("right_1", Split::Train)]);
+        assert_eq!(pair.views[1].image_path, root.join("left/1.jpg"));
+        Ok(())
+    }
+}

@@ -1,0 +1,22 @@
+//! L2: the kernels, one file per stem. The same word names `glsl/<stem>.comp`, the file here, the f64 twin in
+//! `reference/`, the test and the profiler scope. Layouts are generated from the GLSL (see `gpu::interface`).
+
+pub mod compact_visible;
+pub mod cull_chunks;
+pub mod cull_instances;
+pub mod emit_intersections;
+pub mod emit_work_items;
+pub mod pipelines;
+pub mod plan_slab;
+pub mod preprocess_instance_expand;
+pub mod radix_sort_count;
+pub mod radix_sort_scatter;
+pub mod scan_downsweep;
+pub mod scan_reduce;
+pub mod scan_spine;
+pub mod tile_blend;
+pub mod tile_ranges;
+pub mod variant;
+
+pub use pipelines::Pipelines;
+pub use variant::Variant;

@@ -1,0 +1,111 @@
+//! All compiled kernels of the forward pass.
+
+use std::sync::Arc;
+
+use super::variant::Variant;
+use super::*;
+use crate::gpu::interface::Kernel;
+use crate::gpu::{Gpu, GpuError, Pipeline, PipelineCache};
+
+/// The forward kernels compiled for one variant, SH degree and tile size.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct Pipelines {
+    pub variant: Variant,
+    pub sh_degree: u32,
+    pub cull_instances: Pipeline<cull_instances::CullInstances>,
+    pub cull_chunks: Pipeline<cull_chunks::CullChunks>,
+    pub emit_work_items: Pipeline<emit_work_items::EmitWorkItems>,
+    pub preprocess_instance_expand: Pipeline<preprocess_instance_expand::PreprocessInstanceExpand>,
+    pub compact_visible: Pipeline<compact_visible::CompactVisible>,
+    pub scan: ScanPipelines,
+    pub sort: SortPipelines,
+    pub plan_slab: Pipeline<plan_slab::PlanSlab>,
+    pub emit_intersections: Pipeline<emit_intersections::EmitIntersections>,
+    pub tile_ranges: Pipeline<tile_ranges::TileRanges>,
+    pub tile_blend: Pipeline<tile_blend::TileBlend>,
+}
+
+/// The three scan passes; `*_gather` read their values through an index list.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct ScanPipelines {
+    pub reduce: Pipeline<scan_reduce::ScanReduce>,
+    pub reduce_gather: Pipeline<scan_reduce::ScanReduce>,
+    pub spine: Pipeline<scan_spine::ScanSpine>,
+    pub downsweep: Pipeline<scan_downsweep::ScanDownsweep>,
+    pub downsweep_gather: Pipeline<scan_downsweep::ScanDownsweep>,
+}
+
+/// The two radix sort passes.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct SortPipelines {
+    pub count: Pipeline<radix_sort_count::RadixSortCount>,
+    pub scatter: Pipeline<radix_sort_scatter::RadixSortScatter>,
+}
+
+/// Compiles kernels of one variant.
+struct Compiler<'a> {
+    gpu: &'a Arc<Gpu>,
+    cache: &'a PipelineCache,
+    subgroup_size: u32,
+}
+
+impl Compiler<'_> {
+    fn compile<K: Kernel>(&self, workgroup_size: u32, more: &[(&str, u32)]) -> Result<Pipeline<K>, GpuError> {
+        let mut constants = vec![("SUBGROUP_SIZE", self.subgroup_size), ("WORKGROUP_SIZE", workgroup_size)];
+        // A kernel without subgroup operations does not declare their size.
+        constants.retain(|(name, _)| K::SHADER.spec_constants.iter().any(|c| c.name == *name));
+        constants.extend_from_slice(more);
+        Pipeline::new(self.gpu, self.cache, self.subgroup_size, &constants)
+    }
+}
+
+impl ScanPipelines {
+    /// Compiles the scan for a variant.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let size = variant.workgroup_size;
+        Ok(Self {
+            reduce: compiler.compile(size, &[("GATHER", 0)])?,
+            reduce_gather: compiler.compile(size, &[("GATHER", 1)])?,
+            spine: compiler.compile(size, &[])?,
+            downsweep: compiler.compile(size, &[("GATHER", 0)])?,
+            downsweep_gather: compiler.compile(size, &[("GATHER", 1)])?,
+        })
+    }
+}
+
+impl SortPipelines {
+    /// Compiles the sort for a variant.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let size = variant.radix_workgroup_size;
+        Ok(Self { count: compiler.compile(size, &[])?, scatter: compiler.compile(size, &[])? })
+    }
+}
+
+impl Pipelines {
+    /// Compiles all forward kernels.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant, sh_degree: u32) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let size = variant.workgroup_size;
+        let tile = ("TILE_SIZE", variant.tile_size);
+        Ok(Self {
+            variant,
+            sh_degree,
+            cull_instances: compiler.compile(size, &[])?,
+            cull_chunks: compiler.compile(size, &[])?,
+            emit_work_items: compiler.compile(size, &[])?,
+            preprocess_instance_expand: compiler.compile(size, &[tile, ("SH_DEGREE", sh_degree)])?,
+            compact_visible: compiler.compile(size, &[])?,
+            scan: ScanPipelines::new(gpu, cache, &variant)?,
+            sort: SortPipelines::new(gpu, cache, &variant)?,
+            plan_slab: compiler.compile(size, &[])?,
+            emit_intersections: compiler.compile(size, &[tile])?,
+            tile_ranges: compiler.compile(size, &[])?,
+            tile_blend: compiler.compile(
+                variant.blend_workgroup_size,
+                &[tile, ("COLUMNS_PER_LANE", (8 / variant.subgroup_size).max(1))],
+            )?,
+        })
+    }
+}

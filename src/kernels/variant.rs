@@ -1,0 +1,42 @@
+//! Which sizes the kernels are compiled for on a device.
+
+use crate::gpu::DeviceCaps;
+
+/// Work-group shapes and tile size; a plain value that benchmarks and tests may change.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Variant {
+    /// Lanes per subgroup: 4, 8, 16, 32 or 64.
+    pub subgroup_size: u32,
+    /// Threads of the element-wise kernels; also the number of Gaussians per chunk.
+    pub workgroup_size: u32,
+    /// Threads of the radix sort kernels.
+    pub radix_workgroup_size: u32,
+    /// Threads of the blend; a whole number of subgroups, each of which owns an 8x8 block of pixels.
+    pub blend_workgroup_size: u32,
+    /// Tile side in pixels: 8 or a larger multiple of 8.
+    pub tile_size: u32,
+}
+
+impl Variant {
+    /// The variant for a device: subgroups of 32 where offered, else the largest size.
+    pub fn for_device(caps: &DeviceCaps) -> Self {
+        let sizes = caps.subgroup_sizes();
+        let preferred = if sizes.contains(&32) { 32 } else { sizes.last().copied().unwrap_or(caps.max_subgroup_size) };
+        Self::for_subgroup_size(caps, preferred)
+    }
+
+    /// The variant for one of `caps.subgroup_sizes()`.
+    pub fn for_subgroup_size(caps: &DeviceCaps, subgroup_size: u32) -> Self {
+        let most = caps.max_workgroup_invocations.min(caps.max_workgroup_subgroups.saturating_mul(subgroup_size));
+        let largest = |want: u32| want.min(most) / subgroup_size * subgroup_size;
+        // A CPU driver runs one subgroup at a time: more than one per work-group only adds barriers.
+        let radix_subgroups = if caps.is_llvmpipe { 1 } else { 8 };
+        Self {
+            subgroup_size,
+            workgroup_size: largest(256),
+            radix_workgroup_size: largest(radix_subgroups * subgroup_size),
+            blend_workgroup_size: if caps.is_llvmpipe { subgroup_size } else { largest(128) },
+            tile_size: 8,
+        }
+    }
+}

@@ -1,0 +1,256 @@
+//! The scene in device memory: source Gaussians (templates, then background) as structure of arrays, instances, chunk
+//! bounds, offsets. Immutable; one template serves all its instances.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use crate::gpu::interface::constants::NO_OFFSET;
+use crate::gpu::interface::types;
+use crate::gpu::staging::upload;
+use crate::gpu::{Buffer, Gpu};
+use crate::math::similarity::Similarity;
+use crate::scene::gaussians::sh_coefficients;
+use crate::scene::{Gaussians, InstancedScene};
+
+use super::error::RenderError;
+
+/// A scene on the device.
+pub struct DeviceScene {
+    /// Instances in file order; the background is the last one if the scene has background Gaussians.
+    pub instances: Buffer<types::Instance>,
+    /// Bounds of chunks of `chunk_size` source Gaussians, template by template, background last.
+    pub chunks: Buffer<types::Chunk>,
+    /// Source means.
+    pub means: Buffer<[f32; 3]>,
+    /// Source quaternions wxyz.
+    pub quats: Buffer<[f32; 4]>,
+    /// Source log standard deviations.
+    pub log_scales: Buffer<[f32; 3]>,
+    /// Source opacity logits.
+    pub opacity_logits: Buffer<f32>,
+    /// Source SH by band: 1, 3, 5, 7 coefficients per Gaussian; bands above the degree hold one unused element. Bands
+    /// are apart because one binding is at most 128 MiB on some drivers.
+    pub sh_bands: [Buffer<[f32; 3]>; 4],
+    /// Offset means.
+    pub offset_means: Buffer<[f32; 3]>,
+    /// Offsets of SH coefficient 0.
+    pub offset_sh_dc: Buffer<[f32; 3]>,
+    /// Offsets of opacity logits.
+    pub offset_opacity_logits: Buffer<f32>,
+    /// Number of instances, background included.
+    pub instance_count: u32,
+    /// SH degree of the bands.
+    pub sh_degree: u32,
+    /// Gaussians per chunk.
+    pub chunk_size: u32,
+    /// (instance, chunk) pairs in all: the most that culling can pass on.
+    pub chunk_pairs: u64,
+    /// Gaussians after expanding all instances.
+    pub expanded_len: u64,
+    /// The scene's own antialias flag.
+    pub antialias: bool,
+}
+
+/// A ball around means, with the largest standard deviation inside.
+struct Bound {
+    center: DVec3,
+    radius: f64,
+    sigma_max: f64,
+}
+
+/// Chunk and instance tables before upload.
+#[derive(Default)]
+struct Tables {
+    instances: Vec<types::Instance>,
+    chunks: Vec<types::Chunk>,
+    chunk_pairs: u64,
+    flat: u64,
+}
+
+impl DeviceScene {
+    /// Uploads a scene for kernels with `chunk_size` threads per work-group.
+    ///
+    /// # Errors
+    /// Inconsistent indices, more than 2^32 - 1 expanded Gaussians, or a buffer beyond the device's limits.
+    pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
+        scene.validate()?;
+        let sh_degree = scene.sh_degree();
+        let pool = |field: fn(&Gaussians) -> usize| field(&scene.templates) + field(&scene.background);
+        check_limit(gpu, "source Gaussians", pool(Gaussians::len))?;
+        let tables = build_tables(scene, chunk_size)?;
+        let band = |gpu: &Arc<Gpu>, l: u32| upload(gpu, &format!("sh band {l}"), &sh_band(scene, l, sh_degree));
+        Ok(Self {
+            instances: upload(gpu, "instances", &tables.instances)?,
+            chunks: upload(gpu, "chunks", &tables.chunks)?,
+            means: upload(gpu, "means", &joined(scene, |g| &g.means))?,
+            quats: upload(gpu, "quats", &joined(scene, |g| &g.quats))?,
+            log_scales: upload(gpu, "log_scales", &joined(scene, |g| &g.log_scales))?,
+            opacity_logits: upload(gpu, "opacity_logits", &joined(scene, |g| &g.opacity_logits))?,
+            sh_bands: [band(gpu, 0)?, band(gpu, 1)?, band(gpu, 2)?, band(gpu, 3)?],
+            offset_means: upload(gpu, "offset means", &scene.offsets.means)?,
+            offset_sh_dc: upload(gpu, "offset sh_dc", &scene.offsets.sh_dc)?,
+            offset_opacity_logits: upload(gpu, "offset opacity_logits", &scene.offsets.opacity_logits)?,
+            instance_count: tables.instances.len() as u32,
+            sh_degree,
+            chunk_size,
+            chunk_pairs: tables.chunk_pairs,
+            expanded_len: tables.flat,
+            antialias: scene.antialias,
+        })
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.instances.bytes()
+            + self.chunks.bytes()
+            + self.means.bytes()
+            + self.quats.bytes()
+            + self.log_scales.bytes()
+            + self.opacity_logits.bytes()
+            + self.sh_bands.iter().map(Buffer::bytes).sum::<u64>()
+            + self.offset_means.bytes()
+            + self.offset_sh_dc.bytes()
+            + self.offset_opacity_logits.bytes()
+    }
+}
+
+/// The largest per-Gaussian array is SH band 3 with 84 bytes; say the limit in Gaussians before anything is built.
+fn check_limit(gpu: &Gpu, what: &'static str, count: usize) -> Result<(), RenderError> {
+    let limit = u64::from(u32::MAX - 1).min(gpu.caps().max_storage_bytes / 16);
+    if count as u64 > limit {
+        return Err(RenderError::TooMany { what, needed: count as u64, limit });
+    }
+    Ok(())
+}
+
+fn joined<T: Copy>(scene: &InstancedScene, field: fn(&Gaussians) -> &Vec<T>) -> Vec<T> {
+    [field(&scene.templates).as_slice(), field(&scene.background).as_slice()].concat()
+}
+
+/// Coefficients l^2 .. (l+1)^2 of every source Gaussian; zeros where a cloud has a lower degree than the scene.
+fn sh_band(scene: &InstancedScene, l: u32, sh_degree: u32) -> Vec<[f32; 3]> {
+    if l > sh_degree {
+        return vec![[0.0; 3]];
+    }
+    let first = if l == 0 { 0 } else { sh_coefficients(l - 1) };
+    let range = first..sh_coefficients(l);
+    let mut out = Vec::with_capacity(range.len() * (scene.templates.len() + scene.background.len()));
+    for cloud in [&scene.templates, &scene.background] {
+        for i in 0..cloud.len() {
+            let source = cloud.sh_of(i);
+            out.extend(range.clone().map(|c| source.get(c).copied().unwrap_or([0.0; 3])));
+        }
+    }
+    out
+}
+
+fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Tables, RenderError> {
+    let mut tables = Tables::default();
+    let mut template_bounds = Vec::new();
+    for range in &scene.template_ranges {
+        let first_chunk = tables.chunks.len() as u32;
+        let bound = tables.push_chunks(&scene.templates, range.first as usize, range.count as usize, chunk_size);
+        template_bounds.push((first_chunk, bound));
+    }
+    for instance in &scene.instances {
+        let range = scene.template_ranges[instance.template as usize];
+        let (first_chunk, bound) = &template_bounds[instance.template as usize];
+        let max_offset = instance.first_offset.map_or(0.0, |first| {
+            let run = &scene.offsets.means[first as usize..(first + range.count) as usize];
+            run.iter().map(|d| dvec(*d).length()).fold(0.0, f64::max)
+        });
+        let place = Placement {
+            world_from_template: &instance.world_from_template,
+            first_offset: instance.first_offset.unwrap_or(NO_OFFSET),
+            max_offset,
+        };
+        tables.push_instance(&place, bound, (range.first, range.count), *first_chunk, chunk_size)?;
+    }
+    if !scene.background.is_empty() {
+        let first_chunk = tables.chunks.len() as u32;
+        let count = scene.background.len();
+        let bound = tables.push_chunks(&scene.background, 0, count, chunk_size);
+        let place = Placement { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0 };
+        let source = (scene.templates.len() as u32, count as u32);
+        tables.push_instance(&place, &bound, source, first_chunk, chunk_size)?;
+    }
+    Ok(tables)
+}
+
+/// Where an instance stands and which offsets it has.
+struct Placement<'a> {
+    world_from_template: &'a Similarity,
+    first_offset: u32,
+    max_offset: f64,
+}
+
+impl Tables {
+    /// Appends the chunks of one range and returns the bound of all of it.
+    fn push_chunks(&mut self, cloud: &Gaussians, first: usize, count: usize, chunk_size: u32) -> Bound {
+        for start in (0..count).step_by(chunk_size as usize) {
+            let size = (count - start).min(chunk_size as usize);
+            let bound = bound_of(cloud, first + start, size);
+            self.chunks.push(types::Chunk {
+                center: bound.center.as_vec3().to_array(),
+                radius: round_up(bound.radius),
+                sigma_max: round_up(bound.sigma_max),
+            });
+        }
+        bound_of(cloud, first, count)
+    }
+
+    fn push_instance(
+        &mut self,
+        place: &Placement<'_>,
+        bound: &Bound,
+        (first_source, source_count): (u32, u32),
+        first_chunk: u32,
+        chunk_size: u32,
+    ) -> Result<(), RenderError> {
+        self.instances.push(types::Instance {
+            world_from_template: place.world_from_template.rows(),
+            bound_center: bound.center.as_vec3().to_array(),
+            bound_radius: round_up(bound.radius),
+            sigma_max: round_up(bound.sigma_max),
+            max_offset: round_up(place.max_offset),
+            scale: round_up(place.world_from_template.scale()),
+            first_source,
+            source_count,
+            first_offset: place.first_offset,
+            first_chunk,
+            first_flat: self.flat as u32,
+        });
+        self.chunk_pairs += u64::from(source_count.div_ceil(chunk_size));
+        self.flat += u64::from(source_count);
+        let limit = u64::from(u32::MAX);
+        if self.flat > limit {
+            return Err(RenderError::TooMany { what: "expanded Gaussians", needed: self.flat, limit });
+        }
+        Ok(())
+    }
+}
+
+fn dvec(v: [f32; 3]) -> DVec3 {
+    glam::Vec3::from(v).as_dvec3()
+}
+
+/// To f32 and a little more, so that a bound stays a bound.
+fn round_up(value: f64) -> f32 {
+    (value * (1.0 + 1e-6)) as f32
+}
+
+fn bound_of(cloud: &Gaussians, first: usize, count: usize) -> Bound {
+    let means = &cloud.means[first..first + count];
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for mean in means {
+        low = low.min(dvec(*mean));
+        high = high.max(dvec(*mean));
+    }
+    // The centre is stored as f32: measure the radius from what is stored.
+    let center = if count == 0 { DVec3::ZERO } else { ((low + high) * 0.5).as_vec3().as_dvec3() };
+    let radius = means.iter().map(|m| dvec(*m).distance(center)).fold(0.0, f64::max);
+    let scales = &cloud.log_scales[first..first + count];
+    let log_max = scales.iter().flatten().copied().fold(f32::NEG_INFINITY, f32::max);
+    Bound { center, radius, sigma_max: f64::from(log_max).exp() }
+}

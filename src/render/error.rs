@@ -1,0 +1,37 @@
+//! Errors of rendering.
+
+use crate::gpu::GpuError;
+
+/// Why a frame could not be rendered.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The Vulkan layer failed.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// The camera cannot be rendered.
+    #[error("{0}")]
+    Camera(String),
+    /// The scene's indices are inconsistent.
+    #[error(transparent)]
+    Scene(#[from] crate::scene::instanced_scene::SceneError),
+    /// An option is out of range.
+    #[error("{option}: {reason}")]
+    Option {
+        /// The option's name.
+        option: &'static str,
+        /// What is wrong, and what is allowed.
+        reason: String,
+    },
+    /// The device counted more elements than memory can hold.
+    #[error(
+        "{what}: the frame needs {needed}, this device holds at most {limit}; use a closer view or fewer Gaussians"
+    )]
+    TooMany {
+        /// What there are too many of.
+        what: &'static str,
+        /// How many the frame needs (a saturating count).
+        needed: u64,
+        /// How many fit.
+        limit: u64,
+    },
+}

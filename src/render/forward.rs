@@ -1,0 +1,260 @@
+//! The forward pass, in order. Read `record_visibility`, then `record_slab`: that is the whole frame.
+
+use crate::gpu::interface::constants::*;
+use crate::gpu::interface::types;
+use crate::gpu::{Buffer, GpuError, Grid, Recorder};
+use crate::kernels::*;
+
+use super::device_scene::DeviceScene;
+use super::frame_buffers::FrameBuffers;
+use super::plan::radix_passes;
+use super::scan::{Blocks, plain, record_scan};
+use super::sort::{Sort, record_sort};
+
+/// What the passes of one frame need besides buffers.
+pub struct ForwardInputs<'a> {
+    /// The scene.
+    pub scene: &'a DeviceScene,
+    /// Compiled kernels.
+    pub pipelines: &'a Pipelines,
+    /// The camera as the kernels see it.
+    pub view: types::View,
+    /// Colour behind everything.
+    pub background: [f32; 3],
+    /// Most splats in one slab (see `DeviceCaps::loop_iteration_limit`).
+    pub max_slab_splats: u32,
+}
+
+const fn args(family: u32, kind: u32) -> usize {
+    (family * ARGS_PER_COUNT + kind) as usize
+}
+
+const fn args_u32(family: u32, kind: u32) -> u32 {
+    family * ARGS_PER_COUNT + kind
+}
+
+/// Loads the counters that the host prepared.
+pub fn record_begin(recorder: &mut Recorder, frame: &mut FrameBuffers) -> Result<(), GpuError> {
+    let bytes = frame.counters_start.bytes();
+    recorder.copy(&frame.counters_start, &mut frame.scratch.counters, bytes)
+}
+
+/// Stores the counters for the host to read after the frame.
+pub fn record_end(recorder: &mut Recorder, frame: &mut FrameBuffers) -> Result<(), GpuError> {
+    let bytes = frame.counters_end.bytes();
+    recorder.copy(&frame.scratch.counters, &mut frame.counters_end, bytes)
+}
+
+/// Instances -> chunks -> projected survivors -> order by depth.
+pub fn record_visibility(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
+    record_culling(recorder, inputs, frame)?;
+    record_expansion(recorder, inputs, frame)?;
+    let p = inputs.pipelines;
+    let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes: radix_passes(u32::MAX) };
+    let histogram = (&mut frame.histogram, &mut frame.digit_offsets);
+    record_sort(recorder, (&p.scan, &p.sort), &mut frame.scratch, histogram, sort, &mut frame.depth_sort)
+}
+
+/// Two levels of culling, each followed by an ordered compaction.
+fn record_culling(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
+    let (p, scene, view) = (inputs.pipelines, inputs.scene, inputs.view);
+    let instance_count = scene.instance_count;
+    let capacities = frame.plan.capacities;
+    let bindings =
+        cull_instances::Bindings { instances: &scene.instances, instance_chunks: &mut frame.instance_chunks };
+    let grid = Grid::threads(instance_count, p.variant.workgroup_size);
+    recorder.dispatch(&p.cull_instances, grid, &cull_instances::Params { view, instance_count }, bindings)?;
+
+    let mut scan = plain(COUNTER_INSTANCES);
+    scan.total_slot = COUNTER_CANDIDATES;
+    scan.needed_slot = COUNTER_CANDIDATES_NEEDED;
+    scan.capacity = capacities.candidates;
+    scan.family = FAMILY_CANDIDATES;
+    let blocks = Blocks::Direct(Grid::threads(instance_count, BLOCK_SIZE));
+    let input = (&frame.instance_chunks, None);
+    record_scan(recorder, &p.scan, &mut frame.scratch, blocks, scan, input, &mut frame.candidate_offsets)?;
+
+    let bindings = cull_chunks::Bindings {
+        instances: &scene.instances,
+        chunks: &scene.chunks,
+        candidate_offsets: &frame.candidate_offsets,
+        counters: &frame.scratch.counters,
+        candidate_visible: &mut frame.candidate_visible,
+        candidates: &mut frame.candidates,
+    };
+    let per_candidate = (&frame.scratch.args, args(FAMILY_CANDIDATES, ARGS_THREADS));
+    recorder.dispatch_indirect(
+        &p.cull_chunks,
+        per_candidate,
+        &cull_chunks::Params { view, instance_count },
+        bindings,
+    )?;
+
+    let mut scan = plain(COUNTER_CANDIDATES);
+    scan.total_slot = COUNTER_WORK_ITEMS;
+    scan.needed_slot = COUNTER_WORK_ITEMS_NEEDED;
+    scan.capacity = capacities.work_items;
+    scan.family = FAMILY_WORK_ITEMS;
+    let blocks = Blocks::Indirect(args_u32(FAMILY_CANDIDATES, ARGS_BLOCKS));
+    let input = (&frame.candidate_visible, None);
+    record_scan(recorder, &p.scan, &mut frame.scratch, blocks, scan, input, &mut frame.work_offsets)?;
+
+    let bindings = emit_work_items::Bindings {
+        candidates: &frame.candidates,
+        candidate_visible: &frame.candidate_visible,
+        work_offsets: &frame.work_offsets,
+        counters: &frame.scratch.counters,
+        work_items: &mut frame.work_items,
+    };
+    let params = emit_work_items::Params { capacity: capacities.work_items };
+    let per_candidate = (&frame.scratch.args, args(FAMILY_CANDIDATES, ARGS_THREADS));
+    recorder.dispatch_indirect(&p.emit_work_items, per_candidate, &params, bindings)
+}
+
+/// Eq. 6 and projection per work item, then one dense list of survivors.
+fn record_expansion(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
+    let (p, scene) = (inputs.pipelines, inputs.scene);
+    let [sh0, sh1, sh2, sh3] = &scene.sh_bands;
+    let bindings = preprocess_instance_expand::Bindings {
+        instances: &scene.instances,
+        work_items: &frame.work_items,
+        counters: &frame.scratch.counters,
+        means: &scene.means,
+        quats: &scene.quats,
+        log_scales: &scene.log_scales,
+        opacity_logits: &scene.opacity_logits,
+        sh0,
+        sh1,
+        sh2,
+        sh3,
+        offset_means: &scene.offset_means,
+        offset_sh_dc: &scene.offset_sh_dc,
+        offset_opacity_logits: &scene.offset_opacity_logits,
+        splats: &mut frame.splats,
+        footprints: &mut frame.footprints,
+        tile_counts: &mut frame.tile_counts,
+        survivor_counts: &mut frame.survivor_counts,
+    };
+    let params = preprocess_instance_expand::Params { view: inputs.view };
+    let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
+    recorder.dispatch_indirect(&p.preprocess_instance_expand, (&frame.scratch.args, per_item), &params, bindings)?;
+
+    let mut scan = plain(COUNTER_WORK_ITEMS);
+    scan.total_slot = COUNTER_VISIBLE;
+    scan.family = FAMILY_VISIBLE;
+    let blocks = Blocks::Indirect(args_u32(FAMILY_WORK_ITEMS, ARGS_BLOCKS));
+    let input = (&frame.survivor_counts, None);
+    record_scan(recorder, &p.scan, &mut frame.scratch, blocks, scan, input, &mut frame.survivor_offsets)?;
+
+    let bindings = compact_visible::Bindings {
+        splats: &frame.splats,
+        survivor_counts: &frame.survivor_counts,
+        survivor_offsets: &frame.survivor_offsets,
+        counters: &frame.scratch.counters,
+        depth_keys: &mut frame.depth_sort.keys,
+        slots: &mut frame.depth_sort.values,
+    };
+    recorder.dispatch_indirect(&p.compact_visible, (&frame.scratch.args, per_item), &(), bindings)
+}
+
+/// One depth slab: the next run of splats whose intersections fit, sorted by tile and blended onto the picture.
+pub fn record_slab(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
+    let p = inputs.pipelines;
+    let plan = frame.plan;
+    let mut scan = plain(COUNTER_VISIBLE);
+    scan.begin_slot = COUNTER_SLAB_BEGIN;
+    scan.needed_slot = COUNTER_INTERSECTIONS;
+    let blocks = Blocks::Indirect(args_u32(FAMILY_VISIBLE, ARGS_BLOCKS));
+    let input = (&frame.tile_counts, Some(&frame.depth_sort.values));
+    record_scan(recorder, &p.scan, &mut frame.scratch, blocks, scan, input, &mut frame.isect_offsets)?;
+
+    let scratch = &mut frame.scratch;
+    let bindings = plan_slab::Bindings {
+        isect_offsets: &frame.isect_offsets,
+        counters: &mut scratch.counters,
+        args: &mut scratch.args,
+    };
+    let params = plan_slab::Params { capacity: plan.capacities.intersections, max_splats: inputs.max_slab_splats };
+    recorder.dispatch(&p.plan_slab, Grid::groups(1), &params, bindings)?;
+
+    let bindings = emit_intersections::Bindings {
+        footprints: &frame.footprints,
+        slot_from_order: &frame.depth_sort.values,
+        isect_offsets: &frame.isect_offsets,
+        tile_counts: &frame.tile_counts,
+        counters: &frame.scratch.counters,
+        tile_keys: &mut frame.tile_sort.keys,
+        slot_from_isect: &mut frame.tile_sort.values,
+    };
+    let params = emit_intersections::Params { tiles: plan.tiles, capacity: plan.capacities.intersections };
+    let per_splat = (&frame.scratch.args, args(FAMILY_SLAB_SPLATS, ARGS_THREADS));
+    recorder.dispatch_indirect(&p.emit_intersections, per_splat, &params, bindings)?;
+
+    let sort =
+        Sort { count_slot: COUNTER_SLAB_INTERSECTIONS, family: FAMILY_INTERSECTIONS, passes: plan.tile_sort_passes() };
+    let histogram = (&mut frame.histogram, &mut frame.digit_offsets);
+    record_sort(recorder, (&p.scan, &p.sort), &mut frame.scratch, histogram, sort, &mut frame.tile_sort)?;
+
+    recorder.fill(&mut frame.tile_ranges, 0)?;
+    let bindings = tile_ranges::Bindings {
+        tile_keys: &frame.tile_sort.keys,
+        counters: &frame.scratch.counters,
+        tile_ranges: &mut frame.tile_ranges,
+    };
+    let per_isect = (&frame.scratch.args, args(FAMILY_INTERSECTIONS, ARGS_THREADS));
+    let params = tile_ranges::Params { tile_count: plan.tile_count() };
+    recorder.dispatch_indirect(&p.tile_ranges, per_isect, &params, bindings)?;
+    record_blend(recorder, inputs, frame)
+}
+
+fn record_blend(recorder: &mut Recorder, inputs: &ForwardInputs<'_>, frame: &mut FrameBuffers) -> Result<(), GpuError> {
+    let p = inputs.pipelines;
+    let plan = frame.plan;
+    let bindings = tile_blend::Bindings {
+        splats: &frame.splats,
+        slot_from_isect: &frame.tile_sort.values,
+        tile_ranges: &frame.tile_ranges,
+        counters: &frame.scratch.counters,
+        colors: &mut frame.colors,
+        depths: &mut frame.depths,
+    };
+    let params = tile_blend::Params { background: inputs.background, size_px: plan.size_px, tiles: plan.tiles };
+    let blocks_per_tile = (p.variant.tile_size / 8) * (p.variant.tile_size / 8);
+    let subgroups_per_group = p.variant.blend_workgroup_size / p.variant.subgroup_size;
+    let grid = Grid::groups((plan.tile_count() * blocks_per_tile).div_ceil(subgroups_per_group));
+    recorder.dispatch(&p.tile_blend, grid, &params, bindings)
+}
+
+/// Reads the counters of a finished frame.
+pub fn read_counters(frame: &FrameBuffers) -> [u32; COUNTER_COUNT as usize] {
+    let mut out = [0; COUNTER_COUNT as usize];
+    if let Some(bytes) = frame.counters_end.mapped() {
+        for (value, word) in out.iter_mut().zip(bytes.chunks_exact(4)) {
+            *value = bytemuck::pod_read_unaligned(word);
+        }
+    }
+    out
+}
+
+/// Writes the counters that the next submission starts from.
+pub fn write_counters(buffer: &mut Buffer<u32>, counters: &[u32; COUNTER_COUNT as usize]) {
+    if let Some(bytes) = buffer.mapped_mut() {
+        bytes.copy_from_slice(bytemuck::cast_slice(counters));
+    }
+}

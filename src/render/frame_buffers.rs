@@ -1,0 +1,106 @@
+//! The buffers of one frame in flight: everything besides the scene.
+
+use std::sync::Arc;
+
+use gpu_allocator::MemoryLocation;
+
+use crate::gpu::interface::constants::{ARGS_PER_COUNT, COUNTER_COUNT, FAMILY_COUNT};
+use crate::gpu::interface::types;
+use crate::gpu::{Buffer, Gpu, GpuError};
+
+use super::plan::FramePlan;
+use super::scan::ScanScratch;
+use super::sort::SortBuffers;
+
+/// Intermediate and output buffers, sized by a [`FramePlan`].
+pub struct FrameBuffers {
+    /// The plan that sized them.
+    pub plan: FramePlan,
+    /// Initial counters of a frame, written by the host.
+    pub counters_start: Buffer<u32>,
+    /// Counters after the frame, read by the host.
+    pub counters_end: Buffer<u32>,
+    /// `instance_chunks` of cull_instances and its scan.
+    pub instance_chunks: Buffer<u32>,
+    /// First candidate of each instance.
+    pub candidate_offsets: Buffer<u32>,
+    /// What each candidate is.
+    pub candidates: Buffer<types::WorkItem>,
+    /// 1 if the candidate may be seen.
+    pub candidate_visible: Buffer<u32>,
+    /// Work item of each visible candidate.
+    pub work_offsets: Buffer<u32>,
+    /// Visible chunks.
+    pub work_items: Buffer<types::WorkItem>,
+    /// Survivors per work item.
+    pub survivor_counts: Buffer<u32>,
+    /// First place of each work item's survivors.
+    pub survivor_offsets: Buffer<u32>,
+    /// Projected splats by slot.
+    pub splats: Buffer<types::Splat>,
+    /// Extents by slot.
+    pub footprints: Buffer<types::Footprint>,
+    /// Tiles by slot.
+    pub tile_counts: Buffer<u32>,
+    /// Depth keys and slots, sorted by depth.
+    pub depth_sort: SortBuffers,
+    /// First intersection of each splat in depth order.
+    pub isect_offsets: Buffer<u32>,
+    /// Tile keys and slots, sorted by tile.
+    pub tile_sort: SortBuffers,
+    /// Run of each tile.
+    pub tile_ranges: Buffer<[u32; 2]>,
+    /// rgb over the background, and alpha.
+    pub colors: Buffer<[f32; 4]>,
+    /// Expected view depth.
+    pub depths: Buffer<f32>,
+    /// Scratch of scans and counters, shared by all passes.
+    pub scratch: ScanScratch,
+    /// Digit counts of the radix sorts.
+    pub histogram: Buffer<u32>,
+    /// Scan of the digit counts.
+    pub digit_offsets: Buffer<u32>,
+}
+
+impl FrameBuffers {
+    /// Allocates for a plan.
+    ///
+    /// # Errors
+    /// A buffer beyond the device's limits, by name.
+    pub fn new(gpu: &Arc<Gpu>, plan: FramePlan) -> Result<Self, GpuError> {
+        let slots = plan.slots as usize;
+        let candidates = plan.capacities.candidates as usize;
+        let work_items = plan.capacities.work_items as usize;
+        let instances = plan.instances as usize;
+        let counters = COUNTER_COUNT as usize;
+        Ok(Self {
+            plan,
+            counters_start: Buffer::with_location(gpu, "counters start", counters, MemoryLocation::CpuToGpu)?,
+            counters_end: Buffer::with_location(gpu, "counters end", counters, MemoryLocation::GpuToCpu)?,
+            instance_chunks: Buffer::new(gpu, "instance_chunks", instances)?,
+            candidate_offsets: Buffer::new(gpu, "candidate_offsets", instances)?,
+            candidates: Buffer::new(gpu, "candidates", candidates)?,
+            candidate_visible: Buffer::new(gpu, "candidate_visible", candidates)?,
+            work_offsets: Buffer::new(gpu, "work_offsets", candidates)?,
+            work_items: Buffer::new(gpu, "work_items", work_items)?,
+            survivor_counts: Buffer::new(gpu, "survivor_counts", work_items)?,
+            survivor_offsets: Buffer::new(gpu, "survivor_offsets", work_items)?,
+            splats: Buffer::new(gpu, "splats", slots)?,
+            footprints: Buffer::new(gpu, "footprints", slots)?,
+            tile_counts: Buffer::new(gpu, "tile_counts", slots)?,
+            depth_sort: SortBuffers::new(gpu, "depth sort", slots)?,
+            isect_offsets: Buffer::new(gpu, "isect_offsets", slots)?,
+            tile_sort: SortBuffers::new(gpu, "tile sort", plan.capacities.intersections as usize)?,
+            tile_ranges: Buffer::new(gpu, "tile_ranges", plan.tile_count() as usize)?,
+            colors: Buffer::new(gpu, "colors", plan.pixels() as usize)?,
+            depths: Buffer::new(gpu, "depths", plan.pixels() as usize)?,
+            scratch: ScanScratch {
+                block_sums: Buffer::new(gpu, "block_sums", plan.block_sums_len() as usize)?,
+                counters: Buffer::new(gpu, "counters", counters)?,
+                args: Buffer::new(gpu, "indirect args", (FAMILY_COUNT * ARGS_PER_COUNT) as usize)?,
+            },
+            histogram: Buffer::new(gpu, "histogram", plan.histogram_len() as usize)?,
+            digit_offsets: Buffer::new(gpu, "digit_offsets", plan.histogram_len() as usize)?,
+        })
+    }
+}

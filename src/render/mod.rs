@@ -1,0 +1,23 @@
+//! L3: from a scene and a camera to a picture on the device.
+//!
+//! [`DeviceScene`] is the immutable scene in device memory; [`plan`] the pure arithmetic of buffer sizes; [`FrameBuffers`]
+//! what one frame needs besides; [`Renderer`] records the passes in order and decides what to do when a buffer was too
+//! small: grow and redo, or go on with the next depth slab. Nothing is ever dropped.
+
+pub mod device_scene;
+pub mod error;
+pub mod forward;
+pub mod frame_buffers;
+pub mod picture;
+pub mod plan;
+pub mod renderer;
+pub mod scan;
+
+pub mod sort;
+
+pub use device_scene::DeviceScene;
+pub use error::RenderError;
+pub use frame_buffers::FrameBuffers;
+pub use picture::Picture;
+pub use plan::{Capacities, FramePlan};
+pub use renderer::{FrameStats, RenderOptions, Renderer};

@@ -1,0 +1,105 @@
+//! Pure arithmetic: from counts and capacities to buffer lengths. No Vulkan here.
+
+use crate::gpu::interface::constants::{BLOCK_SIZE, RADIX_BITS, RADIX_SIZE};
+
+/// How many elements the growing buffers hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capacities {
+    /// (instance, chunk) pairs of visible instances.
+    pub candidates: u32,
+    /// Visible (instance, chunk) pairs; each reserves one work-group of splat slots.
+    pub work_items: u32,
+    /// (splat, tile) pairs of one slab.
+    pub intersections: u32,
+}
+
+/// First sizes; frames grow them. 2^16 pairs are 0.5 MiB, 512 work items of 256 slots 12 MiB, 2^19 pairs 8 MiB.
+pub const INITIAL: Capacities = Capacities { candidates: 1 << 16, work_items: 512, intersections: 1 << 19 };
+
+/// Lengths of a frame's buffers for one image size and scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FramePlan {
+    /// Image width and height, pixels.
+    pub size_px: [u32; 2],
+    /// Tile columns and rows.
+    pub tiles: [u32; 2],
+    /// Instances, background included.
+    pub instances: u32,
+    /// Growing buffers.
+    pub capacities: Capacities,
+    /// Splat slots: work items times work-group size.
+    pub slots: u32,
+}
+
+impl FramePlan {
+    /// Lengths for an image of `size_px` with square tiles.
+    pub fn new(size_px: [u32; 2], tile_size: u32, instances: u32, capacities: Capacities, workgroup_size: u32) -> Self {
+        let tiles = size_px.map(|s| s.div_ceil(tile_size));
+        // A slab must at least hold one splat, which touches at most all tiles.
+        let intersections = capacities.intersections.max(tiles[0] * tiles[1]);
+        let capacities = Capacities { intersections, ..capacities };
+        Self { size_px, tiles, instances, capacities, slots: capacities.work_items * workgroup_size }
+    }
+
+    /// Pixels of the image.
+    pub fn pixels(&self) -> u32 {
+        self.size_px[0] * self.size_px[1]
+    }
+
+    /// Tiles of the image.
+    pub fn tile_count(&self) -> u32 {
+        self.tiles[0] * self.tiles[1]
+    }
+
+    /// Radix passes for tile keys 0..=tile_count (the last is the sentinel outside the image).
+    pub fn tile_sort_passes(&self) -> u32 {
+        radix_passes(self.tile_count())
+    }
+
+    /// Length of the radix histogram: enough for either sort.
+    pub fn histogram_len(&self) -> u32 {
+        self.slots.max(self.capacities.intersections).div_ceil(BLOCK_SIZE) * RADIX_SIZE
+    }
+
+    /// Length of the block sums: enough for every scan.
+    pub fn block_sums_len(&self) -> u32 {
+        let longest = [self.instances, self.capacities.candidates, self.slots, self.histogram_len()];
+        longest.into_iter().max().unwrap_or(0).div_ceil(BLOCK_SIZE).max(1)
+    }
+}
+
+/// Passes that sort keys of up to `max_key`.
+pub fn radix_passes(max_key: u32) -> u32 {
+    (u32::BITS - max_key.leading_zeros()).div_ceil(RADIX_BITS).max(1)
+}
+
+/// A grown capacity: a quarter more than needed, so that a moving camera does not grow it every frame.
+pub fn grown(needed: u32, limit: u32) -> u32 {
+    needed.saturating_add(needed / 4).min(limit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn radix_passes_cover_the_largest_key() {
+        for (max_key, passes) in [(0, 1), (255, 1), (256, 2), (65535, 2), (65536, 3), (u32::MAX, 4)] {
+            assert_eq!(radix_passes(max_key), passes, "max key {max_key}");
+        }
+    }
+
+    #[test]
+    fn a_slab_always_holds_one_splat() {
+        let tiny = Capacities { candidates: 1, work_items: 1, intersections: 1 };
+        let plan = FramePlan::new([801, 449], 8, 1, tiny, 256);
+        assert_eq!(plan.tiles, [101, 57]);
+        assert_eq!(plan.capacities.intersections, 101 * 57);
+    }
+
+    #[test]
+    fn growth_leaves_room_and_respects_the_limit() {
+        assert_eq!(grown(1000, 5000), 1250);
+        assert_eq!(grown(u32::MAX, 7), 7);
+    }
+}

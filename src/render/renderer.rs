@@ -1,0 +1,314 @@
+//! Renders frames: records, submits, and acts on the counters when a buffer was too small.
+
+use std::sync::Arc;
+
+use crate::gpu::interface::constants::*;
+use crate::gpu::interface::types;
+use crate::gpu::staging::download;
+use crate::gpu::{Gpu, PipelineCache, Recorder};
+use crate::kernels::{Pipelines, Variant};
+use crate::scene::Camera;
+
+use super::device_scene::DeviceScene;
+use super::error::RenderError;
+use super::forward::{
+    ForwardInputs, read_counters, record_begin, record_end, record_slab, record_visibility, write_counters,
+};
+use super::frame_buffers::FrameBuffers;
+use super::picture::Picture;
+use super::plan::{Capacities, FramePlan, INITIAL, grown};
+
+/// What the camera does not say about a picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderOptions {
+    /// Splats with view depth <= near are not drawn; scene units.
+    pub near: f32,
+    /// Added to the projected variances, px^2.
+    pub dilation_px2: f32,
+    /// Opacity compensation for the dilation.
+    pub antialias: bool,
+    /// Colour behind everything, rgb in the encoding of the training images.
+    pub background: [f32; 3],
+    /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = what the device holds.
+    pub max_intersections: Option<u32>,
+}
+
+impl Default for RenderOptions {
+    /// The INRIA constants: near 0.2, dilation 0.3, black.
+    fn default() -> Self {
+        Self { near: 0.2, dilation_px2: 0.3, antialias: false, background: [0.0; 3], max_intersections: None }
+    }
+}
+
+/// What happened in a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FrameStats {
+    /// Splats that touch at least one tile.
+    pub visible: u64,
+    /// (splat, tile) pairs of all slabs.
+    pub intersections: u64,
+    /// Depth slabs that the frame took.
+    pub slabs: u32,
+    /// Times the frame was started again because a buffer was too small.
+    pub redone: u32,
+    /// (pass, milliseconds) in order; empty without profiling. Redone attempts are not included.
+    pub passes_ms: Vec<(&'static str, f64)>,
+}
+
+/// Renders one scene at a time; keeps its frame buffers between frames.
+pub struct Renderer {
+    gpu: Arc<Gpu>,
+    cache: PipelineCache,
+    variant: Variant,
+    pipelines: Option<Pipelines>,
+    frame: Option<FrameBuffers>,
+    capacities: Capacities,
+    recorder: Recorder,
+}
+
+impl Renderer {
+    /// A renderer with the variant picked for the device.
+    pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
+        Self::with_variant(gpu, Variant::for_device(gpu.caps()), false)
+    }
+
+    /// A renderer for a chosen variant; `profile` times every pass.
+    pub fn with_variant(gpu: &Arc<Gpu>, variant: Variant, profile: bool) -> Result<Self, RenderError> {
+        Ok(Self {
+            gpu: gpu.clone(),
+            cache: PipelineCache::new(gpu, None)?,
+            variant,
+            pipelines: None,
+            frame: None,
+            capacities: INITIAL,
+            recorder: if profile { Recorder::with_profiler(gpu)? } else { Recorder::new(gpu)? },
+        })
+    }
+
+    /// The kernel variant; scenes are uploaded with its `workgroup_size` as chunk size.
+    pub fn variant(&self) -> &Variant {
+        &self.variant
+    }
+
+    /// Uploads a scene for this renderer.
+    pub fn upload(&self, scene: &crate::scene::InstancedScene) -> Result<DeviceScene, RenderError> {
+        DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size)
+    }
+
+    /// Renders a picture and leaves it on the device (see [`Renderer::download`]).
+    ///
+    /// # Errors
+    /// An invalid camera or option, or a scene beyond the device's limits. A buffer that is merely too small grows.
+    pub fn render(
+        &mut self,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Result<FrameStats, RenderError> {
+        camera.validate().map_err(RenderError::Camera)?;
+        check_options(options)?;
+        self.prepare_pipelines(scene.sh_degree)?;
+        let view = view_of(camera, options);
+        let mut stats = FrameStats::default();
+        loop {
+            self.prepare_frame(scene, camera, options)?;
+            let counters = self.submit_first(scene, view, options)?;
+            if self.grow(scene, &counters)? {
+                stats.redone += 1;
+                continue;
+            }
+            stats.passes_ms = self.recorder.passes_ms()?;
+            self.finish_slabs(scene, view, options, counters, &mut stats)?;
+            return Ok(stats);
+        }
+    }
+
+    /// Copies the last picture to the host.
+    pub fn download(&self) -> Result<Picture, RenderError> {
+        let Some(frame) = &self.frame else { return Ok(Picture::default()) };
+        let pixels = frame.plan.pixels() as usize;
+        Ok(Picture {
+            width: frame.plan.size_px[0],
+            height: frame.plan.size_px[1],
+            colors: download(&self.gpu, &frame.colors, pixels)?,
+            depths: download(&self.gpu, &frame.depths, pixels)?,
+        })
+    }
+
+    /// The buffers of the last frame, for tests that look between passes.
+    pub fn frame(&self) -> Option<&FrameBuffers> {
+        self.frame.as_ref()
+    }
+
+    fn prepare_pipelines(&mut self, sh_degree: u32) -> Result<(), RenderError> {
+        if self.pipelines.as_ref().is_none_or(|p| p.sh_degree != sh_degree) {
+            self.pipelines = Some(Pipelines::new(&self.gpu, &self.cache, self.variant, sh_degree)?);
+        }
+        Ok(())
+    }
+
+    /// Makes sure that the frame buffers fit image, scene and capacities.
+    fn prepare_frame(
+        &mut self,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Result<(), RenderError> {
+        let mut capacities = self.capacities;
+        if let Some(most) = options.max_intersections {
+            capacities.intersections = capacities.intersections.min(most);
+        }
+        let pairs = u32::try_from(scene.chunk_pairs).unwrap_or(u32::MAX).max(1);
+        capacities.candidates = capacities.candidates.min(pairs);
+        capacities.work_items = capacities.work_items.min(pairs);
+        let size = [camera.width, camera.height];
+        let workgroup = self.variant.workgroup_size;
+        let plan = FramePlan::new(size, self.variant.tile_size, scene.instance_count, capacities, workgroup);
+        if self.frame.as_ref().is_none_or(|frame| frame.plan != plan) {
+            // Free the old buffers first: both sets at once may not fit.
+            self.frame = None;
+            self.frame = Some(FrameBuffers::new(&self.gpu, plan)?);
+        }
+        Ok(())
+    }
+
+    fn inputs<'a>(
+        pipelines: &'a Pipelines,
+        gpu: &Gpu,
+        scene: &'a DeviceScene,
+        view: types::View,
+        options: &RenderOptions,
+    ) -> ForwardInputs<'a> {
+        // A tile's list is at most as long as its slab, and the blend loop takes one iteration per subgroup of it; one
+        // in 16 iterations is left to the other loops of the kernel.
+        let subgroup = pipelines.variant.subgroup_size;
+        let max_slab_splats = gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| (most - most / 16) * subgroup);
+        ForwardInputs { scene, pipelines, view, background: options.background, max_slab_splats }
+    }
+
+    /// Everything up to and including the first slab.
+    fn submit_first(
+        &mut self,
+        scene: &DeviceScene,
+        view: types::View,
+        options: &RenderOptions,
+    ) -> Result<[u32; COUNTER_COUNT as usize], RenderError> {
+        let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
+        let inputs = Self::inputs(pipelines, &self.gpu, scene, view, options);
+        let mut counters = [0; COUNTER_COUNT as usize];
+        counters[COUNTER_INSTANCES as usize] = scene.instance_count;
+        write_counters(&mut frame.counters_start, &counters);
+        record_begin(&mut self.recorder, frame)?;
+        record_visibility(&mut self.recorder, &inputs, frame)?;
+        record_slab(&mut self.recorder, &inputs, frame)?;
+        record_end(&mut self.recorder, frame)?;
+        let ticket = self.recorder.submit()?;
+        self.recorder.wait(ticket)?;
+        Ok(read_counters(frame))
+    }
+
+    /// Enlarges buffers that the frame overflowed; true if it must be done again.
+    fn grow(&mut self, scene: &DeviceScene, counters: &[u32; COUNTER_COUNT as usize]) -> Result<bool, RenderError> {
+        let Some(frame) = &self.frame else { unreachable_state() };
+        let have = frame.plan.capacities;
+        let candidates = counters[COUNTER_CANDIDATES_NEEDED as usize];
+        let work_items = counters[COUNTER_WORK_ITEMS_NEEDED as usize];
+        let most_slots = (self.gpu.caps().max_storage_bytes / size_of::<types::Splat>() as u64).min(1 << 31) as u32;
+        let most_items = most_slots / self.variant.workgroup_size;
+        let most_candidates = (self.gpu.caps().max_storage_bytes / size_of::<types::WorkItem>() as u64) as u32;
+        if candidates > have.candidates {
+            check_fits("chunks of visible instances", candidates, most_candidates)?;
+            self.capacities.candidates = grown(candidates, most_candidates);
+            return Ok(true);
+        }
+        if work_items > have.work_items {
+            check_fits("visible chunks", work_items, most_items)?;
+            // Never more than the scene has, so that a plain cloud is not over-allocated.
+            let pairs = u32::try_from(scene.chunk_pairs).unwrap_or(u32::MAX);
+            self.capacities.work_items = grown(work_items, most_items).min(pairs.max(work_items));
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// Blends the remaining slabs, and enlarges the intersection buffer for the next frame.
+    fn finish_slabs(
+        &mut self,
+        scene: &DeviceScene,
+        view: types::View,
+        options: &RenderOptions,
+        mut counters: [u32; COUNTER_COUNT as usize],
+        stats: &mut FrameStats,
+    ) -> Result<(), RenderError> {
+        let needed = counters[COUNTER_INTERSECTIONS as usize];
+        stats.slabs = 1;
+        stats.visible = u64::from(counters[COUNTER_VISIBLE as usize]);
+        stats.intersections = u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
+        while counters[COUNTER_SLAB_END as usize] < counters[COUNTER_VISIBLE as usize] {
+            counters[COUNTER_SLAB_BEGIN as usize] = counters[COUNTER_SLAB_END as usize];
+            let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
+            let inputs = Self::inputs(pipelines, &self.gpu, scene, view, options);
+            write_counters(&mut frame.counters_start, &counters);
+            record_begin(&mut self.recorder, frame)?;
+            record_slab(&mut self.recorder, &inputs, frame)?;
+            record_end(&mut self.recorder, frame)?;
+            let ticket = self.recorder.submit()?;
+            self.recorder.wait(ticket)?;
+            counters = read_counters(frame);
+            stats.slabs += 1;
+            stats.intersections += u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
+            stats.passes_ms.extend(self.recorder.passes_ms()?);
+        }
+        let most = (self.gpu.caps().max_storage_bytes / 4).min(MOST_INTERSECTIONS) as u32;
+        if needed > self.capacities.intersections {
+            self.capacities.intersections = grown(needed, most);
+        }
+        Ok(())
+    }
+}
+
+/// Largest intersection buffer that is grown to: 2^26 pairs take 1 GiB (16 bytes each); beyond that, slabs.
+const MOST_INTERSECTIONS: u64 = 1 << 26;
+
+/// `prepare_pipelines` and `prepare_frame` run before every use; a private invariant, not an input error.
+fn unreachable_state() -> ! {
+    unreachable!("render prepares pipelines and frame buffers first")
+}
+
+fn check_fits(what: &'static str, needed: u32, limit: u32) -> Result<(), RenderError> {
+    if needed > limit {
+        return Err(RenderError::TooMany { what, needed: u64::from(needed), limit: u64::from(limit) });
+    }
+    Ok(())
+}
+
+fn check_options(options: &RenderOptions) -> Result<(), RenderError> {
+    let fail = |option, reason: String| Err(RenderError::Option { option, reason });
+    if !(options.near.is_finite() && options.near >= 0.0) {
+        return fail("near", format!("{} is not a finite number >= 0", options.near));
+    }
+    // The projected variance must not vanish: 1e-6 px^2 is a thousandth of a pixel.
+    if !(options.dilation_px2.is_finite() && (1e-6..=1e6).contains(&options.dilation_px2)) {
+        return fail("dilation", format!("{} is not within 1e-6..=1e6", options.dilation_px2));
+    }
+    if !options.background.iter().all(|c| c.is_finite()) {
+        return fail("background", "is not finite".into());
+    }
+    Ok(())
+}
+
+/// The camera as the kernels see it, rounded to f32.
+pub fn view_of(camera: &Camera, options: &RenderOptions) -> types::View {
+    let m = &camera.view_from_world;
+    let row = |i: usize| m[i].map(|v| v as f32);
+    types::View {
+        view_from_world: [row(0), row(1), row(2)],
+        position_world: camera.position_world().as_vec3().to_array(),
+        near: options.near,
+        focal_px: [camera.fx as f32, camera.fy as f32],
+        principal_px: [camera.cx as f32, camera.cy as f32],
+        size_px: [camera.width, camera.height],
+        dilation_px2: options.dilation_px2,
+        antialias: u32::from(options.antialias),
+    }
+}

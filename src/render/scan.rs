@@ -1,0 +1,72 @@
+//! Records the three passes of a device-wide exclusive scan.
+
+use crate::gpu::interface::constants::{COUNTER_COUNT, FAMILY_COUNT};
+use crate::gpu::interface::types;
+use crate::gpu::{Buffer, GpuError, Grid, Recorder};
+use crate::kernels::pipelines::ScanPipelines;
+use crate::kernels::{scan_downsweep, scan_reduce, scan_spine};
+
+/// What scans of a frame share.
+pub struct ScanScratch {
+    /// One sum per block; long enough for the longest scan.
+    pub block_sums: Buffer<u32>,
+    /// Device-side counts, `COUNTER_*`.
+    pub counters: Buffer<u32>,
+    /// Indirect arguments, `FAMILY_*` times `ARGS_PER_COUNT`.
+    pub args: Buffer<types::DispatchArgs>,
+}
+
+/// Where a scan's work-groups come from.
+#[derive(Clone, Copy, Debug)]
+pub enum Blocks {
+    /// The host knows the number of elements.
+    Direct(Grid),
+    /// Element of the indirect arguments.
+    Indirect(u32),
+}
+
+/// A scan over `counters[count_slot]` elements that reports nothing.
+pub fn plain(count_slot: u32) -> types::Scan {
+    types::Scan {
+        count_slot,
+        histogram: 0,
+        begin_slot: COUNTER_COUNT,
+        total_slot: COUNTER_COUNT,
+        needed_slot: COUNTER_COUNT,
+        capacity: u32::MAX,
+        family: FAMILY_COUNT,
+    }
+}
+
+/// Records `offsets[i] = sum of values[0..i]`, or of `values[indices[0..i]]`. Sums saturate.
+pub fn record_scan(
+    recorder: &mut Recorder,
+    pipelines: &ScanPipelines,
+    scratch: &mut ScanScratch,
+    blocks: Blocks,
+    scan: types::Scan,
+    input: (&Buffer<u32>, Option<&Buffer<u32>>),
+    offsets: &mut Buffer<u32>,
+) -> Result<(), GpuError> {
+    let (values, gather) = input;
+    let indices = gather.unwrap_or(values);
+    let ScanScratch { block_sums, counters, args } = scratch;
+    let (reduce, downsweep) = match gather {
+        Some(_) => (&pipelines.reduce_gather, &pipelines.downsweep_gather),
+        None => (&pipelines.reduce, &pipelines.downsweep),
+    };
+    let params = scan_reduce::Params { scan };
+    let bindings = scan_reduce::Bindings { values, indices, counters, block_sums };
+    match blocks {
+        Blocks::Direct(grid) => recorder.dispatch(reduce, grid, &params, bindings)?,
+        Blocks::Indirect(set) => recorder.dispatch_indirect(reduce, (args, set as usize), &params, bindings)?,
+    }
+    let spine = scan_spine::Bindings { block_sums, counters, args };
+    recorder.dispatch(&pipelines.spine, Grid::groups(1), &scan_spine::Params { scan }, spine)?;
+    let params = scan_downsweep::Params { scan };
+    let bindings = scan_downsweep::Bindings { values, indices, counters, block_sums, offsets };
+    match blocks {
+        Blocks::Direct(grid) => recorder.dispatch(downsweep, grid, &params, bindings),
+        Blocks::Indirect(set) => recorder.dispatch_indirect(downsweep, (args, set as usize), &params, bindings),
+    }
+}

@@ -1,0 +1,78 @@
+//! Records a stable radix sort of (u32 key, u32 value) pairs, least significant digit first.
+
+use std::sync::Arc;
+
+use crate::gpu::interface::constants::{ARGS_BLOCKS, ARGS_HISTOGRAM, ARGS_PER_COUNT, RADIX_BITS};
+use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
+use crate::kernels::pipelines::{ScanPipelines, SortPipelines};
+use crate::kernels::{radix_sort_count, radix_sort_scatter};
+
+use super::scan::{Blocks, ScanScratch, plain, record_scan};
+
+/// Keys and values with the second half that the sort moves between.
+pub struct SortBuffers {
+    /// The pairs: input before, sorted after.
+    pub keys: Buffer<u32>,
+    /// Values of the pairs.
+    pub values: Buffer<u32>,
+    other_keys: Buffer<u32>,
+    other_values: Buffer<u32>,
+}
+
+impl SortBuffers {
+    /// Room for `len` pairs.
+    pub fn new(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
+        Ok(Self {
+            keys: Buffer::new(gpu, &format!("{name} keys"), len)?,
+            values: Buffer::new(gpu, &format!("{name} values"), len)?,
+            other_keys: Buffer::new(gpu, &format!("{name} keys, other half"), len)?,
+            other_values: Buffer::new(gpu, &format!("{name} values, other half"), len)?,
+        })
+    }
+}
+
+/// What to sort and by how many digits.
+#[derive(Clone, Copy, Debug)]
+pub struct Sort {
+    /// Counter that holds the number of pairs.
+    pub count_slot: u32,
+    /// Family of indirect arguments made from that counter.
+    pub family: u32,
+    /// Digits of 8 bits to sort by.
+    pub passes: u32,
+}
+
+/// Records the sort; `buffers.keys` and `.values` hold the result, whichever half that is.
+pub fn record_sort(
+    recorder: &mut Recorder,
+    (scan_pipelines, pipelines): (&ScanPipelines, &SortPipelines),
+    scratch: &mut ScanScratch,
+    (histogram, digit_offsets): (&mut Buffer<u32>, &mut Buffer<u32>),
+    sort: Sort,
+    buffers: &mut SortBuffers,
+) -> Result<(), GpuError> {
+    let args = |kind: u32| (sort.family * ARGS_PER_COUNT + kind) as usize;
+    for pass in 0..sort.passes {
+        let shift = pass * RADIX_BITS;
+        let count = radix_sort_count::Bindings { keys: &buffers.keys, counters: &scratch.counters, histogram };
+        let params = radix_sort_count::Params { count_slot: sort.count_slot, shift };
+        recorder.dispatch_indirect(&pipelines.count, (&scratch.args, args(ARGS_BLOCKS)), &params, count)?;
+        let mut scan = plain(sort.count_slot);
+        scan.histogram = 1;
+        let blocks = Blocks::Indirect(args(ARGS_HISTOGRAM) as u32);
+        record_scan(recorder, scan_pipelines, scratch, blocks, scan, (histogram, None), digit_offsets)?;
+        let scatter = radix_sort_scatter::Bindings {
+            keys_in: &buffers.keys,
+            values_in: &buffers.values,
+            counters: &scratch.counters,
+            digit_offsets,
+            keys_out: &mut buffers.other_keys,
+            values_out: &mut buffers.other_values,
+        };
+        let params = radix_sort_scatter::Params { count_slot: sort.count_slot, shift };
+        recorder.dispatch_indirect(&pipelines.scatter, (&scratch.args, args(ARGS_BLOCKS)), &params, scatter)?;
+        std::mem::swap(&mut buffers.keys, &mut buffers.other_keys);
+        std::mem::swap(&mut buffers.values, &mut buffers.other_values);
+    }
+    Ok(())
+}

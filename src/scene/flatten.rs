@@ -1,0 +1,115 @@
+//! Expands an instanced scene into a plain cloud that renders to the same image (DESIGN Eq. 6, section 2).
+
+use glam::DVec3;
+
+use crate::math::covariance::{normalised_quat, quat_from_rotation, quat_multiply};
+use crate::math::sh::{ShRotation, widened};
+use crate::scene::gaussians::Gaussians;
+use crate::scene::instanced_scene::{Instance, InstancedScene};
+
+impl InstancedScene {
+    /// Every instance's Gaussians in the world frame, in flat order: instances in file order, each in template order,
+    /// then the background. SH degree is the scene's; SH is rotated exactly. Computed in f64 and rounded once to f32.
+    ///
+    /// The scene must be valid (`validate`); an instance's linear part is taken as the similarity s R it is documented
+    /// to be. Quaternions of instances come out normalised; the background is copied bit by bit.
+    pub fn flatten(&self) -> Gaussians {
+        let capacity = usize::try_from(self.expanded_len()).unwrap_or(0);
+        let mut world = Gaussians::with_capacity(self.sh_degree(), capacity);
+        for instance in &self.instances {
+            self.flatten_instance(instance, &mut world);
+        }
+        world.append(&self.background);
+        world
+    }
+
+    /// Appends one instance's Gaussians to `world`.
+    fn flatten_instance(&self, instance: &Instance, world: &mut Gaussians) {
+        let range = self.template_ranges[instance.template as usize];
+        let placement = &instance.world_from_template;
+        let ln_scale = placement.scale().ln();
+        let world_from_template_quat = quat_from_rotation(placement.rotation());
+        let sh_rotation = ShRotation::new(placement.rotation());
+        for local in 0..range.count as usize {
+            let i = range.first as usize + local;
+            let offset = instance.first_offset.map(|first| first as usize + local);
+            let d_mean = offset.map_or(DVec3::ZERO, |o| widened(self.offsets.means[o]));
+            let d_sh_dc = offset.map_or(DVec3::ZERO, |o| widened(self.offsets.sh_dc[o]));
+            let d_logit = offset.map_or(0.0, |o| f64::from(self.offsets.opacity_logits[o]));
+
+            let mean_world = placement.transform_point(widened(self.templates.means[i]) + d_mean);
+            let quat_template = normalised_quat(self.templates.quats[i].map(f64::from));
+            let quat_world = quat_multiply(world_from_template_quat, quat_template);
+            let mut sh_template: Vec<DVec3> = self.templates.sh_of(i).iter().map(|&c| widened(c)).collect();
+            sh_template[0] += d_sh_dc;
+
+            world.means.push(narrowed(mean_world));
+            world.quats.push(quat_world.map(|c| c as f32));
+            world.log_scales.push(self.templates.log_scales[i].map(|v| (f64::from(v) + ln_scale) as f32));
+            world.opacity_logits.push((f64::from(self.templates.opacity_logits[i]) + d_logit) as f32);
+            let missing = world.sh_coefficients() - sh_template.len();
+            world.sh.extend(sh_rotation.rotate(&sh_template).into_iter().map(narrowed));
+            world.sh.extend(std::iter::repeat_n([0.0; 3], missing));
+        }
+    }
+}
+
+/// Rounds to the stored precision.
+fn narrowed(v: DVec3) -> [f32; 3] {
+    [v.x as f32, v.y as f32, v.z as f32]
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DMat3;
+
+    use super::*;
+    use crate::math::similarity::Similarity;
+    use crate::scene::instanced_scene::TemplateRange;
+    use crate::scene::offsets::Offsets;
+
+    fn one(sh_degree: u32) -> Gaussians {
+        let mut out = Gaussians::with_capacity(sh_degree, 1);
+        out.means.push([1.0, 0.0, 0.0]);
+        out.quats.push([2.0, 0.0, 0.0, 0.0]);
+        out.log_scales.push([0.0, -1.0, -2.0]);
+        out.opacity_logits.push(0.5);
+        out.sh.extend((0..out.sh_coefficients()).map(|c| [c as f32, 0.0, 1.0]));
+        out
+    }
+
+    /// Quarter turn about z, scale 2, translation (0, 0, 5), by hand.
+    #[test]
+    fn one_gaussian_by_hand() {
+        let quarter = DMat3::from_cols(DVec3::Y, -DVec3::X, DVec3::Z);
+        let scene = InstancedScene {
+            templates: one(1),
+            template_ranges: vec![TemplateRange { first: 0, count: 1 }],
+            instances: vec![Instance {
+                template: 0,
+                world_from_template: Similarity::from_parts(quarter, 2.0, DVec3::new(0.0, 0.0, 5.0)),
+                first_offset: Some(0),
+            }],
+            offsets: Offsets {
+                means: vec![[0.5, 0.0, 0.0]],
+                sh_dc: vec![[10.0, 20.0, 30.0]],
+                opacity_logits: vec![0.25],
+            },
+            background: one(2),
+            ..InstancedScene::default()
+        };
+        let flat = scene.flatten();
+        assert_eq!((flat.len(), flat.sh_degree, flat.sh.len()), (2, 2, 18));
+        assert_eq!(flat.means[0], [0.0, 3.0, 5.0]);
+        let h = std::f32::consts::FRAC_1_SQRT_2;
+        assert_eq!(flat.quats[0], [h, 0.0, 0.0, h]);
+        assert!((flat.log_scales[0][1] - (2f32.ln() - 1.0)).abs() < 1e-6);
+        assert_eq!(flat.opacity_logits[0], 0.75);
+        // Template function: 1 (-C1 y) + 2 (C1 z) + 3 (-C1 x) in red. In the world, x_template = y, y_template = -x:
+        // 1 (C1 x) + 2 (C1 z) - 3 (C1 y), coefficients (3, 2, -1).
+        let red: Vec<f32> = flat.sh_of(0).iter().map(|c| c[0]).collect();
+        let want = [10.0, 3.0, 2.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        assert!(red.iter().zip(want).all(|(got, want): (&f32, f32)| (got - want).abs() < 1e-6), "{red:?}");
+        assert_eq!(flat.filtered(|i| i == 1), scene.background);
+    }
+}
