@@ -149,7 +149,7 @@ vec3 evaluate_sh(uint source, vec3 dc_offset, vec3 dir) {
         color += 1.445305721320277 * z * (xx - yy) * sh3[k + 5];
         color += -0.5900435899266435 * x * (xx - 3.0 * yy) * sh3[k + 6];
     }
-    return max(color + 0.5, 0.0);
+    return color + 0.5;
 }
 
 vec3 splat_color(Instance instance, uint local) {
@@ -197,6 +197,10 @@ void main() {
     if (lane < survivors) {
         vec3 color = splat_color(instance, shared_source[lane]);
         vec4 b = shared_b[lane];
+        // A colour that is not finite (poisoned SH) must not spread: such a splat blends nothing.
+        bool finite = all(lessThan(abs(color), vec3(3.4e38)));
+        b.y = finite ? b.y : 0.0;
+        color = finite ? max(color, 0.0) : vec3(0.0);
         splats[w * WORKGROUP_SIZE + lane] = Splat(shared_a[lane], vec4(b.xy, color.rg), vec2(color.b, b.z));
     }
 }

@@ -195,8 +195,8 @@ pub fn color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVec3 {
     let dir_world = (mean_world - view.camera_world).normalize();
     let dir_template = source.world_from_template.rotation().transpose() * dir_world;
     let raw = eval_sh_f64(source.sh_degree, &source.sh, dir_template) + 0.5;
-    // Not `max`, which would turn a NaN into 0.
-    DVec3::from_array(raw.to_array().map(|c| if c < 0.0 { 0.0 } else { c }))
+    // Not `max`, which would turn a NaN into 0; minus infinity stays too, so that `project` sees the poison.
+    DVec3::from_array(raw.to_array().map(|c| if c < 0.0 && fits_device(c) { 0.0 } else { c }))
 }
 
 /// True if the device can hold the value: finite after rounding to f32.

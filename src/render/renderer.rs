@@ -90,6 +90,11 @@ impl Renderer {
         &self.variant
     }
 
+    /// Sets the sizes that the growing buffers start from; frames grow them as needed.
+    pub fn set_capacities(&mut self, capacities: Capacities) {
+        self.capacities = capacities;
+    }
+
     /// Uploads a scene for this renderer.
     pub fn upload(&self, scene: &crate::scene::InstancedScene) -> Result<DeviceScene, RenderError> {
         DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size)

@@ -2,6 +2,7 @@
 #![allow(dead_code, reason = "every test binary uses a part of it")]
 
 pub(crate) mod golden;
+pub(crate) mod gpu;
 pub(crate) mod random_scene;
 
 /// At most this fraction of an image's pixels may be excluded as not robust (DESIGN section 7).

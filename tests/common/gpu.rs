@@ -1,0 +1,73 @@
+//! The device of the GPU tests: validation and synchronization validation on, any message is a failure.
+
+use std::sync::{Arc, OnceLock};
+
+use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
+use instgs_vk::reference;
+use instgs_vk::render::{Picture, RenderOptions, Renderer};
+use instgs_vk::scene::{Camera, InstancedScene};
+
+/// The device shared by all tests of a binary; `INSTGS_TEST_DEVICE` chooses another than the best. Without a device the
+/// tests fail, unless `INSTGS_SKIP_GPU=1` is set aloud: then `None`.
+pub(crate) fn gpu() -> Option<Arc<Gpu>> {
+    static GPU: OnceLock<Option<Arc<Gpu>>> = OnceLock::new();
+    GPU.get_or_init(|| {
+        let device = std::env::var("INSTGS_TEST_DEVICE").map_or(DeviceChoice::Best, |name| name.parse().unwrap());
+        match Gpu::open(&GpuOptions { device, validation: true }) {
+            Ok(gpu) => Some(gpu),
+            Err(error) if std::env::var("INSTGS_SKIP_GPU").as_deref() == Ok("1") => {
+                #[allow(clippy::print_stderr, reason = "a skipped check must be heard")]
+                {
+                    eprintln!("GPU TESTS SKIPPED (INSTGS_SKIP_GPU=1): {error}");
+                }
+                None
+            }
+            Err(error) => panic!("{error} (set INSTGS_SKIP_GPU=1 to skip GPU tests)"),
+        }
+    })
+    .clone()
+}
+
+/// Fails on any message of the validation layers so far.
+pub(crate) fn assert_silent(gpu: &Gpu) {
+    let messages = gpu.validation_messages().take();
+    assert!(messages.is_empty(), "validation messages:\n{}", messages.join("\n"));
+}
+
+/// Renderer options that mean the same as the twin's.
+pub(crate) fn device_options(options: &reference::RenderOptions) -> RenderOptions {
+    RenderOptions {
+        near: options.near as f32,
+        dilation_px2: options.dilation as f32,
+        antialias: options.antialias,
+        background: options.background.map(|v| v as f32),
+        max_intersections: None,
+    }
+}
+
+/// Uploads, renders and downloads.
+pub(crate) fn render_picture(
+    renderer: &mut Renderer,
+    scene: &InstancedScene,
+    camera: &Camera,
+    options: &RenderOptions,
+) -> Picture {
+    let device_scene = renderer.upload(scene).unwrap();
+    renderer.render(&device_scene, camera, options).unwrap();
+    renderer.download().unwrap()
+}
+
+/// rgb of a picture in f64.
+pub(crate) fn rgb(picture: &Picture) -> Vec<[f64; 3]> {
+    picture.colors.iter().map(|c| [c[0], c[1], c[2]].map(f64::from)).collect()
+}
+
+/// Alpha of a picture in f64.
+pub(crate) fn alpha(picture: &Picture) -> Vec<[f64; 1]> {
+    picture.colors.iter().map(|c| [f64::from(c[3])]).collect()
+}
+
+/// Depth of a picture in f64.
+pub(crate) fn depth(picture: &Picture) -> Vec<[f64; 1]> {
+    picture.depths.iter().map(|&d| [f64::from(d)]).collect()
+}

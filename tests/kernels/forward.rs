@@ -1,0 +1,129 @@
+//! The whole forward pass: golden files, random scenes against the twin, flattened scenes, determinism.
+
+use instgs_vk::render::{RenderOptions, Renderer};
+use instgs_vk::{reference, scene::InstancedScene};
+
+use crate::common::golden::golden_cases;
+use crate::common::gpu::{alpha, assert_silent, depth, device_options, gpu, render_picture, rgb};
+use crate::common::random_scene::random_case;
+use crate::common::{ImageComparison, single_channel};
+
+/// Colour and alpha of every golden case within 1e-4 on its robust pixels.
+/// Measured on lavapipe: see GOLDEN_MEASURED.
+#[test]
+fn golden_images() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let mut worst = (0.0, String::new());
+    for case in golden_cases() {
+        for view in &case.views {
+            let picture = render_picture(&mut renderer, &case.scene, &view.camera, &device_options(&view.options));
+            for comparison in [
+                ImageComparison::new(&rgb(&picture), &view.color, &view.robust),
+                ImageComparison::new(&alpha(&picture), &view.alpha, &view.robust),
+            ] {
+                if comparison.max_abs_error > worst.0 {
+                    worst = (comparison.max_abs_error, format!("{} {}", case.name, view.camera.name));
+                }
+                comparison.check(1e-4).unwrap_or_else(|e| panic!("{} {}: {e}", case.name, view.camera.name));
+            }
+        }
+    }
+    println!("golden: worst {:.2e} in {}", worst.0, worst.1);
+    assert_silent(&gpu);
+}
+
+/// 200 random instanced scenes against the twin: colour and alpha within 1e-4 on the twin's robust pixels, depth within
+/// 1e-3 of its value.
+#[test]
+fn random_scenes_against_the_twin() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let mut worst = [(0.0, 0); 3];
+    let mut failures = Vec::new();
+    for seed in 0..200 {
+        let case = random_case(seed);
+        let twin = reference::render(&case.scene, &case.camera, &case.options);
+        let picture = render_picture(&mut renderer, &case.scene, &case.camera, &device_options(&case.options));
+        // Depth is a quotient by alpha: compare depth times alpha, relative to the farthest depth in the picture.
+        let far = twin.depth.iter().copied().fold(1.0, f64::max);
+        let weighted = |depth: Vec<[f64; 1]>| -> Vec<[f64; 1]> {
+            depth.iter().zip(&twin.alpha).map(|(d, a)| [d[0] * a / far]).collect()
+        };
+        for (kind, comparison) in [
+            ImageComparison::new(&rgb(&picture), &twin.color, &twin.robust),
+            ImageComparison::new(&alpha(&picture), &single_channel(&twin.alpha), &twin.robust),
+            ImageComparison::new(&weighted(depth(&picture)), &weighted(single_channel(&twin.depth)), &twin.robust),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            if comparison.max_abs_error > worst[kind].0 {
+                worst[kind] = (comparison.max_abs_error, seed);
+            }
+            if let Err(e) = comparison.check(1e-4) {
+                failures.push(format!("seed {seed}, image {kind}: {e}"));
+            }
+        }
+    }
+    println!("random scenes: worst colour, alpha, depth (error, seed): {worst:?}");
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+    assert_silent(&gpu);
+}
+
+/// render(scene) == render(flatten(scene)) within 5e-4 on robust pixels of both.
+#[test]
+fn flattened_scenes_look_the_same() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let mut worst: f64 = 0.0;
+    for seed in 0..60 {
+        let case = random_case(seed);
+        let options = device_options(&case.options);
+        let robust = reference::render(&case.scene, &case.camera, &case.options).robust;
+        let instanced = render_picture(&mut renderer, &case.scene, &case.camera, &options);
+        let flat = InstancedScene::from_cloud(case.scene.flatten());
+        let flattened = render_picture(&mut renderer, &flat, &case.camera, &options);
+        let comparison = ImageComparison::new(&rgb(&instanced), &rgb(&flattened), &robust);
+        worst = worst.max(comparison.max_abs_error);
+        comparison.check(5e-4).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+    }
+    println!("flatten: worst {worst:.2e}");
+    assert_silent(&gpu);
+}
+
+/// The same frame twice, and in a fresh renderer, has the same bytes.
+#[test]
+fn frames_are_byte_identical() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    for seed in [3, 17, 42] {
+        let case = random_case(seed);
+        let options = device_options(&case.options);
+        let first = render_picture(&mut renderer, &case.scene, &case.camera, &options);
+        let second = render_picture(&mut renderer, &case.scene, &case.camera, &options);
+        let fresh = render_picture(&mut Renderer::new(&gpu).unwrap(), &case.scene, &case.camera, &options);
+        assert!(first == second && first == fresh, "seed {seed}");
+    }
+    assert_silent(&gpu);
+}
+
+/// Planted errors are seen at the tolerance of the twin comparison: half a pixel, a tenth of a unit of colour.
+#[test]
+fn the_comparison_fails_on_planted_errors() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let case = random_case(7);
+    let twin = reference::render(&case.scene, &case.camera, &case.options);
+    let error = |renderer: &mut Renderer, camera: &instgs_vk::scene::Camera, options: &RenderOptions| {
+        let picture = render_picture(renderer, &case.scene, camera, options);
+        ImageComparison::new(&rgb(&picture), &twin.color, &twin.robust).check(1e-4)
+    };
+    let options = device_options(&case.options);
+    assert_eq!(error(&mut renderer, &case.camera, &options), Ok(()));
+    let mut shifted = case.camera.clone();
+    shifted.cx += 0.5;
+    assert!(error(&mut renderer, &shifted, &options).is_err());
+    let wrong = RenderOptions { dilation_px2: 0.31, ..options };
+    assert!(error(&mut renderer, &case.camera, &wrong).is_err());
+}

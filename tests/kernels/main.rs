@@ -1,0 +1,13 @@
+//! GPU tests: every kernel against its f64 twin, the whole forward pass against twin and golden files. Run at several
+//! subgroup sizes by tools/test (on lavapipe: LP_NATIVE_VECTOR_WIDTH=128/256/512 for 4/8/16).
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod cull_chunks;
+mod forward;
+mod intersections;
+mod overflow;
+mod poison;
+mod radix_sort;
+mod scan;

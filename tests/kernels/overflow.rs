@@ -1,0 +1,85 @@
+//! Buffers that are too small change nothing but the time.
+
+use instgs_vk::render::plan::Capacities;
+use instgs_vk::render::{RenderOptions, Renderer};
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
+
+use crate::common::gpu::{assert_silent, device_options, gpu, render_picture};
+use crate::common::random_scene::random_case;
+
+/// With the intersection buffer limited to a tenth of the need the picture has the same bytes: the blend state between
+/// slabs is kept in fp32.
+#[test]
+fn a_tenth_of_the_intersection_buffer_gives_the_same_bytes() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let mut most_slabs = 0;
+    for seed in 0..30 {
+        let case = random_case(seed);
+        let options = device_options(&case.options);
+        let scene = renderer.upload(&case.scene).unwrap();
+        let free = renderer.render(&scene, &case.camera, &options).unwrap();
+        let want = renderer.download().unwrap();
+        let limited = RenderOptions { max_intersections: Some((free.intersections / 10) as u32), ..options };
+        let stats = renderer.render(&scene, &case.camera, &limited).unwrap();
+        let got = renderer.download().unwrap();
+        assert_eq!(stats.intersections, free.intersections, "seed {seed}: every pair is blended once");
+        assert!(got == want, "seed {seed}: {} slabs", stats.slabs);
+        most_slabs = most_slabs.max(stats.slabs);
+    }
+    assert!(most_slabs >= 5, "the limit forces slabs, at most {most_slabs} were seen");
+    assert_silent(&gpu);
+}
+
+/// Starting from one candidate, one work item and one intersection, frames are redone until they fit.
+#[test]
+fn tiny_buffers_grow() {
+    let Some(gpu) = gpu() else { return };
+    let case = random_case(8);
+    let options = device_options(&case.options);
+    let want = render_picture(&mut Renderer::new(&gpu).unwrap(), &case.scene, &case.camera, &options);
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    renderer.set_capacities(Capacities { candidates: 1, work_items: 1, intersections: 1 });
+    let scene = renderer.upload(&case.scene).unwrap();
+    let stats = renderer.render(&scene, &case.camera, &options).unwrap();
+    assert!(stats.redone >= 2, "redone {} times", stats.redone);
+    assert!(renderer.download().unwrap() == want);
+    let again = renderer.render(&scene, &case.camera, &options).unwrap();
+    assert_eq!((again.redone, again.slabs), (0, 1), "the second frame fits");
+    assert_silent(&gpu);
+}
+
+/// 600,000 splats on one tile: more than a tile's list may hold on a driver with a loop limit.
+#[test]
+fn a_deep_pile_is_blended_to_the_end() {
+    let Some(gpu) = gpu() else { return };
+    const DEEP: usize = 600_000;
+    // Faint splats that never reach the last one's corner: that pixel's T stays 1 until the last, opaque splat.
+    let mut cloud = Gaussians::with_capacity(0, DEEP + 1);
+    for i in 0..=DEEP {
+        let last = i == DEEP;
+        cloud.means.push([if last { 0.35 } else { -0.35 }, 0.0, 1.0 + i as f32 * 1e-6]);
+        cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+        cloud.log_scales.push([0.02f32.ln(); 3]);
+        cloud.opacity_logits.push(if last { 4.0 } else { -5.4 });
+        cloud.sh.push([if last { 1.0 } else { -1.0 }; 3]);
+    }
+    let camera = Camera {
+        name: "deep".into(),
+        width: 8,
+        height: 8,
+        fx: 8.0,
+        fy: 8.0,
+        cx: 4.0,
+        cy: 4.0,
+        view_from_world: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
+    };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let scene = renderer.upload(&InstancedScene::from_cloud(cloud)).unwrap();
+    let stats = renderer.render(&scene, &camera, &RenderOptions::default()).unwrap();
+    // The last splat's centre is at x = 4 + 8 * 0.35 / 1.6 = 5.75, y = 4.
+    let right = renderer.download().unwrap().colors[3 * 8 + 5];
+    assert!(right[3] > 0.3, "the last splat of {DEEP} is there: {right:?}");
+    assert!(gpu.caps().loop_iteration_limit.is_none() || stats.slabs > 1, "{} slabs", stats.slabs);
+    assert_silent(&gpu);
+}
