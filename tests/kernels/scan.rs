@@ -85,8 +85,7 @@ fn gathered_scans_begin_where_told() {
     rng.shuffle(&mut indices);
     for begin in [0, 1, 2047, 2048, 4999, 5000] {
         let (offsets, total, ..) = device_scan(&gpu, &pipelines, &values, Some(&indices), begin, u32::MAX);
-        let counted =
-            indices.iter().enumerate().map(|(i, &v)| if i < begin as usize { 0 } else { values[v as usize] });
+        let counted = indices.iter().enumerate().map(|(i, &v)| if i < begin as usize { 0 } else { values[v as usize] });
         let (want, want_total) = exclusive_scan(&counted.collect::<Vec<_>>());
         assert!(total == want_total && offsets == want, "begin {begin}");
     }
