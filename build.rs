@@ -8,7 +8,9 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-use shaderc::{CompileOptions, Compiler, EnvVersion, OptimizationLevel, ResolvedInclude, ShaderKind, TargetEnv};
+use shaderc::{
+    CompileOptions, Compiler, EnvVersion, OptimizationLevel, ResolvedInclude, ShaderKind, SpirvVersion, TargetEnv,
+};
 use spirq::ty::{AccessType, DescriptorType, ScalarType, StructType, Type};
 use spirq::var::Variable;
 
@@ -85,6 +87,9 @@ impl ShaderSource {
     fn compile(&self, compiler: &Compiler, level: OptimizationLevel) -> Vec<u8> {
         let mut options = CompileOptions::new().expect("shaderc gives options");
         options.set_target_env(TargetEnv::Vulkan, EnvVersion::Vulkan1_3 as u32);
+        // From 1.4 on, entry points list storage buffers, at which spirv-reflect 0.2.3 (a second opinion in
+        // tests/interface.rs) aborts; nothing here needs a later version.
+        options.set_target_spirv(SpirvVersion::V1_3);
         options.set_optimization_level(level);
         options.set_warnings_as_errors();
         if level == OptimizationLevel::Zero {

@@ -11,8 +11,8 @@ layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };         
 layout(scalar, binding = 1) readonly buffer TileSlots { uint slot_from_isect[]; };    // slots, sorted by tile then depth
 layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };      // first and end intersection per tile
 layout(scalar, binding = 3) readonly buffer Counters { uint counters[]; };            // COUNTER_*
-layout(scalar, binding = 4) buffer Colors { vec4 colors[]; };                         // rgb and alpha; between slabs rgb without background and T
-layout(scalar, binding = 5) buffer Depths { float depths[]; };                        // expected view depth; between slabs its weighted sum
+layout(scalar, binding = 4) buffer Colors { vec4 colors[]; };                         // rgb over the background, and alpha; between slabs rgb alone
+layout(scalar, binding = 5) buffer Depths { vec2 depths[]; };                         // expected view depth (between slabs its weighted sum), live T
 layout(scalar, push_constant) uniform TileBlendParams {
     vec3 background;  // colour behind everything
     uvec2 size_px;    // image width and height
@@ -32,9 +32,9 @@ const float T_STOP = 1e-4;
 
 struct Pixel {
     vec3 color;  // sum of w c
-    float t;     // transmittance
+    float alpha; // sum of w = 1 - T
     float depth; // sum of w z
-    float live;  // 1 until the stop rule fires
+    float t;     // transmittance while the pixel is live, 0 once the stop rule has fired
 };
 
 void main() {
@@ -53,12 +53,11 @@ void main() {
 
     Pixel pixels[PIXELS_PER_LANE];
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-        pixels[p] = Pixel(vec3(0.0), 1.0, 0.0, 1.0);
+        pixels[p] = Pixel(vec3(0.0), 0.0, 0.0, 1.0);
         uvec2 at = corner + uvec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
         if (!first_slab && all(lessThan(at, size_px))) {
-            vec4 state = colors[at.y * size_px.x + at.x];
-            // The stop rule fired in an earlier slab if T carries the sign bit.
-            pixels[p] = Pixel(state.rgb, abs(state.a), depths[at.y * size_px.x + at.x], state.a < 0.0 ? 0.0 : 1.0);
+            uint i = at.y * size_px.x + at.x;
+            pixels[p] = Pixel(colors[i].rgb, colors[i].a, depths[i].x, depths[i].y);
         }
     }
 
@@ -66,46 +65,49 @@ void main() {
     for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
         uint i = min(base + lane, range.y - 1);
         Splat mine = splats[slot_from_isect[i]];
+        // Conic times -log2(e) / 2: alpha = opacity exp2(q).
+        mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
+        mine.b.x *= -0.5 * LOG2_E;
         // Past the end of the list: opacity 0 blends nothing.
-        if (base + lane >= range.y) mine.b.y = 0.0;
+        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        // Unrolled: constant shuffles, and the loop's masks are applied once per SUBGROUP_SIZE splats.
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
-            // Conic times -log2(e) / 2: alpha = opacity exp2(q).
-            float xx = subgroupShuffle(mine.a.z, j) * (-0.5 * LOG2_E);
-            float xy = subgroupShuffle(mine.a.w, j) * -LOG2_E;
-            float yy = subgroupShuffle(mine.b.x, j) * (-0.5 * LOG2_E);
             float opacity = subgroupShuffle(mine.b.y, j);
             vec3 color = vec3(subgroupShuffle(mine.b.z, j), subgroupShuffle(mine.b.w, j), subgroupShuffle(mine.c.x, j));
             float depth = subgroupShuffle(mine.c.y, j);
+            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
             [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
                 vec2 d = delta + vec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
-                float q = xx * d.x * d.x + yy * d.y * d.y + xy * d.x * d.y;
+                float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
                 float alpha = min(ALPHA_MAX, opacity * exp2(q));
-                bool hit = q <= 0.0 && alpha >= ALPHA_MIN && pixels[p].live > 0.0;
+                bool hit = alpha >= ALPHA_MIN && q <= 0.0;
                 float t_next = pixels[p].t * (1.0 - alpha);
                 bool blended = hit && t_next >= T_STOP;
                 float weight = blended ? alpha * pixels[p].t : 0.0;
-                pixels[p].live = hit && !blended ? 0.0 : pixels[p].live;
-                pixels[p].t = blended ? t_next : pixels[p].t;
+                // A hit that would bring T below the limit ends the pixel and is not blended.
+                pixels[p].t = hit ? (blended ? t_next : 0.0) : pixels[p].t;
                 pixels[p].color += weight * color;
+                pixels[p].alpha += weight;
                 pixels[p].depth += weight * depth;
             }
         }
         float live = 0.0;
-        [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live += pixels[p].live;
+        [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live = max(live, pixels[p].t);
         if (!subgroupAny(live > 0.0)) break;
     }
 
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         uvec2 at = corner + uvec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
         Pixel pixel = pixels[p];
-        float alpha = 1.0 - pixel.t;
-        vec4 state = vec4(pixel.color, pixel.live > 0.0 ? pixel.t : -pixel.t);
-        vec4 done = vec4(pixel.color + pixel.t * background, alpha);
-        float depth = last_slab ? (alpha > 0.0 ? pixel.depth / alpha : 0.0) : pixel.depth;
+        if (last_slab) {
+            pixel.color += (1.0 - pixel.alpha) * background;
+            pixel.depth = pixel.alpha > 0.0 ? pixel.depth / pixel.alpha : 0.0;
+        }
         if (all(lessThan(at, size_px))) {
-            colors[at.y * size_px.x + at.x] = last_slab ? done : state;
-            depths[at.y * size_px.x + at.x] = depth;
+            uint i = at.y * size_px.x + at.x;
+            colors[i] = vec4(pixel.color, pixel.alpha);
+            depths[i] = vec2(pixel.depth, pixel.t);
         }
     }
 }

@@ -29,13 +29,17 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         Self::with_location(gpu, name, len, MemoryLocation::GpuOnly)
     }
 
-    /// A host-visible buffer for uploads (`CpuToGpu`) or downloads (`GpuToCpu`).
-    pub(crate) fn with_location(
-        gpu: &Arc<Gpu>,
-        name: &str,
-        len: usize,
-        location: MemoryLocation,
-    ) -> Result<Self, GpuError> {
+    /// A host-visible buffer that the host writes and the device reads.
+    pub fn for_upload(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
+        Self::with_location(gpu, name, len, MemoryLocation::CpuToGpu)
+    }
+
+    /// A host-visible buffer that the device writes and the host reads.
+    pub fn for_readback(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
+        Self::with_location(gpu, name, len, MemoryLocation::GpuToCpu)
+    }
+
+    fn with_location(gpu: &Arc<Gpu>, name: &str, len: usize, location: MemoryLocation) -> Result<Self, GpuError> {
         let len = len.max(1);
         let bytes = len as u64 * size_of::<T>() as u64;
         let limit = gpu.caps().max_storage_bytes;

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use ash::vk;
-use gpu_allocator::MemoryLocation;
 
 use super::barrier::{Access, Barrier, HazardTracker};
 use super::buffer::Buffer;
@@ -75,7 +74,7 @@ impl Recorder {
             descriptor_cursor: (0, 0),
             hazards: HazardTracker::default(),
             profiler: None,
-            markers: Buffer::with_location(gpu, "crash markers", MAX_MARKERS, MemoryLocation::GpuToCpu)?,
+            markers: Buffer::for_readback(gpu, "crash markers", MAX_MARKERS)?,
             marked: Vec::new(),
             recording: false,
         };

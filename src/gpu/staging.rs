@@ -2,8 +2,6 @@
 
 use std::sync::Arc;
 
-use gpu_allocator::MemoryLocation;
-
 use super::buffer::Buffer;
 use super::context::Gpu;
 use super::error::GpuError;
@@ -25,7 +23,7 @@ pub fn write<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, buffer: &mut Buffer<T>, data
     if data.is_empty() {
         return Ok(());
     }
-    let mut staging = Buffer::<T>::with_location(gpu, "staging", data.len(), MemoryLocation::CpuToGpu)?;
+    let mut staging = Buffer::<T>::for_upload(gpu, "staging", data.len())?;
     let bytes: &[u8] = bytemuck::cast_slice(data);
     let mapped = staging.mapped_mut().ok_or_else(|| not_mapped("staging"))?;
     mapped.copy_from_slice(bytes);
@@ -45,7 +43,7 @@ pub fn download<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     if len == 0 {
         return Ok(Vec::new());
     }
-    let mut readback = Buffer::<T>::with_location(gpu, "readback", len, MemoryLocation::GpuToCpu)?;
+    let mut readback = Buffer::<T>::for_readback(gpu, "readback", len)?;
     let mut recorder = Recorder::new(gpu)?;
     let bytes = readback.bytes();
     recorder.copy(buffer, &mut readback, bytes)?;

@@ -18,5 +18,5 @@ pub mod tile_blend;
 pub mod tile_ranges;
 pub mod variant;
 
-pub use pipelines::Pipelines;
+pub use pipelines::{Pipelines, Primitives};
 pub use variant::Variant;

@@ -1,4 +1,4 @@
-//! All compiled kernels of the forward pass.
+//! The compiled kernels of the forward pass. Scan and sort do not depend on the scene and are compiled once per variant.
 
 use std::sync::Arc;
 
@@ -17,8 +17,6 @@ pub struct Pipelines {
     pub emit_work_items: Pipeline<emit_work_items::EmitWorkItems>,
     pub preprocess_instance_expand: Pipeline<preprocess_instance_expand::PreprocessInstanceExpand>,
     pub compact_visible: Pipeline<compact_visible::CompactVisible>,
-    pub scan: ScanPipelines,
-    pub sort: SortPipelines,
     pub plan_slab: Pipeline<plan_slab::PlanSlab>,
     pub emit_intersections: Pipeline<emit_intersections::EmitIntersections>,
     pub tile_ranges: Pipeline<tile_ranges::TileRanges>,
@@ -40,6 +38,21 @@ pub struct ScanPipelines {
 pub struct SortPipelines {
     pub count: Pipeline<radix_sort_count::RadixSortCount>,
     pub scatter: Pipeline<radix_sort_scatter::RadixSortScatter>,
+}
+
+/// Scan and sort of one variant.
+pub struct Primitives {
+    /// The exclusive scan.
+    pub scan: ScanPipelines,
+    /// The stable radix sort.
+    pub sort: SortPipelines,
+}
+
+impl Primitives {
+    /// Compiles both for a variant.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
+        Ok(Self { scan: ScanPipelines::new(gpu, cache, variant)?, sort: SortPipelines::new(gpu, cache, variant)? })
+    }
 }
 
 /// Compiles kernels of one variant.
@@ -97,8 +110,6 @@ impl Pipelines {
             emit_work_items: compiler.compile(size, &[])?,
             preprocess_instance_expand: compiler.compile(size, &[tile, ("SH_DEGREE", sh_degree)])?,
             compact_visible: compiler.compile(size, &[])?,
-            scan: ScanPipelines::new(gpu, cache, &variant)?,
-            sort: SortPipelines::new(gpu, cache, &variant)?,
             plan_slab: compiler.compile(size, &[])?,
             emit_intersections: compiler.compile(size, &[tile])?,
             tile_ranges: compiler.compile(size, &[])?,

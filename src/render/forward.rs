@@ -17,6 +17,8 @@ pub struct ForwardInputs<'a> {
     pub scene: &'a DeviceScene,
     /// Compiled kernels.
     pub pipelines: &'a Pipelines,
+    /// Compiled scan and sort.
+    pub primitives: &'a Primitives,
     /// The camera as the kernels see it.
     pub view: types::View,
     /// Colour behind everything.
@@ -53,10 +55,9 @@ pub fn record_visibility(
 ) -> Result<(), GpuError> {
     record_culling(recorder, inputs, frame)?;
     record_expansion(recorder, inputs, frame)?;
-    let p = inputs.pipelines;
     let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes: radix_passes(u32::MAX) };
     let histogram = (&mut frame.histogram, &mut frame.digit_offsets);
-    record_sort(recorder, (&p.scan, &p.sort), &mut frame.scratch, histogram, sort, &mut frame.depth_sort)
+    record_sort(recorder, inputs.primitives, &mut frame.scratch, histogram, sort, &mut frame.depth_sort)
 }
 
 /// Two levels of culling, each followed by an ordered compaction.
@@ -80,7 +81,15 @@ fn record_culling(
     scan.family = FAMILY_CANDIDATES;
     let blocks = Blocks::Direct(Grid::threads(instance_count, BLOCK_SIZE));
     let input = (&frame.instance_chunks, None);
-    record_scan(recorder, &p.scan, &mut frame.scratch, blocks, scan, input, &mut frame.candidate_offsets)?;
+    record_scan(
+        recorder,
+        &inputs.primitives.scan,
+        &mut frame.scratch,
+        blocks,
+        scan,
+        input,
+        &mut frame.candidate_offsets,
+    )?;
 
     let bindings = cull_chunks::Bindings {
         instances: &scene.instances,
@@ -105,7 +114,7 @@ fn record_culling(
     scan.family = FAMILY_WORK_ITEMS;
     let blocks = Blocks::Indirect(args_u32(FAMILY_CANDIDATES, ARGS_BLOCKS));
     let input = (&frame.candidate_visible, None);
-    record_scan(recorder, &p.scan, &mut frame.scratch, blocks, scan, input, &mut frame.work_offsets)?;
+    record_scan(recorder, &inputs.primitives.scan, &mut frame.scratch, blocks, scan, input, &mut frame.work_offsets)?;
 
     let bindings = emit_work_items::Bindings {
         candidates: &frame.candidates,
@@ -156,7 +165,15 @@ fn record_expansion(
     scan.family = FAMILY_VISIBLE;
     let blocks = Blocks::Indirect(args_u32(FAMILY_WORK_ITEMS, ARGS_BLOCKS));
     let input = (&frame.survivor_counts, None);
-    record_scan(recorder, &p.scan, &mut frame.scratch, blocks, scan, input, &mut frame.survivor_offsets)?;
+    record_scan(
+        recorder,
+        &inputs.primitives.scan,
+        &mut frame.scratch,
+        blocks,
+        scan,
+        input,
+        &mut frame.survivor_offsets,
+    )?;
 
     let bindings = compact_visible::Bindings {
         splats: &frame.splats,
@@ -182,7 +199,7 @@ pub fn record_slab(
     scan.needed_slot = COUNTER_INTERSECTIONS;
     let blocks = Blocks::Indirect(args_u32(FAMILY_VISIBLE, ARGS_BLOCKS));
     let input = (&frame.tile_counts, Some(&frame.depth_sort.values));
-    record_scan(recorder, &p.scan, &mut frame.scratch, blocks, scan, input, &mut frame.isect_offsets)?;
+    record_scan(recorder, &inputs.primitives.scan, &mut frame.scratch, blocks, scan, input, &mut frame.isect_offsets)?;
 
     let scratch = &mut frame.scratch;
     let bindings = plan_slab::Bindings {
@@ -209,7 +226,7 @@ pub fn record_slab(
     let sort =
         Sort { count_slot: COUNTER_SLAB_INTERSECTIONS, family: FAMILY_INTERSECTIONS, passes: plan.tile_sort_passes() };
     let histogram = (&mut frame.histogram, &mut frame.digit_offsets);
-    record_sort(recorder, (&p.scan, &p.sort), &mut frame.scratch, histogram, sort, &mut frame.tile_sort)?;
+    record_sort(recorder, inputs.primitives, &mut frame.scratch, histogram, sort, &mut frame.tile_sort)?;
 
     recorder.fill(&mut frame.tile_ranges, 0)?;
     let bindings = tile_ranges::Bindings {

@@ -2,8 +2,6 @@
 
 use std::sync::Arc;
 
-use gpu_allocator::MemoryLocation;
-
 use crate::gpu::interface::constants::{ARGS_PER_COUNT, COUNTER_COUNT, FAMILY_COUNT};
 use crate::gpu::interface::types;
 use crate::gpu::{Buffer, Gpu, GpuError};
@@ -52,8 +50,8 @@ pub struct FrameBuffers {
     pub tile_ranges: Buffer<[u32; 2]>,
     /// rgb over the background, and alpha.
     pub colors: Buffer<[f32; 4]>,
-    /// Expected view depth.
-    pub depths: Buffer<f32>,
+    /// Expected view depth, and the transmittance of pixels that are still live.
+    pub depths: Buffer<[f32; 2]>,
     /// Scratch of scans and counters, shared by all passes.
     pub scratch: ScanScratch,
     /// Digit counts of the radix sorts.
@@ -75,8 +73,8 @@ impl FrameBuffers {
         let counters = COUNTER_COUNT as usize;
         Ok(Self {
             plan,
-            counters_start: Buffer::with_location(gpu, "counters start", counters, MemoryLocation::CpuToGpu)?,
-            counters_end: Buffer::with_location(gpu, "counters end", counters, MemoryLocation::GpuToCpu)?,
+            counters_start: Buffer::for_upload(gpu, "counters start", counters)?,
+            counters_end: Buffer::for_readback(gpu, "counters end", counters)?,
             instance_chunks: Buffer::new(gpu, "instance_chunks", instances)?,
             candidate_offsets: Buffer::new(gpu, "candidate_offsets", instances)?,
             candidates: Buffer::new(gpu, "candidates", candidates)?,

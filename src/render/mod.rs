@@ -12,6 +12,7 @@ pub mod picture;
 pub mod plan;
 pub mod renderer;
 pub mod scan;
+pub mod self_test;
 
 pub mod sort;
 

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
 use crate::gpu::staging::download;
-use crate::gpu::{Gpu, PipelineCache, Recorder};
-use crate::kernels::{Pipelines, Variant};
+use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder};
+use crate::kernels::{Pipelines, Primitives, Variant};
 use crate::scene::Camera;
 
 use super::device_scene::DeviceScene;
@@ -17,6 +17,7 @@ use super::forward::{
 use super::frame_buffers::FrameBuffers;
 use super::picture::Picture;
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
+use super::self_test::self_test;
 
 /// What the camera does not say about a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,6 +61,7 @@ pub struct Renderer {
     gpu: Arc<Gpu>,
     cache: PipelineCache,
     variant: Variant,
+    primitives: Primitives,
     pipelines: Option<Pipelines>,
     frame: Option<FrameBuffers>,
     capacities: Capacities,
@@ -67,17 +69,33 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// A renderer with the variant picked for the device.
+    /// A renderer with the variant picked for the device: the first subgroup size, the preferred one first, whose scan
+    /// and sort pass the self-test. Drivers exist that miscompile some sizes.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
-        Self::with_variant(gpu, Variant::for_device(gpu.caps()), false)
+        let preferred = Variant::for_device(gpu.caps());
+        let mut sizes = gpu.caps().subgroup_sizes();
+        sizes.retain(|&size| size != preferred.subgroup_size);
+        let mut result = Self::with_variant(gpu, preferred, false);
+        for size in sizes {
+            let Err(RenderError::Gpu(GpuError::SelfTest { .. })) = &result else { break };
+            result = Self::with_variant(gpu, Variant::for_subgroup_size(gpu.caps(), size), false);
+        }
+        result
     }
 
     /// A renderer for a chosen variant; `profile` times every pass.
+    ///
+    /// # Errors
+    /// The variant fails the self-test on this device.
     pub fn with_variant(gpu: &Arc<Gpu>, variant: Variant, profile: bool) -> Result<Self, RenderError> {
+        let cache = PipelineCache::new(gpu, None)?;
+        let primitives = Primitives::new(gpu, &cache, &variant)?;
+        self_test(gpu, &primitives, &variant)?;
         Ok(Self {
             gpu: gpu.clone(),
-            cache: PipelineCache::new(gpu, None)?,
+            cache,
             variant,
+            primitives,
             pipelines: None,
             frame: None,
             capacities: INITIAL,
@@ -136,7 +154,7 @@ impl Renderer {
             width: frame.plan.size_px[0],
             height: frame.plan.size_px[1],
             colors: download(&self.gpu, &frame.colors, pixels)?,
-            depths: download(&self.gpu, &frame.depths, pixels)?,
+            depths: download(&self.gpu, &frame.depths, pixels)?.into_iter().map(|d| d[0]).collect(),
         })
     }
 
@@ -178,7 +196,7 @@ impl Renderer {
     }
 
     fn inputs<'a>(
-        pipelines: &'a Pipelines,
+        (pipelines, primitives): (&'a Pipelines, &'a Primitives),
         gpu: &Gpu,
         scene: &'a DeviceScene,
         view: types::View,
@@ -188,7 +206,7 @@ impl Renderer {
         // in 16 iterations is left to the other loops of the kernel.
         let subgroup = pipelines.variant.subgroup_size;
         let max_slab_splats = gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| (most - most / 16) * subgroup);
-        ForwardInputs { scene, pipelines, view, background: options.background, max_slab_splats }
+        ForwardInputs { scene, pipelines, primitives, view, background: options.background, max_slab_splats }
     }
 
     /// Everything up to and including the first slab.
@@ -199,7 +217,7 @@ impl Renderer {
         options: &RenderOptions,
     ) -> Result<[u32; COUNTER_COUNT as usize], RenderError> {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
-        let inputs = Self::inputs(pipelines, &self.gpu, scene, view, options);
+        let inputs = Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options);
         let mut counters = [0; COUNTER_COUNT as usize];
         counters[COUNTER_INSTANCES as usize] = scene.instance_count;
         write_counters(&mut frame.counters_start, &counters);
@@ -252,7 +270,7 @@ impl Renderer {
         while counters[COUNTER_SLAB_END as usize] < counters[COUNTER_VISIBLE as usize] {
             counters[COUNTER_SLAB_BEGIN as usize] = counters[COUNTER_SLAB_END as usize];
             let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
-            let inputs = Self::inputs(pipelines, &self.gpu, scene, view, options);
+            let inputs = Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options);
             write_counters(&mut frame.counters_start, &counters);
             record_begin(&mut self.recorder, frame)?;
             record_slab(&mut self.recorder, &inputs, frame)?;

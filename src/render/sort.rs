@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::gpu::interface::constants::{ARGS_BLOCKS, ARGS_HISTOGRAM, ARGS_PER_COUNT, RADIX_BITS};
 use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
-use crate::kernels::pipelines::{ScanPipelines, SortPipelines};
+use crate::kernels::pipelines::Primitives;
 use crate::kernels::{radix_sort_count, radix_sort_scatter};
 
 use super::scan::{Blocks, ScanScratch, plain, record_scan};
@@ -45,7 +45,7 @@ pub struct Sort {
 /// Records the sort; `buffers.keys` and `.values` hold the result, whichever half that is.
 pub fn record_sort(
     recorder: &mut Recorder,
-    (scan_pipelines, pipelines): (&ScanPipelines, &SortPipelines),
+    primitives: &Primitives,
     scratch: &mut ScanScratch,
     (histogram, digit_offsets): (&mut Buffer<u32>, &mut Buffer<u32>),
     sort: Sort,
@@ -56,11 +56,11 @@ pub fn record_sort(
         let shift = pass * RADIX_BITS;
         let count = radix_sort_count::Bindings { keys: &buffers.keys, counters: &scratch.counters, histogram };
         let params = radix_sort_count::Params { count_slot: sort.count_slot, shift };
-        recorder.dispatch_indirect(&pipelines.count, (&scratch.args, args(ARGS_BLOCKS)), &params, count)?;
+        recorder.dispatch_indirect(&primitives.sort.count, (&scratch.args, args(ARGS_BLOCKS)), &params, count)?;
         let mut scan = plain(sort.count_slot);
         scan.histogram = 1;
         let blocks = Blocks::Indirect(args(ARGS_HISTOGRAM) as u32);
-        record_scan(recorder, scan_pipelines, scratch, blocks, scan, (histogram, None), digit_offsets)?;
+        record_scan(recorder, &primitives.scan, scratch, blocks, scan, (histogram, None), digit_offsets)?;
         let scatter = radix_sort_scatter::Bindings {
             keys_in: &buffers.keys,
             values_in: &buffers.values,
@@ -70,7 +70,7 @@ pub fn record_sort(
             values_out: &mut buffers.other_values,
         };
         let params = radix_sort_scatter::Params { count_slot: sort.count_slot, shift };
-        recorder.dispatch_indirect(&pipelines.scatter, (&scratch.args, args(ARGS_BLOCKS)), &params, scatter)?;
+        recorder.dispatch_indirect(&primitives.sort.scatter, (&scratch.args, args(ARGS_BLOCKS)), &params, scatter)?;
         std::mem::swap(&mut buffers.keys, &mut buffers.other_keys);
         std::mem::swap(&mut buffers.values, &mut buffers.other_values);
     }

@@ -8,6 +8,7 @@ mod cull_chunks;
 mod forward;
 mod intersections;
 mod overflow;
+mod plan_slab;
 mod poison;
 mod radix_sort;
 mod scan;

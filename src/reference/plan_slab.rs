@@ -1,0 +1,15 @@
+//! Twin of `plan_slab`: which splats the next depth slab takes.
+
+/// Given the tile counts of all splats in depth order and where the slab begins, returns where it ends and how many
+/// intersections it has: the longest run whose counts sum to at most `capacity`, of at most `max_splats` splats.
+pub fn plan_slab(tile_counts: &[u32], begin: usize, capacity: u32, max_splats: usize) -> (usize, u32) {
+    let (mut end, mut sum) = (begin, 0u64);
+    while end < tile_counts.len() && end - begin < max_splats {
+        let next = sum + u64::from(tile_counts[end]);
+        if next > u64::from(capacity) {
+            break;
+        }
+        (end, sum) = (end + 1, next);
+    }
+    (end, sum as u32)
+}

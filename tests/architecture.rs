@@ -1,0 +1,130 @@
+//! Rules that the compiler does not check: four files per kernel, layers that only look down, words that are banned.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// All files below `folder` with the extension.
+fn files(folder: &str, extension: &str) -> Vec<PathBuf> {
+    let mut out = Vec::new();
+    let mut open = vec![root().join(folder)];
+    while let Some(path) = open.pop() {
+        for entry in std::fs::read_dir(&path).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else if path.extension().is_some_and(|e| e == extension) {
+                out.push(path);
+            }
+        }
+    }
+    out.sort();
+    out
+}
+
+fn read(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap()
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().unwrap().to_string_lossy().into_owned()
+}
+
+/// Kernels that are steps of one algorithm share its twin and its test.
+fn family(kernel: &str) -> &str {
+    match kernel {
+        "scan_reduce" | "scan_spine" | "scan_downsweep" => "scan",
+        "radix_sort_count" | "radix_sort_scatter" => "radix_sort",
+        "cull_instances" => "cull_chunks",
+        "emit_work_items" | "compact_visible" => "compact",
+        other => other,
+    }
+}
+
+/// Where a family is tested if not in a file of its own.
+fn test_of(family: &str) -> &str {
+    match family {
+        "emit_intersections" | "tile_ranges" => "intersections",
+        "preprocess_instance_expand" | "tile_blend" => "forward",
+        "compact" => "cull_chunks",
+        other => other,
+    }
+}
+
+#[test]
+fn every_kernel_has_its_wrapper_twin_and_test() {
+    let kernels = files("glsl", "comp");
+    assert!(kernels.len() >= 14, "{} kernels", kernels.len());
+    for path in kernels {
+        let kernel = stem(&path);
+        let family = family(&kernel);
+        for needed in [
+            format!("src/kernels/{kernel}.rs"),
+            format!("src/reference/{family}.rs"),
+            format!("tests/kernels/{}.rs", test_of(family)),
+        ] {
+            assert!(root().join(&needed).exists(), "{kernel} needs {needed}");
+        }
+    }
+}
+
+/// Layer of each module; a module may use its own layer's siblings only where listed, and any lower layer.
+const LAYERS: [(&str, u32); 10] = [
+    ("math", 0),
+    ("gpu", 1),
+    ("scene", 1),
+    ("reference", 2),
+    ("io", 2),
+    ("kernels", 2),
+    ("render", 3),
+    ("synth", 5),
+    ("bench", 6),
+    ("cli", 7),
+];
+
+#[test]
+fn modules_use_only_layers_below_them() {
+    let layer = |module: &str| LAYERS.iter().find(|(name, _)| *name == module).map(|(_, layer)| *layer);
+    let mut seen = BTreeSet::new();
+    for path in files("src", "rs") {
+        let relative = path.strip_prefix(root().join("src")).unwrap();
+        let module = relative.iter().next().unwrap().to_string_lossy().into_owned();
+        let Some(own) = layer(&module) else { continue };
+        seen.insert(module.clone());
+        for line in read(&path).lines() {
+            for used in line.split("crate::").skip(1) {
+                let used: String = used.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+                let Some(other) = layer(&used) else { continue };
+                let allowed = used == module || other < own;
+                assert!(allowed, "{}: {module} (layer {own}) uses {used} (layer {other})", relative.display());
+            }
+        }
+    }
+    assert!(seen.contains("gpu") && seen.contains("render"), "{seen:?}");
+}
+
+#[test]
+fn only_gpu_speaks_vulkan() {
+    for path in files("src", "rs") {
+        let relative = path.strip_prefix(root().join("src")).unwrap().to_string_lossy().into_owned();
+        if !relative.starts_with("gpu") {
+            let text = read(&path);
+            assert!(!text.contains("ash::") && !text.contains("gpu_allocator"), "{relative}");
+        }
+    }
+}
+
+#[test]
+fn banned_words() {
+    // Put together here so that this file does not hold them.
+    let banned = [["keep in", "sync"].join(" "), ["kept in", "sync"].join(" "), ["FIX", "ME"].concat()];
+    for path in [files("src", "rs"), files("tests", "rs"), files("glsl", "comp"), files("glsl", "glsl")].concat() {
+        let text = read(&path);
+        for word in &banned {
+            assert!(!text.contains(word.as_str()), "{}: {word}", path.display());
+        }
+    }
+}
