@@ -1,4 +1,4 @@
-//! The template: a racing car of about ten thousand flat Gaussians. Frame: x forward, y left, z up, origin on the
+//! The template: a racing car of about eleven thousand flat Gaussians. Frame: x forward, y left, z up, origin on the
 //! ground below the middle; metres.
 
 use std::f64::consts::{PI, TAU};
@@ -63,16 +63,8 @@ const WIDTH: [(f64, f64); 9] = [
     (2.10, 0.85),
     (2.30, 0.60),
 ];
-const TOP: [(f64, f64); 8] = [
-    (-2.28, 0.80),
-    (-1.90, 0.88),
-    (-1.20, 0.86),
-    (0.00, 0.80),
-    (0.90, 0.76),
-    (1.60, 0.64),
-    (2.10, 0.47),
-    (2.30, 0.36),
-];
+const TOP: [(f64, f64); 8] =
+    [(-2.28, 0.80), (-1.90, 0.88), (-1.20, 0.86), (0.00, 0.80), (0.90, 0.76), (1.60, 0.64), (2.10, 0.47), (2.30, 0.36)];
 const BOTTOM: [(f64, f64); 6] = [(-2.28, 0.40), (-2.05, 0.25), (-1.50, 0.15), (1.70, 0.13), (2.10, 0.15), (2.30, 0.22)];
 const ROOF: [(f64, f64); 8] = [
     (-1.75, 0.84),
@@ -129,7 +121,7 @@ fn add_body(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
         let angle = PI * (-0.24 + 1.48 * u);
         body_point(rear + (front - rear) * v, angle, 1.0)
     });
-    add(out, skin, |s| (!in_wheel_arch(s.position) && !under_cabin(s.position)).then(|| skin_part(s)));
+    add(out, skin, |s| (!in_wheel_arch(s) && !under_cabin(s.position)).then(|| skin_part(s)));
     let nose = sample(rng, DETAIL_SPACING, |u, v| body_point(front, TAU * u, 1.0 - v));
     add(out, nose, |s| Some(if s.position.z < 0.31 { Part::Carbon } else { Part::Paint }));
     let tail = sample(rng, DETAIL_SPACING, |u, v| body_point(rear, TAU * u, v));
@@ -150,10 +142,11 @@ fn add_body(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
 
 fn skin_part(s: &Surfel) -> Part {
     let p = s.position;
-    let near_arch = (DVec2::new(p.x.abs() - AXLE_X, p.z - WHEEL_RADIUS).length() < ARCH_RADIUS + 0.035)
-        && s.normal.y.abs() > 0.5;
+    let near_arch =
+        (DVec2::new(p.x.abs() - AXLE_X, p.z - WHEEL_RADIUS).length() < ARCH_RADIUS + 0.035) && s.normal.y.abs() > 0.5;
     let intake = p.x > 2.02 && p.z < 0.30;
-    let lamp = DVec2::new((p.x - 1.95 + 0.5 * (p.y.abs() - 0.62)) / 0.15, (p.y.abs() - 0.62) / 0.085).length() < 1.0 && s.normal.z > 0.1;
+    let lamp = DVec2::new((p.x - 1.95 + 0.5 * (p.y.abs() - 0.62)) / 0.15, (p.y.abs() - 0.62) / 0.085).length() < 1.0
+        && s.normal.z > 0.1;
     let vent = p.x < -1.5 && p.x > -1.9 && p.y.abs() < 0.5 && (p.x * 9.0).rem_euclid(1.0) < 0.4 && s.normal.z > 0.5;
     let rear_lamp = p.x < -2.2 && (0.62..0.72).contains(&p.z) && p.y.abs() > 0.5;
     match () {
@@ -164,9 +157,10 @@ fn skin_part(s: &Surfel) -> Part {
     }
 }
 
-fn in_wheel_arch(p: DVec3) -> bool {
+fn in_wheel_arch(s: &Surfel) -> bool {
+    let p = s.position;
     let from_axle = DVec2::new(p.x.abs() - AXLE_X, p.z - WHEEL_RADIUS);
-    from_axle.length() < ARCH_RADIUS && p.y.abs() > 0.60 && p.z < 0.76
+    from_axle.length() < ARCH_RADIUS && p.y.abs() > 0.60 && s.normal.z < 0.7
 }
 
 /// Inside the cabin's foot print, well away from its rim, where the body is never seen.
@@ -190,15 +184,18 @@ fn add_cabin(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
         let sill = p.z < curve(&TOP, p.x) + 0.05;
         let roof = s.normal.z > 0.80 && p.x > -1.05 && p.x < 0.18;
         let engine_cover = p.x < -1.12;
-        let pillar = s.normal.y.abs() > 0.35 && ((p.x + 0.42).abs() < 0.05 || (p.x - 0.42 + 1.1 * (p.z - 1.0)).abs() < 0.05);
+        let pillar =
+            s.normal.y.abs() > 0.35 && ((p.x + 0.42).abs() < 0.05 || (p.x - 0.42 + 1.1 * (p.z - 1.0)).abs() < 0.05);
         let visor = s.normal.x > 0.2 && p.z > 1.10;
         Some(if sill || roof || engine_cover || pillar || visor { Part::Paint } else { Part::Glass })
     });
     // Mirrors.
     for side in [1.0, -1.0] {
-        let housing = sample_box(rng, 0.03, DVec3::new(0.52, 0.86 * side, 0.93), DMat3::IDENTITY, DVec3::new(0.05, 0.09, 0.045));
+        let housing =
+            sample_box(rng, 0.03, DVec3::new(0.52, 0.86 * side, 0.93), DMat3::IDENTITY, DVec3::new(0.05, 0.09, 0.045));
         add(out, housing, |_| Some(Part::Paint));
-        let stalk = sample_box(rng, 0.03, DVec3::new(0.52, 0.72 * side, 0.88), DMat3::IDENTITY, DVec3::new(0.02, 0.08, 0.012));
+        let stalk =
+            sample_box(rng, 0.03, DVec3::new(0.52, 0.72 * side, 0.88), DMat3::IDENTITY, DVec3::new(0.02, 0.08, 0.012));
         add(out, stalk, |_| Some(Part::Carbon));
     }
 }
@@ -206,7 +203,8 @@ fn add_cabin(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
 fn add_wheel(rng: &mut Rng, out: &mut Vec<CarSurfel>, hub: DVec3) {
     let outward = DVec3::Y * hub.y.signum();
     // Tread from the inner edge outwards, then over the shoulder down the face to the hub; (radius, distance outwards).
-    let knots = [(0.33, -0.13), (0.34, -0.10), (0.34, 0.08), (0.33, 0.115), (0.30, 0.135), (0.235, 0.125), (0.215, 0.09)];
+    let knots =
+        [(0.33, -0.13), (0.34, -0.10), (0.34, 0.08), (0.33, 0.115), (0.30, 0.135), (0.235, 0.125), (0.215, 0.09)];
     let profile = move |u: f64| {
         let t = u * (knots.len() - 1) as f64;
         let i = (t as usize).min(knots.len() - 2);
@@ -225,7 +223,7 @@ fn add_wheel(rng: &mut Rng, out: &mut Vec<CarSurfel>, hub: DVec3) {
         let (x, z) = (s.position.x - hub.x, s.position.z - hub.z);
         let spoke = (z.atan2(x) * 5.0 / TAU).rem_euclid(1.0);
         let radius = DVec2::new(x, z).length();
-        Some(if spoke < 0.42 || radius < 0.055 || radius > 0.195 { Part::Rim } else { Part::Carbon })
+        Some(if spoke < 0.42 || !(0.055..=0.195).contains(&radius) { Part::Rim } else { Part::Carbon })
     });
     // What closes the wheel arch behind the wheel.
     let well = move |u: f64| DVec2::new((ARCH_RADIUS + 0.04) * (1.0 - u), -0.17);
@@ -236,7 +234,7 @@ fn add_wheel(rng: &mut Rng, out: &mut Vec<CarSurfel>, hub: DVec3) {
 fn add_wing(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
     let (sin, cos) = 0.16f64.sin_cos();
     let tilt = DMat3::from_cols(DVec3::new(cos, 0.0, -sin), DVec3::Y, DVec3::new(sin, 0.0, cos));
-    let mut parts = sample_box(rng, 0.036, DVec3::new(-2.12, 0.0, 1.19), tilt, DVec3::new(0.19, 0.92, 0.018));
+    let mut parts = sample_box(rng, 0.036, DVec3::new(-2.12, 0.0, 1.19), tilt, DVec3::new(0.19, 0.92, 0.020));
     for side in [1.0, -1.0] {
         let plate = DVec3::new(-2.12, 0.93 * side, 1.14);
         parts.extend(sample_box(rng, 0.034, plate, DMat3::IDENTITY, DVec3::new(0.23, 0.010, 0.13)));
@@ -252,7 +250,7 @@ fn add_aero(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
     let mut parts = sample_box(rng, 0.05, DVec3::new(2.06, 0.0, 0.115), DMat3::IDENTITY, DVec3::new(0.27, 0.74, 0.015));
     parts.extend(sample_box(rng, 0.05, DVec3::new(-2.20, 0.0, 0.26), DMat3::IDENTITY, DVec3::new(0.16, 0.78, 0.02)));
     for side in [1.0, -1.0] {
-        let skirt = DVec3::new(0.0, 0.93 * side, 0.125);
+        let skirt = DVec3::new(0.0, 0.87 * side, 0.135);
         parts.extend(sample_box(rng, 0.05, skirt, DMat3::IDENTITY, DVec3::new(0.92, 0.05, 0.02)));
     }
     add(out, parts, |_| Some(Part::Carbon));

@@ -7,6 +7,7 @@ use glam::{DMat3, DVec2, DVec3};
 use crate::math::rng::Rng;
 use crate::math::sh::SH_C0;
 use crate::math::similarity::Similarity;
+use crate::scene::camera::Camera;
 use crate::scene::gaussians::Gaussians;
 use crate::scene::instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
 use crate::scene::offsets::Offsets;
@@ -41,8 +42,8 @@ struct Placed {
     livery: Livery,
 }
 
-/// Builds the scene: one template of about 10,000 Gaussians (SH degree 3), 26 instances with their own offsets, and
-/// about 25,000 background Gaussians (SH degree 0). The same bits on every call.
+/// Builds the scene: one template of about 11,000 Gaussians (SH degree 3), 24 instances with their own offsets, and
+/// about 27,000 background Gaussians (SH degree 0). The same bits on every call.
 pub fn embedded_scene() -> InstancedScene {
     let root = Rng::new(SEED);
     let car = car_surfels(&mut root.fork(1));
@@ -84,6 +85,20 @@ pub fn embedded_scene() -> InstancedScene {
         source: "embedded scene of instgs-vk".into(),
         ..InstancedScene::default()
     }
+}
+
+/// Four views that show the scene well: the whole paddock, the car on show from the front and from behind, and a map.
+pub fn embedded_views(size_px: (u32, u32)) -> Vec<Camera> {
+    let views = [
+        ("wide", [-24.0, -21.0, 15.0], [0.0, -0.5, 0.0]),
+        ("front", [7.6, -0.9, 2.1], [-0.8, 0.2, 0.45]),
+        ("rear", [-5.4, -1.6, 2.6], [0.4, -0.2, 0.5]),
+        ("map", [0.0, -14.0, 34.0], [0.0, -1.0, 0.0]),
+    ];
+    let camera = |(name, eye, target): (&str, [f64; 3], [f64; 3])| {
+        Camera::look_at(name, eye.into(), target.into(), WORLD_UP, 0.75, size_px)
+    };
+    views.into_iter().map(camera).collect()
 }
 
 /// Share of the sky over a surfel; the ground takes its part low on the car.
@@ -137,8 +152,13 @@ fn sun_on_car(car: &[CarSurfel], grid: &VoxelGrid, yaw: f64) -> Vec<f64> {
 fn add_offsets(car: &[CarSurfel], openness: &[f64], sun: &[f64], placed: &Placed, out: &mut Offsets) {
     let to_sun = sun_in_template(placed.yaw);
     for ((s, &open), &sun) in car.iter().zip(openness).zip(sun) {
-        let light = Light { openness: open, sun };
-        let color = diffuse(placed.livery.albedo_of(s), s.surfel.normal, to_sun, light);
+        let base = placed.livery.albedo_of(s);
+        // The wing is so thin that its two sides are drawn in one another: both get the same light.
+        let color = if s.part == Part::Wing {
+            diffuse(base, DVec3::Z, to_sun, Light { openness: 0.8, sun: 0.8 })
+        } else {
+            diffuse(base, s.surfel.normal, to_sun, Light { openness: open, sun })
+        };
         let change = (color - template_color(s, open)) / SH_C0;
         out.sh_dc.push(change.as_vec3().to_array());
         out.means.push(placed.livery.displacement(s).as_vec3().to_array());
@@ -183,14 +203,9 @@ fn placed_cars(rng: &mut Rng) -> Vec<Placed> {
 
 fn add_props(rng: &mut Rng, props: &mut Props) {
     let far = ASPHALT_HALF + DVec2::new(1.7, 1.9);
-    for (x, y, height) in [
-        (-17.5, 1.0, 4.4),
-        (-12.4, 1.05, 5.2),
-        (-3.6, 1.0, 4.6),
-        (5.2, 1.02, 5.4),
-        (13.1, 1.0, 4.3),
-        (18.6, 1.0, 5.0),
-    ] {
+    for (x, y, height) in
+        [(-17.5, 1.0, 4.4), (-12.4, 1.05, 5.2), (-3.6, 1.0, 4.6), (5.2, 1.02, 5.4), (13.1, 1.0, 4.3), (18.6, 1.0, 5.0)]
+    {
         props.tree(rng, DVec2::new(x, y * far.y), height);
     }
     for (y, height) in [(-7.6, 4.0), (6.9, 4.8)] {
@@ -232,6 +247,12 @@ mod tests {
         assert!((0..flat.len()).all(|i| flat.is_finite(i)));
         // 62 floats per Gaussian in a .ply.
         assert!(62 * 4 * scene.expanded_len() > 4 * scene.tensor_bytes());
+    }
+
+    #[test]
+    fn the_views_are_valid_cameras() {
+        let views = embedded_views((960, 540));
+        assert!(views.len() == 4 && views.iter().all(|view| view.validate().is_ok()));
     }
 
     #[test]

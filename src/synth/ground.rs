@@ -6,10 +6,11 @@ use glam::{DMat3, DVec2, DVec3};
 
 use crate::math::rng::Rng;
 use crate::scene::gaussians::Gaussians;
-use crate::synth::occlusion::GroundMap;
+use crate::synth::ground_map::GroundMap;
+use crate::synth::markings::Markings;
 use crate::synth::props::Caster;
 use crate::synth::shading::{Light, TO_SUN, albedo, diffuse, sh_dc};
-use crate::synth::surface::{PointGrid, Surfel, plane, push_disc, push_gaussian, sample};
+use crate::synth::surface::{PointGrid, Surfel, push_disc, push_gaussian};
 
 /// Half the lawn's size, metres; the slab ends there.
 pub const SLAB_HALF: DVec2 = DVec2::new(23.0, 14.6);
@@ -26,10 +27,14 @@ const SLAB_CORNER: f64 = 4.0;
 const ASPHALT_CORNER: f64 = 2.2;
 const KERB_WIDTH: f64 = 0.5;
 const SLAB_DEPTH: f64 = 0.9;
-/// Smallest distance of ground Gaussians: at shadow edges, on the kerb, on asphalt, on the lawn.
-const SPACINGS: [f64; 4] = [0.14, 0.17, 0.26, 0.36];
-/// Smallest distance in the layer below, which shows where the upper one is thin.
-const BASE_SPACING: f64 = 0.55;
+/// Smallest distance of ground Gaussians: on paint, at shadow edges, on the kerb, on asphalt, on the lawn.
+const SPACINGS: [f64; 5] = [0.10, 0.17, 0.17, 0.26, 0.36];
+/// How fast the spacing may grow with distance: neighbours then have similar sizes and leave no holes between them.
+const SPACING_GROWTH: f64 = 0.4;
+/// Ground Gaussians are this much larger than those of small surfaces.
+const ENLARGED: f64 = 1.1;
+/// Darts per point of the finest spacing.
+const DARTS: f64 = 14.0;
 
 /// Shadows on the ground.
 pub struct GroundLight {
@@ -71,10 +76,8 @@ fn rounded_rectangle(p: DVec2, half: DVec2, corner: f64) -> f64 {
 
 /// Adds the whole ground.
 pub fn add_ground(rng: &mut Rng, cloud: &mut Gaussians, light: &GroundLight) {
-    add_base(rng, cloud, light);
     add_surface(rng, cloud, light);
     add_rim(rng, cloud);
-    add_markings(rng, cloud, light);
 }
 
 /// Smooth noise in about -1..1: a sum of waves.
@@ -83,41 +86,24 @@ fn noise(p: DVec2) -> f64 {
     0.4 * wave(0.61, 0.37, 0.3) + 0.3 * wave(-0.83, 1.31, 1.9) + 0.2 * wave(2.3, 1.1, 4.0) + 0.1 * wave(-3.1, 4.7, 0.9)
 }
 
-fn add_base(rng: &mut Rng, cloud: &mut Gaussians, light: &GroundLight) {
-    let (a, b) = (DVec3::X * 2.0 * SLAB_HALF.x, DVec3::Y * 2.0 * SLAB_HALF.y);
-    let corner = (-SLAB_HALF).extend(-0.03);
-    for surfel in sample(rng, BASE_SPACING, plane(corner, a, b)) {
-        let p = surfel.position.truncate();
-        if rounded_rectangle(p, SLAB_HALF, SLAB_CORNER) < -0.6 {
-            let lawn = rounded_rectangle(p, ASPHALT_HALF, ASPHALT_CORNER) > 0.0;
-            let base = if lawn { albedo(0x50742A) } else { asphalt_albedo(p) };
-            let color = diffuse(base, DVec3::Z, TO_SUN, light.at(p));
-            push_disc(cloud, &surfel, 0.98, &[sh_dc(color)]);
-        }
-    }
-}
-
 fn add_surface(rng: &mut Rng, cloud: &mut Gaussians, light: &GroundLight) {
-    let [edge_spacing, kerb_spacing, asphalt_spacing, lawn_spacing] = SPACINGS;
-    let mut grid = PointGrid::new(edge_spacing);
+    let markings = Markings::new();
+    let spacings = spacing_map(light, &markings);
+    let finest = SPACINGS[0];
+    let mut grid = PointGrid::new(0.5 * (SPACINGS[0] + SPACINGS[4]));
     let area = 4.0 * SLAB_HALF.x * SLAB_HALF.y;
-    for _ in 0..(9.0 * area / (edge_spacing * edge_spacing)) as usize {
+    for _ in 0..(DARTS * area / (finest * finest)) as usize {
         let p = DVec2::new(rng.range(-1.0, 1.0), rng.range(-1.0, 1.0)) * SLAB_HALF;
-        let from_asphalt = rounded_rectangle(p, ASPHALT_HALF, ASPHALT_CORNER);
-        let (kerb, lawn) = ((0.0..KERB_WIDTH).contains(&from_asphalt), from_asphalt >= KERB_WIDTH);
-        let spacing = match () {
-            () if kerb => kerb_spacing,
-            () if light.is_edge(p) => edge_spacing,
-            () if lawn => lawn_spacing,
-            () => asphalt_spacing,
-        };
+        let spacing = spacings.at(p).max(finest);
         // Darts in proportion to the points wanted.
-        if !rng.chance((edge_spacing / spacing).powi(2)) || rounded_rectangle(p, SLAB_HALF, SLAB_CORNER) > -0.08 {
+        if !rng.chance((finest / spacing).powi(2)) || rounded_rectangle(p, SLAB_HALF, SLAB_CORNER) > -0.08 {
             continue;
         }
         if !grid.insert_apart(p.extend(0.0), spacing) {
             continue;
         }
+        let from_asphalt = rounded_rectangle(p, ASPHALT_HALF, ASPHALT_CORNER);
+        let (kerb, lawn) = ((0.0..KERB_WIDTH).contains(&from_asphalt), from_asphalt >= KERB_WIDTH);
         let (base, z, bump) = if kerb {
             let segment = (kerb_arc_length(p) / 1.2).rem_euclid(2.0) < 1.0;
             (albedo(if segment { 0xC8201E } else { 0xECECE8 }), 0.05, 0.0)
@@ -127,15 +113,32 @@ fn add_surface(rng: &mut Rng, cloud: &mut Gaussians, light: &GroundLight) {
             let strip = if (p.x / 2.0).rem_euclid(2.0) < 1.0 { 1.0 } else { 0.82 };
             (albedo(0x44681F).lerp(albedo(0x6C8A34), fresh) * strip * rng.range(0.82, 1.18), 0.02, 0.16)
         } else {
-            (asphalt_albedo(p) * rng.range(0.93, 1.07), 0.0, 0.0)
+            (markings.over(asphalt_albedo(p) * rng.range(0.94, 1.06), p), 0.0, 0.0)
         };
         let normal = (DVec3::Z + rng.unit_vector() * bump).normalize();
         let color = diffuse(base, normal, TO_SUN, light.at(p));
-        push_disc(cloud, &Surfel { position: p.extend(z), normal: DVec3::Z, spacing }, 0.98, &[sh_dc(color)]);
+        let surfel = Surfel { position: p.extend(z), normal: DVec3::Z, spacing: ENLARGED * spacing };
+        push_disc(cloud, &surfel, 0.98, &[sh_dc(color)]);
         if lawn && rng.chance(0.3) {
             add_tuft(rng, cloud, p, base, light);
         }
     }
+}
+
+/// The spacing wanted at each place, graded.
+fn spacing_map(light: &GroundLight, markings: &Markings) -> GroundMap {
+    let [paint, edge, kerb, asphalt, lawn] = SPACINGS;
+    let wanted = |p: DVec2| {
+        let from_asphalt = rounded_rectangle(p, ASPHALT_HALF, ASPHALT_CORNER);
+        match () {
+            () if markings.near(p) => paint,
+            () if light.is_edge(p) => edge,
+            () if from_asphalt > KERB_WIDTH => lawn,
+            () if from_asphalt > 0.0 => kerb,
+            () => asphalt,
+        }
+    };
+    GroundMap::of(SLAB_HALF, wanted).graded(SPACING_GROWTH)
 }
 
 /// Grey with patches, and two worn tracks along the aisle.
@@ -187,69 +190,5 @@ fn add_rim(rng: &mut Rng, cloud: &mut Gaussians) {
             let surfel = Surfel { position: p.extend(z), normal: normal.extend(0.0), spacing };
             push_disc(cloud, &surfel, 0.97, &[sh_dc(color)]);
         }
-    }
-}
-
-fn add_markings(rng: &mut Rng, cloud: &mut Gaussians, light: &GroundLight) {
-    let white = albedo(0xE4E4DE);
-    let row_half = 0.5 * BAY_PITCH * BAYS as f64;
-    for side in [1.0, -1.0] {
-        for k in 0..=BAYS {
-            let x = -row_half + BAY_PITCH * k as f64;
-            let ends = (DVec2::new(x, side * BAY_Y.0), DVec2::new(x, side * BAY_Y.1));
-            add_line(rng, cloud, light, ends, 0.16, white);
-        }
-        let y = side * BAY_Y.1;
-        add_line(rng, cloud, light, (DVec2::new(-row_half, y), DVec2::new(row_half, y)), 0.16, white);
-        let dashes = 12;
-        for k in 0..dashes {
-            let x = -16.0 + 32.0 * (f64::from(k) + 0.25) / f64::from(dashes);
-            if x.abs() > 4.6 && side > 0.0 {
-                let ends = (DVec2::new(x, 0.0), DVec2::new(x + 1.3, 0.0));
-                add_line(rng, cloud, light, ends, 0.13, albedo(0xE8B818));
-            }
-        }
-    }
-    // The display circle in the middle.
-    let segments = 40;
-    for ring in [3.55, 3.85] {
-        let point = |k: i32| DVec2::from_angle(TAU * f64::from(k) / f64::from(segments)) * ring;
-        for k in 0..segments {
-            add_line(rng, cloud, light, (point(k), point(k + 1)), 0.14, albedo(0xE8B818));
-        }
-    }
-    // Chequered lines across the aisle.
-    let square = 0.42;
-    for (i, j) in (0..6).flat_map(|i| (0..20).map(move |j| (i, j))) {
-        let x = if i < 3 { -17.0 } else { 15.74 } + square * f64::from(i % 3);
-        let y = square * (f64::from(j) - 9.5);
-        let color = if (i + j) % 2 == 0 { white } else { albedo(0x18181A) };
-        for quarter in 0..4 {
-            let step = DVec2::new(f64::from(quarter % 2) - 0.5, f64::from(quarter / 2) - 0.5) * 0.5 * square;
-            let p = DVec2::new(x, y) + step;
-            let shaded = diffuse(color, DVec3::Z, TO_SUN, light.at(p));
-            let size = DVec3::new(0.42, 0.42, 0.04) * 0.5 * square;
-            push_gaussian(cloud, p.extend(0.012), DMat3::IDENTITY, size, 0.97, &[sh_dc(shaded)]);
-        }
-    }
-}
-
-/// A painted line of the given width as overlapping long Gaussians, slightly worn.
-fn add_line(
-    rng: &mut Rng,
-    cloud: &mut Gaussians,
-    light: &GroundLight,
-    (from, to): (DVec2, DVec2),
-    width: f64,
-    color: DVec3,
-) {
-    let dir = (to - from).normalize();
-    let axes = DMat3::from_cols(dir.extend(0.0), DVec3::new(-dir.y, dir.x, 0.0), DVec3::Z);
-    let count = ((to - from).length() / (1.7 * width)).ceil();
-    for k in 0..count as usize {
-        let p = from.lerp(to, (k as f64 + 0.5) / count);
-        let shaded = diffuse(color * rng.range(0.85, 1.0), DVec3::Z, TO_SUN, light.at(p));
-        let size = DVec3::new(0.85, 0.36, 0.03) * width;
-        push_gaussian(cloud, p.extend(0.012), axes, size, 0.96, &[sh_dc(shaded)]);
     }
 }

@@ -75,7 +75,8 @@ impl Props<'_> {
             let count = ((to - from).length() / (3.0 * radius)).ceil() as usize;
             for i in 0..=count {
                 let p = from.lerp(to, i as f64 / count as f64);
-                let color = diffuse(steel, (TO_SUN + DVec3::Z * 0.2).normalize(), TO_SUN, Light { openness: 0.8, sun: 0.45 });
+                let color =
+                    diffuse(steel, (TO_SUN + DVec3::Z * 0.2).normalize(), TO_SUN, Light { openness: 0.8, sun: 0.45 });
                 let size = DVec3::new(0.55, 0.55, 1.8) * radius;
                 push_gaussian(self.cloud, p, DMat3::from_cols(a, b, dir), size, 0.97, &[sh_dc(color)]);
                 self.casters.push(Caster { position: p, radius });

@@ -49,11 +49,10 @@ impl PointGrid {
 
     /// Adds `p` if no point is nearer than `distance`; says whether it did.
     pub fn insert_apart(&mut self, p: DVec3, distance: f64) -> bool {
-        let reach = (distance / self.cell).ceil() as i32;
-        let [x, y, z] = self.cell_of(p);
-        for i in x - reach..=x + reach {
-            for j in y - reach..=y + reach {
-                for k in z - reach..=z + reach {
+        let (low, high) = (self.cell_of(p - distance), self.cell_of(p + distance));
+        for i in low[0]..=high[0] {
+            for j in low[1]..=high[1] {
+                for k in low[2]..=high[2] {
                     let near = |q: &DVec3| (*q - p).length_squared() < distance * distance;
                     if self.cells.get(&[i, j, k]).is_some_and(|points| points.iter().any(near)) {
                         return false;
@@ -61,7 +60,7 @@ impl PointGrid {
                 }
             }
         }
-        self.cells.entry([x, y, z]).or_default().push(p);
+        self.cells.entry(self.cell_of(p)).or_default().push(p);
         true
     }
 }
@@ -162,14 +161,7 @@ pub fn push_disc(cloud: &mut Gaussians, surfel: &Surfel, opacity: f64, sh: &[DVe
 }
 
 /// Appends a Gaussian with standard deviations along the columns of `axes`, a rotation.
-pub fn push_gaussian(
-    cloud: &mut Gaussians,
-    mean: DVec3,
-    axes: DMat3,
-    deviations: DVec3,
-    opacity: f64,
-    sh: &[DVec3],
-) {
+pub fn push_gaussian(cloud: &mut Gaussians, mean: DVec3, axes: DMat3, deviations: DVec3, opacity: f64, sh: &[DVec3]) {
     debug_assert!((axes.determinant() - 1.0).abs() < 1e-6, "axes are no rotation: {axes}");
     cloud.means.push(mean.as_vec3().to_array());
     cloud.quats.push(quat_from_rotation(axes).map(|c| c as f32));
