@@ -143,7 +143,7 @@ fn add_body(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
 fn skin_part(s: &Surfel) -> Part {
     let p = s.position;
     let near_arch =
-        (DVec2::new(p.x.abs() - AXLE_X, p.z - WHEEL_RADIUS).length() < ARCH_RADIUS + 0.035) && s.normal.y.abs() > 0.5;
+        (DVec2::new(p.x.abs() - AXLE_X, p.z - WHEEL_RADIUS).length() < ARCH_RADIUS + 0.035) && s.normal.y.abs() > 0.8;
     let intake = p.x > 2.02 && p.z < 0.30;
     let lamp = DVec2::new((p.x - 1.95 + 0.5 * (p.y.abs() - 0.62)) / 0.15, (p.y.abs() - 0.62) / 0.085).length() < 1.0
         && s.normal.z > 0.1;
@@ -160,7 +160,7 @@ fn skin_part(s: &Surfel) -> Part {
 fn in_wheel_arch(s: &Surfel) -> bool {
     let p = s.position;
     let from_axle = DVec2::new(p.x.abs() - AXLE_X, p.z - WHEEL_RADIUS);
-    from_axle.length() < ARCH_RADIUS && p.y.abs() > 0.60 && s.normal.z < 0.7
+    from_axle.length() < ARCH_RADIUS && p.y.abs() > 0.60 && p.z < 0.73 && s.normal.z < 0.7
 }
 
 /// Inside the cabin's foot print, well away from its rim, where the body is never seen.

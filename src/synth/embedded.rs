@@ -26,7 +26,7 @@ pub const SKY_COLOR: [f32; 3] = [0.66, 0.78, 0.91];
 
 const SEED: u64 = 20;
 /// Radius over which baked light is averaged, metres.
-const SMOOTHING: f64 = 0.11;
+const SMOOTHING: f64 = 0.13;
 /// Opacity of a car's Gaussians.
 const OPACITY: f64 = 0.975;
 /// Logit offset of a part that a car does not have: alpha falls below 1/255 and is skipped.
@@ -51,7 +51,7 @@ pub fn embedded_scene() -> InstancedScene {
     let surfels: Vec<_> = car.iter().map(|s| s.surfel).collect();
     let smoother = Smoother::new(&surfels, SMOOTHING);
     let openness: Vec<f64> = car.iter().map(|s| car_openness(&grid, s)).collect();
-    let openness = smoother.smoothed(&openness);
+    let openness = smoother.smoothed(&smoother.smoothed(&openness));
     let cars = placed_cars(&mut root.fork(2));
     let mut casters = Vec::new();
     let mut instances = Vec::new();
@@ -60,7 +60,7 @@ pub fn embedded_scene() -> InstancedScene {
         let pose = pose_of(placed);
         let first_offset = Some(offsets.len() as u32);
         instances.push(Instance { template: 0, world_from_template: pose, first_offset });
-        let sun = smoother.smoothed(&sun_on_car(&car, &grid, placed.yaw));
+        let sun = smoother.smoothed(&smoother.smoothed(&sun_on_car(&car, &grid, placed.yaw)));
         add_offsets(&car, &openness, &sun, placed, &mut offsets);
         casters.extend(car.iter().filter(|s| !placed.livery.hides(s)).map(|s| Caster {
             position: pose.transform_point(s.surfel.position + placed.livery.displacement(s)),
