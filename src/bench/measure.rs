@@ -20,6 +20,9 @@ const MOST_WARM_UP_ROUNDS: u32 = 4;
 /// Frames with timestamps: enough for a median, few enough not to double the time a measurement takes.
 const LEAST_PROFILED_FRAMES: usize = 5;
 
+/// Milliseconds by pass, in the order of a frame.
+type PassesMs = Vec<(&'static str, f64)>;
+
 /// A scene to measure.
 pub struct Subject<'a> {
     /// Its name in report and errors: the file.
@@ -139,7 +142,7 @@ impl<'a> Run<'a> {
         let Self { subject, renderer, scene, device_peak, times_ms, stats } = self;
         let variant = *renderer.variant();
         drop(renderer);
-        let passes_ms = profile(gpu, variant, &scene, subject, cameras, on_event)?;
+        let (passes_ms, profiled_ms) = profile(gpu, variant, &scene, subject, cameras, on_event)?;
         let ms = Percentiles::of(&times_ms.concat());
         let mean = |field: fn(&FrameStats) -> u64| {
             (stats.iter().map(field).sum::<u64>() + stats.len() as u64 / 2) / stats.len() as u64
@@ -163,6 +166,7 @@ impl<'a> Run<'a> {
             ms,
             fps: 1e3 / ms.median,
             passes_ms,
+            profiled_ms,
             gaussians: Counts {
                 template: subject.scene.templates.len() as u64,
                 offsets: subject.scene.offsets.len() as u64,
@@ -213,7 +217,8 @@ fn warm_up(
     Ok(())
 }
 
-/// Milliseconds by pass: sums over a frame's dispatches of the same pass, medians over frames.
+/// Milliseconds by pass: sums over a frame's dispatches of the same pass, medians over frames. And the median wall time
+/// of these frames.
 fn profile(
     gpu: &Arc<Gpu>,
     variant: Variant,
@@ -221,17 +226,20 @@ fn profile(
     subject: &Subject<'_>,
     cameras: &[Camera],
     on_event: &mut dyn FnMut(Stage),
-) -> Result<Vec<(&'static str, f64)>, BenchError> {
+) -> Result<(PassesMs, f64), BenchError> {
     if gpu.caps().timestamp_period_ns == 0.0 {
-        return Ok(Vec::new());
+        return Ok((Vec::new(), 0.0));
     }
     let fail = |error| BenchError { scene: subject.name.clone(), error };
     let mut renderer = Renderer::with_variant(gpu, variant, true).map_err(fail)?;
     warm_up(&mut renderer, scene, subject, cameras, on_event)?;
     let frames = cameras.len().max(LEAST_PROFILED_FRAMES);
     let mut sums: Vec<(&'static str, Vec<f64>)> = Vec::new();
+    let mut times_ms = Vec::with_capacity(frames);
     for (frame, camera) in (0..frames).zip(cameras.iter().cycle()) {
+        let start = Instant::now();
         let stats = renderer.render(scene, camera, &subject.options).map_err(fail)?;
+        times_ms.push(1e3 * start.elapsed().as_secs_f64());
         for (pass, ms) in stats.passes_ms {
             let index = sums.iter().position(|(name, _)| *name == pass).unwrap_or_else(|| {
                 sums.push((pass, vec![0.0; frames]));
@@ -241,7 +249,8 @@ fn profile(
         }
         on_event(Stage::Profiled);
     }
-    Ok(sums.into_iter().map(|(pass, values)| (pass, median(&values))).collect())
+    let passes_ms = sums.into_iter().map(|(pass, values)| (pass, median(&values))).collect();
+    Ok((passes_ms, median(&times_ms)))
 }
 
 /// The largest resident set so far; Linux only.

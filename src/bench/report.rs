@@ -41,6 +41,8 @@ pub struct SceneReport {
     /// Milliseconds a frame by pass, medians of frames of their own with timestamps.
     #[serde(serialize_with = "as_map")]
     pub passes_ms: Vec<(&'static str, f64)>,
+    /// Wall time of those frames, median, milliseconds: what timestamps add shows beside `ms`.
+    pub profiled_ms: f64,
     /// Numbers of Gaussians.
     pub gaussians: Counts,
     /// Sizes.

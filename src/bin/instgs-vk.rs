@@ -3,7 +3,8 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    // Before anything starts a thread: Mesa's CPU driver reads its settings from the environment once.
-    instgs_vk::cli::choose_lavapipe_width();
+    // Mesa's CPU driver reads its settings from the environment when it is loaded.
+    // SAFETY: nothing has started a thread yet.
+    unsafe { instgs_vk::cli::choose_lavapipe_width() };
     instgs_vk::cli::main()
 }

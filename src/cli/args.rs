@@ -36,13 +36,13 @@ pub(super) struct ViewArgs {
     #[command(flatten)]
     source: ViewSource,
     /// Which views of --data [default: test]
-    #[arg(long, value_enum, requires = "data")]
+    #[arg(long, value_enum, conflicts_with_all = ["orbit", "camera"])]
     split: Option<SplitArg>,
     /// Picture size; views of other sizes are scaled per axis [default: the views' own; 1280x720 with --orbit]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u32, u32)>,
     /// Up axis of --orbit [default: the axis along which the scene is thinnest, as -y, +z or +x]
-    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, requires = "orbit", allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, conflicts_with_all = ["data", "camera"], allow_hyphen_values = true)]
     up: Option<Triple>,
 }
 
@@ -58,14 +58,28 @@ enum SplitArg {
 pub(super) struct Triple([f32; 3]);
 
 impl ViewArgs {
-    /// The cameras, at least one.
-    pub(super) fn cameras(&self, scene: &InstancedScene) -> Result<Vec<Camera>, CliError> {
+    /// The cameras, at least one; warns if `near` cuts a circle's view off.
+    pub(super) fn cameras(
+        &self,
+        scene: &InstancedScene,
+        near: f32,
+        printer: &Printer,
+    ) -> Result<Vec<Camera>, CliError> {
         let cameras = match &self.source {
             ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder)?,
             ViewSource { camera: Some(path), .. } => read_cameras(path)?,
             ViewSource { orbit, .. } => {
                 let up = self.up.map(|up| DVec3::from_array(up.0.map(f64::from)));
-                Orbit::around(scene, up).cameras(orbit.unwrap_or(1), self.size.unwrap_or(ORBIT_SIZE))
+                let circle = Orbit::around(scene, up);
+                // The scene's middle half is within a third of the distance from the centre.
+                if circle.distance < 1.5 * f64::from(near) {
+                    let distance = circle.distance;
+                    printer.warning(format_args!(
+                        "the circle's cameras are {distance:.3} from the centre, and nothing nearer than {near} is \
+                         drawn: use a smaller --near"
+                    ));
+                }
+                circle.cameras(orbit.unwrap_or(1), self.size.unwrap_or(ORBIT_SIZE))
             }
         };
         let resized =

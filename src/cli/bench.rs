@@ -49,7 +49,7 @@ impl BenchArgs {
 pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = open_scene(&args.scene, printer)?;
     let loaded_against = args.against.as_deref().map(|path| open_scene(path, printer)).transpose()?;
-    let cameras = args.views.cameras(&loaded.scene)?;
+    let cameras = args.views.cameras(&loaded.scene, args.look.options(&loaded.scene).near, printer)?;
     if cameras.len() > args.frames as usize {
         let (frames, count) = (args.frames, cameras.len());
         printer.warning(format_args!("{frames} frames are too few for {count} cameras: the first {frames} are timed"));

@@ -3,13 +3,18 @@
 /// The variable that sets the width of lavapipe's vectors in bits: 128, 256 or 512.
 const WIDTH: &str = "LP_NATIVE_VECTOR_WIDTH";
 
-/// HOOK, does nothing yet: the place to pick lavapipe's vector width for this CPU where the user has not set it.
+/// Picks lavapipe's vector width for this CPU, unless the user has set it.
 ///
-/// Called first thing in `main`, before any thread exists, because it may set an environment variable. Which of 256
-/// and 512 is faster, and on which CPUs, is to be decided by measurement.
-pub fn choose_lavapipe_width() {
-    if std::env::var_os(WIDTH).is_some() {
-        return;
+/// # Safety
+/// It may set an environment variable: call it first thing in `main`, while there is one thread.
+pub unsafe fn choose_lavapipe_width() {
+    if let (None, Some(width)) = (std::env::var_os(WIDTH), preferred_width()) {
+        // SAFETY: the caller says that there is no other thread.
+        unsafe { std::env::set_var(WIDTH, width) };
     }
-    // TO DECIDE: set WIDTH to "512" where the CPU has AVX-512 and it measures faster.
+}
+
+/// HOOK: nothing is set yet. Whether "512" beats Mesa's own "256", and on which CPUs, is to be decided by measurement.
+fn preferred_width() -> Option<&'static str> {
+    None
 }

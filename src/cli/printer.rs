@@ -10,6 +10,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::error::CliError;
 use crate::io::{IoError, atomic_write};
 
+/// Lines that a task of many steps prints where there is no terminal.
+const PROGRESS_LINES: u64 = 10;
+
 /// Reports to stdout, warnings and errors to stderr. A closed stream is no error: `instgs-vk ... | head` just ends.
 #[derive(Clone, Copy, Debug)]
 pub struct Printer {
@@ -81,8 +84,20 @@ impl Progress {
                 bar.set_message(text.to_string());
                 bar.inc(1);
             }
-            None => self.printer.line(format_args!("{} {}/{} {text}", self.what, self.done, self.total)),
+            None if self.worth_a_line() => {
+                let line = format!("{} {}/{} {text}", self.what, self.done, self.total);
+                self.printer.line(line.trim_end());
+            }
+            None => {}
         }
+    }
+}
+
+impl Progress {
+    /// Few steps are all told, of many about every tenth part.
+    fn worth_a_line(&self) -> bool {
+        let part = |done: u64| done * PROGRESS_LINES / self.total.max(1);
+        self.total <= 2 * PROGRESS_LINES || part(self.done) > part(self.done - 1)
     }
 }
 

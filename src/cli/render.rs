@@ -67,9 +67,9 @@ struct RenderedFrame {
 
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = open_scene(&args.scene, printer)?;
-    let cameras = args.views.cameras(&loaded.scene)?;
-    let names = picture_files::names(&cameras)?;
     let options = args.look.options(&loaded.scene);
+    let cameras = args.views.cameras(&loaded.scene, options.near, printer)?;
+    let names = picture_files::names(&cameras)?;
     create_folder(&args.out)?;
     let gpu = device::open(device_args.choice())?;
     let place = args.scene.display();

@@ -172,7 +172,7 @@ mod tests {
             templates: template,
             template_ranges: vec![TemplateRange { first: 0, count: 1000 }],
             instances: (0..201).map(instance).collect(),
-            background: cloud(&vec![[101.0, 0.0, 7.0]; 5]),
+            background: cloud(&[[101.0, 0.0, 7.0]; 5]),
             ..InstancedScene::default()
         };
         let means = sampled_means(&scene);
