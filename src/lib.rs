@@ -1,6 +1,8 @@
 //! instgs-vk: shared-template Gaussian instancing on raw Vulkan.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod bench;
+pub mod cli;
 pub mod gpu;
 pub mod io;
 pub mod kernels;

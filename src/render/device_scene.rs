@@ -115,6 +115,57 @@ impl DeviceScene {
     }
 }
 
+/// Bytes of a [`DeviceScene`] by what they are for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct PlannedBytes {
+    /// Gaussians of the templates.
+    pub templates: u64,
+    /// Gaussians of the background.
+    pub background: u64,
+    /// Offset records.
+    pub offsets: u64,
+    /// The instance table, with one entry for the background.
+    pub instances: u64,
+    /// Chunk bounds.
+    pub chunks: u64,
+    /// Single elements that stand for empty arrays, since Vulkan has no empty buffers.
+    pub unused: u64,
+}
+
+impl PlannedBytes {
+    /// What [`DeviceScene::bytes`] will be.
+    pub fn total(&self) -> u64 {
+        self.templates + self.background + self.offsets + self.instances + self.chunks + self.unused
+    }
+}
+
+/// What [`DeviceScene::new`] will allocate, without a device. The scene must be valid.
+pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
+    let sh_degree = scene.sh_degree();
+    // Mean, quaternion, log scales, opacity logit, SH; an offset record is mean, SH 0, logit.
+    let gaussian_bytes = 4 * (3 + 4 + 3 + 1 + 3 * sh_coefficients(sh_degree) as u64);
+    let (templates, background) = (scene.templates.len() as u64, scene.background.len() as u64);
+    let chunks_of = |count: u32| u64::from(count.div_ceil(chunk_size));
+    let chunks: u64 =
+        scene.template_ranges.iter().map(|r| chunks_of(r.count)).sum::<u64>() + chunks_of(background as u32);
+    let instances = scene.instances.len() as u64 + u64::from(background > 0);
+    let chunk_bytes = size_of::<types::Chunk>() as u64;
+    let instance_bytes = size_of::<types::Instance>() as u64;
+    let placeholder = |len: u64, bytes: u64| if len == 0 { bytes } else { 0 };
+    PlannedBytes {
+        templates: templates * gaussian_bytes,
+        background: background * gaussian_bytes,
+        offsets: scene.offsets.tensor_bytes(),
+        instances: instances * instance_bytes,
+        chunks: chunks * chunk_bytes,
+        unused: placeholder(templates + background, gaussian_bytes)
+            + placeholder(scene.offsets.len() as u64, 28)
+            + placeholder(instances, instance_bytes)
+            + placeholder(chunks, chunk_bytes)
+            + 12 * u64::from(3 - sh_degree),
+    }
+}
+
 /// The largest per-Gaussian array is SH band 3 with 84 bytes; say the limit in Gaussians before anything is built.
 fn check_limit(gpu: &Gpu, what: &'static str, count: usize) -> Result<(), RenderError> {
     let limit = u64::from(u32::MAX - 1).min(gpu.caps().max_storage_bytes / 16);

@@ -5,6 +5,7 @@ pub mod flatten;
 pub mod gaussians;
 pub mod instanced_scene;
 pub mod offsets;
+pub mod trajectory;
 
 pub use camera::Camera;
 pub use gaussians::Gaussians;

@@ -1,0 +1,261 @@
+//! Times frames of one scene, or of two in turn.
+//!
+//! Each scene has a renderer of its own on the same device. First every camera is rendered until no buffer grows any
+//! more; then come the timed frames, A B A B, cycling through the cameras, so that whatever else the machine does falls
+//! on both; last some frames with timestamps, by a second renderer.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::report::{Bytes, CameraReport, Counts, Ratio, Report, SceneReport};
+use super::statistics::{Percentiles, median};
+use crate::gpu::Gpu;
+use crate::kernels::Variant;
+use crate::render::{DeviceScene, FrameStats, RenderError, RenderOptions, Renderer};
+use crate::scene::{Camera, InstancedScene};
+
+/// Warm-up rounds over all cameras: the first grows the buffers, the second shows that they stay; a third is for
+/// buffers whose growth showed another one's need.
+const MOST_WARM_UP_ROUNDS: u32 = 4;
+/// Frames with timestamps: enough for a median, few enough not to double the time a measurement takes.
+const LEAST_PROFILED_FRAMES: usize = 5;
+
+/// Milliseconds by pass, in the order of a frame.
+type PassesMs = Vec<(&'static str, f64)>;
+
+/// A scene to measure.
+pub struct Subject<'a> {
+    /// Its name in report and errors: the file.
+    pub name: String,
+    /// The scene.
+    pub scene: &'a InstancedScene,
+    /// Length of its file.
+    pub file_bytes: u64,
+    /// How it is rendered.
+    pub options: RenderOptions,
+}
+
+/// What a measurement is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// A warm-up frame is done.
+    WarmUp,
+    /// A frame of each scene has been timed.
+    Timed,
+    /// A frame with timestamps is done.
+    Profiled,
+}
+
+/// A frame could not be rendered.
+#[derive(Debug, thiserror::Error)]
+#[error("{scene}: {error}")]
+pub struct BenchError {
+    /// Name of the scene.
+    pub scene: String,
+    /// What is wrong.
+    pub error: RenderError,
+}
+
+/// Measures `subject`, side by side with `against` if given. The first `frames` cameras are used if there are more.
+///
+/// # Errors
+/// A camera, option or scene that cannot be rendered.
+pub fn run(
+    gpu: &Arc<Gpu>,
+    subject: &Subject<'_>,
+    against: Option<&Subject<'_>>,
+    cameras: &[Camera],
+    frames: u32,
+    on_event: &mut dyn FnMut(Stage),
+) -> Result<Report, BenchError> {
+    let cameras = &cameras[..cameras.len().min(frames as usize)];
+    let mut runs = Vec::new();
+    for subject in std::iter::once(subject).chain(against) {
+        runs.push(Run::prepare(gpu, subject, cameras, on_event)?);
+    }
+    for (frame, camera) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
+        // The one that goes first finds the caches as the other left them: take turns.
+        let order: &mut dyn Iterator<Item = &mut Run<'_>> =
+            if frame % 2 == 0 { &mut runs.iter_mut() } else { &mut runs.iter_mut().rev() };
+        for run in order {
+            run.time_frame(camera)?;
+        }
+        on_event(Stage::Timed);
+    }
+    let mut reports = Vec::new();
+    for run in runs {
+        reports.push(run.finish(gpu, cameras, frames, on_event)?);
+    }
+    let against = (reports.len() > 1).then(|| reports.pop()).flatten();
+    let Some(scene) = reports.pop() else { unreachable!("there is a report for every subject") };
+    let ratio = against.as_ref().map(|against| Ratio::of(&scene, against));
+    Ok(Report { scene, against, ratio, process_peak_bytes: process_peak_bytes() })
+}
+
+/// One scene on the device, and what was measured of it.
+struct Run<'a> {
+    subject: &'a Subject<'a>,
+    renderer: Renderer,
+    scene: DeviceScene,
+    device_peak: u64,
+    /// By camera: the timed frames' milliseconds, and what the last one counted.
+    times_ms: Vec<Vec<f64>>,
+    stats: Vec<FrameStats>,
+}
+
+impl<'a> Run<'a> {
+    /// Uploads and warms up. Nothing else may use the device meanwhile: its memory is measured.
+    fn prepare(
+        gpu: &Arc<Gpu>,
+        subject: &'a Subject<'a>,
+        cameras: &[Camera],
+        on_event: &mut dyn FnMut(Stage),
+    ) -> Result<Self, BenchError> {
+        let fail = |error| BenchError { scene: subject.name.clone(), error };
+        gpu.reset_memory_peak();
+        let (before, _) = gpu.memory_usage();
+        let mut renderer = Renderer::new(gpu).map_err(fail)?;
+        let scene = renderer.upload(subject.scene).map_err(fail)?;
+        warm_up(&mut renderer, &scene, subject, cameras, on_event)?;
+        let (_, peak) = gpu.memory_usage();
+        let stats = vec![FrameStats::default(); cameras.len()];
+        let times_ms = vec![Vec::new(); cameras.len()];
+        Ok(Self { subject, renderer, scene, device_peak: peak - before, times_ms, stats })
+    }
+
+    fn time_frame(&mut self, (index, camera): (usize, &Camera)) -> Result<(), BenchError> {
+        let start = Instant::now();
+        let stats = self.renderer.render(&self.scene, camera, &self.subject.options);
+        let elapsed_ms = 1e3 * start.elapsed().as_secs_f64();
+        self.stats[index] = stats.map_err(|error| BenchError { scene: self.subject.name.clone(), error })?;
+        self.times_ms[index].push(elapsed_ms);
+        Ok(())
+    }
+
+    fn finish(
+        self,
+        gpu: &Arc<Gpu>,
+        cameras: &[Camera],
+        frames: u32,
+        on_event: &mut dyn FnMut(Stage),
+    ) -> Result<SceneReport, BenchError> {
+        let Self { subject, renderer, scene, device_peak, times_ms, stats } = self;
+        let variant = *renderer.variant();
+        drop(renderer);
+        let (passes_ms, profiled_ms) = profile(gpu, variant, &scene, subject, cameras, on_event)?;
+        let ms = Percentiles::of(&times_ms.concat());
+        let mean = |field: fn(&FrameStats) -> u64| {
+            (stats.iter().map(field).sum::<u64>() + stats.len() as u64 / 2) / stats.len() as u64
+        };
+        let camera_report = |((camera, times), stats): ((&Camera, &Vec<f64>), &FrameStats)| CameraReport {
+            name: camera.name.clone(),
+            resolution: [camera.width, camera.height],
+            frames: times.len() as u32,
+            ms: Percentiles::of(times),
+            visible: stats.visible,
+            intersections: stats.intersections,
+            slabs: stats.slabs,
+        };
+        Ok(SceneReport {
+            scene: subject.name.clone(),
+            device: gpu.caps().name.clone(),
+            driver: gpu.caps().driver.clone(),
+            variant,
+            resolution: [cameras[0].width, cameras[0].height],
+            frames,
+            ms,
+            fps: 1e3 / ms.median,
+            passes_ms,
+            profiled_ms,
+            gaussians: Counts {
+                template: subject.scene.templates.len() as u64,
+                offsets: subject.scene.offsets.len() as u64,
+                background: subject.scene.background.len() as u64,
+                expanded: subject.scene.expanded_len(),
+                visible: mean(|s| s.visible),
+                intersections: mean(|s| s.intersections),
+            },
+            bytes: Bytes {
+                file: subject.file_bytes,
+                host: subject.scene.tensor_bytes(),
+                device_scene: scene.bytes(),
+                device_peak,
+            },
+            slabs: stats.iter().map(|s| s.slabs).max().unwrap_or(0),
+            cameras: cameras.iter().zip(&times_ms).zip(&stats).map(camera_report).collect(),
+        })
+    }
+}
+
+/// Renders every camera until a round changes no buffer.
+fn warm_up(
+    renderer: &mut Renderer,
+    scene: &DeviceScene,
+    subject: &Subject<'_>,
+    cameras: &[Camera],
+    on_event: &mut dyn FnMut(Stage),
+) -> Result<(), BenchError> {
+    let mut slabs_before = Vec::new();
+    for round in 0..MOST_WARM_UP_ROUNDS {
+        let mut slabs = Vec::new();
+        let mut redone = 0;
+        for camera in cameras {
+            let stats = renderer
+                .render(scene, camera, &subject.options)
+                .map_err(|error| BenchError { scene: subject.name.clone(), error })?;
+            slabs.push(stats.slabs);
+            redone += stats.redone;
+            on_event(Stage::WarmUp);
+        }
+        // A frame of several slabs makes the next one's buffer larger, unless the limit is reached.
+        let settled = redone == 0 && (slabs.iter().all(|&s| s == 1) || slabs == slabs_before);
+        if settled && (round > 0 || cameras.len() > 1) {
+            break;
+        }
+        slabs_before = slabs;
+    }
+    Ok(())
+}
+
+/// Milliseconds by pass: sums over a frame's dispatches of the same pass, medians over frames. And the median wall time
+/// of these frames.
+fn profile(
+    gpu: &Arc<Gpu>,
+    variant: Variant,
+    scene: &DeviceScene,
+    subject: &Subject<'_>,
+    cameras: &[Camera],
+    on_event: &mut dyn FnMut(Stage),
+) -> Result<(PassesMs, f64), BenchError> {
+    if gpu.caps().timestamp_period_ns == 0.0 {
+        return Ok((Vec::new(), 0.0));
+    }
+    let fail = |error| BenchError { scene: subject.name.clone(), error };
+    let mut renderer = Renderer::with_variant(gpu, variant, true).map_err(fail)?;
+    warm_up(&mut renderer, scene, subject, cameras, on_event)?;
+    let frames = cameras.len().max(LEAST_PROFILED_FRAMES);
+    let mut sums: Vec<(&'static str, Vec<f64>)> = Vec::new();
+    let mut times_ms = Vec::with_capacity(frames);
+    for (frame, camera) in (0..frames).zip(cameras.iter().cycle()) {
+        let start = Instant::now();
+        let stats = renderer.render(scene, camera, &subject.options).map_err(fail)?;
+        times_ms.push(1e3 * start.elapsed().as_secs_f64());
+        for (pass, ms) in stats.passes_ms {
+            let index = sums.iter().position(|(name, _)| *name == pass).unwrap_or_else(|| {
+                sums.push((pass, vec![0.0; frames]));
+                sums.len() - 1
+            });
+            sums[index].1[frame] += ms;
+        }
+        on_event(Stage::Profiled);
+    }
+    let passes_ms = sums.into_iter().map(|(pass, values)| (pass, median(&values))).collect();
+    Ok((passes_ms, median(&times_ms)))
+}
+
+/// The largest resident set so far; Linux only.
+fn process_peak_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
+}

@@ -1,0 +1,48 @@
+//! Order statistics of a few measurements.
+
+/// Median and the spread around it, in the unit of the values.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Percentiles {
+    /// 50th percentile.
+    pub median: f64,
+    /// 10th percentile.
+    pub p10: f64,
+    /// 90th percentile.
+    pub p90: f64,
+}
+
+impl Percentiles {
+    /// Of values in any order; zeros if there are none.
+    pub fn of(values: &[f64]) -> Self {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        Self { median: interpolated(&sorted, 0.5), p10: interpolated(&sorted, 0.1), p90: interpolated(&sorted, 0.9) }
+    }
+}
+
+/// The median of values in any order; 0 if there are none.
+pub(super) fn median(values: &[f64]) -> f64 {
+    Percentiles::of(values).median
+}
+
+/// Linear between the two nearest ranks.
+fn interpolated(sorted: &[f64], fraction: f64) -> f64 {
+    let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
+    let position = fraction * last as f64;
+    let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
+    low + (high - low) * position.fract()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn by_hand() {
+        assert_eq!(Percentiles::of(&[]), Percentiles::default());
+        assert_eq!(Percentiles::of(&[3.0]), Percentiles { median: 3.0, p10: 3.0, p90: 3.0 });
+        let values: Vec<f64> = (0..=10).rev().map(f64::from).collect();
+        assert_eq!(Percentiles::of(&values), Percentiles { median: 5.0, p10: 1.0, p90: 9.0 });
+        assert_eq!(median(&[1.0, 2.0]), 1.5);
+    }
+}

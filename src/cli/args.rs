@@ -1,0 +1,199 @@
+//! Flags that several commands share: scenes, views, and how a picture looks.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use glam::DVec3;
+
+use super::error::CliError;
+use super::printer::Printer;
+use crate::io::dataset::Split;
+use crate::io::{IoError, LoadedScene, load_scene, read_cameras, read_views};
+use crate::render::RenderOptions;
+use crate::scene::camera::MAX_IMAGE_SIDE;
+use crate::scene::trajectory::Orbit;
+use crate::scene::{Camera, InstancedScene};
+
+/// Picture size of `--orbit` without `--size`.
+const ORBIT_SIZE: (u32, u32) = (1280, 720);
+
+#[derive(Args)]
+#[group(required = true, multiple = false)]
+pub(super) struct ViewSource {
+    /// Views of a dataset folder: transforms_train/test.json, transforms.json, or COLMAP's sparse/0
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// N cameras on a circle around the scene's centre, named 000, 001 ...
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    orbit: Option<u32>,
+    /// Camera file: one object or a list of {"name","width","height","fx","fy","cx","cy","view_from_world"}
+    #[arg(long, value_name = "JSON")]
+    camera: Option<PathBuf>,
+}
+
+#[derive(Args)]
+pub(super) struct ViewArgs {
+    #[command(flatten)]
+    source: ViewSource,
+    /// Which views of --data [default: test]
+    #[arg(long, value_enum, conflicts_with_all = ["orbit", "camera"])]
+    split: Option<SplitArg>,
+    /// Picture size; views of other sizes are scaled per axis [default: the views' own; 1280x720 with --orbit]
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<(u32, u32)>,
+    /// Up axis of --orbit [default: the axis along which the scene is thinnest, as -y, +z or +x]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, conflicts_with_all = ["data", "camera"], allow_hyphen_values = true)]
+    up: Option<Triple>,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum SplitArg {
+    Test,
+    Train,
+    All,
+}
+
+/// Three numbers separated by commas; a type of its own because clap takes a bare array for a list of values.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Triple([f32; 3]);
+
+impl ViewArgs {
+    /// The cameras, at least one; warns if `near` cuts a circle's view off.
+    pub(super) fn cameras(
+        &self,
+        scene: &InstancedScene,
+        near: f32,
+        printer: &Printer,
+    ) -> Result<Vec<Camera>, CliError> {
+        let cameras = match &self.source {
+            ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder)?,
+            ViewSource { camera: Some(path), .. } => read_cameras(path)?,
+            ViewSource { orbit, .. } => {
+                let up = self.up.map(|up| DVec3::from_array(up.0.map(f64::from)));
+                let circle = Orbit::around(scene, up);
+                // The scene's middle half is within a third of the distance from the centre.
+                if circle.distance < 1.5 * f64::from(near) {
+                    let distance = circle.distance;
+                    printer.warning(format_args!(
+                        "the circle's cameras are {distance:.3} from the centre, and nothing nearer than {near} is \
+                         drawn: use a smaller --near"
+                    ));
+                }
+                circle.cameras(orbit.unwrap_or(1), self.size.unwrap_or(ORBIT_SIZE))
+            }
+        };
+        let resized =
+            |camera: Camera| self.size.map_or(camera.clone(), |(width, height)| camera.resized(width, height));
+        Ok(cameras.into_iter().map(resized).collect())
+    }
+
+    fn dataset_cameras(&self, folder: &Path) -> Result<Vec<Camera>, CliError> {
+        let views = read_views(folder)?.views;
+        let split = self.split.unwrap_or(SplitArg::Test);
+        let wanted = |of_view: Split| match split {
+            SplitArg::All => true,
+            SplitArg::Test => of_view == Split::Test,
+            SplitArg::Train => of_view == Split::Train,
+        };
+        let cameras: Vec<Camera> = views.into_iter().filter(|v| wanted(v.split)).map(|v| v.camera).collect();
+        if cameras.is_empty() {
+            return Err(IoError::new(folder, "has no views in this split").advise("try --split all").into());
+        }
+        Ok(cameras)
+    }
+}
+
+#[derive(Args)]
+pub(super) struct LookArgs {
+    /// Colour behind the scene, three numbers as in the pictures (0 to 1) [default: 0,0,0]
+    #[arg(long, value_name = "R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
+    background: Option<Triple>,
+    /// Nearest depth that is drawn, scene units [default: 0.2]
+    #[arg(long, value_name = "Z", value_parser = parse_near)]
+    near: Option<f32>,
+    /// Opacity compensation for small splats; --antialias=false turns it off [default: as the scene says]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
+    antialias: Option<bool>,
+    /// Variance added to every projected splat, px^2 [default: 0.3]
+    #[arg(long, value_name = "PX2", value_parser = parse_dilation)]
+    dilation: Option<f32>,
+    /// Limits the buffer of (splat, tile) pairs; frames that need more take several passes, with the same picture
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    max_intersections: Option<u32>,
+}
+
+impl LookArgs {
+    /// The options for a scene: the flags, else the scene's own, else the defaults.
+    pub(super) fn options(&self, scene: &InstancedScene) -> RenderOptions {
+        let default = RenderOptions::default();
+        RenderOptions {
+            near: self.near.unwrap_or(default.near),
+            dilation_px2: self.dilation.unwrap_or(default.dilation_px2),
+            antialias: self.antialias.unwrap_or(scene.antialias),
+            background: self.background.map_or(default.background, |b| b.0),
+            max_intersections: self.max_intersections,
+        }
+    }
+}
+
+/// Opens a scene and says what was dropped.
+pub(super) fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliError> {
+    let loaded = load_scene(path)?;
+    if loaded.dropped_non_finite > 0 {
+        let count = loaded.dropped_non_finite;
+        printer.warning(format_args!("{}: dropped {count} Gaussians with a non-finite parameter", path.display()));
+    }
+    Ok(loaded)
+}
+
+/// Makes a folder and those above it.
+pub(super) fn create_folder(path: &Path) -> Result<(), CliError> {
+    std::fs::create_dir_all(path).map_err(|e| IoError::new(path, format!("cannot create the folder: {e}")).into())
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let side = |text: &str| text.parse().ok().filter(|side| (1..=MAX_IMAGE_SIDE).contains(side));
+    let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((side(w)?, side(h)?)));
+    sides.ok_or_else(|| format!("want WxH with sides of 1 to {MAX_IMAGE_SIDE} pixels, for instance 800x450"))
+}
+
+fn parse_triple(text: &str) -> Result<Triple, String> {
+    let parts: Vec<f32> =
+        text.split(',').map_while(|part| part.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
+    match <[f32; 3]>::try_from(parts) {
+        Ok(values) if text.split(',').count() == 3 => Ok(Triple(values)),
+        _ => Err("want three numbers separated by commas, for instance 0,0.5,1".into()),
+    }
+}
+
+fn parse_up(text: &str) -> Result<Triple, String> {
+    let up = parse_triple(text)?;
+    if up.0 == [0.0; 3] { Err("a vector of length 0 has no direction".into()) } else { Ok(up) }
+}
+
+fn parse_near(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0).ok_or_else(|| "want a number >= 0".into())
+}
+
+fn parse_dilation(text: &str) -> Result<f32, String> {
+    text.parse().ok().filter(|v: &f32| (1e-6..=1e6).contains(v)).ok_or_else(|| "want a number from 1e-6 to 1e6".into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_and_triples() {
+        assert_eq!(parse_size("800x450"), Ok((800, 450)));
+        assert_eq!(parse_triple("0, 0.5,-1").map(|t| t.0), Ok([0.0, 0.5, -1.0]));
+        for bad in ["", "800", "0x1", "x", "800x", "99999x1", "-1x2"] {
+            assert!(parse_size(bad).is_err(), "{bad}");
+        }
+        for bad in ["", "1", "1,2", "1,2,3,4", "1,2,x", "1,nan,2", "1,2,3,", "a,1,2,3"] {
+            assert!(parse_triple(bad).is_err(), "{bad}");
+        }
+        assert!(parse_up("0,0,0").is_err() && parse_near("-1").is_err() && parse_near("nan").is_err());
+        assert!(parse_dilation("0").is_err() && parse_dilation("0.3").is_ok());
+    }
+}

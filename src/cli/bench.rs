@@ -1,0 +1,166 @@
+//! `instgs-vk bench`: flags of the measurement, and its report as a table. The measuring is in [`crate::bench`].
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::args::{LookArgs, ViewArgs, open_scene};
+use super::device::{self, DeviceArgs};
+use super::error::CliError;
+use super::printer::Printer;
+use super::table::{Table, grouped};
+use crate::bench::{self, Report, SceneReport, Stage, Subject};
+use crate::io::LoadedScene;
+
+/// Measures frame time and memory of a scene, alone or side by side with another one.
+///
+/// Frames are timed from recording to the end on the device, without download, after warm-up frames; with --against the
+/// two scenes take turns frame by frame. Ratios above 1 mean that the scene is better than the one it is compared with.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk bench --scene garden.ply --camera cameras.json --frames 30\n  \
+    instgs-vk bench --scene room.instgs --against room.ply --orbit 8 --size 640x360 --json report.json")]
+pub(super) struct BenchArgs {
+    /// Scene: .instgs, .ply, .spz or .splat
+    #[arg(long, value_name = "S")]
+    scene: PathBuf,
+    /// Scene to compare with, from the same cameras
+    #[arg(long, value_name = "S2")]
+    against: Option<PathBuf>,
+    #[command(flatten)]
+    views: ViewArgs,
+    /// Timed frames of each scene, cycling through the cameras
+    #[arg(long, value_name = "N", default_value = "30", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    frames: u32,
+    #[command(flatten)]
+    look: LookArgs,
+    /// Report as JSON: to a file, or without one on stdout instead of the table
+    #[arg(long, value_name = "F", num_args = 0..=1, default_missing_value = "-")]
+    json: Option<PathBuf>,
+}
+
+impl BenchArgs {
+    /// True if stdout is for the JSON report alone.
+    pub(super) fn json_on_stdout(&self) -> bool {
+        self.json.as_deref() == Some(Path::new("-"))
+    }
+}
+
+pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let loaded = open_scene(&args.scene, printer)?;
+    let loaded_against = args.against.as_deref().map(|path| open_scene(path, printer)).transpose()?;
+    let cameras = args.views.cameras(&loaded.scene, args.look.options(&loaded.scene).near, printer)?;
+    if cameras.len() > args.frames as usize {
+        let (frames, count) = (args.frames, cameras.len());
+        printer.warning(format_args!("{frames} frames are too few for {count} cameras: the first {frames} are timed"));
+    }
+    let gpu = device::open(device_args.choice())?;
+    let scene = subject(&args.scene, &loaded, &args.look);
+    let against = args.against.as_deref().zip(loaded_against.as_ref());
+    let against = against.map(|(path, loaded)| subject(path, loaded, &args.look));
+    let mut progress = printer.progress("bench", args.frames.into());
+    let mut on_event = |stage| {
+        if stage == Stage::Timed {
+            progress.step("");
+        }
+    };
+    let report = bench::run(&gpu, &scene, against.as_ref(), &cameras, args.frames, &mut on_event)?;
+    drop(progress);
+    device::check_validation(&gpu)?;
+    if report.scene.passes_ms.is_empty() {
+        printer.warning("this device has no timestamps: passes_ms is empty");
+    }
+    match &args.json {
+        Some(path) if !args.json_on_stdout() => {
+            printer.json_file(path, &report)?;
+            print_report(&report, printer);
+        }
+        Some(_) => printer.json(&report)?,
+        None => print_report(&report, printer),
+    }
+    Ok(())
+}
+
+fn subject<'a>(path: &Path, loaded: &'a LoadedScene, look: &LookArgs) -> Subject<'a> {
+    Subject {
+        name: path.display().to_string(),
+        scene: &loaded.scene,
+        file_bytes: loaded.file_bytes,
+        options: look.options(&loaded.scene),
+    }
+}
+
+/// The report as tables.
+pub(super) fn print_report(report: &Report, printer: &Printer) {
+    let scene = &report.scene;
+    let [width, height] = scene.resolution;
+    let cameras = scene.cameras.len();
+    printer.line(format_args!("{} ({})", scene.device, scene.driver));
+    printer.line(format_args!("{width}x{height}, {} frames from {cameras} cameras", scene.frames));
+    printer.line(main_table(report));
+    printer.line("");
+    printer.line(passes_table(report));
+    if cameras > 1 {
+        printer.line("");
+        printer.line(cameras_table(report));
+    }
+}
+
+/// One row per figure: name, scene, and the other scene and the ratio if there is one.
+fn main_table(report: &Report) -> Table {
+    let mut table = Table::default();
+    let mut row = |name: &str, cell: &dyn Fn(&SceneReport) -> String, ratio: Option<f64>| {
+        let against = report.against.as_ref().map(cell).unwrap_or_default();
+        let ratio = ratio.map(|r| format!("{r:.2}x")).unwrap_or_default();
+        table.row([name.into(), cell(&report.scene), against, ratio]);
+    };
+    let ratio = report.ratio;
+    let file_name =
+        |s: &SceneReport| Path::new(&s.scene).file_name().map_or(s.scene.clone(), |n| n.to_string_lossy().into());
+    row("", &file_name, None);
+    row("ms, median", &|s| format!("{:.2}", s.ms.median), None);
+    row("ms, p10 - p90", &|s| format!("{:.2} - {:.2}", s.ms.p10, s.ms.p90), None);
+    row("frames per second", &|s| format!("{:.2}", s.fps), ratio.map(|r| r.fps));
+    row("file bytes", &|s| grouped(s.bytes.file), ratio.map(|r| r.file));
+    row("host tensor bytes", &|s| grouped(s.bytes.host), ratio.map(|r| r.host));
+    row("device scene bytes", &|s| grouped(s.bytes.device_scene), ratio.map(|r| r.device_scene));
+    row("device peak bytes", &|s| grouped(s.bytes.device_peak), None);
+    row("template Gaussians", &|s| grouped(s.gaussians.template), None);
+    row("offset records", &|s| grouped(s.gaussians.offsets), None);
+    row("background Gaussians", &|s| grouped(s.gaussians.background), None);
+    row("expanded Gaussians", &|s| grouped(s.gaussians.expanded), None);
+    row("visible, mean", &|s| grouped(s.gaussians.visible), None);
+    row("intersections, mean", &|s| grouped(s.gaussians.intersections), None);
+    row("slabs, most", &|s| s.slabs.to_string(), None);
+    table
+}
+
+fn passes_table(report: &Report) -> Table {
+    let mut table = Table::default();
+    table.row(["pass, ms".into(), "scene".into(), report.against.as_ref().map_or("", |_| "against").into()]);
+    let of = |scene: &SceneReport, pass: &str| {
+        scene.passes_ms.iter().find(|(name, _)| *name == pass).map(|(_, ms)| format!("{ms:.2}")).unwrap_or_default()
+    };
+    for (pass, ms) in &report.scene.passes_ms {
+        let against = report.against.as_ref().map(|scene| of(scene, pass)).unwrap_or_default();
+        table.row([(*pass).into(), format!("{ms:.2}"), against]);
+    }
+    table
+}
+
+fn cameras_table(report: &Report) -> Table {
+    let mut table = Table::default();
+    let header = ["camera", "ms, median", "visible", "intersections", ""].map(String::from);
+    table.row(header);
+    for (i, camera) in report.scene.cameras.iter().enumerate() {
+        let against = report.against.as_ref().map(|s| format!("against {:.2}", s.cameras[i].ms.median));
+        table.row([
+            camera.name.clone(),
+            format!("{:.2}", camera.ms.median),
+            grouped(camera.visible),
+            grouped(camera.intersections),
+            against.unwrap_or_default(),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,38 @@
+//! Everything a command can fail with; each displays as one line.
+
+use crate::bench::BenchError;
+use crate::gpu::GpuError;
+use crate::io::IoError;
+use crate::render::RenderError;
+
+/// Why a command failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CliError {
+    /// A file.
+    #[error(transparent)]
+    Io(#[from] IoError),
+    /// The Vulkan device.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// A frame; `place` is the scene's file or the view.
+    #[error("{place}: {error}")]
+    Render {
+        /// Which scene or view.
+        place: String,
+        /// What is wrong.
+        error: RenderError,
+    },
+    /// A measurement.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// Anything else, in words.
+    #[error("{0}")]
+    Other(String),
+}
+
+impl CliError {
+    /// Names the scene or view that a rendering error belongs to.
+    pub(super) fn render(place: impl std::fmt::Display) -> impl FnOnce(RenderError) -> Self {
+        move |error| Self::Render { place: place.to_string(), error }
+    }
+}

@@ -1,0 +1,101 @@
+//! L7: the command line. One file per subcommand; each parses its flags, calls the library and reports through the one
+//! [`Printer`]. Exit codes: 0 done, 1 failed (one line `error: what, where, what to do` on stderr), 2 wrong usage.
+
+mod args;
+mod bench;
+pub mod demo;
+mod device;
+mod error;
+mod export;
+mod info;
+mod inspect;
+mod lavapipe;
+mod picture_files;
+mod printer;
+mod render;
+mod table;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+pub use error::CliError;
+pub use lavapipe::choose_lavapipe_width;
+pub use printer::Printer;
+
+/// Shared-template Gaussian instancing on raw Vulkan: small, fast, editable 3D Gaussian scenes.
+#[derive(Parser)]
+#[command(name = "instgs-vk", version, arg_required_else_help = true, max_term_width = 110)]
+struct Cli {
+    #[command(flatten)]
+    device: device::DeviceArgs,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Info(info::InfoArgs),
+    Render(render::RenderArgs),
+    Bench(bench::BenchArgs),
+    Inspect(inspect::InspectArgs),
+    Export(export::ExportArgs),
+}
+
+const SUCCESS: u8 = 0;
+const FAILURE: u8 = 1;
+const USAGE: u8 = 2;
+
+/// Runs the program with the process's arguments.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help goes to stdout and is no failure. A closed stream is nobody's to tell.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { USAGE } else { SUCCESS });
+        }
+    };
+    let printer = Printer::new(cli.command.json_on_stdout());
+    match run(&cli, &printer) {
+        Ok(()) => ExitCode::from(SUCCESS),
+        Err(error) => {
+            printer.error(&error);
+            ExitCode::from(FAILURE)
+        }
+    }
+}
+
+impl Command {
+    /// True if stdout is for the JSON report alone.
+    fn json_on_stdout(&self) -> bool {
+        match self {
+            Self::Info(args) => args.json,
+            Self::Render(args) => args.json,
+            Self::Bench(args) => args.json_on_stdout(),
+            Self::Inspect(args) => args.json,
+            Self::Export(args) => args.json,
+        }
+    }
+}
+
+fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
+    match &cli.command {
+        Command::Info(args) => info::run(args, &cli.device, printer),
+        Command::Render(args) => render::run(args, &cli.device, printer),
+        Command::Bench(args) => bench::run(args, &cli.device, printer),
+        Command::Inspect(args) => inspect::run(args, printer),
+        Command::Export(args) => export::run(args, printer),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_argument_definitions_are_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,108 @@
+//! Pictures to files: 8-bit PNG or float KTX2, and the names they get.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use clap::ValueEnum;
+use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+
+use super::error::CliError;
+use crate::io::ktx2::{FloatImage, write_ktx2};
+use crate::io::{IoError, atomic_write};
+use crate::render::Picture;
+use crate::scene::Camera;
+
+/// File format of colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Format {
+    /// 8-bit sRGB
+    Png,
+    /// 32-bit float rgb over the background, alpha = 1 - transmittance
+    Ktx2,
+}
+
+/// Image endings that a view's name may still have.
+const IMAGE_ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "webp", "exr"];
+
+/// Writes `folder/name.png` or `.ktx2`, and with `depth` also `name.depth.ktx2`; returns the files' names.
+pub(super) fn write(
+    folder: &Path,
+    name: &str,
+    picture: &Picture,
+    format: Format,
+    depth: bool,
+) -> Result<Vec<String>, CliError> {
+    let mut files = Vec::new();
+    let float = |channels, values| FloatImage { width: picture.width, height: picture.height, channels, values };
+    match format {
+        Format::Png => {
+            files.push(format!("{name}.png"));
+            write_png(&folder.join(&files[0]), picture)?;
+        }
+        Format::Ktx2 => {
+            files.push(format!("{name}.ktx2"));
+            write_ktx2(&folder.join(&files[0]), &float(4, picture.colors.as_flattened().to_vec()))?;
+        }
+    }
+    if depth {
+        files.push(format!("{name}.depth.ktx2"));
+        write_ktx2(&folder.join(&files[1]), &float(1, picture.depths.clone()))?;
+    }
+    Ok(files)
+}
+
+fn write_png(path: &Path, picture: &Picture) -> Result<(), IoError> {
+    let pixels = picture.rgb8();
+    atomic_write(path, |out| {
+        let encoder = PngEncoder::new(out);
+        encoder
+            .write_image(&pixels, picture.width, picture.height, ExtendedColorType::Rgb8)
+            .map_err(std::io::Error::other)
+    })
+}
+
+/// The file name of each camera: its name without an image's ending, with folders joined by `_`; its number if it has
+/// none. An error if two would be written to the same file.
+pub(super) fn names(cameras: &[Camera]) -> Result<Vec<String>, CliError> {
+    let mut taken = BTreeMap::new();
+    let mut names = Vec::with_capacity(cameras.len());
+    for (i, camera) in cameras.iter().enumerate() {
+        let name = file_name(&camera.name, i);
+        if let Some(first) = taken.insert(name.clone(), i) {
+            let what = format!("cameras {first} and {i} would both be written to {name}: give them different names");
+            return Err(CliError::Other(what));
+        }
+        names.push(name);
+    }
+    Ok(names)
+}
+
+fn file_name(name: &str, index: usize) -> String {
+    let ending = Path::new(name).extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    let stem = match ending {
+        Some(ending) if IMAGE_ENDINGS.contains(&ending.as_str()) => &name[..name.len() - ending.len() - 1],
+        _ => name,
+    };
+    let safe: String =
+        stem.chars().map(|c| if c.is_control() || "/\\:*?\"<>|".contains(c) { '_' } else { c }).collect();
+    if safe.is_empty() { format!("{index:03}") } else { safe }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    #[test]
+    fn names_lose_image_endings_and_folders_only() {
+        let name = |n: &str| file_name(n, 7);
+        assert_eq!(name("a.JPG"), "a");
+        assert_eq!(name("left/0001.png"), "left_0001");
+        assert_eq!(name("../x"), ".._x");
+        assert_eq!(name("v1.5"), "v1.5");
+        assert_eq!([name(""), name("é.png")], ["007", "é"]);
+        let camera = |n: &str| Camera::look_at(n, DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, (4, 4));
+        assert!(names(&[camera("a"), camera("b")]).is_ok());
+        assert!(names(&[camera("a.png"), camera("a.jpg")]).is_err_and(|e| e.to_string().contains("cameras 0 and 1")));
+    }
+}

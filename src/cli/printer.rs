@@ -1,0 +1,122 @@
+//! The one place that writes to the terminal.
+
+use std::fmt::Display;
+use std::io::{IsTerminal, Write};
+use std::path::Path;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::error::CliError;
+use crate::io::{IoError, atomic_write};
+
+/// Lines that a task of many steps prints where there is no terminal.
+const PROGRESS_LINES: u64 = 10;
+
+/// Reports to stdout, warnings and errors to stderr. A closed stream is no error: `instgs-vk ... | head` just ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Printer {
+    json_on_stdout: bool,
+}
+
+impl Printer {
+    /// With `json_on_stdout`, stdout carries the JSON report and nothing else.
+    pub fn new(json_on_stdout: bool) -> Self {
+        Self { json_on_stdout }
+    }
+
+    /// A line of the report for people; dropped where stdout is for JSON.
+    pub fn line(&self, text: impl Display) {
+        if !self.json_on_stdout {
+            let _ = writeln!(std::io::stdout().lock(), "{text}");
+        }
+    }
+
+    /// The JSON report, to stdout.
+    pub fn json(&self, report: &impl serde::Serialize) -> Result<(), CliError> {
+        let _ = std::io::stdout().lock().write_all(&json_bytes(report)?);
+        Ok(())
+    }
+
+    /// The JSON report, to a file.
+    pub fn json_file(&self, path: &Path, report: &impl serde::Serialize) -> Result<(), CliError> {
+        let bytes = json_bytes(report)?;
+        Ok(atomic_write(path, |out| out.write_all(&bytes))?)
+    }
+
+    /// Something the user should know but that stops nothing.
+    pub fn warning(&self, text: impl Display) {
+        let _ = writeln!(std::io::stderr().lock(), "warning: {}", one_line(&text));
+    }
+
+    /// The one line of a failed command.
+    pub fn error(&self, error: &CliError) {
+        let _ = writeln!(std::io::stderr().lock(), "error: {}", one_line(error));
+    }
+
+    /// Progress over `total` steps: a bar on a terminal, plain lines elsewhere.
+    pub fn progress(&self, what: &'static str, total: u64) -> Progress {
+        let bar = std::io::stderr().is_terminal().then(|| {
+            let style = ProgressStyle::with_template("{prefix} {bar:32} {pos}/{len} {msg} {eta}").ok();
+            let bar = ProgressBar::new(total).with_prefix(what);
+            bar.enable_steady_tick(Duration::from_millis(200));
+            style.map_or(bar.clone(), |style| bar.with_style(style))
+        });
+        Progress { printer: *self, what, total, done: 0, bar }
+    }
+}
+
+/// One long task; see [`Printer::progress`].
+pub struct Progress {
+    printer: Printer,
+    what: &'static str,
+    total: u64,
+    done: u64,
+    bar: Option<ProgressBar>,
+}
+
+impl Progress {
+    /// One step is done.
+    pub fn step(&mut self, text: impl Display) {
+        self.done += 1;
+        match &self.bar {
+            Some(bar) => {
+                bar.set_message(text.to_string());
+                bar.inc(1);
+            }
+            None if self.worth_a_line() => {
+                let line = format!("{} {}/{} {text}", self.what, self.done, self.total);
+                self.printer.line(line.trim_end());
+            }
+            None => {}
+        }
+    }
+}
+
+impl Progress {
+    /// Few steps are all told, of many about every tenth part.
+    fn worth_a_line(&self) -> bool {
+        let part = |done: u64| done * PROGRESS_LINES / self.total.max(1);
+        self.total <= 2 * PROGRESS_LINES || part(self.done) > part(self.done - 1)
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+fn json_bytes(report: &impl serde::Serialize) -> Result<Vec<u8>, CliError> {
+    let mut bytes = serde_json::to_vec_pretty(report)
+        .map_err(|e| CliError::Io(IoError::new(Path::new("report"), format!("is not valid JSON: {e}"))))?;
+    bytes.push(b'\n');
+    Ok(bytes)
+}
+
+/// Texts of drivers and other crates may hold line breaks.
+fn one_line(text: &impl Display) -> String {
+    text.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+}

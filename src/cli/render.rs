@@ -1,0 +1,127 @@
+//! `instgs-vk render`: pictures of a scene.
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use clap::Args;
+
+use super::args::{LookArgs, ViewArgs, create_folder, open_scene};
+use super::device::{self, DeviceArgs};
+use super::error::CliError;
+use super::picture_files::{self, Format};
+use super::printer::Printer;
+use crate::render::{Picture, RenderOptions, Renderer};
+use crate::scene::Camera;
+
+/// Renders a scene from cameras, a dataset's views, or a circle around it.
+///
+/// Every view becomes OUT/NAME.png (8-bit sRGB) or OUT/NAME.ktx2 (R32G32B32A32_SFLOAT: colour over the background,
+/// alpha = 1 - T). --depth adds OUT/NAME.depth.ktx2 (R32_SFLOAT, expected view depth), with either format.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk render --scene garden.ply --camera cameras.json --out pictures\n  \
+    instgs-vk render --scene room.instgs --data room --split test --format ktx2 --depth --out pictures\n  \
+    instgs-vk render --scene room.instgs --orbit 24 --size 640x360 --background 1,1,1 --out pictures")]
+pub(super) struct RenderArgs {
+    /// Scene: .instgs, .ply, .spz or .splat
+    #[arg(long, value_name = "S")]
+    scene: PathBuf,
+    #[command(flatten)]
+    views: ViewArgs,
+    /// Folder for the pictures; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// File format of colour
+    #[arg(long, value_enum, default_value = "png")]
+    format: Format,
+    /// Also write NAME.depth.ktx2
+    #[arg(long)]
+    depth: bool,
+    #[command(flatten)]
+    look: LookArgs,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(serde::Serialize)]
+struct Rendered {
+    scene: String,
+    device: String,
+    out: String,
+    dropped_non_finite: usize,
+    frames: Vec<RenderedFrame>,
+}
+
+#[derive(serde::Serialize)]
+struct RenderedFrame {
+    name: String,
+    files: Vec<String>,
+    resolution: [u32; 2],
+    visible: u64,
+    intersections: u64,
+    slabs: u32,
+    /// Of rendering, with buffers growing in the first frames: `bench` measures.
+    ms: f64,
+}
+
+pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let loaded = open_scene(&args.scene, printer)?;
+    let options = args.look.options(&loaded.scene);
+    let cameras = args.views.cameras(&loaded.scene, options.near, printer)?;
+    let names = picture_files::names(&cameras)?;
+    create_folder(&args.out)?;
+    let gpu = device::open(device_args.choice())?;
+    let place = args.scene.display();
+    let mut renderer = Renderer::new(&gpu).map_err(CliError::render(&place))?;
+    let scene = renderer.upload(&loaded.scene).map_err(CliError::render(&place))?;
+    let mut progress = printer.progress("render", cameras.len() as u64);
+    let mut frames = Vec::with_capacity(cameras.len());
+    for (camera, name) in cameras.iter().zip(names) {
+        let start = Instant::now();
+        let stats = renderer.render(&scene, camera, &options).map_err(CliError::render(&place))?;
+        let ms = 1e3 * start.elapsed().as_secs_f64();
+        let picture = renderer.download().map_err(CliError::render(&place))?;
+        let files = picture_files::write(&args.out, &name, &picture, args.format, args.depth)?;
+        progress.step(&files[0]);
+        frames.push(RenderedFrame {
+            name,
+            files,
+            resolution: [camera.width, camera.height],
+            visible: stats.visible,
+            intersections: stats.intersections,
+            slabs: stats.slabs,
+            ms,
+        });
+    }
+    drop(progress);
+    if frames.iter().all(|frame| frame.visible == 0) && loaded.scene.expanded_len() > 0 {
+        let near = options.near;
+        printer.warning(format_args!("{place}: nothing is visible from these views (near is {near}; see --near)"));
+    }
+    device::check_validation(&gpu)?;
+    if args.json {
+        let report = Rendered {
+            scene: place.to_string(),
+            device: gpu.caps().name.clone(),
+            out: args.out.display().to_string(),
+            dropped_non_finite: loaded.dropped_non_finite,
+            frames,
+        };
+        return printer.json(&report);
+    }
+    let depth = if args.depth { ", each with a .depth.ktx2" } else { "" };
+    printer.line(format_args!("{} pictures{depth} in {}", frames.len(), args.out.display()));
+    Ok(())
+}
+
+/// Renders one view and brings it to the host.
+pub(super) fn picture(
+    renderer: &mut Renderer,
+    scene: &crate::render::DeviceScene,
+    camera: &Camera,
+    options: &RenderOptions,
+) -> Result<Picture, crate::render::RenderError> {
+    renderer.render(scene, camera, options)?;
+    renderer.download()
+}
