@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::args::create_folder;
 use super::bench::print_report;
+use super::device::{DeviceArgs, check_validation, open};
 use super::error::CliError;
 use super::picture_files::{self, Format};
 use super::printer::Printer;
@@ -15,13 +16,14 @@ use crate::io::{load_scene, save_scene, write_ply};
 use crate::render::{Picture, RenderOptions, Renderer};
 use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
+use crate::synth::{SKY_COLOR, embedded_scene, embedded_views};
 
 /// Views of the circle around the scene.
 const VIEWS: u32 = 8;
 /// Picture size.
 const SIZE: (u32, u32) = (640, 360);
-/// Timed frames of each scene: two per view.
-const FRAMES: u32 = 2 * VIEWS;
+/// Timed frames of each scene and view.
+const FRAMES_PER_VIEW: u32 = 2;
 
 /// What the demo found.
 #[derive(Debug, serde::Serialize)]
@@ -35,12 +37,36 @@ pub struct DemoReport {
     pub pictures: Vec<PathBuf>,
 }
 
-/// Saves `scene` as `out/scene.instgs` and flattened as `out/flattened.ply`, renders both from a circle to
-/// `out/instanced` and `out/flattened`, measures them side by side, prints the comparison and writes `out/report.json`.
+/// Builds an embedded scene of instanced cars, renders it from a circle and from four chosen views, does the same with
+/// its expanded self, and compares the two: speed, bytes, pictures.
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  instgs-vk demo --out out/demo")]
+pub(super) struct DemoArgs {
+    /// Folder for scenes, pictures and report.json
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+}
+
+/// Runs the demo on the embedded scene.
+pub(super) fn run_embedded(args: &DemoArgs, device: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let gpu = open(device.choice())?;
+    run(&gpu, &embedded_scene(), &embedded_views(SIZE), SKY_COLOR, &args.out, printer)?;
+    check_validation(&gpu)
+}
+
+/// Saves `scene` as `out/scene.instgs` and flattened as `out/flattened.ply`, renders both from a circle and the given
+/// views to `out/instanced` and `out/flattened`, measures them side by side, prints the comparison and writes `out/report.json`.
 ///
 /// # Errors
 /// A file that cannot be written, or a device that cannot render.
-pub fn run(gpu: &Arc<Gpu>, scene: &InstancedScene, out: &Path, printer: &Printer) -> Result<DemoReport, CliError> {
+pub fn run(
+    gpu: &Arc<Gpu>,
+    scene: &InstancedScene,
+    views: &[Camera],
+    background: [f32; 3],
+    out: &Path,
+    printer: &Printer,
+) -> Result<DemoReport, CliError> {
     let (scene_path, flattened_path) = (out.join("scene.instgs"), out.join("flattened.ply"));
     create_folder(out)?;
     save_scene(&scene_path, scene)?;
@@ -49,8 +75,10 @@ pub fn run(gpu: &Arc<Gpu>, scene: &InstancedScene, out: &Path, printer: &Printer
     let instanced = load_scene(&scene_path)?;
     let flattened = load_scene(&flattened_path)?;
     // A .ply does not say that its scene is antialiased.
-    let options = RenderOptions { antialias: scene.antialias, ..RenderOptions::default() };
-    let cameras = Orbit::around(&instanced.scene, None).cameras(VIEWS, SIZE);
+    let options = RenderOptions { antialias: scene.antialias, background, ..RenderOptions::default() };
+    let mut cameras = Orbit::around(&instanced.scene, None).cameras(VIEWS, SIZE);
+    cameras.extend_from_slice(views);
+    let frames = FRAMES_PER_VIEW * cameras.len() as u32;
 
     let mut renders = Renders { gpu, cameras: &cameras, options, printer };
     let (mut pictures, from_instanced) = renders.all(&instanced.scene, &out.join("instanced"))?;
@@ -58,7 +86,7 @@ pub fn run(gpu: &Arc<Gpu>, scene: &InstancedScene, out: &Path, printer: &Printer
     pictures.extend(more);
     let psnr = psnr(&from_instanced, &from_flattened);
 
-    let mut progress = printer.progress("bench", FRAMES.into());
+    let mut progress = printer.progress("bench", frames.into());
     let mut on_event = |stage| {
         if stage == Stage::Timed {
             progress.step("");
@@ -68,7 +96,7 @@ pub fn run(gpu: &Arc<Gpu>, scene: &InstancedScene, out: &Path, printer: &Printer
         |path: &Path, scene, file_bytes| Subject { name: path.display().to_string(), scene, file_bytes, options };
     let first = subject(&scene_path, &instanced.scene, instanced.file_bytes);
     let second = subject(&flattened_path, &flattened.scene, flattened.file_bytes);
-    let bench = bench::run(gpu, &first, Some(&second), &cameras, FRAMES, &mut on_event)?;
+    let bench = bench::run(gpu, &first, Some(&second), &cameras, frames, &mut on_event)?;
     drop(progress);
 
     let report = DemoReport { bench, psnr, pictures };
