@@ -44,6 +44,8 @@ impl Default for RenderOptions {
 /// What happened in a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameStats {
+    /// Chunks that were expanded.
+    pub work_items: u64,
     /// Splats that touch at least one tile.
     pub visible: u64,
     /// (splat, tile) pairs of all slabs.
@@ -265,6 +267,7 @@ impl Renderer {
     ) -> Result<(), RenderError> {
         let needed = counters[COUNTER_INTERSECTIONS as usize];
         stats.slabs = 1;
+        stats.work_items = u64::from(counters[COUNTER_WORK_ITEMS as usize]);
         stats.visible = u64::from(counters[COUNTER_VISIBLE as usize]);
         stats.intersections = u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
         while counters[COUNTER_SLAB_END as usize] < counters[COUNTER_VISIBLE as usize] {

@@ -3,7 +3,8 @@
 //! [`embedded_scene`] is the scene of `instgs-vk demo`: a paddock with racing cars, all instances of one template.
 //! Modules: [`surface`] spreads points evenly over surfaces and makes flat Gaussians of them, [`shading`] bakes light
 //! into spherical harmonics, [`occlusion`] and [`ground_map`] bake shadows, [`car`] and [`livery`] are the template and
-//! its variations, [`ground`], [`markings`] and [`props`] the background.
+//! its variations, [`ground`], [`markings`] and [`props`] the background. [`scale`] makes the
+//! scale test's field of instances.
 
 pub mod car;
 pub mod embedded;
@@ -13,6 +14,7 @@ pub mod livery;
 pub mod markings;
 pub mod occlusion;
 pub mod props;
+pub mod scale;
 pub mod shading;
 pub mod surface;
 

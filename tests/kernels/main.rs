@@ -11,4 +11,5 @@ mod overflow;
 mod plan_slab;
 mod poison;
 mod radix_sort;
+mod scale;
 mod scan;
