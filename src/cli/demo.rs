@@ -13,15 +13,10 @@ use crate::bench::{self, Report, Stage, Subject};
 use crate::gpu::Gpu;
 use crate::io::{load_scene, save_scene, write_ply};
 use crate::render::{Picture, RenderOptions, Renderer};
-use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
 
-/// Views of the circle around the scene.
-const VIEWS: u32 = 8;
-/// Picture size.
-const SIZE: (u32, u32) = (640, 360);
-/// Timed frames of each scene: two per view.
-const FRAMES: u32 = 2 * VIEWS;
+/// Timed frames of each scene for every view.
+const FRAMES_PER_VIEW: u32 = 2;
 
 /// What the demo found.
 #[derive(Debug, serde::Serialize)]
@@ -35,12 +30,19 @@ pub struct DemoReport {
     pub pictures: Vec<PathBuf>,
 }
 
-/// Saves `scene` as `out/scene.instgs` and flattened as `out/flattened.ply`, renders both from a circle to
+/// Saves `scene` as `out/scene.instgs` and flattened as `out/flattened.ply`, renders both to
 /// `out/instanced` and `out/flattened`, measures them side by side, prints the comparison and writes `out/report.json`.
 ///
 /// # Errors
 /// A file that cannot be written, or a device that cannot render.
-pub fn run(gpu: &Arc<Gpu>, scene: &InstancedScene, out: &Path, printer: &Printer) -> Result<DemoReport, CliError> {
+pub fn run(
+    gpu: &Arc<Gpu>,
+    scene: &InstancedScene,
+    cameras: &[Camera],
+    background: [f32; 3],
+    out: &Path,
+    printer: &Printer,
+) -> Result<DemoReport, CliError> {
     let (scene_path, flattened_path) = (out.join("scene.instgs"), out.join("flattened.ply"));
     create_folder(out)?;
     save_scene(&scene_path, scene)?;
@@ -49,16 +51,16 @@ pub fn run(gpu: &Arc<Gpu>, scene: &InstancedScene, out: &Path, printer: &Printer
     let instanced = load_scene(&scene_path)?;
     let flattened = load_scene(&flattened_path)?;
     // A .ply does not say that its scene is antialiased.
-    let options = RenderOptions { antialias: scene.antialias, ..RenderOptions::default() };
-    let cameras = Orbit::around(&instanced.scene, None).cameras(VIEWS, SIZE);
+    let options = RenderOptions { antialias: scene.antialias, background, ..RenderOptions::default() };
+    let frames = FRAMES_PER_VIEW * cameras.len() as u32;
 
-    let mut renders = Renders { gpu, cameras: &cameras, options, printer };
+    let mut renders = Renders { gpu, cameras, options, printer };
     let (mut pictures, from_instanced) = renders.all(&instanced.scene, &out.join("instanced"))?;
     let (more, from_flattened) = renders.all(&flattened.scene, &out.join("flattened"))?;
     pictures.extend(more);
     let psnr = psnr(&from_instanced, &from_flattened);
 
-    let mut progress = printer.progress("bench", FRAMES.into());
+    let mut progress = printer.progress("bench", frames.into());
     let mut on_event = |stage| {
         if stage == Stage::Timed {
             progress.step("");
@@ -68,7 +70,7 @@ pub fn run(gpu: &Arc<Gpu>, scene: &InstancedScene, out: &Path, printer: &Printer
         |path: &Path, scene, file_bytes| Subject { name: path.display().to_string(), scene, file_bytes, options };
     let first = subject(&scene_path, &instanced.scene, instanced.file_bytes);
     let second = subject(&flattened_path, &flattened.scene, flattened.file_bytes);
-    let bench = bench::run(gpu, &first, Some(&second), &cameras, FRAMES, &mut on_event)?;
+    let bench = bench::run(gpu, &first, Some(&second), cameras, frames, &mut on_event)?;
     drop(progress);
 
     let report = DemoReport { bench, psnr, pictures };
