@@ -10,3 +10,4 @@ pub mod math;
 pub mod reference;
 pub mod render;
 pub mod scene;
+pub mod synth;

@@ -3,8 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use clap::Args;
+
 use super::args::create_folder;
 use super::bench::print_report;
+use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::picture_files::{self, Format};
 use super::printer::Printer;
@@ -13,10 +16,40 @@ use crate::bench::{self, Report, Stage, Subject};
 use crate::gpu::Gpu;
 use crate::io::{load_scene, save_scene, write_ply};
 use crate::render::{Picture, RenderOptions, Renderer};
+use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
+use crate::synth::{SKY_COLOR, embedded_scene};
 
 /// Timed frames of each scene for every view.
 const FRAMES_PER_VIEW: u32 = 2;
+
+/// The whole story on the embedded scene: instanced and flattened, pictures, frame rates, bytes.
+///
+/// Writes DIR/scene.instgs, DIR/flattened.ply, pictures of both in DIR/instanced and DIR/flattened, and DIR/report.json.
+#[derive(Args)]
+#[command(after_help = "Example:\n  instgs-vk demo --out out/demo")]
+pub(super) struct DemoArgs {
+    /// Folder for scenes, pictures and report; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// Views of the circle around the scene.
+const ORBIT_VIEWS: u32 = 8;
+/// Picture size.
+const SIZE: (u32, u32) = (640, 360);
+
+pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let scene = &embedded_scene();
+    let cameras = &Orbit::around(scene, None).cameras(ORBIT_VIEWS, SIZE);
+    let gpu = device::open(device_args.choice())?;
+    let report = run(&gpu, scene, cameras, SKY_COLOR, &args.out, printer)?;
+    device::check_validation(&gpu)?;
+    if args.json { printer.json(&report) } else { Ok(()) }
+}
 
 /// What the demo found.
 #[derive(Debug, serde::Serialize)]
