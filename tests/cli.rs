@@ -11,10 +11,11 @@ use instgs_vk::io::ktx2::{FloatImage, read_ktx2};
 use instgs_vk::io::{load_scene, save_scene, write_cameras, write_ply};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 use serde_json::Value;
 
-const COMMANDS: [&str; 5] = ["info", "render", "bench", "inspect", "export"];
+const COMMANDS: [&str; 6] = ["info", "demo", "render", "bench", "inspect", "export"];
 
 /// The program, without a device.
 fn program() -> Command {
@@ -471,7 +472,9 @@ fn the_demo_tells_its_story() {
     }
     let folder = tempfile::tempdir().unwrap();
     let gpu = Gpu::open(&GpuOptions { validation: true, ..GpuOptions::default() }).unwrap();
-    let report = demo::run(&gpu, &instanced_scene(), folder.path(), &Printer::new(true)).unwrap();
+    let scene = instanced_scene();
+    let cameras = Orbit::around(&scene, None).cameras(8, (640, 360));
+    let report = demo::run(&gpu, &scene, &cameras, [0.5; 3], folder.path(), &Printer::new(true)).unwrap();
     assert_eq!(gpu.validation_messages().take(), Vec::<String>::new());
     assert!(report.psnr.is_none_or(|psnr| psnr > 60.0), "{:?}", report.psnr);
     assert_eq!(report.pictures.len(), 16);

@@ -3,9 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use clap::Args;
+
 use super::args::create_folder;
 use super::bench::print_report;
-use super::device::{DeviceArgs, check_validation, open};
+use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::picture_files::{self, Format};
 use super::printer::Printer;
@@ -16,14 +18,38 @@ use crate::io::{load_scene, save_scene, write_ply};
 use crate::render::{Picture, RenderOptions, Renderer};
 use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
-use crate::synth::{SKY_COLOR, embedded_scene, embedded_views};
+use crate::synth::{SKY_COLOR, embedded_scene};
+
+/// Timed frames of each scene for every view.
+const FRAMES_PER_VIEW: u32 = 2;
+
+/// The whole story on the embedded scene: instanced and flattened, pictures, frame rates, bytes.
+///
+/// Writes DIR/scene.instgs, DIR/flattened.ply, pictures of both in DIR/instanced and DIR/flattened, and DIR/report.json.
+#[derive(Args)]
+#[command(after_help = "Example:\n  instgs-vk demo --out out/demo")]
+pub(super) struct DemoArgs {
+    /// Folder for scenes, pictures and report; made if it is not there
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    out: PathBuf,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(super) json: bool,
+}
 
 /// Views of the circle around the scene.
-const VIEWS: u32 = 8;
+const ORBIT_VIEWS: u32 = 8;
 /// Picture size.
 const SIZE: (u32, u32) = (640, 360);
-/// Timed frames of each scene and view.
-const FRAMES_PER_VIEW: u32 = 2;
+
+pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let scene = &embedded_scene();
+    let cameras = &Orbit::around(scene, None).cameras(ORBIT_VIEWS, SIZE);
+    let gpu = device::open(device_args.choice())?;
+    let report = run(&gpu, scene, cameras, SKY_COLOR, &args.out, printer)?;
+    device::check_validation(&gpu)?;
+    if args.json { printer.json(&report) } else { Ok(()) }
+}
 
 /// What the demo found.
 #[derive(Debug, serde::Serialize)]
@@ -37,32 +63,15 @@ pub struct DemoReport {
     pub pictures: Vec<PathBuf>,
 }
 
-/// Builds an embedded scene of instanced cars, renders it from a circle and from four chosen views, does the same with
-/// its expanded self, and compares the two: speed, bytes, pictures.
-#[derive(clap::Args)]
-#[command(after_help = "Example:\n  instgs-vk demo --out out/demo")]
-pub(super) struct DemoArgs {
-    /// Folder for scenes, pictures and report.json
-    #[arg(long, value_name = "DIR", default_value = "out/demo")]
-    out: PathBuf,
-}
-
-/// Runs the demo on the embedded scene.
-pub(super) fn run_embedded(args: &DemoArgs, device: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let gpu = open(device.choice())?;
-    run(&gpu, &embedded_scene(), &embedded_views(SIZE), SKY_COLOR, &args.out, printer)?;
-    check_validation(&gpu)
-}
-
-/// Saves `scene` as `out/scene.instgs` and flattened as `out/flattened.ply`, renders both from a circle and the given
-/// views to `out/instanced` and `out/flattened`, measures them side by side, prints the comparison and writes `out/report.json`.
+/// Saves `scene` as `out/scene.instgs` and flattened as `out/flattened.ply`, renders both to
+/// `out/instanced` and `out/flattened`, measures them side by side, prints the comparison and writes `out/report.json`.
 ///
 /// # Errors
 /// A file that cannot be written, or a device that cannot render.
 pub fn run(
     gpu: &Arc<Gpu>,
     scene: &InstancedScene,
-    views: &[Camera],
+    cameras: &[Camera],
     background: [f32; 3],
     out: &Path,
     printer: &Printer,
@@ -76,11 +85,9 @@ pub fn run(
     let flattened = load_scene(&flattened_path)?;
     // A .ply does not say that its scene is antialiased.
     let options = RenderOptions { antialias: scene.antialias, background, ..RenderOptions::default() };
-    let mut cameras = Orbit::around(&instanced.scene, None).cameras(VIEWS, SIZE);
-    cameras.extend_from_slice(views);
     let frames = FRAMES_PER_VIEW * cameras.len() as u32;
 
-    let mut renders = Renders { gpu, cameras: &cameras, options, printer };
+    let mut renders = Renders { gpu, cameras, options, printer };
     let (mut pictures, from_instanced) = renders.all(&instanced.scene, &out.join("instanced"))?;
     let (more, from_flattened) = renders.all(&flattened.scene, &out.join("flattened"))?;
     pictures.extend(more);
@@ -96,7 +103,7 @@ pub fn run(
         |path: &Path, scene, file_bytes| Subject { name: path.display().to_string(), scene, file_bytes, options };
     let first = subject(&scene_path, &instanced.scene, instanced.file_bytes);
     let second = subject(&flattened_path, &flattened.scene, flattened.file_bytes);
-    let bench = bench::run(gpu, &first, Some(&second), &cameras, frames, &mut on_event)?;
+    let bench = bench::run(gpu, &first, Some(&second), cameras, frames, &mut on_event)?;
     drop(progress);
 
     let report = DemoReport { bench, psnr, pictures };

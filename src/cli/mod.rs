@@ -36,6 +36,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Info(info::InfoArgs),
+    Demo(demo::DemoArgs),
     Render(render::RenderArgs),
     Bench(bench::BenchArgs),
     Inspect(inspect::InspectArgs),
@@ -72,6 +73,7 @@ impl Command {
     fn json_on_stdout(&self) -> bool {
         match self {
             Self::Info(args) => args.json,
+            Self::Demo(args) => args.json,
             Self::Render(args) => args.json,
             Self::Bench(args) => args.json_on_stdout(),
             Self::Inspect(args) => args.json,
@@ -84,6 +86,7 @@ impl Command {
 fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
     match &cli.command {
         Command::Info(args) => info::run(args, &cli.device, printer),
+        Command::Demo(args) => demo::run_command(args, &cli.device, printer),
         Command::Render(args) => render::run(args, &cli.device, printer),
         Command::Bench(args) => bench::run(args, &cli.device, printer),
         Command::Inspect(args) => inspect::run(args, printer),
