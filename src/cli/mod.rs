@@ -41,7 +41,6 @@ enum Command {
     Bench(bench::BenchArgs),
     Inspect(inspect::InspectArgs),
     Export(export::ExportArgs),
-    Demo(demo::DemoArgs),
 }
 
 const SUCCESS: u8 = 0;
@@ -78,7 +77,6 @@ impl Command {
             Self::Bench(args) => args.json_on_stdout(),
             Self::Inspect(args) => args.json,
             Self::Export(args) => args.json,
-            Self::Demo(_) => false,
         }
     }
 }
@@ -91,7 +89,6 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Bench(args) => bench::run(args, &cli.device, printer),
         Command::Inspect(args) => inspect::run(args, printer),
         Command::Export(args) => export::run(args, printer),
-        Command::Demo(args) => demo::run_embedded(args, &cli.device, printer),
     }
 }
 
