@@ -18,7 +18,7 @@ use crate::io::{load_scene, save_scene, write_ply};
 use crate::render::{Picture, RenderOptions, Renderer};
 use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
-use crate::synth::{SKY_COLOR, embedded_scene};
+use crate::synth::{SKY_COLOR, embedded_scene, embedded_views};
 
 /// Timed frames of each scene for every view.
 const FRAMES_PER_VIEW: u32 = 2;
@@ -44,9 +44,10 @@ const SIZE: (u32, u32) = (640, 360);
 
 pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let scene = &embedded_scene();
-    let cameras = &Orbit::around(scene, None).cameras(ORBIT_VIEWS, SIZE);
+    let mut cameras = Orbit::around(scene, None).cameras(ORBIT_VIEWS, SIZE);
+    cameras.extend(embedded_views(SIZE));
     let gpu = device::open(device_args.choice())?;
-    let report = run(&gpu, scene, cameras, SKY_COLOR, &args.out, printer)?;
+    let report = run(&gpu, scene, &cameras, SKY_COLOR, &args.out, printer)?;
     device::check_validation(&gpu)?;
     if args.json { printer.json(&report) } else { Ok(()) }
 }
