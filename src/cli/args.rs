@@ -41,7 +41,7 @@ pub(super) struct ViewArgs {
     /// Picture size; views of other sizes are scaled per axis [default: the views' own; 1280x720 with --orbit]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u32, u32)>,
-    /// Up axis of --orbit [default: the axis along which the scene is thinnest, as -y, +z or +x]
+    /// Up axis of --orbit [default: across a scene that is a plate, as -y, +z or +x; else -y]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, conflicts_with_all = ["data", "camera"], allow_hyphen_values = true)]
     up: Option<Triple>,
 }
@@ -71,7 +71,7 @@ impl ViewArgs {
             ViewSource { orbit, .. } => {
                 let up = self.up.map(|up| DVec3::from_array(up.0.map(f64::from)));
                 let circle = Orbit::around(scene, up);
-                // The scene's middle half is within a third of the distance from the centre.
+                // Half of the scene is within less than half the distance from the centre.
                 if circle.distance < 1.5 * f64::from(near) {
                     let distance = circle.distance;
                     printer.warning(format_args!(

@@ -14,6 +14,10 @@ const ELEVATION: f64 = 20.0 * std::f64::consts::PI / 180.0;
 const MOST_SAMPLES: u64 = 1 << 16;
 /// An axis counts as the scene's vertical if the scene is at most this much as thick along it as along the next one.
 const CLEARLY_THINNER: f64 = 0.8;
+/// And only if it is a plate: at least this much as wide along the second axis as along the widest.
+const PLATE: f64 = 0.5;
+/// The largest ball shown, in radii of the one that holds half of the means: single objects fit, backgrounds do not count.
+const MOST_HALF_RADII: f64 = 1.6;
 
 /// A circle of cameras that look at its centre from above.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,11 +32,13 @@ pub struct Orbit {
 
 impl Orbit {
     /// A circle that suits a scene, from the means of the expanded scene: the centre is their median per axis, and the
-    /// distance shows a ball with the middle half of them, so that far background and stray Gaussians do not count.
+    /// distance shows a ball with nine tenths of them, or 1.6 times as large as that with half of them if that is less,
+    /// so that far background and stray Gaussians do not count.
     ///
-    /// Without `up`, the world axis along which the scene is clearly thinnest (10th to 90th percentile) is the vertical:
-    /// scenes are wider than high. Its sign follows the conventions that go with it, -y (COLMAP and the public 3DGS
-    /// files) or +z (Blender, nerfstudio), +x otherwise. A scene as thick as wide gets -y.
+    /// Without `up`, the axis across a scene that is a plate (clearly thinner along one world axis than along the other
+    /// two, 10th to 90th percentile) is the vertical: places are wider than high. Its sign follows the conventions that
+    /// go with it, -y (COLMAP and the public 3DGS files) or +z (Blender, nerfstudio), +x otherwise. Others, such as a
+    /// figure or a ball, get -y.
     pub fn around(scene: &InstancedScene, up: Option<DVec3>) -> Self {
         let means = sampled_means(scene);
         let axis = |k: usize| sorted(means.iter().map(|m| m[k]));
@@ -40,12 +46,13 @@ impl Orbit {
         let center = DVec3::from_array([0, 1, 2].map(|k| percentile(&axes[k], 0.5)));
         let distances = sorted(means.iter().map(|m| m.distance(center)));
         // Clouds with all means at one place: as large as their largest standard deviation.
-        let radius = [0.5, 1.0].map(|p| percentile(&distances, p)).into_iter().find(|&r| r > 0.0);
+        let [half, most, all] = [0.5, 0.9, 1.0].map(|p| percentile(&distances, p));
+        let radius = [most.min(MOST_HALF_RADII * half), all].into_iter().find(|&r| r > 0.0);
         let radius = radius.unwrap_or_else(|| 2.0 * largest_deviation(scene));
         let radius = if radius.is_finite() && radius > 0.0 { radius } else { 1.0 };
         let thickness = axes.map(|values| percentile(&values, 0.9) - percentile(&values, 0.1));
         let up = up.and_then(DVec3::try_normalize).unwrap_or_else(|| guessed_up(thickness));
-        Self { center, distance: 1.25 * radius / (0.5 * FIELD_OF_VIEW).sin(), up }
+        Self { center, distance: radius / (0.5 * FIELD_OF_VIEW).sin(), up }
     }
 
     /// `count` cameras at equal angles, named 000, 001 ...
@@ -110,10 +117,11 @@ fn largest_deviation(scene: &InstancedScene) -> f64 {
 fn guessed_up(thickness: [f64; 3]) -> DVec3 {
     let mut order = [0, 1, 2];
     order.sort_by(|&a: &usize, &b| thickness[a].total_cmp(&thickness[b]));
-    let clear = thickness[order[0]] <= CLEARLY_THINNER * thickness[order[1]] && thickness[order[1]] > 0.0;
+    let [thin, middle, wide] = order.map(|k| thickness[k]);
+    let plate = thin <= CLEARLY_THINNER * middle && middle >= PLATE * wide && middle > 0.0;
     match order[0] {
-        2 if clear => DVec3::Z,
-        0 if clear => DVec3::X,
+        2 if plate => DVec3::Z,
+        0 if plate => DVec3::X,
         _ => DVec3::NEG_Y,
     }
 }
@@ -159,6 +167,7 @@ mod tests {
             assert_eq!((orbit.center, orbit.up), (DVec3::ZERO, up));
             assert!((5.0..25.0).contains(&orbit.distance), "{orbit:?}");
         }
+        assert_eq!(guessed_up([0.5, 2.2, 0.8]), DVec3::NEG_Y, "a standing figure is no plate");
         let turned = Orbit::around(&InstancedScene::from_cloud(plate(2)), Some(DVec3::new(0.0, 3.0, 0.0)));
         assert_eq!(turned.up, DVec3::Y);
     }
