@@ -18,9 +18,9 @@ layout(scalar, binding = 4) readonly buffer Quats { vec4 quats[]; };            
 layout(scalar, binding = 5) readonly buffer LogScales { vec3 log_scales[]; };                  // source log standard deviations
 layout(scalar, binding = 6) readonly buffer OpacityLogits { float opacity_logits[]; };         // source opacity logits
 layout(scalar, binding = 7) readonly buffer Sh0 { vec3 sh0[]; };                               // source SH band 0, 1 per Gaussian
-layout(scalar, binding = 15) readonly buffer Sh1 { vec3 sh1[]; };                              // source SH band 1, 3 per Gaussian
-layout(scalar, binding = 16) readonly buffer Sh2 { vec3 sh2[]; };                              // source SH band 2, 5 per Gaussian
-layout(scalar, binding = 17) readonly buffer Sh3 { vec3 sh3[]; };                              // source SH band 3, 7 per Gaussian
+layout(scalar, binding = 15) readonly buffer Sh1 { vec3 sh1[]; };                              // SH band 1, 3 per Gaussian of degree >= 1
+layout(scalar, binding = 16) readonly buffer Sh2 { vec3 sh2[]; };                              // SH band 2, 5 per Gaussian of degree >= 2
+layout(scalar, binding = 17) readonly buffer Sh3 { vec3 sh3[]; };                              // SH band 3, 7 per Gaussian of degree 3
 layout(scalar, binding = 8) readonly buffer OffsetMeans { vec3 offset_means[]; };              // mean offsets, template frame
 layout(scalar, binding = 9) readonly buffer OffsetShDc { vec3 offset_sh_dc[]; };               // offsets of SH coefficient 0
 layout(scalar, binding = 10) readonly buffer OffsetLogits { float offset_opacity_logits[]; };  // offsets of opacity logits
@@ -126,23 +126,24 @@ Projection expand(Instance instance, uint local) {
 }
 
 // INRIA order and signs; constants are the usual normalisation factors.
-vec3 evaluate_sh(uint source, vec3 dc_offset, vec3 dir) {
-    vec3 color = 0.28209479177387814 * (sh0[source] + dc_offset);
+vec3 evaluate_sh(Instance instance, uint local, vec3 dc_offset, vec3 dir) {
+    vec3 color = 0.28209479177387814 * (sh0[instance.first_source + local] + dc_offset);
     float x = dir.x, y = dir.y, z = dir.z;
     float xx = x * x, yy = y * y, zz = z * z;
-    uint degree = SH_DEGREE;
+    // The spec constant removes the code of bands that no template of the scene has.
+    uint degree = min(SH_DEGREE, instance.sh_degree);
     if (degree > 0) {
-        uint k = 3 * source;
+        uint k = 3 * (instance.first_in_band[0] + local);
         color += 0.4886025119029199 * (-y * sh1[k] + z * sh1[k + 1] - x * sh1[k + 2]);
     }
     if (degree > 1) {
-        uint k = 5 * source;
+        uint k = 5 * (instance.first_in_band[1] + local);
         color += 1.0925484305920792 * (x * y * sh2[k] - y * z * sh2[k + 1] - x * z * sh2[k + 3]);
         color += 0.31539156525252005 * (2.0 * zz - xx - yy) * sh2[k + 2];
         color += 0.5462742152960396 * (xx - yy) * sh2[k + 4];
     }
     if (degree > 2) {
-        uint k = 7 * source;
+        uint k = 7 * (instance.first_in_band[2] + local);
         color += -0.5900435899266435 * y * (3.0 * xx - yy) * sh3[k];
         color += 2.890611442640554 * x * y * z * sh3[k + 1];
         color += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * sh3[k + 2];
@@ -155,15 +156,15 @@ vec3 evaluate_sh(uint source, vec3 dc_offset, vec3 dir) {
 }
 
 vec3 splat_color(Instance instance, uint local) {
-    uint source = instance.first_source + local;
-    vec3 mean_world = transform_point(instance.world_from_template, mean_template(instance, local, source));
+    vec3 mean = mean_template(instance, local, instance.first_source + local);
+    vec3 mean_world = transform_point(instance.world_from_template, mean);
     vec3 dir_world = mean_world - view.position_world;
     // R^T dir, with R = A / scale: the same side of an instance looks the same however it is turned.
     vec3 dir = transpose(linear_part(instance.world_from_template)) * dir_world;
     float len = sqrt(dot(dir, dir));
     vec3 dc_offset = vec3(0.0);
     if (instance.first_offset != NO_OFFSET) dc_offset = offset_sh_dc[instance.first_offset + local];
-    return evaluate_sh(source, dc_offset, len > 0.0 ? dir / len : vec3(0.0, 0.0, 1.0));
+    return evaluate_sh(instance, local, dc_offset, len > 0.0 ? dir / len : vec3(0.0, 0.0, 1.0));
 }
 
 void main() {

@@ -29,8 +29,8 @@ pub struct DeviceScene {
     pub log_scales: Buffer<[f32; 3]>,
     /// Source opacity logits.
     pub opacity_logits: Buffer<f32>,
-    /// Source SH by band: 1, 3, 5, 7 coefficients per Gaussian; bands above the degree hold one unused element. Bands
-    /// are apart because one binding is at most 128 MiB on some drivers.
+    /// Source SH by band: 1, 3, 5, 7 coefficients per Gaussian of the clouds that have the band (see
+    /// `Instance::first_in_band`). Bands are apart because one binding is at most 128 MiB on some drivers.
     pub sh_bands: [Buffer<[f32; 3]>; 4],
     /// Offset means.
     pub offset_means: Buffer<[f32; 3]>,
@@ -79,7 +79,7 @@ impl DeviceScene {
         let pool = |field: fn(&Gaussians) -> usize| field(&scene.templates) + field(&scene.background);
         check_limit(gpu, "source Gaussians", pool(Gaussians::len))?;
         let tables = build_tables(scene, chunk_size)?;
-        let band = |gpu: &Arc<Gpu>, l: u32| upload(gpu, &format!("sh band {l}"), &sh_band(scene, l, sh_degree));
+        let band = |gpu: &Arc<Gpu>, l: u32| upload(gpu, &format!("sh band {l}"), &sh_band(scene, l));
         Ok(Self {
             instances: upload(gpu, "instances", &tables.instances)?,
             chunks: upload(gpu, "chunks", &tables.chunks)?,
@@ -141,9 +141,8 @@ impl PlannedBytes {
 
 /// What [`DeviceScene::new`] will allocate, without a device. The scene must be valid.
 pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
-    let sh_degree = scene.sh_degree();
     // Mean, quaternion, log scales, opacity logit, SH; an offset record is mean, SH 0, logit.
-    let gaussian_bytes = 4 * (3 + 4 + 3 + 1 + 3 * sh_coefficients(sh_degree) as u64);
+    let gaussian_bytes = |degree: u32| 4 * (3 + 4 + 3 + 1 + 3 * sh_coefficients(degree) as u64);
     let (templates, background) = (scene.templates.len() as u64, scene.background.len() as u64);
     let chunks_of = |count: u32| u64::from(count.div_ceil(chunk_size));
     let chunks: u64 =
@@ -152,17 +151,21 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     let chunk_bytes = size_of::<types::Chunk>() as u64;
     let instance_bytes = size_of::<types::Instance>() as u64;
     let placeholder = |len: u64, bytes: u64| if len == 0 { bytes } else { 0 };
+    let in_band = |l: u32| {
+        let clouds = [&scene.templates, &scene.background];
+        clouds.into_iter().filter(|c| c.sh_degree >= l).map(|c| c.len() as u64).sum::<u64>()
+    };
     PlannedBytes {
-        templates: templates * gaussian_bytes,
-        background: background * gaussian_bytes,
+        templates: templates * gaussian_bytes(scene.templates.sh_degree),
+        background: background * gaussian_bytes(scene.background.sh_degree),
         offsets: scene.offsets.tensor_bytes(),
         instances: instances * instance_bytes,
         chunks: chunks * chunk_bytes,
-        unused: placeholder(templates + background, gaussian_bytes)
+        unused: placeholder(templates + background, 44)
+            + (0..4).map(|l| placeholder(in_band(l), 12)).sum::<u64>()
             + placeholder(scene.offsets.len() as u64, 28)
             + placeholder(instances, instance_bytes)
-            + placeholder(chunks, chunk_bytes)
-            + 12 * u64::from(3 - sh_degree),
+            + placeholder(chunks, chunk_bytes),
     }
 }
 
@@ -179,18 +182,13 @@ fn joined<T: Copy>(scene: &InstancedScene, field: fn(&Gaussians) -> &Vec<T>) -> 
     [field(&scene.templates).as_slice(), field(&scene.background).as_slice()].concat()
 }
 
-/// Coefficients l^2 .. (l+1)^2 of every source Gaussian; zeros where a cloud has a lower degree than the scene.
-fn sh_band(scene: &InstancedScene, l: u32, sh_degree: u32) -> Vec<[f32; 3]> {
-    if l > sh_degree {
-        return vec![[0.0; 3]];
-    }
+/// Coefficients l^2 .. (l+1)^2 of every source Gaussian whose cloud has them.
+fn sh_band(scene: &InstancedScene, l: u32) -> Vec<[f32; 3]> {
     let first = if l == 0 { 0 } else { sh_coefficients(l - 1) };
-    let range = first..sh_coefficients(l);
-    let mut out = Vec::with_capacity(range.len() * (scene.templates.len() + scene.background.len()));
+    let mut out = Vec::new();
     for cloud in [&scene.templates, &scene.background] {
-        for i in 0..cloud.len() {
-            let source = cloud.sh_of(i);
-            out.extend(range.clone().map(|c| source.get(c).copied().unwrap_or([0.0; 3])));
+        if cloud.sh_degree >= l {
+            (0..cloud.len()).for_each(|i| out.extend_from_slice(&cloud.sh_of(i)[first..sh_coefficients(l)]));
         }
     }
     out
@@ -216,17 +214,37 @@ fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Tables, Rende
             first_offset: instance.first_offset.unwrap_or(NO_OFFSET),
             max_offset,
         };
-        tables.push_instance(&place, bound, (range.first, range.count), *first_chunk, chunk_size)?;
+        let source = Source {
+            first: range.first,
+            count: range.count,
+            sh_degree: scene.templates.sh_degree,
+            first_in_band: [range.first; 3],
+        };
+        tables.push_instance(&place, bound, source, *first_chunk, chunk_size)?;
     }
     if !scene.background.is_empty() {
         let first_chunk = tables.chunks.len() as u32;
         let count = scene.background.len();
         let bound = tables.push_chunks(&scene.background, 0, count, chunk_size);
         let place = Placement { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0 };
-        let source = (scene.templates.len() as u32, count as u32);
+        let source = Source {
+            first: scene.templates.len() as u32,
+            count: count as u32,
+            sh_degree: scene.background.sh_degree,
+            first_in_band: [1, 2, 3]
+                .map(|l| if scene.templates.sh_degree >= l { scene.templates.len() as u32 } else { 0 }),
+        };
         tables.push_instance(&place, &bound, source, first_chunk, chunk_size)?;
     }
     Ok(tables)
+}
+
+/// Which source Gaussians an instance shows.
+struct Source {
+    first: u32,
+    count: u32,
+    sh_degree: u32,
+    first_in_band: [u32; 3],
 }
 
 /// Where an instance stands and which offsets it has.
@@ -255,7 +273,7 @@ impl Tables {
         &mut self,
         place: &Placement<'_>,
         bound: &Bound,
-        (first_source, source_count): (u32, u32),
+        source: Source,
         first_chunk: u32,
         chunk_size: u32,
     ) -> Result<(), RenderError> {
@@ -266,14 +284,16 @@ impl Tables {
             sigma_max: round_up(bound.sigma_max),
             max_offset: round_up(place.max_offset),
             scale: round_up(place.world_from_template.scale()),
-            first_source,
-            source_count,
+            first_source: source.first,
+            source_count: source.count,
             first_offset: place.first_offset,
             first_chunk,
             first_flat: self.flat as u32,
+            sh_degree: source.sh_degree,
+            first_in_band: source.first_in_band,
         });
-        self.chunk_pairs += u64::from(source_count.div_ceil(chunk_size));
-        self.flat += u64::from(source_count);
+        self.chunk_pairs += u64::from(source.count.div_ceil(chunk_size));
+        self.flat += u64::from(source.count);
         let limit = u64::from(u32::MAX);
         if self.flat > limit {
             return Err(RenderError::TooMany { what: "expanded Gaussians", needed: self.flat, limit });
