@@ -1,4 +1,116 @@
-//! instgs-vk: shared-template Gaussian instancing on raw Vulkan.
+//! instgs-vk: Gaussian splatting of scenes with repeated objects, on Vulkan 1.3 compute.
+//!
+//! A scene keeps one *template* of Gaussians per kind of object. Each *instance* of it is a similarity transform and,
+//! optionally, *offsets*: small differences in position, base colour and opacity for every Gaussian of the template.
+//! What is not repeated is the *background*. A plain 3DGS cloud is the special case "background only", so there is one
+//! scene type ([`scene::InstancedScene`]) and one renderer ([`render::Renderer`]). Instances are expanded on the
+//! device, every frame, chunk by chunk, for what the camera may see.
+//!
+//! # A frame
+//!
+//! Left: the data, and in brackets its index. Right: the kernel that makes it, from what stands above.
+//!
+//! ```text
+//! InstancedScene --upload--> DeviceScene: source pool = templates | background; instances; chunk bounds; offsets
+//! Camera, RenderOptions ---> View (push constants)
+//!
+//!   instance_chunks   [instance]           cull_instances               chunks worth testing, 0 if out of sight
+//!       | scan
+//!   candidates        [candidate]          cull_chunks                  (instance, chunk) and whether it may be seen
+//!       | scan
+//!   work items        [work item]          emit_work_items              dense list of visible chunks
+//!       |
+//!   splats            [slot]               preprocess_instance_expand   Eq. 6, projection, tile count, colour
+//!       | scan of survivors
+//!   (depth key, slot) [0..visible]         compact_visible              dense list, flat order
+//!   slots             [depth order]        radix_sort_count, scan, radix_sort_scatter: 4 digits
+//!
+//! once per depth slab (one, unless the intersection buffer or a tile's list would overflow):
+//!   isect_offsets     [depth order]        scan of tile counts
+//!   slab begin, end                        plan_slab                    the longest run that fits
+//!   (tile, slot)      [intersection]       emit_intersections           depth order
+//!   (tile, slot)      [sorted isect]       radix_sort_*                 by tile, stable: 1 to 3 digits
+//!   tile_ranges       [tile]               tile_ranges
+//!   colour, alpha, depth [pixel]           tile_blend                   front to back, onto the previous slabs
+//! ```
+//!
+//! Everything up to and including the first slab is one submission, sized on the device by indirect arguments. The host
+//! reads 16 counters after it. If candidates or work items did not fit, it enlarges their buffers and redoes the frame;
+//! if splats are left, it submits them slab by slab and enlarges the intersection buffer for the next frame.
+//! `render/forward.rs` is this list in code.
+//!
+//! # Layers
+//!
+//! A module uses only modules of lower layers; `tests/architecture.rs` checks it. Layer 4 is empty so far.
+//!
+//! - L0 `math`: spherical harmonics, covariances, similarities, seeded random numbers.
+//! - L1 `gpu`: the only module that speaks Vulkan: device, buffers, pipelines, recorder with derived barriers,
+//!   profiler, and the kernels' interfaces as Rust types, generated from the GLSL by `build.rs`.
+//! - L1 `scene`: plain CPU data: Gaussians, offsets, instances, cameras, trajectories, flattening.
+//! - L2 `reference`: f64 twins of the kernels, slow and obvious.
+//! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, cameras, COLMAP, `transforms.json`, KTX2.
+//! - L2 `kernels`: one page per kernel, the compiled pipelines, and the variant (sizes) picked for a device.
+//! - L3 `render`: scene on the device, buffer plan, the passes in order, growth and depth slabs, self-test.
+//! - L5 `synth`: procedural scenes, among them the one of `instgs-vk demo`.
+//! - L6 `bench`: measurements and their report.
+//! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
+//!
+//! # Conventions
+//!
+//! - Frames are in names: `world_from_template` maps template to world, `view_from_world` world to camera. A transform
+//!   is `x -> A x + t` with `A = s R`, s > 0 uniform, R a rotation. Lengths are scene units unless a name ends in
+//!   `_px`.
+//! - Eq. 6: `mean_world = A (mean_t + d_mean) + t`, `cov_world = A cov_t A^T`, SH coefficient 0 and opacity logit plus
+//!   their offsets. Offsets live in the template's frame, so an instance keeps its shape when it is moved.
+//! - Colour = `max(0, SH + 0.5)`, rgb in the encoding of the training images (sRGB values). SH is evaluated in
+//!   direction `R^T normalize(mean_world - camera)`: an instance looks the same from the same side, however it is
+//!   turned.
+//! - SH has INRIA's order and signs: coefficient `l^2 + l + m`, m = -l..=l, degree 0 to 3. Quaternions are (w, x, y, z)
+//!   of any length but zero; users normalise. Scales are natural logarithms of standard deviations, opacities are
+//!   logits.
+//! - Cameras are OpenCV pinholes: x right, y down, z forward. Depth is the view-space z. Pixel (i, j) has its centre at
+//!   (i + 0.5, j + 0.5); images are stored row by row from the top.
+//! - Flat order: instances in file order, each in template order, then the background. It breaks ties in depth, on the
+//!   device, in the twins and in `InstancedScene::flatten`.
+//! - Index spaces: `source` (pool of templates and background), `slot` (work item times work-group size plus rank),
+//!   place in depth order, intersection, tile (row major), pixel (row major).
+//! - Blending: alpha below 1/255 is skipped, alpha is at most 0.99, and a pixel ends before the splat that would bring
+//!   its transmittance below 1e-4. Variances get 0.3 px^2 of dilation and near is 0.2 unless [`render::RenderOptions`]
+//!   says otherwise.
+//!
+//! # Guarantees
+//!
+//! - Nothing is dropped. Counts saturate instead of wrapping, writes are guarded by capacities, and true totals are
+//!   kept. A buffer that is too small costs time, never pixels; what exceeds the device's limits is an error that names
+//!   it.
+//! - Deterministic: the same scene, camera, options, build and device give the same bytes. Lists are made by scans,
+//!   sorts are stable, the only atomics are integer counts in shared memory. Buffer sizes and depth slabs never change
+//!   a picture.
+//! - Culling is conservative: it covers the whole footprint of a splat, the clamped Jacobian and the largest offset
+//!   included, and removes only what cannot change a pixel. Per-instance work is one test; the rest follows what is
+//!   visible.
+//! - NaN and infinities in a scene do not spread: a Gaussian without a finite projection and colour blends nothing.
+//!
+//! # Adding a pass `foo`
+//!
+//! Four files and one call: `glsl/foo.comp`, `src/kernels/foo.rs` (its page, and the re-export of its generated types),
+//! `src/reference/foo.rs` (the f64 twin), `tests/kernels/foo.rs`, and the dispatch in `render/`. The lists that name it
+//! are `kernels/mod.rs`, `kernels/pipelines.rs`, `reference/mod.rs` and `tests/kernels/main.rs`. `build.rs` compiles
+//! and reflects the shader and generates `Params` and `Bindings`; a `readonly` buffer is a `&` field, any other a
+//! `&mut` field, and the recorder derives barriers from that. Kernels that are steps of one algorithm may share a twin
+//! and a test: `tests/architecture.rs` lists them and fails if a file is missing.
+//!
+//! # Tests and tolerances
+//!
+//! - `tests/golden_reference.rs`: the twins against golden files of an independent implementation: 1e-12 in f64, 1e-6
+//!   for scenes rounded to f32.
+//! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
+//!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
+//!   one, and repeated frames identical. `tests/common/` holds the comparison.
+//! - Pixels where f32 may rightly decide otherwise (alpha near 1/255, depths nearly equal, and the like) are excluded
+//!   by the `robust` mask, at most 2 % of an image. Planted errors prove that the comparisons can fail.
+//! - GPU tests run with validation and synchronisation validation, and any message fails them. Without a device they
+//!   fail, unless `INSTGS_SKIP_GPU=1` is set. `tools/test` repeats them on lavapipe at subgroup sizes 4, 8 and, with AVX-512, 16.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod bench;
