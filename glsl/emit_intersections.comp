@@ -40,7 +40,7 @@ void main() {
         row += advance ? 1 : 0;
         uvec2 next_columns = tile_columns(f, row, tiles.x);
         columns = advance ? next_columns : columns;
-        if (row > rows.y) {
+        if (row >= rows.y) {
             // Count and emit agree bit for bit; were they ever to differ, the rest goes to a tile outside the image.
             for (; next < end; ++next) {
                 tile_keys[next] = tiles.x * tiles.y;

@@ -11,7 +11,6 @@ struct Instance {
     uint source_count;            // Gaussians of the template
     uint first_offset;            // first offset record, NO_OFFSET if none
     uint first_chunk;             // index of the template's first chunk
-    uint first_flat;              // flat index of the instance's first Gaussian
     uint sh_degree;               // SH degree of the template; higher bands hold nothing of it
     uvec3 first_in_band;          // index of the template's first Gaussian in SH bands 1, 2, 3
 };

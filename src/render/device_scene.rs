@@ -169,7 +169,8 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     }
 }
 
-/// The largest per-Gaussian array is SH band 3 with 84 bytes; say the limit in Gaussians before anything is built.
+/// Quaternions, 16 bytes, are the largest array that every Gaussian has: says the limit in Gaussians before anything is
+/// built. SH bands may be larger; their upload names the buffer.
 fn check_limit(gpu: &Gpu, what: &'static str, count: usize) -> Result<(), RenderError> {
     let limit = u64::from(u32::MAX - 1).min(gpu.caps().max_storage_bytes / 16);
     if count as u64 > limit {
@@ -288,7 +289,6 @@ impl Tables {
             source_count: source.count,
             first_offset: place.first_offset,
             first_chunk,
-            first_flat: self.flat as u32,
             sh_degree: source.sh_degree,
             first_in_band: source.first_in_band,
         });

@@ -13,7 +13,8 @@ pub struct Capacities {
     pub intersections: u32,
 }
 
-/// First sizes; frames grow them. 2^16 pairs are 0.5 MiB, 512 work items of 256 slots 12 MiB, 2^19 pairs 8 MiB.
+/// First sizes; frames grow them. 2^16 candidates take 1 MiB, 512 work items of 256 slots 12 MiB,
+/// 2^19 intersections 8 MiB.
 pub const INITIAL: Capacities = Capacities { candidates: 1 << 16, work_items: 512, intersections: 1 << 19 };
 
 /// Lengths of a frame's buffers for one image size and scene.

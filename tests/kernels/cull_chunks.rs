@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::download;
 use instgs_vk::kernels::Variant;
+use instgs_vk::reference::compact::compact;
 use instgs_vk::reference::cull_chunks::{CHUNK_SIZE, visible_chunks};
 use instgs_vk::render::Renderer;
 use instgs_vk::render::forward::read_counters;
@@ -23,9 +24,16 @@ fn every_chunk_that_shows_survives() {
         let scene = renderer.upload(&case.scene).unwrap();
         renderer.render(&scene, &case.camera, &device_options(&case.options)).unwrap();
         let frame = renderer.frame().unwrap();
-        let work_items = read_counters(frame)[COUNTER_WORK_ITEMS as usize] as usize;
-        let got: Vec<(u32, u32)> =
-            download(&gpu, &frame.work_items, work_items).unwrap().iter().map(|w| (w.instance, w.chunk)).collect();
+        let counters = read_counters(frame);
+        let work_items = counters[COUNTER_WORK_ITEMS as usize] as usize;
+        let candidates = counters[COUNTER_CANDIDATES as usize] as usize;
+        let flags = download(&gpu, &frame.candidate_visible, candidates).unwrap();
+        let listed = download(&gpu, &frame.candidates, candidates).unwrap();
+        let want: Vec<_> =
+            compact(&flags.iter().map(|&f| f != 0).collect::<Vec<_>>()).iter().map(|&c| listed[c as usize]).collect();
+        let items = download(&gpu, &frame.work_items, work_items).unwrap();
+        assert!(items == want, "seed {seed}: the work list is the compacted candidates");
+        let got: Vec<(u32, u32)> = items.iter().map(|w| (w.instance, w.chunk)).collect();
         assert!(got.is_sorted(), "seed {seed}: work items are in flat order");
         // The twin's chunks are of CHUNK_SIZE Gaussians; the device's of its work-group size.
         let per_chunk = CHUNK_SIZE as u32 / variant.workgroup_size;
