@@ -7,7 +7,7 @@
 
 layout(scalar, binding = 0) readonly buffer Keys { uint keys[]; };               // keys
 layout(scalar, binding = 1) readonly buffer Counters { uint counters[]; };       // COUNTER_*
-layout(scalar, binding = 2) writeonly buffer Histogram { uint histogram[]; };    // [digit][block]
+layout(scalar, binding = 2) writeonly buffer Histogram { uint histogram[]; };    // counts, digit * blocks + block
 layout(scalar, push_constant) uniform RadixSortCountParams {
     uint count_slot;  // counter that holds the number of keys
     uint shift;       // lowest bit of the digit

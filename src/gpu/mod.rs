@@ -22,6 +22,6 @@ pub use buffer::Buffer;
 pub use caps::DeviceCaps;
 pub use context::{DeviceChoice, Gpu, GpuOptions};
 pub use error::GpuError;
-pub use pipeline::{Pipeline, PipelineCache};
+pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
 pub use timeline::Ticket;

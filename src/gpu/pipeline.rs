@@ -29,12 +29,26 @@ impl PipelineCache {
     }
 }
 
+/// The user's cache file for a device, or `None` if the system names no cache folder. Drivers also check that a cache is
+/// theirs; the device's name keeps those of one machine apart.
+pub fn user_cache_path(device_name: &str) -> Option<PathBuf> {
+    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
+    let folder = variable("XDG_CACHE_HOME")
+        .or_else(|| variable("LOCALAPPDATA"))
+        .or_else(|| variable("HOME").map(|home| home.join(".cache")))?
+        .join("instgs-vk");
+    std::fs::create_dir_all(&folder).ok()?;
+    let name: String = device_name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    Some(folder.join(format!("{name}.pipelines")))
+}
+
 impl Drop for PipelineCache {
     fn drop(&mut self) {
         if let Some(path) = &self.path {
             // SAFETY: the cache is valid. Losing it costs only compile time, so write errors are of no consequence.
             if let Ok(data) = unsafe { self.gpu.device.get_pipeline_cache_data(self.handle) } {
-                let temporary = path.with_extension("tmp");
+                // Another process may be doing the same.
+                let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
                 let _ = std::fs::write(&temporary, data).and_then(|()| std::fs::rename(&temporary, path));
             }
         }

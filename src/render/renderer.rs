@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
 use crate::gpu::staging::download;
-use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder};
+use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{Pipelines, Primitives, Variant};
 use crate::scene::Camera;
 
@@ -90,7 +90,7 @@ impl Renderer {
     /// # Errors
     /// The variant fails the self-test on this device.
     pub fn with_variant(gpu: &Arc<Gpu>, variant: Variant, profile: bool) -> Result<Self, RenderError> {
-        let cache = PipelineCache::new(gpu, None)?;
+        let cache = PipelineCache::new(gpu, user_cache_path(&gpu.caps().name).as_deref())?;
         let primitives = Primitives::new(gpu, &cache, &variant)?;
         self_test(gpu, &primitives, &variant)?;
         Ok(Self {

@@ -36,7 +36,7 @@ fn every_chunk_that_shows_survives() {
         let got: Vec<(u32, u32)> = items.iter().map(|w| (w.instance, w.chunk)).collect();
         assert!(got.is_sorted(), "seed {seed}: work items are in flat order");
         // The twin's chunks are of CHUNK_SIZE Gaussians; the device's of its work-group size.
-        let per_chunk = CHUNK_SIZE as u32 / variant.workgroup_size;
+        let per_chunk = CHUNK_SIZE / variant.workgroup_size;
         let got: BTreeSet<(u32, u32)> = got.into_iter().map(|(i, c)| (i, c / per_chunk)).collect();
         for item in visible_chunks(&case.scene, &case.camera, &case.options) {
             assert!(got.contains(&(item.instance, item.chunk)), "seed {seed}: {item:?} was culled");

@@ -1,6 +1,8 @@
 //! GPU tests: every kernel against its f64 twin, the whole forward pass against twin and golden files. Run at several
 //! subgroup sizes by tools/test (on lavapipe: LP_NATIVE_VECTOR_WIDTH=128/256/512 for 4/8/16).
 
+#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
+
 #[path = "../common/mod.rs"]
 mod common;
 
