@@ -37,9 +37,8 @@ void main() {
     uint chunk_index = c - candidate_offsets[i];
     Instance instance = instances[i];
     Chunk chunk = chunks[instance.first_chunk + chunk_index];
-    vec3 center = transform_point(instance.world_from_template, chunk.center);
-    float radius = instance.scale * (chunk.radius + instance.max_offset);
-    bool culled = outside_view(view, center, radius, instance.scale * chunk.sigma_max);
+    float radius = chunk.radius + instance.max_offset;
+    bool culled = outside_view(view, instance.world_from_template, instance.scale, chunk.center, radius, chunk.sigma_max);
     candidate_visible[c] = culled ? 0 : 1;
     candidates[c] = WorkItem(i, chunk_index);
 }

@@ -17,8 +17,7 @@ void main() {
     uint i = thread_index();
     if (i >= instance_count) return;
     Instance instance = instances[i];
-    vec3 center = transform_point(instance.world_from_template, instance.bound_center);
-    float radius = instance.scale * (instance.bound_radius + instance.max_offset);
-    bool culled = outside_view(view, center, radius, instance.scale * instance.sigma_max);
+    float radius = instance.bound_radius + instance.max_offset;
+    bool culled = outside_view(view, instance.world_from_template, instance.scale, instance.bound_center, radius, instance.sigma_max);
     instance_chunks[i] = culled ? 0 : divide_up(instance.source_count, WORKGROUP_SIZE);
 }

@@ -99,9 +99,9 @@ Projection project(vec3 mean_view, mat3 axes, float opacity) {
     p.footprint.slope = xy / yy;
     p.footprint.chord_px = sqrt(2.0 * tau * det / yy);
     p.footprint.extreme_dy = p.footprint.half_px.x * xy / xx;
-    // Positive guards: NaN fails them. 1e30 keeps products of two of these finite.
-    float largest = max(max(xx, yy), max(abs(p.a.x), abs(p.a.y)));
-    p.visible = z > view.near && opacity >= 1.0 / 255.0 && det > 0.0 && det < 1e30 && largest < 1e15;
+    // Positive guards: NaN fails them, and products of two of these stay finite.
+    bool in_range = z < 1e15 && abs(p.a.x) < 1e15 && abs(p.a.y) < 1e15 && xx < 1e15 && yy < 1e15 && det < 1e30;
+    p.visible = z > view.near && opacity >= 1.0 / 255.0 && det > 0.0 && in_range;
     p.tiles = p.visible ? count_tiles(p.footprint) : 0;
     p.visible = p.visible && p.tiles > 0;
     return p;

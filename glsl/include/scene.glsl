@@ -57,17 +57,31 @@ vec2 limit_max(View view) {
 // sqrt(2 ln 255) = 3.3290: an opaque splat falls to alpha 1/255 there. Rounded up for f32.
 const float EXTENT_SIGMAS = 3.34;
 
-// True if no splat can touch the image whose mean lies within `radius` of `center` (world) and whose largest standard
-// deviation is `sigma`. A splat at view (x, y, z) reaches |du| <= EXTENT_SIGMAS sqrt((f/z)^2 (1 + lim^2) sigma^2 + dilation)
+// Transforms are validated to be rigid, or a rotation times a scale, within 1e-3 of A^T A: lengths may grow by half of that
+// and, for the scale taken from the determinant, by as much again. Doubled.
+const float LENGTH_SLACK = 1.002;
+
+// What rounding can add to a transformed point: some ulps (6e-8) of the terms before they cancel, for the centre and for a
+// mean in the ball, whose terms the radius covers.
+float rounding_of(vec4 rows[3], vec3 p) {
+    vec3 terms = vec3(dot(abs(rows[0].xyz), abs(p)) + abs(rows[0].w), dot(abs(rows[1].xyz), abs(p)) + abs(rows[1].w),
+                      dot(abs(rows[2].xyz), abs(p)) + abs(rows[2].w));
+    return 2e-6 * (terms.x + terms.y + terms.z);
+}
+
+// True if no splat can touch the image whose mean lies within `radius` of `center` in the frame of `world_from_local` and
+// whose largest standard deviation is `sigma`; `scale` is that of the transform. A splat at view (x, y, z) reaches |du| <= EXTENT_SIGMAS sqrt((f/z)^2 (1 + lim^2) sigma^2 + dilation)
 // pixels, which is at most f L sigma k / z + k sqrt(dilation) with L = sqrt(1 + lim^2); "u + du >= 0" times z is linear
 // in x and z, so over a ball it is a half-space test. NaN never culls.
-bool outside_view(View view, vec3 center, float radius, float sigma) {
-    vec3 c = transform_point(view.view_from_world, center);
-    // Rounding of the transform: a few ulps of the coordinates' magnitude.
-    float r = radius * 1.0001 + 1e-5 * (abs(c.x) + abs(c.y) + abs(c.z));
+bool outside_view(View view, vec4 world_from_local[3], float scale, vec3 center, float radius, float sigma) {
+    vec3 center_world = transform_point(world_from_local, center);
+    vec3 c = transform_point(view.view_from_world, center_world);
+    float r = scale * radius * LENGTH_SLACK * LENGTH_SLACK + rounding_of(world_from_local, center) +
+              rounding_of(view.view_from_world, center_world);
     if (c.z + r < view.near) return true;
     vec2 limit = max(abs(limit_min(view)), abs(limit_max(view)));
-    vec2 reach = EXTENT_SIGMAS * sigma * view.focal_px * sqrt(1.0 + limit * limit) * 1.0001;
+    float sigma_view = scale * sigma * LENGTH_SLACK * LENGTH_SLACK;
+    vec2 reach = EXTENT_SIGMAS * sigma_view * view.focal_px * sqrt(1.0 + limit * limit);
     float border = EXTENT_SIGMAS * sqrt(view.dilation_px2) + 1.0;
     vec2 low = view.principal_px + border;                        // u >= -border
     vec2 high = vec2(view.size_px) - view.principal_px + border;  // u <= width + border

@@ -77,8 +77,11 @@ pub fn run(
     }
     for (frame, camera) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
         // The one that goes first finds the caches as the other left them: take turns.
-        let order: &mut dyn Iterator<Item = &mut Run<'_>> =
-            if frame % 2 == 0 { &mut runs.iter_mut() } else { &mut runs.iter_mut().rev() };
+        let order: &mut dyn Iterator<Item = &mut Run<'_>> = if (frame + frame / cameras.len() as u32) % 2 == 0 {
+            &mut runs.iter_mut()
+        } else {
+            &mut runs.iter_mut().rev()
+        };
         for run in order {
             run.time_frame(camera)?;
         }

@@ -68,7 +68,9 @@ pub(super) fn names(cameras: &[Camera]) -> Result<Vec<String>, CliError> {
     let mut names = Vec::with_capacity(cameras.len());
     for (i, camera) in cameras.iter().enumerate() {
         let name = file_name(&camera.name, i);
-        if let Some(first) = taken.insert(name.clone(), i) {
+        // Depth goes to NAME.depth.ktx2, which must not be another camera's colour.
+        let depth_clash = taken.insert(format!("{name}.depth"), i).filter(|&first| first != i);
+        if let Some(first) = taken.insert(name.clone(), i).or(depth_clash) {
             let what = format!("cameras {first} and {i} would both be written to {name}: give them different names");
             return Err(CliError::Other(what));
         }
@@ -103,6 +105,8 @@ mod tests {
         assert_eq!([name(""), name("é.png")], ["007", "é"]);
         let camera = |n: &str| Camera::look_at(n, DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, (4, 4));
         assert!(names(&[camera("a"), camera("b")]).is_ok());
+        assert!(names(&[camera("a.depth"), camera("a")]).is_err());
+        assert!(names(&[camera("a"), camera("a.depth")]).is_err());
         assert!(names(&[camera("a.png"), camera("a.jpg")]).is_err_and(|e| e.to_string().contains("cameras 0 and 1")));
     }
 }

@@ -19,6 +19,8 @@ pub struct DeviceCaps {
     pub min_subgroup_size: u32,
     /// Largest subgroup size a compute pipeline can require.
     pub max_subgroup_size: u32,
+    /// The subgroup size where none is required.
+    pub default_subgroup_size: u32,
     /// Whether a compute pipeline may require a subgroup size at all.
     pub can_require_subgroup_size: bool,
     /// Most subgroups in a work-group with a required size.
@@ -31,7 +33,9 @@ pub struct DeviceCaps {
     pub max_storage_bytes: u64,
     /// Largest work-group count along one dimension.
     pub max_workgroup_count: u32,
-    /// Nanoseconds per timestamp tick; 0 = no timestamps.
+    /// Storage buffers that one kernel may use.
+    pub max_storage_buffers: u32,
+    /// Nanoseconds per timestamp tick.
     pub timestamp_period_ns: f32,
     /// Mesa's CPU driver.
     pub is_llvmpipe: bool,
@@ -72,24 +76,28 @@ impl DeviceCaps {
             device_type: device_type_name(core.device_type),
             min_subgroup_size: v13.min_subgroup_size.max(1),
             max_subgroup_size: v13.max_subgroup_size.max(v11.subgroup_size),
+            default_subgroup_size: v11.subgroup_size,
             can_require_subgroup_size: v13.required_subgroup_size_stages.contains(vk::ShaderStageFlags::COMPUTE),
             max_workgroup_subgroups: v13.max_compute_workgroup_subgroups,
             max_workgroup_invocations: core.limits.max_compute_work_group_invocations,
             shared_memory_bytes: core.limits.max_compute_shared_memory_size,
             max_storage_bytes: u64::from(core.limits.max_storage_buffer_range),
             max_workgroup_count: core.limits.max_compute_work_group_count[0],
+            max_storage_buffers: core.limits.max_per_stage_descriptor_storage_buffers,
             timestamp_period_ns: core.limits.timestamp_period,
             is_llvmpipe,
             loop_iteration_limit: is_llvmpipe.then_some(LLVMPIPE_LOOP_LIMIT),
         }
     }
 
-    /// The subgroup sizes among 4, 8, 16, 32, 64 that the device can run.
+    /// The subgroup sizes among 4, 8, 16, 32, 64 that kernels can be made for: all in the range if a size can be required,
+    /// else the one that the driver uses.
     pub fn subgroup_sizes(&self) -> Vec<u32> {
-        [4, 8, 16, 32, 64]
-            .into_iter()
-            .filter(|s| (self.min_subgroup_size..=self.max_subgroup_size).contains(s))
-            .collect()
+        let range = match self.can_require_subgroup_size {
+            true => self.min_subgroup_size..=self.max_subgroup_size,
+            false => self.default_subgroup_size..=self.default_subgroup_size,
+        };
+        [4, 8, 16, 32, 64].into_iter().filter(|s| range.contains(s)).collect()
     }
 }
 

@@ -45,6 +45,8 @@ pub struct Gpu {
     pub(crate) device: ash::Device,
     pub(crate) queue: Mutex<vk::Queue>,
     pub(crate) queue_family: u32,
+    /// Bits of a timestamp that count; 0 = the queue has none.
+    pub(crate) timestamp_bits: u32,
     pub(crate) memory: Memory,
     pub(crate) timeline: Timeline,
     pub(crate) debug_names: Option<ext::debug_utils::Device>,
@@ -69,7 +71,7 @@ impl Gpu {
         let (entry, instance) = create_instance(options.validation, &messages)?;
         let messenger = options.validation.then(|| create_messenger(&entry, &instance, &messages)).transpose()?;
         let (physical, caps) = choose_device(&instance, &options.device)?;
-        let (device, queue_family) = create_device(&instance, physical, &caps)?;
+        let (device, queue_family, timestamp_bits) = create_device(&instance, physical, &caps)?;
         // SAFETY: the family was requested with one queue at device creation.
         let queue = unsafe { device.get_device_queue(queue_family, 0) };
         let debug_names = options.validation.then(|| ext::debug_utils::Device::new(&instance, &device));
@@ -79,6 +81,7 @@ impl Gpu {
             device,
             queue: Mutex::new(queue),
             queue_family,
+            timestamp_bits,
             memory,
             timeline,
             debug_names,
@@ -253,11 +256,12 @@ fn create_device(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,
     caps: &DeviceCaps,
-) -> Result<(ash::Device, u32), GpuError> {
+) -> Result<(ash::Device, u32, u32), GpuError> {
     check_features(instance, physical, caps)?;
     // SAFETY: `physical` comes from `instance`.
     let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
     let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
+    let timestamp_bits = family.map_or(0, |f| families[f].timestamp_valid_bits);
     let family = family
         .ok_or_else(|| GpuError::MissingFeature { device: caps.name.clone(), feature: "a compute queue".into() })?
         as u32;
@@ -275,8 +279,11 @@ fn create_device(
     let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut v12).push_next(&mut v13);
     // SAFETY: features were checked, pointers live through the call.
     let device = unsafe { instance.create_device(physical, &info, None) }.map_err(GpuError::vulkan("device"))?;
-    Ok((device, family))
+    Ok((device, family, timestamp_bits))
 }
+
+/// Bindings of preprocess_instance_expand, the largest kernel.
+const MOST_STORAGE_BUFFERS: u32 = 18;
 
 /// Fails with the name of the first required feature that is missing.
 fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &DeviceCaps) -> Result<(), GpuError> {
@@ -293,7 +300,6 @@ fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: 
     let needed_operations = vk::SubgroupFeatureFlags::BASIC
         | vk::SubgroupFeatureFlags::VOTE
         | vk::SubgroupFeatureFlags::BALLOT
-        | vk::SubgroupFeatureFlags::ARITHMETIC
         | vk::SubgroupFeatureFlags::SHUFFLE;
     for (present, feature) in [
         (v12.timeline_semaphore, "timelineSemaphore"),
@@ -303,8 +309,9 @@ fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: 
         (v13.maintenance4, "maintenance4"),
         (v13.subgroup_size_control, "subgroupSizeControl"),
         (v13.compute_full_subgroups, "computeFullSubgroups"),
-        (u32::from(operations.contains(needed_operations)), "subgroup vote, ballot, arithmetic and shuffle"),
+        (u32::from(operations.contains(needed_operations)), "subgroup vote, ballot and shuffle"),
         (u32::from(v11.subgroup_supported_stages.contains(vk::ShaderStageFlags::COMPUTE)), "subgroups in compute"),
+        (u32::from(caps.max_storage_buffers >= MOST_STORAGE_BUFFERS), "18 storage buffers in one kernel"),
         (u32::from(!caps.subgroup_sizes().is_empty()), "a subgroup size of 4, 8, 16, 32 or 64"),
     ] {
         if present == 0 {

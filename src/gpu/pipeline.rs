@@ -1,5 +1,6 @@
 //! Compute pipelines: one per kernel and set of specialisation constants.
 
+use std::io::Write as _;
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,22 +16,45 @@ pub struct PipelineCache {
     gpu: Arc<Gpu>,
     handle: vk::PipelineCache,
     path: Option<PathBuf>,
+    /// What the file held.
+    loaded: Vec<u8>,
+}
+
+/// FNV-1a over the cache's data, first in our file: drivers check the header of a cache, but trust its body.
+fn checksum(data: &[u8]) -> [u8; 8] {
+    let step = |hash: u64, &byte: &u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
+    data.iter().fold(0xcbf2_9ce4_8422_2325, step).to_le_bytes()
+}
+
+fn read_cache(path: &Path) -> Option<Vec<u8>> {
+    let file = std::fs::read(path).ok()?;
+    let (sum, data) = file.split_first_chunk::<8>()?;
+    (*sum == checksum(data)).then(|| data.to_vec())
+}
+
+fn write_cache(path: &Path, data: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    file.write_all(&checksum(data))?;
+    file.write_all(data)?;
+    file.persist(path)?;
+    Ok(())
 }
 
 impl PipelineCache {
-    /// Opens the cache; a missing or foreign file is an empty cache (the driver checks the header).
+    /// Opens the cache; a missing, damaged or foreign file is an empty cache.
     pub fn new(gpu: &Arc<Gpu>, path: Option<&Path>) -> Result<Self, GpuError> {
-        let data = path.and_then(|p| std::fs::read(p).ok()).unwrap_or_default();
-        let info = vk::PipelineCacheCreateInfo::default().initial_data(&data);
-        // SAFETY: the data lives through the call; Vulkan validates its header.
+        let loaded = path.and_then(read_cache).unwrap_or_default();
+        let info = vk::PipelineCacheCreateInfo::default().initial_data(&loaded);
+        // SAFETY: the data is what a driver gave us (checksum), and drivers check its header to be their own.
         let handle =
             unsafe { gpu.device.create_pipeline_cache(&info, None) }.map_err(GpuError::vulkan("pipeline cache"))?;
-        Ok(Self { gpu: gpu.clone(), handle, path: path.map(Path::to_path_buf) })
+        Ok(Self { gpu: gpu.clone(), handle, path: path.map(Path::to_path_buf), loaded })
     }
 }
 
-/// The user's cache file for a device, or `None` if the system names no cache folder. Drivers also check that a cache is
-/// theirs; the device's name keeps those of one machine apart.
+/// The user's cache file for a device, or `None` if the system names no cache folder. The device's name keeps those
+/// of one machine apart.
 pub fn user_cache_path(device_name: &str) -> Option<PathBuf> {
     let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let folder = variable("XDG_CACHE_HOME")
@@ -45,11 +69,11 @@ pub fn user_cache_path(device_name: &str) -> Option<PathBuf> {
 impl Drop for PipelineCache {
     fn drop(&mut self) {
         if let Some(path) = &self.path {
-            // SAFETY: the cache is valid. Losing it costs only compile time, so write errors are of no consequence.
-            if let Ok(data) = unsafe { self.gpu.device.get_pipeline_cache_data(self.handle) } {
-                // Another process may be doing the same.
-                let temporary = path.with_extension(format!("{}.tmp", std::process::id()));
-                let _ = std::fs::write(&temporary, data).and_then(|()| std::fs::rename(&temporary, path));
+            // SAFETY: the cache is valid. Losing it costs only compile time, so errors are of no consequence.
+            if let Ok(data) = unsafe { self.gpu.device.get_pipeline_cache_data(self.handle) }
+                && data != self.loaded
+            {
+                let _ = write_cache(path, &data);
             }
         }
         // SAFETY: owned by self; pipelines made from it do not need it any more.

@@ -69,7 +69,8 @@ impl Profiler {
                 .map_err(GpuError::vulkan("timestamps"))?;
         }
         let ns = f64::from(self.gpu.caps().timestamp_period_ns);
-        let milliseconds = |i: usize| ticks[2 * i + 1].wrapping_sub(ticks[2 * i]) as f64 * ns * 1e-6;
+        let mask = u64::MAX >> (64 - self.gpu.timestamp_bits.clamp(1, 64));
+        let milliseconds = |i: usize| (ticks[2 * i + 1].wrapping_sub(ticks[2 * i]) & mask) as f64 * ns * 1e-6;
         Ok(self.names.iter().enumerate().map(|(i, name)| (*name, milliseconds(i))).collect())
     }
 }

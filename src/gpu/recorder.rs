@@ -49,10 +49,13 @@ pub struct Recorder {
     descriptor_cursor: (usize, u32),
     hazards: HazardTracker,
     profiler: Option<Profiler>,
-    /// Slot i is set when pass i begins: after a device loss the last set slot names the culprit.
+    /// Slot i is set before pass i begins: after a device loss the last set slot names the culprit, or a pass soon after
+    /// it, since nothing orders these fills against the dispatches.
     markers: Buffer<u32>,
     marked: Vec<&'static str>,
     recording: bool,
+    /// The last submission, which must be over before the command buffer is reused.
+    submitted: Option<Ticket>,
 }
 
 /// Descriptor sets per pool; a frame takes about 60.
@@ -77,6 +80,7 @@ impl Recorder {
             markers: Buffer::for_readback(gpu, "crash markers", MAX_MARKERS)?,
             marked: Vec::new(),
             recording: false,
+            submitted: None,
         };
         let info = vk::CommandBufferAllocateInfo::default()
             .command_pool(pool)
@@ -89,21 +93,24 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// A recorder that times every pass.
+    /// A recorder that times every pass, if the queue has timestamps.
     pub fn with_profiler(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
         let mut recorder = Self::new(gpu)?;
-        recorder.profiler = Some(Profiler::new(gpu)?);
+        recorder.profiler = if gpu.timestamp_bits > 0 { Some(Profiler::new(gpu)?) } else { None };
         Ok(recorder)
     }
 
-    /// Starts the command buffer if it has not been started. The previous submission must have finished.
+    /// Starts the command buffer if it has not been started, after the previous submission has finished.
     fn begin(&mut self) -> Result<(), GpuError> {
         if self.recording {
             return Ok(());
         }
+        if let Some(ticket) = self.submitted.take() {
+            self.wait(ticket)?;
+        }
         let device = &self.gpu.device;
         let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: `wait` was called for the previous submission (or there was none), so pool and sets are not in use.
+        // SAFETY: the previous submission, if any, was waited for above, so pool and sets are not in use.
         unsafe {
             device
                 .reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty())
@@ -231,19 +238,23 @@ impl Recorder {
     }
 
     /// Copies the first `bytes` bytes.
+    ///
+    /// # Panics
+    /// If either buffer is shorter.
     pub fn copy<T: bytemuck::NoUninit>(
         &mut self,
         source: &Buffer<T>,
         target: &mut Buffer<T>,
         bytes: u64,
     ) -> Result<(), GpuError> {
+        assert!(bytes <= source.bytes().min(target.bytes()), "{} to {}: {bytes} bytes", source.name(), target.name());
         self.begin()?;
         let accesses = [(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)];
         if let Some(barrier) = self.hazards.next(&accesses) {
             self.barrier(barrier);
         }
         let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
-        // SAFETY: both buffers hold at least `bytes` bytes (callers copy whole elements within both).
+        // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted).
         unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
         Ok(())
     }
@@ -258,8 +269,9 @@ impl Recorder {
             dst_stage: vk::PipelineStageFlags2::HOST,
             dst_access: vk::AccessFlags2::HOST_READ,
         });
-        self.recording = false;
-        self.hazards = HazardTracker::default();
+        self.abandon();
+        // SAFETY: the command buffer is recording.
+        unsafe { self.gpu.device.end_command_buffer(self.commands) }.map_err(GpuError::vulkan("command buffer"))?;
         let queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let ticket = self.gpu.timeline.next();
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
@@ -269,11 +281,17 @@ impl Recorder {
             .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
         let info = [vk::SubmitInfo2::default().command_buffer_infos(&commands).signal_semaphore_infos(&signals)];
         // SAFETY: the queue is locked; the command buffer is complete; the arrays live through the call.
-        unsafe {
-            self.gpu.device.end_command_buffer(self.commands).map_err(GpuError::vulkan("command buffer"))?;
-            self.gpu.device.queue_submit2(*queue, &info, vk::Fence::null()).map_err(|e| self.explain(e))?;
-        }
+        unsafe { self.gpu.device.queue_submit2(*queue, &info, vk::Fence::null()) }.map_err(|e| self.explain(e))?;
+        self.gpu.timeline.submitted(ticket);
+        self.submitted = Some(ticket);
         Ok(ticket)
+    }
+
+    /// Forgets what was recorded since the last submission; the next command starts anew. To be called when recording
+    /// failed midway, before any buffer of the failed commands is reused.
+    pub fn abandon(&mut self) {
+        self.recording = false;
+        self.hazards = HazardTracker::default();
     }
 
     /// Waits for a submission of this recorder; a lost device names the last pass begun.
@@ -358,6 +376,35 @@ impl Drop for Recorder {
                 self.gpu.device.destroy_descriptor_pool(pool, None);
             }
             self.gpu.device.destroy_command_pool(self.pool, None);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::GpuOptions;
+
+    /// The tests' check for silence can fail: a write after a write without a barrier is reported.
+    #[test]
+    fn synchronization_validation_sees_a_planted_hazard() {
+        let gpu = match Gpu::open(&GpuOptions { validation: true, ..Default::default() }) {
+            Ok(gpu) => gpu,
+            Err(_) if std::env::var("INSTGS_SKIP_GPU").as_deref() == Ok("1") => return,
+            Err(error) => panic!("{error} (set INSTGS_SKIP_GPU=1 to skip GPU tests)"),
+        };
+        let mut buffer = Buffer::<u32>::new(&gpu, "planted", 64).unwrap();
+        let mut recorder = Recorder::new(&gpu).unwrap();
+        for forget in [false, true] {
+            recorder.fill(&mut buffer, 1).unwrap();
+            if forget {
+                recorder.hazards = HazardTracker::default();
+            }
+            recorder.fill(&mut buffer, 2).unwrap();
+            let ticket = recorder.submit().unwrap();
+            recorder.wait(ticket).unwrap();
+            let messages = gpu.validation_messages().take();
+            assert_eq!(messages.iter().any(|m| m.contains("SYNC-HAZARD-WRITE")), forget, "{messages:?}");
         }
     }
 }

@@ -10,7 +10,7 @@ use super::error::GpuError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Ticket(pub(crate) u64);
 
-/// The semaphore and the last value handed out.
+/// The semaphore and the value of the last accepted submission.
 pub(crate) struct Timeline {
     pub(crate) semaphore: vk::Semaphore,
     last: AtomicU64,
@@ -26,12 +26,17 @@ impl Timeline {
         Ok(Self { semaphore, last: AtomicU64::new(0) })
     }
 
-    /// The next value; the caller submits work that signals it.
+    /// The value that the next submission signals. The caller holds the queue's lock until it has called `submitted`.
     pub(crate) fn next(&self) -> Ticket {
-        Ticket(self.last.fetch_add(1, Ordering::SeqCst) + 1)
+        Ticket(self.last.load(Ordering::SeqCst) + 1)
     }
 
-    /// The last value handed out.
+    /// Notes that the submission of `ticket` was accepted; one that failed must not be waited for.
+    pub(crate) fn submitted(&self, ticket: Ticket) {
+        self.last.store(ticket.0, Ordering::SeqCst);
+    }
+
+    /// The value of the last accepted submission.
     pub(crate) fn last(&self) -> Ticket {
         Ticket(self.last.load(Ordering::SeqCst))
     }

@@ -28,7 +28,8 @@ impl Variant {
     /// The variant for one of `caps.subgroup_sizes()`.
     pub fn for_subgroup_size(caps: &DeviceCaps, subgroup_size: u32) -> Self {
         let most = caps.max_workgroup_invocations.min(caps.max_workgroup_subgroups.saturating_mul(subgroup_size));
-        let largest = |want: u32| want.min(most) / subgroup_size * subgroup_size;
+        // Powers of two, so that sizes divide the scan and sort blocks.
+        let largest = |want: u32| 1 << want.min(most).max(subgroup_size).ilog2();
         // A CPU driver runs one subgroup at a time: more than one per work-group only adds barriers.
         let radix_subgroups = if caps.is_llvmpipe { 1 } else { 8 };
         Self {

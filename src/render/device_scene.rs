@@ -77,7 +77,7 @@ impl DeviceScene {
         scene.validate()?;
         let sh_degree = scene.sh_degree();
         let pool = |field: fn(&Gaussians) -> usize| field(&scene.templates) + field(&scene.background);
-        check_limit(gpu, "source Gaussians", pool(Gaussians::len))?;
+        check_limit(gpu, pool(Gaussians::len), sh_degree)?;
         let tables = build_tables(scene, chunk_size)?;
         let band = |gpu: &Arc<Gpu>, l: u32| upload(gpu, &format!("sh band {l}"), &sh_band(scene, l));
         Ok(Self {
@@ -169,12 +169,13 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     }
 }
 
-/// Quaternions, 16 bytes, are the largest array that every Gaussian has: says the limit in Gaussians before anything is
-/// built. SH bands may be larger; their upload names the buffer.
-fn check_limit(gpu: &Gpu, what: &'static str, count: usize) -> Result<(), RenderError> {
-    let limit = u64::from(u32::MAX - 1).min(gpu.caps().max_storage_bytes / 16);
+/// Says the limit in Gaussians before anything is built: the largest array has a quaternion (16 bytes) or the highest SH
+/// band (2 l + 1 colours of 12 bytes) per Gaussian.
+fn check_limit(gpu: &Gpu, count: usize, sh_degree: u32) -> Result<(), RenderError> {
+    let largest = u64::from(16.max(12 * (2 * sh_degree + 1)));
+    let limit = u64::from(u32::MAX - 1).min(gpu.caps().max_storage_bytes / largest);
     if count as u64 > limit {
-        return Err(RenderError::TooMany { what, needed: count as u64, limit });
+        return Err(RenderError::TooMany { what: "source Gaussians", needed: count as u64, limit });
     }
     Ok(())
 }

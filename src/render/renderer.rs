@@ -67,6 +67,8 @@ pub struct Renderer {
     pipelines: Option<Pipelines>,
     frame: Option<FrameBuffers>,
     capacities: Capacities,
+    /// The largest intersection buffer that memory had room for.
+    most_intersections: u32,
     recorder: Recorder,
 }
 
@@ -101,6 +103,7 @@ impl Renderer {
             pipelines: None,
             frame: None,
             capacities: INITIAL,
+            most_intersections: u32::MAX,
             recorder: if profile { Recorder::with_profiler(gpu)? } else { Recorder::new(gpu)? },
         })
     }
@@ -132,7 +135,24 @@ impl Renderer {
     ) -> Result<FrameStats, RenderError> {
         camera.validate().map_err(RenderError::Camera)?;
         check_options(options)?;
-        self.prepare_pipelines(scene.sh_degree)?;
+        if scene.chunk_size != self.variant.workgroup_size {
+            let reason = format!("{} Gaussians, this renderer has {}", scene.chunk_size, self.variant.workgroup_size);
+            return Err(RenderError::Option { option: "the scene's chunks", reason });
+        }
+        self.prepare_pipelines(scene.sh_degree, [camera.width, camera.height])?;
+        let stats = self.render_prepared(scene, camera, options);
+        if stats.is_err() {
+            self.recorder.abandon();
+        }
+        stats
+    }
+
+    fn render_prepared(
+        &mut self,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Result<FrameStats, RenderError> {
         let view = view_of(camera, options);
         let mut stats = FrameStats::default();
         loop {
@@ -165,9 +185,10 @@ impl Renderer {
         self.frame.as_ref()
     }
 
-    fn prepare_pipelines(&mut self, sh_degree: u32) -> Result<(), RenderError> {
-        if self.pipelines.as_ref().is_none_or(|p| p.sh_degree != sh_degree) {
-            self.pipelines = Some(Pipelines::new(&self.gpu, &self.cache, self.variant, sh_degree)?);
+    fn prepare_pipelines(&mut self, sh_degree: u32, size_px: [u32; 2]) -> Result<(), RenderError> {
+        let variant = Variant { tile_size: tile_size_for(&self.gpu, &self.variant, size_px), ..self.variant };
+        if self.pipelines.as_ref().is_none_or(|p| p.sh_degree != sh_degree || p.variant != variant) {
+            self.pipelines = Some(Pipelines::new(&self.gpu, &self.cache, variant, sh_degree)?);
         }
         Ok(())
     }
@@ -188,13 +209,27 @@ impl Renderer {
         capacities.work_items = capacities.work_items.min(pairs);
         let size = [camera.width, camera.height];
         let workgroup = self.variant.workgroup_size;
-        let plan = FramePlan::new(size, self.variant.tile_size, scene.instance_count, capacities, workgroup);
-        if self.frame.as_ref().is_none_or(|frame| frame.plan != plan) {
+        let tile_size = tile_size_for(&self.gpu, &self.variant, size);
+        loop {
+            capacities.intersections = capacities.intersections.min(self.most_intersections);
+            let plan = FramePlan::new(size, tile_size, scene.instance_count, capacities, workgroup);
+            if self.frame.as_ref().is_some_and(|frame| frame.plan == plan) {
+                return Ok(());
+            }
             // Free the old buffers first: both sets at once may not fit.
             self.frame = None;
-            self.frame = Some(FrameBuffers::new(&self.gpu, plan)?);
+            match FrameBuffers::new(&self.gpu, plan) {
+                Ok(frame) => {
+                    self.frame = Some(frame);
+                    return Ok(());
+                }
+                // Slabs make do with fewer intersections, down to one splat's.
+                Err(GpuError::OutOfMemory { .. }) if plan.capacities.intersections > plan.tile_count() => {
+                    self.most_intersections = plan.capacities.intersections / 2;
+                }
+                Err(error) => return Err(error.into()),
+            }
         }
-        Ok(())
     }
 
     fn inputs<'a>(
@@ -280,7 +315,12 @@ impl Renderer {
             record_end(&mut self.recorder, frame)?;
             let ticket = self.recorder.submit()?;
             self.recorder.wait(ticket)?;
+            let begin = counters[COUNTER_SLAB_BEGIN as usize];
             counters = read_counters(frame);
+            if counters[COUNTER_SLAB_END as usize] <= begin {
+                let reason = format!("made no progress at splat {begin}");
+                return Err(GpuError::Kernel { kernel: "plan_slab".into(), reason }.into());
+            }
             stats.slabs += 1;
             stats.intersections += u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
             stats.passes_ms.extend(self.recorder.passes_ms()?);
@@ -290,6 +330,20 @@ impl Renderer {
             self.capacities.intersections = grown(needed, most);
         }
         Ok(())
+    }
+}
+
+/// The variant's tile size, doubled while one splat over the whole image would take more loop iterations to emit than
+/// the driver grants: one per tile and one per row. The picture does not depend on it.
+fn tile_size_for(gpu: &Gpu, variant: &Variant, size_px: [u32; 2]) -> u32 {
+    let most = gpu.caps().loop_iteration_limit.map_or(u64::MAX, |most| u64::from(most - most / 16));
+    let mut tile_size = variant.tile_size;
+    loop {
+        let [columns, rows] = size_px.map(|side| u64::from(side.div_ceil(tile_size)));
+        if (columns + 1) * rows <= most {
+            return tile_size;
+        }
+        tile_size *= 2;
     }
 }
 

@@ -89,16 +89,22 @@ impl Camera {
                 self.width, self.height
             ));
         }
-        let positive = |v: f64| v.is_finite() && v > 0.0;
-        if !(positive(self.fx) && positive(self.fy) && self.cx.is_finite() && self.cy.is_finite()) {
-            return Err(format!("camera {name}: fx and fy must be positive and cx, cy finite"));
+        // The device computes in f32; beyond 1e9 pixels nothing of the image is left of its 24 bits.
+        let fits = |v: f64| v.abs() < 1e9;
+        let positive = |v: f64| fits(v) && v > 0.0;
+        if !(positive(self.fx) && positive(self.fy) && fits(self.cx) && fits(self.cy)) {
+            return Err(format!("camera {name}: fx and fy must be positive, and all of fx, fy, cx, cy below 1e9"));
         }
         let rotation = self.rotation();
         let error = (rotation.transpose() * rotation - DMat3::IDENTITY)
             .to_cols_array()
             .iter()
             .fold(0.0, |a: f64, v| a.max(v.abs()));
-        let rigid = error < 1e-3 && rotation.determinant() > 0.0 && self.translation().is_finite();
+        // Inverted poses of files carry rounding there.
+        let last_row = self.view_from_world[3].iter().zip([0.0, 0.0, 0.0, 1.0]);
+        let affine = last_row.map(|(v, want)| (v - want).abs()).fold(0.0, f64::max) < 1e-6;
+        let rigid =
+            affine && error < 1e-3 && rotation.determinant() > 0.0 && self.translation().abs().max_element() < 1e30;
         if !rigid {
             return Err(format!("camera {name}: view_from_world is not a rigid transform"));
         }

@@ -1,5 +1,6 @@
 //! Buffers that are too small change nothing but the time.
 
+use instgs_vk::kernels::Variant;
 use instgs_vk::render::plan::Capacities;
 use instgs_vk::render::{RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
@@ -49,16 +50,18 @@ fn tiny_buffers_grow() {
     assert_silent(&gpu);
 }
 
-/// 600,000 splats on one tile: more than a tile's list may hold on a driver with a loop limit.
+/// More splats on one tile than a tile's list may hold on a driver with a loop limit.
 #[test]
 fn a_deep_pile_is_blended_to_the_end() {
     let Some(gpu) = gpu() else { return };
-    const DEEP: usize = 600_000;
+    // More than a slab takes on a driver with a loop limit (15/16 of it, times the lanes), else just many.
+    let lanes = Variant::for_device(gpu.caps()).subgroup_size;
+    let deep = gpu.caps().loop_iteration_limit.map_or(600_000, |most| most * lanes) as usize;
     // Faint splats that never reach the last one's corner: that pixel's T stays 1 until the last, opaque splat.
-    let mut cloud = Gaussians::with_capacity(0, DEEP + 1);
-    for i in 0..=DEEP {
-        let last = i == DEEP;
-        cloud.means.push([if last { 0.35 } else { -0.35 }, 0.0, 1.0 + i as f32 * 1e-6]);
+    let mut cloud = Gaussians::with_capacity(0, deep + 1);
+    for i in 0..=deep {
+        let last = i == deep;
+        cloud.means.push([if last { 0.35 } else { -0.35 }, 0.0, 1.0 + 0.6 * i as f32 / deep as f32]);
         cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
         cloud.log_scales.push([0.02f32.ln(); 3]);
         cloud.opacity_logits.push(if last { 4.0 } else { -5.4 });
@@ -75,11 +78,32 @@ fn a_deep_pile_is_blended_to_the_end() {
         view_from_world: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]],
     };
     let mut renderer = Renderer::new(&gpu).unwrap();
+    // The intersections fit one slab; the list's length alone forces more.
+    renderer.set_capacities(Capacities { candidates: 1 << 16, work_items: 8192, intersections: 1 << 21 });
     let scene = renderer.upload(&InstancedScene::from_cloud(cloud)).unwrap();
     let stats = renderer.render(&scene, &camera, &RenderOptions::default()).unwrap();
     // The last splat's centre is at x = 4 + 8 * 0.35 / 1.6 = 5.75, y = 4.
     let right = renderer.download().unwrap().colors[3 * 8 + 5];
-    assert!(right[3] > 0.3, "the last splat of {DEEP} is there: {right:?}");
+    assert!(right[3] > 0.3, "the last splat of {deep} is there: {right:?}");
     assert!(gpu.caps().loop_iteration_limit.is_none() || stats.slabs > 1, "{} slabs", stats.slabs);
+    assert_silent(&gpu);
+}
+
+/// One opaque splat over an image of 90,000 8x8 tiles: more than a driver with a loop limit emits in one loop.
+#[test]
+fn a_splat_over_a_large_image_is_whole() {
+    let Some(gpu) = gpu() else { return };
+    let mut cloud = Gaussians::with_capacity(0, 1);
+    cloud.means.push([0.0, 0.0, 2.0]);
+    cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+    cloud.log_scales.push([3.0; 3]);
+    cloud.opacity_logits.push(5.0);
+    cloud.sh.push([1.0; 3]);
+    let camera = Camera::look_at("large", glam::DVec3::ZERO, glam::DVec3::Z, glam::DVec3::NEG_Y, 0.9, (3000, 1920));
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let scene = InstancedScene::from_cloud(cloud);
+    let picture = render_picture(&mut renderer, &scene, &camera, &RenderOptions::default());
+    let least = picture.colors.iter().map(|c| c[3]).fold(1.0, f32::min);
+    assert!(least > 0.9, "alpha {least} somewhere");
     assert_silent(&gpu);
 }

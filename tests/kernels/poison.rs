@@ -79,6 +79,19 @@ fn poison_values_do_not_spread() {
     assert_silent(&gpu);
 }
 
+/// A mean so far away that its view depth overflows while x/z stays small.
+#[test]
+fn infinite_depth_is_not_drawn() {
+    let mut cloud = good_cloud(20, 6);
+    cloud.means[3] = [3e38, 0.0, 3e38];
+    cloud.log_scales[3] = [80.0; 3];
+    let eye = glam::DVec3::new(-4.0, 0.0, -4.0);
+    let target = glam::DVec3::new(4.0, 0.0, 4.0);
+    let camera = Camera::look_at("yawed", eye, target, glam::DVec3::NEG_Y, 0.9, (64, 48));
+    let Some(picture) = picture_of(cloud, &camera) else { return };
+    assert!(all_finite(&picture));
+}
+
 #[test]
 fn an_empty_scene_is_background() {
     let Some(gpu) = gpu() else { return };
