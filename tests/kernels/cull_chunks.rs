@@ -54,52 +54,77 @@ fn every_chunk_that_shows_survives() {
     assert_silent(&gpu);
 }
 
-/// Far from the origin, and with transforms that are rigid only within what validation allows, culling keeps whatever
-/// shows: the picture is that of the same splats in one chunk with a splat that is never culled.
-#[test]
-fn large_coordinates_and_sloppy_poses_lose_nothing() {
-    let Some(gpu) = gpu() else { return };
+/// How many of the cameras see something else when a splat too faint to draw, right in front of the camera, keeps the
+/// cloud's only chunk from being culled.
+fn pictures_changed_by_culling(cloud: &Gaussians, cameras: &[Camera]) -> usize {
+    let Some(gpu) = gpu() else { return 0 };
     let mut renderer = Renderer::new(&gpu).unwrap();
     let options = RenderOptions::default();
-    for (origin, stretch, radius, distance) in
-        [(3e6, 1.0, 0.3, 5.0), (0.0, 1.0004, 1000.0, 10.0), (0.0, 1.0004, 100.0, 3.0)]
-    {
-        let mut rng = Rng::new(4);
-        let center = DVec3::new(origin, -origin, origin);
-        let mut cloud = ball(&mut rng, center, radius);
-        let mut differing = 0;
-        for _ in 0..20 {
-            // Cameras that see the ball's edge at the border of the image.
-            let eye = center + rng.unit_vector() * (radius + distance);
-            let target = center + rng.unit_vector() * (radius * 2.0);
-            let mut camera = Camera::look_at("far", eye, target, rng.unit_vector(), 0.7, (64, 48));
-            camera.view_from_world[..3].iter_mut().flatten().for_each(|v| *v *= stretch);
-            let alone = render_picture(&mut renderer, &InstancedScene::from_cloud(cloud.clone()), &camera, &options);
-            // A splat right in front of the camera, too faint to draw, makes the chunk's ball reach the image.
-            let before = cloud.len();
-            cloud.means.push((eye + (target - eye).normalize() * 2.0).as_vec3().to_array());
-            cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
-            cloud.log_scales.push([(2.0 * radius as f32).ln(); 3]);
-            cloud.opacity_logits.push(-12.0);
-            cloud.sh.push([0.0; 3]);
-            let kept = render_picture(&mut renderer, &InstancedScene::from_cloud(cloud.clone()), &camera, &options);
-            cloud = cloud.filtered(|i| i < before);
-            differing += usize::from(alone != kept);
-        }
-        assert_eq!(differing, 0, "origin {origin}, stretch {stretch}");
-    }
+    let changed = |camera: &&Camera| {
+        let culled = render_picture(&mut renderer, &InstancedScene::from_cloud(cloud.clone()), camera, &options);
+        let mut kept = cloud.clone();
+        let ahead = camera.position_world() + camera.rotation().transpose() * DVec3::Z;
+        push_splat(&mut kept, ahead, 1e4, -12.0);
+        culled != render_picture(&mut renderer, &InstancedScene::from_cloud(kept), camera, &options)
+    };
+    let count = cameras.iter().filter(changed).count();
     assert_silent(&gpu);
+    count
 }
 
-/// Small bright splats on a sphere, fewer than a chunk.
-fn ball(rng: &mut Rng, center: DVec3, radius: f64) -> Gaussians {
+fn push_splat(cloud: &mut Gaussians, mean: DVec3, sigma: f32, opacity_logit: f32) {
+    cloud.means.push(mean.as_vec3().to_array());
+    cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+    cloud.log_scales.push([sigma.ln(); 3]);
+    cloud.opacity_logits.push(opacity_logit);
+    cloud.sh.push([1.0; 3]);
+}
+
+/// At coordinates of millions, as in geographic scenes, the view transform rounds to half a unit. With slack for the view
+/// coordinates alone, as it once was, 2 to 7 of 300 such cameras differ.
+#[test]
+fn large_coordinates_lose_nothing() {
+    let center = DVec3::new(2e6, -4e6, 3e6);
+    let mut rng = Rng::new(4);
     let mut cloud = Gaussians::with_capacity(0, 101);
-    for _ in 0..100 {
-        cloud.means.push((center + radius * rng.unit_vector()).as_vec3().to_array());
-        cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
-        cloud.log_scales.push([(0.01 * radius as f32).ln(); 3]);
-        cloud.opacity_logits.push(4.0);
-        cloud.sh.push([1.0; 3]);
-    }
-    cloud
+    (0..100).for_each(|_| push_splat(&mut cloud, center + 0.3 * rng.unit_vector(), 0.003, 4.0));
+    let cameras: Vec<Camera> = (0..300)
+        .map(|_| {
+            // The ball of splats is at the border of the image: half of 32 px off the axis, at depth 5.
+            let (forward, other) = (rng.unit_vector(), rng.unit_vector());
+            let side = forward.cross(other).normalize();
+            let eye = center - 5.0 * forward + rng.range(-0.5, 0.5) * side;
+            let mut camera = Camera::look_at("far", eye, eye + forward, other, 1.0, (32, 24));
+            (camera.fx, camera.fy) = (1000.0, 1000.0);
+            camera
+        })
+        .collect();
+    assert_eq!(pictures_changed_by_culling(&cloud, &cameras), 0);
+}
+
+/// Poses are accepted when they are rigid within 1e-3; one that stretches by 4e-4 moves the edge of a large chunk by as much.
+#[test]
+fn poses_that_are_nearly_rigid_lose_nothing() {
+    let camera = Camera {
+        name: "stretched".into(),
+        width: 64,
+        height: 48,
+        fx: 100.0,
+        fy: 100.0,
+        cx: 32.0,
+        cy: 24.0,
+        view_from_world: [
+            [1.0004, 0.0, 0.0, 0.0],
+            [0.0, 1.0004, 0.0, 0.0],
+            [0.0, 0.0, 1.0004, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+        ],
+    };
+    // One splat just inside the left border, the other 20,000 units away along the border plane's outward normal.
+    let seen = DVec3::new(-0.32 * 10.0 + 0.05, 0.0, 10.0);
+    let outward = DVec3::new(-100.0, 0.0, -32.0).normalize();
+    let mut cloud = Gaussians::with_capacity(0, 3);
+    push_splat(&mut cloud, seen, 0.001, 4.0);
+    push_splat(&mut cloud, seen + 20_000.0 * outward, 0.001, 4.0);
+    assert_eq!(pictures_changed_by_culling(&cloud, &[camera]), 0);
 }
