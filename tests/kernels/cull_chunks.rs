@@ -120,9 +120,10 @@ fn poses_that_are_nearly_rigid_lose_nothing() {
             [0.0, 0.0, 0.0, 1.0],
         ],
     };
-    // One splat just inside the left border, the other 20,000 units away along the border plane's outward normal.
+    // One splat just inside the left border, the other 20,000 units away along the outward normal of the plane
+    // that culling tests: the left border (32 px) plus what dilation adds (2.83 px).
     let seen = DVec3::new(-0.32 * 10.0 + 0.05, 0.0, 10.0);
-    let outward = DVec3::new(-100.0, 0.0, -32.0).normalize();
+    let outward = DVec3::new(-100.0, 0.0, -34.83).normalize();
     let mut cloud = Gaussians::with_capacity(0, 3);
     push_splat(&mut cloud, seen, 0.001, 4.0);
     push_splat(&mut cloud, seen + 20_000.0 * outward, 0.001, 4.0);
