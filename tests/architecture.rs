@@ -48,7 +48,7 @@ fn family(kernel: &str) -> &str {
 fn test_of(family: &str) -> &str {
     match family {
         "emit_intersections" | "tile_ranges" => "intersections",
-        "preprocess_instance_expand" | "tile_blend" => "forward",
+        "tile_blend" => "forward",
         "compact" => "cull_chunks",
         other => other,
     }

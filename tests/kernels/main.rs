@@ -12,6 +12,7 @@ mod intersections;
 mod overflow;
 mod plan_slab;
 mod poison;
+mod preprocess_instance_expand;
 mod radix_sort;
 mod scale;
 mod scan;
