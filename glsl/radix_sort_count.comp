@@ -4,6 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"
+#include "match_digit.glsl"
 
 layout(scalar, binding = 0) readonly buffer Keys { uint keys[]; };               // keys
 layout(scalar, binding = 1) readonly buffer Counters { uint counters[]; };       // COUNTER_*
@@ -21,9 +22,22 @@ void main() {
     uint blocks = divide_up(n, BLOCK_SIZE);
     for (uint d = gl_LocalInvocationID.x; d < RADIX_SIZE; d += WORKGROUP_SIZE) digit_counts[d] = 0;
     barrier();
+    uint subgroups = WORKGROUP_SIZE / SUBGROUP_SIZE;
     for (uint k = gl_LocalInvocationID.x; k < BLOCK_SIZE; k += WORKGROUP_SIZE) {
         uint i = block * BLOCK_SIZE + k;
-        if (i < n) atomicAdd(digit_counts[(keys[i] >> shift) & (RADIX_SIZE - 1)], 1);
+        bool in_list = i < n;
+        uint digit = in_list ? (keys[i] >> shift) & (RADIX_SIZE - 1) : 0;
+        if (subgroups == 1) {
+            // One subgroup alone needs no atomics, which are locked one by one on a CPU driver.
+            uvec2 rank_and_count = match_digit(digit, in_list);
+            uint before = digit_counts[digit];
+            bool last_of_digit = in_list && rank_and_count.x + 1 == rank_and_count.y;
+            if (last_of_digit) digit_counts[digit] = before + rank_and_count.y;
+            subgroupMemoryBarrierShared();
+            subgroupBarrier();
+        } else if (in_list) {
+            atomicAdd(digit_counts[digit], 1);
+        }
     }
     barrier();
     for (uint d = gl_LocalInvocationID.x; d < RADIX_SIZE; d += WORKGROUP_SIZE) {

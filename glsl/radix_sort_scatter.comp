@@ -5,6 +5,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"
+#include "match_digit.glsl"
 
 layout(scalar, binding = 0) readonly buffer KeysIn { uint keys_in[]; };            // keys
 layout(scalar, binding = 1) readonly buffer ValuesIn { uint values_in[]; };        // values
@@ -24,30 +25,6 @@ shared uint places[SUBGROUPS * RADIX_SIZE];
 
 uint digit_of(uint key) {
     return (key >> shift) & (RADIX_SIZE - 1);
-}
-
-// Among the lanes with `in_list` set: how many lower lanes hold the same digit, and how many lanes do in all.
-uvec2 match_digit(uint digit, bool in_list) {
-    uvec2 rank_and_count = uvec2(0);
-    uint tagged = in_list ? digit : 0xFFFFFFFF;
-    uint lanes = SUBGROUP_SIZE;
-    if (lanes <= 16) {
-        // Shuffles with constant indices are one instruction where ballots are loops (lavapipe).
-        [[unroll]] for (uint other_lane = 0; other_lane < SUBGROUP_SIZE; ++other_lane) {
-            uint same = subgroupShuffle(tagged, other_lane) == tagged ? 1 : 0;
-            rank_and_count.x += other_lane < gl_SubgroupInvocationID ? same : 0;
-            rank_and_count.y += same;
-        }
-    } else {
-        uvec4 peers = subgroupBallot(in_list);
-        [[unroll]] for (uint bit = 0; bit < RADIX_BITS; ++bit) {
-            bool set = ((digit >> bit) & 1) != 0;
-            uvec4 ballot = subgroupBallot(set);
-            peers &= set ? ballot : ~ballot;
-        }
-        rank_and_count = uvec2(subgroupBallotExclusiveBitCount(peers), subgroupBallotBitCount(peers));
-    }
-    return rank_and_count;
 }
 
 void main() {

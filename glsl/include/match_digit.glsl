@@ -1,0 +1,25 @@
+// Ranks of equal digits within a subgroup.
+
+// Among the lanes with `in_list` set: how many lower lanes hold the same digit, and how many lanes do in all.
+uvec2 match_digit(uint digit, bool in_list) {
+    uvec2 rank_and_count = uvec2(0);
+    uint tagged = in_list ? digit : 0xFFFFFFFF;
+    uint lanes = SUBGROUP_SIZE;
+    if (lanes <= 16) {
+        // Shuffles with constant indices are one instruction where ballots are loops (lavapipe).
+        [[unroll]] for (uint other_lane = 0; other_lane < SUBGROUP_SIZE; ++other_lane) {
+            uint same = subgroupShuffle(tagged, other_lane) == tagged ? 1 : 0;
+            rank_and_count.x += other_lane < gl_SubgroupInvocationID ? same : 0;
+            rank_and_count.y += same;
+        }
+    } else {
+        uvec4 peers = subgroupBallot(in_list);
+        [[unroll]] for (uint bit = 0; bit < RADIX_BITS; ++bit) {
+            bool set = ((digit >> bit) & 1) != 0;
+            uvec4 ballot = subgroupBallot(set);
+            peers &= set ? ballot : ~ballot;
+        }
+        rank_and_count = uvec2(subgroupBallotExclusiveBitCount(peers), subgroupBallotBitCount(peers));
+    }
+    return rank_and_count;
+}
