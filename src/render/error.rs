@@ -24,7 +24,8 @@ pub enum RenderError {
     },
     /// The device counted more elements than memory can hold.
     #[error(
-        "{what}: the frame needs {needed}, this device holds at most {limit}; use a closer view or fewer Gaussians"
+        "{what}: {needed} are needed, and this device holds at most {limit}; use fewer Gaussians, a view of fewer, or a \
+         device with larger buffers"
     )]
     TooMany {
         /// What there are too many of.
