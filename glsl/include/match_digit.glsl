@@ -1,12 +1,15 @@
 // Ranks of equal digits within a subgroup.
 
+// 0 = one shuffle per lane: a single instruction each on lavapipe, where ballots are loops. 1 = one ballot per bit, which
+// does not grow with the subgroup.
+layout(constant_id = 2) const uint MATCH_BY_BALLOT = 1;
+
 // Among the lanes with `in_list` set: how many lower lanes hold the same digit, and how many lanes do in all.
 uvec2 match_digit(uint digit, bool in_list) {
     uvec2 rank_and_count = uvec2(0);
     uint tagged = in_list ? digit : 0xFFFFFFFF;
-    uint lanes = SUBGROUP_SIZE;
-    if (lanes <= 16) {
-        // Shuffles with constant indices are one instruction where ballots are loops (lavapipe).
+    uint by_ballot = MATCH_BY_BALLOT;
+    if (by_ballot == 0) {
         [[unroll]] for (uint other_lane = 0; other_lane < SUBGROUP_SIZE; ++other_lane) {
             uint same = subgroupShuffle(tagged, other_lane) == tagged ? 1 : 0;
             rank_and_count.x += other_lane < gl_SubgroupInvocationID ? same : 0;

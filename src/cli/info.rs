@@ -92,11 +92,19 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
             period => format!("{period} ns"),
         },
     );
-    let Variant { subgroup_size, workgroup_size, radix_workgroup_size, blend_workgroup_size, tile_size } = variant;
+    let Variant {
+        subgroup_size,
+        workgroup_size,
+        radix_workgroup_size,
+        match_by_ballot,
+        blend_workgroup_size,
+        tile_size,
+    } = variant;
+    let matching = if *match_by_ballot { "ballots" } else { "shuffles" };
     row(
         "variant",
         format!(
-            "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size}, \
+            "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}, \
              blend {blend_workgroup_size}), tiles {tile_size}x{tile_size}"
         ),
     );

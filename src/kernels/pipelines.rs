@@ -92,7 +92,8 @@ impl SortPipelines {
     pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.radix_workgroup_size;
-        Ok(Self { count: compiler.compile(size, &[])?, scatter: compiler.compile(size, &[])? })
+        let matching = [("MATCH_BY_BALLOT", u32::from(variant.match_by_ballot))];
+        Ok(Self { count: compiler.compile(size, &matching)?, scatter: compiler.compile(size, &matching)? })
     }
 }
 

@@ -11,6 +11,8 @@ pub struct Variant {
     pub workgroup_size: u32,
     /// Threads of the radix sort kernels.
     pub radix_workgroup_size: u32,
+    /// The sort ranks equal digits by ballots instead of shuffles.
+    pub match_by_ballot: bool,
     /// Threads of the blend; a whole number of subgroups, each of which owns an 8x8 block of pixels.
     pub blend_workgroup_size: u32,
     /// Tile side in pixels: 8 or a larger multiple of 8.
@@ -36,6 +38,7 @@ impl Variant {
             subgroup_size,
             workgroup_size: largest(256),
             radix_workgroup_size: largest(radix_subgroups * subgroup_size),
+            match_by_ballot: subgroup_size > 16,
             blend_workgroup_size: if caps.is_llvmpipe { subgroup_size } else { largest(128) },
             tile_size: 8,
         }

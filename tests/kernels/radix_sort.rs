@@ -15,11 +15,13 @@ fn primitives(gpu: &Arc<Gpu>, variant: &Variant) -> Primitives {
     Primitives::new(gpu, &PipelineCache::new(gpu, None).unwrap(), variant).unwrap()
 }
 
-/// The device's own variant, and one with many subgroups per work-group, whose cross-subgroup prefix is another path.
+/// The device's own variant; many subgroups per work-group, whose cross-subgroup prefix is another path; both by ballot.
 fn variants(gpu: &Gpu) -> Vec<Variant> {
     let own = Variant::for_device(gpu.caps());
     let many = Variant { radix_workgroup_size: 8 * own.subgroup_size, ..own };
-    vec![own, many]
+    // What larger subgroups use.
+    let ballots = Variant { match_by_ballot: true, ..own };
+    vec![own, many, ballots, Variant { match_by_ballot: true, ..many }]
 }
 
 #[test]
