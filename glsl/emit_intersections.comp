@@ -25,27 +25,18 @@ void main() {
     uint next = isect_offsets[order];
     uint end = min(next + tile_counts[slot], capacity);
     uvec2 rows = tile_rows(f, tiles.y);
-    // One flat loop over rows and columns: lanes with few wide rows and lanes with many narrow ones stay together.
-    uint row = rows.x;
-    uvec2 columns = tile_columns(f, row, tiles.x);
-    while (next < end) {
-        bool inside = columns.x < columns.y;
-        if (inside) {
-            tile_keys[next] = row * tiles.x + columns.x;
+    for (uint row = rows.x; row < rows.y; ++row) {
+        uvec2 columns = tile_columns(f, row, tiles.x);
+        uint stop = min(next + max(columns.y, columns.x) - columns.x, end);
+        uint key = row * tiles.x + columns.x;
+        for (; next < stop; ++next, ++key) {
+            tile_keys[next] = key;
             slot_from_isect[next] = slot;
         }
-        next += inside ? 1 : 0;
-        columns.x += inside ? 1 : 0;
-        bool advance = columns.x >= columns.y;
-        row += advance ? 1 : 0;
-        uvec2 next_columns = tile_columns(f, row, tiles.x);
-        columns = advance ? next_columns : columns;
-        if (row >= rows.y) {
-            // Count and emit agree bit for bit; were they ever to differ, the rest goes to a tile outside the image.
-            for (; next < end; ++next) {
-                tile_keys[next] = tiles.x * tiles.y;
-                slot_from_isect[next] = slot;
-            }
-        }
+    }
+    // Count and emit agree bit for bit; were they ever to differ, the rest goes to a tile outside the image.
+    for (; next < end; ++next) {
+        tile_keys[next] = tiles.x * tiles.y;
+        slot_from_isect[next] = slot;
     }
 }
