@@ -77,7 +77,8 @@ pub fn run(
     }
     for (frame, camera) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
         // The one that goes first finds the caches as the other left them: take turns.
-        let order: &mut dyn Iterator<Item = &mut Run<'_>> = if (frame + frame / cameras.len() as u32) % 2 == 0 {
+        let order: &mut dyn Iterator<Item = &mut Run<'_>> = if (frame + frame / cameras.len() as u32).is_multiple_of(2)
+        {
             &mut runs.iter_mut()
         } else {
             &mut runs.iter_mut().rev()
