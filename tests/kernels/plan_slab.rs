@@ -37,6 +37,8 @@ fn slabs_are_the_longest_that_fit() {
             recorder.dispatch(&pipelines.plan_slab, Grid::groups(1), &params, bindings).unwrap();
             let ticket = recorder.submit().unwrap();
             recorder.wait(ticket).unwrap();
+            // What a lost device would be reported with.
+            assert_eq!(recorder.last_pass_begun(), Some("plan_slab"));
             let got = download(&gpu, &counters, COUNTER_COUNT as usize).unwrap();
             let end = got[COUNTER_SLAB_END as usize] as usize;
             let want = twin::plan_slab(&counts, begin, capacity, max_splats as usize);
