@@ -25,7 +25,7 @@ uvec2 tile_rows(Footprint f, uint rows) {
     return uvec2(uint(clamp(low, 0.0, limit)), uint(clamp(high, 0.0, limit)));
 }
 
-// Tile columns [x, y) that hold a pixel centre inside the ellipse within tile row `row`; empty ranges have x >= y.
+// Tile columns [x, y) whose rectangle of pixel centres the ellipse meets within tile row `row`; empty ranges have x >= y.
 uvec2 tile_columns(Footprint f, uint row, uint columns) {
     precise float size = float(TILE_SIZE);
     precise float top = float(row) * size + 0.5 - f.mean_px.y;

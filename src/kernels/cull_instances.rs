@@ -7,14 +7,15 @@
 //!   0.
 //! - Grid: one thread per instance; the host knows their number. It is the only pass whose work grows with all
 //!   instances, together with the scan that follows and makes candidates of the counts.
-//! - Bytes per instance: 96 read (80 of them used), 4 written.
+//! - Bytes per instance: 108 read (80 of them used), 4 written.
 //! - Guarantee: an instance is dropped only if no pixel can change. For a splat at depth z the reach on the screen is
 //!   at most `EXTENT_SIGMAS * (f L sigma / z + sqrt(dilation))` pixels, with f the focal length and
 //!   `L = sqrt(1 + limit^2)` the largest stretch of the clamped Jacobian. Times z this is linear in the position, so
 //!   each image border is one half-space test of the ball. A ball with NaN in it is kept.
 //! - `EXTENT_SIGMAS` = 3.34: an opaque splat falls to alpha 1/255 at sqrt(2 ln 255) = 3.3290 standard deviations, and
-//!   the slightly enlarged extent of `preprocess_instance_expand` ends at 3.3337. The other margins (1e-4 of radius and
-//!   reach, 1e-5 of the coordinates, one pixel of border) cover f32 rounding.
+//!   the slightly enlarged extent of `preprocess_instance_expand` ends at 3.3337. Lengths get 0.4 % (`LENGTH_SLACK`
+//!   twice: transforms are validated to 1e-3 only), the ball 2e-6 of the terms of its transforms, which is what f32
+//!   rounding leaves of large coordinates, and the border one pixel.
 //!
 //! Twin: `reference::cull_chunks` (both levels of culling). Tests: `tests/kernels/cull_chunks.rs`, `scale.rs`.
 

@@ -9,8 +9,9 @@
 //!   block, where the block's first key with that digit goes.
 //! - Grid: one work-group per block, indirect (`ARGS_BLOCKS` of the keys' family).
 //! - Bytes per key: 4 read, 0.5 written (256 counts of 4 bytes per 2048 keys). Shared memory: 1 KiB.
-//! - Guarantees: the atomics are integer counts in shared memory, whose result does not depend on order. Keys past the
-//!   count are not read.
+//! - Guarantees: counts do not depend on order: integer atomics in shared memory, or, where one subgroup is the whole
+//!   work-group, one addition per distinct digit and round, found as in `radix_sort_scatter`. Keys past the count are
+//!   not read.
 //! - `RADIX_BITS` = 8 and so `RADIX_SIZE` = 256 counts; `BLOCK_SIZE` = 2048 keys keep the histogram an eighth of the
 //!   keys.
 //!

@@ -2,7 +2,7 @@
 //!
 //! Each subgroup owns a contiguous run of its block's keys and walks it in rounds of one key per lane. A table in
 //! shared memory holds the next free place per subgroup and digit; within a round, a lane's rank is the number of lower
-//! lanes with the same digit (by shuffles up to 16 lanes, by ballots above).
+//! lanes with the same digit (by shuffles or ballots: `Variant::match_by_ballot`).
 //!
 //! - Reads `keys_in` and `values_in` (by place before), `digit_offsets` (`digit * blocks + block`: the scanned
 //!   histogram), `counters`.

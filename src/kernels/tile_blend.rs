@@ -12,7 +12,8 @@
 //!
 //! # What was tried
 //! garden.ply (111,785 Gaussians), 800x450, cameras 0 / 1 / 2, lavapipe (Mesa 22.3.6) on 2 cores with AVX-512,
-//! 2026-11-21, medians of 6 frames, two runs; milliseconds of the blend, and of the frame.
+//! 2026-11-21, medians of 6 frames, two runs; milliseconds of the blend, and of the frame. Sort and emission have become
+//! faster since: the default now takes 98-109 ms a frame, 16x16 tiles 79-94.
 //!
 //! | blend | blend, ms | frame, ms |
 //! |---|---|---|
@@ -32,7 +33,7 @@
 //! address. 512-bit vectors lose in all the passes that load and store (sort, expand), not in the blend.
 //!
 //! 16x16 tiles win on large splats (15 tiles a splat here), 8x8 on small ones: a million Gaussians at 1920x1080 (3.5 tiles
-//! a splat) take 1.39-1.48 s with 8x8 tiles and 1.60-1.72 s with 16x16. The picture is the same bit for bit.
+//! a splat) take 652-678 ms with 8x8 tiles and 770-791 ms with 16x16 (medians of 3 frames, three runs). The picture is the same bit for bit.
 //! No GPU was at hand: nothing here says what is best on one.
 
 pub use crate::gpu::interface::tile_blend::{Bindings, Params, TileBlend};

@@ -89,6 +89,7 @@ fn gathered_scans_begin_where_told() {
         let (want, want_total) = exclusive_scan(&counted.collect::<Vec<_>>());
         assert!(total == want_total && offsets == want, "begin {begin}");
     }
+    assert_silent(&gpu);
 }
 
 #[test]
