@@ -115,11 +115,14 @@
 
 pub mod bench;
 pub mod cli;
+pub mod eval;
 pub mod gpu;
 pub mod io;
 pub mod kernels;
 pub mod math;
+pub mod optim;
 pub mod reference;
 pub mod render;
 pub mod scene;
 pub mod synth;
+pub mod train;

@@ -72,7 +72,7 @@ fn every_kernel_has_its_wrapper_twin_and_test() {
 }
 
 /// Layer of each module; a module may use its own layer's siblings only where listed, and any lower layer.
-const LAYERS: [(&str, u32); 10] = [
+const LAYERS: [(&str, u32); 13] = [
     ("math", 0),
     ("gpu", 1),
     ("scene", 1),
@@ -80,7 +80,10 @@ const LAYERS: [(&str, u32); 10] = [
     ("io", 2),
     ("kernels", 2),
     ("render", 3),
+    ("optim", 3),
+    ("eval", 4),
     ("synth", 5),
+    ("train", 5),
     ("bench", 6),
     ("cli", 7),
 ];

@@ -1,0 +1,1 @@
+//! L4: how good pictures are: PSNR, SSIM, LPIPS.

@@ -1,0 +1,1 @@
+//! L3: Adam on the device, one state per parameter buffer.

@@ -1,0 +1,1 @@
+//! L5: training: configuration, initialisation, steps, densification, checkpoints, reports.
