@@ -11,32 +11,40 @@ layout(scalar, binding = 2) readonly buffer IsectOffsets { uint isect_offsets[];
 layout(scalar, binding = 3) readonly buffer TileCounts { uint tile_counts[]; };         // tiles by slot
 layout(scalar, binding = 4) readonly buffer Counters { uint counters[]; };              // COUNTER_*
 layout(scalar, binding = 5) writeonly buffer TileKeys { uint tile_keys[]; };            // tile of the intersection
-layout(scalar, binding = 6) writeonly buffer TileSlots { uint slot_from_isect[]; };     // slot of the intersection
+layout(scalar, binding = 6) writeonly buffer IsectValues { uint isect_values[]; };      // slot of the intersection; TRAINING: its emission index
+layout(scalar, binding = 7) writeonly buffer EmissionSlots { uint slot_from_emission[]; };  // TRAINING: slot of the intersection before the sort
+layout(scalar, binding = 8) writeonly buffer FirstEmissions { uint first_emission[]; };  // TRAINING: first emission index by slot
 layout(scalar, push_constant) uniform EmitParams {
     uvec2 tiles;    // tile columns and rows
     uint capacity;  // elements of tile_keys
 };
 
+// 1 = the sort carries emission indices, so that the backward pass can write what each intersection adds to its splat.
+layout(constant_id = 3) const uint TRAINING = 0;
+
+void put(uint emission, uint tile, uint slot) {
+    uint training = TRAINING;
+    tile_keys[emission] = tile;
+    isect_values[emission] = training != 0 ? emission : slot;
+    if (training != 0) slot_from_emission[emission] = slot;
+}
+
 void main() {
+    uint training = TRAINING;
     uint order = counters[COUNTER_SLAB_BEGIN] + thread_index();
     if (order >= counters[COUNTER_SLAB_END]) return;
     uint slot = slot_from_order[order];
     Footprint f = footprints[slot];
     uint next = isect_offsets[order];
+    if (training != 0) first_emission[slot] = next;
     uint end = min(next + tile_counts[slot], capacity);
     uvec2 rows = tile_rows(f, tiles.y);
     for (uint row = rows.x; row < rows.y; ++row) {
         uvec2 columns = tile_columns(f, row, tiles.x);
         uint stop = min(next + max(columns.y, columns.x) - columns.x, end);
         uint key = row * tiles.x + columns.x;
-        for (; next < stop; ++next, ++key) {
-            tile_keys[next] = key;
-            slot_from_isect[next] = slot;
-        }
+        for (; next < stop; ++next, ++key) put(next, key, slot);
     }
     // Count and emit agree bit for bit; were they ever to differ, the rest goes to a tile outside the image.
-    for (; next < end; ++next) {
-        tile_keys[next] = tiles.x * tiles.y;
-        slot_from_isect[next] = slot;
-    }
+    for (; next < end; ++next) put(next, tiles.x * tiles.y, slot);
 }

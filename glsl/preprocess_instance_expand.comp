@@ -7,6 +7,7 @@
 #include "counters.glsl"
 #include "scene.glsl"
 #include "splat.glsl"
+#include "rotation.glsl"
 
 layout(constant_id = 3) const uint SH_DEGREE = 3;
 
@@ -47,16 +48,6 @@ struct Projection {
     Footprint footprint;
     uint tiles;
 };
-
-mat3 rotation_from_quat(vec4 wxyz) {
-    // Scaled first, so that squares of huge or tiny components stay in range.
-    vec4 q = wxyz / max(max(abs(wxyz.x), abs(wxyz.y)), max(abs(wxyz.z), abs(wxyz.w)));
-    q /= sqrt(dot(q, q));
-    float w = q.x, x = q.y, y = q.z, z = q.w;
-    return mat3(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
-                2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
-                2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
-}
 
 uint count_tiles(Footprint f) {
     uvec2 tiles = (view.size_px + TILE_SIZE - 1) / TILE_SIZE;
@@ -192,6 +183,7 @@ void main() {
         shared_a[rank] = p.a;
         shared_b[rank] = vec4(p.conic_yy, p.opacity, p.depth, 0.0);
         shared_source[rank] = local;
+        p.footprint.local = local;
         footprints[w * WORKGROUP_SIZE + rank] = p.footprint;
         tile_counts[w * WORKGROUP_SIZE + rank] = p.tiles;
     }

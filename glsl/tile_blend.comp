@@ -8,7 +8,8 @@
 #include "splat.glsl"
 
 layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };               // projected splats by slot
-layout(scalar, binding = 1) readonly buffer TileSlots { uint slot_from_isect[]; };    // slots, sorted by tile then depth
+layout(scalar, binding = 1) readonly buffer IsectValues { uint isect_values[]; };     // slots, sorted by tile then depth; TRAINING: emission indices
+layout(scalar, binding = 6) readonly buffer EmissionSlots { uint slot_from_emission[]; };  // TRAINING: slot by emission index
 layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };      // first and end intersection per tile
 layout(scalar, binding = 3) readonly buffer Counters { uint counters[]; };            // COUNTER_*
 layout(scalar, binding = 4) buffer Colors { vec4 colors[]; };                         // rgb over the background, and alpha; between slabs rgb alone
@@ -19,16 +20,9 @@ layout(scalar, push_constant) uniform TileBlendParams {
     uvec2 tiles;      // tile columns and rows
 };
 
-layout(constant_id = 3) const uint COLUMNS_PER_LANE = 1;  // 2 at subgroup size 4, where a row of 8 has more pixels than lanes
+#include "blend.glsl"
 
-const uint BLOCK_SIDE = 8;
-const uint PIXELS_PER_LANE = BLOCK_SIDE * BLOCK_SIDE / SUBGROUP_SIZE;
-const uint LANES_PER_ROW = BLOCK_SIDE / COLUMNS_PER_LANE;
-const uint ROW_STEP = SUBGROUP_SIZE / LANES_PER_ROW;  // rows between a lane's pixels
-const float LOG2_E = 1.4426950408889634;
-const float ALPHA_MIN = 1.0 / 255.0;
-const float ALPHA_MAX = 0.99;
-const float T_STOP = 1e-4;
+layout(constant_id = 4) const uint TRAINING = 0;
 
 struct Pixel {
     vec3 color;  // sum of w c
@@ -38,15 +32,12 @@ struct Pixel {
 };
 
 void main() {
-    const uint blocks_per_side = TILE_SIZE / BLOCK_SIDE;
-    const uint blocks_per_tile = blocks_per_side * blocks_per_side;
-    uint unit = group_index() * (WORKGROUP_SIZE / SUBGROUP_SIZE) + gl_SubgroupID;
-    uint tile = unit / blocks_per_tile;
+    uint training = TRAINING;
+    Block block = block_of_subgroup();
+    uint tile = block.tile;
     if (tile >= tiles.x * tiles.y) return;
-    uint block = unit % blocks_per_tile;
-    uvec2 origin = uvec2(tile % tiles.x, tile / tiles.x) * TILE_SIZE + uvec2(block % blocks_per_side, block / blocks_per_side) * BLOCK_SIDE;
     uint lane = gl_SubgroupInvocationID;
-    uvec2 corner = origin + uvec2((lane % LANES_PER_ROW) * COLUMNS_PER_LANE, lane / LANES_PER_ROW);
+    uvec2 corner = block_corner(block, tiles.x);
     uvec2 range = tile_ranges[tile];
     bool first_slab = counters[COUNTER_SLAB_BEGIN] == 0;
     bool last_slab = counters[COUNTER_SLAB_END] == counters[COUNTER_VISIBLE];
@@ -54,7 +45,7 @@ void main() {
     Pixel pixels[PIXELS_PER_LANE];
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         pixels[p] = Pixel(vec3(0.0), 0.0, 0.0, 1.0);
-        uvec2 at = corner + uvec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
+        uvec2 at = corner + pixel_step(p);
         if (!first_slab && all(lessThan(at, size_px))) {
             uint i = at.y * size_px.x + at.x;
             pixels[p] = Pixel(colors[i].rgb, colors[i].a, depths[i].x, depths[i].y);
@@ -64,7 +55,9 @@ void main() {
     vec2 center = vec2(corner) + 0.5;
     for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
         uint i = min(base + lane, range.y - 1);
-        Splat mine = splats[slot_from_isect[i]];
+        uint slot = isect_values[i];
+        if (training != 0) slot = slot_from_emission[slot];
+        Splat mine = splats[slot];
         // Conic times -log2(e) / 2: alpha = opacity exp2(q).
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
@@ -78,7 +71,7 @@ void main() {
             float depth = subgroupShuffle(mine.c.y, j);
             float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
             [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-                vec2 d = delta + vec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
+                vec2 d = delta + vec2(pixel_step(p));
                 float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
                 float alpha = min(ALPHA_MAX, opacity * exp2(q));
                 bool hit = alpha >= ALPHA_MIN && q <= 0.0;
@@ -98,7 +91,7 @@ void main() {
     }
 
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
-        uvec2 at = corner + uvec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
+        uvec2 at = corner + pixel_step(p);
         Pixel pixel = pixels[p];
         if (last_slab) {
             pixel.color += (1.0 - pixel.alpha) * background;

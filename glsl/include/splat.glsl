@@ -12,6 +12,7 @@ struct Footprint {
     float slope;       // cov_xy / cov_yy: the chord at dy is centred at slope * dy
     float chord_px;    // half length of the chord at dy = 0
     float extreme_dy;  // dy at which the ellipse reaches its rightmost point
+    uint local;        // index of the Gaussian in its template
 };
 
 layout(constant_id = 2) const uint TILE_SIZE = 8;

@@ -99,6 +99,7 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
         match_by_ballot,
         blend_workgroup_size,
         tile_size,
+        transpose_moments,
     } = variant;
     let matching = if *match_by_ballot { "ballots" } else { "shuffles" };
     row(

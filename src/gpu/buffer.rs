@@ -10,12 +10,14 @@ use gpu_allocator::vulkan::Allocation;
 use super::context::Gpu;
 use super::error::GpuError;
 
-/// `len` elements of `T` in device memory (or host-visible memory, for staging). Freed on drop, after the device is done.
+/// Elements of `T` in device memory (or host-visible memory, for staging). Freed on drop, after the device is done.
+// repr(C): buffers of all element types have the same layout, so that `scalars` may look at one as another.
+#[repr(C)]
 pub struct Buffer<T> {
     gpu: Arc<Gpu>,
     handle: vk::Buffer,
     allocation: Option<Allocation>,
-    len: usize,
+    bytes: u64,
     name: String,
     marker: PhantomData<T>,
 }
@@ -54,7 +56,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         // SAFETY: a valid create-info; the handle is destroyed in drop.
         let handle = unsafe { gpu.device.create_buffer(&info, None) }.map_err(GpuError::vulkan(name))?;
         let mut buffer =
-            Self { gpu: gpu.clone(), handle, allocation: None, len, name: name.into(), marker: PhantomData };
+            Self { gpu: gpu.clone(), handle, allocation: None, bytes, name: name.into(), marker: PhantomData };
         // SAFETY: the handle is valid; on error below, drop destroys it.
         let requirements = unsafe { gpu.device.get_buffer_memory_requirements(handle) };
         let allocation = gpu.memory.allocate(name, requirements, location)?;
@@ -68,7 +70,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
 
     /// Number of elements.
     pub fn len(&self) -> usize {
-        self.len
+        self.bytes as usize / size_of::<T>()
     }
 
     /// Always false: buffers have at least one element.
@@ -78,7 +80,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
 
     /// Size in bytes.
     pub fn bytes(&self) -> u64 {
-        self.len as u64 * size_of::<T>() as u64
+        self.bytes
     }
 
     /// The name it was made with.
@@ -101,6 +103,25 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     pub(crate) fn mapped_mut(&mut self) -> Option<&mut [u8]> {
         let bytes = self.bytes() as usize;
         self.allocation.as_mut().and_then(|a| a.mapped_slice_mut()).map(|all| &mut all[..bytes])
+    }
+}
+
+/// An element type that is made of f32 alone.
+pub trait Floats: bytemuck::Pod {}
+impl Floats for f32 {}
+impl<const N: usize> Floats for [f32; N] where [f32; N]: bytemuck::Pod {}
+
+impl<T: Floats> Buffer<T> {
+    /// The buffer as flat f32 values, for kernels that do not care what they mean.
+    pub fn scalars(&self) -> &Buffer<f32> {
+        // SAFETY: `Buffer` is repr(C), holds no T, and counts bytes; both types are f32 arrays in memory.
+        unsafe { &*std::ptr::from_ref(self).cast() }
+    }
+
+    /// As [`Buffer::scalars`], writable.
+    pub fn scalars_mut(&mut self) -> &mut Buffer<f32> {
+        // SAFETY: as above; the borrow of self lasts as long as the result.
+        unsafe { &mut *std::ptr::from_mut(self).cast() }
     }
 }
 

@@ -282,8 +282,8 @@ fn create_device(
     Ok((device, family, timestamp_bits))
 }
 
-/// Bindings of preprocess_instance_expand, the largest kernel.
-const MOST_STORAGE_BUFFERS: u32 = 18;
+/// Bindings of gather_gradients, the largest kernel.
+const MOST_STORAGE_BUFFERS: u32 = 20;
 
 /// Fails with the name of the first required feature that is missing.
 fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &DeviceCaps) -> Result<(), GpuError> {
@@ -311,7 +311,7 @@ fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: 
         (v13.compute_full_subgroups, "computeFullSubgroups"),
         (u32::from(operations.contains(needed_operations)), "subgroup vote, ballot and shuffle"),
         (u32::from(v11.subgroup_supported_stages.contains(vk::ShaderStageFlags::COMPUTE)), "subgroups in compute"),
-        (u32::from(caps.max_storage_buffers >= MOST_STORAGE_BUFFERS), "18 storage buffers in one kernel"),
+        (u32::from(caps.max_storage_buffers >= MOST_STORAGE_BUFFERS), "20 storage buffers in one kernel"),
         (u32::from(!caps.subgroup_sizes().is_empty()), "a subgroup size of 4, 8, 16, 32 or 64"),
     ] {
         if present == 0 {

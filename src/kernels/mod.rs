@@ -1,22 +1,31 @@
 //! L2: the kernels, one file per stem. The same word names `glsl/<stem>.comp`, the file here, the f64 twin in
 //! `reference/`, the test and the profiler scope. Layouts are generated from the GLSL (see `gpu::interface`).
 
+pub mod adam;
 pub mod compact_visible;
 pub mod cull_chunks;
 pub mod cull_instances;
 pub mod emit_intersections;
 pub mod emit_work_items;
+pub mod gather_gradients;
+pub mod image_loss_backward_columns;
+pub mod image_loss_backward_rows;
+pub mod image_loss_columns;
+pub mod image_loss_rows;
 pub mod pipelines;
 pub mod plan_slab;
 pub mod preprocess_instance_expand;
+pub mod preprocess_instance_expand_backward;
 pub mod radix_sort_count;
 pub mod radix_sort_scatter;
 pub mod scan_downsweep;
 pub mod scan_reduce;
 pub mod scan_spine;
 pub mod tile_blend;
+pub mod tile_blend_backward;
 pub mod tile_ranges;
+pub mod train_status;
 pub mod variant;
 
-pub use pipelines::{Pipelines, Primitives};
+pub use pipelines::{BackwardPipelines, Pipelines, Primitives};
 pub use variant::Variant;

@@ -12,6 +12,7 @@ use crate::gpu::{Gpu, GpuError, Pipeline, PipelineCache};
 pub struct Pipelines {
     pub variant: Variant,
     pub sh_degree: u32,
+    pub training: bool,
     pub cull_instances: Pipeline<cull_instances::CullInstances>,
     pub cull_chunks: Pipeline<cull_chunks::CullChunks>,
     pub emit_work_items: Pipeline<emit_work_items::EmitWorkItems>,
@@ -21,6 +22,21 @@ pub struct Pipelines {
     pub emit_intersections: Pipeline<emit_intersections::EmitIntersections>,
     pub tile_ranges: Pipeline<tile_ranges::TileRanges>,
     pub tile_blend: Pipeline<tile_blend::TileBlend>,
+}
+
+/// The kernels of a training step besides the forward ones.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct BackwardPipelines {
+    pub image_loss_rows: Pipeline<image_loss_rows::ImageLossRows>,
+    pub image_loss_columns: Pipeline<image_loss_columns::ImageLossColumns>,
+    pub image_loss_backward_rows: Pipeline<image_loss_backward_rows::ImageLossBackwardRows>,
+    pub image_loss_backward_columns: Pipeline<image_loss_backward_columns::ImageLossBackwardColumns>,
+    pub train_status: Pipeline<train_status::TrainStatus>,
+    pub tile_blend_backward: Pipeline<tile_blend_backward::TileBlendBackward>,
+    pub preprocess_instance_expand_backward:
+        Pipeline<preprocess_instance_expand_backward::PreprocessInstanceExpandBackward>,
+    pub gather_gradients: Pipeline<gather_gradients::GatherGradients>,
+    pub adam: Pipeline<adam::Adam>,
 }
 
 /// The three scan passes; `*_gather` read their values through an index list.
@@ -98,26 +114,62 @@ impl SortPipelines {
 }
 
 impl Pipelines {
-    /// Compiles all forward kernels.
-    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant, sh_degree: u32) -> Result<Self, GpuError> {
+    /// Compiles all forward kernels; with `training` they leave what the backward pass needs.
+    pub fn new(
+        gpu: &Arc<Gpu>,
+        cache: &PipelineCache,
+        variant: Variant,
+        sh_degree: u32,
+        training: bool,
+    ) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.workgroup_size;
         let tile = ("TILE_SIZE", variant.tile_size);
+        let training_constant = ("TRAINING", u32::from(training));
         Ok(Self {
             variant,
             sh_degree,
+            training,
             cull_instances: compiler.compile(size, &[])?,
             cull_chunks: compiler.compile(size, &[])?,
             emit_work_items: compiler.compile(size, &[])?,
             preprocess_instance_expand: compiler.compile(size, &[tile, ("SH_DEGREE", sh_degree)])?,
             compact_visible: compiler.compile(size, &[])?,
             plan_slab: compiler.compile(size, &[])?,
-            emit_intersections: compiler.compile(size, &[tile])?,
+            emit_intersections: compiler.compile(size, &[tile, training_constant])?,
             tile_ranges: compiler.compile(size, &[])?,
             tile_blend: compiler.compile(
                 variant.blend_workgroup_size,
-                &[tile, ("COLUMNS_PER_LANE", (8 / variant.subgroup_size).max(1))],
+                &[tile, columns_per_lane(&variant), training_constant],
             )?,
+        })
+    }
+}
+
+/// A row of 8 pixels has more pixels than a subgroup of 4 has lanes.
+fn columns_per_lane(variant: &Variant) -> (&'static str, u32) {
+    ("COLUMNS_PER_LANE", (8 / variant.subgroup_size).max(1))
+}
+
+impl BackwardPipelines {
+    /// Compiles all backward kernels for SH degree `sh_degree` and the variant's tile size.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant, sh_degree: u32) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let size = variant.workgroup_size;
+        let tile = ("TILE_SIZE", variant.tile_size);
+        let degree = ("SH_DEGREE", sh_degree);
+        let transpose = ("TRANSPOSE", u32::from(variant.transpose_moments));
+        Ok(Self {
+            image_loss_rows: compiler.compile(size, &[])?,
+            image_loss_columns: compiler.compile(size, &[])?,
+            image_loss_backward_rows: compiler.compile(size, &[])?,
+            image_loss_backward_columns: compiler.compile(size, &[])?,
+            train_status: compiler.compile(size, &[])?,
+            tile_blend_backward: compiler
+                .compile(variant.blend_workgroup_size, &[tile, columns_per_lane(&variant), transpose])?,
+            preprocess_instance_expand_backward: compiler.compile(size, &[degree])?,
+            gather_gradients: compiler.compile(size, &[degree])?,
+            adam: compiler.compile(size, &[])?,
         })
     }
 }

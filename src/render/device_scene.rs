@@ -52,6 +52,18 @@ pub struct DeviceScene {
     pub antialias: bool,
 }
 
+/// What chunk culling may assume.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Bounds {
+    /// The means as they are.
+    Tight,
+    /// Nothing: means will move.
+    Everywhere,
+}
+
+/// A radius that no frustum test excludes, and that stays finite in its products with focal lengths.
+const RADIUS_EVERYWHERE: f32 = 1e25;
+
 /// A ball around means, with the largest standard deviation inside.
 struct Bound {
     center: DVec3,
@@ -74,11 +86,28 @@ impl DeviceScene {
     /// # Errors
     /// Inconsistent indices, more than 2^32 - 1 expanded Gaussians, or a buffer beyond the device's limits.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
+        Self::with_bounds(gpu, scene, chunk_size, Bounds::Tight)
+    }
+
+    /// As [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move every step.
+    pub fn unbounded(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
+        Self::with_bounds(gpu, scene, chunk_size, Bounds::Everywhere)
+    }
+
+    fn with_bounds(
+        gpu: &Arc<Gpu>,
+        scene: &InstancedScene,
+        chunk_size: u32,
+        bounds: Bounds,
+    ) -> Result<Self, RenderError> {
         scene.validate()?;
         let sh_degree = scene.sh_degree();
         let pool = |field: fn(&Gaussians) -> usize| field(&scene.templates) + field(&scene.background);
         check_limit(gpu, pool(Gaussians::len), sh_degree)?;
-        let tables = build_tables(scene, chunk_size)?;
+        let mut tables = build_tables(scene, chunk_size)?;
+        if bounds == Bounds::Everywhere {
+            tables.widen();
+        }
         let band = |gpu: &Arc<Gpu>, l: u32| upload(gpu, &format!("sh band {l}"), &sh_band(scene, l));
         Ok(Self {
             instances: upload(gpu, "instances", &tables.instances)?,
@@ -257,6 +286,12 @@ struct Placement<'a> {
 }
 
 impl Tables {
+    /// Makes every bound hold whatever the means become.
+    fn widen(&mut self) {
+        self.chunks.iter_mut().for_each(|chunk| chunk.radius = RADIUS_EVERYWHERE);
+        self.instances.iter_mut().for_each(|instance| instance.bound_radius = RADIUS_EVERYWHERE);
+    }
+
     /// Appends the chunks of one range and returns the bound of all of it.
     fn push_chunks(&mut self, cloud: &Gaussians, first: usize, count: usize, chunk_size: u32) -> Bound {
         for start in (0..count).step_by(chunk_size as usize) {

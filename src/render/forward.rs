@@ -217,7 +217,9 @@ pub fn record_slab(
         tile_counts: &frame.tile_counts,
         counters: &frame.scratch.counters,
         tile_keys: &mut frame.tile_sort.keys,
-        slot_from_isect: &mut frame.tile_sort.values,
+        isect_values: &mut frame.tile_sort.values,
+        slot_from_emission: &mut frame.slot_from_emission,
+        first_emission: &mut frame.first_emission,
     };
     let params = emit_intersections::Params { tiles: plan.tiles, capacity: plan.capacities.intersections };
     let per_splat = (&frame.scratch.args, args(FAMILY_SLAB_SPLATS, ARGS_THREADS));
@@ -245,7 +247,8 @@ fn record_blend(recorder: &mut Recorder, inputs: &ForwardInputs<'_>, frame: &mut
     let plan = frame.plan;
     let bindings = tile_blend::Bindings {
         splats: &frame.splats,
-        slot_from_isect: &frame.tile_sort.values,
+        isect_values: &frame.tile_sort.values,
+        slot_from_emission: &frame.slot_from_emission,
         tile_ranges: &frame.tile_ranges,
         counters: &frame.scratch.counters,
         colors: &mut frame.colors,

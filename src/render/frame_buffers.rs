@@ -44,8 +44,12 @@ pub struct FrameBuffers {
     pub depth_sort: SortBuffers,
     /// First intersection of each splat in depth order.
     pub isect_offsets: Buffer<u32>,
-    /// Tile keys and slots, sorted by tile.
+    /// Tile keys and slots (training: emission indices), sorted by tile.
     pub tile_sort: SortBuffers,
+    /// Training: slot of each intersection before the sort; else one element.
+    pub slot_from_emission: Buffer<u32>,
+    /// Training: first intersection of each slot before the sort; else one element.
+    pub first_emission: Buffer<u32>,
     /// Run of each tile.
     pub tile_ranges: Buffer<[u32; 2]>,
     /// rgb over the background, and alpha.
@@ -71,6 +75,7 @@ impl FrameBuffers {
         let work_items = plan.capacities.work_items as usize;
         let instances = plan.instances as usize;
         let counters = COUNTER_COUNT as usize;
+        let emissions = plan.capacities.intersections as usize;
         Ok(Self {
             plan,
             counters_start: Buffer::for_upload(gpu, "counters start", counters)?,
@@ -89,6 +94,8 @@ impl FrameBuffers {
             depth_sort: SortBuffers::new(gpu, "depth sort", slots)?,
             isect_offsets: Buffer::new(gpu, "isect_offsets", slots)?,
             tile_sort: SortBuffers::new(gpu, "tile sort", plan.capacities.intersections as usize)?,
+            slot_from_emission: Buffer::new(gpu, "slot_from_emission", if plan.training { emissions } else { 1 })?,
+            first_emission: Buffer::new(gpu, "first_emission", if plan.training { slots } else { 1 })?,
             tile_ranges: Buffer::new(gpu, "tile_ranges", plan.tile_count() as usize)?,
             colors: Buffer::new(gpu, "colors", plan.pixels() as usize)?,
             depths: Buffer::new(gpu, "depths", plan.pixels() as usize)?,

@@ -4,21 +4,25 @@
 //! what one frame needs besides; [`Renderer`] records the passes in order and decides what to do when a buffer was too
 //! small: grow and redo, or go on with the next depth slab. Nothing is ever dropped.
 
+pub mod backward;
 pub mod device_scene;
 pub mod error;
 pub mod forward;
 pub mod frame_buffers;
+pub mod gradients;
 pub mod picture;
 pub mod plan;
 pub mod renderer;
 pub mod scan;
 pub mod self_test;
-
 pub mod sort;
+pub mod train_frame;
 
 pub use device_scene::DeviceScene;
 pub use error::RenderError;
 pub use frame_buffers::FrameBuffers;
 pub use picture::Picture;
 pub use plan::{Capacities, FramePlan};
+pub use gradients::{GradientBuffers, SourceTables, StepLog};
 pub use renderer::{FrameStats, RenderOptions, Renderer};
+pub use train_frame::{TrainFrame, TrainView};

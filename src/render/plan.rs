@@ -30,6 +30,8 @@ pub struct FramePlan {
     pub capacities: Capacities,
     /// Splat slots: work items times work-group size.
     pub slots: u32,
+    /// With the buffers that the backward pass reads.
+    pub training: bool,
 }
 
 impl FramePlan {
@@ -39,7 +41,8 @@ impl FramePlan {
         // A slab must at least hold one splat, which touches at most all tiles.
         let intersections = capacities.intersections.max(tiles[0] * tiles[1]);
         let capacities = Capacities { intersections, ..capacities };
-        Self { size_px, tiles, instances, capacities, slots: capacities.work_items * workgroup_size }
+        let slots = capacities.work_items * workgroup_size;
+        Self { size_px, tiles, instances, capacities, slots, training: false }
     }
 
     /// Pixels of the image.

@@ -188,7 +188,7 @@ impl Renderer {
     fn prepare_pipelines(&mut self, sh_degree: u32, size_px: [u32; 2]) -> Result<(), RenderError> {
         let variant = Variant { tile_size: tile_size_for(&self.gpu, &self.variant, size_px), ..self.variant };
         if self.pipelines.as_ref().is_none_or(|p| p.sh_degree != sh_degree || p.variant != variant) {
-            self.pipelines = Some(Pipelines::new(&self.gpu, &self.cache, variant, sh_degree)?);
+            self.pipelines = Some(Pipelines::new(&self.gpu, &self.cache, variant, sh_degree, false)?);
         }
         Ok(())
     }
@@ -239,10 +239,7 @@ impl Renderer {
         view: types::View,
         options: &RenderOptions,
     ) -> ForwardInputs<'a> {
-        // A tile's list is at most as long as its slab, and the blend loop takes one iteration per subgroup of it; one
-        // in 16 iterations is left to the other loops of the kernel.
-        let subgroup = pipelines.variant.subgroup_size;
-        let max_slab_splats = gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| (most - most / 16) * subgroup);
+        let max_slab_splats = max_slab_splats(gpu, pipelines.variant.subgroup_size);
         ForwardInputs { scene, pipelines, primitives, view, background: options.background, max_slab_splats }
     }
 
@@ -333,9 +330,15 @@ impl Renderer {
     }
 }
 
+/// Most splats of one slab: a tile's list is at most as long as its slab, and the blend loop takes one iteration per
+/// subgroup of it; one in 16 iterations is left to the other loops of the kernel.
+pub(super) fn max_slab_splats(gpu: &Gpu, subgroup_size: u32) -> u32 {
+    gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| (most - most / 16) * subgroup_size)
+}
+
 /// The variant's tile size, doubled while one splat over the whole image would take more loop iterations to emit than
 /// the driver grants: one per tile and one per row. The picture does not depend on it.
-fn tile_size_for(gpu: &Gpu, variant: &Variant, size_px: [u32; 2]) -> u32 {
+pub(super) fn tile_size_for(gpu: &Gpu, variant: &Variant, size_px: [u32; 2]) -> u32 {
     let most = gpu.caps().loop_iteration_limit.map_or(u64::MAX, |most| u64::from(most - most / 16));
     let mut tile_size = variant.tile_size;
     loop {
@@ -355,7 +358,7 @@ fn unreachable_state() -> ! {
     unreachable!("render prepares pipelines and frame buffers first")
 }
 
-fn check_fits(what: &'static str, needed: u32, limit: u32) -> Result<(), RenderError> {
+pub(super) fn check_fits(what: &'static str, needed: u32, limit: u32) -> Result<(), RenderError> {
     if needed > limit {
         return Err(RenderError::TooMany { what, needed: u64::from(needed), limit: u64::from(limit) });
     }

@@ -1,0 +1,153 @@
+#version 460
+// Sums the gradients of all instances of a template, in instance order, and turns them into gradients by its parameters.
+// Grid: one work-group per chunk of source Gaussians.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "gradients.glsl"
+#include "rotation.glsl"
+#include "train_status.glsl"
+
+layout(constant_id = 3) const uint SH_DEGREE = 3;
+
+layout(scalar, binding = 0) readonly buffer SourceChunks { SourceChunk source_chunks[]; };             // all chunks of the source pool
+layout(scalar, binding = 1) readonly buffer InstanceLists { uint instance_from_template[]; };          // instances, template by template
+layout(scalar, binding = 2) readonly buffer InstanceChunks { uint instance_chunks[]; };                // chunks worth testing per instance, 0 if out of sight
+layout(scalar, binding = 3) readonly buffer CandidateOffsets { uint candidate_offsets[]; };            // first candidate per instance
+layout(scalar, binding = 4) readonly buffer CandidateVisible { uint candidate_visible[]; };            // 1 if the candidate became a work item
+layout(scalar, binding = 5) readonly buffer WorkOffsets { uint work_offsets[]; };                      // work item of the candidate
+layout(scalar, binding = 6) readonly buffer Counters { uint counters[]; };                             // COUNTER_*
+layout(scalar, binding = 7) readonly buffer SourceGradients { SourceGradient source_gradients[]; };    // by work item times work-group size plus index in the chunk; 0 if not drawn
+layout(scalar, binding = 8) readonly buffer Quats { vec4 quats[]; };                                   // source rotations, wxyz
+layout(scalar, binding = 9) readonly buffer LogScales { vec3 log_scales[]; };                          // source log standard deviations
+layout(scalar, binding = 10) writeonly buffer MeanGradients { vec3 mean_gradients[]; };                // by source
+layout(scalar, binding = 11) writeonly buffer QuatGradients { vec4 quat_gradients[]; };                // by source
+layout(scalar, binding = 12) writeonly buffer LogScaleGradients { vec3 log_scale_gradients[]; };       // by source
+layout(scalar, binding = 13) writeonly buffer LogitGradients { float opacity_logit_gradients[]; };     // by source
+layout(scalar, binding = 14) writeonly buffer Sh0Gradients { vec3 sh0_gradients[]; };                  // SH band 0, by source
+layout(scalar, binding = 15) writeonly buffer Sh1Gradients { vec3 sh1_gradients[]; };                  // SH band 1, as the band
+layout(scalar, binding = 16) writeonly buffer Sh2Gradients { vec3 sh2_gradients[]; };                  // SH band 2, as the band
+layout(scalar, binding = 17) writeonly buffer Sh3Gradients { vec3 sh3_gradients[]; };                  // SH band 3, as the band
+layout(scalar, binding = 18) buffer ScreenStatistics { vec3 screen_statistics[]; };                    // sum of mean_ndc, views seen in, largest radius_px; by source
+
+layout(scalar, binding = 19) readonly buffer Status { uint status[]; };                                // STATUS_*
+
+// Sums over instances: by covariance and mean first, which are the template's own.
+struct Sums {
+    vec3 mean;
+    vec3 covariance;
+    vec3 covariance_cross;
+    float opacity_logit;
+    vec3 statistics;
+    vec3 sh[16];
+};
+
+// Adds a colour gradient to the SH coefficients, by the basis at `dir`: INRIA order and signs.
+void add_sh(inout Sums sums, vec3 dir, vec3 by_color, uint degree) {
+    float x = dir.x, y = dir.y, z = dir.z;
+    float xx = x * x, yy = y * y, zz = z * z;
+    sums.sh[0] += 0.28209479177387814 * by_color;
+    if (degree > 0) {
+        sums.sh[1] += -0.4886025119029199 * y * by_color;
+        sums.sh[2] += 0.4886025119029199 * z * by_color;
+        sums.sh[3] += -0.4886025119029199 * x * by_color;
+    }
+    if (degree > 1) {
+        sums.sh[4] += 1.0925484305920792 * x * y * by_color;
+        sums.sh[5] += -1.0925484305920792 * y * z * by_color;
+        sums.sh[6] += 0.31539156525252005 * (2.0 * zz - xx - yy) * by_color;
+        sums.sh[7] += -1.0925484305920792 * x * z * by_color;
+        sums.sh[8] += 0.5462742152960396 * (xx - yy) * by_color;
+    }
+    if (degree > 2) {
+        sums.sh[9] += -0.5900435899266435 * y * (3.0 * xx - yy) * by_color;
+        sums.sh[10] += 2.890611442640554 * x * y * z * by_color;
+        sums.sh[11] += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * by_color;
+        sums.sh[12] += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * by_color;
+        sums.sh[13] += -0.4570457994644658 * x * (4.0 * zz - xx - yy) * by_color;
+        sums.sh[14] += 1.445305721320277 * z * (xx - yy) * by_color;
+        sums.sh[15] += -0.5900435899266435 * x * (xx - 3.0 * yy) * by_color;
+    }
+}
+
+// The work item of chunk `chunk` of an instance, or NO_WORK_ITEM if it was culled.
+const uint NO_WORK_ITEM = 0xFFFFFFFF;
+uint work_item_of(uint instance, uint chunk) {
+    uint candidate = candidate_offsets[instance] + chunk;
+    bool tested = instance_chunks[instance] != 0 && candidate < counters[COUNTER_CANDIDATES];
+    candidate = tested ? candidate : 0;
+    bool drawn = tested && candidate_visible[candidate] != 0;
+    uint w = work_offsets[candidate];
+    return drawn && w < counters[COUNTER_WORK_ITEMS] ? w : NO_WORK_ITEM;
+}
+
+// dL/dlog_scales and dL/dquat from the symmetric dL/dcovariance: cov = sum of sigma_i^2 r_i r_i^T over the columns r_i.
+void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms, out vec4 by_quat, out vec3 by_log_scales) {
+    mat3 by_cov = mat3(diagonal.x, cross_terms.x, cross_terms.y, cross_terms.x, diagonal.y, cross_terms.z, cross_terms.y,
+                       cross_terms.z, diagonal.z);
+    mat3 r = rotation_from_quat(quat);
+    vec3 variances = exp(2.0 * log_scales);
+    mat3 d = by_cov * r;
+    by_log_scales = 2.0 * variances * vec3(dot(r[0], d[0]), dot(r[1], d[1]), dot(r[2], d[2]));
+    d = mat3(2.0 * variances.x * d[0], 2.0 * variances.y * d[1], 2.0 * variances.z * d[2]);
+    float largest = max(max(abs(quat.x), abs(quat.y)), max(abs(quat.z), abs(quat.w)));
+    vec4 scaled = quat / largest;
+    float len = sqrt(dot(scaled, scaled));
+    vec4 q = scaled / len;
+    float w = q.x, x = q.y, y = q.z, z = q.w;
+    vec4 by_unit = 2.0 * vec4(x * (d[1].z - d[2].y) + y * (d[2].x - d[0].z) + z * (d[0].y - d[1].x),
+                              w * (d[1].z - d[2].y) + y * (d[0].y + d[1].x) + z * (d[0].z + d[2].x) - 2.0 * x * (d[1].y + d[2].z),
+                              w * (d[2].x - d[0].z) + x * (d[0].y + d[1].x) + z * (d[1].z + d[2].y) - 2.0 * y * (d[0].x + d[2].z),
+                              w * (d[0].y - d[1].x) + x * (d[0].z + d[2].x) + y * (d[1].z + d[2].y) - 2.0 * z * (d[0].x + d[1].y));
+    by_quat = (by_unit - q * dot(q, by_unit)) / (len * largest);
+}
+
+void main() {
+    uint c = group_index();
+    uint lane = gl_LocalInvocationID.x;
+    SourceChunk chunk = source_chunks[c];
+    uint local = chunk.chunk * WORKGROUP_SIZE + lane;
+    // A step that did not fit is done again: its statistics must not count twice.
+    if (local >= chunk.source_count || status[STATUS_OVERFLOW] != 0) return;
+    uint source = chunk.first_source + local;
+    uint degree = min(SH_DEGREE, chunk.sh_degree);
+    Sums sums;
+    sums.mean = sums.covariance = sums.covariance_cross = sums.statistics = vec3(0.0);
+    sums.opacity_logit = 0.0;
+    [[unroll]] for (uint k = 0; k < 16; ++k) sums.sh[k] = vec3(0.0);
+    for (uint i = 0; i < chunk.instance_count; ++i) {
+        uint w = work_item_of(instance_from_template[chunk.first_instance + i], chunk.chunk);
+        if (w != NO_WORK_ITEM) {
+            SourceGradient g = source_gradients[w * WORKGROUP_SIZE + lane];
+            sums.mean += g.mean;
+            sums.covariance += g.covariance;
+            sums.covariance_cross += g.covariance_cross;
+            sums.opacity_logit += g.opacity_logit;
+            sums.statistics.xy += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
+            sums.statistics.z = max(sums.statistics.z, g.radius_px);
+            add_sh(sums, g.direction, g.color, degree);
+        }
+    }
+    vec4 by_quat;
+    vec3 by_log_scales;
+    shape_gradient(quats[source], log_scales[source], sums.covariance, sums.covariance_cross, by_quat, by_log_scales);
+    mean_gradients[source] = sums.mean;
+    quat_gradients[source] = by_quat;
+    log_scale_gradients[source] = by_log_scales;
+    opacity_logit_gradients[source] = sums.opacity_logit;
+    sh0_gradients[source] = sums.sh[0];
+    if (degree > 0) {
+        uint k = 3 * (chunk.first_in_band[0] + local);
+        [[unroll]] for (uint m = 0; m < 3; ++m) sh1_gradients[k + m] = sums.sh[1 + m];
+    }
+    if (degree > 1) {
+        uint k = 5 * (chunk.first_in_band[1] + local);
+        [[unroll]] for (uint m = 0; m < 5; ++m) sh2_gradients[k + m] = sums.sh[4 + m];
+    }
+    if (degree > 2) {
+        uint k = 7 * (chunk.first_in_band[2] + local);
+        [[unroll]] for (uint m = 0; m < 7; ++m) sh3_gradients[k + m] = sums.sh[9 + m];
+    }
+    vec3 before = screen_statistics[source];
+    screen_statistics[source] = vec3(before.xy + sums.statistics.xy, max(before.z, sums.statistics.z));
+}

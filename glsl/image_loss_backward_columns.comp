@@ -1,0 +1,54 @@
+#version 460
+// Last pass of the image loss: the SSIM window along columns, then the gradient of the whole loss by the picture.
+// Grid: one thread per STRIP pixels of a column.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "image_loss.glsl"
+
+layout(scalar, binding = 0) readonly buffer RowGradients { SsimGradient row_gradients[]; };  // derivatives of SSIM, windowed along rows
+layout(scalar, binding = 1) readonly buffer Colors { vec4 colors[]; };                       // the picture: rgb over the background, and alpha
+layout(scalar, binding = 2) readonly buffer Targets { uint targets[]; };                     // the target, RGBA of 8 bits
+layout(scalar, binding = 3) writeonly buffer Cotangents { vec4 cotangents[]; };              // gradient of the loss by rgb, and 0 for alpha
+layout(scalar, binding = 4) writeonly buffer ErrorSums { vec2 error_sums[]; };               // absolute and squared error over the strip and channels, by thread
+layout(scalar, push_constant) uniform ImageLossBackwardColumnsParams {
+    vec3 background;      // colour behind the target
+    uvec2 size_px;        // image width and height
+    float lambda_dssim;   // weight of 1 - SSIM; L1 has the rest
+};
+
+void main() {
+    uint x = thread_index() % size_px.x;
+    uint first = (thread_index() / size_px.x) * STRIP;
+    if (first >= size_px.y) return;
+    SsimGradient sums[STRIP];
+    [[unroll]] for (uint k = 0; k < STRIP; ++k) sums[k] = SsimGradient(vec3(0.0), vec3(0.0), vec3(0.0));
+    [[unroll]] for (int tap = -int(WINDOW_RADIUS); tap < int(STRIP + WINDOW_RADIUS); ++tap) {
+        int y = int(first) + tap;
+        float inside = y >= 0 && y < int(size_px.y) ? 1.0 : 0.0;
+        SsimGradient g = row_gradients[uint(clamp(y, 0, int(size_px.y) - 1)) * size_px.x + x];
+        [[unroll]] for (int k = 0; k < int(STRIP); ++k) {
+            if (abs(tap - k) <= int(WINDOW_RADIUS)) {
+                float w = inside * window_weight(tap - k);
+                sums[k].x += w * g.x;
+                sums[k].xx += w * g.xx;
+                sums[k].xy += w * g.xy;
+            }
+        }
+    }
+    float per_value = 1.0 / (3.0 * float(size_px.x) * float(size_px.y));
+    vec2 errors = vec2(0.0);
+    [[unroll]] for (uint k = 0; k < STRIP; ++k) {
+        uint i = min(first + k, size_px.y - 1) * size_px.x + x;
+        vec3 a = colors[i].rgb;
+        vec3 b = target_color(targets[i], background, a);
+        vec3 l1 = sign(a - b);
+        vec3 ssim = sums[k].x + 2.0 * a * sums[k].xx + b * sums[k].xy;
+        vec3 g = per_value * ((1.0 - lambda_dssim) * l1 - lambda_dssim * ssim);
+        bool counts = first + k < size_px.y;
+        bool ignored = targets[i] >> 24 == 0;
+        vec3 error = counts ? abs(a - b) : vec3(0.0);
+        errors += vec2(error.r + error.g + error.b, dot(error, error));
+        if (counts) cotangents[i] = vec4(ignored ? vec3(0.0) : g, 0.0);
+    }
+    error_sums[thread_index()] = errors;
+}

@@ -1,0 +1,55 @@
+#version 460
+// Second pass of the image loss: the SSIM window along columns, SSIM and its derivatives by the window's moments.
+// Grid: one thread per STRIP pixels of a column.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "image_loss.glsl"
+
+layout(scalar, binding = 0) readonly buffer RowMoments { Moments row_moments[]; };             // moments along rows, by pixel
+layout(scalar, binding = 1) writeonly buffer SsimGradients { SsimGradient ssim_gradients[]; };  // derivatives of SSIM, by pixel
+layout(scalar, binding = 2) writeonly buffer SsimSums { float ssim_sums[]; };                  // SSIM over the strip and channels, by thread
+layout(scalar, push_constant) uniform ImageLossColumnsParams {
+    uvec2 size_px;  // image width and height
+};
+
+void main() {
+    uint x = thread_index() % size_px.x;
+    uint first = (thread_index() / size_px.x) * STRIP;
+    if (first >= size_px.y) return;
+    Moments sums[STRIP];
+    [[unroll]] for (uint k = 0; k < STRIP; ++k) sums[k] = Moments(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
+    [[unroll]] for (int tap = -int(WINDOW_RADIUS); tap < int(STRIP + WINDOW_RADIUS); ++tap) {
+        int y = int(first) + tap;
+        float inside = y >= 0 && y < int(size_px.y) ? 1.0 : 0.0;
+        Moments m = row_moments[uint(clamp(y, 0, int(size_px.y) - 1)) * size_px.x + x];
+        [[unroll]] for (int k = 0; k < int(STRIP); ++k) {
+            if (abs(tap - k) <= int(WINDOW_RADIUS)) {
+                float w = inside * window_weight(tap - k);
+                sums[k].x += w * m.x;
+                sums[k].y += w * m.y;
+                sums[k].xx += w * m.xx;
+                sums[k].yy += w * m.yy;
+                sums[k].xy += w * m.xy;
+            }
+        }
+    }
+    vec3 total = vec3(0.0);
+    [[unroll]] for (uint k = 0; k < STRIP; ++k) {
+        Moments m = sums[k];
+        // SSIM = a1 a2 / (b1 b2); the derivatives take xx and xy as variables of their own.
+        vec3 a1 = 2.0 * m.x * m.y + SSIM_C1;
+        vec3 a2 = 2.0 * (m.xy - m.x * m.y) + SSIM_C2;
+        vec3 b1 = m.x * m.x + m.y * m.y + SSIM_C1;
+        vec3 b2 = (m.xx - m.x * m.x) + (m.yy - m.y * m.y) + SSIM_C2;
+        vec3 scale = 1.0 / (b1 * b2);
+        vec3 ssim = a1 * a2 * scale;
+        bool inside = first + k < size_px.y;
+        total += inside ? ssim : vec3(0.0);
+        SsimGradient g;
+        g.x = 2.0 * (m.y * (a2 - a1) * scale - m.x * ssim * (1.0 / b1 - 1.0 / b2));
+        g.xx = -ssim / b2;
+        g.xy = 2.0 * a1 * scale;
+        if (inside) ssim_gradients[(first + k) * size_px.x + x] = g;
+    }
+    ssim_sums[thread_index()] = total.r + total.g + total.b;
+}

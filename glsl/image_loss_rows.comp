@@ -1,0 +1,47 @@
+#version 460
+// First pass of the image loss: the SSIM window along rows, over picture, target and their products.
+// Grid: one thread per STRIP pixels of a row.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "image_loss.glsl"
+
+layout(scalar, binding = 0) readonly buffer Colors { vec4 colors[]; };         // the picture: rgb over the background, and alpha
+layout(scalar, binding = 1) readonly buffer Targets { uint targets[]; };       // the target, RGBA of 8 bits
+layout(scalar, binding = 2) writeonly buffer RowMoments { Moments row_moments[]; };  // moments along the row, by pixel
+layout(scalar, push_constant) uniform ImageLossRowsParams {
+    vec3 background;  // colour behind the target
+    uvec2 size_px;    // image width and height
+};
+
+void main() {
+    uint strips = divide_up(size_px.x, STRIP);
+    uint y = thread_index() / strips;
+    uint first = (thread_index() % strips) * STRIP;
+    if (y >= size_px.y) return;
+    Moments sums[STRIP];
+    [[unroll]] for (uint k = 0; k < STRIP; ++k) sums[k] = Moments(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
+    [[unroll]] for (int tap = -int(WINDOW_RADIUS); tap < int(STRIP + WINDOW_RADIUS); ++tap) {
+        int x = int(first) + tap;
+        bool inside = x >= 0 && x < int(size_px.x);
+        uint i = y * size_px.x + uint(clamp(x, 0, int(size_px.x) - 1));
+        vec3 a = colors[i].rgb;
+        vec3 b = target_color(targets[i], background, a);
+        a = inside ? a : vec3(0.0);
+        b = inside ? b : vec3(0.0);
+        vec3 aa = a * a, bb = b * b, ab = a * b;
+        [[unroll]] for (int k = 0; k < int(STRIP); ++k) {
+            if (abs(tap - k) <= int(WINDOW_RADIUS)) {
+                float w = window_weight(tap - k);
+                sums[k].x += w * a;
+                sums[k].y += w * b;
+                sums[k].xx += w * aa;
+                sums[k].yy += w * bb;
+                sums[k].xy += w * ab;
+            }
+        }
+    }
+    [[unroll]] for (uint k = 0; k < STRIP; ++k) {
+        if (first + k < size_px.x) row_moments[y * size_px.x + first + k] = sums[k];
+    }
+}

@@ -1,0 +1,32 @@
+// What the backward passes hand to each other.
+
+// What the pixels of one block add to a splat: with s = -dL/dsigma per pixel and d = pixel - centre, sums of s times the
+// monomials of d up to degree 2. Every derivative by centre, conic and opacity is linear in them.
+struct SplatMoments {
+    vec3 color;   // dL/dcolour
+    vec3 first;   // sums of s, s dx, s dy
+    vec3 second;  // sums of s dx dx, s dx dy, s dy dy
+};
+
+// The gradient by one Gaussian of one instance, in the template's frame.
+struct SourceGradient {
+    vec3 mean;               // by mean plus offset
+    vec3 covariance;         // by the covariance's xx, yy, zz
+    vec3 covariance_cross;   // by xy, xz, yz, each of the two equal entries
+    vec3 color;              // by the colour, 0 where it is clamped
+    vec3 direction;          // unit vector of view, where SH is evaluated
+    float opacity_logit;     // by the logit plus offset
+    float mean_ndc;          // length of the gradient by the centre, in units of half the image
+    float radius_px;         // three standard deviations on the screen
+};
+
+// A chunk of source Gaussians, with the instances that show it.
+struct SourceChunk {
+    uint first_source;    // index of the template's first Gaussian in the source pool
+    uint source_count;    // Gaussians of the template
+    uint chunk;           // chunk within the template
+    uint first_instance;  // the template's first entry in the list of instances by template
+    uint instance_count;  // instances of the template
+    uint sh_degree;       // SH degree of the template
+    uvec3 first_in_band;  // index of the template's first Gaussian in SH bands 1, 2, 3
+};

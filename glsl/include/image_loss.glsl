@@ -1,0 +1,37 @@
+// What the four passes of the image loss share: the target picture, the SSIM window, strips of pixels.
+
+const uint STRIP = 8;          // pixels that one thread of an image-loss pass makes, in a row or a column
+const uint WINDOW_RADIUS = 5;  // half width of the 11x11 SSIM window
+
+// exp(-k^2 / (2 1.5^2)) for k = 0..5, divided by the sum over -5..5.
+const float WINDOW[6] = float[6](0.2660117248617943, 0.21300553771125366, 0.1093606895097, 0.03600077212843082,
+                                 0.007598758135239184, 0.0010283800844791099);
+
+const float SSIM_C1 = 0.0001;  // 0.01^2
+const float SSIM_C2 = 0.0009;  // 0.03^2
+
+struct Moments {
+    vec3 x;   // mean of the picture
+    vec3 y;   // mean of the target
+    vec3 xx;  // mean of picture squared
+    vec3 yy;  // mean of target squared
+    vec3 xy;  // mean of picture times target
+};
+
+struct SsimGradient {
+    vec3 x;   // by the picture's mean
+    vec3 xx;  // by the mean of picture squared
+    vec3 xy;  // by the mean of picture times target
+};
+
+float window_weight(int distance) {
+    return WINDOW[abs(distance)];
+}
+
+// The target over the background; the last byte is 0 for a pixel that does not count, else 1 + 254 times its coverage.
+// A pixel that does not count is `image` itself, so that it adds no loss.
+vec3 target_color(uint rgba, vec3 background, vec3 image) {
+    vec4 c = unpackUnorm4x8(rgba);
+    float coverage = (c.a * 255.0 - 1.0) / 254.0;
+    return c.a > 0.0 ? mix(background, c.rgb, coverage) : image;
+}

@@ -1,0 +1,214 @@
+#version 460
+// From what the blend says about each splat to the gradient by its Gaussian in the template's frame; offsets are written
+// here, by their one owner. Grid: one work-group per work item (indirect).
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "scene.glsl"
+#include "splat.glsl"
+#include "gradients.glsl"
+#include "rotation.glsl"
+
+layout(constant_id = 3) const uint SH_DEGREE = 3;
+
+layout(scalar, binding = 0) readonly buffer Instances { Instance instances[]; };                    // instances, background last
+layout(scalar, binding = 1) readonly buffer WorkItems { WorkItem work_items[]; };                   // visible chunks
+layout(scalar, binding = 2) readonly buffer Counters { uint counters[]; };                          // COUNTER_*
+layout(scalar, binding = 3) readonly buffer SurvivorCounts { uint survivor_counts[]; };             // survivors per work item
+layout(scalar, binding = 4) readonly buffer Footprints { Footprint footprints[]; };                 // index in the template, by slot
+layout(scalar, binding = 5) readonly buffer Splats { Splat splats[]; };                             // projected splats by slot
+layout(scalar, binding = 6) readonly buffer FirstEmissions { uint first_emission[]; };              // first emission index by slot
+layout(scalar, binding = 7) readonly buffer TileCounts { uint tile_counts[]; };                     // emissions by slot
+layout(scalar, binding = 8) readonly buffer IsectMoments { SplatMoments isect_moments[]; };         // by emission index times blocks of a tile plus block
+layout(scalar, binding = 9) readonly buffer Means { vec3 means[]; };                                // source means
+layout(scalar, binding = 10) readonly buffer OffsetMeans { vec3 offset_means[]; };                  // mean offsets, template frame
+layout(scalar, binding = 11) readonly buffer Quats { vec4 quats[]; };                               // source rotations, wxyz
+layout(scalar, binding = 12) readonly buffer LogScales { vec3 log_scales[]; };                      // source log standard deviations
+layout(scalar, binding = 13) readonly buffer Sh1 { vec3 sh1[]; };                                   // SH band 1, 3 per Gaussian of degree >= 1
+layout(scalar, binding = 14) readonly buffer Sh2 { vec3 sh2[]; };                                   // SH band 2, 5 per Gaussian of degree >= 2
+layout(scalar, binding = 15) readonly buffer Sh3 { vec3 sh3[]; };                                   // SH band 3, 7 per Gaussian of degree 3
+layout(scalar, binding = 16) writeonly buffer SourceGradients { SourceGradient source_gradients[]; };  // by work item times work-group size plus index in the chunk
+layout(scalar, binding = 17) writeonly buffer OffsetMeanGradients { vec3 offset_mean_gradients[]; };  // by offset record
+layout(scalar, binding = 18) writeonly buffer OffsetShDcGradients { vec3 offset_sh_dc_gradients[]; };  // by offset record
+layout(scalar, binding = 19) writeonly buffer OffsetLogitGradients { float offset_logit_gradients[]; };  // by offset record
+layout(scalar, push_constant) uniform ExpandBackwardParams {
+    View view;             // the camera
+    uint capacity;         // emissions that fit the buffers
+    uint blocks_per_tile;  // 8x8 blocks of a tile
+};
+
+// Sums over all tiles of a splat, in emission order.
+SplatMoments total_moments(uint slot) {
+    SplatMoments total = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
+    uint first = min(first_emission[slot], capacity);
+    uint end = min(first + tile_counts[slot], capacity) * blocks_per_tile;
+    for (uint i = first * blocks_per_tile; i < end; ++i) {
+        SplatMoments m = isect_moments[i];
+        total.color += m.color;
+        total.first += m.first;
+        total.second += m.second;
+    }
+    return total;
+}
+
+struct Geometry {
+    vec3 mean_view;  // centre, view frame
+    mat3 linear;     // linear part of view_from_template
+    vec3 jx, jy;     // rows of Jacobian times linear
+    vec2 clamped;    // x/z and y/z in the Jacobian
+    vec3 cov_sharp;  // projected covariance xx, xy, yy before dilation
+    float det_sharp; // its determinant, without the cancellation
+};
+
+Geometry geometry_of(Instance instance, vec3 mean_world, uint source) {
+    Geometry g;
+    g.mean_view = transform_point(view.view_from_world, mean_world);
+    g.linear = linear_part(view.view_from_world) * linear_part(instance.world_from_template);
+    vec2 scale = view.focal_px / g.mean_view.z;
+    g.clamped = clamp(g.mean_view.xy / g.mean_view.z, limit_min(view), limit_max(view));
+    mat3 rows = transpose(g.linear);
+    g.jx = scale.x * (rows[0] - g.clamped.x * rows[2]);
+    g.jy = scale.y * (rows[1] - g.clamped.y * rows[2]);
+    mat3 rotation = rotation_from_quat(quats[source]);
+    vec3 sigmas = exp(log_scales[source]);
+    vec3 bx = (g.jx * rotation) * sigmas;
+    vec3 by = (g.jy * rotation) * sigmas;
+    g.cov_sharp = vec3(dot(bx, bx), dot(bx, by), dot(by, by));
+    vec3 area = cross(bx, by);
+    g.det_sharp = dot(area, area);
+    return g;
+}
+
+// The gradient by the dilated covariance (xx, xy each, yy), from that by the conic and, with antialias, by opacity.
+vec3 covariance_gradient(Geometry g, vec3 conic, vec3 by_conic, float by_opacity, float opacity, out float compensation) {
+    // cov = conic^-1: dL/dcov = -conic G conic.
+    float a = conic.x, b = conic.y, c = conic.z;
+    float ga = by_conic.x, gb = 0.5 * by_conic.y, gc = by_conic.z;
+    float p = a * ga + b * gb, q = a * gb + b * gc, r = b * ga + c * gb, s = b * gb + c * gc;
+    vec3 by_cov = -vec3(p * a + q * b, p * b + q * c, r * b + s * c);
+    compensation = 1.0;
+    if (view.antialias != 0) {
+        float d = view.dilation_px2;
+        vec3 sharp = g.cov_sharp;
+        float det = g.det_sharp + d * (sharp.x + sharp.z) + d * d;
+        float ratio = g.det_sharp / det;
+        compensation = sqrt(max(2.5e-5, ratio));
+        float by_ratio = ratio > 2.5e-5 ? by_opacity * (opacity / compensation) * 0.5 / compensation : 0.0;
+        by_cov += by_ratio / det * vec3(sharp.z - ratio * (sharp.z + d), -sharp.y * (1.0 - ratio), sharp.x - ratio * (sharp.x + d));
+    }
+    return by_cov;
+}
+
+// The gradient by the centre in the view frame.
+vec3 mean_view_gradient(Geometry g, vec2 by_mean_px, vec3 by_cov, uint source) {
+    mat3 rotation = rotation_from_quat(quats[source]);
+    vec3 variances = exp(2.0 * log_scales[source]);
+    // Covariance times the rows of J: cov_px = j^T cov j.
+    vec3 vx = rotation * (variances * (g.jx * rotation));
+    vec3 vy = rotation * (variances * (g.jy * rotation));
+    vec3 by_jx = 2.0 * (by_cov.x * vx + by_cov.y * vy);
+    vec3 by_jy = 2.0 * (by_cov.y * vx + by_cov.z * vy);
+    float z = g.mean_view.z;
+    vec2 slope = g.mean_view.xy / z;
+    vec2 scale = view.focal_px / z;
+    vec3 depth_row = transpose(g.linear)[2];
+    vec2 by_slope = -scale * vec2(dot(by_jx, depth_row), dot(by_jy, depth_row));
+    by_slope = vec2(slope.x == g.clamped.x ? by_slope.x : 0.0, slope.y == g.clamped.y ? by_slope.y : 0.0);
+    by_slope += by_mean_px * view.focal_px;
+    float by_z = -(dot(by_jx, g.jx) + dot(by_jy, g.jy) + dot(by_slope, slope)) / z;
+    return vec3(by_slope / z, by_z);
+}
+
+// The gradient by the direction, not normalised to it, of what the SH bands above 0 add.
+vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color) {
+    float x = dir.x, y = dir.y, z = dir.z;
+    float xx = x * x, yy = y * y, zz = z * z;
+    vec3 g = vec3(0.0);
+    uint degree = min(SH_DEGREE, instance.sh_degree);
+    if (degree > 0) {
+        uint k = 3 * (instance.first_in_band[0] + local);
+        g += 0.4886025119029199 * vec3(-dot(sh1[k + 2], by_color), -dot(sh1[k], by_color), dot(sh1[k + 1], by_color));
+    }
+    if (degree > 1) {
+        uint k = 5 * (instance.first_in_band[1] + local);
+        float c0 = 1.0925484305920792 * dot(sh2[k], by_color), c1 = -1.0925484305920792 * dot(sh2[k + 1], by_color);
+        float c2 = 0.31539156525252005 * dot(sh2[k + 2], by_color), c3 = -1.0925484305920792 * dot(sh2[k + 3], by_color);
+        float c4 = 0.5462742152960396 * dot(sh2[k + 4], by_color);
+        g += vec3(c0 * y - 2.0 * c2 * x + c3 * z + 2.0 * c4 * x, c0 * x + c1 * z - 2.0 * c2 * y - 2.0 * c4 * y,
+                  c1 * y + 4.0 * c2 * z + c3 * x);
+    }
+    if (degree > 2) {
+        uint k = 7 * (instance.first_in_band[2] + local);
+        float c0 = -0.5900435899266435 * dot(sh3[k], by_color), c1 = 2.890611442640554 * dot(sh3[k + 1], by_color);
+        float c2 = -0.4570457994644658 * dot(sh3[k + 2], by_color), c3 = 0.3731763325901154 * dot(sh3[k + 3], by_color);
+        float c4 = -0.4570457994644658 * dot(sh3[k + 4], by_color), c5 = 1.445305721320277 * dot(sh3[k + 5], by_color);
+        float c6 = -0.5900435899266435 * dot(sh3[k + 6], by_color);
+        g.x += c0 * 6.0 * x * y + c1 * y * z - c2 * 2.0 * x * y - c3 * 6.0 * x * z + c4 * (4.0 * zz - 3.0 * xx - yy) +
+               c5 * 2.0 * x * z + c6 * 3.0 * (xx - yy);
+        g.y += c0 * 3.0 * (xx - yy) + c1 * x * z + c2 * (4.0 * zz - xx - 3.0 * yy) - c3 * 6.0 * y * z - c4 * 2.0 * x * y -
+               c5 * 2.0 * y * z - c6 * 6.0 * x * y;
+        g.z += c1 * x * y + c2 * 8.0 * y * z + c3 * (6.0 * zz - 3.0 * xx - 3.0 * yy) + c4 * 8.0 * x * z + c5 * (xx - yy);
+    }
+    return g;
+}
+
+SourceGradient source_gradient(Instance instance, uint local, uint slot) {
+    uint source = instance.first_source + local;
+    Splat splat = splats[slot];
+    SplatMoments m = total_moments(slot);
+    vec3 conic = vec3(splat.a.zw, splat.b.x);
+    float opacity = splat.b.y;
+    vec2 by_mean_px = vec2(dot(conic.xy, m.first.yz), dot(conic.yz, m.first.yz));
+    vec3 by_conic = -vec3(0.5 * m.second.x, m.second.y, 0.5 * m.second.z);
+    float by_opacity = opacity > 0.0 ? m.first.x / opacity : 0.0;
+    vec3 by_color = vec3(splat.b.z > 0.0 ? m.color.r : 0.0, splat.b.w > 0.0 ? m.color.g : 0.0, splat.c.x > 0.0 ? m.color.b : 0.0);
+
+    vec3 mean = means[source];
+    if (instance.first_offset != NO_OFFSET) mean += offset_means[instance.first_offset + local];
+    vec3 mean_world = transform_point(instance.world_from_template, mean);
+    Geometry g = geometry_of(instance, mean_world, source);
+    SourceGradient out_gradient;
+    float compensation;
+    vec3 by_cov = covariance_gradient(g, conic, by_conic, by_opacity, opacity, compensation);
+    // cov_px = J cov J^T: the gradient by the template's covariance is J^T by_cov J.
+    vec3 hx = by_cov.x * g.jx + by_cov.y * g.jy;
+    vec3 hy = by_cov.y * g.jx + by_cov.z * g.jy;
+    out_gradient.covariance = g.jx * hx + g.jy * hy;
+    out_gradient.covariance_cross = vec3(g.jx.x * hx.y + g.jy.x * hy.y, g.jx.x * hx.z + g.jy.x * hy.z, g.jx.y * hx.z + g.jy.y * hy.z);
+
+    mat3 a = linear_part(instance.world_from_template);
+    vec3 seen = (mean_world - view.position_world) * a;
+    float len = sqrt(dot(seen, seen));
+    vec3 dir = len > 0.0 ? seen / len : vec3(0.0, 0.0, 1.0);
+    vec3 by_dir = direction_gradient(instance, local, dir, by_color);
+    vec3 by_seen = len > 0.0 ? (by_dir - dir * dot(dir, by_dir)) / len : vec3(0.0);
+    vec3 by_view = mean_view_gradient(g, by_mean_px, by_cov, source);
+    out_gradient.mean = by_view * g.linear + (a * by_seen) * a;
+    out_gradient.color = by_color;
+    out_gradient.direction = dir;
+    float sigmoid = opacity / compensation;
+    out_gradient.opacity_logit = m.first.x * (1.0 - sigmoid);
+    out_gradient.mean_ndc = length(by_mean_px * 0.5 * vec2(view.size_px));
+    vec2 variance = g.cov_sharp.xz + view.dilation_px2;
+    float middle = 0.5 * (variance.x + variance.y);
+    float spread = length(vec2(0.5 * (variance.x - variance.y), g.cov_sharp.y));
+    out_gradient.radius_px = 3.0 * sqrt(middle + spread);
+    return out_gradient;
+}
+
+void main() {
+    uint w = group_index();
+    uint lane = gl_LocalInvocationID.x;
+    if (w >= counters[COUNTER_WORK_ITEMS] || lane >= survivor_counts[w]) return;
+    Instance instance = instances[work_items[w].instance];
+    uint slot = w * WORKGROUP_SIZE + lane;
+    uint local = footprints[slot].local;
+    SourceGradient g = source_gradient(instance, local, slot);
+    source_gradients[w * WORKGROUP_SIZE + local - work_items[w].chunk * WORKGROUP_SIZE] = g;
+    if (instance.first_offset != NO_OFFSET) {
+        uint k = instance.first_offset + local;
+        offset_mean_gradients[k] = g.mean;
+        offset_sh_dc_gradients[k] = 0.28209479177387814 * g.color;
+        offset_logit_gradients[k] = g.opacity_logit;
+    }
+}

@@ -1,0 +1,137 @@
+#version 460
+// Replays tile_blend front to back and sums, over the pixels of each 8x8 block, what they say about each splat.
+// Grid: one subgroup per 8x8 block of every tile.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "splat.glsl"
+#include "blend.glsl"
+#include "gradients.glsl"
+
+layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };                            // projected splats by slot
+layout(scalar, binding = 1) readonly buffer IsectEmissions { uint emission_from_isect[]; };        // emission indices, sorted by tile then depth
+layout(scalar, binding = 2) readonly buffer EmissionSlots { uint slot_from_emission[]; };          // slot by emission index
+layout(scalar, binding = 3) readonly buffer TileRanges { uvec2 tile_ranges[]; };                   // first and end intersection per tile
+layout(scalar, binding = 4) readonly buffer Colors { vec4 colors[]; };                             // the picture: rgb over the background, and alpha
+layout(scalar, binding = 5) readonly buffer Cotangents { vec4 cotangents[]; };                     // gradient of the loss by rgb and alpha
+layout(scalar, binding = 6) writeonly buffer IsectMoments { SplatMoments isect_moments[]; };       // by emission index times blocks of a tile plus block
+layout(scalar, push_constant) uniform TileBlendBackwardParams {
+    vec3 background;  // colour behind everything
+    uvec2 size_px;    // image width and height
+    uvec2 tiles;      // tile columns and rows
+};
+
+// 1 = sums over lanes by a transposition of SUBGROUP_SIZE splats at once, which takes log2 steps for all of them; 0 = one
+// butterfly per splat, for subgroups whose registers do not hold so many sums.
+layout(constant_id = 4) const uint TRANSPOSE = 1;
+
+struct Pixel {
+    vec4 g;      // dL/drgb; dL/dalpha minus that of the background it hides
+    float t;     // transmittance while the pixel is live, 0 once the stop rule has fired
+    float rest;  // sum over the splats not yet visited of weight times (colour, 1) . g
+};
+
+SplatMoments plus_lane(SplatMoments a, uint mask) {
+    SplatMoments b;
+    uint other = gl_SubgroupInvocationID ^ mask;
+    b.color = a.color + vec3(subgroupShuffle(a.color.x, other), subgroupShuffle(a.color.y, other), subgroupShuffle(a.color.z, other));
+    b.first = a.first + vec3(subgroupShuffle(a.first.x, other), subgroupShuffle(a.first.y, other), subgroupShuffle(a.first.z, other));
+    b.second = a.second + vec3(subgroupShuffle(a.second.x, other), subgroupShuffle(a.second.y, other), subgroupShuffle(a.second.z, other));
+    return b;
+}
+
+float merged(float low, float high, uint mask) {
+    bool upper = (gl_SubgroupInvocationID & mask) != 0;
+    return (upper ? high : low) + subgroupShuffle(upper ? low : high, gl_SubgroupInvocationID ^ mask);
+}
+
+vec3 merged(vec3 low, vec3 high, uint mask) {
+    return vec3(merged(low.x, high.x, mask), merged(low.y, high.y, mask), merged(low.z, high.z, mask));
+}
+
+// Lanes without `mask` keep and complete `low`, the others `high`.
+SplatMoments merged(SplatMoments low, SplatMoments high, uint mask) {
+    return SplatMoments(merged(low.color, high.color, mask), merged(low.first, high.first, mask), merged(low.second, high.second, mask));
+}
+
+void main() {
+    uint transpose = TRANSPOSE;
+    Block block = block_of_subgroup();
+    if (block.tile >= tiles.x * tiles.y) return;
+    uint lane = gl_SubgroupInvocationID;
+    uvec2 corner = block_corner(block, tiles.x);
+    uvec2 range = tile_ranges[block.tile];
+
+    Pixel pixels[PIXELS_PER_LANE];
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        uvec2 at = corner + pixel_step(p);
+        bool inside = all(lessThan(at, size_px));
+        uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
+        vec4 color = colors[i];
+        vec4 g = inside ? cotangents[i] : vec4(0.0);
+        g.a -= dot(background, g.rgb);
+        float rest = dot(color.rgb - (1.0 - color.a) * background, g.rgb) + g.a * color.a;
+        pixels[p] = Pixel(g, inside ? 1.0 : 0.0, rest);
+    }
+
+    vec2 center = vec2(corner) + 0.5;
+    uint base = range.x;
+    for (; base < range.y; base += SUBGROUP_SIZE) {
+        uint i = min(base + lane, range.y - 1);
+        uint emission = emission_from_isect[i];
+        Splat mine = splats[slot_from_emission[emission]];
+        mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
+        mine.b.x *= -0.5 * LOG2_E;
+        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        SplatMoments sums[SUBGROUP_SIZE];
+        SplatMoments own = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
+        [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
+            vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
+            float opacity = subgroupShuffle(mine.b.y, j);
+            vec3 color = vec3(subgroupShuffle(mine.b.z, j), subgroupShuffle(mine.b.w, j), subgroupShuffle(mine.c.x, j));
+            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
+            SplatMoments sum = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
+            [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+                vec2 d = delta + vec2(pixel_step(p));
+                float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
+                float alpha_raw = opacity * exp2(q);
+                float alpha = min(ALPHA_MAX, alpha_raw);
+                bool hit = alpha >= ALPHA_MIN && q <= 0.0;
+                float t = pixels[p].t;
+                float t_next = t * (1.0 - alpha);
+                bool blended = hit && t_next >= T_STOP;
+                float weight = blended ? alpha * t : 0.0;
+                float value = dot(color, pixels[p].g.rgb) + pixels[p].g.a;
+                float rest = pixels[p].rest - weight * value;
+                // dL/dalpha; a clamped alpha passes nothing on to opacity and shape.
+                float by_alpha = t * value - rest / (1.0 - alpha);
+                float s = blended && alpha_raw <= ALPHA_MAX ? by_alpha * alpha : 0.0;
+                pixels[p].rest = rest;
+                pixels[p].t = hit ? (blended ? t_next : 0.0) : t;
+                vec2 sd = s * d;
+                sum.color += weight * pixels[p].g.rgb;
+                sum.first += vec3(s, sd);
+                sum.second += vec3(sd.x * d.x, sd.x * d.y, sd.y * d.y);
+            }
+            if (transpose != 0) {
+                sums[j] = sum;
+            } else {
+                [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) sum = plus_lane(sum, mask);
+                if (lane == j) own = sum;
+            }
+        }
+        if (transpose != 0) {
+            [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) {
+                [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 2 * mask) sums[j] = merged(sums[j], sums[j + mask], mask);
+            }
+            own = sums[0];
+        }
+        if (base + lane < range.y) isect_moments[emission * BLOCKS_PER_TILE + block.in_tile] = own;
+        float live = 0.0;
+        [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live = max(live, pixels[p].t);
+        if (!subgroupAny(live > 0.0)) break;
+    }
+    // What the finished pixels did not reach.
+    for (uint i = base + SUBGROUP_SIZE + lane; i < range.y; i += SUBGROUP_SIZE) {
+        isect_moments[emission_from_isect[i] * BLOCKS_PER_TILE + block.in_tile] = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
+    }
+}

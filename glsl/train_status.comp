@@ -1,0 +1,44 @@
+#version 460
+// Ends the forward half of a training step: notices overflow, and sums the loss for the host.
+// Grid: one work-group.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "train_status.glsl"
+
+layout(scalar, binding = 0) readonly buffer Counters { uint counters[]; };          // COUNTER_*
+layout(scalar, binding = 1) readonly buffer SsimSums { float ssim_sums[]; };        // per strip, by thread of image_loss_columns
+layout(scalar, binding = 2) readonly buffer ErrorSums { vec2 error_sums[]; };       // per strip, by thread of image_loss_backward_columns
+layout(scalar, binding = 3) buffer Status { uint status[]; };                       // STATUS_*
+layout(scalar, binding = 4) writeonly buffer StepRecords { StepRecord step_records[]; };  // ring of LOG_STEPS
+layout(scalar, push_constant) uniform TrainStatusParams {
+    uint step;                // number of the step
+    uint candidate_capacity;  // candidates that fit
+    uint work_item_capacity;  // work items that fit
+    uint strips;              // entries of the sums
+    float values;             // pixels times channels
+};
+
+shared vec3 partial_sums[WORKGROUP_SIZE];
+
+void main() {
+    uint lane = gl_LocalInvocationID.x;
+    // Every thread sums a run of its own, thread 0 sums the threads: the order never changes.
+    uint per_thread = divide_up(strips, WORKGROUP_SIZE);
+    uint end = min((lane + 1) * per_thread, strips);
+    vec3 sum = vec3(0.0);
+    for (uint i = lane * per_thread; i < end; ++i) sum += vec3(ssim_sums[i], error_sums[i]);
+    partial_sums[lane] = sum;
+    barrier();
+    if (lane != 0) return;
+    vec3 total = vec3(0.0);
+    for (uint t = 0; t < WORKGROUP_SIZE; ++t) total += partial_sums[t];
+    bool fits = counters[COUNTER_CANDIDATES_NEEDED] <= candidate_capacity && counters[COUNTER_WORK_ITEMS_NEEDED] <= work_item_capacity &&
+                counters[COUNTER_SLAB_END] == counters[COUNTER_VISIBLE];
+    uint overflowed = status[STATUS_OVERFLOW] != 0 || !fits ? 1 : 0;
+    status[STATUS_OVERFLOW] = overflowed;
+    total /= values;
+    step_records[step % LOG_STEPS] =
+        StepRecord(step, overflowed, counters[COUNTER_VISIBLE], counters[COUNTER_INTERSECTIONS], counters[COUNTER_CANDIDATES_NEEDED],
+                   counters[COUNTER_WORK_ITEMS_NEEDED], total.x, total.y, total.z);
+}

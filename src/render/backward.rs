@@ -1,0 +1,214 @@
+//! The backward pass, in order: `record_image_loss`, `record_status`, `record_gradients`.
+
+use crate::gpu::interface::constants::*;
+use crate::gpu::{Buffer, GpuError, Grid, Recorder};
+use crate::kernels::*;
+
+use super::forward::ForwardInputs;
+use super::frame_buffers::FrameBuffers;
+use super::gradients::{
+    BackwardBuffers, GradientBuffers, SourceTables, StepLog, blocks_per_tile, column_strips, row_strips,
+};
+
+/// What the backward passes need besides buffers.
+pub struct BackwardInputs<'a> {
+    /// What the forward passes got.
+    pub forward: &'a ForwardInputs<'a>,
+    /// Compiled kernels.
+    pub pipelines: &'a BackwardPipelines,
+    /// The way from instances to templates.
+    pub tables: &'a SourceTables,
+}
+
+/// Loss and its gradient by the picture, against `targets` (RGBA of 8 bits, see `image_loss_rows`).
+pub fn record_image_loss(
+    recorder: &mut Recorder,
+    forward: &ForwardInputs<'_>,
+    p: &BackwardPipelines,
+    frame: &FrameBuffers,
+    buffers: &mut BackwardBuffers,
+    (targets, lambda_dssim): (&Buffer<u32>, f32),
+) -> Result<(), GpuError> {
+    let (background, size_px) = (forward.background, frame.plan.size_px);
+    let group = forward.pipelines.variant.workgroup_size;
+    let (rows, columns) =
+        (Grid::threads(row_strips(size_px), group), Grid::threads(column_strips(size_px), group));
+    let params = image_loss_rows::Params { background, size_px };
+    let bindings =
+        image_loss_rows::Bindings { colors: &frame.colors, targets, row_moments: &mut buffers.row_moments };
+    recorder.dispatch(&p.image_loss_rows, rows, &params, bindings)?;
+
+    let params = image_loss_columns::Params { size_px };
+    let bindings = image_loss_columns::Bindings {
+        row_moments: &buffers.row_moments,
+        ssim_gradients: &mut buffers.ssim_gradients,
+        ssim_sums: &mut buffers.ssim_sums,
+    };
+    recorder.dispatch(&p.image_loss_columns, columns, &params, bindings)?;
+
+    let params = image_loss_backward_rows::Params { size_px };
+    let bindings = image_loss_backward_rows::Bindings {
+        ssim_gradients: &buffers.ssim_gradients,
+        row_gradients: &mut buffers.row_gradients,
+    };
+    recorder.dispatch(&p.image_loss_backward_rows, rows, &params, bindings)?;
+
+    let params = image_loss_backward_columns::Params { background, size_px, lambda_dssim };
+    let bindings = image_loss_backward_columns::Bindings {
+        row_gradients: &buffers.row_gradients,
+        colors: &frame.colors,
+        targets,
+        cotangents: &mut buffers.cotangents,
+        error_sums: &mut buffers.error_sums,
+    };
+    recorder.dispatch(&p.image_loss_backward_columns, columns, &params, bindings)
+}
+
+/// Raises the overflow flag if the frame did not fit, and records what the step did.
+pub fn record_status(
+    recorder: &mut Recorder,
+    pipelines: &BackwardPipelines,
+    frame: &FrameBuffers,
+    buffers: &BackwardBuffers,
+    (log, step): (&mut StepLog, u32),
+) -> Result<(), GpuError> {
+    let plan = &frame.plan;
+    let params = train_status::Params {
+        step,
+        candidate_capacity: plan.capacities.candidates,
+        work_item_capacity: plan.capacities.work_items,
+        strips: column_strips(plan.size_px),
+        values: 3.0 * plan.pixels() as f32,
+    };
+    let bindings = train_status::Bindings {
+        counters: &frame.scratch.counters,
+        ssim_sums: &buffers.ssim_sums,
+        error_sums: &buffers.error_sums,
+        status: &mut log.status,
+        step_records: &mut log.records,
+    };
+    recorder.dispatch(&pipelines.train_status, Grid::groups(1), &params, bindings)
+}
+
+/// From cotangents by pixel to gradients by parameter.
+pub fn record_gradients(
+    recorder: &mut Recorder,
+    inputs: &BackwardInputs<'_>,
+    frame: &FrameBuffers,
+    buffers: &mut BackwardBuffers,
+    log: &mut StepLog,
+    gradients: &mut GradientBuffers,
+) -> Result<(), GpuError> {
+    record_blend_backward(recorder, inputs, frame, buffers)?;
+    // What is not drawn has no gradient.
+    recorder.fill(&mut buffers.source_gradients, 0)?;
+    recorder.fill(&mut gradients.offset_means, 0)?;
+    recorder.fill(&mut gradients.offset_sh_dc, 0)?;
+    recorder.fill(&mut gradients.offset_opacity_logits, 0)?;
+    record_expand_backward(recorder, inputs, frame, buffers, gradients)?;
+    record_gather(recorder, inputs, frame, buffers, log, gradients)
+}
+
+fn record_blend_backward(
+    recorder: &mut Recorder,
+    inputs: &BackwardInputs<'_>,
+    frame: &FrameBuffers,
+    buffers: &mut BackwardBuffers,
+) -> Result<(), GpuError> {
+    let variant = &inputs.forward.pipelines.variant;
+    let plan = &frame.plan;
+    let bindings = tile_blend_backward::Bindings {
+        splats: &frame.splats,
+        emission_from_isect: &frame.tile_sort.values,
+        slot_from_emission: &frame.slot_from_emission,
+        tile_ranges: &frame.tile_ranges,
+        colors: &frame.colors,
+        cotangents: &buffers.cotangents,
+        isect_moments: &mut buffers.isect_moments,
+    };
+    let params = tile_blend_backward::Params {
+        background: inputs.forward.background,
+        size_px: plan.size_px,
+        tiles: plan.tiles,
+    };
+    let subgroups_per_group = variant.blend_workgroup_size / variant.subgroup_size;
+    let grid = Grid::groups((plan.tile_count() * blocks_per_tile(variant.tile_size)).div_ceil(subgroups_per_group));
+    recorder.dispatch(&inputs.pipelines.tile_blend_backward, grid, &params, bindings)
+}
+
+fn record_expand_backward(
+    recorder: &mut Recorder,
+    inputs: &BackwardInputs<'_>,
+    frame: &FrameBuffers,
+    buffers: &mut BackwardBuffers,
+    gradients: &mut GradientBuffers,
+) -> Result<(), GpuError> {
+    let scene = inputs.forward.scene;
+    let [_, sh1, sh2, sh3] = &scene.sh_bands;
+    let bindings = preprocess_instance_expand_backward::Bindings {
+        instances: &scene.instances,
+        work_items: &frame.work_items,
+        counters: &frame.scratch.counters,
+        survivor_counts: &frame.survivor_counts,
+        footprints: &frame.footprints,
+        splats: &frame.splats,
+        first_emission: &frame.first_emission,
+        tile_counts: &frame.tile_counts,
+        isect_moments: &buffers.isect_moments,
+        means: &scene.means,
+        offset_means: &scene.offset_means,
+        quats: &scene.quats,
+        log_scales: &scene.log_scales,
+        sh1,
+        sh2,
+        sh3,
+        source_gradients: &mut buffers.source_gradients,
+        offset_mean_gradients: &mut gradients.offset_means,
+        offset_sh_dc_gradients: &mut gradients.offset_sh_dc,
+        offset_logit_gradients: &mut gradients.offset_opacity_logits,
+    };
+    let params = preprocess_instance_expand_backward::Params {
+        view: inputs.forward.view,
+        capacity: frame.plan.capacities.intersections,
+        blocks_per_tile: blocks_per_tile(inputs.forward.pipelines.variant.tile_size),
+    };
+    let per_item = (FAMILY_WORK_ITEMS * ARGS_PER_COUNT + ARGS_ITEMS) as usize;
+    let pipeline = &inputs.pipelines.preprocess_instance_expand_backward;
+    recorder.dispatch_indirect(pipeline, (&frame.scratch.args, per_item), &params, bindings)
+}
+
+fn record_gather(
+    recorder: &mut Recorder,
+    inputs: &BackwardInputs<'_>,
+    frame: &FrameBuffers,
+    buffers: &BackwardBuffers,
+    log: &mut StepLog,
+    gradients: &mut GradientBuffers,
+) -> Result<(), GpuError> {
+    let scene = inputs.forward.scene;
+    let [sh0_gradients, sh1_gradients, sh2_gradients, sh3_gradients] = &mut gradients.sh_bands;
+    let bindings = gather_gradients::Bindings {
+        source_chunks: &inputs.tables.chunks,
+        instance_from_template: &inputs.tables.instance_from_template,
+        instance_chunks: &frame.instance_chunks,
+        candidate_offsets: &frame.candidate_offsets,
+        candidate_visible: &frame.candidate_visible,
+        work_offsets: &frame.work_offsets,
+        counters: &frame.scratch.counters,
+        source_gradients: &buffers.source_gradients,
+        quats: &scene.quats,
+        log_scales: &scene.log_scales,
+        mean_gradients: &mut gradients.means,
+        quat_gradients: &mut gradients.quats,
+        log_scale_gradients: &mut gradients.log_scales,
+        opacity_logit_gradients: &mut gradients.opacity_logits,
+        sh0_gradients,
+        sh1_gradients,
+        sh2_gradients,
+        sh3_gradients,
+        screen_statistics: &mut log.screen_statistics,
+        status: &log.status,
+    };
+    let grid = Grid::groups(inputs.tables.chunk_count);
+    recorder.dispatch(&inputs.pipelines.gather_gradients, grid, &(), bindings)
+}

@@ -1,0 +1,206 @@
+//! Buffers of the backward pass: gradients by parameter, and what leads there from a picture.
+
+use std::sync::Arc;
+
+use crate::gpu::interface::constants::{LOG_STEPS, STATUS_COUNT, STRIP};
+use crate::gpu::interface::types;
+use crate::gpu::staging::upload;
+use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::scene::InstancedScene;
+
+use super::device_scene::DeviceScene;
+use super::plan::FramePlan;
+
+/// One gradient per parameter of a scene, in the layout of the [`DeviceScene`].
+pub struct GradientBuffers {
+    /// By source means.
+    pub means: Buffer<[f32; 3]>,
+    /// By source quaternions, not normalised.
+    pub quats: Buffer<[f32; 4]>,
+    /// By source log standard deviations.
+    pub log_scales: Buffer<[f32; 3]>,
+    /// By source opacity logits.
+    pub opacity_logits: Buffer<f32>,
+    /// By SH bands 0 to 3.
+    pub sh_bands: [Buffer<[f32; 3]>; 4],
+    /// By offset means.
+    pub offset_means: Buffer<[f32; 3]>,
+    /// By offsets of SH coefficient 0.
+    pub offset_sh_dc: Buffer<[f32; 3]>,
+    /// By offsets of opacity logits.
+    pub offset_opacity_logits: Buffer<f32>,
+}
+
+impl GradientBuffers {
+    /// Room for the gradients of a scene.
+    pub fn new(gpu: &Arc<Gpu>, scene: &DeviceScene) -> Result<Self, GpuError> {
+        let band = |l: usize| Buffer::new(gpu, &format!("gradients, sh band {l}"), scene.sh_bands[l].len());
+        Ok(Self {
+            means: Buffer::new(gpu, "gradients, means", scene.means.len())?,
+            quats: Buffer::new(gpu, "gradients, quats", scene.quats.len())?,
+            log_scales: Buffer::new(gpu, "gradients, log_scales", scene.log_scales.len())?,
+            opacity_logits: Buffer::new(gpu, "gradients, opacity_logits", scene.opacity_logits.len())?,
+            sh_bands: [band(0)?, band(1)?, band(2)?, band(3)?],
+            offset_means: Buffer::new(gpu, "gradients, offset means", scene.offset_means.len())?,
+            offset_sh_dc: Buffer::new(gpu, "gradients, offset sh_dc", scene.offset_sh_dc.len())?,
+            offset_opacity_logits: Buffer::new(gpu, "gradients, offset logits", scene.offset_opacity_logits.len())?,
+        })
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.means.bytes()
+            + self.quats.bytes()
+            + self.log_scales.bytes()
+            + self.opacity_logits.bytes()
+            + self.sh_bands.iter().map(Buffer::bytes).sum::<u64>()
+            + self.offset_means.bytes()
+            + self.offset_sh_dc.bytes()
+            + self.offset_opacity_logits.bytes()
+    }
+}
+
+/// Which instances show a chunk of source Gaussians: the way back from instances to templates.
+pub struct SourceTables {
+    /// All chunks of the source pool, templates first.
+    pub chunks: Buffer<types::SourceChunk>,
+    /// Instances, template by template, in file order; the background's own instance last.
+    pub instance_from_template: Buffer<u32>,
+    /// Number of chunks.
+    pub chunk_count: u32,
+}
+
+impl SourceTables {
+    /// The tables of a valid scene for kernels with `chunk_size` threads per work-group.
+    pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, GpuError> {
+        let (chunks, instances) = source_tables(scene, chunk_size);
+        Ok(Self {
+            chunks: upload(gpu, "source chunks", &chunks)?,
+            instance_from_template: upload(gpu, "instance_from_template", &instances)?,
+            chunk_count: chunks.len() as u32,
+        })
+    }
+}
+
+fn source_tables(scene: &InstancedScene, chunk_size: u32) -> (Vec<types::SourceChunk>, Vec<u32>) {
+    let (mut chunks, mut instances) = (Vec::new(), Vec::new());
+    let mut push = |first_source: u32, count: u32, of_template: &[u32], sh_degree: u32, first_in_band: [u32; 3]| {
+        for chunk in 0..count.div_ceil(chunk_size) {
+            chunks.push(types::SourceChunk {
+                first_source,
+                source_count: count,
+                chunk,
+                first_instance: instances.len() as u32,
+                instance_count: of_template.len() as u32,
+                sh_degree,
+                first_in_band,
+            });
+        }
+        instances.extend_from_slice(of_template);
+    };
+    for (t, range) in scene.template_ranges.iter().enumerate() {
+        let of_template: Vec<u32> =
+            (0..scene.instances.len()).filter(|&k| scene.instances[k].template as usize == t).map(|k| k as u32).collect();
+        push(range.first, range.count, &of_template, scene.templates.sh_degree, [range.first; 3]);
+    }
+    let templates = scene.templates.len() as u32;
+    let first_in_band = [1, 2, 3].map(|l| if scene.templates.sh_degree >= l { templates } else { 0 });
+    let background = [scene.instances.len() as u32];
+    push(templates, scene.background.len() as u32, &background, scene.background.sh_degree, first_in_band);
+    (chunks, instances)
+}
+
+/// Intermediate buffers of a training step, sized by the plan of its frame.
+pub struct BackwardBuffers {
+    /// Gradient of the loss by rgb and alpha, by pixel.
+    pub cotangents: Buffer<[f32; 4]>,
+    /// Moments along rows, by pixel.
+    pub row_moments: Buffer<types::Moments>,
+    /// Derivatives of SSIM, by pixel.
+    pub ssim_gradients: Buffer<types::SsimGradient>,
+    /// The same, windowed along rows.
+    pub row_gradients: Buffer<types::SsimGradient>,
+    /// SSIM over strips of pixels.
+    pub ssim_sums: Buffer<f32>,
+    /// Absolute and squared errors over strips of pixels.
+    pub error_sums: Buffer<[f32; 2]>,
+    /// What blocks of pixels say about splats, by emission index.
+    pub isect_moments: Buffer<types::SplatMoments>,
+    /// Gradients by Gaussians of instances, by work item and index in the chunk.
+    pub source_gradients: Buffer<types::SourceGradient>,
+}
+
+/// 8x8 blocks of pixels in a tile.
+pub fn blocks_per_tile(tile_size: u32) -> u32 {
+    (tile_size / 8) * (tile_size / 8)
+}
+
+impl BackwardBuffers {
+    /// Allocates for a plan.
+    ///
+    /// # Errors
+    /// A buffer beyond the device's limits, by name.
+    pub fn new(gpu: &Arc<Gpu>, plan: &FramePlan, tile_size: u32) -> Result<Self, GpuError> {
+        let pixels = plan.pixels() as usize;
+        // Threads past the last strip of the last work-group write nothing.
+        let strips = column_strips(plan.size_px) as usize;
+        let moments = plan.capacities.intersections as usize * blocks_per_tile(tile_size) as usize;
+        Ok(Self {
+            cotangents: Buffer::new(gpu, "cotangents", pixels)?,
+            row_moments: Buffer::new(gpu, "row_moments", pixels)?,
+            ssim_gradients: Buffer::new(gpu, "ssim_gradients", pixels)?,
+            row_gradients: Buffer::new(gpu, "row_gradients", pixels)?,
+            ssim_sums: Buffer::new(gpu, "ssim_sums", strips)?,
+            error_sums: Buffer::new(gpu, "error_sums", strips)?,
+            isect_moments: Buffer::new(gpu, "isect_moments", moments)?,
+            source_gradients: Buffer::new(gpu, "source_gradients", plan.slots as usize)?,
+        })
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.cotangents.bytes()
+            + self.row_moments.bytes()
+            + self.ssim_gradients.bytes()
+            + self.row_gradients.bytes()
+            + self.ssim_sums.bytes()
+            + self.error_sums.bytes()
+            + self.isect_moments.bytes()
+            + self.source_gradients.bytes()
+    }
+}
+
+/// Strips of `STRIP` pixels in the columns of an image.
+pub fn column_strips(size_px: [u32; 2]) -> u32 {
+    size_px[0] * size_px[1].div_ceil(STRIP)
+}
+
+/// Strips of `STRIP` pixels in the rows of an image.
+pub fn row_strips(size_px: [u32; 2]) -> u32 {
+    size_px[0].div_ceil(STRIP) * size_px[1]
+}
+
+/// What a run of training steps shares with the host.
+pub struct StepLog {
+    /// The sticky overflow flag, `STATUS_*`.
+    pub status: Buffer<u32>,
+    /// Ring of `LOG_STEPS` records.
+    pub records: Buffer<types::StepRecord>,
+    /// Its copies for the host, one per step in flight.
+    pub readback: Vec<Buffer<types::StepRecord>>,
+    /// Densification statistics by source: see `gather_gradients`.
+    pub screen_statistics: Buffer<[f32; 3]>,
+}
+
+impl StepLog {
+    /// A log for `in_flight` submitted steps of a scene with `sources` source Gaussians; all zero.
+    pub fn new(gpu: &Arc<Gpu>, in_flight: usize, sources: usize) -> Result<Self, GpuError> {
+        let readback = |i| Buffer::for_readback(gpu, &format!("step records {i}"), LOG_STEPS as usize);
+        Ok(Self {
+            status: upload(gpu, "status", &[0; STATUS_COUNT as usize])?,
+            records: upload(gpu, "step records", &[types::StepRecord::default(); LOG_STEPS as usize])?,
+            readback: (0..in_flight).map(readback).collect::<Result<_, _>>()?,
+            screen_statistics: upload(gpu, "screen statistics", &vec![[0.0; 3]; sources])?,
+        })
+    }
+}

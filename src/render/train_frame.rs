@@ -1,0 +1,235 @@
+//! The passes of a training step with their pipelines and buffers: forward, loss, backward. It records; who submits,
+//! reads the records and decides what to do after an overflow is the trainer.
+
+use std::sync::Arc;
+
+use crate::gpu::interface::constants::*;
+use crate::gpu::interface::types;
+use crate::gpu::{Buffer, Gpu, PipelineCache, Recorder, user_cache_path};
+use crate::kernels::{BackwardPipelines, Pipelines, Primitives, Variant};
+use crate::scene::Camera;
+
+use super::backward::{BackwardInputs, record_gradients, record_image_loss, record_status};
+use super::device_scene::DeviceScene;
+use super::error::RenderError;
+use super::forward::{ForwardInputs, record_begin, record_slab, record_visibility, write_counters};
+use super::frame_buffers::FrameBuffers;
+use super::gradients::{BackwardBuffers, GradientBuffers, SourceTables, StepLog, blocks_per_tile};
+use super::plan::{Capacities, FramePlan, INITIAL, grown};
+use super::renderer::{RenderOptions, check_fits, max_slab_splats, tile_size_for, view_of};
+use super::self_test::self_test;
+
+/// Pipelines and buffers of training steps, for pictures up to a largest size.
+pub struct TrainFrame {
+    gpu: Arc<Gpu>,
+    cache: PipelineCache,
+    variant: Variant,
+    primitives: Primitives,
+    pipelines: Option<(Pipelines, BackwardPipelines)>,
+    buffers: Option<(FrameBuffers, BackwardBuffers)>,
+    /// The plan that sized the buffers: that of the largest picture.
+    plan: Option<FramePlan>,
+    intersections: u32,
+}
+
+/// A view with the options it is rendered with.
+#[derive(Clone, Copy, Debug)]
+pub struct TrainView<'a> {
+    /// Where from.
+    pub camera: &'a Camera,
+    /// How; `max_intersections` has no meaning here.
+    pub options: RenderOptions,
+}
+
+impl TrainFrame {
+    /// For a device, with the variant picked for it.
+    ///
+    /// # Errors
+    /// The device fails the self-test of scan and sort at this variant.
+    pub fn new(gpu: &Arc<Gpu>, variant: Variant) -> Result<Self, RenderError> {
+        let cache = PipelineCache::new(gpu, user_cache_path(&gpu.caps().name).as_deref())?;
+        let primitives = Primitives::new(gpu, &cache, &variant)?;
+        self_test(gpu, &primitives, &variant)?;
+        Ok(Self {
+            gpu: gpu.clone(),
+            cache,
+            variant,
+            primitives,
+            pipelines: None,
+            buffers: None,
+            plan: None,
+            intersections: INITIAL.intersections,
+        })
+    }
+
+    /// The kernel variant; scenes have its `workgroup_size` as chunk size.
+    pub fn variant(&self) -> &Variant {
+        &self.variant
+    }
+
+    /// Sets how many intersections the buffers start with.
+    pub fn set_intersections(&mut self, intersections: u32) {
+        self.intersections = intersections;
+    }
+
+    /// Makes sure that pipelines and buffers fit the scene, SH bands up to `sh_degree`, and pictures up to `largest_px`.
+    /// Nothing of this frame may be in flight if one of these has changed.
+    ///
+    /// # Errors
+    /// A buffer beyond the device's limits or memory, by name.
+    pub fn prepare(&mut self, scene: &DeviceScene, largest_px: [u32; 2], sh_degree: u32) -> Result<(), RenderError> {
+        let variant = Variant { tile_size: tile_size_for(&self.gpu, &self.variant, largest_px), ..self.variant };
+        let fits = |(forward, _): &(Pipelines, BackwardPipelines)| {
+            forward.sh_degree == sh_degree && forward.variant == variant
+        };
+        if !self.pipelines.as_ref().is_some_and(fits) {
+            let forward = Pipelines::new(&self.gpu, &self.cache, variant, sh_degree, true)?;
+            let backward = BackwardPipelines::new(&self.gpu, &self.cache, variant, sh_degree)?;
+            self.pipelines = Some((forward, backward));
+        }
+        let pairs = u32::try_from(scene.chunk_pairs).unwrap_or(u32::MAX).max(1);
+        // Nothing is culled by chunk, so every pair becomes a work item.
+        let capacities = Capacities { candidates: pairs, work_items: pairs, intersections: self.intersections };
+        let group = variant.workgroup_size;
+        let slots = u64::from(pairs) * u64::from(group);
+        let most_slots = self.gpu.caps().max_storage_bytes / size_of::<types::SourceGradient>() as u64;
+        if slots > most_slots {
+            return Err(RenderError::TooMany { what: "expanded Gaussians in training", needed: slots, limit: most_slots });
+        }
+        let mut plan = FramePlan::new(largest_px, variant.tile_size, scene.instance_count, capacities, group);
+        plan.training = true;
+        if self.buffers.is_none() || self.plan != Some(plan) {
+            // Free the old buffers first: both sets at once may not fit.
+            self.buffers = None;
+            let frame = FrameBuffers::new(&self.gpu, plan)?;
+            let backward = BackwardBuffers::new(&self.gpu, &plan, variant.tile_size)?;
+            self.buffers = Some((frame, backward));
+            self.plan = Some(plan);
+            self.write_start(scene);
+        }
+        Ok(())
+    }
+
+    /// The counters that every step starts from: all zero but the number of instances.
+    fn write_start(&mut self, scene: &DeviceScene) {
+        let mut counters = [0; COUNTER_COUNT as usize];
+        counters[COUNTER_INSTANCES as usize] = scene.instance_count;
+        if let Some((frame, _)) = &mut self.buffers {
+            write_counters(&mut frame.counters_start, &counters);
+        }
+    }
+
+    /// Frees the buffers; the next `prepare` makes new ones.
+    pub fn release(&mut self) {
+        self.buffers = None;
+    }
+
+    /// The buffers of the last step, for tests and for downloads of its picture.
+    pub fn buffers(&self) -> Option<&(FrameBuffers, BackwardBuffers)> {
+        self.buffers.as_ref()
+    }
+
+    /// As [`TrainFrame::buffers`], writable: tests put cotangents in.
+    pub fn buffers_mut(&mut self) -> Option<&mut (FrameBuffers, BackwardBuffers)> {
+        self.buffers.as_mut()
+    }
+
+    /// Records the forward pass of a view; its picture is left in `colors`.
+    pub fn record_forward(
+        &mut self,
+        recorder: &mut Recorder,
+        scene: &DeviceScene,
+        view: &TrainView<'_>,
+    ) -> Result<(), RenderError> {
+        let Parts { forward, frame, .. } = self.parts(scene, view);
+        record_begin(recorder, frame)?;
+        record_visibility(recorder, &forward, frame)?;
+        record_slab(recorder, &forward, frame)?;
+        Ok(())
+    }
+
+    /// Records the loss against `targets` and its gradient by the picture, then the status of step `step`.
+    pub fn record_loss(
+        &mut self,
+        recorder: &mut Recorder,
+        scene: &DeviceScene,
+        view: &TrainView<'_>,
+        (targets, lambda_dssim): (&Buffer<u32>, f32),
+        (log, step): (&mut StepLog, u32),
+    ) -> Result<(), RenderError> {
+        let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
+        record_image_loss(recorder, &forward, pipelines, frame, buffers, (targets, lambda_dssim))?;
+        record_status(recorder, pipelines, frame, buffers, (log, step))?;
+        Ok(())
+    }
+
+    /// Records the way from the gradient by the picture to the gradients by all parameters.
+    pub fn record_gradients(
+        &mut self,
+        recorder: &mut Recorder,
+        (scene, tables): (&DeviceScene, &SourceTables),
+        view: &TrainView<'_>,
+        log: &mut StepLog,
+        gradients: &mut GradientBuffers,
+    ) -> Result<(), RenderError> {
+        let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
+        let inputs = BackwardInputs { forward: &forward, pipelines, tables };
+        record_gradients(recorder, &inputs, frame, buffers, log, gradients)?;
+        Ok(())
+    }
+
+    /// Enlarges what was too small for a step; true if the step must be done again.
+    ///
+    /// # Errors
+    /// The view needs more than this device can take at once.
+    pub fn grow(&mut self, record: &types::StepRecord) -> Result<bool, RenderError> {
+        if record.overflowed == 0 {
+            return Ok(false);
+        }
+        let tile_blocks = blocks_per_tile(self.tile_size());
+        let bytes_each = u64::from(tile_blocks) * size_of::<types::SplatMoments>() as u64;
+        let most = (self.gpu.caps().max_storage_bytes / bytes_each).min(u64::from(u32::MAX)) as u32;
+        check_fits("(splat, tile) pairs of a training view", record.intersections, most)?;
+        let most_splats = max_slab_splats(&self.gpu, self.variant.subgroup_size);
+        check_fits("visible Gaussians of a training view", record.visible, most_splats)?;
+        self.intersections = self.intersections.max(grown(record.intersections, most));
+        Ok(true)
+    }
+
+    /// Pairs of splat and tile that the buffers hold.
+    pub fn intersections(&self) -> u32 {
+        self.intersections
+    }
+
+    fn tile_size(&self) -> u32 {
+        self.pipelines.as_ref().map_or(self.variant.tile_size, |(forward, _)| forward.variant.tile_size)
+    }
+
+    /// Everything a pass needs, with the plan set to the size of the view.
+    fn parts<'a>(&'a mut self, scene: &'a DeviceScene, view: &TrainView<'_>) -> Parts<'a> {
+        let tile_size = self.tile_size();
+        let max_slab_splats = max_slab_splats(&self.gpu, self.variant.subgroup_size);
+        let (Some((pipelines, backward)), Some((frame, buffers))) = (&self.pipelines, &mut self.buffers) else {
+            unreachable!("prepare runs before every recording")
+        };
+        let size_px = [view.camera.width, view.camera.height];
+        frame.plan.size_px = size_px;
+        frame.plan.tiles = size_px.map(|side| side.div_ceil(tile_size));
+        let forward = ForwardInputs {
+            scene,
+            pipelines,
+            primitives: &self.primitives,
+            view: view_of(view.camera, &view.options),
+            background: view.options.background,
+            max_slab_splats,
+        };
+        Parts { forward, pipelines: backward, frame, buffers }
+    }
+}
+
+struct Parts<'a> {
+    forward: ForwardInputs<'a>,
+    pipelines: &'a BackwardPipelines,
+    frame: &'a mut FrameBuffers,
+    buffers: &'a mut BackwardBuffers,
+}
