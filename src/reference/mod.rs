@@ -4,11 +4,14 @@
 pub mod compact;
 pub mod cull_chunks;
 pub mod emit_intersections;
+pub mod gather_gradients;
 pub mod plan_slab;
 pub mod preprocess_instance_expand;
+pub mod preprocess_instance_expand_backward;
 pub mod radix_sort;
 pub mod scan;
 pub mod tile_blend;
+pub mod tile_blend_backward;
 pub mod tile_ranges;
 pub mod view;
 
