@@ -42,12 +42,13 @@ fn random_gradient(rng: &mut Rng) -> SplatGradient {
     }
 }
 
-/// The scalar whose gradient by the splat is `gradient`.
-fn loss(splat: &ProjectedSplat, gradient: &SplatGradient) -> f64 {
-    splat.mean_px.dot(gradient.mean_px)
-        + DVec3::from_array(splat.conic).dot(DVec3::from_array(gradient.conic))
-        + splat.opacity * gradient.opacity
-        + splat.color.dot(gradient.color)
+/// Difference of the scalar whose gradient by the splat is `gradient`, field by field: what a parameter does not move
+/// then leaves no rounding.
+fn loss_difference(plus: &ProjectedSplat, minus: &ProjectedSplat, gradient: &SplatGradient) -> f64 {
+    (plus.mean_px - minus.mean_px).dot(gradient.mean_px)
+        + (DVec3::from_array(plus.conic) - DVec3::from_array(minus.conic)).dot(DVec3::from_array(gradient.conic))
+        + (plus.opacity - minus.opacity) * gradient.opacity
+        + (plus.color - minus.color).dot(gradient.color)
 }
 
 /// All parameters in one list: mean 3, quaternion 4, scales 3, logit, SH 48, transform 12.
@@ -121,10 +122,10 @@ fn worst_error(spoil: fn(&mut SourceGradient)) -> (f64, Seen) {
                 let side = |step: f64| {
                     let (source, exact) = moved(&source, index, step);
                     let same = projection_branches(&view, &source) == branches;
-                    same.then(|| (loss(&project(&view, &source, &limits).unwrap(), &gradient), exact))
+                    same.then(|| (project(&view, &source, &limits).unwrap(), exact))
                 };
                 let ((plus, forth), (minus, back)) = (side(step)?, side(-step)?);
-                Some((plus - minus) / (forth - back))
+                Some(loss_difference(&plus, &minus, &gradient) / (forth - back))
             })
             .collect();
         for tensor in [0..3, 3..7, 7..10, 10..11, 11..59, 59..71] {
