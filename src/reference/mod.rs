@@ -1,14 +1,20 @@
 //! L2: CPU twins in f64, one per kernel stem: slow and obvious. They take the same f32 inputs as the device (scene
 //! values are f32; camera and options are rounded to f32 by `view::View::device`) and compute in f64.
 
+pub mod adam;
 pub mod compact;
 pub mod cull_chunks;
 pub mod emit_intersections;
+pub mod finite_diff;
+pub mod gather_gradients;
+pub mod image_loss;
 pub mod plan_slab;
 pub mod preprocess_instance_expand;
+pub mod preprocess_instance_expand_backward;
 pub mod radix_sort;
 pub mod scan;
 pub mod tile_blend;
+pub mod tile_blend_backward;
 pub mod tile_ranges;
 pub mod view;
 

@@ -192,11 +192,16 @@ pub fn covariance_px(view: &View, mean_view: DVec3, cov_world: DMat3) -> [f64; 3
 
 /// Colour of a Gaussian: max(0, SH + 0.5), the view direction turned into the template frame by R^T.
 pub fn color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVec3 {
-    let dir_world = (mean_world - view.camera_world).normalize();
-    let dir_template = source.world_from_template.rotation().transpose() * dir_world;
-    let raw = eval_sh_f64(source.sh_degree, &source.sh, dir_template) + 0.5;
+    let raw = raw_color(view, source, mean_world);
     // Not `max`, which would turn a NaN into 0; minus infinity stays too, so that `project` sees the poison.
     DVec3::from_array(raw.to_array().map(|c| if c < 0.0 && fits_device(c) { 0.0 } else { c }))
+}
+
+/// SH + 0.5, before the clamp at 0.
+pub fn raw_color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVec3 {
+    let dir_world = (mean_world - view.camera_world).normalize();
+    let dir_template = source.world_from_template.rotation().transpose() * dir_world;
+    eval_sh_f64(source.sh_degree, &source.sh, dir_template) + 0.5
 }
 
 /// True if the device can hold the value: finite after rounding to f32.

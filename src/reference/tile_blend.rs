@@ -46,6 +46,15 @@ pub struct BlendedPixel {
     pub robust: bool,
 }
 
+/// One splat blended into one pixel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlendedPair {
+    /// Index into the splats in depth order.
+    pub splat: usize,
+    /// opacity exp(-sigma) at the pixel's centre, before the clamp to 0.99.
+    pub alpha_raw: f64,
+}
+
 /// The limits that also let splats through which f32 might draw though f64 does not.
 pub fn relaxed_limits(view: &View) -> CullLimits {
     // The device's error in depth is not known before projection; a tenth of near covers the chains DEPTH_ROUNDING
@@ -92,11 +101,11 @@ impl<'a> Walk<'a> {
         last_candidate: None,
     };
 
-    /// Blends one splat that has `alpha_raw` = opacity exp(-sigma) here.
-    fn visit(&mut self, splat: &'a ProjectedSplat, alpha_raw: f64, near: f64) {
+    /// Blends one splat that has `alpha_raw` = opacity exp(-sigma) here; false if a rule keeps it out.
+    fn visit(&mut self, splat: &'a ProjectedSplat, alpha_raw: f64, near: f64) -> bool {
         let candidate = 255.0 * alpha_raw > 1.0 - ALPHA_MIN_MARGIN;
         if self.finished || !candidate {
-            return;
+            return false;
         }
         let order_unsafe = self.last_candidate.is_some_and(|last| order_at_risk(last, splat));
         self.last_candidate = Some(splat);
@@ -104,7 +113,7 @@ impl<'a> Walk<'a> {
             // Had this one come before the splat that stopped, it might have been blended.
             self.robust &= !order_unsafe;
             self.finished = !order_unsafe;
-            return;
+            return false;
         }
         let fragile = order_unsafe
             || near_at_risk(splat, near)
@@ -112,23 +121,23 @@ impl<'a> Walk<'a> {
             || (alpha_raw - ALPHA_MAX).abs() < ALPHA_MAX_MARGIN;
         self.robust &= !fragile;
         let drawn = splat.depth > near && alpha_raw >= ALPHA_MIN;
-        if drawn {
-            self.blend(splat, alpha_raw.min(ALPHA_MAX));
-        }
+        drawn && self.blend(splat, alpha_raw.min(ALPHA_MAX))
     }
 
-    fn blend(&mut self, splat: &ProjectedSplat, alpha: f64) {
+    /// False if the splat ends the pixel instead.
+    fn blend(&mut self, splat: &ProjectedSplat, alpha: f64) -> bool {
         let next = self.transmittance * (1.0 - alpha);
         self.robust &= (next / TRANSMITTANCE_MIN - 1.0).abs() >= TRANSMITTANCE_MARGIN;
         if next < TRANSMITTANCE_MIN {
             self.stopped = true;
-            return;
+            return false;
         }
         let weight = alpha * self.transmittance;
         self.color += weight * splat.color;
         self.weighted_depth += weight * splat.depth;
         self.transmittance = next;
         self.n_contrib += 1;
+        true
     }
 
     fn finish(&self, background: DVec3) -> BlendedPixel {
@@ -147,25 +156,51 @@ impl<'a> Walk<'a> {
 /// All pixels of the view, row by row. `splats` come in depth order and may hold splats that only the relaxed limits
 /// let through: they draw nothing and only cost robustness.
 pub fn blend(view: &View, splats: &[ProjectedSplat]) -> Vec<BlendedPixel> {
-    let boxes: Vec<[u32; 4]> =
-        splats.iter().map(|s| s.pixel_box(view.width, view.height, 2.0 * ALPHA_MIN_MARGIN)).collect();
+    let boxes = candidate_boxes(view, splats);
     let background = DVec3::from_array(view.options.background);
     let rows: Vec<Vec<BlendedPixel>> = (0..view.height)
         .into_par_iter()
-        .map(|y| blend_row(view, splats, &boxes, y).iter().map(|walk| walk.finish(background)).collect())
+        .map(|y| walk_row(view, splats, &boxes, y, |_, _| {}).iter().map(|walk| walk.finish(background)).collect())
         .collect();
     rows.concat()
 }
 
-/// The pixels of row `y`.
-fn blend_row<'a>(view: &View, splats: &'a [ProjectedSplat], boxes: &[[u32; 4]], y: u32) -> Vec<Walk<'a>> {
+/// Row `y` of the result and, per pixel, the pairs it is made of, front to back. `boxes` are `candidate_boxes`.
+pub fn blend_row_with_pairs(
+    view: &View,
+    splats: &[ProjectedSplat],
+    boxes: &[[u32; 4]],
+    y: u32,
+) -> Vec<(BlendedPixel, Vec<BlendedPair>)> {
+    let background = DVec3::from_array(view.options.background);
+    let mut pairs = vec![Vec::new(); view.width as usize];
+    let row = walk_row(view, splats, boxes, y, |x, pair| pairs[x as usize].push(pair));
+    row.iter().map(|walk| walk.finish(background)).zip(pairs).collect()
+}
+
+/// Per splat, pixels `[x0, x1, y0, y1]`, ends exclusive, outside of which it neither contributes nor nearly does.
+pub fn candidate_boxes(view: &View, splats: &[ProjectedSplat]) -> Vec<[u32; 4]> {
+    splats.iter().map(|s| s.pixel_box(view.width, view.height, 2.0 * ALPHA_MIN_MARGIN)).collect()
+}
+
+/// The pixels of row `y`; `on_blend` is told the column of every pair that is blended, each column's front to back.
+fn walk_row<'a>(
+    view: &View,
+    splats: &'a [ProjectedSplat],
+    boxes: &[[u32; 4]],
+    y: u32,
+    mut on_blend: impl FnMut(u32, BlendedPair),
+) -> Vec<Walk<'a>> {
     let mut row = vec![Walk::START; view.width as usize];
-    for (splat, &[x0, x1, y0, y1]) in splats.iter().zip(boxes) {
+    for (index, (splat, &[x0, x1, y0, y1])) in splats.iter().zip(boxes).enumerate() {
         if !(y0..y1).contains(&y) {
             continue;
         }
         for x in x0..x1 {
-            row[x as usize].visit(splat, splat.alpha_at(pixel_center(x, y)), view.options.near);
+            let alpha_raw = splat.alpha_at(pixel_center(x, y));
+            if row[x as usize].visit(splat, alpha_raw, view.options.near) {
+                on_blend(x, BlendedPair { splat: index, alpha_raw });
+            }
         }
     }
     row

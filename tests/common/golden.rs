@@ -1,4 +1,4 @@
-//! Reader of `../shared/golden/*.npz`: forward cases of an independent f64 implementation (see its README).
+//! Reader of `../shared/golden/*.npz`: pictures and gradients of an independent f64 implementation (see its README).
 
 use std::fs::File;
 use std::io::BufReader;
@@ -9,6 +9,7 @@ use instgs_vk::math::covariance::logit;
 use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::reference::RenderOptions;
+use instgs_vk::reference::gather_gradients::CloudGradient;
 use instgs_vk::reference::preprocess_instance_expand::SourceGaussian;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
@@ -24,6 +25,9 @@ pub(crate) struct GoldenCase {
     pub(crate) sources: Vec<SourceGaussian>,
     /// All cameras of the file.
     pub(crate) views: Vec<GoldenView>,
+    /// Gradient by the parameters in `sources`, summed over the cameras; converted from the file's linear scales and
+    /// opacities to their logarithms and logits.
+    pub(crate) gradient: CloudGradient,
 }
 
 /// One camera with what it should see.
@@ -52,6 +56,34 @@ pub(crate) struct GoldenView {
     pub(crate) colors: Vec<[f64; 3]>,
     /// Opacity, compensated if antialiased, per Gaussian.
     pub(crate) opacities: Vec<f64>,
+    /// dL/d(r, g, b, alpha) per pixel; 0 where not robust.
+    pub(crate) cotangents: Vec<[f64; 4]>,
+    /// dL / d centre, per px, per Gaussian; 0 if culled, as are the next two.
+    pub(crate) grad_means_px: Vec<[f64; 2]>,
+    /// dL / d(a, b, c), b counted once, per Gaussian.
+    pub(crate) grad_conics: Vec<[f64; 3]>,
+    /// dL / d clamped colour per Gaussian.
+    pub(crate) grad_colors: Vec<[f64; 3]>,
+}
+
+/// The two image pairs of `loss_l1_dssim.npz` with the loss 0.8 L1 + 0.2 (1 - SSIM).
+pub(crate) struct GoldenLoss {
+    /// px.
+    pub(crate) width: usize,
+    /// px.
+    pub(crate) height: usize,
+    /// What is judged, row by row.
+    pub(crate) image: Vec<[f64; 3]>,
+    /// What it should be.
+    pub(crate) target: Vec<[f64; 3]>,
+    /// Mean absolute difference.
+    pub(crate) l1: f64,
+    /// Mean SSIM, zero padding.
+    pub(crate) ssim: f64,
+    /// The loss.
+    pub(crate) loss: f64,
+    /// dloss / dimage.
+    pub(crate) gradient: Vec<[f64; 3]>,
 }
 
 /// Where the files lie.
@@ -73,6 +105,30 @@ pub(crate) fn golden_cases() -> Vec<GoldenCase> {
     paths.retain(|path| path.extension().is_some_and(|e| e == "npz") && !path.ends_with("loss_l1_dssim.npz"));
     paths.sort();
     paths.iter().map(|path| read_case(path)).collect()
+}
+
+/// The image pairs, or none, said aloud, if the folder is absent.
+pub(crate) fn golden_losses() -> Vec<GoldenLoss> {
+    let path = golden_folder().join("loss_l1_dssim.npz");
+    if !path.exists() {
+        #[allow(clippy::print_stderr, reason = "a skipped check must be heard")]
+        {
+            eprintln!("GOLDEN CHECKS SKIPPED: {} does not exist", path.display());
+        }
+        return Vec::new();
+    }
+    let mut arrays = Arrays { archive: NpzArchive::open(&path).unwrap() };
+    let read = |(pair, width, height): (&str, usize, usize)| GoldenLoss {
+        width,
+        height,
+        image: arrays.rows(&format!("{pair}_image")),
+        target: arrays.rows(&format!("{pair}_target")),
+        l1: arrays.scalar(&format!("{pair}_l1")),
+        ssim: arrays.scalar(&format!("{pair}_ssim_same")),
+        loss: arrays.scalar(&format!("{pair}_loss_same")),
+        gradient: arrays.rows(&format!("{pair}_grad_same")),
+    };
+    [("a", 64, 48), ("b", 57, 33)].map(read).into()
 }
 
 /// An open file; every array is read as f64, whatever its stored type.
@@ -123,7 +179,23 @@ fn read_case(path: &Path) -> GoldenCase {
     };
     let sources = (0..cloud.len()).map(|i| exact_source(&cloud, i, scales[i], opacities[i])).collect();
     let views = read_views(&mut arrays, &name, cloud.len());
-    GoldenCase { name, scene: InstancedScene::from_cloud(cloud), sources, views }
+    let gradient = read_gradient(&mut arrays, sh_degree, &scales, &opacities);
+    GoldenCase { name, scene: InstancedScene::from_cloud(cloud), sources, views, gradient }
+}
+
+fn read_gradient(arrays: &mut Arrays, sh_degree: u32, scales: &[[f64; 3]], opacities: &[f64]) -> CloudGradient {
+    let by_scale = arrays.rows::<3>("grad_scales");
+    let by_opacity = arrays.read("grad_opacities");
+    let by_sh = arrays.rows::<3>("grad_sh");
+    let kept = sh_coefficients(sh_degree);
+    CloudGradient {
+        sh_degree,
+        means: arrays.rows("grad_means"),
+        quats: arrays.rows("grad_quats"),
+        log_scales: by_scale.iter().zip(scales).map(|(g, s)| std::array::from_fn(|i| g[i] * s[i])).collect(),
+        opacity_logits: by_opacity.iter().zip(opacities).map(|(g, o)| g * o * (1.0 - o)).collect(),
+        sh: by_sh.as_chunks::<16>().0.iter().flat_map(|all| all[..kept].to_vec()).collect(),
+    }
 }
 
 /// Gaussian `i` with the scale and opacity of the file, not their rounded logarithms.
@@ -160,6 +232,10 @@ fn read_views(arrays: &mut Arrays, case: &str, gaussians: usize) -> Vec<GoldenVi
     let (radii, means_px) = (arrays.rows::<2>("radii"), arrays.rows::<2>("means2d"));
     let (depths, conics) = (arrays.read("depths"), arrays.rows::<3>("conics"));
     let (colors, opacities) = (arrays.rows::<3>("colors"), arrays.read("view_opacities"));
+    let (v_color, v_alpha) = (arrays.rows::<3>("v_render_colors"), arrays.read("v_render_alphas"));
+    let cotangents: Vec<[f64; 4]> = v_color.iter().zip(&v_alpha).map(|(&[r, g, b], &a)| [r, g, b, a]).collect();
+    let (grad_means_px, grad_conics) = (arrays.rows::<2>("grad_means2d"), arrays.rows::<3>("grad_conics"));
+    let grad_colors = arrays.rows::<3>("grad_colors");
     let view = |c: usize| GoldenView {
         camera: Camera {
             name: format!("{case}_{c}"),
@@ -182,6 +258,10 @@ fn read_views(arrays: &mut Arrays, case: &str, gaussians: usize) -> Vec<GoldenVi
         conics: part(&conics, c, gaussians),
         colors: part(&colors, c, gaussians),
         opacities: part(&opacities, c, gaussians),
+        cotangents: part(&cotangents, c, pixels),
+        grad_means_px: part(&grad_means_px, c, gaussians),
+        grad_conics: part(&grad_conics, c, gaussians),
+        grad_colors: part(&grad_colors, c, gaussians),
     };
     (0..poses.len()).map(view).collect()
 }

@@ -1,9 +1,10 @@
-//! Shared by the integration tests: golden files, random scenes, and the image comparator.
+//! Shared by the integration tests: golden files, random scenes, and the comparators of images and tensors.
 #![allow(dead_code, reason = "every test binary uses a part of it")]
 
 pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod random_scene;
+pub(crate) mod tensor;
 
 /// At most this fraction of an image's pixels may be excluded as not robust (DESIGN section 7).
 pub(crate) const MAX_EXCLUDED_FRACTION: f64 = 0.02;

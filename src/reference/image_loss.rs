@@ -1,0 +1,213 @@
+//! Twin of pass `image_loss`: (1 - w) L1 + w (1 - SSIM) of an image against a target, and its gradient.
+//!
+//! 3DGS Eq. 7. SSIM is that of Wang et al. 2004, Eq. 13, with a Gaussian window of 11x11 pixels, sigma 1.5, per channel;
+//! pixels outside the image count as 0; its mean is over all pixels and channels, as is that of L1 (golden README,
+//! `*_same`).
+
+use rayon::prelude::*;
+
+/// Pixels on either side of the window's centre.
+pub const WINDOW_RADIUS: usize = 5;
+/// Standard deviation of the window, px.
+pub const WINDOW_SIGMA: f64 = 1.5;
+/// Stabiliser of the means, (0.01 L)^2 with L = 1.
+pub const SSIM_C1: f64 = 0.01 * 0.01;
+/// Stabiliser of the variances, (0.03 L)^2.
+pub const SSIM_C2: f64 = 0.03 * 0.03;
+
+/// A loss, its parts, and its gradient.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageLoss {
+    /// Mean absolute difference over pixels and channels.
+    pub l1: f64,
+    /// Mean SSIM over pixels and channels.
+    pub ssim: f64,
+    /// (1 - w) l1 + w (1 - ssim).
+    pub loss: f64,
+    /// dloss / dimage, per pixel and channel, row by row. The derivative of |x| at 0 is taken as 0.
+    pub gradient: Vec<[f64; 3]>,
+}
+
+/// Two images of equal size, row by row, rgb.
+#[derive(Clone, Copy, Debug)]
+pub struct ImagePair<'a> {
+    /// px.
+    pub width: usize,
+    /// px.
+    pub height: usize,
+    /// The image the gradient is for.
+    pub image: &'a [[f64; 3]],
+    /// What it should be.
+    pub target: &'a [[f64; 3]],
+    /// Pixels that count as equal to the target whatever the image holds, and get no gradient; means stay over all
+    /// pixels. `None` = no such pixel.
+    pub ignored: Option<&'a [bool]>,
+}
+
+/// One channel with what the window makes of it.
+struct SsimSums {
+    /// Sum of SSIM over the pixels.
+    sum: f64,
+    /// Derivative of that sum by the image.
+    gradient: Vec<f64>,
+}
+
+/// Loss and gradient; `ssim_weight` = w in 0..=1.
+pub fn image_loss(images: &ImagePair, ssim_weight: f64) -> ImageLoss {
+    let pixels = images.width * images.height;
+    assert_eq!((images.image.len(), images.target.len()), (pixels, pixels), "both images have width * height pixels");
+    let ignored = |p: usize| images.ignored.is_some_and(|mask| mask[p]);
+    let count = (3 * pixels) as f64;
+    let (mut l1, mut ssim) = (0.0, 0.0);
+    let mut gradient = vec![[0.0; 3]; pixels];
+    for channel in 0..3 {
+        let target: Vec<f64> = images.target.iter().map(|rgb| rgb[channel]).collect();
+        let image: Vec<f64> =
+            (0..pixels).map(|p| if ignored(p) { target[p] } else { images.image[p][channel] }).collect();
+        let structure = ssim_sums(&image, &target, images.width, images.height);
+        ssim += structure.sum / count;
+        for p in 0..pixels {
+            let difference = image[p] - target[p];
+            l1 += difference.abs() / count;
+            let d_l1 = if difference == 0.0 { 0.0 } else { difference.signum() };
+            if !ignored(p) {
+                gradient[p][channel] = ((1.0 - ssim_weight) * d_l1 - ssim_weight * structure.gradient[p]) / count;
+            }
+        }
+    }
+    ImageLoss { l1, ssim, loss: (1.0 - ssim_weight) * l1 + ssim_weight * (1.0 - ssim), gradient }
+}
+
+/// SSIM of channel `x` against `y`: S = (2 mx my + C1)(2 sxy + C2) / ((mx^2 + my^2 + C1)(sxx + syy + C2)) with windowed
+/// means m and (co)variances s = mean of products - product of means.
+fn ssim_sums(x: &[f64], y: &[f64], width: usize, height: usize) -> SsimSums {
+    let products = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a * b).collect() };
+    let window = |values: &[f64]| windowed(values, width, height);
+    let (mean_x, mean_y) = (window(x), window(y));
+    let (mean_xx, mean_yy, mean_xy) = (window(&products(x, x)), window(&products(y, y)), window(&products(x, y)));
+    let mut sum = 0.0;
+    // Derivatives of the sum by mean_x, mean_xx, mean_xy at every pixel.
+    let mut by = [const { Vec::new() }; 3];
+    for p in 0..x.len() {
+        let (mx, my) = (mean_x[p], mean_y[p]);
+        let means = [2.0 * mx * my + SSIM_C1, mx * mx + my * my + SSIM_C1];
+        let variances = [2.0 * (mean_xy[p] - mx * my) + SSIM_C2, mean_xx[p] - mx * mx + mean_yy[p] - my * my + SSIM_C2];
+        let ssim = means[0] * variances[0] / (means[1] * variances[1]);
+        sum += ssim;
+        let by_xx = -ssim / variances[1];
+        let by_xy = 2.0 * means[0] / (means[1] * variances[1]);
+        let by_means = 2.0 * my * variances[0] / (means[1] * variances[1]) - 2.0 * mx * ssim / means[1];
+        by[0].push(by_means - 2.0 * mx * by_xx - my * by_xy);
+        by[1].push(by_xx);
+        by[2].push(by_xy);
+    }
+    // The window is symmetric and the border counts as 0, so a derivative by a mean spreads as the mean gathers.
+    let [by_x, by_xx, by_xy] = by.map(|values| window(&values));
+    let gradient = (0..x.len()).map(|p| by_x[p] + 2.0 * x[p] * by_xx[p] + y[p] * by_xy[p]).collect();
+    SsimSums { sum, gradient }
+}
+
+/// The window's weights along one axis; they sum to 1.
+pub fn window_weights() -> [f64; 2 * WINDOW_RADIUS + 1] {
+    let bell: [f64; 2 * WINDOW_RADIUS + 1] = std::array::from_fn(|i| {
+        let d = i as f64 - WINDOW_RADIUS as f64;
+        (-d * d / (2.0 * WINDOW_SIGMA * WINDOW_SIGMA)).exp()
+    });
+    let sum: f64 = bell.iter().sum();
+    bell.map(|v| v / sum)
+}
+
+/// Weighted mean around every pixel, zeros outside: rows, then columns, since the window is a product.
+fn windowed(values: &[f64], width: usize, height: usize) -> Vec<f64> {
+    let weights = window_weights();
+    let across: Vec<f64> = (0..width * height)
+        .into_par_iter()
+        .map(|p| weighted(&weights, p % width, width, |x| values[p / width * width + x]))
+        .collect();
+    (0..width * height)
+        .into_par_iter()
+        .map(|p| weighted(&weights, p / width, height, |y| across[y * width + p % width]))
+        .collect()
+}
+
+/// Sum of weight * value over the positions of 0..`end` within the window around `center`.
+fn weighted(weights: &[f64], center: usize, end: usize, value: impl Fn(usize) -> f64) -> f64 {
+    let first = center.saturating_sub(WINDOW_RADIUS);
+    (first..end.min(center + WINDOW_RADIUS + 1)).map(|at| weights[at + WINDOW_RADIUS - center] * value(at)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::Rng;
+
+    const SIZE: (usize, usize) = (13, 12);
+
+    fn noise(rng: &mut Rng) -> Vec<[f64; 3]> {
+        (0..SIZE.0 * SIZE.1).map(|_| [rng.uniform(), rng.uniform(), rng.uniform()]).collect()
+    }
+
+    fn pair<'a>(image: &'a [[f64; 3]], target: &'a [[f64; 3]], ignored: Option<&'a [bool]>) -> ImagePair<'a> {
+        ImagePair { width: SIZE.0, height: SIZE.1, image, target, ignored }
+    }
+
+    /// Worst difference between gradient and central differences, relative to the largest entry; `spoil` is the
+    /// factor on the gradient of channel 1.
+    fn worst_error(ssim_weight: f64, masked: bool, spoil: f64) -> f64 {
+        let mut rng = Rng::new(4);
+        let (image, target) = (noise(&mut rng), noise(&mut rng));
+        let mask: Vec<bool> = image.iter().map(|_| masked && rng.chance(0.3)).collect();
+        let loss = |image: &[[f64; 3]]| image_loss(&pair(image, &target, Some(&mask)), ssim_weight);
+        let gradient = loss(&image).gradient;
+        let largest = gradient.as_flattened().iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        let step = 1e-5;
+        let mut worst: f64 = 0.0;
+        for p in 0..image.len() {
+            for channel in 0..3 {
+                let side = |step: f64| {
+                    let mut moved = image.clone();
+                    moved[p][channel] += step;
+                    loss(&moved).loss
+                };
+                let want = (side(step) - side(-step)) / (2.0 * step);
+                let got = gradient[p][channel] * if channel == 1 { spoil } else { 1.0 };
+                worst = worst.max((got - want).abs() / largest);
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn gradients_agree_with_differences() {
+        for (weight, masked) in [(0.0, false), (0.2, false), (1.0, false), (0.2, true)] {
+            let worst = worst_error(weight, masked, 1.0);
+            eprintln!("WORST {weight} {masked} {worst:e}");
+            assert!(worst < 1e-6, "{weight} {masked}: {worst:e}");
+        }
+        assert!(worst_error(0.2, false, 1.001) > 1e-4, "a planted error is not seen");
+    }
+
+    #[test]
+    fn equal_images_cost_nothing() {
+        let image = noise(&mut Rng::new(5));
+        let loss = image_loss(&pair(&image, &image, None), 0.2);
+        assert!((loss.l1, loss.ssim) == (0.0, 1.0) && loss.loss.abs() < 1e-15, "{loss:?}");
+        assert!(loss.gradient.as_flattened().iter().all(|v| v.abs() < 1e-15));
+    }
+
+    /// A not-a-number that is ignored must not spread, and the rest must not notice which value was there.
+    #[test]
+    fn ignored_pixels_are_as_the_target() {
+        let mut rng = Rng::new(6);
+        let (mut image, target) = (noise(&mut rng), noise(&mut rng));
+        let mask: Vec<bool> = (0..image.len()).map(|p| p % 5 == 0).collect();
+        (0..image.len()).filter(|p| mask[*p]).for_each(|p| image[p] = [f64::NAN; 3]);
+        let got = image_loss(&pair(&image, &target, Some(&mask)), 0.2);
+        (0..image.len()).filter(|p| mask[*p]).for_each(|p| image[p] = target[p]);
+        let want = image_loss(&pair(&image, &target, None), 0.2);
+        assert_eq!((got.l1, got.ssim, got.loss), (want.l1, want.ssim, want.loss));
+        for (p, (got, want)) in got.gradient.iter().zip(&want.gradient).enumerate() {
+            assert_eq!(*got, if mask[p] { [0.0; 3] } else { *want });
+        }
+    }
+}

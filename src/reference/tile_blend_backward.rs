@@ -1,0 +1,107 @@
+//! Twin of pass `tile_blend_backward`: from the loss gradient of every pixel to that of every splat.
+//!
+//! A pixel blends the pairs i = 1..N, front to back: C = sum a_i T_i c_i + T_end background, T_(i+1) = T_i (1 - a_i),
+//! T_1 = 1. Let B_i be what is seen behind splat i, as if it were not there: B_N = background and
+//! B_(i-1) = a_i c_i + (1 - a_i) B_i. Then dC/dc_i = a_i T_i and dC/da_i = T_i (c_i - B_i). The pixel's alpha 1 - T_end
+//! is the same sum with "colours" 1 and "background" 0. With a = o exp(-sigma): da/do = exp(-sigma) and
+//! da/dsigma = -a, both 0 where a is clamped to 0.99 (golden README point 9). The rules that pick the pairs are
+//! constants here, as their derivative is 0 wherever it exists.
+
+use std::collections::BTreeMap;
+use std::ops::AddAssign;
+
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use crate::reference::preprocess_instance_expand::{ProjectedSplat, pixel_center};
+use crate::reference::tile_blend::{ALPHA_MAX, BlendedPair, blend_row_with_pairs, candidate_boxes};
+use crate::reference::view::View;
+
+/// Gradient of a loss with respect to one splat: the derivatives by the fields of `ProjectedSplat` of the same name.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SplatGradient {
+    /// By the centre, per px.
+    pub mean_px: DVec2,
+    /// By (a, b, c) of sigma = (a dx^2 + c dy^2) / 2 + b dx dy, per px^-2; b counted once.
+    pub conic: [f64; 3],
+    /// By the opacity after sigmoid and compensation.
+    pub opacity: f64,
+    /// By the clamped colour.
+    pub color: DVec3,
+}
+
+impl AddAssign for SplatGradient {
+    fn add_assign(&mut self, other: Self) {
+        self.mean_px += other.mean_px;
+        self.conic.iter_mut().zip(other.conic).for_each(|(sum, v)| *sum += v);
+        self.opacity += other.opacity;
+        self.color += other.color;
+    }
+}
+
+/// Gradients in the order of `splats`, which are in depth order. `cotangents` has one entry per pixel, row by row:
+/// (dL/dr, dL/dg, dL/db, dL/dalpha), the colour over the background, alpha = 1 - T.
+pub fn blend_backward(view: &View, splats: &[ProjectedSplat], cotangents: &[[f64; 4]]) -> Vec<SplatGradient> {
+    let width = view.width as usize;
+    assert_eq!(cotangents.len(), width * view.height as usize, "one cotangent per pixel");
+    let boxes = candidate_boxes(view, splats);
+    // Rows are summed in order, so that the result does not depend on the number of threads.
+    let rows: Vec<BTreeMap<usize, SplatGradient>> = (0..view.height)
+        .into_par_iter()
+        .map(|y| {
+            let mut sums = BTreeMap::new();
+            for (x, (_, pairs)) in blend_row_with_pairs(view, splats, &boxes, y).iter().enumerate() {
+                let cotangent = cotangents[y as usize * width + x];
+                pixel_backward(view, splats, pairs, pixel_center(x as u32, y), cotangent, |splat, gradient| {
+                    *sums.entry(splat).or_default() += gradient;
+                });
+            }
+            sums
+        })
+        .collect();
+    let mut out = vec![SplatGradient::default(); splats.len()];
+    rows.into_iter().flatten().for_each(|(splat, gradient)| out[splat] += gradient);
+    out
+}
+
+/// Calls `add` with the index and the gradient of every pair of one pixel, back to front.
+fn pixel_backward(
+    view: &View,
+    splats: &[ProjectedSplat],
+    pairs: &[BlendedPair],
+    center_px: DVec2,
+    cotangent: [f64; 4],
+    mut add: impl FnMut(usize, SplatGradient),
+) {
+    let [r, g, b, d_alpha_pixel] = cotangent;
+    let d_color_pixel = DVec3::new(r, g, b);
+    // Transmittance in front of each pair.
+    let mut in_front = vec![1.0];
+    for (i, pair) in pairs.iter().enumerate() {
+        in_front.push(in_front[i] * (1.0 - alpha(pair)));
+    }
+    // dL/dC . B_i plus dL/dalpha times the alpha behind.
+    let mut behind = d_color_pixel.dot(DVec3::from_array(view.options.background));
+    for (pair, &t) in pairs.iter().zip(&in_front).rev() {
+        let splat = &splats[pair.splat];
+        let alpha = alpha(pair);
+        let own = d_color_pixel.dot(splat.color) + d_alpha_pixel;
+        let d_alpha = t * (own - behind);
+        behind = alpha * own + (1.0 - alpha) * behind;
+        let mut gradient = SplatGradient { color: alpha * t * d_color_pixel, ..SplatGradient::default() };
+        if pair.alpha_raw <= ALPHA_MAX {
+            let d_sigma = -pair.alpha_raw * d_alpha;
+            let [a, b, c] = splat.conic;
+            let d = center_px - splat.mean_px;
+            gradient.opacity = (-splat.sigma_at(center_px)).exp() * d_alpha;
+            gradient.mean_px = -d_sigma * DVec2::new(a * d.x + b * d.y, b * d.x + c * d.y);
+            gradient.conic = [0.5 * d.x * d.x, d.x * d.y, 0.5 * d.y * d.y].map(|v| d_sigma * v);
+        }
+        add(pair.splat, gradient);
+    }
+}
+
+/// The alpha that a pair is blended with.
+fn alpha(pair: &BlendedPair) -> f64 {
+    pair.alpha_raw.min(ALPHA_MAX)
+}
