@@ -40,6 +40,10 @@ fn family(kernel: &str) -> &str {
         "radix_sort_count" | "radix_sort_scatter" => "radix_sort",
         "cull_instances" => "cull_chunks",
         "emit_work_items" | "compact_visible" => "compact",
+        "image_loss_rows" | "image_loss_columns" | "image_loss_backward_rows" | "image_loss_backward_columns" => {
+            "image_loss"
+        }
+        "train_status" => "image_loss",
         other => other,
     }
 }
@@ -50,6 +54,7 @@ fn test_of(family: &str) -> &str {
         "emit_intersections" | "tile_ranges" => "intersections",
         "tile_blend" => "forward",
         "compact" => "cull_chunks",
+        "tile_blend_backward" | "preprocess_instance_expand_backward" | "gather_gradients" => "backward",
         other => other,
     }
 }

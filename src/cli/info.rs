@@ -102,11 +102,12 @@ fn print_device(device: &DeviceInfo, printer: &Printer) {
         transpose_moments,
     } = variant;
     let matching = if *match_by_ballot { "ballots" } else { "shuffles" };
+    let moments = if *transpose_moments { "transposition" } else { "butterflies" };
     row(
         "variant",
         format!(
             "subgroup {subgroup_size}, work-groups {workgroup_size} (sort {radix_workgroup_size} by {matching}, \
-             blend {blend_workgroup_size}), tiles {tile_size}x{tile_size}"
+             blend {blend_workgroup_size}), tiles {tile_size}x{tile_size}, backward sums by {moments}"
         ),
     );
     printer.line(table);

@@ -7,4 +7,4 @@
 //!
 //! Twin: `reference::adam`. Test: `tests/kernels/adam.rs`.
 
-pub use crate::gpu::interface::adam::{Bindings, Params, Adam};
+pub use crate::gpu::interface::adam::{Adam, Bindings, Params};

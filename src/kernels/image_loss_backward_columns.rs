@@ -7,4 +7,4 @@
 //!
 //! Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 
-pub use crate::gpu::interface::image_loss_backward_columns::{Bindings, Params, ImageLossBackwardColumns};
+pub use crate::gpu::interface::image_loss_backward_columns::{Bindings, ImageLossBackwardColumns, Params};

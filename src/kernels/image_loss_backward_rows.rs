@@ -6,4 +6,4 @@
 //!
 //! Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 
-pub use crate::gpu::interface::image_loss_backward_rows::{Bindings, Params, ImageLossBackwardRows};
+pub use crate::gpu::interface::image_loss_backward_rows::{Bindings, ImageLossBackwardRows, Params};

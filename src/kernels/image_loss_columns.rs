@@ -8,4 +8,4 @@
 //!
 //! Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 
-pub use crate::gpu::interface::image_loss_columns::{Bindings, Params, ImageLossColumns};
+pub use crate::gpu::interface::image_loss_columns::{Bindings, ImageLossColumns, Params};

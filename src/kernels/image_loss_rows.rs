@@ -13,4 +13,4 @@
 //!
 //! Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 
-pub use crate::gpu::interface::image_loss_rows::{Bindings, Params, ImageLossRows};
+pub use crate::gpu::interface::image_loss_rows::{Bindings, ImageLossRows, Params};

@@ -138,10 +138,8 @@ impl Pipelines {
             plan_slab: compiler.compile(size, &[])?,
             emit_intersections: compiler.compile(size, &[tile, training_constant])?,
             tile_ranges: compiler.compile(size, &[])?,
-            tile_blend: compiler.compile(
-                variant.blend_workgroup_size,
-                &[tile, columns_per_lane(&variant), training_constant],
-            )?,
+            tile_blend: compiler
+                .compile(variant.blend_workgroup_size, &[tile, columns_per_lane(&variant), training_constant])?,
         })
     }
 }

@@ -13,4 +13,6 @@
 //!
 //! Twin: `reference::preprocess_instance_expand_backward`. Test: `tests/kernels/preprocess_instance_expand_backward.rs`.
 
-pub use crate::gpu::interface::preprocess_instance_expand_backward::{Bindings, Params, PreprocessInstanceExpandBackward};
+pub use crate::gpu::interface::preprocess_instance_expand_backward::{
+    Bindings, Params, PreprocessInstanceExpandBackward,
+};

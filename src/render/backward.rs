@@ -31,11 +31,9 @@ pub fn record_image_loss(
 ) -> Result<(), GpuError> {
     let (background, size_px) = (forward.background, frame.plan.size_px);
     let group = forward.pipelines.variant.workgroup_size;
-    let (rows, columns) =
-        (Grid::threads(row_strips(size_px), group), Grid::threads(column_strips(size_px), group));
+    let (rows, columns) = (Grid::threads(row_strips(size_px), group), Grid::threads(column_strips(size_px), group));
     let params = image_loss_rows::Params { background, size_px };
-    let bindings =
-        image_loss_rows::Bindings { colors: &frame.colors, targets, row_moments: &mut buffers.row_moments };
+    let bindings = image_loss_rows::Bindings { colors: &frame.colors, targets, row_moments: &mut buffers.row_moments };
     recorder.dispatch(&p.image_loss_rows, rows, &params, bindings)?;
 
     let params = image_loss_columns::Params { size_px };
@@ -126,11 +124,8 @@ fn record_blend_backward(
         cotangents: &buffers.cotangents,
         isect_moments: &mut buffers.isect_moments,
     };
-    let params = tile_blend_backward::Params {
-        background: inputs.forward.background,
-        size_px: plan.size_px,
-        tiles: plan.tiles,
-    };
+    let params =
+        tile_blend_backward::Params { background: inputs.forward.background, size_px: plan.size_px, tiles: plan.tiles };
     let subgroups_per_group = variant.blend_workgroup_size / variant.subgroup_size;
     let grid = Grid::groups((plan.tile_count() * blocks_per_tile(variant.tile_size)).div_ceil(subgroups_per_group));
     recorder.dispatch(&inputs.pipelines.tile_blend_backward, grid, &params, bindings)

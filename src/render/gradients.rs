@@ -99,8 +99,10 @@ fn source_tables(scene: &InstancedScene, chunk_size: u32) -> (Vec<types::SourceC
         instances.extend_from_slice(of_template);
     };
     for (t, range) in scene.template_ranges.iter().enumerate() {
-        let of_template: Vec<u32> =
-            (0..scene.instances.len()).filter(|&k| scene.instances[k].template as usize == t).map(|k| k as u32).collect();
+        let of_template: Vec<u32> = (0..scene.instances.len())
+            .filter(|&k| scene.instances[k].template as usize == t)
+            .map(|k| k as u32)
+            .collect();
         push(range.first, range.count, &of_template, scene.templates.sh_degree, [range.first; 3]);
     }
     let templates = scene.templates.len() as u32;

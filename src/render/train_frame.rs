@@ -94,7 +94,11 @@ impl TrainFrame {
         let slots = u64::from(pairs) * u64::from(group);
         let most_slots = self.gpu.caps().max_storage_bytes / size_of::<types::SourceGradient>() as u64;
         if slots > most_slots {
-            return Err(RenderError::TooMany { what: "expanded Gaussians in training", needed: slots, limit: most_slots });
+            return Err(RenderError::TooMany {
+                what: "expanded Gaussians in training",
+                needed: slots,
+                limit: most_slots,
+            });
         }
         let mut plan = FramePlan::new(largest_px, variant.tile_size, scene.instance_count, capacities, group);
         plan.training = true;

@@ -3,6 +3,7 @@
 
 pub(crate) mod golden;
 pub(crate) mod gpu;
+pub(crate) mod gpu_gradients;
 pub(crate) mod random_scene;
 pub(crate) mod tensor;
 

@@ -6,8 +6,11 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod adam;
+mod backward;
 mod cull_chunks;
 mod forward;
+mod image_loss;
 mod intersections;
 mod overflow;
 mod plan_slab;

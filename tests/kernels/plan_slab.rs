@@ -14,7 +14,7 @@ use crate::common::gpu::{assert_silent, gpu};
 fn slabs_are_the_longest_that_fit() {
     let Some(gpu) = gpu() else { return };
     let cache = PipelineCache::new(&gpu, None).unwrap();
-    let pipelines = Pipelines::new(&gpu, &cache, Variant::for_device(gpu.caps()), 0).unwrap();
+    let pipelines = Pipelines::new(&gpu, &cache, Variant::for_device(gpu.caps()), 0, false).unwrap();
     let mut rng = Rng::new(9);
     for (n, capacity, max_splats) in [(1, 5, 9), (500, 40, 1000), (500, 200, 7), (300, u32::MAX, u32::MAX), (0, 5, 5)] {
         let counts: Vec<u32> = (0..n).map(|_| 1 + rng.index(5) as u32).collect();

@@ -1,0 +1,1 @@
+//! Adam against its twin.

@@ -1,0 +1,1 @@
+//! The image loss against its twin and the golden files.
