@@ -1,0 +1,233 @@
+//! The keys of the configuration: what each takes, and which one was probably meant.
+
+use toml::Value;
+
+/// A key and what it takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Key {
+    /// Dotted name, for instance `rates.means`.
+    pub name: &'static str,
+    /// What it takes.
+    pub takes: Takes,
+}
+
+/// What a key takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Takes {
+    /// A whole number from the first to the second.
+    Whole(u64, u64),
+    /// A number from the first to the second.
+    Real(f64, f64),
+    /// A number above the first, at most the second.
+    RealAbove(f64, f64),
+    /// A number from the first, below the second.
+    RealBelow(f64, f64),
+    /// true or false.
+    Flag,
+    /// One of these words.
+    Word(&'static [&'static str]),
+}
+
+use Takes::{Flag, Real, RealAbove, RealBelow, Whole, Word};
+
+/// Steps: more than any run has, and its product with anything here fits 64 bits.
+const STEPS_MAX: u64 = 100_000_000;
+/// Above this a learning rate or weight is a slip of the pen.
+const RATE_MAX: f64 = 1e3;
+/// Indices of Gaussians and of their SH coefficients must fit 32 bits.
+const GAUSSIANS_MAX: u64 = 80_000_000;
+
+const fn key(name: &'static str, takes: Takes) -> Key {
+    Key { name, takes }
+}
+
+/// Every key, in the order of `configs/default.toml`.
+pub const KEYS: [Key; 49] = [
+    key("steps", Whole(1, STEPS_MAX)),
+    key("seed", Whole(0, i64::MAX as u64)),
+    key("width", Whole(0, 65_536)),
+    key("method", Word(&["3dgs"])),
+    key("init", Word(&["points", "random"])),
+    key("init_count", Whole(1, GAUSSIANS_MAX)),
+    key("sh_degree", Whole(0, 3)),
+    key("sh_every", Whole(0, STEPS_MAX)),
+    key("lambda_dssim", Real(0.0, 1.0)),
+    key("background", Word(&["black", "white", "random"])),
+    key("antialias", Flag),
+    key("near", RealAbove(0.0, 1e6)),
+    key("max_gaussians", Whole(1, GAUSSIANS_MAX)),
+    key("strategy", Word(&["densify", "mcmc", "none"])),
+    key("eval_every", Whole(0, STEPS_MAX)),
+    key("checkpoint_every", Whole(0, STEPS_MAX)),
+    key("device_memory_mb", Whole(0, 1 << 24)),
+    key("rates.means", Real(0.0, RATE_MAX)),
+    key("rates.means_final", RealAbove(0.0, RATE_MAX)),
+    key("rates.means_steps", Whole(0, STEPS_MAX)),
+    key("rates.sh_dc", Real(0.0, RATE_MAX)),
+    key("rates.sh_rest", Real(0.0, RATE_MAX)),
+    key("rates.opacity", Real(0.0, RATE_MAX)),
+    key("rates.log_scales", Real(0.0, RATE_MAX)),
+    key("rates.quats", Real(0.0, RATE_MAX)),
+    key("rates.final_factor", RealAbove(0.0, RATE_MAX)),
+    key("rates.beta1", RealBelow(0.0, 1.0)),
+    key("rates.beta2", RealBelow(0.0, 1.0)),
+    // Below the smallest normal f32 it would count as 0 on the device.
+    key("rates.eps", Real(1.2e-38, 1.0)),
+    key("densify.start", Whole(0, STEPS_MAX)),
+    key("densify.stop", Whole(0, STEPS_MAX)),
+    key("densify.every", Whole(1, STEPS_MAX)),
+    key("densify.gradient_threshold", RealAbove(0.0, RATE_MAX)),
+    key("densify.split_fraction", RealAbove(0.0, RATE_MAX)),
+    key("densify.split_count", Whole(2, 16)),
+    key("densify.split_shrink", Real(1.0, 100.0)),
+    key("densify.opacity_min", RealBelow(0.0, 1.0)),
+    key("densify.opacity_reset_every", Whole(0, STEPS_MAX)),
+    key("densify.opacity_reset_to", RealBelow(0.0, 1.0)),
+    key("densify.screen_size_max_px", Real(0.0, 1e6)),
+    key("densify.world_size_max", Real(0.0, RATE_MAX)),
+    key("mcmc.start", Whole(0, STEPS_MAX)),
+    key("mcmc.stop", Whole(0, STEPS_MAX)),
+    key("mcmc.every", Whole(1, STEPS_MAX)),
+    key("mcmc.growth", Real(1.0, 10.0)),
+    key("mcmc.opacity_min", RealBelow(0.0, 1.0)),
+    key("mcmc.noise", Real(0.0, 1e9)),
+    key("mcmc.opacity_regularisation", Real(0.0, RATE_MAX)),
+    key("mcmc.scale_regularisation", Real(0.0, RATE_MAX)),
+];
+
+impl std::fmt::Display for Takes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Whole(low, high) => write!(f, "a whole number from {low} to {high}"),
+            Real(low, high) => write!(f, "a number from {low:?} to {high:?}"),
+            RealAbove(low, high) => write!(f, "a number above {low:?}, at most {high:?}"),
+            RealBelow(low, high) => write!(f, "a number from {low:?}, below {high:?}"),
+            Flag => f.write_str("true or false"),
+            Word(words) => {
+                f.write_str(if words.len() > 1 { "one of " } else { "" })?;
+                words.iter().enumerate().try_for_each(|(i, w)| write!(f, "{}\"{w}\"", if i > 0 { ", " } else { "" }))
+            }
+        }
+    }
+}
+
+impl Takes {
+    /// The value in the key's own type, `None` if it is not allowed. A whole number may be written as `3e4`, a number
+    /// as `1`.
+    pub fn accept(&self, value: &Value) -> Option<Value> {
+        match (*self, value) {
+            (Whole(low, high), _) => {
+                let whole = whole(value).filter(|n| (low..=high).contains(n))?;
+                i64::try_from(whole).ok().map(Value::Integer)
+            }
+            (Real(low, high), _) => real(value, |x| x >= low && x <= high),
+            (RealAbove(low, high), _) => real(value, |x| x > low && x <= high),
+            (RealBelow(low, high), _) => real(value, |x| x >= low && x < high),
+            (Flag, Value::Boolean(_)) => Some(value.clone()),
+            (Word(words), Value::String(word)) => words.contains(&word.as_str()).then(|| value.clone()),
+            (Flag | Word(_), _) => None,
+        }
+    }
+}
+
+fn whole(value: &Value) -> Option<u64> {
+    /// Up to here f64 holds every whole number.
+    const EXACT: f64 = (1u64 << 53) as f64;
+    match *value {
+        Value::Integer(n) => u64::try_from(n).ok(),
+        Value::Float(x) => (x.fract() == 0.0 && (0.0..=EXACT).contains(&x)).then_some(x as u64),
+        _ => None,
+    }
+}
+
+fn real(value: &Value, fits: impl Fn(f64) -> bool) -> Option<Value> {
+    let x = match *value {
+        Value::Integer(n) => n as f64,
+        Value::Float(x) => x,
+        _ => return None,
+    };
+    // NaN fits nothing.
+    fits(x).then_some(Value::Float(x))
+}
+
+/// The key of that name.
+pub fn find(name: &str) -> Option<&'static Key> {
+    KEYS.iter().find(|key| key.name == name)
+}
+
+/// The known key nearest to `name` by edit distance; `means` is near `rates.means`. For a section, its first key.
+pub fn nearest(name: &str) -> &'static str {
+    if let Some(key) = KEYS.iter().find(|key| key.name.split_once('.').is_some_and(|(section, _)| section == name)) {
+        return key.name;
+    }
+    let last = |s: &str| s.rsplit('.').next().unwrap_or_default().to_lowercase();
+    let distance = |key: &Key| {
+        let whole = edit_distance(&name.to_lowercase(), key.name);
+        // The right key in the wrong section is a slip of about one letter.
+        whole.min(1 + edit_distance(&last(name), &last(key.name)))
+    };
+    KEYS.iter().min_by_key(|key| distance(key)).map_or("steps", |key| key.name)
+}
+
+/// Letters to insert, remove or replace to turn one into the other.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn edit_distances_by_hand() {
+        let cases = [("", "abc", 3), ("abc", "", 3), ("kitten", "sitting", 3), ("steps", "steps", 0), ("ab", "ba", 2)];
+        for (a, b, want) in cases {
+            assert_eq!(edit_distance(a, b), want, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn nearest_keys() {
+        for (written, meant) in [
+            ("step", "steps"),
+            ("means", "rates.means"),
+            ("rates.meens", "rates.means"),
+            ("densify.stops", "densify.stop"),
+            ("densify", "densify.start"),
+            ("Width", "width"),
+            ("max_gausians", "max_gaussians"),
+            ("rates.noise", "mcmc.noise"),
+        ] {
+            assert_eq!(nearest(written), meant);
+        }
+    }
+
+    #[test]
+    fn ranges_at_their_ends() {
+        let ok = |takes: Takes, text: &str| text.parse().ok().and_then(|v: Value| takes.accept(&v)).is_some();
+        for (takes, yes, no) in [
+            (Whole(1, 5), &["1", "5", "5.0", "1e0"][..], &["0", "6", "-1", "1.5", "\"3\"", "true", "nan", "1e300"][..]),
+            (Real(0.0, 1.0), &["0", "1", "0.5", "1.0"], &["-0.1", "1.1", "nan", "inf", "\"0\"", "false"]),
+            (RealAbove(0.0, 1.0), &["1e-300", "1"], &["0", "0.0", "1.0001"]),
+            (RealBelow(0.0, 1.0), &["0", "0.999"], &["1", "-1e-9"]),
+            (Flag, &["true", "false"], &["0", "\"true\""]),
+            (Word(&["a", "b"]), &["\"a\"", "\"b\""], &["\"c\"", "\"\"", "1"]),
+        ] {
+            yes.iter().for_each(|text| assert!(ok(takes, text), "{takes} refuses {text}"));
+            no.iter().for_each(|text| assert!(!ok(takes, text), "{takes} accepts {text}"));
+        }
+        assert_eq!(Whole(0, 9).accept(&Value::Float(3.0)), Some(Value::Integer(3)));
+        assert_eq!(Real(0.0, 9.0).accept(&Value::Integer(3)), Some(Value::Float(3.0)));
+    }
+}

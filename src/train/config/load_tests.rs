@@ -1,0 +1,167 @@
+//! Layers, messages and the built-in files.
+
+use std::collections::BTreeSet;
+
+use super::*;
+use crate::train::config::{Background, Init, Method, Strategy};
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+/// The dotted keys of a TOML text, in no order.
+fn keys_of(text: &str) -> Result<BTreeSet<String>, toml::de::Error> {
+    let table: Table = text.parse()?;
+    let keys = table.into_iter().flat_map(|(name, value)| match value {
+        Value::Table(inner) => inner.into_iter().map(|(key, _)| format!("{name}.{key}")).collect(),
+        _ => vec![name],
+    });
+    Ok(keys.collect())
+}
+
+/// The error's text; empty if there is none.
+fn text_of<T>(result: Result<T, ConfigError>) -> String {
+    result.err().map(|e| e.to_string()).unwrap_or_default()
+}
+
+#[test]
+fn defaults_table_and_struct_have_the_same_keys() -> Test {
+    let table: BTreeSet<String> = KEYS.iter().map(|k| k.name.to_owned()).collect();
+    assert_eq!(table.len(), KEYS.len(), "a key is listed twice");
+    assert_eq!(keys_of(PRESETS[0].1)?, table);
+    assert_eq!(keys_of(&TrainConfig::default().to_toml()?)?, table);
+    Ok(())
+}
+
+/// A comment stands above each key, or above the group of keys that it speaks of.
+#[test]
+fn every_default_is_explained() {
+    let mut explained = false;
+    for line in PRESETS[0].1.lines() {
+        explained = line.starts_with('#') || explained && !line.is_empty() && !line.starts_with('[');
+        assert!(explained || line.is_empty() || line.starts_with('['), "no comment above: {line}");
+        assert!(line.len() <= 120, "{line}");
+    }
+}
+
+#[test]
+fn defaults_are_those_of_3dgs() {
+    let c = TrainConfig::default();
+    assert_eq!((c.steps, c.seed, c.width, c.sh_degree, c.sh_every), (30_000, 0, 0, 3, 1000));
+    assert_eq!((c.method, c.init, c.background), (Method::Gaussians, Init::Points, Background::Black));
+    assert_eq!((c.strategy, c.antialias, c.max_gaussians), (Strategy::Densify, false, 3_000_000));
+    assert_eq!((c.lambda_dssim, c.near, c.checkpoint_every), (0.2, 0.2, 5000));
+    assert_eq!((c.rates.means, c.rates.means_final, c.rates.sh_dc), (1.6e-4, 1.6e-6, 2.5e-3));
+    assert_eq!((c.rates.sh_rest, c.rates.opacity, c.rates.eps), (1.25e-4, 0.025, 1e-15));
+    assert_eq!((c.densify.start, c.densify.stop, c.densify.every), (500, 15_000, 100));
+    assert_eq!((c.densify.gradient_threshold, c.densify.split_fraction), (2e-4, 0.01));
+    assert_eq!((c.mcmc.growth, c.mcmc.noise, c.mcmc.stop), (1.05, 5e5, 25_000));
+}
+
+#[test]
+fn presets_load_and_say_what_they_are() -> Test {
+    for (name, _) in PRESETS {
+        let config = ConfigBuilder::new().file(name)?.finish()?;
+        assert_eq!(ConfigBuilder::new().text(&config.to_toml()?, "x")?.finish()?, config, "{name}");
+    }
+    let paper = ConfigBuilder::new().file("paper")?.finish()?;
+    assert_eq!((paper.steps, paper.densify.start, paper.densify.stop), (30_000, 500, 30_000));
+    assert_eq!(ConfigBuilder::new().file("mcmc")?.finish()?.strategy, Strategy::Mcmc);
+    assert!(ConfigBuilder::new().file("quick")?.finish()?.steps <= 2000);
+    Ok(())
+}
+
+#[test]
+fn what_is_written_loads_to_the_same_values() -> Test {
+    let sets = ["rates.means=0.1", "rates.eps=1.2345678901234567e-15", "seed=9223372036854775807", "near=1e-3"];
+    let mut builder = ConfigBuilder::new();
+    for set in sets.iter().chain(&["init=random", "antialias=true", "background=\"white\"", "mcmc.noise = 3"]) {
+        builder = builder.set(set)?;
+    }
+    let config = builder.finish()?;
+    assert_ne!(config, TrainConfig::default());
+    assert_eq!(ConfigBuilder::new().text(&config.to_toml()?, "x")?.finish()?, config);
+    Ok(())
+}
+
+#[test]
+fn later_layers_win_and_the_rest_stays() -> Test {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("my.toml");
+    std::fs::write(&path, "steps = 10\nwidth = 20\nrates.quats = 0.5\n[densify]\nevery = 7\n")?;
+    let config = ConfigBuilder::new()
+        .file(&path.display().to_string())?
+        .set("width=30")?
+        .set("rates = { sh_dc = 0.25 }")?
+        .flag("--steps", "steps", 40)?
+        .finish()?;
+    assert_eq!((config.steps, config.width, config.densify.every), (40, 30, 7));
+    assert_eq!((config.rates.quats, config.rates.sh_dc, config.rates.means), (0.5, 0.25, 1.6e-4));
+    Ok(())
+}
+
+#[test]
+fn unknown_keys_name_the_nearest() {
+    for (set, want) in [
+        ("step=5", "--set: unknown key step; did you mean steps?"),
+        ("opacity=5", "--set: unknown key opacity; did you mean rates.opacity?"),
+        ("rates=5", "--set: unknown key rates; did you mean rates.means?"),
+        ("rates.means.x=5", "--set: unknown key rates.means.x; did you mean rates.means?"),
+        ("=5", "--set: unknown key ; did you mean near?"),
+    ] {
+        assert_eq!(text_of(ConfigBuilder::new().set(set)), want);
+    }
+    let file = text_of(ConfigBuilder::new().text("[densify]\nevrey = 3", "my.toml"));
+    assert_eq!(file, "my.toml: unknown key densify.evrey; did you mean densify.every?");
+    let section = text_of(ConfigBuilder::new().text("[rate]\nmeans = 3", "my.toml"));
+    assert_eq!(section, "my.toml: unknown key rate.means; did you mean rates.means?");
+    assert!(text_of(ConfigBuilder::new().text("[rate]", "my.toml")).contains("unknown key rate;"));
+    assert_eq!(text_of(ConfigBuilder::new().text("[rates]", "my.toml")), "");
+}
+
+#[test]
+fn bad_values_name_key_value_range_and_origin() {
+    for (set, want) in [
+        ("steps=0", "--set: steps = 0: must be a whole number from 1 to 100000000"),
+        ("steps=ten", "--set: steps = \"ten\": must be a whole number from 1 to 100000000"),
+        ("steps=-3", "--set: steps = -3: must be a whole number from 1 to 100000000"),
+        ("steps=", "--set: steps = \"\": must be a whole number from 1 to 100000000"),
+        ("lambda_dssim=1.5", "--set: lambda_dssim = 1.5: must be a number from 0.0 to 1.0"),
+        ("near=nan", "--set: near = nan: must be a number above 0.0, at most 1000000.0"),
+        ("antialias=1", "--set: antialias = 1: must be true or false"),
+        ("init=sfm", "--set: init = \"sfm\": must be one of \"points\", \"random\""),
+        ("method=instgs", "--set: method = \"instgs\": must be \"3dgs\""),
+        ("rates.beta1=1", "--set: rates.beta1 = 1: must be a number from 0.0, below 1.0"),
+    ] {
+        assert_eq!(text_of(ConfigBuilder::new().set(set)), want);
+    }
+    let flag = text_of(ConfigBuilder::new().flag("--width", "width", 100_000));
+    assert_eq!(flag, "--width: width = 100000: must be a whole number from 0 to 65536");
+    let file = text_of(ConfigBuilder::new().text("sh_degree = 4", "a/my.toml"));
+    assert_eq!(file, "a/my.toml: sh_degree = 4: must be a whole number from 0 to 3");
+    let long = text_of(ConfigBuilder::new().set(&format!("steps=\"{}\n{}\"", "ä".repeat(50), "b".repeat(500))));
+    assert!(long.contains("...: must be") && long.chars().count() < 150 && !long.contains('\n'), "{long}");
+}
+
+#[test]
+fn syntax_errors_are_one_line_with_the_line() {
+    let file = text_of(ConfigBuilder::new().text("steps = 5\n\nwidth = = 3\n", "my.toml"));
+    assert!(file.starts_with("my.toml: line 3: ") && !file.contains('\n'), "{file}");
+    let twice = text_of(ConfigBuilder::new().text("steps = 5\nsteps = 6\n", "my.toml"));
+    assert!(twice.starts_with("my.toml: line 2: "), "{twice}");
+    assert!(text_of(ConfigBuilder::new().set("steps")).contains("no \"=\""));
+    // A line break cannot smuggle a second key in.
+    assert!(text_of(ConfigBuilder::new().set("steps=5\nwidth=6")).contains("steps = "));
+    let missing = text_of(ConfigBuilder::new().file("no/such.toml"));
+    assert!(missing.contains("no/such.toml") && missing.contains("preset (default, quick, paper, mcmc)"), "{missing}");
+}
+
+#[test]
+fn values_that_do_not_go_together_are_refused() -> Test {
+    let text = text_of(ConfigBuilder::new().set("densify.start=20000")?.finish());
+    assert_eq!(text, "densify.start = 20000 (--set) must be at most densify.stop = 15000 (preset default)");
+    assert!(!text_of(ConfigBuilder::new().set("mcmc.stop=1")?.finish()).is_empty());
+    assert!(!text_of(ConfigBuilder::new().set("densify.opacity_reset_to=0.005")?.finish()).is_empty());
+    ConfigBuilder::new().set("densify.opacity_reset_to=0.005")?.set("densify.opacity_reset_every=0")?.finish()?;
+    assert!(!text_of(ConfigBuilder::new().set("init=random")?.set("max_gaussians=9")?.finish()).is_empty());
+    ConfigBuilder::new().set("max_gaussians=9")?.finish()?;
+    Ok(())
+}

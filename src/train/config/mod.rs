@@ -1,0 +1,206 @@
+//! The configuration of a training run: validated, resolved, plain values.
+//!
+//! Built-in defaults (`configs/default.toml`) < `--config` (file or preset) < `--set key=value` < flags such as
+//! `--steps`: [`ConfigBuilder`] puts the layers together, [`keys`] says what a key may be, `configs/default.toml`
+//! explains each. What the values mean at a step is in the methods of [`TrainConfig`] ([`Rates`] and the schedule).
+
+mod error;
+pub mod keys;
+mod load;
+mod schedule;
+
+use serde::{Deserialize, Serialize};
+
+pub use error::ConfigError;
+pub use load::{ConfigBuilder, PRESETS};
+pub use schedule::Rates;
+
+/// Everything that decides the outcome of a training run, apart from the data and the device. Comments give units;
+/// ranges are in [`keys::KEYS`], reasons in `configs/default.toml`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Optimisation steps in all.
+    pub steps: u64,
+    /// Fixes every random choice.
+    pub seed: u64,
+    /// Width of the training pictures, pixels; 0 = as they are.
+    pub width: u32,
+    /// What is trained.
+    pub method: Method,
+    /// Where the first Gaussians come from.
+    pub init: Init,
+    /// Gaussians of [`Init::Random`].
+    pub init_count: u32,
+    /// SH degree at the end, 0..=3.
+    pub sh_degree: u32,
+    /// Steps between increments of the SH degree; 0 = the full degree from the start.
+    pub sh_every: u64,
+    /// Weight of 1 - SSIM in the loss, 0..=1; L1 has the rest.
+    pub lambda_dssim: f64,
+    /// What is behind the Gaussians.
+    pub background: Background,
+    /// Opacity compensation for the dilation.
+    pub antialias: bool,
+    /// Gaussians nearer than this view depth are not drawn, scene units.
+    pub near: f64,
+    /// Densification never goes beyond so many Gaussians.
+    pub max_gaussians: u32,
+    /// How the number of Gaussians changes.
+    pub strategy: Strategy,
+    /// Steps between evaluations of the test views; 0 = at the end only.
+    pub eval_every: u64,
+    /// Steps between checkpoints; 0 = at the end and on interrupt only.
+    pub checkpoint_every: u64,
+    /// Device memory that training may use, MiB; 0 = what the device has.
+    pub device_memory_mb: u32,
+    /// Learning rates.
+    pub rates: RateConfig,
+    /// For [`Strategy::Densify`].
+    pub densify: DensifyConfig,
+    /// For [`Strategy::Mcmc`].
+    pub mcmc: McmcConfig,
+}
+
+/// What is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Method {
+    /// A plain cloud of Gaussians.
+    #[serde(rename = "3dgs")]
+    Gaussians,
+}
+
+/// Where the first Gaussians come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Init {
+    /// The data set's point cloud.
+    Points,
+    /// Uniform in the cameras' box.
+    Random,
+}
+
+/// What is behind the Gaussians.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Background {
+    /// (0, 0, 0).
+    Black,
+    /// (1, 1, 1).
+    White,
+    /// A colour drawn for each step.
+    Random,
+}
+
+/// How the number of Gaussians changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Strategy {
+    /// Clone, split, prune, reset opacities.
+    Densify,
+    /// Relocation and noise up to a fixed number.
+    Mcmc,
+    /// It does not.
+    None,
+}
+
+/// Learning rates of Adam, parameter units per step.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RateConfig {
+    /// Centres at the first step, times the scene extent.
+    pub means: f64,
+    /// Centres after `means_steps`, times the scene extent.
+    pub means_final: f64,
+    /// Steps of the decay from one to the other; 0 = the training's.
+    pub means_steps: u64,
+    /// SH coefficient 0.
+    pub sh_dc: f64,
+    /// The other SH coefficients.
+    pub sh_rest: f64,
+    /// Opacity logits.
+    pub opacity: f64,
+    /// Logarithms of the scales.
+    pub log_scales: f64,
+    /// Quaternions.
+    pub quats: f64,
+    /// Factor that all rates but the centres' have reached at the end.
+    pub final_factor: f64,
+    /// Adam's decay of the mean gradient, in 0..1.
+    pub beta1: f64,
+    /// Adam's decay of the mean squared gradient, in 0..1.
+    pub beta2: f64,
+    /// Adam's term against division by zero.
+    pub eps: f64,
+}
+
+/// Clone, split, prune.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DensifyConfig {
+    /// Densification happens after this many steps are done,
+    pub start: u64,
+    /// before this many are,
+    pub stop: u64,
+    /// whenever the number done is a multiple of this.
+    pub every: u64,
+    /// Mean length of the screen gradient above which a Gaussian is cloned or split, NDC units.
+    pub gradient_threshold: f64,
+    /// Largest scale above which it is split, part of the scene extent.
+    pub split_fraction: f64,
+    /// How many replace a split one.
+    pub split_count: u32,
+    /// What a split one's scales are divided by.
+    pub split_shrink: f64,
+    /// Opacity below which Gaussians are removed.
+    pub opacity_min: f64,
+    /// Steps between opacity resets; 0 = none.
+    pub opacity_reset_every: u64,
+    /// Opacity that a reset leaves at most.
+    pub opacity_reset_to: f64,
+    /// Screen radius above which Gaussians are removed after the first reset, pixels; 0 = no limit.
+    pub screen_size_max_px: f64,
+    /// Largest scale above which Gaussians are removed after the first reset, part of the scene extent; 0 = no limit.
+    pub world_size_max: f64,
+}
+
+/// Relocation and noise.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct McmcConfig {
+    /// Relocation happens after this many steps are done,
+    pub start: u64,
+    /// before this many are,
+    pub stop: u64,
+    /// whenever the number done is a multiple of this.
+    pub every: u64,
+    /// Factor by which the number of Gaussians grows each time, 1 or more.
+    pub growth: f64,
+    /// Opacity below which Gaussians are moved onto others.
+    pub opacity_min: f64,
+    /// Noise on the centres, times their learning rate.
+    pub noise: f64,
+    /// Weight of the mean opacity in the loss.
+    pub opacity_regularisation: f64,
+    /// Weight of the mean scale in the loss.
+    pub scale_regularisation: f64,
+}
+
+impl Default for TrainConfig {
+    /// `configs/default.toml`.
+    #[expect(clippy::expect_used, reason = "the built-in file is part of the program and tested")]
+    fn default() -> Self {
+        ConfigBuilder::new().finish().expect("configs/default.toml is complete and valid")
+    }
+}
+
+impl TrainConfig {
+    /// The configuration as TOML with every key, as in `RUN/config.toml`; loading it gives an equal one.
+    ///
+    /// # Errors
+    /// A value that TOML cannot hold: a whole number above 2^63 - 1, which loading refuses too.
+    pub fn to_toml(&self) -> Result<String, ConfigError> {
+        let body = toml::to_string_pretty(self).map_err(|e| ConfigError::unwritable(&e.to_string()))?;
+        Ok(format!("# Resolved configuration. The same run again: instgs-vk train --config FILE\n\n{body}"))
+    }
+}

@@ -1,0 +1,188 @@
+//! What a configuration means at a step. Pure functions, so a resumed run sees what the uninterrupted one saw.
+//!
+//! `step` is the index of a step, from 0: what that step uses. `done` is the number of finished steps, from 1: what
+//! happens between steps. After step index s, `done` is s + 1.
+
+use super::{Strategy, TrainConfig};
+
+/// Learning rates of one step, parameter units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rates {
+    /// Centres, scene units.
+    pub means: f64,
+    /// SH coefficient 0.
+    pub sh_dc: f64,
+    /// The other SH coefficients.
+    pub sh_rest: f64,
+    /// Opacity logits.
+    pub opacity: f64,
+    /// Logarithms of the scales.
+    pub log_scales: f64,
+    /// Quaternions.
+    pub quats: f64,
+}
+
+impl TrainConfig {
+    /// Learning rates of step index `step`; `extent` is the scene's, scene units.
+    pub fn rates_at(&self, step: u64, extent: f64) -> Rates {
+        let rates = &self.rates;
+        let means_steps = if rates.means_steps == 0 { self.steps } else { rates.means_steps };
+        let factor = log_linear(1.0, rates.final_factor, step, self.steps);
+        Rates {
+            means: log_linear(rates.means, rates.means_final, step, means_steps) * extent,
+            sh_dc: rates.sh_dc * factor,
+            sh_rest: rates.sh_rest * factor,
+            opacity: rates.opacity * factor,
+            log_scales: rates.log_scales * factor,
+            quats: rates.quats * factor,
+        }
+    }
+
+    /// SH degree that step index `step` uses, 0..=`sh_degree`.
+    pub fn sh_degree_at(&self, step: u64) -> u32 {
+        let risen = step.checked_div(self.sh_every).unwrap_or(u64::MAX);
+        u32::try_from(risen).unwrap_or(u32::MAX).min(self.sh_degree)
+    }
+
+    /// True if Gaussians are added, moved or removed (by the strategy in use) once `done` steps are finished. Never
+    /// after the last step: nothing would train the new ones.
+    pub fn densifies_at(&self, done: u64) -> bool {
+        let (start, stop, every) = match self.strategy {
+            Strategy::Densify => (self.densify.start, self.densify.stop, self.densify.every),
+            Strategy::Mcmc => (self.mcmc.start, self.mcmc.stop, self.mcmc.every),
+            Strategy::None => return false,
+        };
+        start < done && done < stop.min(self.steps) && done.is_multiple_of(every)
+    }
+
+    /// True if opacities are lowered once `done` steps are finished; after the densification of the same `done`, if
+    /// both happen.
+    pub fn resets_opacity_at(&self, done: u64) -> bool {
+        let every = self.densify.opacity_reset_every;
+        self.strategy == Strategy::Densify
+            && every > 0
+            && 0 < done
+            && done < self.densify.stop.min(self.steps)
+            && done.is_multiple_of(every)
+    }
+
+    /// True if the densification at `done` also removes what is too large on screen or in the world: once opacities
+    /// have been reset, as before that large Gaussians are still needed to cover the picture.
+    pub fn prunes_large_at(&self, done: u64) -> bool {
+        let every = self.densify.opacity_reset_every;
+        self.densifies_at(done) && self.strategy == Strategy::Densify && every > 0 && done > every
+    }
+
+    /// True if test views are evaluated once `done` steps are finished; the last step is always evaluated.
+    pub fn evaluates_at(&self, done: u64) -> bool {
+        done == self.steps || self.eval_every > 0 && done > 0 && done.is_multiple_of(self.eval_every)
+    }
+
+    /// True if a checkpoint is written once `done` steps are finished; always after the last step.
+    pub fn checkpoints_at(&self, done: u64) -> bool {
+        done == self.steps || self.checkpoint_every > 0 && done > 0 && done.is_multiple_of(self.checkpoint_every)
+    }
+}
+
+/// From `first` at step 0 to `last` at step `steps` and after, by equal factors; both ends are exact.
+fn log_linear(first: f64, last: f64, step: u64, steps: u64) -> f64 {
+    if step >= steps {
+        return last;
+    }
+    if first == 0.0 {
+        return 0.0;
+    }
+    first * (last / first).powf(step as f64 / steps as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::config::{ConfigBuilder, ConfigError};
+
+    fn with(sets: &[&str]) -> Result<TrainConfig, ConfigError> {
+        sets.iter().try_fold(ConfigBuilder::new(), |builder, set| builder.set(set))?.finish()
+    }
+
+    #[test]
+    fn means_decay_between_exact_ends() -> Result<(), ConfigError> {
+        let config = with(&[])?;
+        let means = |step| config.rates_at(step, 2.0).means;
+        assert_eq!(means(0), 2.0 * 1.6e-4);
+        assert_eq!((means(30_000), means(u64::MAX)), (2.0 * 1.6e-6, 2.0 * 1.6e-6));
+        // Half way: the geometric mean.
+        assert!((means(15_000) / (2.0 * 1.6e-5) - 1.0).abs() < 1e-12);
+        assert!((0..30_000).step_by(1000).all(|s| means(s) > means(s + 1)));
+        let short = with(&["steps=100", "rates.means_steps=0"])?;
+        assert_eq!(short.rates_at(100, 1.0).means, 1.6e-6);
+        assert!((short.rates_at(50, 1.0).means / 1.6e-5 - 1.0).abs() < 1e-12);
+        assert_eq!(with(&["rates.means=0"])?.rates_at(7, 1.0).means, 0.0);
+        Ok(())
+    }
+
+    #[test]
+    fn other_rates_stay_unless_told_to_decay() -> Result<(), ConfigError> {
+        let rates = with(&[])?.rates_at(29_999, 5.0);
+        assert_eq!((rates.sh_dc, rates.sh_rest, rates.opacity), (2.5e-3, 1.25e-4, 0.025));
+        assert_eq!((rates.log_scales, rates.quats), (5e-3, 1e-3));
+        let decaying = with(&["rates.final_factor=0.01", "steps=200"])?;
+        assert_eq!(decaying.rates_at(0, 1.0).quats, 1e-3);
+        assert!((decaying.rates_at(100, 1.0).quats / 1e-4 - 1.0).abs() < 1e-12);
+        assert_eq!(decaying.rates_at(200, 1.0).opacity, 0.025 * 0.01);
+        Ok(())
+    }
+
+    #[test]
+    fn sh_degree_rises_at_its_steps() -> Result<(), ConfigError> {
+        let config = with(&[])?;
+        let degrees = [0, 999, 1000, 1999, 2000, 2999, 3000, 4000, u64::MAX].map(|s| config.sh_degree_at(s));
+        assert_eq!(degrees, [0, 0, 1, 1, 2, 2, 3, 3, 3]);
+        assert_eq!(with(&["sh_degree=1"])?.sh_degree_at(5000), 1);
+        assert_eq!(with(&["sh_every=0"])?.sh_degree_at(0), 3);
+        Ok(())
+    }
+
+    /// All `done` in 1..=steps for which `f` holds.
+    fn times(config: &TrainConfig, f: impl Fn(&TrainConfig, u64) -> bool) -> Vec<u64> {
+        (1..=config.steps).filter(|&done| f(config, done)).collect()
+    }
+
+    #[test]
+    fn densification_lies_strictly_between_start_and_stop() -> Result<(), ConfigError> {
+        let all = times(&with(&[])?, TrainConfig::densifies_at);
+        assert_eq!((all.first(), all.last(), all.len()), (Some(&600), Some(&14_900), 144));
+        let mcmc = times(&with(&["strategy=mcmc"])?, TrainConfig::densifies_at);
+        assert_eq!((mcmc.first(), mcmc.last()), (Some(&600), Some(&24_900)));
+        assert!(times(&with(&["strategy=none"])?, TrainConfig::densifies_at).is_empty());
+        // A run that ends earlier does not densify after its last step.
+        assert_eq!(times(&with(&["steps=800"])?, TrainConfig::densifies_at), [600, 700]);
+        Ok(())
+    }
+
+    #[test]
+    fn opacity_resets_and_the_pruning_that_follows() -> Result<(), ConfigError> {
+        let config = with(&["steps=7000"])?;
+        assert_eq!(times(&config, TrainConfig::resets_opacity_at), [3000, 6000]);
+        let large = times(&config, TrainConfig::prunes_large_at);
+        assert_eq!((large.first(), large.last()), (Some(&3100), Some(&6900)));
+        assert_eq!(times(&with(&[])?, TrainConfig::resets_opacity_at), [3000, 6000, 9000, 12_000]);
+        for set in ["strategy=mcmc", "strategy=none", "densify.opacity_reset_every=0"] {
+            let config = with(&[set])?;
+            assert!(times(&config, TrainConfig::resets_opacity_at).is_empty(), "{set}");
+            assert!(times(&config, TrainConfig::prunes_large_at).is_empty(), "{set}");
+        }
+        assert!(!with(&[])?.resets_opacity_at(0));
+        Ok(())
+    }
+
+    #[test]
+    fn evaluation_and_checkpoints_come_with_the_last_step() -> Result<(), ConfigError> {
+        let config = with(&["steps=250", "eval_every=100", "checkpoint_every=0"])?;
+        assert_eq!(times(&config, TrainConfig::evaluates_at), [100, 200, 250]);
+        assert_eq!(times(&config, TrainConfig::checkpoints_at), [250]);
+        let config = with(&["steps=12000"])?;
+        assert_eq!(times(&config, TrainConfig::evaluates_at), [12_000]);
+        assert_eq!(times(&config, TrainConfig::checkpoints_at), [5000, 10_000, 12_000]);
+        Ok(())
+    }
+}
