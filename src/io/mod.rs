@@ -3,7 +3,7 @@
 //! the same data each time.
 //!
 //! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`). Views: [`dataset::read_views`],
-//! [`load_view`] for their images, and [`camera_file`]. Float images: [`ktx2`].
+//! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Float images: [`ktx2`].
 
 mod bytes;
 pub mod camera_file;
@@ -16,6 +16,7 @@ pub mod nerf;
 pub mod ply;
 mod ply_packed;
 mod ply_table;
+pub mod point_cloud;
 pub mod scene_file;
 pub mod scene_load;
 pub mod scene_write;
@@ -33,6 +34,7 @@ pub use camera_file::{read_cameras, write_cameras};
 pub use dataset::{Dataset, Split, View, read_views};
 pub use error::{IoError, Place};
 pub use ply::{read_ply, write_ply};
+pub use point_cloud::{LoadedPoints, read_points};
 pub use scene_file::read_scene_file;
 pub use scene_load::{LoadedScene, load_scene, save_scene};
 pub use scene_write::write_scene_file;

@@ -211,6 +211,27 @@ pub(crate) fn train_test_files(dataset: &Path) -> Option<(PathBuf, PathBuf)> {
     (pair.0.is_file() && pair.1.is_file()).then_some(pair)
 }
 
+/// The point cloud that the dataset's `transforms.json`, else its `transforms_train.json`, names as `ply_file_path`.
+pub(crate) fn named_point_file(dataset: &Path) -> Result<Option<PathBuf>, IoError> {
+    const FIELD: &str = "ply_file_path";
+    for file in ["transforms.json", "transforms_train.json"] {
+        let path = dataset.join(file);
+        if !path.is_file() {
+            continue;
+        }
+        let root = parse_json(&read_bytes(&path)?, &path)?;
+        let Some(value) = root.get(FIELD).filter(|v| !v.is_null()) else { continue };
+        let fail = |what: String| IoError::new(&path, what).at(Place::Field(FIELD.into()));
+        let named = dataset.join(without_dots(value.as_str().ok_or_else(|| fail("is no text".into()))?));
+        if !named.is_file() {
+            let error = fail(format!("there is no file {}", named.display()));
+            return Err(error.advise("copy it there, or remove the field"));
+        }
+        return Ok(Some(named));
+    }
+    Ok(None)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -225,6 +225,8 @@ fn undistortion_error(lens: Distortion, d: Distortion) -> (f64, f64, usize) {
     (worst, sum / (out.rgba.len() - ignored) as f64, ignored)
 }
 
+/// Measured: worst 1.2 levels (two roundings to 8 bits, and the curvature of the waves), 4.4 where the outermost half
+/// pixel is filled with its neighbour; mean 0.31. With a wrong coefficient the worst is 7.6 or more, the mean 1.03 or more.
 #[test]
 fn undistortion_gives_the_pinhole_picture() {
     for (d, ignores) in [
@@ -232,15 +234,13 @@ fn undistortion_gives_the_pinhole_picture() {
         (Distortion { k1: 0.15, k2: -0.02, p1: -0.004, p2: 0.001 }, true),
     ] {
         let (worst, mean, ignored) = undistortion_error(d, d);
-        eprintln!("RIGHT {worst} {mean} {ignored}");
-        assert!(worst < 6.0 && mean < 0.5, "{d:?}: worst {worst}, mean {mean}, {ignored} ignored");
+        assert!(worst < 5.0 && mean < 0.35, "{d:?}: worst {worst}, mean {mean}, {ignored} ignored");
         assert_eq!(ignored > 200, ignores, "{ignored}");
         for wrong in
             [Distortion { k1: -d.k1, ..d }, Distortion { p1: -d.p1, ..d }, Distortion { p1: d.p2, p2: d.p1, ..d }]
         {
             let (worst, mean, _) = undistortion_error(d, wrong);
-            eprintln!("WRONG {worst} {mean}");
-            assert!(worst > 3.0 && mean > 1.0, "{wrong:?}: worst {worst}, mean {mean}");
+            assert!(worst > 6.0 && mean > 0.7, "{wrong:?}: worst {worst}, mean {mean}");
         }
     }
 }

@@ -1,1 +1,3 @@
 //! L5: training: configuration, initialisation, steps, densification, checkpoints, reports.
+
+pub mod initial;
