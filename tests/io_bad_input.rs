@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use instgs_vk::io::{camera_file, colmap, ktx2, nerf, ply, scene_file, scene_write, splat, spz};
+use instgs_vk::io::{camera_file, colmap, ktx2, nerf, ply, point_cloud, scene_file, scene_write, splat, spz};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
@@ -118,6 +118,30 @@ const TRANSFORMS: &str = r#"{"w":8,"h":8,"fl_x":9.0,"k1":0.0,"frames":[{"file_pa
 const COLMAP_CAMERAS: &[u8] = b"1 PINHOLE 20 10 9 9 10 5\n";
 const COLMAP_IMAGES: &[u8] = b"1 1 0 0 0 1 2 3 1 a.jpg\n1 2 -1\n2 1 0 0 0 1 2 3 1 b.jpg\n\n";
 
+const POINTS_PLY: &str = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
+    property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n7 8 9 10 11 12\n";
+const COLMAP_POINTS: &[u8] = b"# id\n1 0.5 0 1 10 20 30 0.1 1 2\n2 0.5 0 1 10 20 30 0.1\n";
+
+fn points_ply_big_endian() -> Vec<u8> {
+    let mut out = POINTS_PLY.replace("ascii", "binary_big_endian").into_bytes();
+    out.truncate(out.len() - b"1 2 3 4 5 6\n7 8 9 10 11 12\n".len());
+    out.extend_from_slice(&[64; 2 * 15]);
+    out
+}
+
+fn colmap_points_bin() -> Vec<u8> {
+    let mut out = 2u64.to_le_bytes().to_vec();
+    for id in [1u64, 2] {
+        out.extend_from_slice(&id.to_le_bytes());
+        [1.0f64, 2.0, 3.0].iter().for_each(|v| out.extend_from_slice(&v.to_le_bytes()));
+        out.extend_from_slice(&[9; 3]);
+        out.extend_from_slice(&0.5f64.to_le_bytes());
+        out.extend_from_slice(&id.to_le_bytes());
+        (0..id).for_each(|_| out.extend_from_slice(&[0; 8]));
+    }
+    out
+}
+
 /// Name of a format, a small valid file of it, and its reader.
 type Format = (&'static str, Vec<u8>, Reader);
 
@@ -138,6 +162,10 @@ fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
         ("colmap images.bin", colmap_bin().1, |b| done(colmap::parse_colmap_bin(&colmap_bin().0, b, path()))),
         ("colmap cameras.txt", COLMAP_CAMERAS.into(), |b| done(colmap::parse_colmap_txt(b, COLMAP_IMAGES, path()))),
         ("colmap images.txt", COLMAP_IMAGES.into(), |b| done(colmap::parse_colmap_txt(COLMAP_CAMERAS, b, path()))),
+        ("points ply", points_ply_big_endian(), |b| done(point_cloud::parse_points_ply(b, path()))),
+        ("ascii points ply", POINTS_PLY.into(), |b| done(point_cloud::parse_points_ply(b, path()))),
+        ("colmap points3D.bin", colmap_points_bin(), |b| done(point_cloud::parse_points_bin(b, path()))),
+        ("colmap points3D.txt", COLMAP_POINTS.into(), |b| done(point_cloud::parse_points_txt(b, path()))),
     ])
 }
 
@@ -161,7 +189,8 @@ fn truncation_at_every_byte() -> Outcome {
             // Gaussians are complete before the face element that follows; numbers cut short are numbers.
             "ascii ply" => accepted.iter().all(|&n| n + 12 >= bytes.len()),
             // A text without count or end mark: cut between lines it is a shorter file.
-            "colmap images.txt" | "colmap cameras.txt" => true,
+            "colmap images.txt" | "colmap cameras.txt" | "colmap points3D.txt" => true,
+            "ascii points ply" => accepted.iter().all(|&n| n + 2 >= bytes.len()),
             _ => accepted.is_empty(),
         };
         assert!(fine, "{name}: {} bytes are read when cut to {accepted:?}", bytes.len());
@@ -229,6 +258,12 @@ fn huge_counts_are_errors_without_large_allocations() -> Outcome {
         assert!(!done(colmap::parse_colmap_bin(&with(&cameras, 0), &images, path())));
         assert!(!done(colmap::parse_colmap_bin(&cameras, &with(&images, 0), path())));
         assert!(!done(colmap::parse_colmap_bin(&cameras, &with(&images, images.len() - 32), path())));
+        assert!(!done(point_cloud::parse_points_bin(&with(&colmap_points_bin(), 0), path())));
+        assert!(!done(point_cloud::parse_points_bin(&with(&colmap_points_bin(), 8 + 8 + 24 + 3 + 8), path())));
+        for file in [points_ply_big_endian(), POINTS_PLY.into()] {
+            let file = replaced(&file, b"element vertex 2\n", text.as_bytes());
+            assert!(!done(point_cloud::parse_points_ply(&file, path())));
+        }
         let shape = format!("[{count},3]");
         let file = replaced(&scene_write::scene_file_bytes(&scene(), path())?, b"[2, 3]", shape.as_bytes());
         assert!(!done(scene_file::parse_scene_file(&file, path())));

@@ -1,6 +1,7 @@
 //! COLMAP models (`sparse/0`, binary or text): cameras and image poses.
 //!
-//! COLMAP's axes are ours (OpenCV, pixel centres at +0.5). Observations of points are skipped, `points3D` is not read.
+//! COLMAP's axes are ours (OpenCV, pixel centres at +0.5). Observations of points are skipped; `points3D` is read by
+//! [`crate::io::point_cloud`].
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,29 +9,11 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DQuat};
 
 use crate::io::bytes::Cursor;
+use crate::io::dataset::Split;
 use crate::io::error::{IoError, Place};
 use crate::io::read_bytes;
+pub use crate::math::distortion::Distortion;
 use crate::scene::camera::Camera;
-
-/// Radial and tangential lens distortion of the OpenCV model.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Distortion {
-    /// Radial, second order.
-    pub k1: f64,
-    /// Radial, fourth order.
-    pub k2: f64,
-    /// Tangential.
-    pub p1: f64,
-    /// Tangential.
-    pub p2: f64,
-}
-
-impl Distortion {
-    /// `None` if all four are zero: then nothing needs to be undone.
-    pub fn if_any(self) -> Option<Self> {
-        (self != Self::default()).then_some(self)
-    }
-}
 
 /// A view before it is part of a dataset: a camera and the image's name as in the file.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +24,10 @@ pub struct PosedImage {
     pub file: String,
     /// Lens distortion that the image still has.
     pub distortion: Option<Distortion>,
+    /// Mask of the pixels that count, as written in the file; only transforms.json has it.
+    pub mask: Option<String>,
+    /// What the file says the view is for. Either all views of a file have it or none has.
+    pub split: Option<Split>,
 }
 
 struct Intrinsics {
@@ -160,13 +147,13 @@ fn parse_images_bin(bytes: &[u8], path: &Path, cameras: &Cameras) -> Result<Vec<
 }
 
 /// Lines with their numbers; comments are empty.
-fn lines<'a>(bytes: &'a [u8], path: &Path) -> Result<Vec<(u64, &'a str)>, IoError> {
+pub(crate) fn lines<'a>(bytes: &'a [u8], path: &Path) -> Result<Vec<(u64, &'a str)>, IoError> {
     let text = std::str::from_utf8(bytes)
         .map_err(|e| IoError::new(path, "is not UTF-8 text").at(Place::Byte(e.valid_up_to() as u64)))?;
     Ok((1..).zip(text.lines()).filter(|(_, line)| !line.trim_start().starts_with('#')).collect())
 }
 
-fn number<T: std::str::FromStr>(word: Option<&str>, fail: &dyn Fn(String) -> IoError) -> Result<T, IoError> {
+pub(crate) fn number<T: std::str::FromStr>(word: Option<&str>, fail: &dyn Fn(String) -> IoError) -> Result<T, IoError> {
     let word = word.ok_or_else(|| fail("ends early".into()))?;
     word.parse().map_err(|_| fail(format!("\"{}\" is no number of the kind that belongs here", word.escape_debug())))
 }
@@ -240,7 +227,7 @@ fn posed(
         view_from_world: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
     };
     camera.validate().map_err(fail)?;
-    Ok(PosedImage { camera, file, distortion: intrinsics.distortion })
+    Ok(PosedImage { camera, file, distortion: intrinsics.distortion, mask: None, split: None })
 }
 
 /// File name without folders and extension.

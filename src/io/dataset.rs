@@ -31,6 +31,8 @@ pub struct View {
     pub split: Split,
     /// Lens distortion that the image still has; `None` for pinhole images.
     pub distortion: Option<Distortion>,
+    /// An image of the same size whose zero pixels are not trained on and not compared; not checked for existence.
+    pub mask_path: Option<PathBuf>,
 }
 
 /// All views of a folder, sorted by image path.
@@ -48,27 +50,33 @@ impl Dataset {
 }
 
 /// Reads the views of a dataset folder. Of several camera files the first of these counts: `transforms_train.json` with
-/// `transforms_test.json`, `transforms.json`, `sparse/0` (or `sparse`). The split is the pair's, else views 0, 8, 16 ...
-/// by name are for test.
+/// `transforms_test.json`, `transforms.json`, `sparse/0` (or `sparse`). The split is the pair's, or that of `transforms.json`
+/// ([`nerf`]), else views 0, 8, 16 ... by name are for test.
+///
+/// A `mask_path` in a folder with a `categories.json` is an instance mask (ids of objects, 0 = none), as this crate
+/// takes them from `masks/`: it does not say which pixels count, and is not used here.
 pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     let mut views = Vec::new();
-    let mut add = |images: Vec<PosedImage>, root: &Path, split: Split| {
-        for PosedImage { camera, file, distortion } in images {
-            let relative: PathBuf =
-                Path::new(&file).components().filter(|c| !matches!(c, std::path::Component::CurDir)).collect();
-            views.push((View { camera, image_path: root.join(&relative), split, distortion }, relative));
+    let mut split_given = false;
+    let mut add = |images: Vec<PosedImage>, root: &Path, given: Option<Split>| {
+        for PosedImage { camera, file, distortion, mask, split } in images {
+            let relative = without_dots(&file);
+            let mask_path = mask.map(|m| root.join(without_dots(&m))).filter(|m| !is_instance_mask(m));
+            let split = given.or(split);
+            split_given |= split.is_some();
+            let split = split.unwrap_or(Split::Train);
+            let view = View { camera, image_path: root.join(&relative), split, distortion, mask_path };
+            views.push((view, relative));
         }
     };
-    let mut split_given = false;
     let single = folder.join("transforms.json");
     if let Some((train, test)) = nerf::train_test_files(folder) {
-        split_given = true;
-        add(nerf::read_transforms(&train)?, folder, Split::Train);
-        add(nerf::read_transforms(&test)?, folder, Split::Test);
+        add(nerf::read_transforms(&train)?, folder, Some(Split::Train));
+        add(nerf::read_transforms(&test)?, folder, Some(Split::Test));
     } else if single.is_file() {
-        add(nerf::read_transforms(&single)?, folder, Split::Train);
+        add(nerf::read_transforms(&single)?, folder, None);
     } else if let Some(model) = colmap::colmap_folder(folder) {
-        add(colmap::read_colmap(&model)?, &folder.join("images"), Split::Train);
+        add(colmap::read_colmap(&model)?, &folder.join("images"), None);
     } else {
         let error = IoError::new(folder, "has no cameras");
         return Err(
@@ -91,6 +99,15 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
         views.iter_mut().step_by(TEST_EVERY).for_each(|v| v.split = Split::Test);
     }
     Ok(Dataset { views })
+}
+
+/// `./a/b` as `a/b`, so that a path has one spelling.
+pub(crate) fn without_dots(file: &str) -> PathBuf {
+    Path::new(file).components().filter(|c| !matches!(c, std::path::Component::CurDir)).collect()
+}
+
+fn is_instance_mask(mask: &Path) -> bool {
+    mask.with_file_name("categories.json").is_file()
 }
 
 /// Views whose stems are the same are named after their path instead: `left/0001.jpg` is `left_0001`; should that be
@@ -147,6 +164,50 @@ mod tests {
         let got: Vec<_> = pair.views.iter().map(|v| (v.camera.name.as_str(), v.split)).collect();
         assert_eq!(got, [("2", Split::Test), ("left_1", Split::Train), ("right_1", Split::Train)]);
         assert_eq!(pair.views[1].image_path, root.join("left/1.jpg"));
+        Ok(())
+    }
+
+    #[test]
+    fn nerfstudio_masks_and_filenames() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let root = folder.path();
+        let frame =
+            |n: &str| format!(r#"{{"file_path":"./i/{n}.png","mask_path":"./m/{n}.png","transform_matrix":{POSE}}}"#);
+        let frames = ["a", "b", "c", "d"].map(frame).join(",");
+        let read = |lists: &str| {
+            let text = format!(r#"{{"w":2,"h":2,"fl_x":1,{lists}"frames":[{frames}]}}"#);
+            std::fs::write(root.join("transforms.json"), text)?;
+            Ok::<_, std::io::Error>(read_views(root))
+        };
+        let names = |dataset: &Dataset, split| dataset.split(split).map(|v| v.camera.name.clone()).collect::<String>();
+        for (lists, train, test) in [
+            ("", "bcd", "a"),
+            (r#""test_filenames":["i/c.png"],"#, "abd", "c"),
+            // What is held out for validation is not trained on, even where it is not the test split.
+            (r#""test_filenames":["i/c.png"],"val_filenames":["./i/b.png"],"#, "ad", "c"),
+            (r#""train_filenames":["i/a.png","i/b.png"],"val_filenames":["./i/b.png"],"test_filenames":[],"#, "a", "b"),
+            (r#""train_filenames":["i/a.png","i/b.png"],"#, "ab", "cd"),
+        ] {
+            let dataset = read(lists)??;
+            assert_eq!(
+                (names(&dataset, Split::Train), names(&dataset, Split::Test)),
+                (train.into(), test.into()),
+                "{lists}"
+            );
+            assert!(dataset.views[0].mask_path.as_ref().is_some_and(|m| m.starts_with(root.join("m"))));
+        }
+        let error = |lists| Ok::<_, std::io::Error>(read(lists)?.err().map(|e| e.to_string()).unwrap_or_default());
+        assert!(
+            error(r#""val_filenames":["i/c.png","i/x.png"],"#)?
+                .contains("val_filenames[1]: no frame has the file i/x.png")
+        );
+        assert!(error(r#""val_filenames":[3],"#)?.contains("val_filenames[0]: is no text"));
+        assert!(
+            error(r#""train_filenames":["i/a.png"],"val_filenames":["i/a.png"],"#)?.contains("no view to train on")
+        );
+        std::fs::create_dir(root.join("m"))?;
+        std::fs::write(root.join("m/categories.json"), "{}")?;
+        assert_eq!(read("")??.views[0].mask_path, None);
         Ok(())
     }
 }

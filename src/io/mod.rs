@@ -2,25 +2,29 @@
 //! on input, and report one-line errors ([`IoError`]). Writers replace files atomically and write the same bytes for
 //! the same data each time.
 //!
-//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`). Views: [`dataset::read_views`] and
-//! [`camera_file`]. Float images: [`ktx2`].
+//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`). Views: [`dataset::read_views`],
+//! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Float images: [`ktx2`].
 
 mod bytes;
 pub mod camera_file;
 pub mod colmap;
 pub mod dataset;
 pub mod error;
+mod jpeg_end;
 pub mod ktx2;
 pub mod nerf;
 pub mod ply;
 mod ply_packed;
 mod ply_table;
+pub mod point_cloud;
 pub mod scene_file;
 pub mod scene_load;
 pub mod scene_write;
 pub mod splat;
 pub mod spz;
 mod spz_codec;
+pub mod view_image;
+mod view_resample;
 
 use std::fs;
 use std::io::{BufWriter, Write};
@@ -30,11 +34,13 @@ pub use camera_file::{read_cameras, write_cameras};
 pub use dataset::{Dataset, Split, View, read_views};
 pub use error::{IoError, Place};
 pub use ply::{read_ply, write_ply};
+pub use point_cloud::{LoadedPoints, read_points};
 pub use scene_file::read_scene_file;
 pub use scene_load::{LoadedScene, load_scene, save_scene};
 pub use scene_write::write_scene_file;
 pub use splat::read_splat;
 pub use spz::{read_spz, write_spz};
+pub use view_image::{LoadedView, ViewImage, load_view};
 
 /// Writes a file so that readers see the old content or all of the new: into a temporary file in the same folder, then
 /// a rename. On failure the old file is untouched and the temporary file is gone.

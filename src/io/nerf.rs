@@ -2,7 +2,13 @@
 //!
 //! Intrinsics stand in the file or in a frame, which wins: `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1`, `k2`, `p1`, `p2`,
 //! or `camera_angle_x` (and `_y`). A size that is not given is read from the image's own header.
+//!
+//! Of nerfstudio's additions: `mask_path` of a frame, and the lists `train_filenames`, `val_filenames` and
+//! `test_filenames`. The test split is `test_filenames`, or `val_filenames` if that is missing or empty; it wins over
+//! `train_filenames`. Frames that no list has are for training if there is no `train_filenames`; with
+//! `train_filenames` alone they are the test split. All others (validation beside a test split) are left out.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec4};
@@ -10,6 +16,7 @@ use serde_json::Value;
 
 use crate::io::camera_file::parse_json;
 use crate::io::colmap::{Distortion, PosedImage, stem};
+use crate::io::dataset::{Split, without_dots};
 use crate::io::error::{IoError, Place};
 use crate::io::read_bytes;
 use crate::scene::camera::Camera;
@@ -30,11 +37,52 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Vec<PosedImage>, Io
     let field = |name: &str, what: &str| IoError::new(path, what).at(Place::Field(name.into()));
     let frames =
         root.get("frames").and_then(Value::as_array).ok_or_else(|| field("frames", "is missing or not a list"))?;
-    frames
+    let mut images = frames
         .iter()
         .enumerate()
         .map(|(i, frame)| Frame { root: &root, frame, name: format!("frames[{i}]"), path }.read(folder))
-        .collect()
+        .collect::<Result<Vec<_>, _>>()?;
+    apply_filenames(&root, &mut images, path)?;
+    Ok(images)
+}
+
+/// Sets the split of all images, and removes those of no split, if the file has nerfstudio's lists.
+fn apply_filenames(root: &Value, images: &mut Vec<PosedImage>, path: &Path) -> Result<(), IoError> {
+    let known: BTreeSet<PathBuf> = images.iter().map(|i| without_dots(&i.file)).collect();
+    let list = |field: &str| -> Result<BTreeSet<PathBuf>, IoError> {
+        let Some(value) = root.get(field).filter(|v| !v.is_null()) else { return Ok(BTreeSet::new()) };
+        let fail = |place: String, what: String| IoError::new(path, what).at(Place::Field(place));
+        let names = value.as_array().ok_or_else(|| fail(field.into(), "is not a list".into()))?;
+        let name = |(i, name): (usize, &Value)| {
+            let place = || format!("{field}[{i}]");
+            let file = name.as_str().ok_or_else(|| fail(place(), "is no text".into()))?;
+            let file = without_dots(&with_ending(path.parent().unwrap_or(Path::new(".")), file));
+            let missing = || fail(place(), format!("no frame has the file {}", file.display()));
+            known.contains(&file).then_some(()).ok_or_else(missing)?;
+            Ok(file)
+        };
+        names.iter().enumerate().map(name).collect()
+    };
+    let (train, val, test) = (list("train_filenames")?, list("val_filenames")?, list("test_filenames")?);
+    if train.is_empty() && val.is_empty() && test.is_empty() {
+        return Ok(());
+    }
+    let held_out = if test.is_empty() { &val } else { &test };
+    images.retain_mut(|image| {
+        let file = without_dots(&image.file);
+        image.split = match (held_out.contains(&file), train.is_empty()) {
+            (true, _) => Some(Split::Test),
+            (false, true) => (!val.contains(&file)).then_some(Split::Train),
+            (false, false) if train.contains(&file) => Some(Split::Train),
+            (false, false) => held_out.is_empty().then_some(Split::Test),
+        };
+        image.split.is_some()
+    });
+    if !images.iter().any(|i| i.split == Some(Split::Train)) {
+        let error = IoError::new(path, "its lists of filenames leave no view to train on");
+        return Err(error.advise("a view for test or validation is never trained on"));
+    }
+    Ok(())
 }
 
 struct Frame<'a> {
@@ -101,7 +149,11 @@ impl Frame<'_> {
             view_from_world: self.view_from_world()?,
         };
         camera.validate().map_err(|e| self.error("transform_matrix", e))?;
-        Ok(PosedImage { camera, file, distortion })
+        let mask = match self.frame.get("mask_path").filter(|v| !v.is_null()) {
+            Some(value) => Some(value.as_str().ok_or_else(|| self.error("mask_path", "is no text"))?.to_owned()),
+            None => None,
+        };
+        Ok(PosedImage { camera, file, distortion, mask, split: None })
     }
 
     fn size(&self, image: &Path) -> Result<(u32, u32), IoError> {
@@ -157,6 +209,27 @@ fn with_ending(folder: &Path, file: &str) -> String {
 pub(crate) fn train_test_files(dataset: &Path) -> Option<(PathBuf, PathBuf)> {
     let pair = (dataset.join("transforms_train.json"), dataset.join("transforms_test.json"));
     (pair.0.is_file() && pair.1.is_file()).then_some(pair)
+}
+
+/// The point cloud that the dataset's `transforms.json`, else its `transforms_train.json`, names as `ply_file_path`.
+pub(crate) fn named_point_file(dataset: &Path) -> Result<Option<PathBuf>, IoError> {
+    const FIELD: &str = "ply_file_path";
+    for file in ["transforms.json", "transforms_train.json"] {
+        let path = dataset.join(file);
+        if !path.is_file() {
+            continue;
+        }
+        let root = parse_json(&read_bytes(&path)?, &path)?;
+        let Some(value) = root.get(FIELD).filter(|v| !v.is_null()) else { continue };
+        let fail = |what: String| IoError::new(&path, what).at(Place::Field(FIELD.into()));
+        let named = dataset.join(without_dots(value.as_str().ok_or_else(|| fail("is no text".into()))?));
+        if !named.is_file() {
+            let error = fail(format!("there is no file {}", named.display()));
+            return Err(error.advise("copy it there, or remove the field"));
+        }
+        return Ok(Some(named));
+    }
+    Ok(None)
 }
 
 #[cfg(test)]

@@ -74,6 +74,13 @@ pub(crate) struct Property {
     list_count: Option<Scalar>,
 }
 
+impl Property {
+    /// True for a value of a floating-point type.
+    pub(crate) fn is_float(&self) -> bool {
+        matches!(self.kind, Scalar::F32 | Scalar::F64)
+    }
+}
+
 /// An element: `count` rows of the same properties.
 #[derive(Clone, Debug)]
 pub(crate) struct Element {
@@ -227,7 +234,10 @@ impl<'a> PlyTable<'a> {
             let sink = sinks.iter_mut().find(|(name, _)| *name == element.name).map(|(_, sink)| sink);
             wanted -= usize::from(sink.is_some());
             if sink.is_some() && element.has_lists() {
-                let what = format!("element {} has a list property, which a Gaussian cloud has not", element.name);
+                let what = format!(
+                    "element {} has a list property, which clouds of points or Gaussians have not",
+                    element.name
+                );
                 return Err(IoError::new(self.path, what));
             }
             position = match sink {

@@ -5,9 +5,11 @@ pub mod flatten;
 pub mod gaussians;
 pub mod instanced_scene;
 pub mod offsets;
+pub mod point_cloud;
 pub mod trajectory;
 
 pub use camera::Camera;
 pub use gaussians::Gaussians;
 pub use instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
 pub use offsets::Offsets;
+pub use point_cloud::PointCloud;

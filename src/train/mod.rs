@@ -4,4 +4,5 @@
 //! (what happened), [`report`] (what came out), [`interrupt`] (Ctrl-C). Checkpoints are [`crate::io::checkpoint`].
 
 pub mod config;
+pub mod initial;
 pub mod view_order;

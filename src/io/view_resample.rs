@@ -1,0 +1,116 @@
+//! Undistortion and downscaling of view images. Both average colours weighted by coverage, that is premultiplied, and
+//! leave ignored pixels out; a result more than half of whose weight is ignored is ignored itself.
+
+use crate::io::view_image::{IGNORED, ViewImage};
+use crate::math::distortion::Distortion;
+use crate::scene::camera::Camera;
+
+/// The picture that a pinhole camera with the same intrinsics takes: for every pixel centre the place in `image` where
+/// the lens drew it, read bilinearly. A place outside the image, or beyond the radius where the model folds over, gives
+/// an ignored pixel; within half a pixel of the border the outermost pixels count for what is missing.
+pub(crate) fn undistort(image: &ViewImage, camera: &Camera, distortion: &Distortion) -> ViewImage {
+    let (width, height) = (f64::from(image.width), f64::from(image.height));
+    let fold = distortion.fold_radius_squared();
+    let mut rgba = Vec::with_capacity(image.rgba.len());
+    for j in 0..image.height {
+        let y = (f64::from(j) + 0.5 - camera.cy) / camera.fy;
+        for i in 0..image.width {
+            let x = (f64::from(i) + 0.5 - camera.cx) / camera.fx;
+            let [xd, yd] = distortion.distort(x, y);
+            let (u, v) = (camera.fx * xd + camera.cx, camera.fy * yd + camera.cy);
+            // A NaN is not inside.
+            let inside = (0.0..=width).contains(&u) && (0.0..=height).contains(&v) && x * x + y * y < fold;
+            rgba.push(if inside { bilinear(image, u - 0.5, v - 0.5) } else { [0, 0, 0, IGNORED] });
+        }
+    }
+    ViewImage { rgba, ..*image }
+}
+
+/// The value at (u, v), where whole numbers are pixel centres.
+fn bilinear(image: &ViewImage, u: f64, v: f64) -> [u8; 4] {
+    let clamp = |at: f64, count: u32| (at.max(0.0) as u32).min(count - 1) as usize;
+    let (left, top) = (u.floor(), v.floor());
+    let (a, b) = (u - left, v - top);
+    let mut sums = [0.0; 5];
+    for (row, in_row) in [(top, 1.0 - b), (top + 1.0, b)] {
+        for (column, weight) in [(left, in_row * (1.0 - a)), (left + 1.0, in_row * a)] {
+            let [r, g, b, covered] =
+                image.rgba[clamp(row, image.height) * image.width as usize + clamp(column, image.width)];
+            if covered != IGNORED {
+                let opaque = weight * f64::from(covered - 1);
+                let add = [opaque * f64::from(r), opaque * f64::from(g), opaque * f64::from(b), opaque, weight];
+                (0..5).for_each(|k| sums[k] += add[k]);
+            }
+        }
+    }
+    let [r, g, b, opaque, seen] = sums;
+    if seen < 0.5 {
+        return [0, 0, 0, IGNORED];
+    }
+    // The cast saturates and takes the NaN of a wholly transparent pixel to 0.
+    let colour = |sum: f64| (sum / opaque + 0.5) as u8;
+    [colour(r), colour(g), colour(b), 1 + (opaque / seen + 0.5) as u8]
+}
+
+/// The size that `width` stands for: the height keeps the aspect ratio, rounded, and neither is 0.
+pub(crate) fn downscaled_size(old_width: u32, old_height: u32, width: u32) -> [u32; 2] {
+    let width = width.max(1);
+    let (w, h, new) = (u64::from(old_width), u64::from(old_height), u64::from(width));
+    let height = (2 * h * new + w) / (2 * w);
+    [width, u32::try_from(height).unwrap_or(u32::MAX).max(1)]
+}
+
+/// Box average: a new pixel covers `old / new` old ones per axis, parts of pixels count by their area. The sums are of
+/// whole numbers, so the only rounding is that of the result, to nearest. `width` and `height` are at least 1 and at
+/// most the image's.
+pub(crate) fn downscale(image: &ViewImage, width: u32, height: u32) -> ViewImage {
+    let columns = boxes(image.width, width);
+    let rows = boxes(image.height, height);
+    let mut rgba = Vec::with_capacity(width as usize * height as usize);
+    let mut sums = vec![[0u64; 5]; width as usize];
+    for row in &rows {
+        sums.fill([0; 5]);
+        for &(j, in_row) in row {
+            let start = j * image.width as usize;
+            let line = &image.rgba[start..start + image.width as usize];
+            for (sum, column) in sums.iter_mut().zip(&columns) {
+                for &(i, in_column) in column {
+                    add(sum, line[i], in_row * in_column);
+                }
+            }
+        }
+        let whole = u64::from(image.width) * u64::from(image.height);
+        rgba.extend(sums.iter().map(|sum| averaged(sum, whole)));
+    }
+    ViewImage { width, height, rgba }
+}
+
+/// For each of `new` equal parts of `old` pixels: the pixels it touches, with their shares in units of 1/`new` pixel.
+/// The shares of one part add up to `old`.
+fn boxes(old: u32, new: u32) -> Vec<Vec<(usize, u64)>> {
+    let (old, new) = (u64::from(old), u64::from(new));
+    let part = |i: u64| {
+        let (start, end) = (i * old, (i + 1) * old);
+        let pixels = start / new..end.div_ceil(new);
+        pixels.map(|k| (k as usize, ((k + 1) * new).min(end) - (k * new).max(start))).collect()
+    };
+    (0..new).map(part).collect()
+}
+
+/// Adds a pixel to the sums of red, green, blue (times coverage), coverage and weight. Below 2^44 for images of 2^14
+/// pixels a side.
+fn add(sum: &mut [u64; 5], [r, g, b, covered]: [u8; 4], weight: u64) {
+    if covered != IGNORED {
+        let opaque = weight * u64::from(covered - 1);
+        let terms = [opaque * u64::from(r), opaque * u64::from(g), opaque * u64::from(b), opaque, weight];
+        (0..5).for_each(|k| sum[k] += terms[k]);
+    }
+}
+
+fn averaged(&[r, g, b, opaque, seen]: &[u64; 5], whole: u64) -> [u8; 4] {
+    if 2 * seen < whole {
+        return [0, 0, 0, IGNORED];
+    }
+    let rounded = |sum: u64, by: u64| (2 * sum + by).checked_div(2 * by).unwrap_or(0) as u8;
+    [rounded(r, opaque), rounded(g, opaque), rounded(b, opaque), 1 + rounded(opaque, seen)]
+}

@@ -1,0 +1,78 @@
+//! Lens distortion of the OpenCV model with two radial and two tangential terms, on normalised image coordinates.
+
+/// Radial and tangential lens distortion of the OpenCV model. Coordinates are those of the view's plane z = 1 (x right,
+/// y down, no unit): `x = (u - cx) / fx`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Distortion {
+    /// Radial, second order.
+    pub k1: f64,
+    /// Radial, fourth order.
+    pub k2: f64,
+    /// Tangential.
+    pub p1: f64,
+    /// Tangential.
+    pub p2: f64,
+}
+
+impl Distortion {
+    /// `None` if all four are zero: then nothing needs to be undone.
+    pub fn if_any(self) -> Option<Self> {
+        (self != Self::default()).then_some(self)
+    }
+
+    /// Where the lens draws what a pinhole would draw at (x, y).
+    pub fn distort(&self, x: f64, y: f64) -> [f64; 2] {
+        let Self { k1, k2, p1, p2 } = *self;
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * k2);
+        [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ]
+    }
+
+    /// Squared radius from which the radial terms fold the picture over: the drawn radius `r (1 + k1 r^2 + k2 r^4)`
+    /// grows up to there and no further. Infinite if it grows everywhere. The model says nothing from there on.
+    pub fn fold_radius_squared(&self) -> f64 {
+        // The derivative is 1 + 3 k1 s + 5 k2 s^2 with s = r^2; this is its smallest positive root, in the form that
+        // needs no division by a k2 of zero: s = 2 c / (-b + sqrt(b^2 - 4 a c)), or the same with the other sign.
+        let (a, b) = (5.0 * self.k2, 3.0 * self.k1);
+        let discriminant = b * b - 4.0 * a;
+        if discriminant < 0.0 {
+            return f64::INFINITY;
+        }
+        let roots = [discriminant.sqrt(), -discriminant.sqrt()].map(|d| 2.0 / (d - b));
+        roots.into_iter().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// x = 0.5, y = -0.25: r^2 = 0.3125, radial = 1 + 0.03125 - 0.01953125 = 1.01171875; by hand.
+    #[test]
+    fn the_model_by_hand() {
+        let d = Distortion { k1: 0.1, k2: -0.2, p1: 0.01, p2: -0.02 };
+        let [x, y] = d.distort(0.5, -0.25);
+        let want_x = 0.505859375 + 2.0 * 0.01 * -0.125 - 0.02 * (0.3125 + 0.5);
+        let want_y = -0.2529296875 + 0.01 * (0.3125 + 0.125) + 2.0 * -0.02 * -0.125;
+        assert!((x - want_x).abs() < 1e-15 && (y - want_y).abs() < 1e-15, "{x} {y}");
+        assert_eq!(Distortion::default().distort(3.0, 4.0), [3.0, 4.0]);
+        assert_eq!((Distortion::default().if_any(), d.if_any()), (None, Some(d)));
+    }
+
+    #[test]
+    fn the_fold_is_where_the_drawn_radius_stops_growing() {
+        let fold = |k1, k2| Distortion { k1, k2, ..Distortion::default() }.fold_radius_squared();
+        // No root, none positive, one (k2 = 0), two, and one of each sign.
+        assert_eq!((fold(0.0, 0.0), fold(0.3, 0.0), fold(0.1, 0.2)), (f64::INFINITY, f64::INFINITY, f64::INFINITY));
+        assert!((fold(-0.25, 0.0) - 4.0 / 3.0).abs() < 1e-15);
+        for (k1, k2) in [(-0.25, 0.0), (-0.5, 0.05), (0.3, -0.1), (0.0, -0.2), (-0.2, -0.1)] {
+            let s: f64 = fold(k1, k2);
+            let drawn = |r2: f64| Distortion { k1, k2, p1: 0.0, p2: 0.0 }.distort(r2.sqrt(), 0.0)[0];
+            let grows = (1..1000).all(|i| drawn(s * f64::from(i) / 1000.0) > drawn(s * f64::from(i - 1) / 1000.0));
+            assert!(s.is_finite() && grows && drawn(s * 1.01) < drawn(s), "{k1} {k2}: {s}");
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! What training starts from: Gaussians at the points of a dataset, or at random where its cameras look.
+
+use std::num::NonZero;
+
+use glam::{DMat3, DVec3};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+
+use crate::math::rng::Rng;
+use crate::math::sh::SH_C0;
+use crate::scene::gaussians::sh_coefficients;
+use crate::scene::{Camera, Gaussians, PointCloud};
+
+/// The size of a Gaussian comes from this many nearest neighbours.
+const NEIGHBOURS: usize = 3;
+/// Smallest mean squared distance to the neighbours, square scene units: points that coincide get this.
+const MIN_SQUARED_DISTANCE: f64 = 1e-7;
+/// Opacity of every Gaussian.
+const OPACITY: f64 = 0.1;
+/// INRIA's margin around the cameras.
+const EXTENT_MARGIN: f64 = 1.1;
+/// Random points are drawn again up to this many times until a camera sees them.
+const TRIES: usize = 64;
+/// A random point is seen if it is this far in front of a camera, in half sides of the box.
+const MIN_DEPTH: f64 = 0.02;
+
+/// A Gaussian for every point, in the same order: its colour as SH coefficient 0 (`(rgb - 0.5) / C0`), the others 0;
+/// round, of a deviation that is the root mean square distance to the three nearest other points (all others if there
+/// are fewer), at least sqrt(1e-7) scene units; opacity 0.1. Positions must be finite. The same points give the same bits.
+pub fn from_points(points: &PointCloud, sh_degree: u32) -> Gaussians {
+    let mut out = Gaussians::with_capacity(sh_degree, points.len());
+    let logit = (OPACITY / (1.0 - OPACITY)).ln() as f32;
+    for (squared, (position, color)) in
+        mean_squared_distances(&points.positions).into_iter().zip(points.positions.iter().zip(&points.colors))
+    {
+        out.means.push(*position);
+        out.quats.push([1.0, 0.0, 0.0, 0.0]);
+        out.log_scales.push([(0.5 * squared.max(MIN_SQUARED_DISTANCE).ln()) as f32; 3]);
+        out.opacity_logits.push(logit);
+        out.sh.push(color.map(|c| ((f64::from(c) / 255.0 - 0.5) / SH_C0) as f32));
+        out.sh.resize(out.means.len() * sh_coefficients(sh_degree), [0.0; 3]);
+    }
+    out
+}
+
+/// Mean of the squared distances of each point to its three nearest others, square scene units; 0 for a point alone.
+fn mean_squared_distances(positions: &[[f32; 3]]) -> Vec<f64> {
+    let wide: Vec<[f64; 3]> = positions.iter().map(|p| p.map(f64::from)).collect();
+    let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&wide);
+    // The point itself is among them at distance 0, or another one in the same place, which is as good.
+    let count = NonZero::new(NEIGHBOURS + 1).unwrap_or(NonZero::<usize>::MIN);
+    let mean = |p: &[f64; 3]| {
+        let nearest = tree.nearest_n::<SquaredEuclidean>(p, count);
+        let others = nearest.len().saturating_sub(1);
+        nearest.iter().skip(1).map(|n| n.distance).sum::<f64>() / others.max(1) as f64
+    };
+    wide.par_iter().map(mean).collect()
+}
+
+/// `count` Gaussians as of [`from_points`] at random places that at least one camera sees, of random colours, for
+/// datasets without points. Places are uniform in the part of a cube that is seen; one that 64 draws do not hit stays
+/// where it fell. `cameras` must not be empty.
+///
+/// The cube: if the cameras look at something in common (the point nearest to all optical axes lies before more than
+/// half of them), it is centred there, and its half side is the largest distance of a camera from their mean, or half
+/// the median distance of that point if that is more. Otherwise (a room taken from within, parallel axes, one camera) it is
+/// centred on the cameras with three times that half side, 1 standing for a distance of 0.
+pub fn random_in_view(cameras: &[Camera], count: usize, seed: u64, sh_degree: u32) -> Gaussians {
+    let (centre, half_side) = region_in_view(cameras);
+    let mut rng = Rng::new(seed);
+    let mut points = PointCloud::default();
+    for _ in 0..count {
+        let mut place = centre;
+        for _ in 0..TRIES {
+            let mut axis = || rng.range(-half_side, half_side);
+            place = centre + DVec3::new(axis(), axis(), axis());
+            if cameras.iter().any(|c| sees(c, place, MIN_DEPTH * half_side)) {
+                break;
+            }
+        }
+        points.positions.push(place.as_vec3().to_array());
+        let color = rng.next_u32().to_le_bytes();
+        points.colors.push([color[0], color[1], color[2]]);
+    }
+    from_points(&points, sh_degree)
+}
+
+/// Centre and half side of the cube of [`random_in_view`].
+fn region_in_view(cameras: &[Camera]) -> (DVec3, f64) {
+    let (mean, spread) = mean_and_spread(cameras);
+    if let Some(focus) = focus(cameras) {
+        let mut depths: Vec<f64> = cameras.iter().map(|c| depth(c, focus)).collect();
+        let middle = depths.len() / 2;
+        let median = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let before = cameras.iter().filter(|c| depth(c, focus) > 0.0).count();
+        if 2 * before > cameras.len() {
+            return (focus, spread.max(0.5 * median));
+        }
+    }
+    (mean, 3.0 * if is_apart(mean, spread) { spread } else { 1.0 })
+}
+
+/// The point with the least sum of squared distances to the optical axes; `None` if they are as good as parallel.
+fn focus(cameras: &[Camera]) -> Option<DVec3> {
+    let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
+    for camera in cameras {
+        let forward = camera.rotation().row(2);
+        let across = DMat3::IDENTITY - DMat3::from_cols(forward * forward.x, forward * forward.y, forward * forward.z);
+        matrix += across;
+        right += across * camera.position_world();
+    }
+    // Of axes an angle a apart the determinant is about a^2 / 2 (per camera): 1e-4 is about one degree.
+    let per_camera = matrix.determinant() / (cameras.len() as f64).powi(3);
+    (per_camera > 1e-4).then(|| matrix.inverse() * right)
+}
+
+fn view_space(camera: &Camera, place: DVec3) -> DVec3 {
+    camera.rotation() * place + camera.translation()
+}
+
+fn depth(camera: &Camera, place: DVec3) -> f64 {
+    view_space(camera, place).z
+}
+
+fn sees(camera: &Camera, place: DVec3, min_depth: f64) -> bool {
+    let v = view_space(camera, place);
+    let (x, y) = (camera.fx * v.x / v.z + camera.cx, camera.fy * v.y / v.z + camera.cy);
+    v.z > min_depth && (0.0..f64::from(camera.width)).contains(&x) && (0.0..f64::from(camera.height)).contains(&y)
+}
+
+/// The mean of the camera centres, and the largest distance of one from it; scene units.
+fn mean_and_spread(cameras: &[Camera]) -> (DVec3, f64) {
+    let centres: Vec<DVec3> = cameras.iter().map(Camera::position_world).collect();
+    let mean = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
+    (mean, centres.iter().map(|c| c.distance(mean)).fold(0.0, f64::max))
+}
+
+/// False if cameras that far from their mean stand in one place but for rounding.
+fn is_apart(mean: DVec3, spread: f64) -> bool {
+    spread > 1e-6 * mean.length().max(1.0)
+}
+
+/// The size of the scene in scene units, as INRIA defines it: 1.1 times the largest distance of a camera from the mean
+/// of all. It scales learning rates of positions and thresholds of sizes. If all cameras stand in one place, the
+/// distance from there to the median of `points` instead, or 1 if that says nothing either.
+pub fn scene_extent(cameras: &[Camera], points: &PointCloud) -> f64 {
+    let (mean, spread) = mean_and_spread(cameras);
+    if is_apart(mean, spread) {
+        return EXTENT_MARGIN * spread;
+    }
+    let distance = points.median().map_or(0.0, |median| median.distance(mean));
+    if is_apart(mean, distance) { distance } else { 1.0 }
+}
+
+#[cfg(test)]
+#[path = "initial_tests.rs"]
+mod tests;
