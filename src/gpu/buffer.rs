@@ -106,6 +106,15 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     }
 }
 
+impl<T: bytemuck::AnyBitPattern + bytemuck::NoUninit> Buffer<T> {
+    /// Element `index` of a buffer made with [`Buffer::for_readback`], once the copy into it is done; zeros for any other buffer.
+    pub fn read_mapped(&self, index: usize) -> T {
+        let first = index * size_of::<T>();
+        let bytes = self.mapped().and_then(|all| all.get(first..first + size_of::<T>()));
+        bytes.map_or_else(T::zeroed, bytemuck::pod_read_unaligned)
+    }
+}
+
 /// An element type that is made of f32 alone.
 pub trait Floats: bytemuck::Pod {}
 impl Floats for f32 {}

@@ -94,7 +94,7 @@ pub fn record_gradients(
     inputs: &BackwardInputs<'_>,
     frame: &FrameBuffers,
     buffers: &mut BackwardBuffers,
-    log: &mut StepLog,
+    log: &StepLog,
     gradients: &mut GradientBuffers,
 ) -> Result<(), GpuError> {
     record_blend_backward(recorder, inputs, frame, buffers)?;
@@ -177,7 +177,7 @@ fn record_gather(
     inputs: &BackwardInputs<'_>,
     frame: &FrameBuffers,
     buffers: &BackwardBuffers,
-    log: &mut StepLog,
+    log: &StepLog,
     gradients: &mut GradientBuffers,
 ) -> Result<(), GpuError> {
     let scene = inputs.forward.scene;
@@ -201,7 +201,7 @@ fn record_gather(
         sh1_gradients,
         sh2_gradients,
         sh3_gradients,
-        screen_statistics: &mut log.screen_statistics,
+        screen_statistics: &mut gradients.screen_statistics,
         status: &log.status,
     };
     let grid = Grid::groups(inputs.tables.chunk_count);

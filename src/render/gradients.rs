@@ -29,6 +29,9 @@ pub struct GradientBuffers {
     pub offset_sh_dc: Buffer<[f32; 3]>,
     /// By offsets of opacity logits.
     pub offset_opacity_logits: Buffer<f32>,
+    /// Sums over steps, by source, for densification: length of the gradient by the screen mean in units of half the image,
+    /// views seen in, and the largest of three standard deviations on the screen, px.
+    pub screen_statistics: Buffer<[f32; 3]>,
 }
 
 impl GradientBuffers {
@@ -44,6 +47,7 @@ impl GradientBuffers {
             offset_means: Buffer::new(gpu, "gradients, offset means", scene.offset_means.len())?,
             offset_sh_dc: Buffer::new(gpu, "gradients, offset sh_dc", scene.offset_sh_dc.len())?,
             offset_opacity_logits: Buffer::new(gpu, "gradients, offset logits", scene.offset_opacity_logits.len())?,
+            screen_statistics: upload(gpu, "screen statistics", &vec![[0.0; 3]; scene.means.len()])?,
         })
     }
 
@@ -57,6 +61,7 @@ impl GradientBuffers {
             + self.offset_means.bytes()
             + self.offset_sh_dc.bytes()
             + self.offset_opacity_logits.bytes()
+            + self.screen_statistics.bytes()
     }
 }
 
@@ -190,19 +195,16 @@ pub struct StepLog {
     pub records: Buffer<types::StepRecord>,
     /// Its copies for the host, one per step in flight.
     pub readback: Vec<Buffer<types::StepRecord>>,
-    /// Densification statistics by source: see `gather_gradients`.
-    pub screen_statistics: Buffer<[f32; 3]>,
 }
 
 impl StepLog {
-    /// A log for `in_flight` submitted steps of a scene with `sources` source Gaussians; all zero.
-    pub fn new(gpu: &Arc<Gpu>, in_flight: usize, sources: usize) -> Result<Self, GpuError> {
+    /// A log for `in_flight` submitted steps; all zero.
+    pub fn new(gpu: &Arc<Gpu>, in_flight: usize) -> Result<Self, GpuError> {
         let readback = |i| Buffer::for_readback(gpu, &format!("step records {i}"), LOG_STEPS as usize);
         Ok(Self {
             status: upload(gpu, "status", &[0; STATUS_COUNT as usize])?,
             records: upload(gpu, "step records", &[types::StepRecord::default(); LOG_STEPS as usize])?,
             readback: (0..in_flight).map(readback).collect::<Result<_, _>>()?,
-            screen_statistics: upload(gpu, "screen statistics", &vec![[0.0; 3]; sources])?,
         })
     }
 }

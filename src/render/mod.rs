@@ -14,6 +14,7 @@ pub mod picture;
 pub mod plan;
 pub mod renderer;
 pub mod scan;
+pub mod scene_download;
 pub mod self_test;
 pub mod sort;
 pub mod train_frame;

@@ -173,7 +173,7 @@ impl TrainFrame {
         recorder: &mut Recorder,
         (scene, tables): (&DeviceScene, &SourceTables),
         view: &TrainView<'_>,
-        log: &mut StepLog,
+        log: &StepLog,
         gradients: &mut GradientBuffers,
     ) -> Result<(), RenderError> {
         let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
@@ -198,6 +198,15 @@ impl TrainFrame {
         check_fits("visible Gaussians of a training view", record.visible, most_splats)?;
         self.intersections = self.intersections.max(grown(record.intersections, most));
         Ok(true)
+    }
+
+    /// The kernels of the backward pass, Adam among them.
+    ///
+    /// # Panics
+    /// Before the first `prepare`.
+    pub fn backward_pipelines(&self) -> &BackwardPipelines {
+        let Some((_, backward)) = &self.pipelines else { unreachable!("prepare runs before every recording") };
+        backward
     }
 
     /// Pairs of splat and tile that the buffers hold.

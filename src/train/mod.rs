@@ -4,5 +4,7 @@
 //! (what happened), [`report`] (what came out), [`interrupt`] (Ctrl-C). Checkpoints are [`crate::io::checkpoint`].
 
 pub mod config;
+pub mod device_state;
 pub mod initial;
+pub mod step_runner;
 pub mod view_order;

@@ -59,7 +59,7 @@ impl GradientRunner {
         let cotangents: Vec<[f32; 4]> = cotangents.iter().map(|c| c.map(|v| v as f32)).collect();
         let mut redone = 0;
         loop {
-            let mut log = StepLog::new(&gpu, 1, scene.templates.len() + scene.background.len()).unwrap();
+            let mut log = StepLog::new(&gpu, 1).unwrap();
             self.frame.prepare(&device_scene, [camera.width, camera.height], scene.sh_degree()).unwrap();
             let recorder = &mut self.recorder;
             self.frame.record_forward(recorder, &device_scene, &view).unwrap();
@@ -72,7 +72,7 @@ impl GradientRunner {
             // The loss's own gradient is replaced by the one asked for.
             let (_, backward) = self.frame.buffers_mut().unwrap();
             write(&gpu, &mut backward.cotangents, &cotangents).unwrap();
-            self.frame.record_gradients(recorder, (&device_scene, &tables), &view, &mut log, &mut gradients).unwrap();
+            self.frame.record_gradients(recorder, (&device_scene, &tables), &view, &log, &mut gradients).unwrap();
             let ticket = recorder.submit().unwrap();
             recorder.wait(ticket).unwrap();
             if !self.frame.grow(&record).unwrap() {

@@ -1,0 +1,240 @@
+//! Submits training steps, a few ahead of the device, and does steps again whose buffers were too small.
+//!
+//! A step that does not fit raises a flag on the device that turns it and every later step into a no-op. The host sees
+//! the flag when it collects the step, enlarges the buffers, lowers the flag and submits the same steps again: what is
+//! learned does not depend on the sizes of buffers.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crate::gpu::interface::constants::{LOG_STEPS, STATUS_COUNT};
+use crate::gpu::interface::types::StepRecord;
+use crate::gpu::staging::write;
+use crate::gpu::{Buffer, Gpu, Recorder, Ticket};
+use crate::kernels::Variant;
+use crate::optim::Adam;
+use crate::render::{RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
+use crate::scene::Camera;
+
+use super::config::Rates;
+use super::device_state::DeviceState;
+
+/// Steps submitted and not yet collected. Two keep the device busy while the host records.
+const IN_FLIGHT: usize = 2;
+
+/// A training picture on the device.
+pub struct DeviceView {
+    /// The camera, of the picture's size.
+    pub camera: Camera,
+    /// RGBA of 8 bits, row by row from the top; the last byte as in `io::view_image`.
+    pub targets: Buffer<u32>,
+}
+
+/// All that a step depends on besides parameters: made from its number alone, so that it can be made again.
+#[derive(Clone, Debug)]
+pub struct StepPlan {
+    /// Index of the step, from 0.
+    pub step: u64,
+    /// Which training picture.
+    pub view: usize,
+    /// Rendering options, the background of this step included.
+    pub options: RenderOptions,
+    /// Learning rates.
+    pub rates: Rates,
+    /// SH degree in use.
+    pub sh_degree: u32,
+    /// Weight of 1 - SSIM in the loss.
+    pub lambda_dssim: f32,
+    /// Adam's constants, with the step counted from 1.
+    pub adam: Adam,
+}
+
+/// What a step did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepOutcome {
+    /// Index of the step.
+    pub step: u64,
+    /// Mean absolute error.
+    pub l1: f64,
+    /// Mean SSIM.
+    pub ssim: f64,
+    /// Mean squared error.
+    pub mse: f64,
+    /// Splats drawn.
+    pub visible: u32,
+    /// (splat, tile) pairs.
+    pub intersections: u32,
+}
+
+/// Where the time of steps goes.
+#[derive(Clone, Debug, Default)]
+pub struct StepTimes {
+    /// Seconds of the host waiting for the device.
+    pub waiting: Duration,
+    /// Steps collected.
+    pub steps: u64,
+    /// Milliseconds per kernel, summed over these steps.
+    pub passes_ms: BTreeMap<&'static str, f64>,
+}
+
+struct InFlight {
+    plan: StepPlan,
+    ticket: Ticket,
+    slot: usize,
+}
+
+/// Runs steps on a [`DeviceState`].
+pub struct StepRunner {
+    gpu: Arc<Gpu>,
+    frame: TrainFrame,
+    log: StepLog,
+    recorders: Vec<Recorder>,
+    in_flight: VecDeque<InFlight>,
+    next_slot: usize,
+    largest_px: [u32; 2],
+    times: StepTimes,
+    /// Buffers enlarged since the last look.
+    grown: Vec<u32>,
+}
+
+impl StepRunner {
+    /// A runner for pictures up to `largest_px`; `profile` times every pass.
+    pub fn new(gpu: &Arc<Gpu>, variant: Variant, largest_px: [u32; 2], profile: bool) -> Result<Self, RenderError> {
+        let recorder = |_| if profile { Recorder::with_profiler(gpu) } else { Recorder::new(gpu) };
+        Ok(Self {
+            gpu: gpu.clone(),
+            frame: TrainFrame::new(gpu, variant)?,
+            log: StepLog::new(gpu, IN_FLIGHT)?,
+            recorders: (0..IN_FLIGHT).map(recorder).collect::<Result<_, _>>()?,
+            in_flight: VecDeque::new(),
+            next_slot: 0,
+            largest_px,
+            times: StepTimes::default(),
+            grown: Vec::new(),
+        })
+    }
+
+    /// The passes and their buffers.
+    pub fn frame(&self) -> &TrainFrame {
+        &self.frame
+    }
+
+    /// Threads per work-group, which is also the size of chunks.
+    pub fn chunk_size(&self) -> u32 {
+        self.frame.variant().workgroup_size
+    }
+
+    /// Where the time went since the last call.
+    pub fn take_times(&mut self) -> StepTimes {
+        std::mem::take(&mut self.times)
+    }
+
+    /// Intersection capacities that buffers were enlarged to since the last call.
+    pub fn take_grown(&mut self) -> Vec<u32> {
+        std::mem::take(&mut self.grown)
+    }
+
+    /// Submits a step, after collecting an earlier one if enough are on their way. Outcomes come in order of steps.
+    ///
+    /// # Errors
+    /// The device failed, or the step needs more than it can hold.
+    pub fn submit(
+        &mut self,
+        state: &mut DeviceState,
+        views: &[DeviceView],
+        plan: StepPlan,
+    ) -> Result<Option<StepOutcome>, RenderError> {
+        let outcome = if self.in_flight.len() >= IN_FLIGHT { self.collect(state, views)? } else { None };
+        self.record(state, views, plan)?;
+        Ok(outcome)
+    }
+
+    /// The outcome of the oldest step that has not been collected; `None` if there is none.
+    pub fn collect(
+        &mut self,
+        state: &mut DeviceState,
+        views: &[DeviceView],
+    ) -> Result<Option<StepOutcome>, RenderError> {
+        loop {
+            let Some(oldest) = self.in_flight.front() else { return Ok(None) };
+            let (slot, step) = (oldest.slot, oldest.plan.step);
+            let start = Instant::now();
+            self.recorders[slot].wait(oldest.ticket)?;
+            self.times.waiting += start.elapsed();
+            let record = read_record(&self.log.readback[slot], step);
+            if self.frame.grow(&record)? {
+                self.redo(state, views)?;
+                continue;
+            }
+            for (pass, ms) in self.recorders[slot].passes_ms()? {
+                *self.times.passes_ms.entry(pass).or_default() += ms;
+            }
+            self.times.steps += 1;
+            self.in_flight.pop_front();
+            return Ok(Some(outcome(step, &record)));
+        }
+    }
+
+    /// After an overflow of the oldest step: larger buffers, then the same steps in the same order.
+    fn redo(&mut self, state: &mut DeviceState, views: &[DeviceView]) -> Result<(), RenderError> {
+        self.gpu.wait_all()?;
+        self.grown.push(self.frame.intersections());
+        write(&self.gpu, &mut self.log.status, &[0; STATUS_COUNT as usize])?;
+        let plans: Vec<StepPlan> = self.in_flight.drain(..).map(|flight| flight.plan).collect();
+        plans.into_iter().try_for_each(|plan| self.record(state, views, plan))
+    }
+
+    fn record(&mut self, state: &mut DeviceState, views: &[DeviceView], plan: StepPlan) -> Result<(), RenderError> {
+        let slot = self.next_slot;
+        let result = self.record_in(state, views, &plan, slot);
+        if result.is_err() {
+            self.recorders[slot].abandon();
+        }
+        let ticket = result?;
+        self.next_slot = (slot + 1) % IN_FLIGHT;
+        self.in_flight.push_back(InFlight { plan, ticket, slot });
+        Ok(())
+    }
+
+    fn record_in(
+        &mut self,
+        state: &mut DeviceState,
+        views: &[DeviceView],
+        plan: &StepPlan,
+        slot: usize,
+    ) -> Result<Ticket, RenderError> {
+        let view = &views[plan.view];
+        let train_view = TrainView { camera: &view.camera, options: plan.options };
+        let step = plan.step as u32;
+        self.frame.prepare(&state.scene, self.largest_px, plan.sh_degree)?;
+        let recorder = &mut self.recorders[slot];
+        self.frame.record_forward(recorder, &state.scene, &train_view)?;
+        let loss = (&view.targets, plan.lambda_dssim);
+        self.frame.record_loss(recorder, &state.scene, &train_view, loss, (&mut self.log, step))?;
+        let scene = (&state.scene, &state.tables);
+        self.frame.record_gradients(recorder, scene, &train_view, &self.log, &mut state.gradients)?;
+        let pipelines = self.frame.backward_pipelines();
+        let adam = (pipelines, self.frame.variant().workgroup_size);
+        state.record_adam(recorder, adam, &self.log, &plan.adam, &plan.rates, plan.sh_degree)?;
+        let readback = &mut self.log.readback[slot];
+        let bytes = readback.bytes();
+        recorder.copy(&self.log.records, readback, bytes)?;
+        Ok(recorder.submit()?)
+    }
+}
+
+fn read_record(ring: &Buffer<StepRecord>, step: u64) -> StepRecord {
+    ring.read_mapped((step as u32 % LOG_STEPS) as usize)
+}
+
+fn outcome(step: u64, record: &StepRecord) -> StepOutcome {
+    StepOutcome {
+        step,
+        l1: f64::from(record.l1),
+        ssim: f64::from(record.ssim),
+        mse: f64::from(record.mse),
+        visible: record.visible,
+        intersections: record.intersections,
+    }
+}
