@@ -34,8 +34,10 @@ fn main() {
     let cameras: Vec<_> = train.iter().map(|v| v.camera.clone()).collect();
     let extent = scene_extent(&cameras, &points);
     let scene = InstancedScene::from_cloud(from_points(&points, config.sh_degree));
+    let mut variant = Variant::for_device(gpu.caps());
+    if std::env::var("BUTTERFLY").is_ok() { variant.transpose_moments = false; }
     let largest = [train.iter().map(|v| v.camera.width).max().unwrap(), train.iter().map(|v| v.camera.height).max().unwrap()];
-    let mut runner = StepRunner::new(&gpu, Variant::for_device(gpu.caps()), largest, true).unwrap();
+    let mut runner = StepRunner::new(&gpu, variant, largest, true).unwrap();
     let mut state = DeviceState::new(&gpu, &scene, runner.chunk_size()).unwrap();
     println!("{} views {largest:?}, {} Gaussians, extent {extent:.3}", views.len(), scene.background.len());
     let mut order = ViewOrder::new(0, views.len());

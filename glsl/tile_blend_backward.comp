@@ -82,7 +82,7 @@ void main() {
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
         mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
-        SplatMoments sums[SUBGROUP_SIZE];
+        SplatMoments sums[64];
         SplatMoments own = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
@@ -120,9 +120,20 @@ void main() {
             }
         }
         if (transpose != 0) {
-            [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) {
-                [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 2 * mask) sums[j] = merged(sums[j], sums[j + mask], mask);
+            // One loop per step, each with constant bounds: drivers do not unroll a loop whose step is the outer one's.
+            uint size = SUBGROUP_SIZE;
+            [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 2) sums[j] = merged(sums[j], sums[j + 1], 1);
+            [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 4) sums[j] = merged(sums[j], sums[j + 2], 2);
+            if (size > 4) {
+                [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 8) sums[j] = merged(sums[j], sums[j + 4], 4);
             }
+            if (size > 8) {
+                [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 16) sums[j] = merged(sums[j], sums[j + 8], 8);
+            }
+            if (size > 16) {
+                [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 32) sums[j] = merged(sums[j], sums[j + 16], 16);
+            }
+            if (size > 32) sums[0] = merged(sums[0], sums[32], 32);
             own = sums[0];
         }
         if (base + lane < range.y) isect_moments[emission * BLOCKS_PER_TILE + block.in_tile] = own;
