@@ -101,6 +101,7 @@ fn every_view_and_point_of_every_dataset_loads() -> Outcome {
             scene_extent(&cameras, &loaded.points),
             start.elapsed().as_secs_f64()
         );
+        // Measured: 0.27 (castle) to 0.56 (fox).
         assert!(right < 0.6 * wrong, "{name}: {right} {wrong}");
         assert!((0..gaussians.len()).all(|i| gaussians.is_finite(i)));
     }

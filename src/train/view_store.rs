@@ -25,8 +25,8 @@ pub struct PrefetchLimits {
     pub ahead: usize,
     /// Host bytes of images in flight, decoding included. One image is always allowed.
     pub ahead_bytes: u64,
-    /// Host bytes of images kept for their next turn. The first that fit stay: over epochs of all views in any order
-    /// that is the share of hits that no other choice without knowledge of the sequence exceeds.
+    /// Host bytes of images kept for their next turn. The first that fit stay for good: over shuffled epochs every epoch
+    /// finds all of them, where the least recently used would mostly be gone before their turn.
     pub cache_bytes: u64,
 }
 
