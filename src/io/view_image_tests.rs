@@ -245,6 +245,27 @@ fn undistortion_gives_the_pinhole_picture() {
     }
 }
 
+/// Opaque pixels take a shorter way; one that is nearly so must give the same colours.
+#[test]
+fn undistortion_of_partly_transparent_pictures() {
+    let camera = camera(64, 48);
+    let d = Distortion { k1: -0.2, k2: 0.03, p1: 0.002, p2: -0.003 };
+    let opaque = ViewImage { width: 64, height: 48, rgba: distorted_picture(&camera, d) };
+    let with = |byte: u8| {
+        let rgba = opaque.rgba.iter().map(|p| [p[0], p[1], p[2], byte]).collect();
+        view_resample::undistort(&ViewImage { rgba, ..opaque }, &camera, &d).rgba
+    };
+    for (a, b) in with(OPAQUE).iter().zip(with(100)) {
+        assert!((0..3).all(|k| a[k].abs_diff(b[k]) <= 1) && (a[3], b[3]) == (OPAQUE, 100), "{a:?} {b:?}");
+    }
+    assert!(with(1).iter().all(|p| *p == [0, 0, 0, 1]));
+    // A transparent side gives no colour to its neighbours, and their coverage falls smoothly to it.
+    let rgba = (0..64 * 48).map(|i| if i % 64 < 10 { [200, 9, 9, 1] } else { [5, 6, 7, 255] }).collect();
+    let out = view_resample::undistort(&ViewImage { rgba, ..opaque }, &camera, &d).rgba;
+    assert!(out.iter().all(|p| p[3] == 1 || *p == [5, 6, 7, p[3]]));
+    assert!(out.iter().any(|p| p[3] > 60 && p[3] < 190));
+}
+
 #[test]
 fn what_is_beyond_the_fold_is_ignored() {
     // r (1 - r^2) folds at r^2 = 1/3; the corners of this camera are at r^2 = 0.86, and map inside the image.

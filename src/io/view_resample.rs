@@ -1,7 +1,7 @@
 //! Undistortion and downscaling of view images. Both average colours weighted by coverage, that is premultiplied, and
 //! leave ignored pixels out; a result more than half of whose weight is ignored is ignored itself.
 
-use crate::io::view_image::{IGNORED, ViewImage};
+use crate::io::view_image::{IGNORED, OPAQUE, ViewImage};
 use crate::math::distortion::Distortion;
 use crate::scene::camera::Camera;
 
@@ -26,22 +26,28 @@ pub(crate) fn undistort(image: &ViewImage, camera: &Camera, distortion: &Distort
     ViewImage { rgba, ..*image }
 }
 
-/// The value at (u, v), where whole numbers are pixel centres.
+/// The value at (u, v), both at least -0.5, where whole numbers are pixel centres.
 fn bilinear(image: &ViewImage, u: f64, v: f64) -> [u8; 4] {
-    let clamp = |at: f64, count: u32| (at.max(0.0) as u32).min(count - 1) as usize;
-    let (left, top) = (u.floor(), v.floor());
-    let (a, b) = (u - left, v - top);
+    // The place left of or above `at` and the fraction beyond it; `floor` is a call on older processors.
+    let split = |at: f64| {
+        let place = (at + 1.0) as i64 - 1;
+        (place, at - place as f64)
+    };
+    let clamp = |at: i64, count: u32| at.clamp(0, i64::from(count) - 1) as usize;
+    let ((left, a), (top, b)) = (split(u), split(v));
+    let columns = [clamp(left, image.width), clamp(left + 1, image.width)];
+    let rows = [clamp(top, image.height), clamp(top + 1, image.height)];
+    let taps = [0, 1, 2, 3].map(|k: usize| image.rgba[rows[k / 2] * image.width as usize + columns[k % 2]]);
+    let weights = [(1.0 - b) * (1.0 - a), (1.0 - b) * a, b * (1.0 - a), b * a];
+    if taps.iter().all(|t| t[3] == OPAQUE) {
+        let colour = |c: usize| ((0..4).map(|k| weights[k] * f64::from(taps[k][c])).sum::<f64>() + 0.5) as u8;
+        return [colour(0), colour(1), colour(2), OPAQUE];
+    }
     let mut sums = [0.0; 5];
-    for (row, in_row) in [(top, 1.0 - b), (top + 1.0, b)] {
-        for (column, weight) in [(left, in_row * (1.0 - a)), (left + 1.0, in_row * a)] {
-            let [r, g, b, covered] =
-                image.rgba[clamp(row, image.height) * image.width as usize + clamp(column, image.width)];
-            if covered != IGNORED {
-                let opaque = weight * f64::from(covered - 1);
-                let add = [opaque * f64::from(r), opaque * f64::from(g), opaque * f64::from(b), opaque, weight];
-                (0..5).for_each(|k| sums[k] += add[k]);
-            }
-        }
+    for ([r, g, b, covered], weight) in taps.into_iter().zip(weights).filter(|(t, _)| t[3] != IGNORED) {
+        let opaque = weight * f64::from(covered - 1);
+        let add = [opaque * f64::from(r), opaque * f64::from(g), opaque * f64::from(b), opaque, weight];
+        (0..5).for_each(|k| sums[k] += add[k]);
     }
     let [r, g, b, opaque, seen] = sums;
     if seen < 0.5 {

@@ -8,3 +8,4 @@ pub mod device_state;
 pub mod initial;
 pub mod step_runner;
 pub mod view_order;
+pub mod view_store;

@@ -1,0 +1,254 @@
+//! Views decoded in parallel and handed over in order, with bounded host memory.
+//!
+//! [`load_all`] goes once over all views, for a trainer that keeps them on the device. [`Prefetcher`] follows a given
+//! sequence, for datasets that do not fit there. Both are one mechanism: workers claim the entries of the sequence in
+//! order, as long as the images in flight (being decoded, or decoded and not taken yet) fit their budget; the next entry
+//! to be handed over is claimed whatever its size, so a budget that is too small costs time and nothing else.
+
+use std::collections::{HashMap, VecDeque};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+
+use crate::io::{IoError, LoadedView, View, load_view};
+
+/// Host bytes that decoding needs per pixel of the file: 8 from the decoder (16 bits, four channels), 4 as 8-bit RGBA
+/// and 4 undistorted.
+const DECODE_BYTES_PER_PIXEL: u64 = 16;
+
+/// How much a [`Prefetcher`] may use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PrefetchLimits {
+    /// Worker threads. 0: nothing is done ahead, images are decoded when they are asked for.
+    pub threads: usize,
+    /// Entries of the sequence that may be in flight; at least 1 counts.
+    pub ahead: usize,
+    /// Host bytes of images in flight, decoding included. One image is always allowed.
+    pub ahead_bytes: u64,
+    /// Host bytes of images kept for their next turn. The first that fit stay for good: over shuffled epochs every epoch
+    /// finds all of them, where the least recently used would mostly be gone before their turn.
+    pub cache_bytes: u64,
+}
+
+impl Default for PrefetchLimits {
+    /// A thread per CPU, 256 MiB in flight, no cache.
+    fn default() -> Self {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Self { threads, ahead: 4 * threads, ahead_bytes: 256 << 20, cache_bytes: 0 }
+    }
+}
+
+/// Decodes all views at the given width (see [`load_view`]), several at a time, and calls `on_loaded` with (index in
+/// `views`, view) on this thread, in order. Stops at the first error in that order, of a view or of `on_loaded`.
+pub fn load_all<E: From<IoError>>(
+    views: &[View],
+    width: Option<u32>,
+    limits: PrefetchLimits,
+    on_loaded: &mut dyn FnMut(usize, LoadedView) -> Result<(), E>,
+) -> Result<(), E> {
+    let limits = PrefetchLimits { cache_bytes: 0, ..limits };
+    for loaded in Prefetcher::new(views.to_vec(), width, 0..views.len(), limits) {
+        let (index, view) = loaded?;
+        on_loaded(index, Arc::unwrap_or_clone(view))?;
+    }
+    Ok(())
+}
+
+/// An iterator over the views of a sequence, decoded ahead in the background. An entry that fails is an error, and the
+/// iterator goes on behind it. Dropping it ends the threads, after the images they are at.
+pub struct Prefetcher {
+    shared: Arc<Shared>,
+    workers: Vec<JoinHandle<()>>,
+}
+
+type Loaded = Result<(usize, Arc<LoadedView>), IoError>;
+
+struct Shared {
+    views: Vec<View>,
+    width: Option<u32>,
+    limits: PrefetchLimits,
+    state: Mutex<State>,
+    /// Signalled at every change of the state that somebody may wait for.
+    changed: Condvar,
+}
+
+struct State {
+    sequence: Box<dyn Iterator<Item = usize> + Send>,
+    /// Peeked entry of the sequence: the next to be claimed.
+    next: Option<usize>,
+    /// Claimed entries that are not handed over yet, in order; `None` while being decoded.
+    in_flight: VecDeque<(u64, Option<Loaded>)>,
+    bytes_in_flight: u64,
+    /// Number of the entry at the front of `in_flight`, counted from the start of the sequence.
+    front: u64,
+    cache: HashMap<usize, Arc<LoadedView>>,
+    cached_bytes: u64,
+    stopped: bool,
+}
+
+/// An entry to decode: its number in the sequence, and the view.
+struct Job {
+    number: u64,
+    view: usize,
+}
+
+impl Prefetcher {
+    /// Starts decoding `views` at the given width (see [`load_view`]) in the order of `sequence`, which holds indices of
+    /// `views` and may be endless; it ends at the first index that is no view's. The sequence is drawn from on the
+    /// workers' threads and must not panic.
+    pub fn new(
+        views: Vec<View>,
+        width: Option<u32>,
+        sequence: impl Iterator<Item = usize> + Send + 'static,
+        limits: PrefetchLimits,
+    ) -> Self {
+        let count = views.len();
+        let mut sequence: Box<dyn Iterator<Item = usize> + Send> = Box::new(sequence.take_while(move |&i| i < count));
+        let state = State {
+            next: sequence.next(),
+            sequence,
+            in_flight: VecDeque::new(),
+            bytes_in_flight: 0,
+            front: 0,
+            cache: HashMap::new(),
+            cached_bytes: 0,
+            stopped: false,
+        };
+        let shared = Arc::new(Shared { views, width, limits, state: Mutex::new(state), changed: Condvar::new() });
+        let start = |i: usize| {
+            let shared = Arc::clone(&shared);
+            let work = move || while shared.work(true) {};
+            // A thread that cannot be had is one less; without any, `next` works itself.
+            std::thread::Builder::new().name(format!("views-{i}")).spawn(work).ok()
+        };
+        let workers = (0..limits.threads).filter_map(start).collect();
+        Self { shared, workers }
+    }
+
+    /// Bytes of the images kept for their next turn; at most `cache_bytes`.
+    pub fn cached_bytes(&self) -> u64 {
+        self.shared.lock().cached_bytes
+    }
+}
+
+impl Iterator for Prefetcher {
+    type Item = Loaded;
+
+    fn next(&mut self) -> Option<Loaded> {
+        if self.workers.is_empty() {
+            self.shared.work(false);
+        }
+        let mut state = self.shared.lock();
+        loop {
+            let ended = state.next.is_none();
+            match state.in_flight.front_mut() {
+                Some((bytes, loaded @ Some(_))) => {
+                    let (bytes, loaded) = (*bytes, loaded.take());
+                    state.in_flight.pop_front();
+                    state.front += 1;
+                    state.bytes_in_flight -= bytes;
+                    self.shared.changed.notify_all();
+                    return loaded;
+                }
+                None if ended => return None,
+                _ => state = self.shared.wait(state),
+            }
+        }
+    }
+}
+
+impl Drop for Prefetcher {
+    fn drop(&mut self) {
+        self.shared.lock().stopped = true;
+        self.shared.changed.notify_all();
+        // A worker catches its panics, so there is nothing to hear from it.
+        self.workers.drain(..).for_each(|worker| drop(worker.join()));
+    }
+}
+
+impl Shared {
+    /// The state is whole between any two statements that may panic, so a poisoned lock is a lock.
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn wait<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+        self.changed.wait(state).unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Claims and decodes one entry; false if there is none to claim, which `wait_for_room` waits for.
+    fn work(&self, wait_for_room: bool) -> bool {
+        let mut state = self.lock();
+        let job = loop {
+            if state.stopped || state.next.is_none() {
+                return false;
+            }
+            if let Some(job) = self.claim(&mut state) {
+                break job;
+            }
+            if !wait_for_room {
+                return false;
+            }
+            state = self.wait(state);
+        };
+        let cached = state.cache.get(&job.view).cloned();
+        drop(state);
+        let loaded = match cached {
+            Some(view) => Ok(view),
+            None => self.decode(job.view),
+        };
+        self.deliver(job, loaded);
+        true
+    }
+
+    /// Takes the next entry of the sequence if there is room for it.
+    fn claim(&self, state: &mut State) -> Option<Job> {
+        let view = state.next?;
+        let camera = &self.views[view].camera;
+        let cached = state.cache.contains_key(&view);
+        let pixels = u64::from(camera.width) * u64::from(camera.height);
+        let bytes = if cached { 0 } else { pixels.saturating_mul(DECODE_BYTES_PER_PIXEL) };
+        let fits = state.in_flight.len() < self.limits.ahead
+            && state.bytes_in_flight.saturating_add(bytes) <= self.limits.ahead_bytes;
+        if !(fits || state.in_flight.is_empty()) {
+            return None;
+        }
+        let number = state.front + state.in_flight.len() as u64;
+        state.in_flight.push_back((bytes, None));
+        state.bytes_in_flight += bytes;
+        state.next = state.sequence.next();
+        Some(Job { number, view })
+    }
+
+    /// A decoder that panics on a file is that file's error: this thread has others to load, and `next` waits for it.
+    fn decode(&self, view: usize) -> Result<Arc<LoadedView>, IoError> {
+        let view = &self.views[view];
+        catch_unwind(AssertUnwindSafe(|| load_view(view, self.width)))
+            .unwrap_or_else(|_| Err(IoError::new(&view.image_path, "cannot decode the image: its decoder gave up")))
+            .map(Arc::new)
+    }
+
+    fn deliver(&self, job: Job, loaded: Result<Arc<LoadedView>, IoError>) {
+        let mut state = self.lock();
+        let bytes = loaded.as_ref().map_or(0, |l| l.image.bytes());
+        if let Ok(view) = &loaded
+            && bytes <= self.limits.cache_bytes.saturating_sub(state.cached_bytes)
+            && !state.cache.contains_key(&job.view)
+        {
+            state.cached_bytes += bytes;
+            state.cache.insert(job.view, Arc::clone(view));
+        }
+        // What is in the cache is counted there.
+        let bytes = if state.cache.contains_key(&job.view) { 0 } else { bytes };
+        let place = (job.number - state.front) as usize;
+        let before = state.in_flight[place].0;
+        state.in_flight[place] = (bytes, Some(loaded.map(|l| (job.view, l))));
+        state.bytes_in_flight = state.bytes_in_flight - before + bytes;
+        drop(state);
+        self.changed.notify_all();
+    }
+}
+
+#[cfg(test)]
+#[path = "view_store_tests.rs"]
+mod tests;
