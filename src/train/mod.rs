@@ -8,4 +8,5 @@ pub mod config;
 pub mod event_log;
 pub mod events;
 pub mod interrupt;
+pub mod report;
 pub mod view_order;
