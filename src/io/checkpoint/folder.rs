@@ -9,6 +9,9 @@ use crate::io::{IoError, TEMPORARY_PREFIX};
 const PREFIX: &str = "step_";
 const SUFFIX: &str = ".safetensors";
 
+/// How many whole checkpoints a run keeps unless told otherwise: the newest, and one in case that is damaged.
+pub const KEEP: usize = 2;
+
 /// Name of the file of the state after `step` steps: `step_0000500.safetensors`.
 pub fn file_name(step: u64) -> String {
     format!("{PREFIX}{step:07}{SUFFIX}")
@@ -133,7 +136,9 @@ mod tests {
 
     fn damage(path: &Path) -> std::io::Result<()> {
         let mut bytes = fs::read(path)?;
-        bytes.last_mut().map(|b| *b ^= 1);
+        if let Some(last) = bytes.last_mut() {
+            *last ^= 1;
+        }
         fs::write(path, bytes)
     }
 

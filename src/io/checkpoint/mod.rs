@@ -15,7 +15,7 @@ use super::{IoError, Place, atomic_write, read_bytes};
 
 mod folder;
 
-pub use folder::{Newest, file_name, latest, prune, save};
+pub use folder::{KEEP, Newest, file_name, latest, prune, save};
 
 const FORMAT: &str = "instgs-checkpoint/1";
 /// Metadata that the container itself writes.

@@ -17,8 +17,10 @@ pub struct RunReport {
     /// Finished steps.
     pub steps: u64,
     /// Wall time of all stages; of all its parts, if the run was interrupted.
+    #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
     /// Over the optimisation alone.
+    #[serde(deserialize_with = "null_is_nan")]
     pub steps_per_second: f64,
     /// What the time went into, in order.
     pub stages: Vec<Stage>,
@@ -43,6 +45,7 @@ pub struct RunReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vanilla: Option<Box<RunReport>>,
     /// Part of a step's wall time in which the host does not wait for the device, 0..=1.
+    #[serde(deserialize_with = "null_is_nan")]
     pub host_fraction: f64,
     /// What device memory is used for.
     pub memory_explained: Vec<MemoryUse>,
@@ -60,6 +63,7 @@ pub struct Stage {
     /// For instance `load`, `train`, `eval`.
     pub name: String,
     /// Wall time.
+    #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
 }
 
@@ -110,10 +114,13 @@ pub struct Registration {
     /// Its template's id.
     pub group: u32,
     /// Part of the points that agree, 0..=1.
+    #[serde(deserialize_with = "null_is_nan")]
     pub inliers: f64,
     /// Of the points that agree, scene units.
+    #[serde(deserialize_with = "null_is_nan")]
     pub rmse: f64,
     /// Photometric error.
+    #[serde(deserialize_with = "null_is_nan")]
     pub photometric: f64,
     /// False if the instance was left in the background.
     pub accepted: bool,
@@ -131,6 +138,7 @@ pub struct MemoryUse {
     /// How many of those there is room for.
     pub count: u64,
     /// For each.
+    #[serde(deserialize_with = "null_is_nan")]
     pub bytes_each: f64,
 }
 

@@ -190,6 +190,16 @@ fn the_json_has_the_contracts_names_and_reads_back() -> Result<(), Box<dyn std::
 }
 
 #[test]
+fn numbers_that_are_none_are_written_as_null_and_read() -> Result<(), Box<dyn std::error::Error>> {
+    let (psnr, nan) = (f64::INFINITY, f64::NAN);
+    let eval = Some(Quality { psnr, ssim: 1.0, lpips: None });
+    let text = serde_json::to_string(&RunReport { eval, steps_per_second: nan, ..RunReport::default() })?;
+    let back: RunReport = serde_json::from_str(&text)?;
+    assert!(back.steps_per_second.is_nan() && back.eval.is_some_and(|q| q.psnr.is_nan() && q.ssim == 1.0));
+    Ok(())
+}
+
+#[test]
 fn a_view_whose_pictures_differ_in_size_is_named() {
     let mut data = sample();
     data.pictures[1].render = Rgb8 { width: 1, height: 1, pixels: vec![0; 3] };
