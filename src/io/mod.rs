@@ -4,9 +4,12 @@
 //!
 //! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`). Views: [`dataset::read_views`],
 //! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Float images: [`ktx2`].
+//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`). Views: [`dataset::read_views`] and
+//! [`camera_file`]. Float images: [`ktx2`]. Training state: [`checkpoint`].
 
 mod bytes;
 pub mod camera_file;
+pub mod checkpoint;
 pub mod colmap;
 pub mod dataset;
 pub mod error;
@@ -17,6 +20,7 @@ pub mod ply;
 mod ply_packed;
 mod ply_table;
 pub mod point_cloud;
+mod safetensors_header;
 pub mod scene_file;
 pub mod scene_load;
 pub mod scene_write;
@@ -31,6 +35,7 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 
 pub use camera_file::{read_cameras, write_cameras};
+pub use checkpoint::Checkpoint;
 pub use dataset::{Dataset, Split, View, read_views};
 pub use error::{IoError, Place};
 pub use ply::{read_ply, write_ply};
@@ -41,6 +46,9 @@ pub use scene_write::write_scene_file;
 pub use splat::read_splat;
 pub use spz::{read_spz, write_spz};
 pub use view_image::{LoadedView, ViewImage, load_view};
+
+/// How the names of [`atomic_write`]'s temporary files begin; a killed process may leave one.
+pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
 
 /// Writes a file so that readers see the old content or all of the new: into a temporary file in the same folder, then
 /// a rename. On failure the old file is untouched and the temporary file is gone.
@@ -57,7 +65,7 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
         // The process's umask takes its part away, as for any new file; the crate's own default is owner-only.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
-    let mut file = builder.prefix(".instgs-").tempfile_in(folder).map_err(|e| fail(&e))?;
+    let mut file = builder.prefix(TEMPORARY_PREFIX).tempfile_in(folder).map_err(|e| fail(&e))?;
     {
         let mut buffered = BufWriter::with_capacity(1 << 20, file.as_file_mut());
         write(&mut buffered).and_then(|()| buffered.flush()).map_err(|e| fail(&e))?;

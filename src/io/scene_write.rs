@@ -1,7 +1,4 @@
 //! Writing `.instgs` files; reading and the format's description are in [`crate::io::scene_file`].
-//!
-//! The safetensors header is assembled here because the safetensors crate keeps metadata in a hash map, whose order
-//! changes from run to run: the same scene must give the same bytes.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,11 +7,9 @@ use safetensors::tensor::Dtype;
 
 use crate::io::atomic_write;
 use crate::io::error::{IoError, Place};
+use crate::io::safetensors_header::{Entry, header};
 use crate::io::scene_file::{FORMAT, NO_OFFSET};
 use crate::scene::instanced_scene::{ForeignTensor, InstancedScene};
-
-/// Bytes of the length field before the header; the header is padded to a multiple of it.
-const LENGTH_BYTES: usize = 8;
 
 /// Writes an `.instgs` file: all known tensors as F32 and U32, then what else the scene carries. The same scene gives
 /// the same bytes.
@@ -92,23 +87,13 @@ pub(crate) fn assemble(
     }
     order.sort_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)));
 
-    let json_error = |e: serde_json::Error| IoError::new(path, format!("cannot write: {e}"));
-    let mut header = format!("{{\"__metadata__\":{}", serde_json::to_string(metadata).map_err(json_error)?);
-    let mut end = 0;
-    for (_, name, tensor) in &order {
-        let begin = end;
-        end += tensor.bytes.len();
-        let name = serde_json::to_string(name).map_err(json_error)?;
-        header += &format!(
-            ",{name}:{{\"dtype\":\"{}\",\"shape\":{:?},\"data_offsets\":[{begin},{end}]}}",
-            tensor.dtype, tensor.shape
-        );
-    }
-    header.push('}');
-    header.extend(std::iter::repeat_n(' ', header.len().next_multiple_of(LENGTH_BYTES) - header.len()));
-    let mut out = Vec::with_capacity(LENGTH_BYTES + header.len() + end);
-    out.extend_from_slice(&(header.len() as u64).to_le_bytes());
-    out.extend_from_slice(header.as_bytes());
+    let entries = order.iter().map(|(_, name, tensor)| Entry {
+        name,
+        dtype: &tensor.dtype,
+        shape: &tensor.shape,
+        bytes: tensor.bytes.len(),
+    });
+    let mut out = header(metadata, entries).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
     order.iter().for_each(|(_, _, tensor)| out.extend_from_slice(&tensor.bytes));
     Ok(out)
 }

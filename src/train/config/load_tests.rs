@@ -105,7 +105,7 @@ fn unknown_keys_name_the_nearest() {
         ("opacity=5", "--set: unknown key opacity; did you mean rates.opacity?"),
         ("rates=5", "--set: unknown key rates; did you mean rates.means?"),
         ("rates.means.x=5", "--set: unknown key rates.means.x; did you mean rates.means?"),
-        ("=5", "--set: unknown key ; did you mean near?"),
+        ("=5", "--set: unknown key ; did you mean seed?"),
     ] {
         assert_eq!(text_of(ConfigBuilder::new().set(set)), want);
     }

@@ -1,0 +1,201 @@
+//! `RUN/events.jsonl`: one event a line.
+
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use super::events::{Event, EventSink};
+use crate::io::{IoError, Place, atomic_write, read_bytes};
+
+/// Appends events to a file. What a checkpoint at step s stands on is in the file once [`Self::flush`] was called, so
+/// flush before the checkpoint is written; events other than steps and growth flush by themselves.
+#[derive(Debug)]
+pub struct EventLog {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+/// What was left out when a log was taken up again.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Dropped {
+    /// Events after the checkpoint's step: they will happen again.
+    pub later: usize,
+    /// Lines that are no events, such as a last line cut off by a crash.
+    pub damaged: usize,
+}
+
+impl EventLog {
+    /// Starts an empty log.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn create(path: &Path) -> Result<Self, IoError> {
+        let file = File::create(path).map_err(|e| IoError::os(path, "cannot write", &e))?;
+        Ok(Self { path: path.into(), file: BufWriter::new(file) })
+    }
+
+    /// Takes up the log of a run that continues after `step` finished steps: keeps the events up to then, in order, as
+    /// they stand, and drops the rest. A missing file counts as empty.
+    ///
+    /// # Errors
+    /// The file cannot be read or written; then it is as before.
+    pub fn resume(path: &Path, step: u64) -> Result<(Self, Dropped), IoError> {
+        let bytes = if path.exists() { read_bytes(path)? } else { Vec::new() };
+        let (mut kept, mut dropped) = (Vec::with_capacity(bytes.len()), Dropped::default());
+        for line in lines(&bytes) {
+            match line.event() {
+                Some(event) if event.step() <= step => {
+                    kept.extend_from_slice(line.bytes);
+                    kept.push(b'\n');
+                }
+                Some(_) => dropped.later += 1,
+                None => dropped.damaged += 1,
+            }
+        }
+        if kept != bytes {
+            atomic_write(path, |out| out.write_all(&kept))?;
+        }
+        let file = OpenOptions::new().append(true).create(true).open(path);
+        let file = file.map_err(|e| IoError::os(path, "cannot write", &e))?;
+        Ok((Self { path: path.into(), file: BufWriter::new(file) }, dropped))
+    }
+
+    /// Hands everything to the system: from then on it survives the end of this process, however it comes.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn flush(&mut self) -> Result<(), IoError> {
+        self.file.flush().map_err(|e| IoError::os(&self.path, "cannot write", &e))
+    }
+}
+
+impl EventSink for EventLog {
+    fn event(&mut self, event: &Event) -> Result<(), IoError> {
+        let mut line = serde_json::to_vec(event).map_err(|e| IoError::new(&self.path, e.to_string()))?;
+        line.push(b'\n');
+        self.file.write_all(&line).map_err(|e| IoError::os(&self.path, "cannot write", &e))?;
+        match event {
+            Event::Step { .. } | Event::Overflow { .. } => Ok(()),
+            _ => self.flush(),
+        }
+    }
+}
+
+/// The events of a log. A last line without its end is left out: its writer was stopped, or is still writing.
+///
+/// # Errors
+/// The file cannot be read, or a line in it is no event.
+pub fn read_events(path: &Path) -> Result<Vec<Event>, IoError> {
+    let bytes = read_bytes(path)?;
+    let whole = lines(&bytes).filter(|line| line.whole).enumerate();
+    whole
+        .map(|(i, line)| {
+            let error = || IoError::new(path, "is no event of this version of instgs-vk").at(Place::Line(i as u64 + 1));
+            line.event().ok_or_else(error)
+        })
+        .collect()
+}
+
+struct Line<'a> {
+    bytes: &'a [u8],
+    /// Ends with a line break.
+    whole: bool,
+}
+
+impl Line<'_> {
+    fn event(&self) -> Option<Event> {
+        // A cut line may be valid by chance, but the file is written in whole lines.
+        if self.whole { serde_json::from_slice(self.bytes).ok() } else { None }
+    }
+}
+
+fn lines(bytes: &[u8]) -> impl Iterator<Item = Line<'_>> {
+    bytes.split_inclusive(|&b| b == b'\n').map(|line| match line.strip_suffix(b"\n") {
+        Some(bytes) => Line { bytes, whole: true },
+        None => Line { bytes: line, whole: false },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    type Test = Result<(), Box<dyn std::error::Error>>;
+
+    fn step(step: u64) -> Event {
+        let (loss, l1, ssim, psnr) = (0.25 / step as f64, 0.125, 0.5, 20.0);
+        Event::Step { step, loss, l1, ssim, psnr, gaussians: 7, steps_per_second: 3.5, seconds: 0.1 }
+    }
+
+    fn sample() -> Vec<Event> {
+        let mut events: Vec<Event> = (1..=6).map(step).collect();
+        events.insert(3, Event::Checkpoint { step: 3, path: "checkpoints/x".into() });
+        events
+    }
+
+    fn write(path: &Path, events: &[Event]) -> Result<(), IoError> {
+        let mut log = EventLog::create(path)?;
+        events.iter().try_for_each(|e| log.event(e))?;
+        log.flush()
+    }
+
+    #[test]
+    fn what_is_logged_is_read() -> Test {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("events.jsonl");
+        write(&path, &sample())?;
+        assert_eq!(read_events(&path)?, sample());
+        Ok(())
+    }
+
+    /// For every length that a crash may leave: after resuming at step 3 and going on, the log is that of a run
+    /// without the crash, except for events that had not reached the file.
+    #[test]
+    fn resuming_a_log_cut_anywhere_leaves_whole_events_up_to_the_step() -> Test {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("events.jsonl");
+        write(&path, &sample())?;
+        let bytes = fs::read(&path)?;
+        for length in 0..=bytes.len() {
+            fs::write(&path, &bytes[..length])?;
+            let lines = bytes[..length].iter().filter(|&&b| b == b'\n').count();
+            let (mut log, dropped) = EventLog::resume(&path, 3)?;
+            log.event(&step(4))?;
+            drop(log);
+            let mut want = sample()[..lines.min(4)].to_vec();
+            want.push(step(4));
+            assert_eq!(read_events(&path)?, want, "cut at {length}");
+            let cut = usize::from(length > 0 && bytes[length - 1] != b'\n');
+            assert_eq!(dropped, Dropped { later: lines.saturating_sub(4), damaged: cut });
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn a_checkpoint_flushes_and_a_step_does_not() -> Test {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("events.jsonl");
+        let mut log = EventLog::create(&path)?;
+        log.event(&step(1))?;
+        assert!(read_events(&path)?.is_empty());
+        log.event(&Event::Checkpoint { step: 1, path: "x".into() })?;
+        assert_eq!(read_events(&path)?.len(), 2);
+        Ok(())
+    }
+
+    #[test]
+    fn a_foreign_line_is_an_error_with_its_number() -> Test {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("events.jsonl");
+        write(&path, &sample()[..1])?;
+        fs::write(&path, [fs::read(&path)?, b"{\"event\":\"x\"}\n".to_vec()].concat())?;
+        let error = read_events(&path).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(error.contains("line 2"), "{error}");
+        let (_, dropped) = EventLog::resume(&path, 9)?;
+        assert_eq!(dropped, Dropped { later: 0, damaged: 1 });
+        assert_eq!(read_events(&path)?.len(), 1);
+        Ok(())
+    }
+}

@@ -1,0 +1,194 @@
+//! Line charts as SVG. Colours and fonts come from the page's style sheet, so that they follow light and dark.
+
+use super::curves::{Points, smoothed, thinned};
+use super::format::{axis, escape};
+
+/// Size of the drawing and of the frame within it, user units.
+const SIZE: (f64, f64) = (540.0, 260.0);
+const LEFT: f64 = 52.0;
+const RIGHT: f64 = 14.0;
+const TOP: f64 = 12.0;
+const BOTTOM: f64 = 40.0;
+/// More points than this the drawing does not resolve.
+const MOST_POINTS: usize = 400;
+/// Part of a curve that smoothing averages over.
+const SMOOTH: f64 = 0.04;
+
+/// A chart over steps.
+pub(super) struct Chart<'a> {
+    pub(super) title: &'a str,
+    pub(super) series: Vec<Series<'a>>,
+    /// Vertical marks and what they mean.
+    pub(super) marks: (&'a [f64], &'a str),
+    /// True if the vertical axis begins at 0.
+    pub(super) from_zero: bool,
+}
+
+/// A curve.
+pub(super) struct Series<'a> {
+    pub(super) name: &'a str,
+    pub(super) points: &'a Points,
+    pub(super) look: Look,
+}
+
+/// How a curve is drawn.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum Look {
+    /// A line.
+    Line,
+    /// Noisy values, faint, and their running mean.
+    Noisy,
+    /// Few values, with dots.
+    Dots,
+}
+
+impl Chart<'_> {
+    /// A `figure` with title, legend and drawing; empty if there is nothing to draw.
+    pub(super) fn html(&self) -> String {
+        let drawn: Vec<(Points, Look, usize)> = (self.series.iter().enumerate())
+            .map(|(i, s)| (thinned(s.points, MOST_POINTS), s.look, i + 1))
+            .filter(|(points, ..)| !points.is_empty())
+            .collect();
+        let Some(frame) = Frame::around(drawn.iter().flat_map(|(points, ..)| points), self.from_zero) else {
+            return String::new();
+        };
+        let label = format!("{} over steps", self.title);
+        let mut svg = format!(
+            "<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\">\n{}",
+            SIZE.0,
+            SIZE.1,
+            escape(&label),
+            frame.axes()
+        );
+        let marks = self.marks.0.iter().filter(|m| (frame.x.0..=frame.x.1).contains(*m));
+        for mark in marks.clone() {
+            let x = frame.at((*mark, 0.0)).0;
+            svg += &format!(
+                "<line class=\"mark\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{}\"><title>{} at {}</title></line>\n",
+                SIZE.1 - BOTTOM,
+                escape(self.marks.1),
+                axis(*mark)
+            );
+        }
+        drawn.iter().for_each(|(points, look, color)| svg += &frame.curve(points, *look, *color));
+        svg += "</svg>";
+        let mut keys: String = (drawn.iter())
+            .map(|(_, _, color)| format!("<span class=\"key c{color}\">{}</span>", escape(self.series[color - 1].name)))
+            .collect();
+        if marks.count() > 0 {
+            keys += &format!("<span class=\"key dashed\">{}</span>", escape(self.marks.1));
+        }
+        format!("<figure class=\"chart\"><figcaption><b>{}</b>{keys}</figcaption>{svg}</figure>\n", escape(self.title))
+    }
+}
+
+/// What the axes span.
+struct Frame {
+    x: (f64, f64),
+    y: (f64, f64),
+}
+
+impl Frame {
+    fn around<'p>(points: impl Iterator<Item = &'p (f64, f64)>, from_zero: bool) -> Option<Self> {
+        let (mut last, mut low, mut high) = (0.0f64, f64::INFINITY, f64::NEG_INFINITY);
+        for &(x, y) in points {
+            (last, low, high) = (last.max(x), low.min(y), high.max(y));
+        }
+        if low > high {
+            return None;
+        }
+        if from_zero {
+            low = low.min(0.0);
+        }
+        // A flat curve gets room around it.
+        let room = if high > low { 0.04 * (high - low) } else { 0.5 * high.abs().max(1.0) };
+        let below = if from_zero && low == 0.0 { 0.0 } else { room };
+        Some(Self { x: (0.0, last.max(1.0)), y: (low - below, high + room) })
+    }
+
+    fn at(&self, (x, y): (f64, f64)) -> (f64, f64) {
+        let part = |v: f64, (low, high): (f64, f64)| ((v - low) / (high - low)).clamp(0.0, 1.0);
+        let (width, height) = (SIZE.0 - LEFT - RIGHT, SIZE.1 - TOP - BOTTOM);
+        (LEFT + part(x, self.x) * width, TOP + (1.0 - part(y, self.y)) * height)
+    }
+
+    fn axes(&self) -> String {
+        let mut out = String::new();
+        let (right, bottom) = (SIZE.0 - RIGHT, SIZE.1 - BOTTOM);
+        for tick in ticks(self.y, 5) {
+            let y = self.at((0.0, tick)).1;
+            out += &format!("<line class=\"grid\" x1=\"{LEFT}\" x2=\"{right}\" y1=\"{y:.1}\" y2=\"{y:.1}\"/>");
+            out += &format!("<text class=\"y\" x=\"{}\" y=\"{:.1}\">{}</text>\n", LEFT - 8.0, y + 4.0, axis(tick));
+        }
+        for tick in ticks(self.x, 6) {
+            let x = self.at((tick, 0.0)).0;
+            out += &format!("<text class=\"x\" x=\"{x:.1}\" y=\"{}\">{}</text>\n", bottom + 17.0, axis(tick));
+        }
+        out += &format!("<line class=\"axis\" x1=\"{LEFT}\" x2=\"{right}\" y1=\"{bottom}\" y2=\"{bottom}\"/>");
+        out + &format!("<text class=\"x\" x=\"{}\" y=\"{}\">step</text>\n", (LEFT + right) / 2.0, bottom + 34.0)
+    }
+
+    fn curve(&self, points: &Points, look: Look, color: usize) -> String {
+        let line = |points: &Points, class: &str| {
+            let path: Vec<String> = points.iter().map(|&p| self.at(p)).map(|(x, y)| format!("{x:.1},{y:.1}")).collect();
+            format!("<polyline class=\"{class} c{color}\" points=\"{}\"/>\n", path.join(" "))
+        };
+        match look {
+            Look::Line => line(points, "line"),
+            Look::Noisy => {
+                let window = (points.len() as f64 * SMOOTH).ceil() as usize | 1;
+                line(points, "faint") + &line(&smoothed(points, window), "line")
+            }
+            Look::Dots => {
+                let dots: String = (points.iter())
+                    .map(|&p| {
+                        let ((x, y), label) = (self.at(p), format!("{:.3} at {}", p.1, axis(p.0)));
+                        format!("<circle class=\"c{color}\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3\"><title>{label}</title></circle>")
+                    })
+                    .collect();
+                line(points, "line") + &dots + "\n"
+            }
+        }
+    }
+}
+
+/// Multiples of 1, 2 or 5 times a power of ten within the range, about `wanted` of them.
+fn ticks((low, high): (f64, f64), wanted: usize) -> Vec<f64> {
+    let rough = (high - low) / wanted as f64;
+    let power = 10f64.powf(rough.log10().floor());
+    let step = [1.0, 2.0, 5.0, 10.0].map(|m| m * power).into_iter().find(|s| *s >= rough).unwrap_or(rough);
+    let first = (low / step).ceil() as i64;
+    // The range may be too small for its distance from 0 to be resolved.
+    (0..=2 * wanted as i64).map(|i| (first + i) as f64 * step).take_while(|t| *t <= high + step * 1e-9).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        assert_eq!(ticks((0.0, 30_000.0), 6), [0.0, 5000.0, 10_000.0, 15_000.0, 20_000.0, 25_000.0, 30_000.0]);
+        assert_eq!(ticks((17.3, 24.1), 5), [18.0, 20.0, 22.0, 24.0]);
+        assert_eq!(ticks((-0.1, 0.1), 4).len(), 5);
+        assert!(ticks((1e15, 1e15 + 0.2), 5).len() <= 11);
+    }
+
+    #[test]
+    fn a_chart_draws_what_it_is_given_and_nothing_of_nothing() {
+        let (line, none) = (vec![(0.0, 1.0), (100.0, 3.0)], Vec::new());
+        let chart = |points| Chart {
+            title: "A < B",
+            series: vec![Series { name: "one", points, look: Look::Line }],
+            marks: (&[50.0, 500.0], "reset"),
+            from_zero: true,
+        };
+        assert_eq!(chart(&none).html(), "");
+        let nan = vec![(1.0, f64::NAN)];
+        assert_eq!(chart(&nan).html(), "");
+        let html = chart(&line).html();
+        // The frame is 474 wide and 208 high, the range 0 to 3.12: 1 is at 220 - 208 / 3.12.
+        assert!(html.contains("points=\"52.0,153.3 526.0,20.0\""), "{html}");
+        assert!(html.contains("A &lt; B") && html.matches("class=\"mark\"").count() == 1, "{html}");
+    }
+}

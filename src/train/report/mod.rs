@@ -1,0 +1,74 @@
+//! What came out of a training run: `RUN/report.json` (DESIGN section 5) and `RUN/report.html`, a page without scripts
+//! or anything from elsewhere. Plain data in, text out.
+
+mod chart;
+mod curves;
+mod format;
+mod page;
+mod pictures;
+mod run_report;
+
+use std::path::Path;
+
+pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
+pub use run_report::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, Registration, RunReport, Stage, ViewMetrics};
+
+use super::events::Event;
+use crate::io::{IoError, atomic_write};
+
+/// Everything that the page shows.
+#[derive(Clone, Debug, Default)]
+pub struct ReportData {
+    /// `report.json`.
+    pub report: RunReport,
+    /// The whole log of the run; the curves are made of it.
+    pub events: Vec<Event>,
+    /// Views to look at, in the order of the page; see [`choose`].
+    pub pictures: Vec<ViewPicture>,
+}
+
+/// A view as it should be and as it is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ViewPicture {
+    /// View name.
+    pub name: String,
+    /// How near the two are.
+    pub metrics: Quality,
+    /// The photograph.
+    pub ground_truth: Rgb8,
+    /// The rendering; as large as the photograph.
+    pub render: Rgb8,
+}
+
+/// Writes `report.json` and `report.html` into the run's folder.
+///
+/// # Errors
+/// Two pictures of a view that differ in size, or a file that cannot be written.
+pub fn write(run: &Path, data: &ReportData) -> Result<(), IoError> {
+    write_json(run, &data.report)?;
+    let path = run.join("report.html");
+    let text = html(data, &path)?;
+    atomic_write(&path, |out| out.write_all(text.as_bytes()))
+}
+
+/// Writes `report.json` into the run's folder.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write_json(run: &Path, report: &RunReport) -> Result<(), IoError> {
+    let path = run.join("report.json");
+    let mut bytes = serde_json::to_vec_pretty(report).map_err(|e| IoError::new(&path, e.to_string()))?;
+    bytes.push(b'\n');
+    atomic_write(&path, |out| out.write_all(&bytes))
+}
+
+/// The page; `path` is for messages.
+///
+/// # Errors
+/// Two pictures of a view that differ in size.
+pub fn html(data: &ReportData, path: &Path) -> Result<String, IoError> {
+    page::page(data, path)
+}
+
+#[cfg(test)]
+mod tests;

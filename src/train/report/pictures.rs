@@ -1,0 +1,127 @@
+//! Pictures for the page: photograph, rendering, and how they differ, as PNG in `data:` addresses.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder, RgbImage, imageops};
+
+use super::run_report::ViewMetrics;
+
+/// Pictures on the page are scaled down to this width.
+pub const MAX_WIDTH_PX: u32 = 480;
+/// What differences are multiplied by to be seen.
+pub(super) const DIFFERENCE_GAIN: u16 = 4;
+
+/// A picture of 8 bits per channel, rows from the top.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Rgb8 {
+    /// Width, pixels.
+    pub width: u32,
+    /// Height, pixels.
+    pub height: u32,
+    /// `width * height` pixels of red, green, blue.
+    pub pixels: Vec<u8>,
+}
+
+/// Which views to show, at most `most`, worst PSNR first: the worst, the best, and in between at equal distances of
+/// rank. Returns indices into `views`.
+pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
+    let mut ranked: Vec<usize> = (0..views.len()).collect();
+    ranked.sort_by(|&a, &b| views[a].quality.psnr.total_cmp(&views[b].quality.psnr).then(a.cmp(&b)));
+    if ranked.len() <= most {
+        return ranked;
+    }
+    let last = most.saturating_sub(1).max(1);
+    (0..most).map(|i| ranked[i * (ranked.len() - 1) / last]).collect()
+}
+
+/// `data:` addresses of photograph, rendering and difference; an error is words.
+pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], String> {
+    let (truth, render) = (image_of(ground_truth)?, image_of(render)?);
+    if truth.dimensions() != render.dimensions() {
+        let ((w, h), (v, u)) = (truth.dimensions(), render.dimensions());
+        return Err(format!("the photograph has {w}x{h} pixels, the rendering {v}x{u}"));
+    }
+    // At full size, as averaging first would hide what differs from pixel to pixel.
+    let mut difference = truth.clone();
+    for (a, b) in difference.iter_mut().zip(render.iter()) {
+        *a = u8::try_from(DIFFERENCE_GAIN * u16::from(a.abs_diff(*b))).unwrap_or(u8::MAX);
+    }
+    Ok([address(&truth)?, address(&render)?, address(&difference)?])
+}
+
+fn image_of(picture: &Rgb8) -> Result<RgbImage, String> {
+    let &Rgb8 { width, height, ref pixels } = picture;
+    let wanted = 3 * u64::from(width) * u64::from(height);
+    if width == 0 || height == 0 || pixels.len() as u64 != wanted {
+        return Err(format!("{} bytes are no picture of {width}x{height} pixels", pixels.len()));
+    }
+    RgbImage::from_raw(width, height, pixels.clone()).ok_or_else(|| "is too large".into())
+}
+
+fn address(image: &RgbImage) -> Result<String, String> {
+    let (width, height) = image.dimensions();
+    let scaled = if width > MAX_WIDTH_PX {
+        let height = (u64::from(height) * u64::from(MAX_WIDTH_PX)).div_ceil(u64::from(width)).max(1);
+        Some(imageops::thumbnail(image, MAX_WIDTH_PX, height as u32))
+    } else {
+        None
+    };
+    let image = scaled.as_ref().unwrap_or(image);
+    let mut png = Vec::new();
+    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive)
+        .write_image(image.as_raw(), image.width(), image.height(), ExtendedColorType::Rgb8)
+        .map_err(|e| e.to_string())?;
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::report::Quality;
+
+    fn decoded(address: &str) -> RgbImage {
+        let text = address.strip_prefix("data:image/png;base64,").unwrap();
+        image::load_from_memory(&STANDARD.decode(text).unwrap()).unwrap().into_rgb8()
+    }
+
+    #[test]
+    fn pictures_survive_and_differences_are_amplified() {
+        let truth = Rgb8 { width: 2, height: 1, pixels: vec![10, 20, 30, 0, 255, 7] };
+        let render = Rgb8 { width: 2, height: 1, pixels: vec![11, 18, 30, 200, 0, 7] };
+        let [a, b, d] = addresses(&truth, &render).unwrap();
+        assert_eq!(decoded(&a).into_raw(), truth.pixels);
+        assert_eq!(decoded(&b).into_raw(), render.pixels);
+        assert_eq!(decoded(&d).into_raw(), [4, 8, 0, 255, 255, 0]);
+    }
+
+    #[test]
+    fn wide_pictures_are_averaged_down() {
+        let pixels = (0..960 * 6).flat_map(|i| [if i % 2 == 0 { 100 } else { 102 }; 3]).collect();
+        let wide = Rgb8 { width: 960, height: 6, pixels };
+        let [a, ..] = addresses(&wide, &wide).unwrap();
+        let small = decoded(&a);
+        assert_eq!(small.dimensions(), (480, 3));
+        assert!(small.pixels().all(|p| p.0 == [101; 3]), "{:?}", small.get_pixel(0, 0));
+    }
+
+    #[test]
+    fn pictures_that_are_none_or_differ_in_size_are_refused() {
+        let picture = |width, height, bytes| Rgb8 { width, height, pixels: vec![0; bytes] };
+        let error = |a: &Rgb8, b: &Rgb8| addresses(a, b).err().unwrap_or_default();
+        assert!(error(&picture(2, 1, 6), &picture(1, 2, 6)).contains("2x1 pixels, the rendering 1x2"));
+        assert!(error(&picture(2, 1, 5), &picture(2, 1, 6)).contains("5 bytes"));
+        assert!(error(&picture(0, 1, 0), &picture(0, 1, 0)).contains("no picture"));
+    }
+
+    #[test]
+    fn the_chosen_views_span_worst_to_best() {
+        let views: Vec<ViewMetrics> = [20.0, 30.0, 10.0, 25.0, 15.0]
+            .map(|psnr| ViewMetrics { name: String::new(), quality: Quality { psnr, ..Quality::default() } })
+            .into();
+        assert_eq!(choose(&views, 9), [2, 4, 0, 3, 1]);
+        assert_eq!(choose(&views, 3), [2, 0, 1]);
+        assert_eq!(choose(&views, 1), [2]);
+        assert!(choose(&views, 0).is_empty() && choose(&[], 3).is_empty());
+    }
+}
