@@ -18,14 +18,14 @@ fn view(antialias: bool) -> View {
 fn random_source(rng: &mut Rng) -> SourceGaussian {
     let rotation = rotation_from_quat(rng.rotation_quat());
     let scale = rng.range(0.3, 3.0);
-    let center = DVec3::new(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0), rng.range(0.3, 3.0));
+    let center = DVec3::new(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0), rng.range(0.5, 3.0));
     SourceGaussian {
         flat_index: 0,
         instance: 0,
         local_index: 0,
         mean_template: 0.2 * rng.normal_vector(),
         quat: rng.rotation_quat().map(|c| 3.0 * c),
-        log_scales: DVec3::new(rng.range(-8.0, -1.5), rng.range(-8.0, -1.5), rng.range(-8.0, -1.5)),
+        log_scales: DVec3::new(rng.range(-8.0, -2.5), rng.range(-8.0, -2.5), rng.range(-8.0, -2.5)),
         opacity_logit: rng.range(-2.0, 4.0),
         sh: (0..16).map(|_| 0.4 * rng.normal_vector()).collect(),
         sh_degree: 3,
