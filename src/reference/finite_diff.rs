@@ -316,7 +316,7 @@ mod tests {
     }
 
     /// By hand: where nothing is clamped the picture is linear in the SH coefficient, with slope C0 times the sum of
-    /// the pixels' alpha. Measured error: MEASURE.
+    /// the pixels' alpha.
     #[test]
     fn a_linear_parameter_has_its_slope() {
         let plain = scene(&[(0.5, 0.3)]);
@@ -324,6 +324,7 @@ mod tests {
         let view = View::exact(&camera, &RenderOptions::default());
         let alpha: f64 = crate::reference::render_sources(&sources(&plain), &view).alpha.iter().sum();
         let got = derivative(&plain, Tensor::Sh(Cloud::Background)).unwrap();
+        eprintln!("WORST lin {:e}", got - SH_C0 * alpha);
         assert!((got - SH_C0 * alpha).abs() < 1e-8, "{got} {alpha}");
     }
 }
