@@ -1,8 +1,8 @@
 //! Central differences of a rendered scene by any of its parameters, in f64: what the backward twins are held against.
 //!
 //! The loss is sum(cotangent * (r, g, b, alpha)) over all pixels. It is smooth only as long as no rule decides
-//! otherwise: the same pairs in the same order in every pixel that has a cotangent, the same ones clamped to 0.99, the
-//! same branches of the projection. `derivative` compares all of that at -h, 0 and +h and gives `None` where it differs.
+//! otherwise: the same pairs in the same order in every pixel that has a cotangent (so it ends at the same splat), the
+//! same ones clamped to 0.99, the same branches of the projection. `derivative` compares all of that at -h, 0 and +h and gives `None` where it differs.
 
 use std::ops::Range;
 
@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use crate::math::similarity::Similarity;
 use crate::reference::gather_gradients::{CloudGradient, SceneGradient};
+use crate::reference::in_depth_order;
 use crate::reference::preprocess_instance_expand::{CullLimits, ProjectedSplat, SourceGaussian, project, sources};
 use crate::reference::preprocess_instance_expand_backward::{ProjectionBranches, projection_branches};
 use crate::reference::tile_blend::{ALPHA_MAX, BlendedPair, blend_row_with_pairs, candidate_boxes};
@@ -239,12 +240,6 @@ impl<'a> FiniteDifferences<'a> {
     }
 }
 
-/// Nearest first; equal depths by flat index.
-fn in_depth_order(mut splats: Vec<ProjectedSplat>) -> Vec<ProjectedSplat> {
-    splats.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.flat_index.cmp(&b.flat_index)));
-    splats
-}
-
 /// Moves one parameter of a source by about `step`; returns by how much exactly.
 fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, step: f64) -> f64 {
     match tensor {
@@ -324,7 +319,6 @@ mod tests {
         let view = View::exact(&camera, &RenderOptions::default());
         let alpha: f64 = crate::reference::render_sources(&sources(&plain), &view).alpha.iter().sum();
         let got = derivative(&plain, Tensor::Sh(Cloud::Background)).unwrap();
-        eprintln!("WORST lin {:e}", got - SH_C0 * alpha);
         assert!((got - SH_C0 * alpha).abs() < 1e-8, "{got} {alpha}");
     }
 }

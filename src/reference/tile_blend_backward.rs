@@ -75,7 +75,7 @@ fn pixel_backward(
 ) {
     let [r, g, b, d_alpha_pixel] = cotangent;
     let d_color_pixel = DVec3::new(r, g, b);
-    // Transmittance in front of each pair.
+    // Transmittance in front of each pair, then that behind the last, which `zip` leaves out.
     let mut in_front = vec![1.0];
     for (i, pair) in pairs.iter().enumerate() {
         in_front.push(in_front[i] * (1.0 - alpha(pair)));
