@@ -13,6 +13,7 @@ use instgs_vk::reference::tile_blend_backward::SplatGradient;
 /// The five tensors of a case, summed over its cameras, against the golden ones; `spoil` changes our views and
 /// cotangents.
 fn compare_parameters(case: &GoldenCase, spoil: fn(&mut View, &mut [[f64; 4]])) -> Vec<TensorComparison> {
+    type Values = fn(&CloudGradient) -> &[f64];
     let views: Vec<CloudGradient> = case
         .views
         .iter()
@@ -23,17 +24,17 @@ fn compare_parameters(case: &GoldenCase, spoil: fn(&mut View, &mut [[f64; 4]])) 
             gather_gradients(&case.scene, &per_source).background
         })
         .collect();
-    let sum = |values: fn(&CloudGradient) -> &[f64]| -> Vec<f64> {
+    let sum = |values: Values| -> Vec<f64> {
         (0..values(&views[0]).len()).map(|i| views.iter().map(|view| values(view)[i]).sum()).collect()
     };
-    let tensors: [(&str, fn(&CloudGradient) -> &[f64]); 5] = [
+    let tensors: [(&str, Values); 5] = [
         ("means", |g| g.means.as_flattened()),
         ("quats", |g| g.quats.as_flattened()),
         ("log_scales", |g| g.log_scales.as_flattened()),
         ("opacity_logits", |g| &g.opacity_logits),
         ("sh", |g| g.sh.as_flattened()),
     ];
-    let compare = |(name, values): (&str, fn(&CloudGradient) -> &[f64])| {
+    let compare = |(name, values): (&str, Values)| {
         TensorComparison::new(&format!("{}: {name}", case.name), &sum(values), values(&case.gradient))
     };
     tensors.map(compare).into()
@@ -93,6 +94,7 @@ fn golden_splat_gradients() {
 #[test]
 fn the_golden_comparison_fails_on_planted_errors() {
     type Spoil = fn(&mut View, &mut [[f64; 4]]);
+    type SplatSpoil = fn(&mut SplatGradient);
     let spoils: [(&str, Spoil); 4] = [
         ("alpha's cotangent with the wrong sign", |_, cotangents| cotangents.iter_mut().for_each(|c| c[3] = -c[3])),
         ("background forgotten", |view, _| view.options.background = [0.0; 3]),
@@ -105,7 +107,7 @@ fn the_golden_comparison_fails_on_planted_errors() {
             let error = worst(&compare_parameters(&case, spoil));
             assert!(error > 1e-3 || (black && name.starts_with("background")), "{}: {name}: {error:e}", case.name);
         }
-        let spoils: [(&str, fn(&mut SplatGradient)); 3] = [
+        let spoils: [(&str, SplatSpoil); 3] = [
             ("b counted half", |splat| splat.conic[1] *= 0.5),
             ("mean with the wrong sign", |splat| splat.mean_px.y = -splat.mean_px.y),
             ("channels swapped", |splat| splat.color = splat.color.zyx()),
