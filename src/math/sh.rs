@@ -209,7 +209,7 @@ mod tests {
         assert_eq!([y[9], z[12], x[15]], [-SH_C3[0], 2.0 * SH_C3[3], SH_C3[6]]);
     }
 
-    /// Against central differences, directions of any length. Measured: 1.4e-10 (filled in by the test run).
+    /// Against central differences, directions of any length. Measured: 4.5e-10.
     #[test]
     fn basis_gradients_agree_with_differences() {
         let mut rng = Rng::new(3);

@@ -1,17 +1,19 @@
 //! Central differences of a rendered scene by any of its parameters, in f64: what the backward twins are held against.
 //!
 //! The loss is sum(cotangent * (r, g, b, alpha)) over all pixels. It is smooth only as long as no rule decides
-//! otherwise: the same pairs in the same order in every pixel that has a cotangent, the same ones clamped to 0.99, the
-//! same branches of the projection. `derivative` compares all of that at -h, 0 and +h and gives `None` where it differs.
+//! otherwise: the same pairs in the same order in every pixel that has a cotangent (so it ends at the same splat), the
+//! same ones clamped to 0.99, the same branches of the projection. `derivative` compares all of that at -h, 0 and +h and gives `None` where it differs.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
 
 use crate::math::similarity::Similarity;
 use crate::reference::gather_gradients::{CloudGradient, SceneGradient};
-use crate::reference::preprocess_instance_expand::{CullLimits, SourceGaussian, sources};
+use crate::reference::in_depth_order;
+use crate::reference::preprocess_instance_expand::{CullLimits, ProjectedSplat, SourceGaussian, project, sources};
 use crate::reference::preprocess_instance_expand_backward::{ProjectionBranches, projection_branches};
-use crate::reference::splats_in_depth_order;
-use crate::reference::tile_blend::{ALPHA_MAX, blend_row_with_pairs, candidate_boxes};
+use crate::reference::tile_blend::{ALPHA_MAX, BlendedPair, blend_row_with_pairs, candidate_boxes};
 use crate::reference::view::View;
 use crate::scene::instanced_scene::InstancedScene;
 
@@ -106,15 +108,23 @@ impl Tensor {
     }
 }
 
-/// What is rendered, at one point of the parameter space.
-#[derive(Debug)]
-struct Evaluation {
+/// One row of pixels, at one point of the parameter space.
+#[derive(Clone, Debug, PartialEq)]
+struct Row {
     /// Per pixel; 0 without a cotangent.
     losses: Vec<f64>,
     /// Per pixel with a cotangent, front to back: flat index, and whether alpha is clamped.
     pairs: Vec<Vec<(u32, bool)>>,
-    /// Of every projected source: flat index and branches.
+}
+
+/// The scene after one parameter was moved.
+struct Moved {
+    /// All splats, in depth order.
+    splats: Vec<ProjectedSplat>,
+    /// Of the sources that were moved and that are drawn: flat index and branches.
     branches: Vec<(u32, ProjectionBranches)>,
+    /// By how much the parameter was moved.
+    by: f64,
 }
 
 /// Differentiates one scene in one view.
@@ -123,7 +133,9 @@ pub struct FiniteDifferences<'a> {
     view: &'a View,
     cotangents: &'a [[f64; 4]],
     sources: Vec<SourceGaussian>,
-    base: Evaluation,
+    /// Per source; `None` = culled.
+    projected: Vec<Option<ProjectedSplat>>,
+    rows: Vec<Row>,
 }
 
 impl<'a> FiniteDifferences<'a> {
@@ -131,53 +143,82 @@ impl<'a> FiniteDifferences<'a> {
     /// be `None`.
     pub fn new(scene: &'a InstancedScene, view: &'a View, cotangents: &'a [[f64; 4]]) -> Self {
         let sources = sources(scene);
-        let base = evaluate(&sources, view, cotangents);
-        Self { scene, view, cotangents, sources, base }
+        let projected: Vec<_> = sources.iter().map(|s| project(view, s, &CullLimits::exact(view))).collect();
+        let mut out = Self { scene, view, cotangents, sources, projected, rows: Vec::new() };
+        let splats = in_depth_order(out.projected.iter().flatten().cloned().collect());
+        out.rows = out.render_rows(&splats, 0..view.height);
+        out
     }
 
     /// dL / d(entry `index` of the flattened tensor), or `None` if a rule decides otherwise within the step.
     pub fn derivative(&self, tensor: Tensor, index: usize) -> Option<f64> {
         let row_len = tensor.row_len(self.scene);
         let (row, column) = (index / row_len, index % row_len);
-        let side = |step: f64| {
-            let (sources, moved) = self.moved(tensor, row, column, step);
-            (evaluate(&sources, self.view, self.cotangents), moved)
-        };
-        let ((plus, forth), (minus, back)) = (side(STEP), side(-STEP));
-        let same = |e: &Evaluation| e.pairs == self.base.pairs && e.branches == self.base.branches;
+        let users: Vec<usize> = (0..self.sources.len()).filter(|&i| self.depends(i, tensor, row)).collect();
+        let [minus, zero, plus] = [-STEP, 0.0, STEP].map(|step| self.moved(&users, tensor, column, step));
+        // Nothing changes in rows that none of the moved splats reaches.
+        let reached = [&minus, &zero, &plus].map(|moved| self.rows_reached(&moved.splats, &users));
+        let rows = reached.iter().map(|r| r.start).min()?..reached.iter().map(|r| r.end).max()?;
+        let base = &self.rows[rows.start.min(rows.end) as usize..rows.end as usize];
+        let [before, after] = [&minus, &plus].map(|moved| self.render_rows(&moved.splats, rows.clone()));
+        let same_pairs = |rows: &[Row]| rows.iter().zip(base).all(|(row, base)| row.pairs == base.pairs);
+        let same = minus.branches == zero.branches
+            && plus.branches == zero.branches
+            && same_pairs(&before)
+            && same_pairs(&after);
         // Pixel by pixel, so that those that do not change leave no rounding.
-        let difference: f64 = plus.losses.iter().zip(&minus.losses).map(|(p, m)| p - m).sum();
-        (same(&plus) && same(&minus)).then(|| difference / (forth - back))
+        let losses = |rows: Vec<Row>| rows.into_iter().flat_map(|row| row.losses);
+        let difference: f64 = losses(after).zip(losses(before)).map(|(a, b)| a - b).sum();
+        same.then(|| if users.is_empty() { 0.0 } else { difference / (plus.by - minus.by) })
     }
 
-    /// All sources after one parameter was moved, and by how much it was. A parameter that several instances share is
-    /// moved in all of them.
-    fn moved(&self, tensor: Tensor, row: usize, column: usize, step: f64) -> (Vec<SourceGaussian>, f64) {
-        let mut out = self.sources.clone();
-        let mut exact = step;
-        for source in out.iter_mut().filter(|source| self.depends(source, tensor, row)) {
-            match tensor {
-                Tensor::Means(_) | Tensor::OffsetMeans => source.mean_template[column] += step,
-                Tensor::Quats(_) => source.quat[column] += step,
-                Tensor::LogScales(_) => source.log_scales[column] += step,
-                Tensor::OpacityLogits(_) | Tensor::OffsetOpacityLogits => source.opacity_logit += step,
-                Tensor::Sh(_) | Tensor::OffsetShDc => source.sh[column / 3][column % 3] += step,
-                Tensor::WorldFromTemplate => {
-                    let mut rows = source.world_from_template.rows();
-                    let entry = &mut rows.as_flattened_mut()[column];
-                    let before = f64::from(*entry);
-                    *entry = (before + step) as f32;
-                    exact = f64::from(*entry) - before;
-                    source.world_from_template =
-                        Similarity::from_rows(rows).expect("a small step is still a similarity");
-                }
+    /// The splats after one parameter was moved. A parameter that several instances share is moved in all of them.
+    fn moved(&self, users: &[usize], tensor: Tensor, column: usize, step: f64) -> Moved {
+        let mut projected = self.projected.clone();
+        let (mut branches, mut by) = (Vec::new(), step);
+        for &i in users {
+            let mut source = self.sources[i].clone();
+            by = move_parameter(&mut source, tensor, column, step);
+            projected[i] = project(self.view, &source, &CullLimits::exact(self.view));
+            if projected[i].is_some() {
+                branches.push((i as u32, projection_branches(self.view, &source)));
             }
         }
-        (out, exact)
+        Moved { splats: in_depth_order(projected.into_iter().flatten().collect()), branches, by }
     }
 
-    /// True if the source is made from that row of the tensor.
-    fn depends(&self, source: &SourceGaussian, tensor: Tensor, row: usize) -> bool {
+    /// The rows of pixels between the first and the last that splats of `users`, ascending, may contribute to.
+    fn rows_reached(&self, splats: &[ProjectedSplat], users: &[usize]) -> Range<u32> {
+        let boxes = candidate_boxes(self.view, splats);
+        let reached = splats.iter().zip(boxes).filter(|(s, _)| users.binary_search(&(s.flat_index as usize)).is_ok());
+        reached.fold(self.view.height..0, |rows, (_, [_, _, y0, y1])| rows.start.min(y0)..rows.end.max(y1))
+    }
+
+    /// Renders rows of pixels and takes down every decision that matters.
+    fn render_rows(&self, splats: &[ProjectedSplat], rows: Range<u32>) -> Vec<Row> {
+        let boxes = candidate_boxes(self.view, splats);
+        let render_row = |y: u32| {
+            let pixels = blend_row_with_pairs(self.view, splats, &boxes, y);
+            let cotangents = &self.cotangents[y as usize * self.view.width as usize..];
+            let (losses, pairs) = pixels
+                .into_iter()
+                .zip(cotangents)
+                .map(|((pixel, pairs), cotangent)| {
+                    let [r, g, b] = pixel.color.to_array();
+                    let loss: f64 = [r, g, b, pixel.alpha].iter().zip(cotangent).map(|(v, c)| v * c).sum();
+                    let counts = cotangent.iter().any(|&c| c != 0.0);
+                    let pair = |p: &BlendedPair| (splats[p.splat].flat_index, p.alpha_raw > ALPHA_MAX);
+                    (loss, if counts { pairs.iter().map(pair).collect() } else { Vec::new() })
+                })
+                .unzip();
+            Row { losses, pairs }
+        };
+        rows.into_par_iter().map(render_row).collect()
+    }
+
+    /// True if source `i` is made from that row of the tensor.
+    fn depends(&self, i: usize, tensor: Tensor, row: usize) -> bool {
+        let source = &self.sources[i];
         let (instance, local) = (self.scene.instances.get(source.instance as usize), source.local_index as usize);
         match tensor {
             Tensor::Means(cloud)
@@ -199,24 +240,85 @@ impl<'a> FiniteDifferences<'a> {
     }
 }
 
-/// Renders and takes down every decision that matters.
-fn evaluate(sources: &[SourceGaussian], view: &View, cotangents: &[[f64; 4]]) -> Evaluation {
-    let splats = splats_in_depth_order(sources, view, &CullLimits::exact(view));
-    let boxes = candidate_boxes(view, &splats);
-    let row = |y: u32| {
-        let first = y as usize * view.width as usize;
-        let pixels = blend_row_with_pairs(view, &splats, &boxes, y);
-        pixels.into_iter().zip(&cotangents[first..]).map(|((pixel, pairs), cotangent)| {
-            let [r, g, b] = pixel.color.to_array();
-            let loss = [r, g, b, pixel.alpha].iter().zip(cotangent).map(|(v, c)| v * c).sum();
-            let counts = cotangent.iter().any(|&c| c != 0.0);
-            let pairs: Vec<_> = pairs.iter().map(|p| (splats[p.splat].flat_index, p.alpha_raw > ALPHA_MAX)).collect();
-            (loss, if counts { pairs } else { Vec::new() })
+/// Moves one parameter of a source by about `step`; returns by how much exactly.
+fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, step: f64) -> f64 {
+    match tensor {
+        Tensor::Means(_) | Tensor::OffsetMeans => source.mean_template[column] += step,
+        Tensor::Quats(_) => source.quat[column] += step,
+        Tensor::LogScales(_) => source.log_scales[column] += step,
+        Tensor::OpacityLogits(_) | Tensor::OffsetOpacityLogits => source.opacity_logit += step,
+        Tensor::Sh(_) | Tensor::OffsetShDc => source.sh[column / 3][column % 3] += step,
+        Tensor::WorldFromTemplate => {
+            let mut rows = source.world_from_template.rows();
+            let entry = &mut rows.as_flattened_mut()[column];
+            let before = f64::from(*entry);
+            *entry = (before + step) as f32;
+            let exact = f64::from(*entry) - before;
+            source.world_from_template = Similarity::from_rows(rows).expect("a small step is still a similarity");
+            return exact;
+        }
+    }
+    step
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::math::covariance::logit;
+    use crate::math::sh::SH_C0;
+    use crate::reference::view::RenderOptions;
+    use crate::scene::camera::Camera;
+    use crate::scene::gaussians::Gaussians;
+
+    /// Gray Gaussians of standard deviation 0.1 in the middle of a 9x9 picture, one behind the other, by opacity and
+    /// SH coefficient.
+    fn scene(gaussians: &[(f64, f64)]) -> InstancedScene {
+        let n = gaussians.len();
+        InstancedScene::from_cloud(Gaussians {
+            sh_degree: 0,
+            means: (0..n).map(|i| [0.0, 0.0, 1.0 + 0.1 * i as f32]).collect(),
+            quats: vec![[1.0, 0.0, 0.0, 0.0]; n],
+            log_scales: vec![[0.1f32.ln(); 3]; n],
+            opacity_logits: gaussians.iter().map(|g| logit(g.0) as f32).collect(),
+            sh: gaussians.iter().map(|g| [g.1 as f32; 3]).collect(),
         })
-    };
-    let rows: Vec<Vec<(f64, Vec<(u32, bool)>)>> = (0..view.height).into_par_iter().map(|y| row(y).collect()).collect();
-    let (losses, pairs) = rows.into_iter().flatten().unzip();
-    let branches =
-        splats.iter().map(|s| (s.flat_index, projection_branches(view, &sources[s.flat_index as usize]))).collect();
-    Evaluation { losses, pairs, branches }
+    }
+
+    /// The derivative by entry 0 of a tensor of the background.
+    fn derivative(scene: &InstancedScene, tensor: Tensor) -> Option<f64> {
+        let camera = Camera::look_at("c", DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0, (9, 9));
+        let view = View::exact(&camera, &RenderOptions::default());
+        FiniteDifferences::new(scene, &view, &[[1.0; 4]; 81]).derivative(tensor, 0)
+    }
+
+    /// Each scene sits on an edge in one tensor, to the last bit of f32, and is smooth in the other.
+    #[test]
+    fn edges_give_no_derivative() {
+        let (logit, sh) = (Tensor::OpacityLogits(Cloud::Background), Tensor::Sh(Cloud::Background));
+        let plain = scene(&[(0.5, 0.3)]);
+        assert!(derivative(&plain, logit).is_some() && derivative(&plain, sh).is_some());
+        let clamped_alpha = scene(&[(0.99, 0.3)]);
+        assert!(derivative(&clamped_alpha, logit).is_none() && derivative(&clamped_alpha, sh).is_some());
+        let clamped_color = scene(&[(0.5, -0.5 / SH_C0)]);
+        assert!(derivative(&clamped_color, sh).is_none() && derivative(&clamped_color, logit).is_some());
+        let skipped = scene(&[(1.0 / 255.0, 0.3)]);
+        assert!(derivative(&skipped, logit).is_none());
+        // T = 0.5, 0.01 times that, and with opacity 0.98 exactly 1e-4 behind the third.
+        let stopped = scene(&[(0.5, 0.3), (0.999, 0.3), (0.98, 0.3), (0.5, 0.3)]);
+        assert!(derivative(&stopped, logit).is_none() && derivative(&stopped, sh).is_some());
+    }
+
+    /// By hand: where nothing is clamped the picture is linear in the SH coefficient, with slope C0 times the sum of
+    /// the pixels' alpha.
+    #[test]
+    fn a_linear_parameter_has_its_slope() {
+        let plain = scene(&[(0.5, 0.3)]);
+        let camera = Camera::look_at("c", DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0, (9, 9));
+        let view = View::exact(&camera, &RenderOptions::default());
+        let alpha: f64 = crate::reference::render_sources(&sources(&plain), &view).alpha.iter().sum();
+        let got = derivative(&plain, Tensor::Sh(Cloud::Background)).unwrap();
+        assert!((got - SH_C0 * alpha).abs() < 1e-8, "{got} {alpha}");
+    }
 }

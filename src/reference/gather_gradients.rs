@@ -150,3 +150,65 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
 pub fn scene_gradient(scene: &InstancedScene, view: &View, cotangents: &[[f64; 4]]) -> SceneGradient {
     gather_gradients(scene, &source_gradients(&sources(scene), view, cotangents))
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec2;
+
+    use super::*;
+    use crate::math::similarity::Similarity;
+    use crate::scene::instanced_scene::{Instance, TemplateRange};
+
+    /// A gradient that is `v` everywhere.
+    fn constant(v: f64, sh: usize) -> Option<SourceGradient> {
+        Some(SourceGradient {
+            mean_template: DVec3::splat(v),
+            quat: [v; 4],
+            log_scales: DVec3::splat(v),
+            opacity_logit: v,
+            sh: vec![DVec3::splat(v); sh],
+            world_from_template: [[v; 4]; 3],
+            mean_px: DVec2::splat(v),
+        })
+    }
+
+    fn cloud(n: usize, sh_degree: u32) -> Gaussians {
+        let mut out = Gaussians { sh_degree, ..Gaussians::default() };
+        (out.means, out.quats, out.log_scales) = (vec![[0.0; 3]; n], vec![[1.0; 4]; n], vec![[0.0; 3]; n]);
+        (out.opacity_logits, out.sh) = (vec![0.0; n], vec![[0.0; 3]; n * out.sh_coefficients()]);
+        out
+    }
+
+    /// Templates of 1 and 2 Gaussians; the second twice, with records 1.. of the offsets in its second instance; one
+    /// background Gaussian. Every pair has its own power of two, so a sum tells its terms.
+    #[test]
+    fn sums_by_owner() {
+        let instance =
+            |template, first_offset| Instance { template, world_from_template: Similarity::IDENTITY, first_offset };
+        let offsets = Offsets { means: vec![[0.0; 3]; 3], sh_dc: vec![[0.0; 3]; 3], opacity_logits: vec![0.0; 3] };
+        let scene = InstancedScene {
+            templates: cloud(3, 1),
+            template_ranges: vec![TemplateRange { first: 0, count: 1 }, TemplateRange { first: 1, count: 2 }],
+            instances: vec![instance(1, None), instance(0, None), instance(1, Some(1))],
+            offsets,
+            background: cloud(1, 0),
+            ..InstancedScene::default()
+        };
+        scene.validate().unwrap();
+        let mut gradients: Vec<_> = (0..5).map(|i| constant(f64::from(1 << i), 4)).collect();
+        gradients.push(constant(32.0, 1));
+        let got = gather_gradients(&scene, &gradients);
+        assert_eq!(got.templates.opacity_logits, [4.0, 1.0 + 8.0, 2.0 + 16.0]);
+        assert_eq!(got.templates.sh[4..8], [[9.0; 3]; 4]);
+        assert_eq!((got.templates.means[2], got.templates.quats[2]), ([18.0; 3], [18.0; 4]));
+        assert_eq!(got.offsets.means, [[0.0; 3], [8.0; 3], [16.0; 3]]);
+        assert_eq!((&got.offsets.sh_dc, &got.offsets.opacity_logits[..]), (&got.offsets.means, &[0.0, 8.0, 16.0][..]));
+        assert_eq!(got.instances, [[[3.0; 4]; 3], [[4.0; 4]; 3], [[24.0; 4]; 3]]);
+        assert_eq!((&got.background.means[..], &got.background.sh[..]), (&[[32.0; 3]][..], &[[32.0; 3]][..]));
+        // A culled pair adds nothing and shifts nothing.
+        gradients[1] = None;
+        let got = gather_gradients(&scene, &gradients);
+        assert_eq!(got.templates.opacity_logits, [4.0, 9.0, 16.0]);
+        assert_eq!(got.background.opacity_logits, [32.0]);
+    }
+}

@@ -177,16 +177,17 @@ mod tests {
         worst
     }
 
+    /// Measured: 2.4e-9; with a channel off by a thousandth 6e-4.
     #[test]
     fn gradients_agree_with_differences() {
         for (weight, masked) in [(0.0, false), (0.2, false), (1.0, false), (0.2, true)] {
             let worst = worst_error(weight, masked, 1.0);
-            eprintln!("WORST {weight} {masked} {worst:e}");
             assert!(worst < 1e-6, "{weight} {masked}: {worst:e}");
         }
         assert!(worst_error(0.2, false, 1.001) > 1e-4, "a planted error is not seen");
     }
 
+    /// Measured: 0 but for the gradient of SSIM at its maximum, which cancels.
     #[test]
     fn equal_images_cost_nothing() {
         let image = noise(&mut Rng::new(5));

@@ -67,8 +67,11 @@ pub fn render_sources(sources: &[SourceGaussian], view: &View) -> ReferenceImage
 
 /// The splats that pass `limits`, nearest first; equal depths by flat index.
 pub fn splats_in_depth_order(sources: &[SourceGaussian], view: &View, limits: &CullLimits) -> Vec<ProjectedSplat> {
-    let mut splats: Vec<ProjectedSplat> =
-        sources.par_iter().filter_map(|source| project(view, source, limits)).collect();
+    in_depth_order(sources.par_iter().filter_map(|source| project(view, source, limits)).collect())
+}
+
+/// The splats nearest first; equal depths by flat index.
+pub fn in_depth_order(mut splats: Vec<ProjectedSplat>) -> Vec<ProjectedSplat> {
     splats.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.flat_index.cmp(&b.flat_index)));
     splats
 }

@@ -75,7 +75,7 @@ fn pixel_backward(
 ) {
     let [r, g, b, d_alpha_pixel] = cotangent;
     let d_color_pixel = DVec3::new(r, g, b);
-    // Transmittance in front of each pair.
+    // Transmittance in front of each pair, then that behind the last, which `zip` leaves out.
     let mut in_front = vec![1.0];
     for (i, pair) in pairs.iter().enumerate() {
         in_front.push(in_front[i] * (1.0 - alpha(pair)));
@@ -104,4 +104,75 @@ fn pixel_backward(
 /// The alpha that a pair is blended with.
 fn alpha(pair: &BlendedPair) -> f64 {
     pair.alpha_raw.min(ALPHA_MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::similarity::Similarity;
+    use crate::reference::view::RenderOptions;
+    use crate::scene::camera::Camera;
+
+    /// A 1x1 image over (0, 0.5, 1).
+    fn view() -> View {
+        let camera = Camera::look_at("one", DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0, (1, 1));
+        View::exact(&camera, &RenderOptions { background: [0.0, 0.5, 1.0], ..RenderOptions::default() })
+    }
+
+    /// A round splat of unit variance, `offset_px` to the left of the only pixel's centre.
+    fn splat(depth: f64, opacity: f64, gray: f64, offset_px: f64) -> ProjectedSplat {
+        ProjectedSplat {
+            flat_index: depth as u32,
+            depth,
+            depth_origin: (Similarity::IDENTITY, DVec3::new(0.0, 0.0, depth)),
+            depth_terms: depth,
+            mean_px: DVec2::new(0.5 - offset_px, 0.5),
+            conic: [1.0, 0.0, 1.0],
+            opacity,
+            color: DVec3::splat(gray),
+            tau_ln: (255.0 * opacity).ln(),
+            variance_px: DVec2::ONE,
+            half_extent_px: DVec2::splat(4.0),
+        }
+    }
+
+    /// C = a c1 + (1 - a) b c2 + (1 - a)(1 - b) background, alpha = 1 - (1 - a)(1 - b), a = b = 0.5. Measured: 0.
+    #[test]
+    fn two_splats_by_hand() {
+        let got =
+            blend_backward(&view(), &[splat(1.0, 0.5, 1.0, 0.0), splat(2.0, 0.5, 0.2, 0.0)], &[[0.0, 1.0, 0.0, 10.0]]);
+        assert_eq!([got[0].color, got[1].color], [DVec3::new(0.0, 0.5, 0.0), DVec3::new(0.0, 0.25, 0.0)]);
+        // dC/da = c1 - b c2 - (1 - b) background, dalpha/da = 1 - b; dC/db = (1 - a)(c2 - background).
+        let want = [1.0 - 0.1 - 0.25 + 10.0 * 0.5, 0.5 * (0.2 - 0.5) + 10.0 * 0.5];
+        assert!((got[0].opacity - want[0]).abs() < 1e-14 && (got[1].opacity - want[1]).abs() < 1e-14, "{got:?}");
+        // At its centre a splat has no slope.
+        assert!(got.iter().all(|g| g.mean_px == DVec2::ZERO && g.conic == [0.0; 3]));
+    }
+
+    /// One splat 1 px to the left: alpha = o e^(-1/2), dalpha/dx = +alpha: moving right brings it closer. Measured: 0.
+    #[test]
+    fn a_shifted_splat_by_hand() {
+        let got = blend_backward(&view(), &[splat(1.0, 0.5, 0.0, 1.0)], &[[0.0, 0.0, 0.0, 1.0]])[0];
+        let bell = (-0.5f64).exp();
+        assert!((got.opacity - bell).abs() < 1e-15);
+        assert!((got.mean_px - DVec2::new(0.5 * bell, 0.0)).length() < 1e-15);
+        assert!((got.conic[0] + 0.25 * bell).abs() < 1e-15 && got.conic[1..] == [0.0, 0.0]);
+    }
+
+    /// Clamped alpha: colour only. Skipped, and behind the end: nothing.
+    #[test]
+    fn rules_cut_gradients() {
+        let splats = [
+            splat(1.0, 0.999, 1.0, 0.0),
+            splat(2.0, 0.9 / 255.0, 1.0, 0.0),
+            splat(3.0, 0.5, 1.0, 0.0),
+            splat(4.0, 0.985, 1.0, 0.0),
+            splat(5.0, 0.1, 1.0, 0.0),
+        ];
+        let got = blend_backward(&view(), &splats, &[[1.0; 4]]);
+        assert!((got[0].color - 0.99).length() < 1e-15);
+        assert_eq!((got[0].opacity, got[0].mean_px, got[0].conic), (0.0, DVec2::ZERO, [0.0; 3]));
+        assert_eq!([got[1], got[3], got[4]], [SplatGradient::default(); 3]);
+        assert!((got[2].color - 0.005).length() < 1e-15 && got[2].opacity > 0.0);
+    }
 }
