@@ -11,6 +11,7 @@ mod pair;
 mod psnr;
 mod report;
 mod ssim;
+mod views;
 
 pub use error::{EvalError, PairError};
 pub use lpips::{InputRange, Lpips, LpipsError, Net};
@@ -18,3 +19,4 @@ pub use pair::PicturePair;
 pub use psnr::{MAX_PSNR_DB, psnr};
 pub use report::{EvalReport, Metrics, ViewMetrics};
 pub use ssim::ssim;
+pub use views::{Evaluated, evaluate, pair_of};

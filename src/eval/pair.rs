@@ -43,8 +43,8 @@ impl PicturePair {
         if valid_pixels == 0 {
             return Err(PairError::NothingToCompare);
         }
-        // `max` before `min` also turns a NaN of a pixel that does not count into 0.
-        let clamped = |rgb: &[f32; 3]| rgb.map(|v| v.max(0.0).min(1.0));
+        // A NaN here is in a pixel that does not count, but SSIM's windows would spread it.
+        let clamped = |rgb: &[f32; 3]| rgb.map(|v| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) });
         let target: Vec<_> = target.iter().map(clamped).collect();
         let pick = |i: usize| if counts(i) { clamped(&render[i]) } else { target[i] };
         let render = (0..pixels).map(pick).collect();
@@ -88,6 +88,8 @@ mod tests {
         let pair = PicturePair::new((2, 1), &render, &target, Some(&[true, false]))?;
         assert_eq!(pair.render(), [[0.0, 0.5, 1.0], [0.75; 3]]);
         assert_eq!((pair.target(), pair.valid_pixels()), (&target[..], 1));
+        let hole = [[0.25; 3], [f32::NAN; 3]];
+        assert_eq!(PicturePair::new((2, 1), &render, &hole, Some(&[true, false]))?.render()[1], [0.0; 3]);
         let error = |size, valid: Option<&[bool]>| PicturePair::new(size, &render, &target, valid).err();
         assert_eq!(error((2, 1), None), Some(PairError::NotFinite { what: "render", x: 1, y: 0 }));
         assert_eq!(error((2, 1), Some(&[false; 2])), Some(PairError::NothingToCompare));

@@ -123,7 +123,7 @@ mod tests {
         for size in [(1, 1), (3, 2), (1, 17), (23, 14)] {
             let pixels = (size.0 * size.1) as usize;
             let pair = PicturePair::new(size, &noise(1, pixels), &noise(2, pixels), None)?;
-            // Measured: 2e-16.
+            // Measured: 1.4e-16.
             assert!((ssim(&pair) - direct(&pair)).abs() < 1e-14, "{size:?}: {} {}", ssim(&pair), direct(&pair));
             let equal = PicturePair::new(size, &noise(1, pixels), &noise(1, pixels), None)?;
             assert!((ssim(&equal) - 1.0).abs() < 1e-14);
@@ -163,8 +163,9 @@ mod tests {
             let pair = PicturePair::new(size, &render, &target, None)?;
             let (want_ssim, want_psnr) =
                 (read(&mut archive, &format!("{case}_ssim_same"))?[0], read(&mut archive, &format!("{case}_psnr"))?[0]);
+            // Measured: 7e-16 and 2.5e-14 dB.
             let (ssim_error, psnr_error) = ((ssim(&pair) - want_ssim).abs(), (psnr(&pair) - want_psnr).abs());
-            assert!(ssim_error < 1e-9 && psnr_error < 1e-9, "{case}: {ssim_error:e} {psnr_error:e}");
+            assert!(ssim_error < 1e-12 && psnr_error < 1e-10, "{case}: {ssim_error:e} {psnr_error:e}");
             // The other border rule of the file must not pass for this one.
             let valid_rule = read(&mut archive, &format!("{case}_ssim_valid"))?[0];
             assert!((ssim(&pair) - valid_rule).abs() > 1e-4);

@@ -21,6 +21,7 @@ pub mod scene_write;
 pub mod splat;
 pub mod spz;
 mod spz_codec;
+pub mod view_image;
 
 use std::fs;
 use std::io::{BufWriter, Write};

@@ -10,7 +10,8 @@ use super::*;
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
-/// Largest relative difference allowed per stage and in total. Measured: see the test.
+/// Largest relative difference allowed per stage and in total. Measured: alex 3e-6, vgg 5e-6, squeeze 7e-6; the
+/// planted errors below 0.05 to 0.8.
 const TOLERANCE: f64 = 1e-4;
 
 #[derive(Deserialize)]

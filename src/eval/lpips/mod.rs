@@ -5,8 +5,8 @@
 //! length over the channels; the squared differences, weighted per channel by a trained linear head, are averaged over
 //! the places, and the stages' averages added up.
 //!
-//! The trained weights are the user's ([`weights`]). Cost, measured on 2 cores of a shared server with AVX-512: see
-//! [`Lpips::distance`].
+//! The trained weights are the user's ([`weights`]). A pair of 800x450 takes alex 0.4 to 1.1 s, squeeze 0.4 to 0.8 s and
+//! vgg 10 to 30 s (16 s of CPU time) on 2 cores with AVX-512 that other work shared.
 
 #[cfg(test)]
 mod fixture;
