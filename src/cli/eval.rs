@@ -93,8 +93,8 @@ impl EvalArgs {
 }
 
 impl LpipsArgs {
-    /// The network; `None`, said in one line, if the user named no weights and has none in the data folder.
-    fn open(&self, printer: &Printer) -> Result<Option<Lpips>, CliError> {
+    /// The network; else, if the user named no weights and has none in the data folder, why there is none.
+    fn open(&self) -> Result<Result<Lpips, String>, CliError> {
         let net = match self.lpips_net {
             NetArg::Alex => Net::Alex,
             NetArg::Vgg => Net::Vgg,
@@ -104,21 +104,16 @@ impl LpipsArgs {
             RangeArg::MinusOneToOne => InputRange::MinusOneToOne,
             RangeArg::ZeroToOne => InputRange::ZeroToOne,
         };
-        let (path, named) = match (&self.lpips_weights, user_weights_path(net)) {
-            (Some(path), _) => (path.clone(), true),
-            (None, Some(path)) => (path, false),
-            (None, None) => {
-                printer.warning("LPIPS is left out: the system names no user's data folder; see --lpips-weights");
-                return Ok(None);
+        let path = match (&self.lpips_weights, user_weights_path(net)) {
+            (Some(path), _) => path.clone(),
+            (None, None) => return Ok(Err("the system names no user's data folder; see --lpips-weights".into())),
+            (None, Some(path)) if !path.exists() => {
+                let command = conversion_command(net, &path);
+                return Ok(Err(format!("{} is not there; make it with: {command}", path.display())));
             }
+            (None, Some(path)) => path,
         };
-        if !named && !path.exists() {
-            let command = conversion_command(net, &path);
-            printer
-                .warning(format_args!("LPIPS is left out: {} is not there; make it with: {command}", path.display()));
-            return Ok(None);
-        }
-        Ok(Some(Lpips::load(net, range, &path).map_err(EvalError::from)?))
+        Ok(Ok(Lpips::load(net, range, &path).map_err(EvalError::from)?))
     }
 }
 
@@ -127,7 +122,7 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let views = args.split.views(&args.data)?;
     let cameras: Vec<_> = views.iter().map(|v| v.camera.clone()).collect();
     let file_names = picture_files::names(&cameras)?;
-    let lpips = args.lpips.open(printer)?;
+    let lpips = args.lpips.open()?;
     args.out.as_deref().map(create_folder).transpose()?;
     let options = args.look.options(&loaded.scene);
     let place = args.scene.display();
@@ -136,24 +131,28 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let scene = renderer.upload(&loaded.scene).map_err(CliError::render(&place))?;
     let mut progress = printer.progress("eval", views.len() as u64);
     let (mut visible, mut names) = (0, file_names.iter());
-    let report = evaluate::<CliError>(&mut renderer, &scene, &views, args.width, &options, lpips.as_ref(), |view| {
-        visible += view.visible;
-        if let (Some(folder), Some(name)) = (&args.out, names.next()) {
-            write_picture(&folder.join(format!("{name}.png")), view.pair)?;
-        }
-        progress.step(format_args!("{} {:.2} dB", view.name, view.metrics.psnr));
-        Ok(())
-    })?;
+    let report =
+        evaluate::<CliError>(&mut renderer, &scene, &views, args.width, &options, lpips.as_ref().ok(), |view| {
+            visible += view.visible;
+            if let (Some(folder), Some(name)) = (&args.out, names.next()) {
+                write_picture(&folder.join(format!("{name}.png")), view.pair)?;
+            }
+            progress.step(format_args!("{} {:.2} dB", view.name, view.metrics.psnr));
+            Ok(())
+        })?;
     drop(progress);
     if visible == 0 && loaded.scene.expanded_len() > 0 {
         let near = options.near;
         printer.warning(format_args!("{place}: nothing is visible from these views (near is {near}; see --near)"));
     }
-    if let Some(lpips) = &lpips
-        && report.mean.lpips.is_none()
-    {
-        let net = lpips.net().name();
-        printer.warning(format_args!("LPIPS has no mean: some pictures are too small for {net}"));
+    // Said last: next to the table that lacks the numbers, and not before an error that makes it moot.
+    match &lpips {
+        Err(reason) => printer.warning(format_args!("LPIPS is left out: {reason}")),
+        Ok(lpips) if report.mean.lpips.is_none() => {
+            let net = lpips.net().name();
+            printer.warning(format_args!("LPIPS has no mean: some pictures are too small for {net}"));
+        }
+        Ok(_) => {}
     }
     device::check_validation(&gpu)?;
     match &args.json {

@@ -156,3 +156,57 @@ fn smallest_pictures_and_equal_ones() -> Outcome {
     }
     Ok(())
 }
+
+/// Shape and values of a tensor.
+type Content = (Vec<usize>, Vec<f32>);
+
+/// A file of the squeeze network's tensors, each changed by `edit`, or left out.
+fn file_of(net_name: &str, edit: impl Fn(&str, Vec<usize>, Vec<f32>) -> Option<Content>) -> Vec<u8> {
+    let mut tensors = Vec::new();
+    let read = |name: &str, shape: &[usize]| {
+        let values = tensor(Net::Squeeze, name, shape);
+        tensors
+            .extend(edit(name, shape.to_vec(), values.clone()).map(|(shape, values)| (name.to_owned(), shape, values)));
+        Ok::<_, Infallible>(values)
+    };
+    let Ok(_) = weights::build(Net::Squeeze, read);
+    let bytes: Vec<_> = tensors.iter().map(|(n, s, v)| (n, s, bytemuck::cast_slice::<f32, u8>(v))).collect();
+    let views = bytes.iter().filter_map(|(n, s, b)| {
+        Some((n.as_str(), safetensors::tensor::TensorView::new(safetensors::Dtype::F32, s.to_vec(), b).ok()?))
+    });
+    let metadata = std::collections::HashMap::from([("net".to_owned(), net_name.to_owned())]);
+    safetensors::serialize(views, Some(metadata)).unwrap_or_default()
+}
+
+#[test]
+fn weight_files_are_read_and_errors_name_the_tensor() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("squeeze.safetensors");
+    let load = |bytes: &[u8]| -> Result<Lpips, String> {
+        std::fs::write(&path, bytes).map_err(|e| e.to_string())?;
+        Lpips::load(Net::Squeeze, InputRange::default(), &path).map_err(|e| e.to_string())
+    };
+    let pair = pair(40, 33)?;
+    let whole = file_of("squeeze", |_, shape, values| Some((shape, values)));
+    let same = network(Net::Squeeze, InputRange::default()).distance(&pair)?;
+    assert_eq!(load(&whole)?.distance(&pair)?, same);
+
+    const PART: &str = "features.6.expand3x3.weight";
+    let error = |edit: &dyn Fn(Vec<usize>, Vec<f32>) -> Option<Content>, wanted: &[&str]| {
+        let file = file_of("squeeze", |name, s, v| if name == PART { edit(s, v) } else { Some((s, v)) });
+        let text = load(&file).err().unwrap_or_default();
+        assert!(wanted.iter().all(|w| text.contains(w)) && !text.contains('\n'), "{text:?}");
+    };
+    error(&|_, _| None, &["squeeze.safetensors", PART, "is missing"]);
+    error(&|s, v| Some((vec![s[1], s[0], 3, 3], v)), &[PART, "[32, 128, 3, 3]", "[128, 32, 3, 3]"]);
+    error(&|s, v| Some((s, [&[f32::NAN], &v[1..]].concat())), &[PART, "not finite"]);
+    let other = load(&file_of("alex", |_, s, v| Some((s, v)))).err().unwrap_or_default();
+    assert!(other.contains("weights of alex, not of squeeze"), "{other}");
+    let cut = load(&whole[..whole.len() / 2]).err().unwrap_or_default();
+    assert!(cut.contains("not a whole safetensors file"), "{cut}");
+    let missing = Lpips::load(Net::Vgg, InputRange::default(), &folder.path().join("x")).err();
+    let command =
+        format!("python3 tools/models/convert_lpips.py --net vgg --out {}", folder.path().join("x").display());
+    assert!(missing.is_some_and(|e| e.to_string().contains(&command)));
+    Ok(())
+}
