@@ -21,8 +21,8 @@ const DIFFERENCE_GAIN: f32 = 4.0;
 /// Renders a dataset's views and measures how close they are to the photos: PSNR, SSIM and LPIPS.
 ///
 /// Rendered pictures are clamped to 0..1 but not rounded to 8 bits. PSNR is in dB, over all channels, at most 100. SSIM has
-/// an 11x11 Gaussian window of sigma 1.5, zero padding, and is the mean over all pixels and channels. Pixels that a mask
-/// excludes count as equal. The last row is the mean over the views.
+/// an 11x11 Gaussian window of sigma 1.5, zero padding, and is the mean over all pixels and channels. Where a photo has no
+/// valid pixel, PSNR leaves it out and the others see the photo itself. The last row is the mean over the views.
 ///
 /// LPIPS (0.1) needs trained weights, which are not part of this program: tools/models/convert_lpips.py makes them. Without
 /// them LPIPS is left out (null in JSON).

@@ -21,8 +21,8 @@ import sys
 import torch
 from safetensors.torch import save_file
 
-# Network: torchvision's name, number of linear heads.
-NETS = {"alex": ("alexnet", 5), "vgg": ("vgg16", 5), "squeeze": ("squeezenet1_1", 7)}
+# Network: torchvision's name, tensors of its feature extractor, linear heads.
+NETS = {"alex": ("alexnet", 10, 5), "vgg": ("vgg16", 26, 5), "squeeze": ("squeezenet1_1", 50, 7)}
 
 
 def backbone(name: str, path: "pathlib.Path | None") -> dict:
@@ -50,13 +50,15 @@ def main() -> None:
     parser.add_argument("--backbone", type=pathlib.Path, help="torchvision's .pth of this network, instead of downloading")
     parser.add_argument("--heads", type=pathlib.Path, help="the lpips package's .pth of this network, version 0.1")
     args = parser.parse_args()
-    name, layers = NETS[args.net]
+    name, count, layers = NETS[args.net]
     features = {k: v for k, v in backbone(name, args.backbone).items() if k.startswith("features.")}
     linear = heads(args.net, args.heads)
     names = [f"lin{k}.model.1.weight" for k in range(layers)]
+    if len(features) != count:
+        sys.exit(f"error: not the backbone of {args.net}: {len(features)} tensors features.*, not {count}")
     missing = [n for n in names if n not in linear]
-    if missing or not features:
-        sys.exit(f"error: not the weights of {args.net}: no {missing[0] if missing else 'features.*'} in them")
+    if missing:
+        sys.exit(f"error: not the heads of {args.net}: no {missing[0]} in them")
     tensors = {k: v.float().contiguous() for k, v in {**features, **{n: linear[n] for n in names}}.items()}
     args.out.parent.mkdir(parents=True, exist_ok=True)
     save_file(tensors, args.out, metadata={"format": "instgs-lpips/1", "net": args.net})
