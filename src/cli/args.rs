@@ -8,7 +8,7 @@ use glam::DVec3;
 use super::error::CliError;
 use super::printer::Printer;
 use crate::io::dataset::Split;
-use crate::io::{IoError, LoadedScene, load_scene, read_cameras, read_views};
+use crate::io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views};
 use crate::render::RenderOptions;
 use crate::scene::camera::MAX_IMAGE_SIDE;
 use crate::scene::trajectory::Orbit;
@@ -46,11 +46,28 @@ pub(super) struct ViewArgs {
     up: Option<Triple>,
 }
 
+/// Which views of a dataset.
 #[derive(Clone, Copy, ValueEnum)]
-enum SplitArg {
+pub(super) enum SplitArg {
     Test,
     Train,
     All,
+}
+
+impl SplitArg {
+    /// The dataset's views of this split, at least one.
+    pub(super) fn views(self, folder: &Path) -> Result<Vec<View>, CliError> {
+        let wanted = |of_view: Split| match self {
+            Self::All => true,
+            Self::Test => of_view == Split::Test,
+            Self::Train => of_view == Split::Train,
+        };
+        let views: Vec<View> = read_views(folder)?.views.into_iter().filter(|v| wanted(v.split)).collect();
+        if views.is_empty() {
+            return Err(IoError::new(folder, "has no views in this split").advise("try --split all").into());
+        }
+        Ok(views)
+    }
 }
 
 /// Three numbers separated by commas; a type of its own because clap takes a bare array for a list of values.
@@ -88,18 +105,8 @@ impl ViewArgs {
     }
 
     fn dataset_cameras(&self, folder: &Path) -> Result<Vec<Camera>, CliError> {
-        let views = read_views(folder)?.views;
-        let split = self.split.unwrap_or(SplitArg::Test);
-        let wanted = |of_view: Split| match split {
-            SplitArg::All => true,
-            SplitArg::Test => of_view == Split::Test,
-            SplitArg::Train => of_view == Split::Train,
-        };
-        let cameras: Vec<Camera> = views.into_iter().filter(|v| wanted(v.split)).map(|v| v.camera).collect();
-        if cameras.is_empty() {
-            return Err(IoError::new(folder, "has no views in this split").advise("try --split all").into());
-        }
-        Ok(cameras)
+        let views = self.split.unwrap_or(SplitArg::Test).views(folder)?;
+        Ok(views.into_iter().map(|v| v.camera).collect())
     }
 }
 

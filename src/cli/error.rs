@@ -1,6 +1,7 @@
 //! Everything a command can fail with; each displays as one line.
 
 use crate::bench::BenchError;
+use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
 use crate::render::RenderError;
@@ -22,6 +23,9 @@ pub enum CliError {
         /// What is wrong.
         error: RenderError,
     },
+    /// A comparison with photos.
+    #[error(transparent)]
+    Eval(#[from] EvalError),
     /// A measurement.
     #[error(transparent)]
     Bench(#[from] BenchError),

@@ -6,6 +6,7 @@ mod bench;
 pub mod demo;
 mod device;
 mod error;
+mod eval;
 mod export;
 mod info;
 mod inspect;
@@ -38,6 +39,7 @@ enum Command {
     Info(info::InfoArgs),
     Demo(demo::DemoArgs),
     Render(render::RenderArgs),
+    Eval(eval::EvalArgs),
     Bench(bench::BenchArgs),
     Inspect(inspect::InspectArgs),
     Export(export::ExportArgs),
@@ -74,6 +76,7 @@ impl Command {
             Self::Info(args) => args.json,
             Self::Demo(args) => args.json,
             Self::Render(args) => args.json,
+            Self::Eval(args) => args.json_on_stdout(),
             Self::Bench(args) => args.json_on_stdout(),
             Self::Inspect(args) => args.json,
             Self::Export(args) => args.json,
@@ -86,6 +89,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Info(args) => info::run(args, &cli.device, printer),
         Command::Demo(args) => demo::run_command(args, &cli.device, printer),
         Command::Render(args) => render::run(args, &cli.device, printer),
+        Command::Eval(args) => eval::run(args, &cli.device, printer),
         Command::Bench(args) => bench::run(args, &cli.device, printer),
         Command::Inspect(args) => inspect::run(args, printer),
         Command::Export(args) => export::run(args, printer),

@@ -37,7 +37,7 @@ pub(super) fn write(
     match format {
         Format::Png => {
             files.push(format!("{name}.png"));
-            write_png(&folder.join(&files[0]), picture)?;
+            write_png(&folder.join(&files[0]), &picture.rgb8(), (picture.width, picture.height))?;
         }
         Format::Ktx2 => {
             files.push(format!("{name}.ktx2"));
@@ -51,13 +51,11 @@ pub(super) fn write(
     Ok(files)
 }
 
-fn write_png(path: &Path, picture: &Picture) -> Result<(), IoError> {
-    let pixels = picture.rgb8();
+/// Writes 8-bit rgb, row by row from the top.
+pub(super) fn write_png(path: &Path, pixels: &[u8], (width, height): (u32, u32)) -> Result<(), IoError> {
     atomic_write(path, |out| {
         let encoder = PngEncoder::new(out);
-        encoder
-            .write_image(&pixels, picture.width, picture.height, ExtendedColorType::Rgb8)
-            .map_err(std::io::Error::other)
+        encoder.write_image(pixels, width, height, ExtendedColorType::Rgb8).map_err(std::io::Error::other)
     })
 }
 

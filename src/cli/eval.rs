@@ -1,0 +1,193 @@
+//! `instgs-vk eval`: a scene's pictures against a dataset's photos.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+
+use super::args::{LookArgs, SplitArg, create_folder, open_scene};
+use super::device::{self, DeviceArgs};
+use super::error::CliError;
+use super::picture_files;
+use super::printer::Printer;
+use super::table::Table;
+use crate::eval::lpips::weights::{conversion_command, user_weights_path};
+use crate::eval::{EvalError, EvalReport, InputRange, Lpips, Net, PicturePair, evaluate};
+use crate::render::Renderer;
+use crate::scene::camera::MAX_IMAGE_SIDE;
+
+/// Differences in the pictures of --out are shown this many times as large.
+const DIFFERENCE_GAIN: f32 = 4.0;
+
+/// Renders a dataset's views and measures how close they are to the photos: PSNR, SSIM and LPIPS.
+///
+/// Rendered pictures are clamped to 0..1 but not rounded to 8 bits. PSNR is in dB, over all channels, at most 100. SSIM has
+/// an 11x11 Gaussian window of sigma 1.5, zero padding, and is the mean over all pixels and channels. Where a photo has no
+/// valid pixel, PSNR leaves it out and the others see the photo itself. The last row is the mean over the views.
+///
+/// LPIPS (0.1) needs trained weights, which are not part of this program: tools/models/convert_lpips.py makes them. Without
+/// them LPIPS is left out (null in JSON).
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk eval --scene room.instgs --data room\n  \
+    instgs-vk eval --scene room.ply --data room --split all --width 320 --json report.json --out pictures\n  \
+    python3 tools/models/convert_lpips.py --net vgg --out vgg.safetensors\n  \
+    instgs-vk eval --scene room.instgs --data room --lpips-net vgg --lpips-weights vgg.safetensors")]
+pub(super) struct EvalArgs {
+    /// Scene: .instgs, .ply, .spz or .splat
+    #[arg(long, value_name = "S")]
+    scene: PathBuf,
+    /// Dataset folder with photos: transforms_train/test.json, transforms.json, or COLMAP's sparse/0 and images
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Which views of --data
+    #[arg(long, value_enum, default_value = "test")]
+    split: SplitArg,
+    /// Scales the photos to this width before they are compared [default: their own]
+    #[arg(long, value_name = "W", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_IMAGE_SIDE)))]
+    width: Option<u32>,
+    /// Folder for pictures of every view: render, photo, and 4 times their difference, side by side
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    lpips: LpipsArgs,
+    #[command(flatten)]
+    look: LookArgs,
+    /// Report as JSON: to a file, or without one on stdout instead of the table
+    #[arg(long, value_name = "F", num_args = 0..=1, default_missing_value = "-")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Args)]
+struct LpipsArgs {
+    /// Network of LPIPS
+    #[arg(long, value_enum, default_value = "alex", value_name = "NET")]
+    lpips_net: NetArg,
+    /// Its weights [default: instgs-vk/lpips_NET.safetensors in the user's data folder, if it is there]
+    #[arg(long, value_name = "FILE")]
+    lpips_weights: Option<PathBuf>,
+    /// What LPIPS' network is fed: 11 = -1..1, as it was trained; 01 = 0..1, as the 3DGS paper's metrics.py does
+    #[arg(long, value_enum, default_value = "11", value_name = "RANGE")]
+    lpips_range: RangeArg,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum NetArg {
+    Alex,
+    Vgg,
+    Squeeze,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum RangeArg {
+    #[value(name = "11")]
+    MinusOneToOne,
+    #[value(name = "01")]
+    ZeroToOne,
+}
+
+impl EvalArgs {
+    /// True if stdout is for the JSON report alone.
+    pub(super) fn json_on_stdout(&self) -> bool {
+        self.json.as_deref() == Some(Path::new("-"))
+    }
+}
+
+impl LpipsArgs {
+    /// The network; else, if the user named no weights and has none in the data folder, why there is none.
+    fn open(&self) -> Result<Result<Lpips, String>, CliError> {
+        let net = match self.lpips_net {
+            NetArg::Alex => Net::Alex,
+            NetArg::Vgg => Net::Vgg,
+            NetArg::Squeeze => Net::Squeeze,
+        };
+        let range = match self.lpips_range {
+            RangeArg::MinusOneToOne => InputRange::MinusOneToOne,
+            RangeArg::ZeroToOne => InputRange::ZeroToOne,
+        };
+        let path = match (&self.lpips_weights, user_weights_path(net)) {
+            (Some(path), _) => path.clone(),
+            (None, None) => return Ok(Err("the system names no user's data folder; see --lpips-weights".into())),
+            (None, Some(path)) if !path.exists() => {
+                let command = conversion_command(net, &path);
+                return Ok(Err(format!("{} is not there; make it with: {command}", path.display())));
+            }
+            (None, Some(path)) => path,
+        };
+        Ok(Ok(Lpips::load(net, range, &path).map_err(EvalError::from)?))
+    }
+}
+
+pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let loaded = open_scene(&args.scene, printer)?;
+    let views = args.split.views(&args.data)?;
+    let cameras: Vec<_> = views.iter().map(|v| v.camera.clone()).collect();
+    let file_names = picture_files::names(&cameras)?;
+    let lpips = args.lpips.open()?;
+    args.out.as_deref().map(create_folder).transpose()?;
+    let options = args.look.options(&loaded.scene);
+    let place = args.scene.display();
+    let gpu = device::open(device_args.choice())?;
+    let mut renderer = Renderer::new(&gpu).map_err(CliError::render(&place))?;
+    let scene = renderer.upload(&loaded.scene).map_err(CliError::render(&place))?;
+    let mut progress = printer.progress("eval", views.len() as u64);
+    let (mut visible, mut names) = (0, file_names.iter());
+    let report =
+        evaluate::<CliError>(&mut renderer, &scene, &views, args.width, &options, lpips.as_ref().ok(), |view| {
+            visible += view.visible;
+            if let (Some(folder), Some(name)) = (&args.out, names.next()) {
+                write_picture(&folder.join(format!("{name}.png")), view.pair)?;
+            }
+            progress.step(format_args!("{} {:.2} dB", view.name, view.metrics.psnr));
+            Ok(())
+        })?;
+    drop(progress);
+    if visible == 0 && loaded.scene.expanded_len() > 0 {
+        let near = options.near;
+        printer.warning(format_args!("{place}: nothing is visible from these views (near is {near}; see --near)"));
+    }
+    // Said last: next to the table that lacks the numbers, and not before an error that makes it moot.
+    match &lpips {
+        Err(reason) => printer.warning(format_args!("LPIPS is left out: {reason}")),
+        Ok(lpips) if report.mean.lpips.is_none() => {
+            let net = lpips.net().name();
+            printer.warning(format_args!("LPIPS has no mean: some pictures are too small for {net}"));
+        }
+        Ok(_) => {}
+    }
+    device::check_validation(&gpu)?;
+    match &args.json {
+        Some(_) if args.json_on_stdout() => return printer.json(&report),
+        Some(path) => printer.json_file(path, &report)?,
+        None => {}
+    }
+    print_table(&report, printer);
+    if let Some(folder) = &args.out {
+        printer.line(format_args!("{} pictures in {}", report.views.len(), folder.display()));
+    }
+    Ok(())
+}
+
+fn print_table(report: &EvalReport, printer: &Printer) {
+    let mut table = Table::default();
+    table.row(["view", "PSNR, dB", "SSIM", "LPIPS"].map(String::from));
+    let mean = report.mean.named("mean");
+    for view in report.views.iter().chain([&mean]) {
+        let lpips = view.lpips.map_or("-".into(), |v| format!("{v:.4}"));
+        table.row([view.name.clone(), format!("{:.2}", view.psnr), format!("{:.4}", view.ssim), lpips]);
+    }
+    printer.line(table);
+}
+
+/// Render, photo and enlarged difference beside each other, 8 bits.
+fn write_picture(path: &Path, pair: &PicturePair) -> Result<(), CliError> {
+    let (width, height) = (pair.width(), pair.height());
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+    let mut pixels = Vec::with_capacity(9 * pair.render().len());
+    for (render, target) in pair.render().chunks(width as usize).zip(pair.target().chunks(width as usize)) {
+        pixels.extend(render.as_flattened().iter().map(|&v| byte(v)));
+        pixels.extend(target.as_flattened().iter().map(|&v| byte(v)));
+        let both = render.as_flattened().iter().zip(target.as_flattened());
+        pixels.extend(both.map(|(r, t)| byte(DIFFERENCE_GAIN * (r - t).abs())));
+    }
+    Ok(picture_files::write_png(path, &pixels, (3 * width, height))?)
+}

@@ -1,0 +1,271 @@
+//! `instgs-vk eval` as a user runs it, on photos that the program itself rendered.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+use glam::{DMat4, DVec3};
+use instgs_vk::io::{write_cameras, write_ply};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::{Camera, Gaussians};
+use serde_json::{Value, json};
+
+const VIEWS: usize = 9;
+const SIZE: (u32, u32) = (64, 48);
+/// Test views of a dataset without a split of its own: every eighth.
+const TEST_VIEWS: [&str; 2] = ["v0", "v8"];
+
+/// The program under the validation layers, without weights in the user's data folder.
+fn program(at: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_instgs-vk"));
+    command.env("INSTGS_VALIDATION", "1").env("XDG_DATA_HOME", at.join("user"));
+    command
+}
+
+#[allow(clippy::print_stderr, reason = "a skipped test must be heard")]
+fn skips_gpu() -> bool {
+    let skip = std::env::var_os("INSTGS_SKIP_GPU").is_some_and(|v| v == "1");
+    if skip {
+        eprintln!("INSTGS_SKIP_GPU=1: A TEST THAT NEEDS A VULKAN DEVICE IS SKIPPED");
+    }
+    skip
+}
+
+/// Coloured blobs around the origin, moved by `shift`.
+fn blobs(shift: f32) -> Gaussians {
+    let mut rng = Rng::new(3);
+    let mut cloud = Gaussians::with_capacity(0, 60);
+    for _ in 0..60 {
+        cloud.means.push([0; 3].map(|_| rng.range(-0.8, 0.8) as f32 + shift));
+        cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+        cloud.log_scales.push([rng.range(0.05, 0.2).ln() as f32; 3]);
+        cloud.opacity_logits.push(2.0);
+        cloud.sh.push([0; 3].map(|_| rng.range(-1.5, 1.5) as f32));
+    }
+    cloud
+}
+
+fn cameras() -> Vec<Camera> {
+    let camera = |i: usize| {
+        let turn = 0.7 * i as f64;
+        let eye = DVec3::new(3.0 * turn.sin(), -0.5, -3.0 * turn.cos());
+        Camera::look_at(&format!("v{i}"), eye, DVec3::ZERO, DVec3::NEG_Y, 0.8, SIZE)
+    };
+    (0..VIEWS).map(camera).collect()
+}
+
+/// A transforms.json: poses are world from camera, in OpenGL axes.
+fn transforms(cameras: &[Camera]) -> Value {
+    let frame = |camera: &Camera| {
+        let flip = DMat4::from_diagonal(glam::DVec4::new(1.0, -1.0, -1.0, 1.0));
+        let rows = (camera.world_from_view() * flip).transpose().to_cols_array_2d();
+        json!({ "file_path": format!("images/{}.png", camera.name), "transform_matrix": rows })
+    };
+    let first = &cameras[0];
+    let frames: Vec<Value> = cameras.iter().map(frame).collect();
+    json!({ "w": first.width, "h": first.height, "fl_x": first.fx, "fl_y": first.fy, "cx": first.cx, "cy": first.cy,
+            "frames": frames })
+}
+
+/// A folder with `scene.ply`, `shifted.ply` and the dataset `data` of pictures of the former.
+fn folder() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path().to_path_buf();
+    write_ply(&at.join("scene.ply"), &blobs(0.0)).unwrap();
+    write_ply(&at.join("shifted.ply"), &blobs(0.05)).unwrap();
+    write_cameras(&at.join("cameras.json"), &cameras()).unwrap();
+    let mut render = program(&at);
+    render.args(["render", "--scene"]).arg(at.join("scene.ply")).arg("--camera").arg(at.join("cameras.json"));
+    render.arg("--out").arg(at.join("data/images")).assert().success();
+    fs::write(at.join("data/transforms.json"), transforms(&cameras()).to_string()).unwrap();
+    (folder, at)
+}
+
+fn eval(at: &Path, scene: &str, more: &[&str]) -> Command {
+    let mut command = program(at);
+    command.args(["eval", "--scene"]).arg(at.join(scene)).arg("--data").arg(at.join("data")).args(more);
+    command
+}
+
+/// Report and stderr of `eval --json`.
+fn report_of(command: &mut Command) -> (Value, String) {
+    let output = command.arg("--json").assert().success().get_output().clone();
+    (serde_json::from_slice(&output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+/// Runs, wants exit code 1 and exactly one line on stderr, which it returns.
+fn error_of(command: &mut Command) -> String {
+    let output = command.assert().code(1).get_output().clone();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.starts_with("error: ") && text.ends_with('\n') && text.lines().count() == 1, "{text:?}");
+    text
+}
+
+fn mean(report: &Value, metric: &str) -> f64 {
+    report["mean"][metric].as_f64().unwrap()
+}
+
+fn names(report: &Value) -> Vec<&str> {
+    report["views"].as_array().unwrap().iter().map(|v| v["name"].as_str().unwrap()).collect()
+}
+
+#[test]
+fn own_pictures_are_good_and_a_shifted_scene_is_not() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    let (own, warning) = report_of(&mut eval(&at, "scene.ply", &[]));
+    assert_eq!(names(&own), TEST_VIEWS);
+    // Measured: 59 dB; photos in 8 bits cost that much (noise of 1/255 / sqrt 12: 58.9 dB).
+    assert!((55.0..65.0).contains(&mean(&own, "psnr")) && mean(&own, "ssim") > 0.999, "{own}");
+    let fields: Vec<&String> = own["views"][0].as_object().unwrap().keys().collect();
+    assert_eq!(fields, ["lpips", "name", "psnr", "ssim"]);
+    assert_eq!(own["mean"].as_object().unwrap().keys().collect::<Vec<_>>(), ["lpips", "psnr", "ssim"]);
+    assert_eq!(own.as_object().unwrap().keys().collect::<Vec<_>>(), ["mean", "views"]);
+    // Without weights: null, and one line with the missing file and the command that makes it.
+    assert!(own["mean"]["lpips"].is_null() && own["views"][0]["lpips"].is_null());
+    let file = at.join("user/instgs-vk/lpips_alex.safetensors");
+    let command = format!("python3 tools/models/convert_lpips.py --net alex --out {}", file.display());
+    assert!(warning.lines().count() == 1 && warning.contains(&command), "{warning}");
+
+    let (shifted, _) = report_of(&mut eval(&at, "shifted.ply", &[]));
+    assert!(mean(&shifted, "psnr") < 30.0 && mean(&shifted, "ssim") < 0.98, "{shifted}");
+    let (all, _) = report_of(&mut eval(&at, "scene.ply", &["--split", "all"]));
+    assert_eq!(names(&all).len(), VIEWS);
+    let (other, _) = report_of(&mut eval(&at, "scene.ply", &["--background", "1,1,1"]));
+    assert!(mean(&other, "psnr") < 20.0, "the background flag was not felt");
+}
+
+#[test]
+fn table_json_file_and_pictures() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    let (json, out) = (at.join("report.json"), at.join("out"));
+    let mut command = eval(&at, "shifted.ply", &["--split", "train"]);
+    command.arg("--json").arg(&json).arg("--out").arg(&out);
+    let text = String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap();
+    let report: Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
+    assert_eq!(names(&report).len(), VIEWS - TEST_VIEWS.len());
+    assert!(text.contains("view") && text.contains(&format!("{:.2}", mean(&report, "psnr"))), "{text}");
+    assert!(text.lines().any(|line| line.starts_with("mean ")) && text.contains("7 pictures in"), "{text}");
+
+    let strip = image::open(out.join("v1.png")).unwrap().to_rgb8();
+    let photo = image::open(at.join("data/images/v1.png")).unwrap().to_rgb8();
+    assert_eq!(strip.dimensions(), (3 * SIZE.0, SIZE.1));
+    for (x, y, want) in photo.enumerate_pixels() {
+        let [render, target, difference] = [0, 1, 2].map(|part| strip.get_pixel(x + part * SIZE.0, y).0);
+        assert_eq!(target, want.0);
+        for c in 0..3 {
+            let shown = 4.0 * (f64::from(render[c]) - f64::from(target[c])).abs();
+            // The difference is of unrounded values.
+            assert!((f64::from(difference[c]) - shown.min(255.0)).abs() <= 3.0, "({x}, {y})");
+        }
+    }
+}
+
+#[test]
+fn pixels_a_photo_does_not_cover_show_the_background() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    for name in TEST_VIEWS {
+        let path = at.join(format!("data/images/{name}.png"));
+        let mut photo = image::open(&path).unwrap().to_rgba8();
+        photo.enumerate_pixels_mut().filter(|(x, ..)| *x < 8).for_each(|(.., p)| p.0 = [255, 0, 255, 0]);
+        photo.save(&path).unwrap();
+    }
+    let (black, _) = report_of(&mut eval(&at, "scene.ply", &[]));
+    assert!(mean(&black, "psnr") > 45.0, "{black}");
+    let (grey, _) = report_of(&mut eval(&at, "scene.ply", &["--background", "0.5,0.5,0.5"]));
+    assert!(mean(&grey, "psnr") < 20.0, "{grey}");
+}
+
+/// A weights file of squeeze with small positive constants.
+fn squeeze_file(path: &Path, skip: &str) {
+    let mut shapes = vec![("features.0.weight".to_owned(), vec![64, 3, 3, 3]), ("features.0.bias".into(), vec![64])];
+    let fires = [
+        (3, 64, 16),
+        (4, 128, 16),
+        (6, 128, 32),
+        (7, 256, 32),
+        (9, 256, 48),
+        (10, 384, 48),
+        (11, 384, 64),
+        (12, 512, 64),
+    ];
+    for (index, inputs, squeeze) in fires {
+        let parts = [
+            ("squeeze", squeeze, inputs, 1),
+            ("expand1x1", 4 * squeeze, squeeze, 1),
+            ("expand3x3", 4 * squeeze, squeeze, 3),
+        ];
+        for (part, outputs, inputs, side) in parts {
+            shapes.push((format!("features.{index}.{part}.weight"), vec![outputs, inputs, side, side]));
+            shapes.push((format!("features.{index}.{part}.bias"), vec![outputs]));
+        }
+    }
+    let heads = [64, 128, 256, 384, 384, 512, 512].into_iter().enumerate();
+    shapes.extend(heads.map(|(k, channels)| (format!("lin{k}.model.1.weight"), vec![1, channels, 1, 1])));
+    shapes.retain(|(name, _)| name != skip);
+    let mut rng = Rng::new(1);
+    let data: Vec<Vec<u8>> = shapes
+        .iter()
+        .map(|(_, shape)| {
+            (0..shape.iter().product()).flat_map(|_| (rng.range(0.0, 0.1) as f32).to_le_bytes()).collect()
+        })
+        .collect();
+    let views = shapes.iter().zip(&data).map(|((name, shape), data)| {
+        (name, safetensors::tensor::TensorView::new(safetensors::Dtype::F32, shape.clone(), data).unwrap())
+    });
+    fs::write(path, safetensors::serialize(views, None).unwrap()).unwrap();
+}
+
+#[test]
+fn lpips_with_weights() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    let file = at.join("squeeze.safetensors");
+    squeeze_file(&file, "");
+    let weights = ["--lpips-net", "squeeze", "--lpips-weights", file.to_str().unwrap()];
+    let (own, warning) = report_of(&mut eval(&at, "scene.ply", &weights));
+    assert_eq!(warning, "");
+    let (shifted, _) = report_of(&mut eval(&at, "shifted.ply", &weights));
+    assert!(mean(&own, "lpips") >= 0.0 && mean(&shifted, "lpips") > 10.0 * mean(&own, "lpips"), "{own} {shifted}");
+    let (range, _) = report_of(eval(&at, "shifted.ply", &weights).args(["--lpips-range", "01"]));
+    assert_ne!(mean(&range, "lpips"), mean(&shifted, "lpips"));
+    // The user's data folder does as well.
+    fs::create_dir_all(at.join("user/instgs-vk")).unwrap();
+    fs::copy(&file, at.join("user/instgs-vk/lpips_squeeze.safetensors")).unwrap();
+    assert_eq!(report_of(&mut eval(&at, "shifted.ply", &weights[..2])).0, shifted);
+}
+
+#[test]
+fn failures_are_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    write_ply(&at.join("scene.ply"), &blobs(0.0)).unwrap();
+    fs::create_dir_all(at.join("data")).unwrap();
+    fs::write(at.join("data/transforms.json"), transforms(&cameras()).to_string()).unwrap();
+    let weights = at.join("squeeze.safetensors");
+    let with_weights = ["--lpips-net", "squeeze", "--lpips-weights", weights.to_str().unwrap()];
+    let text = error_of(&mut eval(at, "scene.ply", &with_weights));
+    assert!(text.contains("squeeze.safetensors") && text.contains("--net squeeze"), "{text}");
+    squeeze_file(&weights, "lin3.model.1.weight");
+    let text = error_of(&mut eval(at, "scene.ply", &with_weights));
+    assert!(text.contains("tensor lin3.model.1.weight: is missing"), "{text}");
+    let text = error_of(program(at).args(["eval", "--scene"]).arg(at.join("scene.ply")).arg("--data").arg(at));
+    assert!(text.contains("has no cameras"), "{text}");
+    for wrong in [["--split", "dev"], ["--lpips-net", "resnet"], ["--lpips-range", "10"], ["--width", "0"]] {
+        eval(at, "scene.ply", &wrong).assert().code(2);
+    }
+    if !skips_gpu() {
+        let text = error_of(&mut eval(at, "scene.ply", &[]));
+        assert!(text.contains("v0.png"), "{text}");
+    }
+}
