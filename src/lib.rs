@@ -41,7 +41,7 @@
 //!
 //! # Layers
 //!
-//! A module uses only modules of lower layers; `tests/architecture.rs` checks it. Layer 4 is empty so far.
+//! A module uses only modules of lower layers; `tests/architecture.rs` checks it.
 //!
 //! - L0 `math`: spherical harmonics, covariances, similarities, seeded random numbers.
 //! - L1 `gpu`: the only module that speaks Vulkan: device, buffers, pipelines, recorder with derived barriers,
@@ -51,6 +51,7 @@
 //! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, cameras, COLMAP, `transforms.json`, KTX2.
 //! - L2 `kernels`: one page per kernel, the compiled pipelines, and the variant (sizes) picked for a device.
 //! - L3 `render`: scene on the device, buffer plan, the passes in order, growth and depth slabs, self-test.
+//! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
 //! - L5 `synth`: procedural scenes, among them the one of `instgs-vk demo`.
 //! - L6 `bench`: measurements and their report.
 //! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.

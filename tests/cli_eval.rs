@@ -117,7 +117,8 @@ fn own_pictures_are_good_and_a_shifted_scene_is_not() {
     let (_folder, at) = folder();
     let (own, warning) = report_of(&mut eval(&at, "scene.ply", &[]));
     assert_eq!(names(&own), TEST_VIEWS);
-    // Measured: 59 dB; photos in 8 bits cost that much (noise of 1/255 / sqrt 12: 58.9 dB).
+    // Measured: 60.0 dB and 0.9998. Photos in 8 bits cost that much: noise of 1/255 / sqrt 12 is 58.9 dB, and black
+    // is exact.
     assert!((55.0..65.0).contains(&mean(&own, "psnr")) && mean(&own, "ssim") > 0.999, "{own}");
     let fields: Vec<&String> = own["views"][0].as_object().unwrap().keys().collect();
     assert_eq!(fields, ["lpips", "name", "psnr", "ssim"]);
@@ -130,6 +131,7 @@ fn own_pictures_are_good_and_a_shifted_scene_is_not() {
     assert!(warning.lines().count() == 1 && warning.contains(&command), "{warning}");
 
     let (shifted, _) = report_of(&mut eval(&at, "shifted.ply", &[]));
+    // Measured: 26.6 dB and 0.903.
     assert!(mean(&shifted, "psnr") < 30.0 && mean(&shifted, "ssim") < 0.98, "{shifted}");
     let (all, _) = report_of(&mut eval(&at, "scene.ply", &["--split", "all"]));
     assert_eq!(names(&all).len(), VIEWS);
