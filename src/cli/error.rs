@@ -5,6 +5,8 @@ use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
 use crate::render::RenderError;
+use crate::train::TrainError;
+use crate::train::config::ConfigError;
 
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
@@ -29,6 +31,12 @@ pub enum CliError {
     /// A measurement.
     #[error(transparent)]
     Bench(#[from] BenchError),
+    /// A training run.
+    #[error(transparent)]
+    Train(#[from] TrainError),
+    /// A configuration.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
     /// Anything else, in words.
     #[error("{0}")]
     Other(String),

@@ -15,6 +15,7 @@ mod picture_files;
 mod printer;
 mod render;
 mod table;
+mod train;
 
 use std::process::ExitCode;
 
@@ -43,6 +44,7 @@ enum Command {
     Bench(bench::BenchArgs),
     Inspect(inspect::InspectArgs),
     Export(export::ExportArgs),
+    Train(train::TrainArgs),
 }
 
 const SUCCESS: u8 = 0;
@@ -80,6 +82,7 @@ impl Command {
             Self::Bench(args) => args.json_on_stdout(),
             Self::Inspect(args) => args.json,
             Self::Export(args) => args.json,
+            Self::Train(args) => args.json,
         }
     }
 }
@@ -93,6 +96,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Bench(args) => bench::run(args, &cli.device, printer),
         Command::Inspect(args) => inspect::run(args, printer),
         Command::Export(args) => export::run(args, printer),
+        Command::Train(args) => train::run(args, &cli.device, printer),
     }
 }
 

@@ -78,13 +78,18 @@ pub struct Progress {
 impl Progress {
     /// One step is done.
     pub fn step(&mut self, text: impl Display) {
-        self.done += 1;
+        self.advance_to(self.done + 1, text);
+    }
+
+    /// `done` steps are done.
+    pub fn advance_to(&mut self, done: u64, text: impl Display) {
+        let before = std::mem::replace(&mut self.done, done);
         match &self.bar {
             Some(bar) => {
                 bar.set_message(text.to_string());
-                bar.inc(1);
+                bar.set_position(done);
             }
-            None if self.worth_a_line() => {
+            None if self.worth_a_line(before) => {
                 let line = format!("{} {}/{} {text}", self.what, self.done, self.total);
                 self.printer.line(line.trim_end());
             }
@@ -95,9 +100,9 @@ impl Progress {
 
 impl Progress {
     /// Few steps are all told, of many about every tenth part.
-    fn worth_a_line(&self) -> bool {
+    fn worth_a_line(&self, before: u64) -> bool {
         let part = |done: u64| done * PROGRESS_LINES / self.total.max(1);
-        self.total <= 2 * PROGRESS_LINES || part(self.done) > part(self.done - 1)
+        self.total <= 2 * PROGRESS_LINES || part(self.done) > part(before)
     }
 }
 

@@ -100,8 +100,9 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Starts the command buffer if it has not been started, after the previous submission has finished.
-    fn begin(&mut self) -> Result<(), GpuError> {
+    /// Starts the command buffer if it has not been started, after the previous submission has finished. The other commands do
+    /// it by themselves.
+    pub fn begin(&mut self) -> Result<(), GpuError> {
         if self.recording {
             return Ok(());
         }

@@ -6,7 +6,8 @@ use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::BackwardPipelines;
 use crate::optim::{Adam, MomentBuffer, zero_moments};
 use crate::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
-use crate::scene::InstancedScene;
+use crate::scene::gaussians::sh_coefficients;
+use crate::scene::{Gaussians, InstancedScene};
 
 use super::config::Rates;
 
@@ -88,6 +89,13 @@ impl DeviceState {
         })
     }
 
+    /// The plain cloud that is trained, as it is on the device. The device must be idle.
+    pub fn download(&self, gpu: &Arc<Gpu>, antialias: bool, source: &str) -> Result<InstancedScene, RenderError> {
+        let layout = InstancedScene::from_cloud(zeros(self.source_count, self.scene.sh_degree));
+        let scene = self.scene.download(gpu, &layout)?;
+        Ok(InstancedScene { antialias, source: source.into(), ..scene })
+    }
+
     /// Records Adam on every parameter; SH bands above `sh_degree` rest.
     pub fn record_adam(
         &mut self,
@@ -121,11 +129,19 @@ impl DeviceState {
         step(means, rates.means, 3 * offsets)?;
         let dc = (g.offset_sh_dc.scalars(), scene.offset_sh_dc.scalars_mut(), &mut moments.offset_sh_dc);
         step(dc, rates.sh_dc, 3 * offsets)?;
-        let logits = (
-            &g.offset_opacity_logits,
-            &mut scene.offset_opacity_logits,
-            &mut moments.offset_opacity_logits,
-        );
+        let logits = (&g.offset_opacity_logits, &mut scene.offset_opacity_logits, &mut moments.offset_opacity_logits);
         step(logits, rates.opacity, offsets)
+    }
+}
+
+/// A cloud of `count` Gaussians of no particular shape, to be overwritten.
+pub(super) fn zeros(count: usize, sh_degree: u32) -> Gaussians {
+    Gaussians {
+        sh_degree,
+        means: vec![[0.0; 3]; count],
+        quats: vec![[1.0, 0.0, 0.0, 0.0]; count],
+        log_scales: vec![[0.0; 3]; count],
+        opacity_logits: vec![0.0; count],
+        sh: vec![[0.0; 3]; count * sh_coefficients(sh_degree)],
     }
 }

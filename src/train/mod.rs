@@ -6,11 +6,20 @@
 
 pub mod config;
 pub mod device_state;
+pub mod error;
 pub mod event_log;
 pub mod events;
 pub mod initial;
 pub mod interrupt;
+pub mod memory;
 pub mod report;
+mod start;
+pub mod state_file;
 pub mod step_runner;
+pub mod trainer;
 pub mod view_order;
 pub mod view_store;
+pub mod views;
+
+pub use error::TrainError;
+pub use trainer::{TrainJob, Trained, train};

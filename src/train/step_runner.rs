@@ -15,21 +15,14 @@ use crate::gpu::{Buffer, Gpu, Recorder, Ticket};
 use crate::kernels::Variant;
 use crate::optim::Adam;
 use crate::render::{RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
-use crate::scene::Camera;
 
 use super::config::Rates;
 use super::device_state::DeviceState;
+use super::error::TrainError;
+use super::views::TrainViews;
 
 /// Steps submitted and not yet collected. Two keep the device busy while the host records.
 const IN_FLIGHT: usize = 2;
-
-/// A training picture on the device.
-pub struct DeviceView {
-    /// The camera, of the picture's size.
-    pub camera: Camera,
-    /// RGBA of 8 bits, row by row from the top; the last byte as in `io::view_image`.
-    pub targets: Buffer<u32>,
-}
 
 /// All that a step depends on besides parameters: made from its number alone, so that it can be made again.
 #[derive(Clone, Debug)]
@@ -70,8 +63,8 @@ pub struct StepOutcome {
 /// Where the time of steps goes.
 #[derive(Clone, Debug, Default)]
 pub struct StepTimes {
-    /// Seconds of the host waiting for the device.
-    pub waiting: Duration,
+    /// Wall time of the host recording commands, with nothing of the waiting for the device or for pictures.
+    pub recording: Duration,
     /// Steps collected.
     pub steps: u64,
     /// Milliseconds per kernel, summed over these steps.
@@ -142,26 +135,29 @@ impl StepRunner {
     pub fn submit(
         &mut self,
         state: &mut DeviceState,
-        views: &[DeviceView],
+        views: &mut TrainViews,
         plan: StepPlan,
-    ) -> Result<Option<StepOutcome>, RenderError> {
+    ) -> Result<Option<StepOutcome>, TrainError> {
         let outcome = if self.in_flight.len() >= IN_FLIGHT { self.collect(state, views)? } else { None };
         self.record(state, views, plan)?;
         Ok(outcome)
+    }
+
+    /// Index of the oldest step that has not been collected: the state on the device is that before it, if it failed.
+    pub fn oldest_in_flight(&self) -> Option<u64> {
+        self.in_flight.front().map(|flight| flight.plan.step)
     }
 
     /// The outcome of the oldest step that has not been collected; `None` if there is none.
     pub fn collect(
         &mut self,
         state: &mut DeviceState,
-        views: &[DeviceView],
-    ) -> Result<Option<StepOutcome>, RenderError> {
+        views: &mut TrainViews,
+    ) -> Result<Option<StepOutcome>, TrainError> {
         loop {
             let Some(oldest) = self.in_flight.front() else { return Ok(None) };
             let (slot, step) = (oldest.slot, oldest.plan.step);
-            let start = Instant::now();
             self.recorders[slot].wait(oldest.ticket)?;
-            self.times.waiting += start.elapsed();
             let record = read_record(&self.log.readback[slot], step);
             if self.frame.grow(&record)? {
                 self.redo(state, views)?;
@@ -177,7 +173,7 @@ impl StepRunner {
     }
 
     /// After an overflow of the oldest step: larger buffers, then the same steps in the same order.
-    fn redo(&mut self, state: &mut DeviceState, views: &[DeviceView]) -> Result<(), RenderError> {
+    fn redo(&mut self, state: &mut DeviceState, views: &mut TrainViews) -> Result<(), TrainError> {
         self.gpu.wait_all()?;
         self.grown.push(self.frame.intersections());
         write(&self.gpu, &mut self.log.status, &[0; STATUS_COUNT as usize])?;
@@ -185,7 +181,7 @@ impl StepRunner {
         plans.into_iter().try_for_each(|plan| self.record(state, views, plan))
     }
 
-    fn record(&mut self, state: &mut DeviceState, views: &[DeviceView], plan: StepPlan) -> Result<(), RenderError> {
+    fn record(&mut self, state: &mut DeviceState, views: &mut TrainViews, plan: StepPlan) -> Result<(), TrainError> {
         let slot = self.next_slot;
         let result = self.record_in(state, views, &plan, slot);
         if result.is_err() {
@@ -200,14 +196,17 @@ impl StepRunner {
     fn record_in(
         &mut self,
         state: &mut DeviceState,
-        views: &[DeviceView],
+        views: &mut TrainViews,
         plan: &StepPlan,
         slot: usize,
-    ) -> Result<Ticket, RenderError> {
-        let view = &views[plan.view];
+    ) -> Result<Ticket, TrainError> {
+        let view = views.get(plan.view)?;
         let train_view = TrainView { camera: &view.camera, options: plan.options };
         let step = plan.step as u32;
         self.frame.prepare(&state.scene, self.largest_px, plan.sh_degree)?;
+        self.recorders[slot].begin()?;
+        // CPU drivers run a submission within the call that makes it: only what comes before is the host's own work.
+        let start = Instant::now();
         let recorder = &mut self.recorders[slot];
         self.frame.record_forward(recorder, &state.scene, &train_view)?;
         let loss = (&view.targets, plan.lambda_dssim);
@@ -220,6 +219,7 @@ impl StepRunner {
         let readback = &mut self.log.readback[slot];
         let bytes = readback.bytes();
         recorder.copy(&self.log.records, readback, bytes)?;
+        self.times.recording += start.elapsed();
         Ok(recorder.submit()?)
     }
 }

@@ -1,0 +1,410 @@
+//! A training run: where it starts, what happens at each step, what is left at the end.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use crate::eval::{EvalReport, Evaluated, evaluate};
+use crate::gpu::Gpu;
+use crate::io::checkpoint;
+use crate::io::{View, atomic_write, write_ply, write_scene_file};
+use crate::kernels::Variant;
+use crate::math::rng::Rng;
+use crate::optim::Adam;
+use crate::render::{RenderOptions, Renderer};
+use crate::scene::InstancedScene;
+
+use super::config::{Background, TrainConfig};
+use super::device_state::DeviceState;
+use super::error::TrainError;
+use super::events::{Event, EventSink};
+use super::interrupt::Interrupt;
+use super::memory::memory_uses;
+use super::report::{DatasetFacts, MemoryUse, Stage};
+use super::start::{TrainData, first_state, read_data};
+use super::state_file::to_checkpoint;
+use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
+use super::view_order::ViewOrder;
+use super::views::{TrainViews, ViewsPlan};
+
+/// Sub-stream of the seed for random backgrounds ("back" in ASCII).
+const BACKGROUND_STREAM: u64 = 0x6261_636b;
+/// Steps between two events that report the loss.
+const REPORT_EVERY: u64 = 10;
+/// Without a budget of the user's, training pictures take at most this part of the device's memory.
+const PICTURE_SHARE: f64 = 0.25;
+
+/// What to train.
+#[derive(Clone, Debug)]
+pub struct TrainJob {
+    /// Dataset folder.
+    pub data: PathBuf,
+    /// Run folder.
+    pub out: PathBuf,
+    /// How.
+    pub config: TrainConfig,
+    /// Start from this scene instead of the dataset's points.
+    pub init: Option<PathBuf>,
+    /// Go on from the newest checkpoint of the run folder, if there is one.
+    pub resume: bool,
+}
+
+/// What a run left behind, besides its files.
+pub struct Trained {
+    /// The trained cloud, non-finite Gaussians dropped.
+    pub scene: InstancedScene,
+    /// How many were dropped.
+    pub dropped_non_finite: usize,
+    /// Finished steps.
+    pub done: u64,
+    /// True if someone asked to stop before the last step.
+    pub interrupted: bool,
+    /// Figures of the test views; `None` without test views, or if interrupted.
+    pub eval: Option<EvalReport>,
+    /// Wall time of the parts.
+    pub stages: Vec<Stage>,
+    /// Steps a second of the optimisation alone, in this part of the run.
+    pub steps_per_second: f64,
+    /// Where the time of the steps went.
+    pub times: StepTimes,
+    /// Wall time of the steps.
+    pub train_seconds: f64,
+    /// Device bytes by use.
+    pub memory: Vec<MemoryUse>,
+    /// The most device memory in use at a time.
+    pub device_peak: u64,
+    /// What was trained on.
+    pub dataset: DatasetFacts,
+    /// Things worth telling, one line each.
+    pub warnings: Vec<String>,
+}
+
+/// One run in progress.
+struct Run<'a> {
+    gpu: &'a Arc<Gpu>,
+    job: &'a TrainJob,
+    extent: f64,
+    views: TrainViews,
+    test: &'a [View],
+    runner: StepRunner,
+    state: DeviceState,
+    order: ViewOrder,
+    times: StepTimes,
+    clock: Clock,
+}
+
+/// Wall time of the steps alone, without evaluations and checkpoints.
+struct Clock {
+    started: Instant,
+    elsewhere: f64,
+    /// Finished steps and seconds at the last report.
+    reported: (u64, f64),
+}
+
+impl Clock {
+    fn seconds(&self) -> f64 {
+        self.started.elapsed().as_secs_f64() - self.elsewhere
+    }
+}
+
+/// Trains. Events go to `sink`; `interrupt` is looked at between steps. Files are written into the run folder:
+/// `config.toml`, `checkpoints/`, `point_cloud.ply` and `scene.instgs`; the report is the caller's.
+///
+/// # Errors
+/// Damaged or missing input; a device that fails or is too small: then the state before the step is saved first.
+pub fn train(
+    gpu: &Arc<Gpu>,
+    job: &TrainJob,
+    sink: &mut dyn EventSink,
+    interrupt: &Interrupt,
+    on_picture: &mut dyn FnMut(Evaluated<'_>),
+) -> Result<Trained, TrainError> {
+    gpu.reset_memory_peak();
+    let load = Instant::now();
+    let needs_points = job.init.is_none() && job.config.init == super::config::Init::Points;
+    let mut data = read_data(&job.data, needs_points)?;
+    let variant = Variant::for_device(gpu.caps());
+    let (state, first_step) = first_state(gpu, job, &mut data, variant.workgroup_size)?;
+    let mut run = Run::new(gpu, job, &data, variant, state, first_step)?;
+    let mut stages = vec![Stage { name: "load".into(), seconds: load.elapsed().as_secs_f64() }];
+
+    run.announce(sink, first_step, &data)?;
+    let text = job.config.to_toml()?;
+    atomic_write(&job.out.join("config.toml"), |out| out.write_all(text.as_bytes()))?;
+    run.clock.started = Instant::now();
+    let done = run.steps(sink, interrupt, first_step)?;
+    let train_seconds = run.clock.seconds();
+    stages.push(Stage { name: "train".into(), seconds: train_seconds });
+
+    let memory = memory_uses(&run.state, &run.runner, &run.views);
+    let device_peak = gpu.memory_usage().1;
+    let save = Instant::now();
+    let mut scene = run.state.download(gpu, job.config.antialias, &format!("instgs-vk train, {done} steps"))?;
+    let dropped_non_finite = scene.background.drop_non_finite();
+    if scene.background.is_empty() {
+        return Err(TrainError::Other(format!("after {done} steps no Gaussian is left that is finite")));
+    }
+    write_ply(&job.out.join("point_cloud.ply"), &scene.background)?;
+    write_scene_file(&job.out.join("scene.instgs"), &scene)?;
+    stages.push(Stage { name: "save".into(), seconds: save.elapsed().as_secs_f64() });
+
+    let interrupted = done < job.config.steps;
+    let evaluation = Instant::now();
+    let eval = if interrupted || data.test.is_empty() { None } else { Some(run.evaluate(on_picture)?) };
+    if let Some(report) = &eval {
+        sink.event(&evaluated(done, report))?;
+        stages.push(Stage { name: "eval".into(), seconds: evaluation.elapsed().as_secs_f64() });
+    }
+    let gaussians = run.state.source_count as u64;
+    sink.event(&Event::Finished { step: done, interrupted, gaussians, seconds: train_seconds })?;
+    let steps = (done - first_step) as f64;
+    Ok(Trained {
+        scene,
+        dropped_non_finite,
+        done,
+        interrupted,
+        eval,
+        stages,
+        steps_per_second: if train_seconds > 0.0 { steps / train_seconds } else { 0.0 },
+        dataset: run.facts(&data),
+        times: run.times,
+        train_seconds,
+        memory,
+        device_peak,
+        warnings: data.warnings,
+    })
+}
+
+fn evaluated(step: u64, report: &EvalReport) -> Event {
+    let mean = report.mean;
+    Event::Evaluated { step, views: report.views.len() as u64, psnr: mean.psnr, ssim: mean.ssim, lpips: mean.lpips }
+}
+
+impl<'a> Run<'a> {
+    fn new(
+        gpu: &'a Arc<Gpu>,
+        job: &'a TrainJob,
+        data: &'a TrainData,
+        variant: Variant,
+        state: DeviceState,
+        first_step: u64,
+    ) -> Result<Self, TrainError> {
+        let config = &job.config;
+        let budget = match config.device_memory_mb {
+            0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
+            mb => u64::from(mb) << 19,
+        };
+        let plan = ViewsPlan {
+            views: &data.train,
+            width: (config.width > 0).then_some(config.width),
+            budget_bytes: budget,
+            seed: config.seed,
+            first_step,
+        };
+        let views = TrainViews::load(gpu, &plan, || ())?;
+        let runner = StepRunner::new(gpu, variant, views.largest_px(), true)?;
+        Ok(Self {
+            gpu,
+            job,
+            extent: data.extent,
+            order: ViewOrder::new(config.seed, views.len()),
+            views,
+            test: &data.test,
+            runner,
+            state,
+            times: StepTimes::default(),
+            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (first_step, 0.0) },
+        })
+    }
+
+    fn announce(&self, sink: &mut dyn EventSink, step: u64, data: &TrainData) -> Result<(), TrainError> {
+        sink.event(&Event::Started {
+            step,
+            steps: self.job.config.steps,
+            resumed: step > 0,
+            method: "3dgs".into(),
+            device: self.gpu.caps().name.clone(),
+            gaussians: self.state.source_count as u64,
+            views: data.train.len() as u64,
+            test_views: data.test.len() as u64,
+        })?;
+        Ok(())
+    }
+
+    /// Steps from `first` to the last one; returns how many are finished.
+    fn steps(&mut self, sink: &mut dyn EventSink, interrupt: &Interrupt, first: u64) -> Result<u64, TrainError> {
+        let config = &self.job.config;
+        let mut done = first;
+        while done < config.steps {
+            if done == first || config.sh_degree_at(done) != config.sh_degree_at(done - 1) {
+                sink.event(&Event::ShDegree { step: done, degree: config.sh_degree_at(done) })?;
+            }
+            let plan = self.plan(done)?;
+            let outcome = self.runner.submit(&mut self.state, &mut self.views, plan);
+            self.collected(outcome, sink)?;
+            done += 1;
+            if self.pauses_after(done) || interrupt.requested() {
+                self.drain(sink)?;
+                self.between_steps(done, sink, interrupt)?;
+            }
+            if interrupt.requested() {
+                break;
+            }
+        }
+        self.drain(sink)?;
+        self.times = self.runner.take_times();
+        Ok(done)
+    }
+
+    /// Everything about a step, from its index alone.
+    fn plan(&mut self, step: u64) -> Result<StepPlan, TrainError> {
+        let config = &self.job.config;
+        let view = self.order.view_at(step).ok_or_else(|| TrainError::Other("there are no training views".into()))?;
+        let rates = &config.rates;
+        Ok(StepPlan {
+            step,
+            view,
+            options: options(config, background_at(config, step)),
+            rates: config.rates_at(step, self.extent),
+            sh_degree: config.sh_degree_at(step),
+            lambda_dssim: config.lambda_dssim as f32,
+            adam: Adam { beta1: rates.beta1, beta2: rates.beta2, epsilon: rates.eps, step: step + 1 },
+        })
+    }
+
+    /// True if something happens between the steps, for which the device must be idle.
+    fn pauses_after(&self, done: u64) -> bool {
+        let config = &self.job.config;
+        config.densifies_at(done)
+            || config.resets_opacity_at(done)
+            || config.checkpoints_at(done)
+            || config.evaluates_at(done) && done < config.steps
+    }
+
+    fn between_steps(&mut self, done: u64, sink: &mut dyn EventSink, interrupt: &Interrupt) -> Result<(), TrainError> {
+        let config = &self.job.config;
+        self.densify(done, sink)?;
+        let pause = Instant::now();
+        if config.evaluates_at(done) && done < config.steps && !self.test.is_empty() {
+            let report = self.evaluate(&mut |_| ())?;
+            sink.event(&evaluated(done, &report))?;
+        }
+        if config.checkpoints_at(done) || interrupt.requested() {
+            let path = self.save_checkpoint(done)?;
+            sink.event(&Event::Checkpoint { step: done, path })?;
+        }
+        self.clock.elsewhere += pause.elapsed().as_secs_f64();
+        Ok(())
+    }
+
+    fn save_checkpoint(&self, done: u64) -> Result<PathBuf, TrainError> {
+        let folder = self.job.out.join("checkpoints");
+        let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &self.state, done)?)?;
+        checkpoint::prune(&folder, checkpoint::KEEP)?;
+        Ok(path)
+    }
+
+    /// Collects all steps on their way.
+    fn drain(&mut self, sink: &mut dyn EventSink) -> Result<(), TrainError> {
+        while self.runner.oldest_in_flight().is_some() {
+            let outcome = self.runner.collect(&mut self.state, &mut self.views);
+            self.collected(outcome, sink)?;
+        }
+        Ok(())
+    }
+
+    /// Reports a step; after a failure, saves the state before it.
+    fn collected(
+        &mut self,
+        outcome: Result<Option<StepOutcome>, TrainError>,
+        sink: &mut dyn EventSink,
+    ) -> Result<(), TrainError> {
+        match outcome {
+            Ok(None) => Ok(()),
+            Ok(Some(outcome)) => self.report(&outcome, sink),
+            Err(TrainError::Render(error)) => {
+                // Steps behind a failed one change nothing.
+                let step = self.runner.oldest_in_flight().unwrap_or(0);
+                let saved = self.save_checkpoint(step).ok();
+                Err(TrainError::Step { step, error, saved })
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    fn report(&mut self, outcome: &StepOutcome, sink: &mut dyn EventSink) -> Result<(), TrainError> {
+        let step = outcome.step + 1;
+        for grown_to in self.runner.take_grown() {
+            let what = "(splat, tile) pairs".into();
+            sink.event(&Event::Overflow { step: outcome.step, what, grown_to: u64::from(grown_to) })?;
+        }
+        if !step.is_multiple_of(REPORT_EVERY) && step != self.job.config.steps {
+            return Ok(());
+        }
+        let lambda = self.job.config.lambda_dssim;
+        let seconds = self.clock.seconds();
+        let (last_step, last_seconds) = std::mem::replace(&mut self.clock.reported, (step, seconds));
+        sink.event(&Event::Step {
+            step,
+            loss: (1.0 - lambda) * outcome.l1 + lambda * (1.0 - outcome.ssim),
+            l1: outcome.l1,
+            ssim: outcome.ssim,
+            psnr: -10.0 * outcome.mse.max(1e-10).log10(),
+            gaussians: self.state.source_count as u64,
+            steps_per_second: (step - last_step) as f64 / (seconds - last_seconds).max(1e-9),
+            seconds,
+        })?;
+        Ok(())
+    }
+
+    /// Clones, splits, prunes, and resets opacities where the schedule says so.
+    fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
+        let _ = (done, sink);
+        Ok(())
+    }
+
+    /// Renders and compares the test views.
+    fn evaluate(&mut self, on_picture: &mut dyn FnMut(Evaluated<'_>)) -> Result<EvalReport, TrainError> {
+        let config = &self.job.config;
+        let mut renderer = Renderer::new(self.gpu)?;
+        let background = match config.background {
+            Background::White => [1.0; 3],
+            _ => [0.0; 3],
+        };
+        let width = (config.width > 0).then_some(config.width);
+        let options = options(config, background);
+        evaluate::<TrainError>(&mut renderer, &self.state.scene, self.test, width, &options, None, |view| {
+            on_picture(view);
+            Ok(())
+        })
+    }
+
+    fn facts(&self, data: &TrainData) -> DatasetFacts {
+        let [width, height] = self.views.largest_px();
+        DatasetFacts {
+            path: self.job.data.display().to_string(),
+            train_views: data.train.len() as u64,
+            test_views: data.test.len() as u64,
+            width,
+            height,
+            points: data.points.len() as u64,
+            extent: data.extent,
+        }
+    }
+}
+
+fn options(config: &TrainConfig, background: [f32; 3]) -> RenderOptions {
+    RenderOptions { near: config.near as f32, antialias: config.antialias, background, ..RenderOptions::default() }
+}
+
+/// The colour behind everything at a step.
+fn background_at(config: &TrainConfig, step: u64) -> [f32; 3] {
+    match config.background {
+        Background::Black => [0.0; 3],
+        Background::White => [1.0; 3],
+        Background::Random => {
+            let mut rng = Rng::new(config.seed).fork(BACKGROUND_STREAM).fork(step);
+            std::array::from_fn(|_| rng.uniform() as f32)
+        }
+    }
+}

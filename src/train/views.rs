@@ -1,0 +1,168 @@
+//! The training pictures on the device: all of them if they fit, else the first ones for good and the rest in turn,
+//! decoded ahead by worker threads.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use crate::gpu::staging::upload;
+use crate::gpu::{Buffer, Gpu};
+use crate::io::View;
+use crate::io::view_image::{LoadedView, ViewImage};
+use crate::scene::Camera;
+
+use super::error::TrainError;
+use super::view_order::ViewOrder;
+use super::view_store::{PrefetchLimits, Prefetcher, load_all};
+
+/// A training picture on the device.
+pub struct DeviceView {
+    /// The camera, of the picture's size.
+    pub camera: Camera,
+    /// RGBA of 8 bits, row by row from the top; the last byte as in `io::view_image`.
+    pub targets: Buffer<u32>,
+}
+
+/// Streamed pictures that stay on the device: those of the steps in flight, which may have to be done again, and the
+/// next one.
+const STREAMED: usize = 4;
+
+/// Where steps get their pictures from.
+pub struct TrainViews {
+    gpu: Arc<Gpu>,
+    /// The first views, as many as fit the budget.
+    resident: Vec<DeviceView>,
+    /// Of the others, those used last.
+    streamed: VecDeque<(usize, DeviceView)>,
+    prefetcher: Option<Prefetcher>,
+    count: usize,
+    largest_px: [u32; 2],
+    bytes: u64,
+}
+
+/// What decides about the pictures.
+pub struct ViewsPlan<'a> {
+    /// Training views.
+    pub views: &'a [View],
+    /// Downscale to this width.
+    pub width: Option<u32>,
+    /// Device bytes that pictures may take.
+    pub budget_bytes: u64,
+    /// Order of the views.
+    pub seed: u64,
+    /// The first step that will ask for a view.
+    pub first_step: u64,
+}
+
+impl TrainViews {
+    /// Loads what fits the budget, and looks at every picture once, so that a damaged one is found now and not in
+    /// hours. `on_loaded` is called after each.
+    ///
+    /// # Errors
+    /// The first picture, in order, that cannot be read; the device's memory is full.
+    pub fn load(gpu: &Arc<Gpu>, plan: &ViewsPlan<'_>, mut on_loaded: impl FnMut()) -> Result<Self, TrainError> {
+        let mut out = Self {
+            gpu: gpu.clone(),
+            resident: Vec::new(),
+            streamed: VecDeque::new(),
+            prefetcher: None,
+            count: plan.views.len(),
+            largest_px: [0; 2],
+            bytes: 0,
+        };
+        let mut full = false;
+        load_all::<TrainError>(plan.views, plan.width, PrefetchLimits::default(), &mut |_, loaded| {
+            out.largest_px[0] = out.largest_px[0].max(loaded.image.width);
+            out.largest_px[1] = out.largest_px[1].max(loaded.image.height);
+            full |= out.bytes + loaded.image.bytes() > plan.budget_bytes;
+            if !full {
+                out.bytes += loaded.image.bytes();
+                out.resident.push(device_view(gpu, &loaded)?);
+            }
+            on_loaded();
+            Ok(())
+        })?;
+        if out.resident.len() < out.count {
+            let resident = out.resident.len();
+            let mut order = ViewOrder::new(plan.seed, out.count);
+            let sequence =
+                (plan.first_step..).map_while(move |step| order.view_at(step)).filter(move |&i| i >= resident);
+            let limits = PrefetchLimits::default();
+            out.prefetcher = Some(Prefetcher::new(plan.views.to_vec(), plan.width, sequence, limits));
+        }
+        Ok(out)
+    }
+
+    /// Picture `index`. Pictures must be asked for in the order of steps from the first one on; any of the last few may
+    /// be asked for again.
+    pub fn get(&mut self, index: usize) -> Result<&DeviceView, TrainError> {
+        if index < self.resident.len() {
+            return Ok(&self.resident[index]);
+        }
+        if !self.streamed.iter().any(|(i, _)| *i == index) {
+            let view = self.next_streamed(index)?;
+            if self.streamed.len() >= STREAMED {
+                self.streamed.pop_front();
+            }
+            self.streamed.push_back((index, view));
+        }
+        let found = self.streamed.iter().find(|(i, _)| *i == index);
+        found
+            .map(|(_, view)| view)
+            .ok_or_else(|| TrainError::Other(format!("view {index} is not among the training views")))
+    }
+
+    fn next_streamed(&mut self, index: usize) -> Result<DeviceView, TrainError> {
+        for loaded in self.prefetcher.iter_mut().flatten() {
+            let (found, view) = loaded?;
+            if found == index {
+                return Ok(device_view(&self.gpu, &view)?);
+            }
+        }
+        Err(TrainError::Other(format!("view {index} was not read ahead")))
+    }
+
+    /// Number of views.
+    pub fn len(&self) -> usize {
+        self.count
+    }
+
+    /// True if there are no views.
+    pub fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// Width and height that no picture exceeds.
+    pub fn largest_px(&self) -> [u32; 2] {
+        self.largest_px
+    }
+
+    /// Device bytes of the pictures that stay.
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// How many pictures stay on the device.
+    pub fn resident(&self) -> usize {
+        self.resident.len()
+    }
+
+    /// For tests and tools: pictures that are in memory already.
+    pub fn from_images(gpu: &Arc<Gpu>, images: &[LoadedView]) -> Result<Self, TrainError> {
+        let resident = images.iter().map(|v| device_view(gpu, v)).collect::<Result<Vec<_>, _>>()?;
+        let largest = |side: fn(&ViewImage) -> u32| images.iter().map(|v| side(&v.image)).max().unwrap_or(0);
+        Ok(Self {
+            gpu: gpu.clone(),
+            count: resident.len(),
+            bytes: images.iter().map(|v| v.image.bytes()).sum(),
+            resident,
+            streamed: VecDeque::new(),
+            prefetcher: None,
+            largest_px: [largest(|i| i.width), largest(|i| i.height)],
+        })
+    }
+}
+
+fn device_view(gpu: &Arc<Gpu>, view: &LoadedView) -> Result<DeviceView, crate::gpu::GpuError> {
+    let pixels: Vec<u32> = view.image.rgba.iter().map(|p| u32::from_le_bytes(*p)).collect();
+    Ok(DeviceView { camera: view.camera.clone(), targets: upload(gpu, "training picture", &pixels)? })
+}
