@@ -7,5 +7,6 @@ pub mod config;
 pub mod device_state;
 pub mod initial;
 pub mod step_runner;
+pub mod strategy;
 pub mod view_order;
 pub mod view_store;
