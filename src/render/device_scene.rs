@@ -167,7 +167,12 @@ impl DeviceScene {
         let mut tables = Tables::default();
         let place = Placement { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0 };
         let bound = Bound { center: DVec3::ZERO, radius: 0.0, sigma_max: 0.0 };
-        let source = Source { first: 0, count: count as u32, sh_degree: self.counts.background_sh_degree, first_in_band: [0; 3] };
+        let source = Source {
+            first: 0,
+            count: count as u32,
+            sh_degree: self.counts.background_sh_degree,
+            first_in_band: [0; 3],
+        };
         tables.push_instance(&place, &bound, source, 0, self.chunk_size)?;
         tables.chunks = vec![types::Chunk::default(); count.div_ceil(self.chunk_size as usize)];
         tables.widen();

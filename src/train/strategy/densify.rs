@@ -66,8 +66,7 @@ pub(super) fn densify(
     assert_eq!(state.scene.counts.templates, 0, "only plain clouds change their number of Gaussians");
     let before = state.source_count as u32;
     let (fates, counters) = decide(tools, state, limits)?;
-    let [cloned, split, after] =
-        [COUNTER_CLONED, COUNTER_SPLIT, COUNTER_DENSIFIED].map(|slot| counters[slot as usize]);
+    let [cloned, split, after] = [COUNTER_CLONED, COUNTER_SPLIT, COUNTER_DENSIFIED].map(|slot| counters[slot as usize]);
     if after == 0 {
         let reason = format!(
             "none of {before} Gaussians would be left after {} steps (opacity too low, too large, or not finite): check \
@@ -180,12 +179,7 @@ fn place(tools: &mut Tools, fates: &Fates, before: u32, after: u32) -> Result<Mo
     Ok(moves)
 }
 
-fn split_children(
-    tools: &mut Tools,
-    state: &mut DeviceState,
-    moves: &Moves,
-    limits: &Limits,
-) -> Result<(), GpuError> {
+fn split_children(tools: &mut Tools, state: &mut DeviceState, moves: &Moves, limits: &Limits) -> Result<(), GpuError> {
     let scene = &mut state.scene;
     let bindings = densify_split::Bindings {
         origins: &moves.origins,
