@@ -44,6 +44,9 @@ fn family(kernel: &str) -> &str {
             "image_loss"
         }
         "train_status" => "image_loss",
+        "densify_mark" | "densify_select" | "densify_place" | "densify_split" | "move_gaussians" | "reset_opacity" => {
+            "densify"
+        }
         other => other,
     }
 }

@@ -39,6 +39,17 @@ pub struct BackwardPipelines {
     pub adam: Pipeline<adam::Adam>,
 }
 
+/// The kernels that change the number of Gaussians between steps.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct DensifyPipelines {
+    pub densify_mark: Pipeline<densify_mark::DensifyMark>,
+    pub densify_select: Pipeline<densify_select::DensifySelect>,
+    pub densify_place: Pipeline<densify_place::DensifyPlace>,
+    pub densify_split: Pipeline<densify_split::DensifySplit>,
+    pub move_gaussians: Pipeline<move_gaussians::MoveGaussians>,
+    pub reset_opacity: Pipeline<reset_opacity::ResetOpacity>,
+}
+
 /// The three scan passes; `*_gather` read their values through an index list.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct ScanPipelines {
@@ -168,6 +179,22 @@ impl BackwardPipelines {
             preprocess_instance_expand_backward: compiler.compile(size, &[degree])?,
             gather_gradients: compiler.compile(size, &[degree])?,
             adam: compiler.compile(size, &[])?,
+        })
+    }
+}
+
+impl DensifyPipelines {
+    /// Compiles all of them for clouds of SH degree `sh_degree`.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant, sh_degree: u32) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let size = variant.workgroup_size;
+        Ok(Self {
+            densify_mark: compiler.compile(size, &[("SH_DEGREE", sh_degree)])?,
+            densify_select: compiler.compile(size, &[])?,
+            densify_place: compiler.compile(size, &[])?,
+            densify_split: compiler.compile(size, &[])?,
+            move_gaussians: compiler.compile(size, &[])?,
+            reset_opacity: compiler.compile(size, &[])?,
         })
     }
 }

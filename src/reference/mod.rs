@@ -4,6 +4,7 @@
 pub mod adam;
 pub mod compact;
 pub mod cull_chunks;
+pub mod densify;
 pub mod emit_intersections;
 pub mod finite_diff;
 pub mod gather_gradients;
@@ -12,6 +13,7 @@ pub mod plan_slab;
 pub mod preprocess_instance_expand;
 pub mod preprocess_instance_expand_backward;
 pub mod radix_sort;
+pub mod random;
 pub mod scan;
 pub mod tile_blend;
 pub mod tile_blend_backward;

@@ -15,6 +15,21 @@ use crate::scene::{Gaussians, InstancedScene};
 
 use super::error::RenderError;
 
+/// Gaussians of the clouds of a scene, their SH degrees, and its offset records.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SceneCounts {
+    /// Gaussians of the templates.
+    pub templates: usize,
+    /// SH degree of the templates.
+    pub template_sh_degree: u32,
+    /// Gaussians of the background.
+    pub background: usize,
+    /// SH degree of the background.
+    pub background_sh_degree: u32,
+    /// Offset records.
+    pub offsets: usize,
+}
+
 /// A scene on the device.
 pub struct DeviceScene {
     /// Instances in file order; the background is the last one if the scene has background Gaussians.
@@ -50,6 +65,8 @@ pub struct DeviceScene {
     pub expanded_len: u64,
     /// The scene's own antialias flag.
     pub antialias: bool,
+    /// How many there are of what.
+    pub counts: SceneCounts,
 }
 
 /// What chunk culling may assume.
@@ -126,7 +143,46 @@ impl DeviceScene {
             chunk_pairs: tables.chunk_pairs,
             expanded_len: tables.flat,
             antialias: scene.antialias,
+            counts: SceneCounts {
+                templates: scene.templates.len(),
+                template_sh_degree: scene.templates.sh_degree,
+                background: scene.background.len(),
+                background_sh_degree: scene.background.sh_degree,
+                offsets: scene.offsets.len(),
+            },
         })
+    }
+
+    /// Makes the tables of a scene that is only a background those of one with `count` Gaussians. The caller replaces
+    /// the parameter buffers. As with [`DeviceScene::unbounded`], nothing is culled by chunk.
+    ///
+    /// # Errors
+    /// More Gaussians than the device takes.
+    ///
+    /// # Panics
+    /// If the scene has templates.
+    pub fn resize_background(&mut self, gpu: &Arc<Gpu>, count: usize) -> Result<(), RenderError> {
+        assert_eq!(self.counts.templates, 0, "only plain clouds change their number of Gaussians");
+        check_limit(gpu, count, self.sh_degree)?;
+        let mut tables = Tables::default();
+        let place = Placement { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0 };
+        let bound = Bound { center: DVec3::ZERO, radius: 0.0, sigma_max: 0.0 };
+        let source = Source {
+            first: 0,
+            count: count as u32,
+            sh_degree: self.counts.background_sh_degree,
+            first_in_band: [0; 3],
+        };
+        tables.push_instance(&place, &bound, source, 0, self.chunk_size)?;
+        tables.chunks = vec![types::Chunk::default(); count.div_ceil(self.chunk_size as usize)];
+        tables.widen();
+        self.instances = upload(gpu, "instances", &tables.instances)?;
+        self.chunks = upload(gpu, "chunks", &tables.chunks)?;
+        self.instance_count = tables.instances.len() as u32;
+        self.chunk_pairs = tables.chunk_pairs;
+        self.expanded_len = tables.flat;
+        self.counts.background = count;
+        Ok(())
     }
 
     /// Bytes of all buffers.

@@ -51,6 +51,22 @@ impl GradientBuffers {
         })
     }
 
+    /// The least that stands for gradients: their memory is free until the next [`GradientBuffers::new`].
+    pub fn placeholder(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let band = || Buffer::new(gpu, "no gradients", 1);
+        Ok(Self {
+            means: Buffer::new(gpu, "no gradients", 1)?,
+            quats: Buffer::new(gpu, "no gradients", 1)?,
+            log_scales: Buffer::new(gpu, "no gradients", 1)?,
+            opacity_logits: Buffer::new(gpu, "no gradients", 1)?,
+            sh_bands: [band()?, band()?, band()?, band()?],
+            offset_means: Buffer::new(gpu, "no gradients", 1)?,
+            offset_sh_dc: Buffer::new(gpu, "no gradients", 1)?,
+            offset_opacity_logits: Buffer::new(gpu, "no gradients", 1)?,
+            screen_statistics: Buffer::new(gpu, "no gradients", 1)?,
+        })
+    }
+
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
         self.means.bytes()
@@ -78,7 +94,22 @@ pub struct SourceTables {
 impl SourceTables {
     /// The tables of a valid scene for kernels with `chunk_size` threads per work-group.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, GpuError> {
-        let (chunks, instances) = source_tables(scene, chunk_size);
+        Self::upload(gpu, source_tables(scene, chunk_size))
+    }
+
+    /// The tables of a plain cloud of `count` Gaussians.
+    pub fn background_only(gpu: &Arc<Gpu>, count: usize, sh_degree: u32, chunk_size: u32) -> Result<Self, GpuError> {
+        let chunk = |chunk: u32| types::SourceChunk {
+            source_count: count as u32,
+            chunk,
+            instance_count: 1,
+            sh_degree,
+            ..Default::default()
+        };
+        Self::upload(gpu, ((0..(count as u32).div_ceil(chunk_size)).map(chunk).collect(), vec![0]))
+    }
+
+    fn upload(gpu: &Arc<Gpu>, (chunks, instances): (Vec<types::SourceChunk>, Vec<u32>)) -> Result<Self, GpuError> {
         Ok(Self {
             chunks: upload(gpu, "source chunks", &chunks)?,
             instance_from_template: upload(gpu, "instance_from_template", &instances)?,

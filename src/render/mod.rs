@@ -19,7 +19,7 @@ pub mod self_test;
 pub mod sort;
 pub mod train_frame;
 
-pub use device_scene::DeviceScene;
+pub use device_scene::{DeviceScene, SceneCounts};
 pub use error::RenderError;
 pub use frame_buffers::FrameBuffers;
 pub use gradients::{GradientBuffers, SourceTables, StepLog};

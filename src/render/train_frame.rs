@@ -67,6 +67,11 @@ impl TrainFrame {
         &self.variant
     }
 
+    /// The cache that pipelines of the same run share.
+    pub fn pipeline_cache(&self) -> &PipelineCache {
+        &self.cache
+    }
+
     /// Sets how many intersections the buffers start with.
     pub fn set_intersections(&mut self, intersections: u32) {
         self.intersections = intersections;

@@ -91,8 +91,7 @@ impl DeviceState {
 
     /// The plain cloud that is trained, as it is on the device. The device must be idle.
     pub fn download(&self, gpu: &Arc<Gpu>, antialias: bool, source: &str) -> Result<InstancedScene, RenderError> {
-        let layout = InstancedScene::from_cloud(zeros(self.source_count, self.scene.sh_degree));
-        let scene = self.scene.download(gpu, &layout)?;
+        let scene = self.scene.download(gpu, &InstancedScene::default())?;
         Ok(InstancedScene { antialias, source: source.into(), ..scene })
     }
 

@@ -16,6 +16,7 @@ pub mod report;
 mod start;
 pub mod state_file;
 pub mod step_runner;
+pub mod strategy;
 pub mod trainer;
 pub mod view_order;
 pub mod view_store;

@@ -24,6 +24,7 @@ use super::report::{DatasetFacts, MemoryUse, Stage};
 use super::start::{TrainData, first_state, read_data};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
+use super::strategy::Strategy;
 use super::view_order::ViewOrder;
 use super::views::{TrainViews, ViewsPlan};
 
@@ -89,6 +90,7 @@ struct Run<'a> {
     runner: StepRunner,
     state: DeviceState,
     order: ViewOrder,
+    strategy: Strategy,
     times: StepTimes,
     clock: Clock,
 }
@@ -204,6 +206,7 @@ impl<'a> Run<'a> {
         let views = TrainViews::load(gpu, &plan, || ())?;
         let runner = StepRunner::new(gpu, variant, views.largest_px(), true)?;
         Ok(Self {
+            strategy: Strategy::new(gpu, runner.frame(), config.sh_degree)?,
             gpu,
             job,
             extent: data.extent,
@@ -359,7 +362,23 @@ impl<'a> Run<'a> {
 
     /// Clones, splits, prunes, and resets opacities where the schedule says so.
     fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
-        let _ = (done, sink);
+        let (config, state) = (&self.job.config, &mut self.state);
+        let outcome = self.strategy.after_step(state, config, done, self.extent);
+        let outcome = outcome.map_err(|error| TrainError::Step { step: done, error, saved: None })?;
+        let Some(outcome) = outcome else { return Ok(()) };
+        if config.densifies_at(done) {
+            sink.event(&Event::Densified {
+                step: done,
+                cloned: u64::from(outcome.cloned + outcome.added),
+                split: u64::from(outcome.split),
+                pruned: u64::from(outcome.pruned),
+                relocated: u64::from(outcome.relocated),
+                gaussians: u64::from(outcome.gaussians),
+            })?;
+        }
+        if outcome.opacity_reset {
+            sink.event(&Event::OpacityReset { step: done, to: config.densify.opacity_reset_to })?;
+        }
         Ok(())
     }
 

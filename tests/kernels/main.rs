@@ -9,6 +9,7 @@ mod common;
 mod adam;
 mod backward;
 mod cull_chunks;
+mod densify;
 mod forward;
 mod image_loss;
 mod intersections;

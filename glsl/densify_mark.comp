@@ -1,0 +1,46 @@
+#version 460
+// Says for every Gaussian whether it stays, and what would become of it if it may grow: a copy beside it (clone) or
+// smaller ones in its place (split). Grid: one thread per Gaussian.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "strategy.glsl"
+#include "finite.glsl"
+
+layout(scalar, binding = 8) readonly buffer ScreenStatistics { vec3 screen_statistics[]; };  // sum of screen gradients, views seen in, largest radius_px
+layout(scalar, binding = 9) writeonly buffer Keys { uint keys[]; };                          // ascending where the mean screen gradient descends; all ones where nothing grows
+layout(scalar, binding = 10) writeonly buffer Values { uint values[]; };                     // index of the Gaussian
+layout(scalar, binding = 11) writeonly buffer Counts { uint counts[]; };                     // 1 if it stays without growth, else 0
+layout(scalar, binding = 12) writeonly buffer Gains { uint gains[]; };                       // how many more there are with growth
+layout(scalar, binding = 13) writeonly buffer Growths { uint growths[]; };                   // GROWTH_*
+layout(scalar, push_constant) uniform DensifyMarkParams {
+    uint count;                // Gaussians
+    uint split_count;          // how many replace a split one
+    float gradient_threshold;  // mean screen gradient from which Gaussians grow
+    float log_scale_split;     // log of the largest scale above which they are split
+    float log_shrink;          // log of what the scales of split ones are divided by
+    float logit_min;           // opacity logit below which Gaussians go
+    float log_scale_max;       // log of the largest scale above which they go
+    float radius_max_px;       // radius on screen above which they go, clones and split ones excepted
+};
+
+void main() {
+    uint i = thread_index();
+    if (i >= count) return;
+    vec3 statistics = screen_statistics[i];
+    vec3 scales = log_scales[i];
+    float largest = max(max(scales.x, scales.y), scales.z);
+    bool lives = all_finite(i) && opacity_logits[i] >= logit_min;
+    bool fits = largest <= log_scale_max;
+    uint kept = lives && fits && statistics.z <= radius_max_px ? 1 : 0;
+    float views = max(statistics.y, 1.0);
+    // By product, not quotient: GLSL rounds products as IEEE does.
+    bool grows = lives && is_finite(statistics.x) && statistics.x >= gradient_threshold * views;
+    bool splits = largest > log_scale_split;
+    uint grown = splits ? (largest - log_shrink <= log_scale_max ? split_count : 0) : kept + (fits ? 1 : 0);
+    uint gain = grows ? max(grown, kept) - kept : 0;
+    keys[i] = gain > 0 ? ~floatBitsToUint(statistics.x / views) : 0xFFFFFFFF;
+    values[i] = i;
+    counts[i] = kept;
+    gains[i] = gain;
+    growths[i] = gain == 0 ? GROWTH_NONE : splits ? GROWTH_SPLIT : GROWTH_CLONE;
+}

@@ -1,0 +1,28 @@
+#version 460
+// Lists the new Gaussians: which old one each comes from, and how. Grid: one thread per old Gaussian.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "strategy.glsl"
+
+layout(scalar, binding = 0) readonly buffer Counts { uint counts[]; };    // how many the Gaussian becomes
+layout(scalar, binding = 1) readonly buffer Growths { uint growths[]; };  // GROWTH_*
+layout(scalar, binding = 2) readonly buffer Firsts { uint firsts[]; };    // exclusive scan of the counts
+layout(scalar, binding = 3) writeonly buffer Origins { uint origins[]; };  // old Gaussian of each new one
+layout(scalar, binding = 4) writeonly buffer Made { uint made[]; };       // MADE_*
+layout(scalar, push_constant) uniform DensifyPlaceParams {
+    uint count;  // old Gaussians
+};
+
+void main() {
+    uint i = thread_index();
+    if (i >= count) return;
+    uint becomes = counts[i];
+    uint growth = growths[i];
+    for (uint k = 0; k < becomes; ++k) {
+        // The copy of a clone comes after it, or alone if the original goes.
+        uint clone = k + 1 == becomes ? MADE_CLONE : MADE_KEPT;
+        uint how = growth == GROWTH_SPLIT ? MADE_CHILD + k : growth == GROWTH_CLONE ? clone : MADE_KEPT;
+        origins[firsts[i] + k] = i;
+        made[firsts[i] + k] = how;
+    }
+}

@@ -1,0 +1,36 @@
+#version 460
+// Lets the Gaussians with the largest screen gradients grow, as many as there is room for.
+// Grid: one thread per place in the order of gradients.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "strategy.glsl"
+
+layout(scalar, binding = 0) readonly buffer Order { uint order[]; };          // Gaussians by descending gradient, ties by index
+layout(scalar, binding = 1) readonly buffer Gains { uint gains[]; };          // how many more there are with growth
+layout(scalar, binding = 2) readonly buffer GainsBefore { uint gains_before[]; };  // exclusive scan of the gains in that order
+layout(scalar, binding = 3) buffer Counts { uint counts[]; };                 // in: 1 if it stays; out: how many it becomes
+layout(scalar, binding = 4) buffer Growths { uint growths[]; };               // GROWTH_*, NONE for those that do not fit
+layout(scalar, binding = 5) buffer Counters { uint counters[]; };             // COUNTER_*
+layout(scalar, push_constant) uniform DensifySelectParams {
+    uint count;          // Gaussians
+    uint max_gaussians;  // how many there may be afterwards
+};
+
+void main() {
+    uint place = thread_index();
+    bool in_list = place < count;
+    uint i = order[in_list ? place : 0];
+    uint gain = gains[i];
+    // Both sums saturate, so what does not fit 32 bits does not fit.
+    uint after = add_saturating(add_saturating(counters[COUNTER_KEPT], gains_before[in_list ? place : 0]), gain);
+    uint growth = gain > 0 && after <= max_gaussians ? growths[i] : GROWTH_NONE;
+    if (in_list) {
+        growths[i] = growth;
+        counts[i] += growth != GROWTH_NONE ? gain : 0;
+    }
+    uint cloned = subgroupBallotBitCount(subgroupBallot(in_list && growth == GROWTH_CLONE));
+    uint split = subgroupBallotBitCount(subgroupBallot(in_list && growth == GROWTH_SPLIT));
+    if (subgroupElect() && cloned > 0) atomicAdd(counters[COUNTER_CLONED], cloned);
+    if (subgroupElect() && split > 0) atomicAdd(counters[COUNTER_SPLIT], split);
+}

@@ -1,0 +1,24 @@
+#version 460
+// Moves one array to the new order of Gaussians. Grid: one thread per f32 of the new array.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "strategy.glsl"
+
+layout(scalar, binding = 0) readonly buffer Origins { uint origins[]; };      // old Gaussian of each new one
+layout(scalar, binding = 1) readonly buffer Made { uint made[]; };            // 0 = as it was
+layout(scalar, binding = 2) readonly buffer Before { float before[]; };       // the old array
+layout(scalar, binding = 3) writeonly buffer After { float after[]; };        // the new array
+layout(scalar, push_constant) uniform MoveGaussiansParams {
+    uint count;      // f32 of the new array
+    uint width;      // f32 of one Gaussian
+    uint zero_made;  // 1 = zeros for Gaussians that are not as they were
+};
+
+void main() {
+    uint v = thread_index();
+    if (v >= count) return;
+    uint j = v / width;
+    bool zero = zero_made != 0 && made[j] != MADE_KEPT;
+    float value = before[origins[j] * width + v % width];
+    after[v] = zero ? 0.0 : value;
+}

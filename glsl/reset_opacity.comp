@@ -1,0 +1,18 @@
+#version 460
+// Lowers opacities to a limit and forgets their moments. Grid: one thread per Gaussian.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+
+layout(scalar, binding = 0) buffer OpacityLogits { float opacity_logits[]; };  // opacity logits
+layout(scalar, binding = 1) writeonly buffer Moments { vec2 moments[]; };      // Adam's moments of them
+layout(scalar, push_constant) uniform ResetOpacityParams {
+    uint count;       // Gaussians
+    float logit_max;  // the limit
+};
+
+void main() {
+    uint i = thread_index();
+    if (i >= count) return;
+    opacity_logits[i] = min(opacity_logits[i], logit_max);
+    moments[i] = vec2(0.0);
+}

@@ -1,0 +1,141 @@
+//! Twin of `densify_mark`, `densify_select`, `densify_place`, `densify_split` and `move_gaussians`: one list at a time.
+
+use crate::math::covariance::rotation_from_quat;
+use crate::scene::Gaussians;
+
+use super::random::{RANDOM_SPLIT, Stream};
+
+/// When Gaussians grow and go, in plain units.
+#[derive(Clone, Debug)]
+pub struct Limits {
+    /// Mean screen gradient from which Gaussians grow.
+    pub gradient_threshold: f64,
+    /// Largest scale above which they are split instead of cloned, scene units.
+    pub split_above: f64,
+    /// Children of a split Gaussian.
+    pub split_count: u32,
+    /// What their scales are divided by.
+    pub split_shrink: f64,
+    /// Opacity below which Gaussians go.
+    pub opacity_min: f64,
+    /// Largest scale above which they go, scene units.
+    pub scale_max: f64,
+    /// Screen radius above which they go, px.
+    pub radius_max_px: f64,
+    /// Gaussians that there may be afterwards.
+    pub max_gaussians: u32,
+    /// Seed of the run.
+    pub seed: u64,
+    /// Steps done.
+    pub time: u32,
+}
+
+/// How a new Gaussian came to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Made {
+    /// It was there.
+    Kept,
+    /// The copy of a clone.
+    Copy,
+    /// A child of a split one, by number.
+    Child(u32),
+}
+
+/// Growth of one Gaussian.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Growth {
+    Clone,
+    Split,
+}
+
+/// The list of new Gaussians, with the old one each comes from.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Densified {
+    /// Old index and origin, by new Gaussian.
+    pub origins: Vec<(usize, Made)>,
+    /// Clones.
+    pub cloned: u32,
+    /// Splits.
+    pub split: u32,
+}
+
+/// True if all parameters of Gaussian `i` are numbers.
+pub fn is_finite(cloud: &Gaussians, i: usize) -> bool {
+    let mut values = cloud.means[i].iter().chain(&cloud.quats[i]).chain(&cloud.log_scales[i]);
+    values.all(|v| v.is_finite())
+        && cloud.opacity_logits[i].is_finite()
+        && cloud.sh_of(i).iter().flatten().all(|v| v.is_finite())
+}
+
+/// Whether the Gaussian stays without growth, and what growth would leave.
+fn fate(cloud: &Gaussians, statistics: [f32; 3], i: usize, limits: &Limits) -> (u32, Option<(Growth, u32)>) {
+    let opacity = 1.0 / (1.0 + (-f64::from(cloud.opacity_logits[i])).exp());
+    if !is_finite(cloud, i) || opacity < limits.opacity_min {
+        return (0, None);
+    }
+    let scale = cloud.log_scales[i].map(|s| f64::from(s).exp()).into_iter().fold(0.0, f64::max);
+    let kept = u32::from(scale <= limits.scale_max && f64::from(statistics[2]) <= limits.radius_max_px);
+    if !statistics[0].is_finite() || mean_gradient(statistics) < limits.gradient_threshold {
+        return (kept, None);
+    }
+    if scale > limits.split_above {
+        let fits = scale / limits.split_shrink <= limits.scale_max;
+        return (kept, fits.then_some((Growth::Split, limits.split_count)));
+    }
+    (kept, (scale <= limits.scale_max).then_some((Growth::Clone, kept + 1)))
+}
+
+fn mean_gradient([sum, views, _]: [f32; 3]) -> f64 {
+    f64::from(sum) / f64::from(views).max(1.0)
+}
+
+/// What becomes of a cloud; `statistics` are the device's.
+pub fn densify(cloud: &Gaussians, statistics: &[[f32; 3]], limits: &Limits) -> Densified {
+    let fates: Vec<_> = (0..cloud.len()).map(|i| fate(cloud, statistics[i], i, limits)).collect();
+    let mut total: u32 = fates.iter().map(|(kept, _)| kept).sum();
+    let mut order: Vec<usize> = (0..cloud.len()).filter(|&i| fates[i].1.is_some()).collect();
+    // Stable: ties by index.
+    order.sort_by(|&a, &b| mean_gradient(statistics[b]).total_cmp(&mean_gradient(statistics[a])));
+    let mut grows = vec![false; cloud.len()];
+    for i in order {
+        let (kept, growth) = fates[i];
+        total += growth.map_or(0, |(_, becomes)| becomes - kept);
+        if total > limits.max_gaussians {
+            break;
+        }
+        grows[i] = true;
+    }
+    let mut out = Densified::default();
+    for (i, (kept, growth)) in fates.into_iter().enumerate() {
+        match growth.filter(|_| grows[i]) {
+            Some((Growth::Split, children)) => {
+                out.split += 1;
+                out.origins.extend((0..children).map(|k| (i, Made::Child(k))));
+            }
+            Some((Growth::Clone, becomes)) => {
+                out.cloned += 1;
+                out.origins.extend((1..becomes).map(|_| (i, Made::Kept)));
+                out.origins.push((i, Made::Copy));
+            }
+            None => out.origins.extend((0..kept).map(|_| (i, Made::Kept))),
+        }
+    }
+    out
+}
+
+/// Mean and log scales of a new Gaussian.
+pub fn shape(cloud: &Gaussians, (i, made): (usize, Made), limits: &Limits) -> ([f64; 3], [f64; 3]) {
+    let (mean, log_scales) = (cloud.means[i].map(f64::from), cloud.log_scales[i].map(f64::from));
+    let Made::Child(k) = made else { return (mean, log_scales) };
+    let stream = Stream { seed: limits.seed, time: limits.time, purpose: RANDOM_SPLIT, index: i as u32 };
+    let normals = stream.normals(k);
+    let local = glam::DVec3::from_array(std::array::from_fn(|a| log_scales[a].exp() * normals[a]));
+    let place = glam::DVec3::from_array(mean) + rotation_from_quat(cloud.quats[i].map(f64::from)) * local;
+    (place.to_array(), log_scales.map(|s| s - limits.split_shrink.ln()))
+}
+
+/// Opacity logits after a reset to at most `opacity`.
+pub fn reset_opacity(logits: &[f32], opacity: f64) -> Vec<f64> {
+    let limit = (opacity / (1.0 - opacity)).ln();
+    logits.iter().map(|&l| f64::from(l).min(limit)).collect()
+}

@@ -1,0 +1,190 @@
+//! What strategies share: scratch buffers, and the move of every array to a new order of Gaussians.
+
+use std::sync::Arc;
+
+use crate::gpu::buffer::Floats;
+use crate::gpu::interface::constants::*;
+use crate::gpu::interface::types::DispatchArgs;
+use crate::gpu::staging::{download, upload};
+use crate::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
+use crate::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
+use crate::render::scan::ScanScratch;
+use crate::render::sort::{Sort, SortBuffers, record_sort};
+use crate::render::{GradientBuffers, RenderError, SourceTables};
+use crate::train::device_state::DeviceState;
+
+/// Pipelines and a recorder.
+pub(super) struct Tools {
+    pub(super) gpu: Arc<Gpu>,
+    pub(super) workgroup_size: u32,
+    pub(super) primitives: Primitives,
+    pub(super) pipelines: DensifyPipelines,
+    pub(super) recorder: Recorder,
+}
+
+/// Where the new Gaussians come from.
+pub(super) struct Moves {
+    /// Old Gaussian, by new one.
+    pub(super) origins: Buffer<u32>,
+    /// 0 for a Gaussian as it was, by new one; others lose their moments.
+    pub(super) made: Buffer<u32>,
+    /// New Gaussians.
+    pub(super) count: u32,
+}
+
+impl Moves {
+    /// Room for `count` new Gaussians.
+    pub(super) fn new(gpu: &Arc<Gpu>, count: u32) -> Result<Self, GpuError> {
+        Ok(Self {
+            origins: Buffer::new(gpu, "origins", count as usize)?,
+            made: Buffer::new(gpu, "made", count as usize)?,
+            count,
+        })
+    }
+}
+
+/// What becomes of values of Gaussians that are not as they were.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Made {
+    /// Their origin's.
+    Inherits,
+    /// Zero.
+    IsZero,
+}
+
+impl Tools {
+    pub(super) fn new(
+        gpu: &Arc<Gpu>,
+        cache: &PipelineCache,
+        variant: &Variant,
+        sh_degree: u32,
+    ) -> Result<Self, GpuError> {
+        Ok(Self {
+            gpu: gpu.clone(),
+            workgroup_size: variant.workgroup_size,
+            primitives: Primitives::new(gpu, cache, variant)?,
+            pipelines: DensifyPipelines::new(gpu, cache, variant, sh_degree)?,
+            recorder: Recorder::new(gpu)?,
+        })
+    }
+
+    /// One thread for each of `count` elements.
+    pub(super) fn threads(&self, count: u32) -> Grid {
+        Grid::threads(count, self.workgroup_size)
+    }
+
+    /// Submits what was recorded and waits for it.
+    pub(super) fn run(&mut self) -> Result<(), GpuError> {
+        let ticket = self.recorder.submit()?;
+        self.recorder.wait(ticket)
+    }
+
+    /// Scan scratch for lists of `count` elements, which is in `COUNTER_GAUSSIANS`; other counters are zero.
+    pub(super) fn scratch(&self, count: u32) -> Result<ScanScratch, GpuError> {
+        let mut counters = [0; COUNTER_COUNT as usize];
+        counters[COUNTER_GAUSSIANS as usize] = count;
+        let blocks = count.div_ceil(BLOCK_SIZE);
+        let grid = |groups: u32| {
+            let Grid { x, y } = Grid::groups(groups);
+            DispatchArgs { x, y, z: 1 }
+        };
+        let mut args = vec![DispatchArgs::default(); (FAMILY_COUNT * ARGS_PER_COUNT) as usize];
+        args[sort_args(ARGS_BLOCKS)] = grid(blocks);
+        args[sort_args(ARGS_HISTOGRAM)] = grid((blocks * RADIX_SIZE).div_ceil(BLOCK_SIZE));
+        let block_sums = blocks.max((blocks * RADIX_SIZE).div_ceil(BLOCK_SIZE));
+        Ok(ScanScratch {
+            block_sums: Buffer::new(&self.gpu, "block_sums", block_sums as usize)?,
+            counters: upload(&self.gpu, "counters", &counters)?,
+            args: upload(&self.gpu, "args", &args)?,
+        })
+    }
+
+    /// Records a sort of `COUNTER_GAUSSIANS` pairs by whole keys. The tables must live until it has run.
+    pub(super) fn record_sort(
+        &mut self,
+        scratch: &mut ScanScratch,
+        tables: &mut [Buffer<u32>; 2],
+        buffers: &mut SortBuffers,
+    ) -> Result<(), GpuError> {
+        let sort = Sort { count_slot: COUNTER_GAUSSIANS, family: FAMILY_VISIBLE, passes: u32::BITS / RADIX_BITS };
+        let [histogram, offsets] = tables;
+        record_sort(&mut self.recorder, &self.primitives, scratch, (histogram, offsets), sort, buffers)
+    }
+
+    /// Histogram and digit offsets of a sort of `count` pairs.
+    pub(super) fn sort_tables(&self, count: u32) -> Result<[Buffer<u32>; 2], GpuError> {
+        let table = |name| Buffer::new(&self.gpu, name, (count.div_ceil(BLOCK_SIZE) * RADIX_SIZE) as usize);
+        Ok([table("histogram")?, table("digit_offsets")?])
+    }
+
+    /// Moves parameters and moments, one array at a time. Gradients and tables are left without contents: see
+    /// [`Tools::finish`].
+    pub(super) fn move_arrays(&mut self, state: &mut DeviceState, moves: &Moves) -> Result<(), RenderError> {
+        state.gradients = GradientBuffers::placeholder(&self.gpu)?;
+        let (scene, moments) = (&mut state.scene, &mut state.moments);
+        self.move_pair((&mut scene.means, &mut moments.means), 3, moves)?;
+        self.move_pair((&mut scene.quats, &mut moments.quats), 4, moves)?;
+        self.move_pair((&mut scene.log_scales, &mut moments.log_scales), 3, moves)?;
+        self.move_pair((&mut scene.opacity_logits, &mut moments.opacity_logits), 1, moves)?;
+        let bands = scene.sh_bands.iter_mut().zip(&mut moments.sh_bands);
+        for (l, pair) in bands.enumerate().take(scene.counts.background_sh_degree as usize + 1) {
+            self.move_pair(pair, 3 * (2 * l as u32 + 1), moves)?;
+        }
+        Ok(())
+    }
+
+    fn move_pair<T: Floats>(
+        &mut self,
+        (parameters, moments): (&mut Buffer<T>, &mut Buffer<[f32; 2]>),
+        width: u32,
+        moves: &Moves,
+    ) -> Result<(), GpuError> {
+        self.move_array(parameters, width, moves, Made::Inherits)?;
+        self.move_array(moments, 2 * width, moves, Made::IsZero)
+    }
+
+    /// Moves an array of `width` f32 per Gaussian.
+    fn move_array<T: Floats>(
+        &mut self,
+        array: &mut Buffer<T>,
+        width: u32,
+        moves: &Moves,
+        made: Made,
+    ) -> Result<(), GpuError> {
+        let count = moves.count * width;
+        let mut after = Buffer::<T>::new(&self.gpu, array.name(), count as usize * 4 / size_of::<T>())?;
+        let params = move_gaussians::Params { count, width, zero_made: u32::from(made == Made::IsZero) };
+        let bindings = move_gaussians::Bindings {
+            origins: &moves.origins,
+            made: &moves.made,
+            before: array.scalars(),
+            after: after.scalars_mut(),
+        };
+        let grid = self.threads(count);
+        self.recorder.dispatch(&self.pipelines.move_gaussians, grid, &params, bindings)?;
+        self.run()?;
+        *array = after;
+        Ok(())
+    }
+
+    /// Makes tables and gradients fit the moved arrays; statistics are zero.
+    pub(super) fn finish(&self, state: &mut DeviceState, count: u32) -> Result<(), RenderError> {
+        let count = count as usize;
+        let (sh_degree, chunk_size) = (state.scene.counts.background_sh_degree, state.scene.chunk_size);
+        state.scene.resize_background(&self.gpu, count)?;
+        state.tables = SourceTables::background_only(&self.gpu, count, sh_degree, chunk_size)?;
+        state.gradients = GradientBuffers::new(&self.gpu, &state.scene)?;
+        state.source_count = count;
+        Ok(())
+    }
+
+    /// The counters of a scratch.
+    pub(super) fn counters(&self, scratch: &ScanScratch) -> Result<Vec<u32>, GpuError> {
+        download(&self.gpu, &scratch.counters, COUNTER_COUNT as usize)
+    }
+}
+
+/// Where the indirect arguments of a sort are.
+fn sort_args(kind: u32) -> usize {
+    (FAMILY_VISIBLE * ARGS_PER_COUNT + kind) as usize
+}

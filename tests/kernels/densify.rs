@@ -1,0 +1,296 @@
+//! The strategy `densify` on the device against the twin: decisions exactly, places to rounding.
+
+use std::sync::Arc;
+
+use instgs_vk::gpu::staging::{download, write};
+use instgs_vk::gpu::{Buffer, Gpu};
+use instgs_vk::kernels::Variant;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::reference::densify::{Densified, Limits, Made, densify, reset_opacity, shape};
+use instgs_vk::render::TrainFrame;
+use instgs_vk::scene::gaussians::sh_coefficients;
+use instgs_vk::scene::{Gaussians, InstancedScene};
+use instgs_vk::train::config::{ConfigBuilder, TrainConfig};
+use instgs_vk::train::device_state::DeviceState;
+use instgs_vk::train::strategy::{DensifyOutcome, Strategy};
+
+use crate::common::gpu::{assert_silent, gpu};
+
+/// Scene extent of all cases, scene units.
+const EXTENT: f64 = 4.0;
+
+/// A state as it may be in training, with what the tests need to know of it.
+pub(crate) struct Case {
+    pub(crate) cloud: Gaussians,
+    pub(crate) statistics: Vec<[f32; 3]>,
+    pub(crate) moments: Vec<Vec<[f32; 2]>>,
+}
+
+/// f32 of a Gaussian in each parameter array: means, quats, log scales, logits, SH bands.
+const WIDTHS: [usize; 8] = [3, 4, 3, 1, 3, 9, 15, 21];
+
+/// Every kind of Gaussian, well away from all thresholds: opacities from 0.01 or below 0.004 (limit 0.005), largest
+/// scales around the split limit 0.04 and the size limit 0.4, radii around 20 px, mean gradients around 2e-4 with ties.
+pub(crate) fn random_case(seed: u64, count: usize, sh_degree: u32) -> Case {
+    let mut rng = Rng::new(seed);
+    let mut cloud = Gaussians::with_capacity(sh_degree, count);
+    let mut statistics = Vec::new();
+    let mut ranks: Vec<usize> = (0..count).collect();
+    rng.shuffle(&mut ranks);
+    for &rank in &ranks {
+        let largest = if rng.chance(0.5) { rng.range(0.005, 0.035) } else { rng.range(0.045, 1.0) };
+        let opacity = if rng.chance(0.85) { rng.range(0.01, 0.999) } else { rng.range(0.0005, 0.004) };
+        cloud.means.push([(); 3].map(|()| rng.range(-2.0, 2.0) as f32));
+        cloud.quats.push([(); 4].map(|()| rng.normal() as f32));
+        cloud.log_scales.push([largest, 0.5 * largest, 0.1 * largest].map(|s| s.ln() as f32));
+        cloud.opacity_logits.push((opacity / (1.0 - opacity)).ln() as f32);
+        cloud.sh.extend((0..sh_coefficients(sh_degree)).map(|_| [(); 3].map(|()| rng.normal() as f32)));
+        // Far more apart than f32 rounds, except for runs of four that are equal. Views are powers of two.
+        let gradient = 1e-4 + 2e-4 * ((rank / 4) as f64 + 0.3) / count as f64 * 4.0;
+        let views = f64::from(1 << rng.index(5));
+        let seen = rng.chance(0.9);
+        let radius = if rng.chance(0.7) { rng.range(1.0, 19.0) } else { rng.range(21.0, 60.0) };
+        let statistic = [f64::from(gradient as f32) * views, views, radius];
+        statistics.push(if seen { statistic.map(|v| v as f32) } else { [0.0; 3] });
+    }
+    let moments = WIDTHS.iter().map(|w| (0..count * w).map(|_| [rng.normal() as f32, rng.uniform() as f32]).collect());
+    Case { moments: moments.collect(), cloud, statistics }
+}
+
+/// One Gaussian in twenty gets a NaN or an infinity somewhere.
+fn poison(case: &mut Case, seed: u64) {
+    let mut rng = Rng::new(seed);
+    let c = case.cloud.sh_coefficients();
+    for i in 0..case.cloud.len() / 20 {
+        let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][rng.index(3)];
+        let i = 20 * i + rng.index(20);
+        match rng.index(5) {
+            0 => case.cloud.means[i][rng.index(3)] = bad,
+            1 => case.cloud.quats[i][rng.index(4)] = bad,
+            2 => case.cloud.log_scales[i][rng.index(3)] = bad,
+            3 => case.cloud.opacity_logits[i] = bad,
+            _ => case.cloud.sh[c * i + rng.index(c)][rng.index(3)] = bad,
+        }
+    }
+}
+
+/// Limits and when, as a configuration; `done` is 200 before large ones are pruned, 400 after.
+pub(crate) fn config(sets: &[&str]) -> TrainConfig {
+    let schedule = ["steps=1000", "densify.start=100", "densify.opacity_reset_every=300", "seed=123456789012"];
+    let builder = schedule.iter().chain(sets).try_fold(ConfigBuilder::new(), |builder, set| builder.set(set));
+    builder.unwrap().finish().unwrap()
+}
+
+fn limits(config: &TrainConfig, done: u64) -> Limits {
+    let (d, large) = (&config.densify, config.prunes_large_at(done));
+    Limits {
+        gradient_threshold: d.gradient_threshold,
+        split_above: d.split_fraction * EXTENT,
+        split_count: d.split_count,
+        split_shrink: d.split_shrink,
+        opacity_min: d.opacity_min,
+        scale_max: if large { d.world_size_max * EXTENT } else { f64::INFINITY },
+        radius_max_px: if large { d.screen_size_max_px } else { f64::INFINITY },
+        max_gaussians: config.max_gaussians,
+        seed: config.seed,
+        time: done as u32,
+    }
+}
+
+/// The device's state of a case.
+pub(crate) fn upload_case(gpu: &Arc<Gpu>, case: &Case) -> DeviceState {
+    let chunk_size = Variant::for_device(gpu.caps()).workgroup_size;
+    let scene = InstancedScene::from_cloud(case.cloud.clone());
+    let mut state = DeviceState::new(gpu, &scene, chunk_size).unwrap();
+    write(gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
+    let bands = case.cloud.sh_degree as usize + 5;
+    let arrays = moment_buffers(&mut state).into_iter().zip(&case.moments).take(bands);
+    arrays.for_each(|(buffer, values)| write(gpu, buffer, values).unwrap());
+    state
+}
+
+fn moment_buffers(state: &mut DeviceState) -> [&mut Buffer<[f32; 2]>; 8] {
+    let m = &mut state.moments;
+    let [b0, b1, b2, b3] = &mut m.sh_bands;
+    [&mut m.means, &mut m.quats, &mut m.log_scales, &mut m.opacity_logits, b0, b1, b2, b3]
+}
+
+/// Everything that a strategy leaves on the device.
+#[derive(PartialEq)]
+pub(crate) struct After {
+    pub(crate) cloud: Gaussians,
+    pub(crate) moments: Vec<Vec<[f32; 2]>>,
+    pub(crate) statistics: Vec<[f32; 3]>,
+}
+
+pub(crate) fn download_state(gpu: &Arc<Gpu>, state: &mut DeviceState) -> After {
+    let count = state.source_count;
+    let bands = state.scene.counts.background_sh_degree as usize + 5;
+    let cloud = state.scene.download(gpu, &InstancedScene::default()).unwrap().background;
+    let statistics = download(gpu, &state.gradients.screen_statistics, count).unwrap();
+    let arrays = moment_buffers(state).into_iter().zip(WIDTHS).take(bands);
+    let moments = arrays.map(|(buffer, width)| download(gpu, buffer, count * width).unwrap()).collect();
+    After { cloud, moments, statistics }
+}
+
+pub(crate) fn strategy(gpu: &Arc<Gpu>, sh_degree: u32) -> Strategy {
+    let frame = TrainFrame::new(gpu, Variant::for_device(gpu.caps())).unwrap();
+    Strategy::new(gpu, &frame, sh_degree).unwrap()
+}
+
+/// Runs a case on the device.
+fn run(gpu: &Arc<Gpu>, case: &Case, config: &TrainConfig, done: u64) -> (DensifyOutcome, After) {
+    let mut state = upload_case(gpu, case);
+    let outcome = strategy(gpu, case.cloud.sh_degree).after_step(&mut state, config, done, EXTENT).unwrap().unwrap();
+    (outcome, download_state(gpu, &mut state))
+}
+
+/// Bits, so that NaN is equal to itself.
+pub(crate) fn bits<const N: usize>(values: &[[f32; N]]) -> Vec<[u32; N]> {
+    values.iter().map(|v| v.map(f32::to_bits)).collect()
+}
+
+/// Fails unless the device's result is the twin's; the largest error of a child's place, in scene units.
+fn check(case: &Case, limits: &Limits, want: &Densified, got: &After) -> f64 {
+    let (old, new) = (&case.cloud, &got.cloud);
+    assert_eq!(new.len(), want.origins.len());
+    assert!(got.statistics.iter().flatten().all(|&v| v == 0.0));
+    let mut worst = 0.0f64;
+    for (j, &(i, made)) in want.origins.iter().enumerate() {
+        assert_eq!(bits(&[new.quats[j]]), bits(&[old.quats[i]]), "{j} from {i}, {made:?}");
+        assert_eq!(new.opacity_logits[j].to_bits(), old.opacity_logits[i].to_bits());
+        assert_eq!(bits(new.sh_of(j)), bits(old.sh_of(i)));
+        let (mean, log_scales) = shape(old, (i, made), limits);
+        for a in 0..3 {
+            let error = (f64::from(new.means[j][a]) - mean[a]).abs();
+            worst = worst.max(error);
+            assert!(error <= if made == Made::Kept { 0.0 } else { 1e-5 }, "mean {j} from {i}, {made:?}: {error:.2e}");
+            let error = (f64::from(new.log_scales[j][a]) - log_scales[a]).abs();
+            assert!(error <= if made == Made::Kept { 0.0 } else { 1e-6 }, "scale {j} from {i}, {made:?}: {error:.2e}");
+        }
+        for (k, (new, old)) in got.moments.iter().zip(&case.moments).enumerate() {
+            let (new, old) = (&new[j * WIDTHS[k]..(j + 1) * WIDTHS[k]], &old[i * WIDTHS[k]..(i + 1) * WIDTHS[k]]);
+            assert!(
+                if made == Made::Kept { new == old } else { new.iter().all(|m| *m == [0.0; 2]) },
+                "moments {k} {j}"
+            );
+        }
+    }
+    worst
+}
+
+/// Random clouds of all SH degrees and odd sizes, before and after large ones are pruned, with 2 and 3 children, NaN.
+#[test]
+fn random_clouds_become_what_the_twin_says() {
+    let Some(gpu) = gpu() else { return };
+    let (mut worst, mut seen) = (0.0f64, [0u32; 4]);
+    for (seed, (count, sh_degree)) in
+        [(1, 0), (9, 1), (257, 2), (2048, 3), (5000, 1), (3001, 0)].into_iter().enumerate()
+    {
+        for (done, sets) in [(200, &[][..]), (400, &["densify.split_count=3", "densify.split_shrink=2.5"])] {
+            let (mut case, config) = (random_case(seed as u64, count, sh_degree), config(sets));
+            if seed > 1 {
+                poison(&mut case, 99);
+            } else {
+                // Alone, it must live.
+                case.cloud.opacity_logits.fill(0.0);
+                case.cloud.log_scales.fill([-3.0; 3]);
+                case.statistics.iter_mut().for_each(|s| s[2] = s[2].min(19.0));
+            }
+            let limits = limits(&config, done);
+            let want = densify(&case.cloud, &case.statistics, &limits);
+            let (outcome, got) = run(&gpu, &case, &config, done);
+            worst = worst.max(check(&case, &limits, &want, &got));
+            let grown = count as u32 + want.cloned + want.split * (limits.split_count - 1);
+            let pruned = grown - want.origins.len() as u32;
+            let expected = DensifyOutcome {
+                cloned: want.cloned,
+                split: want.split,
+                pruned,
+                gaussians: want.origins.len() as u32,
+                ..Default::default()
+            };
+            assert_eq!(outcome, expected);
+            // A lone copy whose original was too wide on the screen.
+            let lone = want.origins.windows(2).filter(|w| w[1].1 == Made::Copy && w[0].0 != w[1].0).count();
+            [want.cloned, want.split, pruned, lone as u32].iter().zip(&mut seen).for_each(|(n, sum)| *sum += n);
+        }
+    }
+    println!("clones, splits, pruned, lone copies: {seen:?}; children placed within {worst:.2e}");
+    assert!(seen.iter().all(|&n| n > 50), "{seen:?}");
+    assert_silent(&gpu);
+}
+
+/// Caps at every interesting place: no room, room for some, for all but one, for all. Ties go to the first.
+#[test]
+fn caps_hold_exactly_and_the_largest_gradients_win() {
+    let Some(gpu) = gpu() else { return };
+    let case = random_case(31, 4000, 0);
+    let free = limits(&config(&[]), 400);
+    let most = densify(&case.cloud, &case.statistics, &free).origins.len();
+    let none = Limits { max_gaussians: 0, ..free };
+    let least = densify(&case.cloud, &case.statistics, &none).origins.len();
+    assert!(most > least + 500, "{least} {most}");
+    for cap in [1, least, least + 1, least + 2, (least + most) / 2, (least + most) / 2 + 1, most - 1, most] {
+        let config = config(&[&format!("max_gaussians={cap}")]);
+        let limits = limits(&config, 400);
+        let want = densify(&case.cloud, &case.statistics, &limits);
+        let (outcome, got) = run(&gpu, &case, &config, 400);
+        check(&case, &limits, &want, &got);
+        let count = outcome.gaussians as usize;
+        assert!(count <= cap.max(least) && count + 1 >= cap.clamp(least, most), "{count} for {cap}");
+    }
+    assert_silent(&gpu);
+}
+
+/// The error names what happened, and the state is as before.
+#[test]
+fn all_pruned_is_an_error_that_changes_nothing() {
+    let Some(gpu) = gpu() else { return };
+    let mut case = random_case(5, 300, 1);
+    case.cloud.opacity_logits.fill(-9.0);
+    let mut state = upload_case(&gpu, &case);
+    let error = strategy(&gpu, 1).after_step(&mut state, &config(&[]), 200, EXTENT).unwrap_err().to_string();
+    assert!(error.contains("none of 300 Gaussians") && error.contains("after 200 steps"), "{error}");
+    let after = download_state(&gpu, &mut state);
+    assert!(after.cloud == case.cloud && after.statistics == case.statistics);
+    assert!(after.moments.iter().zip(&case.moments).all(|(a, b)| a == b));
+    assert_silent(&gpu);
+}
+
+/// The same seed gives the same bytes, another seed or step moves children, and only them.
+#[test]
+fn repeats_give_the_same_bytes() {
+    let Some(gpu) = gpu() else { return };
+    let case = random_case(8, 3000, 2);
+    let (outcome, first) = run(&gpu, &case, &config(&[]), 200);
+    assert!(run(&gpu, &case, &config(&[]), 200).1 == first);
+    for (sets, done) in [(&["seed=123456789013"][..], 200), (&["seed=127751756308"], 200), (&[], 300)] {
+        let moved = run(&gpu, &case, &config(sets), done).1;
+        let differ = moved.cloud.means.iter().zip(&first.cloud.means).filter(|(a, b)| a != b).count();
+        assert_eq!(differ as u32, 2 * outcome.split, "{sets:?} {done}");
+    }
+    assert_silent(&gpu);
+}
+
+/// Nothing happens when nothing is due; opacities are lowered on the step of a reset, after densification.
+#[test]
+fn opacities_are_reset_when_due() {
+    let Some(gpu) = gpu() else { return };
+    let case = random_case(12, 1000, 0);
+    let mut state = upload_case(&gpu, &case);
+    let mut strategy = strategy(&gpu, 0);
+    let config = config(&["densify.every=200"]);
+    assert_eq!(strategy.after_step(&mut state, &config, 250, EXTENT).unwrap(), None);
+    let outcome = strategy.after_step(&mut state, &config, 300, EXTENT).unwrap();
+    let want = DensifyOutcome { gaussians: 1000, opacity_reset: true, ..Default::default() };
+    assert_eq!(outcome, Some(want));
+    let after = download_state(&gpu, &mut state);
+    for (got, want) in after.cloud.opacity_logits.iter().zip(reset_opacity(&case.cloud.opacity_logits, 0.01)) {
+        assert!((f64::from(*got) - want).abs() < 1e-6);
+    }
+    assert!(after.moments[3].iter().all(|m| *m == [0.0; 2]) && after.moments[0] == case.moments[0]);
+    let outcome = strategy.after_step(&mut state, &config, 600, EXTENT).unwrap().unwrap();
+    assert!(outcome.opacity_reset && outcome.pruned > 0 && outcome.cloned > 0, "{outcome:?}");
+    assert_silent(&gpu);
+}
