@@ -15,7 +15,7 @@ use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 use serde_json::Value;
 
-const COMMANDS: [&str; 7] = ["info", "demo", "render", "eval", "bench", "inspect", "export"];
+const COMMANDS: [&str; 8] = ["info", "demo", "train", "render", "eval", "bench", "inspect", "export"];
 
 /// The program, without a device.
 fn program() -> Command {

@@ -1,14 +1,17 @@
 //! `instgs-vk eval` as a user runs it, on photos that the program itself rendered.
 
+mod common;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
-use glam::{DMat4, DVec3};
+use common::dataset::transforms;
+use glam::DVec3;
 use instgs_vk::io::{write_cameras, write_ply};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::{Camera, Gaussians};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 const VIEWS: usize = 9;
 const SIZE: (u32, u32) = (64, 48);
@@ -52,19 +55,6 @@ fn cameras() -> Vec<Camera> {
         Camera::look_at(&format!("v{i}"), eye, DVec3::ZERO, DVec3::NEG_Y, 0.8, SIZE)
     };
     (0..VIEWS).map(camera).collect()
-}
-
-/// A transforms.json: poses are world from camera, in OpenGL axes.
-fn transforms(cameras: &[Camera]) -> Value {
-    let frame = |camera: &Camera| {
-        let flip = DMat4::from_diagonal(glam::DVec4::new(1.0, -1.0, -1.0, 1.0));
-        let rows = (camera.world_from_view() * flip).transpose().to_cols_array_2d();
-        json!({ "file_path": format!("images/{}.png", camera.name), "transform_matrix": rows })
-    };
-    let first = &cameras[0];
-    let frames: Vec<Value> = cameras.iter().map(frame).collect();
-    json!({ "w": first.width, "h": first.height, "fl_x": first.fx, "fl_y": first.fy, "cx": first.cx, "cy": first.cy,
-            "frames": frames })
 }
 
 /// A folder with `scene.ply`, `shifted.ply` and the dataset `data` of pictures of the former.

@@ -59,14 +59,6 @@ impl EventLog {
         let file = file.map_err(|e| IoError::os(path, "cannot write", &e))?;
         Ok((Self { path: path.into(), file: BufWriter::new(file) }, dropped))
     }
-
-    /// Hands everything to the system: from then on it survives the end of this process, however it comes.
-    ///
-    /// # Errors
-    /// The file cannot be written.
-    pub fn flush(&mut self) -> Result<(), IoError> {
-        self.file.flush().map_err(|e| IoError::os(&self.path, "cannot write", &e))
-    }
 }
 
 impl EventSink for EventLog {
@@ -78,6 +70,11 @@ impl EventSink for EventLog {
             Event::Step { .. } | Event::Overflow { .. } => Ok(()),
             _ => self.flush(),
         }
+    }
+
+    /// Hands everything to the system: from then on it survives the end of this process, however it comes.
+    fn flush(&mut self) -> Result<(), IoError> {
+        self.file.flush().map_err(|e| IoError::os(&self.path, "cannot write", &e))
     }
 }
 

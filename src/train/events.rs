@@ -156,6 +156,14 @@ pub trait EventSink {
     /// # Errors
     /// A log that cannot be written; training ends with it.
     fn event(&mut self, event: &Event) -> Result<(), IoError>;
+
+    /// Makes sure that the events so far outlive the process; called before a checkpoint is written, which stands on them.
+    ///
+    /// # Errors
+    /// As [`EventSink::event`].
+    fn flush(&mut self) -> Result<(), IoError> {
+        Ok(())
+    }
 }
 
 impl<F: FnMut(&Event)> EventSink for F {
@@ -179,6 +187,10 @@ pub struct Tee<'a>(pub Vec<&'a mut dyn EventSink>);
 impl EventSink for Tee<'_> {
     fn event(&mut self, event: &Event) -> Result<(), IoError> {
         self.0.iter_mut().try_for_each(|sink| sink.event(event))
+    }
+
+    fn flush(&mut self) -> Result<(), IoError> {
+        self.0.iter_mut().try_for_each(|sink| sink.flush())
     }
 }
 

@@ -293,6 +293,7 @@ impl<'a> Run<'a> {
             sink.event(&evaluated(done, &report))?;
         }
         if config.checkpoints_at(done) || interrupt.requested() {
+            sink.flush()?;
             let path = self.save_checkpoint(done)?;
             sink.event(&Event::Checkpoint { step: done, path })?;
         }
@@ -328,7 +329,7 @@ impl<'a> Run<'a> {
             Err(TrainError::Render(error)) => {
                 // Steps behind a failed one change nothing.
                 let step = self.runner.oldest_in_flight().unwrap_or(0);
-                let saved = self.save_checkpoint(step).ok();
+                let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step).ok());
                 Err(TrainError::Step { step, error, saved })
             }
             Err(error) => Err(error),
