@@ -121,11 +121,7 @@ impl DeviceState {
         step(means, rates.means, 3 * offsets)?;
         let dc = (g.offset_sh_dc.scalars(), scene.offset_sh_dc.scalars_mut(), &mut moments.offset_sh_dc);
         step(dc, rates.sh_dc, 3 * offsets)?;
-        let logits = (
-            &g.offset_opacity_logits,
-            &mut scene.offset_opacity_logits,
-            &mut moments.offset_opacity_logits,
-        );
+        let logits = (&g.offset_opacity_logits, &mut scene.offset_opacity_logits, &mut moments.offset_opacity_logits);
         step(logits, rates.opacity, offsets)
     }
 }
