@@ -201,6 +201,7 @@ fn errors(case: &Case, (record, cotangents): &(StepRecord, Vec<[f32; 4]>), want:
     let values = 3.0 * differences.len() as f64;
     let mse = differences.as_flattened().iter().map(|d| d * d).sum::<f64>() / values;
     let parts = [(record.l1, want.l1), (record.ssim, want.ssim), (record.mse, mse)];
+    assert!(parts.iter().all(|(g, _)| g.is_finite()), "{parts:?}");
     let mut got: Vec<f64> = cotangents.iter().flat_map(|c| [c[0], c[1], c[2]].map(f64::from)).collect();
     let want: Vec<f64> = want.gradient.as_flattened().to_vec();
     // The sign of a difference that f32 cannot tell from 0 is anyone's guess.
@@ -237,7 +238,7 @@ fn odd_sizes_against_the_twin() {
                 let case = Case { lambda_dssim, ..case(size_px, kind, i as u64) };
                 let found = errors(&case, &runner.run(&case), &case.twin());
                 let cancels = kind == Kind::Smooth || size_px == [1, 1];
-                if !(found.worst() < if cancels { TOLERANCE_CANCELLED } else { TOLERANCE }) {
+                if found.worst() > if cancels { TOLERANCE_CANCELLED } else { TOLERANCE } {
                     failures.push(format!("{kind:?}, {size_px:?}, lambda {lambda_dssim}: {found:?}"));
                 }
                 worst = worst.max(found);
