@@ -18,10 +18,14 @@ layout(scalar, push_constant) uniform AdamParams {
     float epsilon;         // added to the root of the second moment
 };
 
+const float GRADIENT_LIMIT = 1e15;
+
 void main() {
     uint i = thread_index();
     if (i >= count || status[STATUS_OVERFLOW] != 0) return;
     float g = gradients[i];
+    // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
+    g = abs(g) < GRADIENT_LIMIT ? g : 0.0;
     vec2 m = moments[i];
     m = vec2(beta1 * m.x + (1.0 - beta1) * g, beta2 * m.y + (1.0 - beta2) * g * g);
     moments[i] = m;

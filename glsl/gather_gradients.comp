@@ -131,6 +131,9 @@ void main() {
     vec4 by_quat;
     vec3 by_log_scales;
     shape_gradient(quats[source], log_scales[source], sums.covariance, sums.covariance_cross, by_quat, by_log_scales);
+    // Also runs for what is never drawn: no gradient times an infinite scale, or by a quaternion of zero, is not a number.
+    by_quat = all(lessThan(abs(by_quat), vec4(GRADIENT_MAX))) ? by_quat : vec4(0.0);
+    by_log_scales = all(lessThan(abs(by_log_scales), vec3(GRADIENT_MAX))) ? by_log_scales : vec3(0.0);
     mean_gradients[source] = sums.mean;
     quat_gradients[source] = by_quat;
     log_scale_gradients[source] = by_log_scales;

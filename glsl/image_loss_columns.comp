@@ -20,11 +20,17 @@ void main() {
     [[unroll]] for (uint k = 0; k < STRIP; ++k) sums[k] = Moments(vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0));
     [[unroll]] for (int tap = -int(WINDOW_RADIUS); tap < int(STRIP + WINDOW_RADIUS); ++tap) {
         int y = int(first) + tap;
-        float inside = y >= 0 && y < int(size_px.y) ? 1.0 : 0.0;
+        bool inside = y >= 0 && y < int(size_px.y);
         Moments m = row_moments[uint(clamp(y, 0, int(size_px.y) - 1)) * size_px.x + x];
+        // Rows outside are of colour 0.
+        m.x = inside ? m.x : vec3(-SHIFT);
+        m.y = inside ? m.y : vec3(-SHIFT);
+        m.xx = inside ? m.xx : vec3(SHIFT * SHIFT);
+        m.yy = inside ? m.yy : vec3(SHIFT * SHIFT);
+        m.xy = inside ? m.xy : vec3(SHIFT * SHIFT);
         [[unroll]] for (int k = 0; k < int(STRIP); ++k) {
             if (abs(tap - k) <= int(WINDOW_RADIUS)) {
-                float w = inside * window_weight(tap - k);
+                float w = window_weight(tap - k);
                 sums[k].x += w * m.x;
                 sums[k].y += w * m.y;
                 sums[k].xx += w * m.xx;
@@ -37,16 +43,17 @@ void main() {
     [[unroll]] for (uint k = 0; k < STRIP; ++k) {
         Moments m = sums[k];
         // SSIM = a1 a2 / (b1 b2); the derivatives take xx and xy as variables of their own.
-        vec3 a1 = 2.0 * m.x * m.y + SSIM_C1;
+        vec3 mean_x = m.x + SHIFT, mean_y = m.y + SHIFT;
+        vec3 a1 = 2.0 * mean_x * mean_y + SSIM_C1;
         vec3 a2 = 2.0 * (m.xy - m.x * m.y) + SSIM_C2;
-        vec3 b1 = m.x * m.x + m.y * m.y + SSIM_C1;
-        vec3 b2 = (m.xx - m.x * m.x) + (m.yy - m.y * m.y) + SSIM_C2;
+        vec3 b1 = mean_x * mean_x + mean_y * mean_y + SSIM_C1;
+        vec3 b2 = max(m.xx - m.x * m.x, 0.0) + max(m.yy - m.y * m.y, 0.0) + SSIM_C2;
         vec3 scale = 1.0 / (b1 * b2);
         vec3 ssim = a1 * a2 * scale;
         bool inside = first + k < size_px.y;
         total += inside ? ssim : vec3(0.0);
         SsimGradient g;
-        g.x = 2.0 * (m.y * (a2 - a1) * scale - m.x * ssim * (1.0 / b1 - 1.0 / b2));
+        g.x = 2.0 * ((mean_y * a2 - m.y * a1) * scale - ssim * (mean_x / b1 - m.x / b2));
         g.xx = -ssim / b2;
         g.xy = 2.0 * a1 * scale;
         if (inside) ssim_gradients[(first + k) * size_px.x + x] = g;

@@ -39,6 +39,8 @@ shared vec4 shared_b[WORKGROUP_SIZE];  // conic yy, opacity, depth, unused
 shared uint shared_source[WORKGROUP_SIZE];
 shared uint subgroup_survivors[64];
 
+const float COLOR_LIMIT = 1e15;
+
 struct Projection {
     bool visible;
     vec4 a;
@@ -192,8 +194,9 @@ void main() {
     if (lane < survivors) {
         vec3 color = splat_color(instance, shared_source[lane]);
         vec4 b = shared_b[lane];
-        // A colour that is not finite (poisoned SH) must not spread: such a splat blends nothing.
-        bool finite = all(lessThan(abs(color), vec3(3.4e38)));
+        // A colour that is not finite (poisoned SH) must not spread: such a splat blends nothing. Nor does an absurd one,
+        // which would leave nothing but infinities of the gradients of all that is blended with it.
+        bool finite = all(lessThan(abs(color), vec3(3.4e38))) && all(lessThan(color, vec3(COLOR_LIMIT)));
         b.y = finite ? b.y : 0.0;
         color = finite ? max(color, 0.0) : vec3(0.0);
         splats[w * WORKGROUP_SIZE + lane] = Splat(shared_a[lane], vec4(b.xy, color.rg), vec2(color.b, b.z));

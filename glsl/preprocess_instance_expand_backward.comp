@@ -196,6 +196,14 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot) {
     return out_gradient;
 }
 
+// A splat that blends nothing still gets here, and no gradient times an infinite parameter is not a number.
+bool is_finite(SourceGradient g) {
+    vec3 limit = vec3(GRADIENT_MAX);
+    bool shape = all(lessThan(abs(g.mean), limit)) && all(lessThan(abs(g.covariance), limit)) && all(lessThan(abs(g.covariance_cross), limit));
+    bool look = all(lessThan(abs(g.color), limit)) && all(lessThan(abs(g.direction), limit)) && abs(g.opacity_logit) < GRADIENT_MAX;
+    return shape && look && g.mean_ndc < GRADIENT_MAX && g.radius_px < GRADIENT_MAX;
+}
+
 void main() {
     uint w = group_index();
     uint lane = gl_LocalInvocationID.x;
@@ -204,6 +212,8 @@ void main() {
     uint slot = w * WORKGROUP_SIZE + lane;
     uint local = footprints[slot].local;
     SourceGradient g = source_gradient(instance, local, slot);
+    // The buffer is 0 where nothing is written.
+    if (!is_finite(g)) return;
     source_gradients[w * WORKGROUP_SIZE + local - work_items[w].chunk * WORKGROUP_SIZE] = g;
     if (instance.first_offset != NO_OFFSET) {
         uint k = instance.first_offset + local;

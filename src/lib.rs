@@ -90,7 +90,9 @@
 //! - Culling is conservative: it covers the whole footprint of a splat, the clamped Jacobian and the largest offset
 //!   included, and removes only what cannot change a pixel. Per-instance work is one test; the rest follows what is
 //!   visible.
-//! - NaN and infinities in a scene do not spread: a Gaussian without a finite projection and colour blends nothing.
+//! - NaN and infinities in a scene do not spread: a Gaussian without a finite projection and a colour below 1e15 blends
+//!   nothing and has no gradient. In training, a colour of the picture counts as at most 100, a gradient that is no number
+//!   or from 1e15 on as 0.
 //!
 //! # Adding a pass `foo`
 //!
@@ -108,6 +110,9 @@
 //! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
 //!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
 //!   one, and repeated frames identical. `tests/common/` holds the comparison.
+//! - Gradients are within 1e-3 of the twins and of the golden files, in relative L2 per tensor; the image loss and its
+//!   gradient within 1e-5, 1e-4 where its windows have no variance. Training steps give the same bytes when repeated and
+//!   whatever the sizes of buffers.
 //! - Pixels where f32 may rightly decide otherwise (alpha near 1/255, depths nearly equal, and the like) are excluded
 //!   by the `robust` mask, at most 2 % of an image. Planted errors prove that the comparisons can fail.
 //! - GPU tests run with validation and synchronisation validation, and any message fails them. Without a device they

@@ -20,6 +20,9 @@ struct SourceGradient {
     float radius_px;         // three standard deviations on the screen
 };
 
+// Gradients from here on are dropped; sums of smaller ones over instances stay finite.
+const float GRADIENT_MAX = 1e30;
+
 // A chunk of source Gaussians, with the instances that show it.
 struct SourceChunk {
     uint first_source;    // index of the template's first Gaussian in the source pool

@@ -10,6 +10,13 @@ const float WINDOW[6] = float[6](0.2660117248617943, 0.21300553771125366, 0.1093
 const float SSIM_C1 = 0.0001;  // 0.01^2
 const float SSIM_C2 = 0.0009;  // 0.03^2
 
+// Moments are of colours minus this: the differences that variances are lose fewer digits. What lies outside is 0.
+const float SHIFT = 0.5;
+
+// A colour of the picture counts as this if it is larger or no number: its square must not spread over the window.
+const float LARGEST_COLOR = 100.0;
+
+// Of colours minus SHIFT.
 struct Moments {
     vec3 x;   // mean of the picture
     vec3 y;   // mean of the target
@@ -26,6 +33,10 @@ struct SsimGradient {
 
 float window_weight(int distance) {
     return WINDOW[abs(distance)];
+}
+
+vec3 picture_color(vec4 color) {
+    return mix(vec3(LARGEST_COLOR), color.rgb, lessThan(abs(color.rgb), vec3(LARGEST_COLOR)));
 }
 
 // The target over the background; the last byte is 0 for a pixel that does not count, else 1 + 254 times its coverage.

@@ -40,12 +40,16 @@ impl AdamState {
     }
 }
 
+/// Gradients from here on, and what is no number, count as 0: their squares would stay in the moments for good.
+pub const GRADIENT_LIMIT: f64 = 1e15;
+
 /// One step. `step` counts from 1; `rate` is in units of the parameters.
 pub fn adam_step(options: &AdamOptions, state: &mut AdamState, gradients: &[f64], step: u64, rate: f64) {
     assert_eq!(gradients.len(), state.parameters.len(), "one gradient per parameter");
     let AdamOptions { beta1, beta2, epsilon } = *options;
     let bias = |beta: f64| 1.0 - beta.powf(step as f64);
     for (i, &g) in gradients.iter().enumerate() {
+        let g = if g.abs() < GRADIENT_LIMIT { g } else { 0.0 };
         let m = beta1 * state.first_moments[i] + (1.0 - beta1) * g;
         let v = beta2 * state.second_moments[i] + (1.0 - beta2) * g * g;
         state.parameters[i] -= rate * (m / bias(beta1)) / ((v / bias(beta2)).sqrt() + epsilon);

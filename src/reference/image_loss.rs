@@ -44,6 +44,13 @@ pub struct ImagePair<'a> {
     pub ignored: Option<&'a [bool]>,
 }
 
+/// Colours of the image from here on, and what is no number, count as this: one bad pixel must not spread.
+pub const LARGEST_COLOR: f64 = 100.0;
+
+fn counted(color: f64) -> f64 {
+    if color.abs() < LARGEST_COLOR { color } else { LARGEST_COLOR }
+}
+
 /// One channel with what the window makes of it.
 struct SsimSums {
     /// Sum of SSIM over the pixels.
@@ -54,6 +61,12 @@ struct SsimSums {
 
 /// Loss and gradient; `ssim_weight` = w in 0..=1.
 pub fn image_loss(images: &ImagePair, ssim_weight: f64) -> ImageLoss {
+    image_loss_at(images, ssim_weight, WINDOW_SIGMA)
+}
+
+/// As [`image_loss`] with a window of another standard deviation, px: tests plant a wrong one.
+pub fn image_loss_at(images: &ImagePair, ssim_weight: f64, sigma: f64) -> ImageLoss {
+    let weights = window_weights(sigma);
     let pixels = images.width * images.height;
     assert_eq!((images.image.len(), images.target.len()), (pixels, pixels), "both images have width * height pixels");
     let ignored = |p: usize| images.ignored.is_some_and(|mask| mask[p]);
@@ -63,8 +76,8 @@ pub fn image_loss(images: &ImagePair, ssim_weight: f64) -> ImageLoss {
     for channel in 0..3 {
         let target: Vec<f64> = images.target.iter().map(|rgb| rgb[channel]).collect();
         let image: Vec<f64> =
-            (0..pixels).map(|p| if ignored(p) { target[p] } else { images.image[p][channel] }).collect();
-        let structure = ssim_sums(&image, &target, images.width, images.height);
+            (0..pixels).map(|p| if ignored(p) { target[p] } else { counted(images.image[p][channel]) }).collect();
+        let structure = ssim_sums(&weights, &image, &target, images.width, images.height);
         ssim += structure.sum / count;
         for p in 0..pixels {
             let difference = image[p] - target[p];
@@ -80,9 +93,9 @@ pub fn image_loss(images: &ImagePair, ssim_weight: f64) -> ImageLoss {
 
 /// SSIM of channel `x` against `y`: S = (2 mx my + C1)(2 sxy + C2) / ((mx^2 + my^2 + C1)(sxx + syy + C2)) with windowed
 /// means m and (co)variances s = mean of products - product of means.
-fn ssim_sums(x: &[f64], y: &[f64], width: usize, height: usize) -> SsimSums {
+fn ssim_sums(weights: &[f64], x: &[f64], y: &[f64], width: usize, height: usize) -> SsimSums {
     let products = |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a * b).collect() };
-    let window = |values: &[f64]| windowed(values, width, height);
+    let window = |values: &[f64]| windowed(weights, values, width, height);
     let (mean_x, mean_y) = (window(x), window(y));
     let (mean_xx, mean_yy, mean_xy) = (window(&products(x, x)), window(&products(y, y)), window(&products(x, y)));
     let mut sum = 0.0;
@@ -108,25 +121,24 @@ fn ssim_sums(x: &[f64], y: &[f64], width: usize, height: usize) -> SsimSums {
 }
 
 /// The window's weights along one axis; they sum to 1.
-pub fn window_weights() -> [f64; 2 * WINDOW_RADIUS + 1] {
+pub fn window_weights(sigma: f64) -> [f64; 2 * WINDOW_RADIUS + 1] {
     let bell: [f64; 2 * WINDOW_RADIUS + 1] = std::array::from_fn(|i| {
         let d = i as f64 - WINDOW_RADIUS as f64;
-        (-d * d / (2.0 * WINDOW_SIGMA * WINDOW_SIGMA)).exp()
+        (-d * d / (2.0 * sigma * sigma)).exp()
     });
     let sum: f64 = bell.iter().sum();
     bell.map(|v| v / sum)
 }
 
 /// Weighted mean around every pixel, zeros outside: rows, then columns, since the window is a product.
-fn windowed(values: &[f64], width: usize, height: usize) -> Vec<f64> {
-    let weights = window_weights();
+fn windowed(weights: &[f64], values: &[f64], width: usize, height: usize) -> Vec<f64> {
     let across: Vec<f64> = (0..width * height)
         .into_par_iter()
-        .map(|p| weighted(&weights, p % width, width, |x| values[p / width * width + x]))
+        .map(|p| weighted(weights, p % width, width, |x| values[p / width * width + x]))
         .collect();
     (0..width * height)
         .into_par_iter()
-        .map(|p| weighted(&weights, p / width, height, |y| across[y * width + p % width]))
+        .map(|p| weighted(weights, p / width, height, |y| across[y * width + p % width]))
         .collect()
 }
 

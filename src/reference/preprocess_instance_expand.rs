@@ -204,6 +204,9 @@ pub fn raw_color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVe
     eval_sh_f64(source.sh_degree, &source.sh, dir_template) + 0.5
 }
 
+/// Gaussians with a colour from here on are not drawn: gradients of all that is blended with them would overflow.
+pub const COLOR_LIMIT: f64 = 1e15;
+
 /// True if the device can hold the value: finite after rounding to f32.
 fn fits_device(v: f64) -> bool {
     (v as f32).is_finite()
@@ -238,7 +241,7 @@ pub fn project(view: &View, source: &SourceGaussian, limits: &CullLimits) -> Opt
             .chain(conic)
             .chain(color.to_array())
             .all(fits_device);
-    if !(finite && det as f32 > 0.0 && opacity >= limits.opacity_min) {
+    if !(finite && color.max_element() < COLOR_LIMIT && det as f32 > 0.0 && opacity >= limits.opacity_min) {
         return None;
     }
     let tau_ln = (255.0 * opacity).ln();

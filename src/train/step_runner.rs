@@ -113,6 +113,11 @@ impl StepRunner {
         &self.frame
     }
 
+    /// Sets how many intersections the buffers start with; what is learned does not depend on it.
+    pub fn set_intersections(&mut self, intersections: u32) {
+        self.frame.set_intersections(intersections);
+    }
+
     /// Threads per work-group, which is also the size of chunks.
     pub fn chunk_size(&self) -> u32 {
         self.frame.variant().workgroup_size

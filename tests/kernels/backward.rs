@@ -19,7 +19,8 @@ use crate::common::tensor::TensorComparison;
 fn golden_gradients() {
     let Some(gpu) = gpu() else { return };
     let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
-    let tensors: [(&str, fn(&CloudGradient) -> &[f64]); 5] = [
+    type Values = fn(&CloudGradient) -> &[f64];
+    let tensors: [(&str, Values); 5] = [
         ("means", |g| g.means.as_flattened()),
         ("quats", |g| g.quats.as_flattened()),
         ("log_scales", |g| g.log_scales.as_flattened()),
