@@ -70,8 +70,7 @@ fn pick(
     };
     let grid = tools.threads(after);
     tools.recorder.dispatch(&tools.pipelines.mcmc_pick, grid, &params, bindings)?;
-    let bindings =
-        mcmc_gather_copies::Bindings { origins: &moves.origins, copies: &copies, made: &mut moves.made };
+    let bindings = mcmc_gather_copies::Bindings { origins: &moves.origins, copies: &copies, made: &mut moves.made };
     let params = mcmc_gather_copies::Params { after };
     tools.recorder.dispatch(&tools.pipelines.mcmc_gather_copies, grid, &params, bindings)?;
     tools.run()?;

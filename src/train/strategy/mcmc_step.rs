@@ -72,12 +72,7 @@ impl McmcStep {
         if count == 0 {
             return Ok(());
         }
-        let params = mcmc_noise::Params {
-            count,
-            strength: self.noise as f32,
-            seed: seed_words(self.seed),
-            time: step,
-        };
+        let params = mcmc_noise::Params { count, strength: self.noise as f32, seed: seed_words(self.seed), time: step };
         let scene = &mut state.scene;
         let bindings = mcmc_noise::Bindings {
             status: &log.status,
