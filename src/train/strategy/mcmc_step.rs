@@ -24,7 +24,7 @@ pub struct McmcStep {
 impl McmcStep {
     /// Of a step with these rates; `None` if the configuration has another strategy.
     pub fn new(config: &TrainConfig, rates: &Rates) -> Option<Self> {
-        (config.strategy == config::Strategy::Mcmc).then(|| Self {
+        (config.strategy == config::Strategy::Mcmc).then_some(Self {
             seed: config.seed,
             noise: config.mcmc.noise * rates.means,
             opacity_weight: config.mcmc.opacity_regularisation,
