@@ -85,7 +85,7 @@
 //!   kept. A buffer that is too small costs time, never pixels; what exceeds the device's limits is an error that names
 //!   it.
 //! - Deterministic: the same scene, camera, options, build and device give the same bytes. Lists are made by scans,
-//!   sorts are stable, the only atomics are integer counts in shared memory. Buffer sizes and depth slabs never change
+//!   sorts are stable, the only atomics are integer counts. Buffer sizes and depth slabs never change
 //!   a picture.
 //! - Culling is conservative: it covers the whole footprint of a splat, the clamped Jacobian and the largest offset
 //!   included, and removes only what cannot change a pixel. Per-instance work is one test; the rest follows what is

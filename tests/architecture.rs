@@ -47,6 +47,7 @@ fn family(kernel: &str) -> &str {
         "densify_mark" | "densify_select" | "densify_place" | "densify_split" | "move_gaussians" | "reset_opacity" => {
             "densify"
         }
+        kernel if kernel.starts_with("mcmc_") => "mcmc",
         other => other,
     }
 }

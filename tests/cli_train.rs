@@ -80,7 +80,9 @@ fn smoke_training_reaches_its_floor() {
     let psnr = report["eval"]["psnr"].as_f64().unwrap();
     println!("smoke: {psnr:.2} dB");
     assert!(psnr > FLOOR_DB, "{psnr:.2} dB");
-    for file in ["config.toml", "scene.instgs", "point_cloud.ply", "events.jsonl", "report.html", "checkpoints", "renders"] {
+    for file in
+        ["config.toml", "scene.instgs", "point_cloud.ply", "events.jsonl", "report.html", "checkpoints", "renders"]
+    {
         assert!(at.join("run").join(file).exists(), "{file}");
     }
     assert_eq!(report["steps"], 150);
@@ -111,7 +113,10 @@ fn the_distribution_behind_the_floor() {
     let n = all.len() as f64;
     let mean = all.iter().sum::<f64>() / n;
     let deviation = (all.iter().map(|v| (v - mean) * (v - mean)).sum::<f64>() / (n - 1.0)).sqrt();
-    println!("mean {mean:.3} dB, deviation {deviation:.3}, mean - 6 deviations {:.2}: {all:.2?}", mean - 6.0 * deviation);
+    println!(
+        "mean {mean:.3} dB, deviation {deviation:.3}, mean - 6 deviations {:.2}: {all:.2?}",
+        mean - 6.0 * deviation
+    );
 }
 
 /// 500 steps twice give the same bytes, densification included; another seed does not.
@@ -207,7 +212,8 @@ fn bad_input_is_one_line() {
     let fisheye = transforms.replacen('{', "{\"camera_model\":\"OPENCV_FISHEYE\",", 1);
     spoil("transforms.json", Some(fisheye.as_bytes()), &["OPENCV_FISHEYE"]);
     spoil("points3d.ply", None, &["no point cloud", "--init"]);
-    let header = "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
+    let header =
+        "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";
     spoil("points3d.ply", Some(header.as_bytes()), &["points3d.ply"]);
     let text = error_of(&mut train(&at, "bad", &["--set", "rates.mean=1"]));
     assert!(text.contains("rates.mean") && text.contains("rates.means"), "{text}");

@@ -46,8 +46,19 @@ pub struct DensifyPipelines {
     pub densify_select: Pipeline<densify_select::DensifySelect>,
     pub densify_place: Pipeline<densify_place::DensifyPlace>,
     pub densify_split: Pipeline<densify_split::DensifySplit>,
+    pub mcmc_weigh: Pipeline<mcmc_weigh::McmcWeigh>,
+    pub mcmc_pick: Pipeline<mcmc_pick::McmcPick>,
+    pub mcmc_gather_copies: Pipeline<mcmc_gather_copies::McmcGatherCopies>,
+    pub mcmc_share: Pipeline<mcmc_share::McmcShare>,
     pub move_gaussians: Pipeline<move_gaussians::MoveGaussians>,
     pub reset_opacity: Pipeline<reset_opacity::ResetOpacity>,
+}
+
+/// What the strategy `mcmc` adds to every step.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct McmcStepPipelines {
+    pub mcmc_regularise: Pipeline<mcmc_regularise::McmcRegularise>,
+    pub mcmc_noise: Pipeline<mcmc_noise::McmcNoise>,
 }
 
 /// The three scan passes; `*_gather` read their values through an index list.
@@ -193,8 +204,21 @@ impl DensifyPipelines {
             densify_select: compiler.compile(size, &[])?,
             densify_place: compiler.compile(size, &[])?,
             densify_split: compiler.compile(size, &[])?,
+            mcmc_weigh: compiler.compile(size, &[("SH_DEGREE", sh_degree)])?,
+            mcmc_pick: compiler.compile(size, &[])?,
+            mcmc_gather_copies: compiler.compile(size, &[])?,
+            mcmc_share: compiler.compile(size, &[])?,
             move_gaussians: compiler.compile(size, &[])?,
             reset_opacity: compiler.compile(size, &[])?,
         })
+    }
+}
+
+impl McmcStepPipelines {
+    /// Compiles both.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let size = variant.workgroup_size;
+        Ok(Self { mcmc_regularise: compiler.compile(size, &[])?, mcmc_noise: compiler.compile(size, &[])? })
     }
 }

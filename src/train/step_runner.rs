@@ -12,13 +12,14 @@ use crate::gpu::interface::constants::{LOG_STEPS, STATUS_COUNT};
 use crate::gpu::interface::types::StepRecord;
 use crate::gpu::staging::write;
 use crate::gpu::{Buffer, Gpu, Recorder, Ticket};
-use crate::kernels::Variant;
+use crate::kernels::{McmcStepPipelines, Variant};
 use crate::optim::Adam;
 use crate::render::{RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
 
 use super::config::Rates;
 use super::device_state::DeviceState;
 use super::error::TrainError;
+use super::strategy::McmcStep;
 use super::views::TrainViews;
 
 /// Steps submitted and not yet collected. Two keep the device busy while the host records.
@@ -41,6 +42,8 @@ pub struct StepPlan {
     pub lambda_dssim: f32,
     /// Adam's constants, with the step counted from 1.
     pub adam: Adam,
+    /// What the strategy `mcmc` adds.
+    pub mcmc: Option<McmcStep>,
 }
 
 /// What a step did.
@@ -81,6 +84,7 @@ struct InFlight {
 pub struct StepRunner {
     gpu: Arc<Gpu>,
     frame: TrainFrame,
+    mcmc: McmcStepPipelines,
     log: StepLog,
     recorders: Vec<Recorder>,
     in_flight: VecDeque<InFlight>,
@@ -95,9 +99,11 @@ impl StepRunner {
     /// A runner for pictures up to `largest_px`; `profile` times every pass.
     pub fn new(gpu: &Arc<Gpu>, variant: Variant, largest_px: [u32; 2], profile: bool) -> Result<Self, RenderError> {
         let recorder = |_| if profile { Recorder::with_profiler(gpu) } else { Recorder::new(gpu) };
+        let frame = TrainFrame::new(gpu, variant)?;
         Ok(Self {
             gpu: gpu.clone(),
-            frame: TrainFrame::new(gpu, variant)?,
+            mcmc: McmcStepPipelines::new(gpu, frame.pipeline_cache(), frame.variant())?,
+            frame,
             log: StepLog::new(gpu, IN_FLIGHT)?,
             recorders: (0..IN_FLIGHT).map(recorder).collect::<Result<_, _>>()?,
             in_flight: VecDeque::new(),
@@ -218,9 +224,16 @@ impl StepRunner {
         self.frame.record_loss(recorder, &state.scene, &train_view, loss, (&mut self.log, step))?;
         let scene = (&state.scene, &state.tables);
         self.frame.record_gradients(recorder, scene, &train_view, &self.log, &mut state.gradients)?;
-        let pipelines = self.frame.backward_pipelines();
-        let adam = (pipelines, self.frame.variant().workgroup_size);
+        let workgroup_size = self.frame.variant().workgroup_size;
+        let mcmc = (&self.mcmc, workgroup_size);
+        if let Some(extra) = &plan.mcmc {
+            extra.record_regularisation(recorder, mcmc, &self.log, state)?;
+        }
+        let adam = (self.frame.backward_pipelines(), workgroup_size);
         state.record_adam(recorder, adam, &self.log, &plan.adam, &plan.rates, plan.sh_degree)?;
+        if let Some(extra) = &plan.mcmc {
+            extra.record_noise(recorder, mcmc, &self.log, state, step)?;
+        }
         let readback = &mut self.log.readback[slot];
         let bytes = readback.bytes();
         recorder.copy(&self.log.records, readback, bytes)?;

@@ -24,7 +24,7 @@ use super::report::{DatasetFacts, MemoryUse, Stage};
 use super::start::{TrainData, first_state, read_data};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
-use super::strategy::Strategy;
+use super::strategy::{McmcStep, Strategy};
 use super::view_order::ViewOrder;
 use super::views::{TrainViews, ViewsPlan};
 
@@ -264,11 +264,13 @@ impl<'a> Run<'a> {
         let config = &self.job.config;
         let view = self.order.view_at(step).ok_or_else(|| TrainError::Other("there are no training views".into()))?;
         let rates = &config.rates;
+        let step_rates = config.rates_at(step, self.extent);
         Ok(StepPlan {
             step,
             view,
             options: options(config, background_at(config, step)),
-            rates: config.rates_at(step, self.extent),
+            mcmc: McmcStep::new(config, &step_rates),
+            rates: step_rates,
             sh_degree: config.sh_degree_at(step),
             lambda_dssim: config.lambda_dssim as f32,
             adam: Adam { beta1: rates.beta1, beta2: rates.beta2, epsilon: rates.eps, step: step + 1 },

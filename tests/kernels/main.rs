@@ -13,6 +13,7 @@ mod densify;
 mod forward;
 mod image_loss;
 mod intersections;
+mod mcmc;
 mod overflow;
 mod plan_slab;
 mod poison;

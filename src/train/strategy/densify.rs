@@ -4,7 +4,6 @@ use crate::gpu::interface::constants::*;
 use crate::gpu::{Buffer, GpuError};
 use crate::kernels::{densify_mark, densify_place, densify_select, densify_split, reset_opacity as reset_kernel};
 use crate::render::RenderError;
-use crate::render::scan::{Blocks, ScanScratch, plain, record_scan};
 use crate::render::sort::SortBuffers;
 use crate::train::config::TrainConfig;
 use crate::train::device_state::DeviceState;
@@ -95,13 +94,11 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
     record_mark(tools, state, limits, (&mut sort, &mut gains, &mut fates))?;
-    let mut scan = plain(COUNTER_GAUSSIANS);
-    scan.total_slot = COUNTER_KEPT;
-    record_list_scan(tools, &mut scratch, scan, (&fates.counts, None), &mut fates.firsts)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), (&fates.counts, None), &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
     // In the order of gradients; the list of the sort has served.
     let order = (&gains, Some(&sort.values));
-    record_list_scan(tools, &mut scratch, plain(COUNTER_GAUSSIANS), order, &mut sort.keys)?;
+    tools.record_scan(&mut scratch, None, order, &mut sort.keys)?;
     let bindings = densify_select::Bindings {
         order: &sort.values,
         gains: &gains,
@@ -113,23 +110,10 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let params = densify_select::Params { count, max_gaussians: limits.max_gaussians };
     let grid = tools.threads(count);
     tools.recorder.dispatch(&tools.pipelines.densify_select, grid, &params, bindings)?;
-    scan.total_slot = COUNTER_DENSIFIED;
-    record_list_scan(tools, &mut scratch, scan, (&fates.counts, None), &mut fates.firsts)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), (&fates.counts, None), &mut fates.firsts)?;
     tools.run()?;
     let counters = tools.counters(&scratch)?;
     Ok((fates, counters))
-}
-
-/// Scans lists of `COUNTER_GAUSSIANS` elements.
-pub(super) fn record_list_scan(
-    tools: &mut Tools,
-    scratch: &mut ScanScratch,
-    scan: crate::gpu::interface::types::Scan,
-    input: (&Buffer<u32>, Option<&Buffer<u32>>),
-    offsets: &mut Buffer<u32>,
-) -> Result<(), GpuError> {
-    let blocks = Blocks::Direct(crate::gpu::Grid::threads(offsets.len() as u32, BLOCK_SIZE));
-    record_scan(&mut tools.recorder, &tools.primitives.scan, scratch, blocks, scan, input, offsets)
 }
 
 fn record_mark(

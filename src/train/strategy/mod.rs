@@ -5,7 +5,11 @@
 //! are scans, random numbers are hashes of (seed, steps done, Gaussian): the same seed gives the same bytes.
 
 mod densify;
+mod mcmc;
+mod mcmc_step;
 mod tools;
+
+pub use mcmc_step::McmcStep;
 
 use std::sync::Arc;
 
@@ -68,6 +72,9 @@ impl Strategy {
         let mut outcome = None;
         if config.densifies_at(done) && config.strategy == config::Strategy::Densify {
             outcome = Some(densify::densify(&mut self.tools, state, &densify::Limits::new(config, done, extent))?);
+        }
+        if config.densifies_at(done) && config.strategy == config::Strategy::Mcmc {
+            outcome = Some(mcmc::relocate(&mut self.tools, state, config, done)?);
         }
         if config.resets_opacity_at(done) {
             densify::reset_opacity(&mut self.tools, state, config.densify.opacity_reset_to)?;

@@ -8,7 +8,7 @@ use crate::gpu::interface::types::DispatchArgs;
 use crate::gpu::staging::{download, upload};
 use crate::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
 use crate::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
-use crate::render::scan::ScanScratch;
+use crate::render::scan::{Blocks, ScanScratch, plain, record_scan};
 use crate::render::sort::{Sort, SortBuffers, record_sort};
 use crate::render::{GradientBuffers, RenderError, SourceTables};
 use crate::train::device_state::DeviceState;
@@ -176,6 +176,20 @@ impl Tools {
         state.gradients = GradientBuffers::new(&self.gpu, &state.scene)?;
         state.source_count = count;
         Ok(())
+    }
+
+    /// Records a scan of `COUNTER_GAUSSIANS` elements, in the order of `input.1` if there is one.
+    pub(super) fn record_scan(
+        &mut self,
+        scratch: &mut ScanScratch,
+        total_slot: Option<u32>,
+        input: (&Buffer<u32>, Option<&Buffer<u32>>),
+        offsets: &mut Buffer<u32>,
+    ) -> Result<(), GpuError> {
+        let mut scan = plain(COUNTER_GAUSSIANS);
+        scan.total_slot = total_slot.unwrap_or(scan.total_slot);
+        let blocks = Blocks::Direct(Grid::threads(offsets.len() as u32, BLOCK_SIZE));
+        record_scan(&mut self.recorder, &self.primitives.scan, scratch, blocks, scan, input, offsets)
     }
 
     /// The counters of a scratch.

@@ -1,0 +1,16 @@
+#version 460
+// How many joined the Gaussian that each one now is. Grid: one thread per Gaussian afterwards.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+
+layout(scalar, binding = 0) readonly buffer Origins { uint origins[]; };  // itself, or the Gaussian it joins
+layout(scalar, binding = 1) readonly buffer Copies { uint copies[]; };    // how many join, by old Gaussian
+layout(scalar, binding = 2) writeonly buffer Made { uint made[]; };       // how many others share its place; 0 = as it was
+layout(scalar, push_constant) uniform McmcGatherCopiesParams {
+    uint after;  // Gaussians afterwards
+};
+
+void main() {
+    uint j = thread_index();
+    if (j < after) made[j] = copies[origins[j]];
+}

@@ -1,0 +1,24 @@
+#version 460
+// Fixed-point opacities of living Gaussians, by which relocation draws; 0 for dead ones. Grid: one thread per Gaussian.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "strategy.glsl"
+#include "finite.glsl"
+
+layout(scalar, binding = 8) writeonly buffer Weights { uint weights[]; };  // opacity times `one`, at least 1; 0 = dead
+layout(scalar, binding = 9) writeonly buffer Copies { uint copies[]; };    // zeros
+layout(scalar, push_constant) uniform McmcWeighParams {
+    uint count;       // Gaussians
+    uint one;         // weight of opacity 1; times the count it fits 32 bits
+    float logit_min;  // opacity logit up to which Gaussians are dead
+};
+
+void main() {
+    uint i = thread_index();
+    if (i >= count) return;
+    float logit = opacity_logits[i];
+    bool alive = all_finite(i) && logit > logit_min;
+    uint weight = uint(float(one) / (1.0 + exp(-logit)) + 0.5);
+    weights[i] = alive ? clamp(weight, 1, one) : 0;
+    copies[i] = 0;
+}
