@@ -39,8 +39,8 @@ void main() {
     vec2 errors = vec2(0.0);
     [[unroll]] for (uint k = 0; k < STRIP; ++k) {
         uint i = min(first + k, size_px.y - 1) * size_px.x + x;
-        vec3 a = picture_color(colors[i]);
-        vec3 b = target_color(targets[i], background, a);
+        ColorPair pair = color_pair(colors[i], targets[i], background);
+        vec3 a = pair.picture, b = pair.target;
         vec3 l1 = sign(a - b);
         vec3 ssim = sums[k].x + 2.0 * (a - SHIFT) * sums[k].xx + (b - SHIFT) * sums[k].xy;
         vec3 g = per_value * ((1.0 - lambda_dssim) * l1 - lambda_dssim * ssim);

@@ -25,8 +25,8 @@ void main() {
         int x = int(first) + tap;
         bool inside = x >= 0 && x < int(size_px.x);
         uint i = y * size_px.x + uint(clamp(x, 0, int(size_px.x) - 1));
-        vec3 a = picture_color(colors[i]);
-        vec3 b = target_color(targets[i], background, a);
+        ColorPair pair = color_pair(colors[i], targets[i], background);
+        vec3 a = pair.picture, b = pair.target;
         a = (inside ? a : vec3(0.0)) - SHIFT;
         b = (inside ? b : vec3(0.0)) - SHIFT;
         vec3 aa = a * a, bb = b * b, ab = a * b;

@@ -35,14 +35,17 @@ float window_weight(int distance) {
     return WINDOW[abs(distance)];
 }
 
-vec3 picture_color(vec4 color) {
-    return mix(vec3(LARGEST_COLOR), color.rgb, lessThan(abs(color.rgb), vec3(LARGEST_COLOR)));
-}
+// Picture and target of a pixel. The target's last byte is 0 for a pixel that does not count, else 1 + 254 times its
+// coverage of the background; a pixel that does not count shows the target in both, whatever was rendered there.
+struct ColorPair {
+    vec3 picture;  // what was rendered
+    vec3 target;   // what it should be
+};
 
-// The target over the background; the last byte is 0 for a pixel that does not count, else 1 + 254 times its coverage.
-// A pixel that does not count is `image` itself, so that it adds no loss.
-vec3 target_color(uint rgba, vec3 background, vec3 image) {
+ColorPair color_pair(vec4 rendered, uint rgba, vec3 background) {
+    vec3 picture = mix(vec3(LARGEST_COLOR), rendered.rgb, lessThan(abs(rendered.rgb), vec3(LARGEST_COLOR)));
     vec4 c = unpackUnorm4x8(rgba);
-    float coverage = (c.a * 255.0 - 1.0) / 254.0;
-    return c.a > 0.0 ? mix(background, c.rgb, coverage) : image;
+    bool counts = c.a > 0.0;
+    vec3 target = counts ? mix(background, c.rgb, (c.a * 255.0 - 1.0) / 254.0) : c.rgb;
+    return ColorPair(counts ? picture : target, target);
 }

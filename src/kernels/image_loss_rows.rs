@@ -9,7 +9,8 @@
 //!   not count, else 1 + 254 times its coverage, and the target is blended over the background).
 //! - Writes `row_moments` by pixel: windowed means of picture, target, their squares and product.
 //! - Grid: one thread per strip of a row. Bytes per pixel: 45 read (2.25 times 20), 60 written.
-//! - A pixel that does not count takes the picture's own colour as its target: no error, no gradient.
+//! - A pixel that does not count shows the target in both pictures: no error, no gradient, and its neighbours do not see
+//!   what was rendered there.
 //!
 //! Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use instgs_vk::gpu::Gpu;
-use instgs_vk::gpu::staging::upload;
+use instgs_vk::io::view_image::{LoadedView, ViewImage};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::Adam;
@@ -15,7 +15,8 @@ use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 use instgs_vk::train::config::Rates;
 use instgs_vk::train::device_state::DeviceState;
-use instgs_vk::train::step_runner::{DeviceView, StepOutcome, StepPlan, StepRunner};
+use instgs_vk::train::step_runner::{StepOutcome, StepPlan, StepRunner};
+use instgs_vk::train::views::TrainViews;
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::random_scene::random_case;
@@ -52,12 +53,17 @@ impl Data {
         Self { targets: cameras.iter().map(picture).collect(), cameras }
     }
 
-    fn views(&self, gpu: &Arc<Gpu>) -> Vec<DeviceView> {
-        let view = |(camera, targets): (&Camera, &Vec<u32>)| DeviceView {
+    fn views(&self, gpu: &Arc<Gpu>) -> TrainViews {
+        let view = |(camera, targets): (&Camera, &Vec<u32>)| LoadedView {
+            image: ViewImage {
+                width: camera.width,
+                height: camera.height,
+                rgba: targets.iter().map(|t| t.to_le_bytes()).collect(),
+            },
             camera: camera.clone(),
-            targets: upload(gpu, "targets", targets).unwrap(),
         };
-        self.cameras.iter().zip(&self.targets).map(view).collect()
+        let images: Vec<LoadedView> = self.cameras.iter().zip(&self.targets).map(view).collect();
+        TrainViews::from_images(gpu, &images).unwrap()
     }
 }
 
@@ -67,6 +73,7 @@ fn plan(step: u64, view: usize, sh_degree: u32) -> StepPlan {
         step,
         view,
         options: RenderOptions { background: [0.5; 3], ..Default::default() },
+        mcmc: None,
         rates: RATES,
         sh_degree,
         lambda_dssim: 0.2,
@@ -95,17 +102,21 @@ fn run(
         runner.set_intersections(intersections);
     }
     let mut state = DeviceState::new(gpu, scene, runner.chunk_size()).unwrap();
-    let views = data.views(gpu);
+    let mut views = data.views(gpu);
     let (mut outcomes, mut grown_after) = (Vec::<StepOutcome>::new(), Vec::new());
     for step in 0..steps {
         let outcome = runner
-            .submit(&mut state, &views, plan(step, view(step), scene.sh_degree().min(first_degree + step as u32 / 10)))
+            .submit(
+                &mut state,
+                &mut views,
+                plan(step, view(step), scene.sh_degree().min(first_degree + step as u32 / 10)),
+            )
             .unwrap();
         let before = outcomes.last().map(|o| o.step);
         grown_after.extend(runner.take_grown().iter().map(|_| before));
         outcomes.extend(outcome);
     }
-    while let Some(outcome) = runner.collect(&mut state, &views).unwrap() {
+    while let Some(outcome) = runner.collect(&mut state, &mut views).unwrap() {
         let before = outcomes.last().map(|o| o.step);
         grown_after.extend(runner.take_grown().iter().map(|_| before));
         outcomes.push(outcome);
