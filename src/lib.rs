@@ -39,20 +39,45 @@
 //! if splats are left, it submits them slab by slab and enlarges the intersection buffer for the next frame.
 //! `render/forward.rs` is this list in code.
 //!
+//! # A training step
+//!
+//! The same forward passes, with two differences: chunks are not culled, since means move, and the tile sort carries
+//! *emission indices* (places in the list before the sort, where the entries of one splat are neighbours). Then:
+//!
+//! ```text
+//!   row_moments, ssim_gradients, row_gradients [pixel]   image_loss_*   L1 + D-SSIM: a separable window, there and back
+//!   cotangents        [pixel]              image_loss_backward_columns  dL/drgb
+//!   status, records                        train_status                 overflow flag, loss, counts
+//!   isect_moments     [emission, block]    tile_blend_backward          replay front to back: 9 sums per splat and 8x8 block
+//!   source_gradients  [work item, local]   preprocess_instance_expand_backward   template frame; offsets go to their owner
+//!   gradients         [source]             gather_gradients             sums over instances, in instance order
+//!   parameters, moments [source]           mcmc_regularise, adam, mcmc_noise     in place
+//! ```
+//!
+//! A step is one submission; two are in flight, and the host reads a record of each when it has finished. A step that
+//! did not fit its buffers raises a sticky flag on the device, which turns it and all later steps into no-ops; the host
+//! enlarges the buffers, lowers the flag and submits the same steps again ([`train::step_runner`]). Everything about a
+//! step follows from its number, the seed and the configuration, so a resumed run ends in the same bytes. Between steps
+//! [`train::strategy`] changes the number of Gaussians on the device: mark, select, scan, move.
+//!
 //! # Layers
 //!
 //! A module uses only modules of lower layers; `tests/architecture.rs` checks it.
 //!
-//! - L0 `math`: spherical harmonics, covariances, similarities, seeded random numbers.
+//! - L0 `math`: spherical harmonics, covariances, similarities, lens distortion, seeded random numbers.
 //! - L1 `gpu`: the only module that speaks Vulkan: device, buffers, pipelines, recorder with derived barriers,
 //!   profiler, and the kernels' interfaces as Rust types, generated from the GLSL by `build.rs`.
 //! - L1 `scene`: plain CPU data: Gaussians, offsets, instances, cameras, trajectories, flattening.
 //! - L2 `reference`: f64 twins of the kernels, slow and obvious.
-//! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, cameras, COLMAP, `transforms.json`, KTX2.
+//! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, cameras, COLMAP,
+//!   `transforms.json`, photos (undistorted, downscaled), points, checkpoints, KTX2.
 //! - L2 `kernels`: one page per kernel, the compiled pipelines, and the variant (sizes) picked for a device.
-//! - L3 `render`: scene on the device, buffer plan, the passes in order, growth and depth slabs, self-test.
+//! - L3 `render`: scene on the device, buffer plan, the passes in order (forward and backward), growth and depth slabs,
+//!   self-test.
+//! - L3 `optim`: Adam, one state per parameter buffer.
 //! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
 //! - L5 `synth`: procedural scenes, among them the one of `instgs-vk demo`.
+//! - L5 `train`: configuration, start, steps, densification, checkpoints, events, report.
 //! - L6 `bench`: measurements and their report.
 //! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
 //!
@@ -107,6 +132,10 @@
 //!
 //! - `tests/golden_reference.rs`: the twins against golden files of an independent implementation: 1e-12 in f64, 1e-6
 //!   for scenes rounded to f32.
+//! - `tests/golden_gradients.rs`, `tests/gradients.rs`: the twins' gradients against those files (1e-11) and against central
+//!   differences of the twins themselves (1e-4), for every kind of parameter, transforms of instances included.
+//! - `tests/cli_train.rs`: whole runs as a user starts them: a floor of quality, the same bytes twice, after kills too, and
+//!   every kind of bad input.
 //! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
 //!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
 //!   one, and repeated frames identical. `tests/common/` holds the comparison.
