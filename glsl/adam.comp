@@ -1,14 +1,14 @@
 #version 460
 // One step of Adam on a flat array. Does nothing once an earlier pass of this or a former step has overflowed a buffer.
-// Grid: one thread per value.
+// Grid: one thread per four values: on a CPU driver every access to a buffer is a loop over lanes, whatever its width.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "train_status.glsl"
 
-layout(scalar, binding = 0) readonly buffer Gradients { float gradients[]; };  // gradient of the loss
+layout(scalar, binding = 0) readonly buffer Gradients { vec4 gradients[]; };  // gradient of the loss
 layout(scalar, binding = 1) readonly buffer Status { uint status[]; };         // STATUS_*
-layout(scalar, binding = 2) buffer Parameters { float parameters[]; };         // what is optimised
-layout(scalar, binding = 3) buffer Moments { vec2 moments[]; };                // running means of gradient and gradient squared
+layout(scalar, binding = 2) buffer Parameters { vec4 parameters[]; };         // what is optimised
+layout(scalar, binding = 3) buffer Moments { vec4 moments[]; };         // running means of gradient and gradient squared, value by value
 layout(scalar, push_constant) uniform AdamParams {
     uint count;            // values
     float rate;            // learning rate divided by the bias correction of the first moment
@@ -22,12 +22,16 @@ const float GRADIENT_LIMIT = 1e15;
 
 void main() {
     uint i = thread_index();
-    if (i >= count || status[STATUS_OVERFLOW] != 0) return;
-    float g = gradients[i];
+    if (4 * i >= count || status[STATUS_OVERFLOW] != 0) return;
+    vec4 g = gradients[i];
     // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
-    g = abs(g) < GRADIENT_LIMIT ? g : 0.0;
-    vec2 m = moments[i];
-    m = vec2(beta1 * m.x + (1.0 - beta1) * g, beta2 * m.y + (1.0 - beta2) * g * g);
-    moments[i] = m;
-    parameters[i] -= rate * m.x / (sqrt(m.y * second_scale) + epsilon);
+    g = mix(vec4(0.0), g, lessThan(abs(g), vec4(GRADIENT_LIMIT)));
+    vec4 low = moments[2 * i], high = moments[2 * i + 1];
+    vec4 first = beta1 * vec4(low.xz, high.xz) + (1.0 - beta1) * g;
+    vec4 second = beta2 * vec4(low.yw, high.yw) + (1.0 - beta2) * g * g;
+    moments[2 * i] = vec4(first.x, second.x, first.y, second.y);
+    moments[2 * i + 1] = vec4(first.z, second.z, first.w, second.w);
+    // What lies beyond the values is left alone but for its moments.
+    vec4 inside = vec4(lessThan(4 * i + uvec4(0, 1, 2, 3), uvec4(count)));
+    parameters[i] -= inside * rate * first / (sqrt(second * second_scale) + epsilon);
 }

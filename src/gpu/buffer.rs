@@ -52,7 +52,8 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
             | vk::BufferUsageFlags::INDIRECT_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
-        let info = vk::BufferCreateInfo::default().size(bytes).usage(usage);
+        // Whole vectors of four, so that `quads` may look at the last one.
+        let info = vk::BufferCreateInfo::default().size(bytes.next_multiple_of(16)).usage(usage);
         // SAFETY: a valid create-info; the handle is destroyed in drop.
         let handle = unsafe { gpu.device.create_buffer(&info, None) }.map_err(GpuError::vulkan(name))?;
         let mut buffer =
@@ -130,6 +131,21 @@ impl<T: Floats> Buffer<T> {
     /// As [`Buffer::scalars`], writable.
     pub fn scalars_mut(&mut self) -> &mut Buffer<f32> {
         // SAFETY: as above; the borrow of self lasts as long as the result.
+        unsafe { &mut *std::ptr::from_mut(self).cast() }
+    }
+}
+
+impl<T: Floats> Buffer<T> {
+    /// The buffer as vectors of four f32; the last one may reach beyond the contents, into memory that is the buffer's but
+    /// holds nothing.
+    pub fn quads(&self) -> &Buffer<[f32; 4]> {
+        // SAFETY: as in `scalars`.
+        unsafe { &*std::ptr::from_ref(self).cast() }
+    }
+
+    /// As [`Buffer::quads`], writable.
+    pub fn quads_mut(&mut self) -> &mut Buffer<[f32; 4]> {
+        // SAFETY: as in `scalars_mut`.
         unsafe { &mut *std::ptr::from_mut(self).cast() }
     }
 }

@@ -56,7 +56,12 @@ impl Adam {
             second_scale: (1.0 / correction(self.beta2)) as f32,
             epsilon: self.epsilon as f32,
         };
-        let bindings = adam::Bindings { gradients, status, parameters, moments };
-        recorder.dispatch(pipeline, Grid::threads(count as u32, workgroup_size), &params, bindings)
+        let bindings = adam::Bindings {
+            gradients: gradients.quads(),
+            status,
+            parameters: parameters.quads_mut(),
+            moments: moments.quads_mut(),
+        };
+        recorder.dispatch(pipeline, Grid::threads(count.div_ceil(4) as u32, workgroup_size), &params, bindings)
     }
 }
