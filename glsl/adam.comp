@@ -26,12 +26,12 @@ void main() {
     vec4 g = gradients[i];
     // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
     g = mix(vec4(0.0), g, lessThan(abs(g), vec4(GRADIENT_LIMIT)));
+    // Nor is what lies beyond the last value, where there are no moments either.
+    g = mix(vec4(0.0), g, lessThan(4 * i + uvec4(0, 1, 2, 3), uvec4(count)));
     vec4 low = moments[2 * i], high = moments[2 * i + 1];
     vec4 first = beta1 * vec4(low.xz, high.xz) + (1.0 - beta1) * g;
     vec4 second = beta2 * vec4(low.yw, high.yw) + (1.0 - beta2) * g * g;
     moments[2 * i] = vec4(first.x, second.x, first.y, second.y);
     moments[2 * i + 1] = vec4(first.z, second.z, first.w, second.w);
-    // What lies beyond the values is left alone but for its moments.
-    vec4 inside = vec4(lessThan(4 * i + uvec4(0, 1, 2, 3), uvec4(count)));
-    parameters[i] -= inside * rate * first / (sqrt(second * second_scale) + epsilon);
+    parameters[i] -= rate * first / (sqrt(second * second_scale) + epsilon);
 }

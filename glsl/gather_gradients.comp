@@ -32,6 +32,10 @@ layout(scalar, binding = 18) buffer ScreenStatistics { vec3 screen_statistics[];
 
 layout(scalar, binding = 19) readonly buffer Status { uint status[]; };                                // STATUS_*
 
+layout(scalar, push_constant) uniform GatherGradientsParams {
+    uint chunk_count;  // chunks of source Gaussians
+};
+
 // Sums over instances: by covariance and mean first, which are the template's own.
 struct Sums {
     vec3 mean;
@@ -105,6 +109,7 @@ void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms,
 void main() {
     uint c = group_index();
     uint lane = gl_LocalInvocationID.x;
+    if (c >= chunk_count) return;
     SourceChunk chunk = source_chunks[c];
     uint local = chunk.chunk * WORKGROUP_SIZE + lane;
     // A step that did not fit is done again: its statistics must not count twice.

@@ -271,7 +271,7 @@ fn run_report(job: &TrainJob, device: &str, trained: &Trained, out: &Path) -> Re
         device: device.into(),
         seed: job.config.seed,
         version: env!("CARGO_PKG_VERSION").into(),
-        host_fraction: times.recording.as_secs_f64() / trained.train_seconds.max(1e-9),
+        host_fraction: times.host.as_secs_f64() / times.total.as_secs_f64().max(1e-9),
         memory_explained: trained.memory.clone(),
         views: views
             .iter()

@@ -123,6 +123,16 @@ impl Gpu {
         self.memory.reset_peak();
     }
 
+    /// Limits what may be allocated in all, bytes; what is there already counts. `u64::MAX` = no limit but the device's.
+    pub fn set_memory_budget(&self, bytes: u64) {
+        self.memory.set_budget(bytes);
+    }
+
+    /// The smaller of the limit that was set and the largest device-local heap, bytes.
+    pub fn memory_budget(&self) -> u64 {
+        self.memory.budget().min(self.device_heap_bytes())
+    }
+
     /// Bytes of the largest device-local heap.
     pub fn device_heap_bytes(&self) -> u64 {
         // SAFETY: `physical` belongs to `instance`.

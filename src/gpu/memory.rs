@@ -15,6 +15,7 @@ pub(crate) struct Memory {
     allocator: ManuallyDrop<Mutex<Allocator>>,
     current_bytes: AtomicU64,
     peak_bytes: AtomicU64,
+    budget_bytes: AtomicU64,
 }
 
 impl Memory {
@@ -40,6 +41,7 @@ impl Memory {
             allocator: ManuallyDrop::new(Mutex::new(allocator)),
             current_bytes: AtomicU64::new(0),
             peak_bytes: AtomicU64::new(0),
+            budget_bytes: AtomicU64::new(u64::MAX),
         })
     }
 
@@ -50,6 +52,10 @@ impl Memory {
         location: MemoryLocation,
     ) -> Result<Allocation, GpuError> {
         let fail = |reason: String| GpuError::OutOfMemory { name: name.into(), bytes: requirements.size, reason };
+        let (used, budget) = (self.current_bytes.load(Ordering::Relaxed), self.budget_bytes.load(Ordering::Relaxed));
+        if used.saturating_add(requirements.size) > budget {
+            return Err(fail(format!("{used} bytes are in use and the budget is {budget}")));
+        }
         let mut allocator = self.allocator.lock().map_err(|_| fail("the allocator is poisoned".into()))?;
         let allocation = allocator
             .allocate(&AllocationCreateDesc {
@@ -76,6 +82,16 @@ impl Memory {
     /// Bytes allocated now and at the most since the last `reset_peak`.
     pub(crate) fn usage(&self) -> (u64, u64) {
         (self.current_bytes.load(Ordering::Relaxed), self.peak_bytes.load(Ordering::Relaxed))
+    }
+
+    /// Allocations that would exceed `bytes` in all fail from now on.
+    pub(crate) fn set_budget(&self, bytes: u64) {
+        self.budget_bytes.store(bytes, Ordering::Relaxed);
+    }
+
+    /// What allocations may come to; `u64::MAX` if nothing was set.
+    pub(crate) fn budget(&self) -> u64 {
+        self.budget_bytes.load(Ordering::Relaxed)
     }
 
     /// Forgets the peak so far.

@@ -10,4 +10,4 @@
 //!
 //! Twin: `reference::gather_gradients`. Test: `tests/kernels/gather_gradients.rs`.
 
-pub use crate::gpu::interface::gather_gradients::{Bindings, GatherGradients};
+pub use crate::gpu::interface::gather_gradients::{Bindings, GatherGradients, Params};

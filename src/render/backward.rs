@@ -204,6 +204,7 @@ fn record_gather(
         screen_statistics: &mut gradients.screen_statistics,
         status: &log.status,
     };
-    let grid = Grid::groups(inputs.tables.chunk_count);
-    recorder.dispatch(&inputs.pipelines.gather_gradients, grid, &(), bindings)
+    let chunk_count = inputs.tables.chunk_count;
+    let params = gather_gradients::Params { chunk_count };
+    recorder.dispatch(&inputs.pipelines.gather_gradients, Grid::groups(chunk_count), &params, bindings)
 }

@@ -92,6 +92,13 @@ impl TrainFrame {
             let backward = BackwardPipelines::new(&self.gpu, &self.cache, variant, sh_degree)?;
             self.pipelines = Some((forward, backward));
         }
+        // preprocess_instance_expand_backward takes one loop iteration per 8x8 block of all tiles of a splat.
+        let most = self.gpu.caps().loop_iteration_limit.map_or(u64::MAX, |most| u64::from(most - most / 16));
+        let tiles = largest_px.map(|side| u64::from(side.div_ceil(variant.tile_size)));
+        let blocks = tiles[0] * tiles[1] * u64::from(blocks_per_tile(variant.tile_size));
+        if blocks > most {
+            return Err(RenderError::TooMany { what: "8x8 blocks of a training picture", needed: blocks, limit: most });
+        }
         let pairs = u32::try_from(scene.chunk_pairs).unwrap_or(u32::MAX).max(1);
         // Nothing is culled by chunk, so every pair becomes a work item.
         let capacities = Capacities { candidates: pairs, work_items: pairs, intersections: self.intersections };

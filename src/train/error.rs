@@ -28,7 +28,7 @@ pub enum TrainError {
         /// Finished steps.
         step: u64,
         /// What is wrong.
-        error: RenderError,
+        error: Box<TrainError>,
         /// Where to go on from.
         saved: Option<PathBuf>,
     },

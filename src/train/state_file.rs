@@ -15,6 +15,9 @@ use super::error::TrainError;
 /// Metadata key of the SH degree.
 const SH_DEGREE: &str = "sh_degree";
 
+/// Metadata key that says that densification after the last step is still due.
+const DUE: &str = "densification_due";
+
 /// A flat buffer of the state: its tensor's name, numbers per source Gaussian, and contents.
 type Flat<'a, B> = (String, usize, B);
 
@@ -67,15 +70,24 @@ fn parameters_mut(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
     out
 }
 
-/// A plain cloud in training as a checkpoint after `step` finished steps. The device must be idle.
-pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &DeviceState, step: u64) -> Result<Checkpoint, TrainError> {
+/// A plain cloud in training as a checkpoint after `step` finished steps. The device must be idle. `due` says that the
+/// densification after that step has not been done.
+pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &DeviceState, step: u64, due: bool) -> Result<Checkpoint, TrainError> {
     let count = state.source_count;
     let mut out = Checkpoint { step, ..Checkpoint::default() };
     out.metadata.insert(SH_DEGREE.into(), state.scene.sh_degree.to_string());
+    if due {
+        out.metadata.insert(DUE.into(), "true".into());
+    }
     for (name, width, buffer) in parameters(state) {
         out.put(&name, &[count, width], download(gpu, buffer, count * width)?);
     }
     Ok(out)
+}
+
+/// True if the checkpoint was written before the densification after its last step.
+pub fn densification_is_due(checkpoint: &Checkpoint) -> bool {
+    checkpoint.metadata.contains_key(DUE)
 }
 
 /// The state of a checkpoint of a plain cloud; `path` is for messages.

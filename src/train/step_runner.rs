@@ -66,8 +66,11 @@ pub struct StepOutcome {
 /// Where the time of steps goes.
 #[derive(Clone, Debug, Default)]
 pub struct StepTimes {
-    /// Wall time of the host recording commands, with nothing of the waiting for the device or for pictures.
-    pub recording: Duration,
+    /// Wall time of the host's own work: preparing, recording, submitting, reading records. On CPU drivers, which run a
+    /// submission within the call that makes it, without that call.
+    pub host: Duration,
+    /// Wall time within `submit`: the host's own work and all waiting.
+    pub total: Duration,
     /// Steps collected.
     pub steps: u64,
     /// Milliseconds per kernel, summed over these steps.
@@ -93,6 +96,8 @@ pub struct StepRunner {
     times: StepTimes,
     /// Buffers enlarged since the last look.
     grown: Vec<u32>,
+    /// Steps that are behind the state on the device, as far as collected.
+    finished: u64,
 }
 
 impl StepRunner {
@@ -111,6 +116,7 @@ impl StepRunner {
             largest_px,
             times: StepTimes::default(),
             grown: Vec::new(),
+            finished: 0,
         })
     }
 
@@ -149,14 +155,34 @@ impl StepRunner {
         views: &mut TrainViews,
         plan: StepPlan,
     ) -> Result<Option<StepOutcome>, TrainError> {
+        if self.in_flight.is_empty() {
+            self.finished = plan.step;
+        }
+        let start = Instant::now();
         let outcome = if self.in_flight.len() >= IN_FLIGHT { self.collect(state, views)? } else { None };
         self.record(state, views, plan)?;
+        self.times.total += start.elapsed();
         Ok(outcome)
     }
 
-    /// Index of the oldest step that has not been collected: the state on the device is that before it, if it failed.
-    pub fn oldest_in_flight(&self) -> Option<u64> {
-        self.in_flight.front().map(|flight| flight.plan.step)
+    /// True if steps are on their way.
+    pub fn is_busy(&self) -> bool {
+        !self.in_flight.is_empty()
+    }
+
+    /// After a failure: waits for the device and forgets the steps on their way; returns how many steps are behind the state
+    /// that is there now. Steps after one that did not fit have changed nothing.
+    pub fn settle(&mut self) -> u64 {
+        // A lost device has no state; whoever asks next will be told.
+        let _ = self.gpu.wait_all();
+        for flight in self.in_flight.drain(..) {
+            let record = read_record(&self.log.readback[flight.slot], flight.plan.step);
+            if u64::from(record.step) != flight.plan.step & 0xFFFF_FFFF || record.overflowed != 0 {
+                break;
+            }
+            self.finished = flight.plan.step + 1;
+        }
+        self.finished
     }
 
     /// The outcome of the oldest step that has not been collected; `None` if there is none.
@@ -174,10 +200,13 @@ impl StepRunner {
                 self.redo(state, views)?;
                 continue;
             }
+            let start = Instant::now();
             for (pass, ms) in self.recorders[slot].passes_ms()? {
                 *self.times.passes_ms.entry(pass).or_default() += ms;
             }
+            self.times.host += start.elapsed();
             self.times.steps += 1;
+            self.finished = step + 1;
             self.in_flight.pop_front();
             return Ok(Some(outcome(step, &record)));
         }
@@ -212,12 +241,10 @@ impl StepRunner {
         slot: usize,
     ) -> Result<Ticket, TrainError> {
         let view = views.get(plan.view)?;
+        let start = Instant::now();
         let train_view = TrainView { camera: &view.camera, options: plan.options };
         let step = plan.step as u32;
         self.frame.prepare(&state.scene, self.largest_px, plan.sh_degree)?;
-        self.recorders[slot].begin()?;
-        // CPU drivers run a submission within the call that makes it: only what comes before is the host's own work.
-        let start = Instant::now();
         let recorder = &mut self.recorders[slot];
         self.frame.record_forward(recorder, &state.scene, &train_view)?;
         let loss = (&view.targets, plan.lambda_dssim);
@@ -237,8 +264,10 @@ impl StepRunner {
         let readback = &mut self.log.readback[slot];
         let bytes = readback.bytes();
         recorder.copy(&self.log.records, readback, bytes)?;
-        self.times.recording += start.elapsed();
-        Ok(recorder.submit()?)
+        let recorded = start.elapsed();
+        let ticket = recorder.submit()?;
+        self.times.host += if self.gpu.caps().is_llvmpipe { recorded } else { start.elapsed() };
+        Ok(ticket)
     }
 }
 

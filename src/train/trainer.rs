@@ -34,6 +34,8 @@ const BACKGROUND_STREAM: u64 = 0x6261_636b;
 const REPORT_EVERY: u64 = 10;
 /// Without a budget of the user's, training pictures take at most this part of the device's memory.
 const PICTURE_SHARE: f64 = 0.25;
+/// Part of the device's memory from which on it counts as nearly full: other programs use some, allocators waste some.
+const TIGHT: f64 = 0.8;
 
 /// What to train.
 #[derive(Clone, Debug)]
@@ -122,6 +124,10 @@ pub fn train(
     on_picture: &mut dyn FnMut(Evaluated<'_>),
 ) -> Result<Trained, TrainError> {
     gpu.reset_memory_peak();
+    gpu.set_memory_budget(match job.config.device_memory_mb {
+        0 => u64::MAX,
+        mb => u64::from(mb) << 20,
+    });
     let load = Instant::now();
     let needs_points = job.init.is_none() && job.config.init == super::config::Init::Points;
     let mut data = read_data(&job.data, needs_points)?;
@@ -194,6 +200,7 @@ impl<'a> Run<'a> {
         let config = &job.config;
         let budget = match config.device_memory_mb {
             0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
+            // Half of the budget.
             mb => u64::from(mb) << 19,
         };
         let plan = ViewsPlan {
@@ -246,11 +253,12 @@ impl<'a> Run<'a> {
             let outcome = self.runner.submit(&mut self.state, &mut self.views, plan);
             self.collected(outcome, sink)?;
             done += 1;
-            if self.pauses_after(done) || interrupt.requested() {
+            let stop = interrupt.requested();
+            if self.pauses_after(done) || stop {
                 self.drain(sink)?;
-                self.between_steps(done, sink, interrupt)?;
+                self.between_steps(done, sink, stop)?;
             }
-            if interrupt.requested() {
+            if stop {
                 break;
             }
         }
@@ -286,33 +294,35 @@ impl<'a> Run<'a> {
             || config.evaluates_at(done) && done < config.steps
     }
 
-    fn between_steps(&mut self, done: u64, sink: &mut dyn EventSink, interrupt: &Interrupt) -> Result<(), TrainError> {
+    /// What happens after `done` steps; with `stop`, no step follows.
+    fn between_steps(&mut self, done: u64, sink: &mut dyn EventSink, stop: bool) -> Result<(), TrainError> {
         let config = &self.job.config;
         self.densify(done, sink)?;
         let pause = Instant::now();
+        if config.checkpoints_at(done) || stop {
+            sink.flush()?;
+            let path = self.save_checkpoint(done, false)?;
+            sink.event(&Event::Checkpoint { step: done, path })?;
+        }
         if config.evaluates_at(done) && done < config.steps && !self.test.is_empty() {
             let report = self.evaluate(&mut |_| ())?;
             sink.event(&evaluated(done, &report))?;
-        }
-        if config.checkpoints_at(done) || interrupt.requested() {
-            sink.flush()?;
-            let path = self.save_checkpoint(done)?;
-            sink.event(&Event::Checkpoint { step: done, path })?;
         }
         self.clock.elsewhere += pause.elapsed().as_secs_f64();
         Ok(())
     }
 
-    fn save_checkpoint(&self, done: u64) -> Result<PathBuf, TrainError> {
+    /// `due` says that what happens between the steps after `done` has not happened yet.
+    fn save_checkpoint(&self, done: u64, due: bool) -> Result<PathBuf, TrainError> {
         let folder = self.job.out.join("checkpoints");
-        let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &self.state, done)?)?;
+        let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &self.state, done, due)?)?;
         checkpoint::prune(&folder, checkpoint::KEEP)?;
         Ok(path)
     }
 
     /// Collects all steps on their way.
     fn drain(&mut self, sink: &mut dyn EventSink) -> Result<(), TrainError> {
-        while self.runner.oldest_in_flight().is_some() {
+        while self.runner.is_busy() {
             let outcome = self.runner.collect(&mut self.state, &mut self.views);
             self.collected(outcome, sink)?;
         }
@@ -328,13 +338,11 @@ impl<'a> Run<'a> {
         match outcome {
             Ok(None) => Ok(()),
             Ok(Some(outcome)) => self.report(&outcome, sink),
-            Err(TrainError::Render(error)) => {
-                // Steps behind a failed one change nothing.
-                let step = self.runner.oldest_in_flight().unwrap_or(0);
-                let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step).ok());
-                Err(TrainError::Step { step, error, saved })
+            Err(error) => {
+                let step = self.runner.settle();
+                let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step, false).ok());
+                Err(TrainError::Step { step, error: Box::new(error), saved })
             }
-            Err(error) => Err(error),
         }
     }
 
@@ -363,11 +371,24 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
+    /// True if all of the state a second time might be more than the device, or the budget, holds.
+    fn memory_is_tight(&self) -> bool {
+        let state = self.state.scene.bytes() + self.state.gradients.bytes() + self.state.moments.bytes();
+        self.gpu.memory_usage().0 + state > (self.gpu.memory_budget() as f64 * TIGHT) as u64
+    }
+
     /// Clones, splits, prunes, and resets opacities where the schedule says so.
     fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
-        let (config, state) = (&self.job.config, &mut self.state);
-        let outcome = self.strategy.after_step(state, config, done, self.extent);
-        let outcome = outcome.map_err(|error| TrainError::Step { step: done, error, saved: None })?;
+        let config = &self.job.config;
+        // Arrays move one at a time: if memory runs out midway the state is lost, so it is saved first where that may happen.
+        let saved = if config.densifies_at(done) && self.memory_is_tight() {
+            sink.flush()?;
+            Some(self.save_checkpoint(done, true)?)
+        } else {
+            None
+        };
+        let outcome = self.strategy.after_step(&mut self.state, config, done, self.extent);
+        let outcome = outcome.map_err(|error| TrainError::Step { step: done, error: Box::new(error.into()), saved })?;
         let Some(outcome) = outcome else { return Ok(()) };
         if config.densifies_at(done) {
             sink.event(&Event::Densified {

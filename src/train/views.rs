@@ -98,7 +98,10 @@ impl TrainViews {
         if index < self.resident.len() {
             return Ok(&self.resident[index]);
         }
-        if !self.streamed.iter().any(|(i, _)| *i == index) {
+        if let Some(place) = self.streamed.iter().position(|(i, _)| *i == index) {
+            // The last used goes last: steps in flight must find theirs again.
+            self.streamed.make_contiguous()[place..].rotate_left(1);
+        } else {
             let view = self.next_streamed(index)?;
             if self.streamed.len() >= STREAMED {
                 self.streamed.pop_front();
