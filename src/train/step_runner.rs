@@ -66,8 +66,7 @@ pub struct StepOutcome {
 /// Where the time of steps goes.
 #[derive(Clone, Debug, Default)]
 pub struct StepTimes {
-    /// Wall time of the host's own work: preparing, recording, submitting, reading records. On CPU drivers, which run a
-    /// submission within the call that makes it, without that call.
+    /// Wall time of the host's own work: preparing, recording, submitting, reading records.
     pub host: Duration,
     /// Wall time within `submit`: the host's own work and all waiting.
     pub total: Duration,
@@ -204,7 +203,8 @@ impl StepRunner {
             for (pass, ms) in self.recorders[slot].passes_ms()? {
                 *self.times.passes_ms.entry(pass).or_default() += ms;
             }
-            self.times.host += start.elapsed();
+            // lavapipe reads timestamps under the lock too: see `record_in`.
+            self.times.host += if self.gpu.caps().is_llvmpipe { Duration::ZERO } else { start.elapsed() };
             self.times.steps += 1;
             self.finished = step + 1;
             self.in_flight.pop_front();
@@ -245,6 +245,10 @@ impl StepRunner {
         let train_view = TrainView { camera: &view.camera, options: plan.options };
         let step = plan.step as u32;
         self.frame.prepare(&state.scene, self.largest_px, plan.sh_degree)?;
+        let begin = Instant::now();
+        self.recorders[slot].begin()?;
+        // lavapipe resets timestamps under a lock that the submission in progress holds: that is waiting for the device.
+        let waited = if self.gpu.caps().is_llvmpipe { begin.elapsed() } else { Duration::ZERO };
         let recorder = &mut self.recorders[slot];
         self.frame.record_forward(recorder, &state.scene, &train_view)?;
         let loss = (&view.targets, plan.lambda_dssim);
@@ -264,9 +268,8 @@ impl StepRunner {
         let readback = &mut self.log.readback[slot];
         let bytes = readback.bytes();
         recorder.copy(&self.log.records, readback, bytes)?;
-        let recorded = start.elapsed();
         let ticket = recorder.submit()?;
-        self.times.host += if self.gpu.caps().is_llvmpipe { recorded } else { start.elapsed() };
+        self.times.host += start.elapsed() - waited;
         Ok(ticket)
     }
 }
