@@ -21,7 +21,7 @@ use super::events::{Event, EventSink};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
 use super::report::{DatasetFacts, MemoryUse, Stage};
-use super::start::{TrainData, first_state, read_data};
+use super::start::{TrainData, find_checkpoint, first_state, needs_points, read_data};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
 use super::strategy::{McmcStep, Strategy};
@@ -44,8 +44,6 @@ pub struct TrainJob {
     pub out: PathBuf,
     /// How.
     pub config: TrainConfig,
-    /// Start from this scene instead of the dataset's points.
-    pub init: Option<PathBuf>,
     /// Go on from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
 }
@@ -76,8 +74,6 @@ pub struct Trained {
     pub device_peak: u64,
     /// What was trained on.
     pub dataset: DatasetFacts,
-    /// Things worth telling, one line each.
-    pub warnings: Vec<String>,
 }
 
 /// One run in progress.
@@ -109,7 +105,8 @@ impl Clock {
     }
 }
 
-/// Trains. Events go to `sink`; `interrupt` is looked at between steps. Files are written into the run folder:
+/// Trains. Events go to `sink`; `interrupt` is looked at between steps; `warn` gets what is worth telling before the first
+/// step, one line each; `on_picture` the test views at the end. Files are written into the run folder:
 /// `config.toml`, `checkpoints/`, `point_cloud.ply` and `scene.instgs`; the report is the caller's.
 ///
 /// # Errors
@@ -119,14 +116,16 @@ pub fn train(
     job: &TrainJob,
     sink: &mut dyn EventSink,
     interrupt: &Interrupt,
+    warn: &mut dyn FnMut(&str),
     on_picture: &mut dyn FnMut(Evaluated<'_>),
 ) -> Result<Trained, TrainError> {
     gpu.reset_memory_peak();
     let load = Instant::now();
-    let needs_points = job.init.is_none() && job.config.init == super::config::Init::Points;
-    let mut data = read_data(&job.data, needs_points)?;
+    let resumed = find_checkpoint(job)?;
+    let mut data = read_data(&job.data, needs_points(&job.config, &resumed))?;
     let variant = Variant::for_device(gpu.caps());
-    let (state, first_step) = first_state(gpu, job, &mut data, variant.workgroup_size)?;
+    let (state, first_step) = first_state(gpu, &job.config, resumed, &mut data, variant.workgroup_size)?;
+    data.warnings.iter().for_each(|warning| warn(warning));
     let mut run = Run::new(gpu, job, &data, variant, state, first_step)?;
     let mut stages = vec![Stage { name: "load".into(), seconds: load.elapsed().as_secs_f64() }];
 
@@ -173,7 +172,6 @@ pub fn train(
         train_seconds,
         memory,
         device_peak,
-        warnings: data.warnings,
     })
 }
 
