@@ -335,8 +335,6 @@ mod tests {
         assert_eq!(resolved(folder.path(), &["--resume"])?.init_scene, config.init_scene);
         assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.init_scene, "/x.ply");
         assert_eq!(resolved(folder.path(), &[])?.init_scene, "");
-        let error = resolved(folder.path(), &["--init", ""]).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(error.contains("--init") && error.lines().count() == 1, "{error}");
         Ok(())
     }
 }

@@ -186,7 +186,7 @@ mod tests {
         Ok(())
     }
 
-    /// The preset is for 300 to 2000 steps: each densifies for more than a third of them, and then has 30 % for the rest.
+    /// The preset is for 300 to 2000 steps: whatever their number, the last 30 % (mcmc: 20 %) train what is there.
     #[test]
     fn quick_fits_short_and_long_runs() -> Result<(), ConfigError> {
         for strategy in ["strategy=densify", "strategy=mcmc"] {
