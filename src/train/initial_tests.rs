@@ -41,8 +41,8 @@ fn opacity_and_scale_are_those_asked_for() {
     let points = cloud(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -3.0]]);
     let mcmc = InitialShape { opacity: 0.5, scale: 0.1 };
     assert_eq!(InitialShape::new(&TrainConfig::default()), INRIA);
-    let camera = Camera::look_at("c", DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0, (64, 48));
-    let random = |shape| random_in_view(&[camera.clone()], 50, 1, 0, shape);
+    let cameras = ring(3, false);
+    let random = |shape| random_in_view(&cameras, 50, 1, 0, shape);
     for (small, usual) in
         [(from_points(&points, 1, mcmc), from_points(&points, 1, INRIA)), (random(mcmc), random(INRIA))]
     {
