@@ -9,7 +9,8 @@ use instgs_vk::io::view_image::{IGNORED, OPAQUE};
 use instgs_vk::io::{IoError, LoadedView, read_points, read_views};
 use instgs_vk::math::distortion::Distortion;
 use instgs_vk::scene::{Camera, PointCloud};
-use instgs_vk::train::initial::{from_points, scene_extent};
+use instgs_vk::train::config::TrainConfig;
+use instgs_vk::train::initial::{InitialShape, from_points, scene_extent};
 use instgs_vk::train::view_store::{PrefetchLimits, load_all};
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
@@ -94,7 +95,7 @@ fn every_view_and_point_of_every_dataset_loads() -> Outcome {
             (colour_difference(&views, &loaded.points, 0), colour_difference(&views, &loaded.points, 1999));
         let cameras: Vec<Camera> = views.iter().map(|v| v.camera.clone()).collect();
         let start = Instant::now();
-        let gaussians = from_points(&loaded.points, 3);
+        let gaussians = from_points(&loaded.points, 3, InitialShape::new(&TrainConfig::default()));
         eprintln!(
             "{name}: {count} views in {seconds:.2} s; points differ by {right:.1} levels from pixels, by {wrong:.1} shuffled; \
              extent {:.3}; Gaussians in {:.3} s",

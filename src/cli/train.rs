@@ -89,6 +89,9 @@ impl TrainArgs {
         if let Some(method) = &self.method {
             builder = builder.flag("--method", "method", method.as_str())?;
         }
+        if let Some(path) = &self.init {
+            builder = builder.flag("--init", "init_scene", absolute(path)?)?;
+        }
         let numbers = [
             ("--steps", "steps", self.steps),
             ("--width", "width", self.width.map(u64::from)),
@@ -117,6 +120,13 @@ impl TrainArgs {
     }
 }
 
+/// A path as the configuration keeps it: valid in whatever folder the run is resumed.
+fn absolute(path: &Path) -> Result<String, CliError> {
+    let fail = |what: String| CliError::Other(format!("--init: {what}"));
+    let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
+    absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
+}
+
 pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let config = args.resolved()?;
     args.check_folder()?;
@@ -124,23 +134,16 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
     crate::io::read_views(&args.data)?;
     let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
-    let job = TrainJob {
-        data: args.data.clone(),
-        out: args.out.clone(),
-        config,
-        init: args.init.clone(),
-        resume: args.resume,
-    };
+    let job = TrainJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
     create_folder(&args.out)?;
     let mut log = open_log(args, printer)?;
     let mut progress = TrainProgress { printer, bar: None, steps: job.config.steps };
     let mut pictures = Vec::new();
-    let trained = train(&gpu, &job, &mut Tee(vec![&mut log, &mut progress]), &interrupt, &mut |view| {
-        pictures.push(picture_of(&view))
-    });
+    let mut sink = Tee(vec![&mut log, &mut progress]);
+    let mut keep = |view: Evaluated<'_>| pictures.push(picture_of(&view));
+    let trained = train(&gpu, &job, &mut sink, &interrupt, &mut |text| printer.warning(text), &mut keep);
     progress.bar = None;
     let trained = trained?;
-    trained.warnings.iter().for_each(|warning| printer.warning(warning));
     if trained.dropped_non_finite > 0 {
         printer.warning(format_args!("dropped {} Gaussians with a non-finite parameter", trained.dropped_non_finite));
     }
@@ -299,4 +302,39 @@ fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
     row("device, most at a time", format!("{} bytes", grouped(report.bytes.device_peak)));
     printer.line(table);
     printer.line(format_args!("everything is in {}; report.html shows it", out.display()));
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    type Test = Result<(), Box<dyn std::error::Error>>;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: TrainArgs,
+    }
+
+    fn resolved(out: &Path, more: &[&str]) -> Result<TrainConfig, Box<dyn std::error::Error>> {
+        let out = out.display().to_string();
+        let line = [&["train", "--data", "d", "--out", &out], more].concat();
+        Ok(Line::try_parse_from(line)?.args.resolved()?)
+    }
+
+    #[test]
+    fn a_resumed_run_knows_the_scene_it_started_from() -> Test {
+        let folder = tempfile::tempdir()?;
+        let here = std::env::current_dir()?;
+        let config = resolved(folder.path(), &["--init", "a/../b.ply", "--set", "init_scene=c.ply"])?;
+        // The flag is above --set; links are left as they are.
+        assert_eq!(Path::new(&config.init_scene), here.join("a/../b.ply"));
+        std::fs::write(folder.path().join("config.toml"), config.to_toml()?)?;
+        assert_eq!(resolved(folder.path(), &["--resume"])?.init_scene, config.init_scene);
+        assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.init_scene, "/x.ply");
+        assert_eq!(resolved(folder.path(), &[])?.init_scene, "");
+        Ok(())
+    }
 }

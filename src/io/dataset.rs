@@ -53,15 +53,16 @@ impl Dataset {
 /// `transforms_test.json`, `transforms.json`, `sparse/0` (or `sparse`). The split is the pair's, or that of `transforms.json`
 /// ([`nerf`]), else views 0, 8, 16 ... by name are for test.
 ///
-/// A `mask_path` in a folder with a `categories.json` is an instance mask (ids of objects, 0 = none), as this crate
-/// takes them from `masks/`: it does not say which pixels count, and is not used here.
+/// A `mask_path` is an instance mask (ids of objects, 0 = none) if a `categories.json` lies beside it, in a folder above
+/// it within the dataset, or in the dataset's `masks/`, where this crate takes them from. It does not say which pixels
+/// count, and is not used here.
 pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     let mut views = Vec::new();
     let mut split_given = false;
     let mut add = |images: Vec<PosedImage>, root: &Path, given: Option<Split>| {
         for PosedImage { camera, file, distortion, mask, split } in images {
             let relative = without_dots(&file);
-            let mask_path = mask.map(|m| root.join(without_dots(&m))).filter(|m| !is_instance_mask(m));
+            let mask_path = mask.map(|m| root.join(without_dots(&m))).filter(|m| !is_instance_mask(folder, m));
             let split = given.or(split);
             split_given |= split.is_some();
             let split = split.unwrap_or(Split::Train);
@@ -106,8 +107,16 @@ pub(crate) fn without_dots(file: &str) -> PathBuf {
     Path::new(file).components().filter(|c| !matches!(c, std::path::Component::CurDir)).collect()
 }
 
-fn is_instance_mask(mask: &Path) -> bool {
-    mask.with_file_name("categories.json").is_file()
+/// True if `mask`, of a dataset in `folder`, holds ids of objects. With ids in `masks/` no mask of the dataset is taken for
+/// one of pixels to ignore: `masks_2/` may be the same at half the size, and ids that hide every pixel without an object
+/// would spoil a training silently.
+fn is_instance_mask(folder: &Path, mask: &Path) -> bool {
+    let has_categories = |folder: &Path| folder.join("categories.json").is_file();
+    // One spelling of both, as a file may name its masks by absolute paths.
+    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.into());
+    let (folder, mask) = (absolute(folder), absolute(mask));
+    let mut within = mask.ancestors().skip(1).take_while(|above| above.starts_with(&folder));
+    mask.parent().is_some_and(has_categories) || within.any(has_categories) || has_categories(&folder.join("masks"))
 }
 
 /// Views whose stems are the same are named after their path instead: `left/0001.jpg` is `left_0001`; should that be
@@ -164,6 +173,42 @@ mod tests {
         let got: Vec<_> = pair.views.iter().map(|v| (v.camera.name.as_str(), v.split)).collect();
         assert_eq!(got, [("2", Split::Test), ("left_1", Split::Train), ("right_1", Split::Train)]);
         assert_eq!(pair.views[1].image_path, root.join("left/1.jpg"));
+        Ok(())
+    }
+
+    #[test]
+    fn instance_masks_ignore_no_pixels() -> Result<(), Box<dyn std::error::Error>> {
+        // Folder of the mask, folder of categories.json (from the one above the dataset), whether the mask is used.
+        for (mask, categories, used) in [
+            ("masks", "", true),
+            ("masks", "data/masks", false),
+            ("masks/left/8bit", "data/masks", false),
+            ("masks/left/8bit", "data/masks/left", false),
+            ("masks/left/8bit", "data/masks/left/8bit", false),
+            ("masks/left/8bit", "data/masks/right", true),
+            ("masks_2", "data/masks", false),
+            ("ids/left", "data/ids", false),
+            ("ids/left", "data", false),
+            ("ids/left", "data/images", true),
+            // Beyond the dataset it is somebody else's.
+            ("masks", ".", true),
+            ("../elsewhere", "elsewhere", false),
+        ] {
+            let folder = tempfile::tempdir()?;
+            let root = folder.path().join("data");
+            std::fs::create_dir(&root)?;
+            if !categories.is_empty() {
+                std::fs::create_dir_all(folder.path().join(categories))?;
+                std::fs::write(folder.path().join(categories).join("categories.json"), "{}")?;
+            }
+            for mask_path in [format!("./{mask}/a.png"), root.join(mask).join("a.png").display().to_string()] {
+                let frame = format!(r#"{{"file_path":"a.png","mask_path":{mask_path:?},"transform_matrix":{POSE}}}"#);
+                let text = format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{frame}]}}"#);
+                std::fs::write(root.join("transforms.json"), text)?;
+                let used_mask = read_views(&root)?.views[0].mask_path.clone();
+                assert_eq!(used_mask, used.then(|| root.join(mask).join("a.png")), "{mask_path} {categories}");
+            }
+        }
         Ok(())
     }
 

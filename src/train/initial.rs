@@ -11,12 +11,12 @@ use crate::math::sh::SH_C0;
 use crate::scene::gaussians::sh_coefficients;
 use crate::scene::{Camera, Gaussians, PointCloud};
 
+use super::config::TrainConfig;
+
 /// The size of a Gaussian comes from this many nearest neighbours.
 const NEIGHBOURS: usize = 3;
 /// Smallest mean squared distance to the neighbours, square scene units: points that coincide get this.
 const MIN_SQUARED_DISTANCE: f64 = 1e-7;
-/// Opacity of every Gaussian.
-const OPACITY: f64 = 0.1;
 /// INRIA's margin around the cameras.
 const EXTENT_MARGIN: f64 = 1.1;
 /// Random points are drawn again up to this many times until a camera sees them.
@@ -24,18 +24,36 @@ const TRIES: usize = 64;
 /// A random point is seen if it is this far in front of a camera, in half sides of the box.
 const MIN_DEPTH: f64 = 0.02;
 
+/// What the first Gaussians look like, but for colour and place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InitialShape {
+    /// Opacity of each, in 0..1 without the ends.
+    pub opacity: f64,
+    /// Factor on the deviation that the neighbours give, above 0.
+    pub scale: f64,
+}
+
+impl InitialShape {
+    /// `init_opacity` and `init_scale`.
+    pub fn new(config: &TrainConfig) -> Self {
+        Self { opacity: config.init_opacity, scale: config.init_scale }
+    }
+}
+
 /// A Gaussian for every point, in the same order: its colour as SH coefficient 0 (`(rgb - 0.5) / C0`), the others 0;
-/// round, of a deviation that is the root mean square distance to the three nearest other points (all others if there
-/// are fewer), at least sqrt(1e-7) scene units; opacity 0.1. Positions must be finite. The same points give the same bits.
-pub fn from_points(points: &PointCloud, sh_degree: u32) -> Gaussians {
+/// round, of a deviation that is `shape.scale` times the root mean square distance to the three nearest other points (all
+/// others if there are fewer; at least sqrt(1e-7) scene units); of `shape.opacity`. Positions must be finite. The same
+/// points give the same bits.
+pub fn from_points(points: &PointCloud, sh_degree: u32, shape: InitialShape) -> Gaussians {
     let mut out = Gaussians::with_capacity(sh_degree, points.len());
-    let logit = (OPACITY / (1.0 - OPACITY)).ln() as f32;
+    let logit = (shape.opacity / (1.0 - shape.opacity)).ln() as f32;
+    let log_factor = shape.scale.ln();
     for (squared, (position, color)) in
         mean_squared_distances(&points.positions).into_iter().zip(points.positions.iter().zip(&points.colors))
     {
         out.means.push(*position);
         out.quats.push([1.0, 0.0, 0.0, 0.0]);
-        out.log_scales.push([(0.5 * squared.max(MIN_SQUARED_DISTANCE).ln()) as f32; 3]);
+        out.log_scales.push([(0.5 * squared.max(MIN_SQUARED_DISTANCE).ln() + log_factor) as f32; 3]);
         out.opacity_logits.push(logit);
         out.sh.push(color.map(|c| ((f64::from(c) / 255.0 - 0.5) / SH_C0) as f32));
         out.sh.resize(out.means.len() * sh_coefficients(sh_degree), [0.0; 3]);
@@ -100,7 +118,7 @@ fn distinct(positions: &[[f32; 3]]) -> (Vec<[f64; 3]>, Vec<usize>, Vec<usize>) {
 /// half of them), it is centred there, and its half side is the largest distance of a camera from their mean, or half
 /// the median distance of that point if that is more. Otherwise (a room taken from within, parallel axes, one camera) it is
 /// centred on the cameras with three times that half side, 1 standing for a distance of 0.
-pub fn random_in_view(cameras: &[Camera], count: usize, seed: u64, sh_degree: u32) -> Gaussians {
+pub fn random_in_view(cameras: &[Camera], count: usize, seed: u64, sh_degree: u32, shape: InitialShape) -> Gaussians {
     let (centre, half_side) = region_in_view(cameras);
     let mut rng = Rng::new(seed);
     let mut points = PointCloud::default();
@@ -117,7 +135,7 @@ pub fn random_in_view(cameras: &[Camera], count: usize, seed: u64, sh_degree: u3
         let color = rng.next_u32().to_le_bytes();
         points.colors.push([color[0], color[1], color[2]]);
     }
-    from_points(&points, sh_degree)
+    from_points(&points, sh_degree, shape)
 }
 
 /// Centre and half side of the cube of [`random_in_view`].

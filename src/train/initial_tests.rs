@@ -1,6 +1,8 @@
 use super::*;
 use crate::math::sh::eval_sh;
 
+const INRIA: InitialShape = InitialShape { opacity: 0.1, scale: 1.0 };
+
 fn cloud(positions: Vec<[f32; 3]>) -> PointCloud {
     PointCloud { colors: (0..positions.len()).map(|i| [i as u8, 128, 255]).collect(), positions }
 }
@@ -22,7 +24,7 @@ fn slow(positions: &[[f32; 3]]) -> Vec<f64> {
 fn a_point_becomes_a_gaussian_of_its_colour_and_spacing() {
     // Neighbours of the first at distances 1, 2 and 3: mean square 14/3. The far one is not counted.
     let points = cloud(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -3.0], [0.0, 0.0, 50.0]]);
-    let out = from_points(&points, 2);
+    let out = from_points(&points, 2, INRIA);
     assert_eq!((out.len(), out.sh.len(), out.sh_degree), (5, 45, 2));
     assert_eq!((out.means[3], out.quats[3]), ([0.0, 0.0, -3.0], [1.0, 0.0, 0.0, 0.0]));
     assert_eq!(out.log_scales[0], [(14.0f64 / 3.0).sqrt().ln() as f32; 3]);
@@ -30,8 +32,26 @@ fn a_point_becomes_a_gaussian_of_its_colour_and_spacing() {
     // The renderer's colour, SH + 0.5, is the point's, from every side.
     let rgb = eval_sh(2, out.sh_of(4), DVec3::new(0.6, 0.0, 0.8)) + 0.5;
     assert!((rgb - DVec3::new(4.0 / 255.0, 128.0 / 255.0, 1.0)).length() < 1e-7, "{rgb}");
-    assert_eq!(from_points(&PointCloud::default(), 3), Gaussians { sh_degree: 3, ..Gaussians::default() });
-    assert_eq!(from_points(&cloud(vec![[1.0; 3]]), 0).log_scales, [[(0.5 * 1e-7f64.ln()) as f32; 3]]);
+    assert_eq!(from_points(&PointCloud::default(), 3, INRIA), Gaussians { sh_degree: 3, ..Gaussians::default() });
+    assert_eq!(from_points(&cloud(vec![[1.0; 3]]), 0, INRIA).log_scales, [[(0.5 * 1e-7f64.ln()) as f32; 3]]);
+}
+
+#[test]
+fn opacity_and_scale_are_those_asked_for() {
+    let points = cloud(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -3.0]]);
+    let mcmc = InitialShape { opacity: 0.5, scale: 0.1 };
+    assert_eq!(InitialShape::new(&TrainConfig::default()), INRIA);
+    let cameras = ring(3, false);
+    let random = |shape| random_in_view(&cameras, 50, 1, 0, shape);
+    for (small, usual) in
+        [(from_points(&points, 1, mcmc), from_points(&points, 1, INRIA)), (random(mcmc), random(INRIA))]
+    {
+        assert!(small.opacity_logits.iter().all(|&logit| logit == 0.0));
+        for (a, b) in small.log_scales.iter().flatten().zip(usual.log_scales.iter().flatten()) {
+            assert!((a - b - 0.1f32.ln()).abs() < 2e-6, "{a} {b}");
+        }
+        assert_eq!((small.means, small.sh, small.quats), (usual.means, usual.sh, usual.quats));
+    }
 }
 
 #[test]
@@ -62,13 +82,13 @@ fn neighbours_are_those_of_the_slow_search() {
 #[test]
 fn equal_points_and_planes_are_no_trouble() {
     for count in [2, 33, 1000, 300_000] {
-        let out = from_points(&cloud(vec![[0.25, -3.0, 7.0]; count]), 0);
+        let out = from_points(&cloud(vec![[0.25, -3.0, 7.0]; count]), 0, INRIA);
         assert!(out.log_scales.iter().all(|s| *s == [(0.5 * 1e-7f64.ln()) as f32; 3]), "{count}");
-        assert_eq!(out, from_points(&cloud(vec![[0.25, -3.0, 7.0]; count]), 0));
+        assert_eq!(out, from_points(&cloud(vec![[0.25, -3.0, 7.0]; count]), 0, INRIA));
     }
     // A regular grid on a plane: inner points have neighbours at distance 1.
     let grid = cloud((0..40_000).map(|i| [(i % 200) as f32, 5.0, (i / 200) as f32]).collect());
-    let out = from_points(&grid, 0);
+    let out = from_points(&grid, 0, INRIA);
     assert!(out.log_scales.iter().filter(|s| **s == [0.0; 3]).count() >= 198 * 198);
 }
 
@@ -97,15 +117,15 @@ fn random_points_are_where_cameras_look() {
     let (centre, half) = region_in_view(&[eye(-0.2), eye(0.2)]);
     assert!(centre.distance(DVec3::new(0.0, 0.0, 3.0)) < 1e-9 && (half - 1.5).abs() < 0.01, "{centre} {half}");
     for cameras in [inwards, outwards, vec![eye(0.0)], vec![eye(0.0); 3]] {
-        let out = random_in_view(&cameras, 500, 9, 1);
+        let out = random_in_view(&cameras, 500, 9, 1, INRIA);
         assert_eq!((out.len(), out.sh.len()), (500, 2000));
         let seen = |m: &[f32; 3]| cameras.iter().any(|c| sees(c, DVec3::from(m.map(f64::from)), 1e-3));
         let count = out.means.iter().filter(|m| seen(m)).count();
         // A single camera sees 1/15 of the box around it: 64 draws miss that with a chance of 1.2 %, 6 of 500, +-2.4.
         assert!(count >= if cameras.len() > 3 { 500 } else { 482 }, "{count}");
         assert!((0..500).all(|i| out.is_finite(i)));
-        assert_eq!(out, random_in_view(&cameras, 500, 9, 1));
-        assert_ne!(out.means, random_in_view(&cameras, 500, 10, 1).means);
+        assert_eq!(out, random_in_view(&cameras, 500, 9, 1, INRIA));
+        assert_ne!(out.means, random_in_view(&cameras, 500, 10, 1, INRIA).means);
     }
 }
 

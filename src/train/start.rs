@@ -1,10 +1,10 @@
 //! Where a run begins: the dataset, the first Gaussians, or the newest checkpoint.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::gpu::Gpu;
-use crate::io::checkpoint;
+use crate::io::checkpoint::{self, Checkpoint};
 use crate::io::dataset::{Dataset, Split, read_views};
 use crate::io::point_cloud::read_points;
 use crate::io::{IoError, View, load_scene};
@@ -14,8 +14,8 @@ use crate::scene::{Camera, Gaussians, InstancedScene, PointCloud};
 use super::config::{Init, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
-use super::initial::{from_points, random_in_view, scene_extent};
-use super::state_file::from_checkpoint;
+use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
+use super::state_file::{densification_is_due, from_checkpoint, size_of_cloud};
 use super::trainer::TrainJob;
 
 /// Sub-stream of the seed for random starts ("init" in ASCII).
@@ -29,14 +29,71 @@ pub(super) struct TrainData {
     pub(super) points: PointCloud,
     /// Scene extent, scene units.
     pub(super) extent: f64,
-    /// Things worth telling, one line each.
+    /// Things worth telling before the first step, one line each.
     pub(super) warnings: Vec<String>,
 }
 
-/// Reads cameras and points of a dataset.
+/// The checkpoint that a run goes on from.
+#[derive(Default)]
+pub(super) struct Resumed {
+    /// It and its file; `None` for a run from the start.
+    found: Option<(PathBuf, Checkpoint)>,
+    /// About newer ones that cannot be used, one line each.
+    warnings: Vec<String>,
+}
+
+/// The newest whole checkpoint of the run folder, if the job is to go on from one and there is one.
 ///
 /// # Errors
-/// A file that is damaged or missing; no training views; no points where `init` asks for them.
+/// The folder cannot be listed, or the configuration does not fit the checkpoint.
+pub(super) fn find_checkpoint(job: &TrainJob) -> Result<Resumed, TrainError> {
+    if !job.resume {
+        return Ok(Resumed::default());
+    }
+    let newest = checkpoint::latest(&job.out.join("checkpoints"))?;
+    if let Some((path, found)) = &newest.found {
+        check_fits(found, path, &job.config)?;
+    }
+    let warnings = newest.skipped.iter().map(|e| format!("{e}; an older checkpoint is used")).collect();
+    Ok(Resumed { found: newest.found, warnings })
+}
+
+/// Refuses to go on from a checkpoint with a configuration under which it cannot have come about.
+fn check_fits(checkpoint: &Checkpoint, path: &Path, config: &TrainConfig) -> Result<(), IoError> {
+    let (degree, count) = size_of_cloud(checkpoint, path)?;
+    let refuse = |what: String, advice: String| Err(IoError::new(path, what).advise(advice));
+    if degree != config.sh_degree {
+        return refuse(
+            format!("has SH degree {degree}, the configuration sh_degree = {}", config.sh_degree),
+            format!("continue with --set sh_degree={degree}, or start a new run with --init and its scene"),
+        );
+    }
+    if count > config.max_gaussians as usize {
+        return refuse(
+            format!("has {count} Gaussians, the configuration max_gaussians = {}", config.max_gaussians),
+            format!("continue with --max-gaussians {count} or more, or start a new run with --init and its scene"),
+        );
+    }
+    if checkpoint.step > config.steps {
+        let step = checkpoint.step;
+        return refuse(
+            format!("is of step {step}, the configuration has steps = {}", config.steps),
+            format!("continue with --steps {step} or more, or choose another folder for a shorter run"),
+        );
+    }
+    Ok(())
+}
+
+/// True if a run cannot start without the dataset's points.
+pub(super) fn needs_points(config: &TrainConfig, resumed: &Resumed) -> bool {
+    config.init_scene.is_empty() && config.init == Init::Points && resumed.found.is_none()
+}
+
+/// Reads cameras and points of a dataset. Points that are not needed may be missing or damaged; then the scene's extent is
+/// that of the cameras.
+///
+/// # Errors
+/// A file that is damaged or missing; no training views; no points although they are needed.
 pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, TrainError> {
     let dataset = read_views(folder)?;
     let of = |split| -> Vec<View> { Dataset::split(&dataset, split).cloned().collect() };
@@ -45,51 +102,65 @@ pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, 
         return Err(IoError::new(folder, "has no training views").into());
     }
     let mut warnings = Vec::new();
-    let points = match read_points(folder)? {
-        Some(loaded) => {
+    let points = match read_points(folder) {
+        Err(error) if needs_points => return Err(error.into()),
+        Err(error) => {
+            warnings.push(format!("{error}; going on without points"));
+            PointCloud::default()
+        }
+        Ok(Some(loaded)) => {
             if loaded.dropped_non_finite > 0 {
                 let (path, n) = (loaded.path.display(), loaded.dropped_non_finite);
                 warnings.push(format!("{path}: dropped {n} points that are not finite"));
             }
             loaded.points
         }
-        None if needs_points => {
+        Ok(None) if needs_points => {
             let error = IoError::new(folder, "has no point cloud to start from");
             return Err(error.advise("give a .ply with --init, or --set init=random").into());
         }
-        None => PointCloud::default(),
+        Ok(None) => PointCloud::default(),
     };
     let cameras: Vec<Camera> = train.iter().map(|v| v.camera.clone()).collect();
     let extent = scene_extent(&cameras, &points);
     Ok(TrainData { train, test, points, extent, warnings })
 }
 
-/// The state that a run starts from, and how many steps are behind it.
+/// What a run starts from.
+pub(super) struct Start {
+    pub(super) state: DeviceState,
+    /// How many steps are behind the state.
+    pub(super) step: u64,
+    /// What happens between the steps after that step has not happened yet.
+    pub(super) due: bool,
+}
+
+/// The state that a run starts from.
 pub(super) fn first_state(
     gpu: &Arc<Gpu>,
-    job: &TrainJob,
+    config: &TrainConfig,
+    resumed: Resumed,
     data: &mut TrainData,
     chunk_size: u32,
-) -> Result<(DeviceState, u64), TrainError> {
-    if job.resume {
-        let newest = checkpoint::latest(&job.out.join("checkpoints"))?;
-        data.warnings.extend(newest.skipped.iter().map(|e| format!("{e}; an older checkpoint is used")));
-        if let Some((path, found)) = newest.found {
-            let step = found.step;
-            return Ok((from_checkpoint(gpu, found, &path, chunk_size)?, step));
-        }
+) -> Result<Start, TrainError> {
+    data.warnings.extend(resumed.warnings);
+    if let Some((path, found)) = resumed.found {
+        let (step, due) = (found.step, densification_is_due(&found));
+        return Ok(Start { state: from_checkpoint(gpu, found, &path, chunk_size)?, step, due });
     }
-    let cloud = match &job.init {
-        Some(path) => init_cloud(path, &job.config, data)?,
-        None if job.config.init == Init::Points => from_points(&data.points, job.config.sh_degree),
-        None => {
+    let (degree, shape) = (config.sh_degree, InitialShape::new(config));
+    let cloud = match config.init {
+        _ if !config.init_scene.is_empty() => init_cloud(Path::new(&config.init_scene), config, data)?,
+        Init::Points => from_points(&data.points, degree, shape),
+        Init::Random => {
             let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
-            let seed = crate::math::rng::Rng::new(job.config.seed).fork(INIT_STREAM).next_u64();
-            random_in_view(&cameras, job.config.init_count as usize, seed, job.config.sh_degree)
+            let seed = crate::math::rng::Rng::new(config.seed).fork(INIT_STREAM).next_u64();
+            random_in_view(&cameras, config.init_count as usize, seed, degree, shape)
         }
     };
-    let cloud = capped(cloud, job.config.max_gaussians as usize, &mut data.warnings);
-    Ok((DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?, 0))
+    let cloud = capped(cloud, config.max_gaussians as usize, &mut data.warnings);
+    let state = DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?;
+    Ok(Start { state, step: 0, due: false })
 }
 
 /// A trained scene as a plain cloud of the run's SH degree.
@@ -121,4 +192,95 @@ fn capped(cloud: Gaussians, most: usize, warnings: &mut Vec<String>) -> Gaussian
     warnings.push(format!("the start has {count} Gaussians; {most} of them are kept (max_gaussians)"));
     // Evenly spread: i is kept where i * most / count steps up.
     cloud.filtered(|i| (i + 1) * most / count > i * most / count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::checkpoint::save;
+    use crate::train::config::{ConfigBuilder, ConfigError};
+
+    type Test = Result<(), Box<dyn std::error::Error>>;
+
+    fn with(sets: &[&str]) -> Result<TrainConfig, ConfigError> {
+        sets.iter().try_fold(ConfigBuilder::new(), |builder, set| builder.set(set))?.finish()
+    }
+
+    /// After 500 steps, of degree 2, 40 Gaussians: as much of a checkpoint as is looked at before the device.
+    fn sample() -> Checkpoint {
+        let mut out = Checkpoint { step: 500, ..Checkpoint::default() };
+        out.metadata.insert("sh_degree".into(), "2".into());
+        out.put("parameter.opacity_logits", &[40, 1], vec![0.0f32; 40]);
+        out
+    }
+
+    #[test]
+    fn a_configuration_that_does_not_fit_the_checkpoint_is_refused_in_one_line() -> Test {
+        let error = |sets: &[&str]| {
+            let config = with(&[&["sh_degree=2"], sets].concat())?;
+            let result = check_fits(&sample(), Path::new("c.safetensors"), &config);
+            Ok::<_, ConfigError>(result.err().map(|e| e.to_string()).unwrap_or_default())
+        };
+        for (set, words) in [
+            ("sh_degree=3", ["SH degree 2", "sh_degree = 3", "--set sh_degree=2", "--init"]),
+            ("sh_degree=1", ["SH degree 2", "sh_degree = 1", "--set sh_degree=2", "--init"]),
+            ("max_gaussians=39", ["40 Gaussians", "max_gaussians = 39", "--max-gaussians 40", "--init"]),
+            ("steps=499", ["step 500", "steps = 499", "--steps 500", "another folder"]),
+        ] {
+            let text = error(&[set])?;
+            assert!(text.starts_with("c.safetensors: ") && text.lines().count() == 1, "{text}");
+            words.iter().for_each(|word| assert!(text.contains(word), "{word}: {text}"));
+        }
+        // At the very limits it goes on.
+        assert_eq!(error(&["max_gaussians=40", "steps=500"])?, "");
+        assert_eq!(error(&[])?, "");
+        let unnamed = Checkpoint { metadata: Default::default(), ..sample() };
+        assert!(check_fits(&unnamed, Path::new("c"), &with(&[])?).is_err_and(|e| e.to_string().contains("sh_degree")));
+        Ok(())
+    }
+
+    #[test]
+    fn points_are_needed_only_by_a_run_that_starts_from_them() -> Test {
+        let folder = tempfile::tempdir()?;
+        let out = folder.path().to_path_buf();
+        let needs = |sets: &[&str], resume: bool| {
+            let config = with(&[&["sh_degree=2"], sets].concat())?;
+            let job = TrainJob { data: out.clone(), out: out.clone(), config, resume };
+            Ok::<_, Box<dyn std::error::Error>>(needs_points(&job.config, &find_checkpoint(&job)?))
+        };
+        assert!(needs(&[], false)? && needs(&[], true)?);
+        assert!(!needs(&["init=random"], false)? && !needs(&["init_scene=a.ply"], false)?);
+        let path = save(&out.join("checkpoints"), &sample())?;
+        // Without --resume the checkpoint does not count, whatever it is.
+        assert!(needs(&[], false)? && needs(&["sh_degree=3"], false)?);
+        assert!(!needs(&[], true)?);
+        assert!(needs(&["sh_degree=3"], true).is_err_and(|e| e.to_string().contains("sh_degree = 3")));
+        // A damaged one is told of, and points are needed again.
+        std::fs::write(&path, "x")?;
+        assert!(needs(&[], true)?);
+        let job = TrainJob { data: out.clone(), out: out.clone(), config: with(&[])?, resume: true };
+        assert_eq!(find_checkpoint(&job)?.warnings.len(), 1);
+        Ok(())
+    }
+
+    #[test]
+    fn missing_or_damaged_points_matter_only_where_they_are_needed() -> Test {
+        let folder = tempfile::tempdir()?;
+        let frame = |n: u32| {
+            let pose = format!("[[1,0,0,{n}],[0,1,0,0],[0,0,1,0],[0,0,0,1]]");
+            format!(r#"{{"file_path":"{n}.png","transform_matrix":{pose}}}"#)
+        };
+        let text = format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{},{},{}]}}"#, frame(0), frame(1), frame(5));
+        std::fs::write(folder.path().join("transforms.json"), text)?;
+        let text_of = |needs| read_data(folder.path(), needs).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text_of(true).contains("no point cloud") && text_of(true).contains("--init"));
+        assert!(read_data(folder.path(), false)?.warnings.is_empty());
+        std::fs::write(folder.path().join("points3d.ply"), "no ply")?;
+        assert!(text_of(true).contains("points3d.ply"), "{}", text_of(true));
+        let data = read_data(folder.path(), false)?;
+        assert!(data.points.is_empty() && data.warnings.len() == 1, "{:?}", data.warnings);
+        // Cameras for training at 1 and 5: 1.1 times 2.
+        assert!((data.extent - 2.2).abs() < 1e-9, "{}", data.extent);
+        Ok(())
+    }
 }

@@ -90,6 +90,16 @@ pub fn densification_is_due(checkpoint: &Checkpoint) -> bool {
     checkpoint.metadata.contains_key(DUE)
 }
 
+/// SH degree and number of Gaussians of a checkpoint of a plain cloud; `path` is for messages.
+///
+/// # Errors
+/// It does not say its degree.
+pub fn size_of_cloud(checkpoint: &Checkpoint, path: &Path) -> Result<(u32, usize), IoError> {
+    let degree = checkpoint.metadata.get(SH_DEGREE).and_then(|text| text.parse().ok()).filter(|d| *d <= 3);
+    let degree: u32 = degree.ok_or_else(|| IoError::new(path, "has no sh_degree from 0 to 3"))?;
+    Ok((degree, checkpoint.tensors.get("parameter.opacity_logits").map_or(0, |t| t.values.len())))
+}
+
 /// The state of a checkpoint of a plain cloud; `path` is for messages.
 ///
 /// # Errors
@@ -100,9 +110,7 @@ pub fn from_checkpoint(
     path: &Path,
     chunk_size: u32,
 ) -> Result<DeviceState, TrainError> {
-    let degree = checkpoint.metadata.get(SH_DEGREE).and_then(|text| text.parse().ok()).filter(|d| *d <= 3);
-    let degree: u32 = degree.ok_or_else(|| IoError::new(path, "has no sh_degree from 0 to 3"))?;
-    let count = checkpoint.tensors.get("parameter.opacity_logits").map_or(0, |t| t.values.len());
+    let (degree, count) = size_of_cloud(&checkpoint, path)?;
     let mut state = DeviceState::new(gpu, &InstancedScene::from_cloud(zeros(count, degree)), chunk_size)?;
     for (name, width, buffer) in parameters_mut(&mut state) {
         let values: Vec<f32> = checkpoint.take(&name, &[width], path)?;

@@ -21,11 +21,12 @@ use super::events::{Event, EventSink};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
 use super::report::{DatasetFacts, MemoryUse, Stage};
-use super::start::{TrainData, first_state, read_data};
+use super::start::{Start, TrainData, find_checkpoint, first_state, needs_points, read_data};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
 use super::strategy::{McmcStep, Strategy};
 use super::view_order::ViewOrder;
+use super::view_store::{self, PrefetchLimits};
 use super::views::{TrainViews, ViewsPlan};
 
 /// Sub-stream of the seed for random backgrounds ("back" in ASCII).
@@ -46,8 +47,6 @@ pub struct TrainJob {
     pub out: PathBuf,
     /// How.
     pub config: TrainConfig,
-    /// Start from this scene instead of the dataset's points.
-    pub init: Option<PathBuf>,
     /// Go on from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
 }
@@ -78,8 +77,6 @@ pub struct Trained {
     pub device_peak: u64,
     /// What was trained on.
     pub dataset: DatasetFacts,
-    /// Things worth telling, one line each.
-    pub warnings: Vec<String>,
 }
 
 /// One run in progress.
@@ -111,7 +108,8 @@ impl Clock {
     }
 }
 
-/// Trains. Events go to `sink`; `interrupt` is looked at between steps. Files are written into the run folder:
+/// Trains. Events go to `sink`; `interrupt` is looked at between steps; `warn` gets what is worth telling before the first
+/// step, one line each; `on_picture` the test views at the end. Files are written into the run folder:
 /// `config.toml`, `checkpoints/`, `point_cloud.ply` and `scene.instgs`; the report is the caller's.
 ///
 /// # Errors
@@ -121,6 +119,7 @@ pub fn train(
     job: &TrainJob,
     sink: &mut dyn EventSink,
     interrupt: &Interrupt,
+    warn: &mut dyn FnMut(&str),
     on_picture: &mut dyn FnMut(Evaluated<'_>),
 ) -> Result<Trained, TrainError> {
     gpu.reset_memory_peak();
@@ -129,16 +128,25 @@ pub fn train(
         mb => u64::from(mb) << 20,
     });
     let load = Instant::now();
-    let needs_points = job.init.is_none() && job.config.init == super::config::Init::Points;
-    let mut data = read_data(&job.data, needs_points)?;
-    let variant = Variant::for_device(gpu.caps());
-    let (state, first_step) = first_state(gpu, job, &mut data, variant.workgroup_size)?;
-    let mut run = Run::new(gpu, job, &data, variant, state, first_step)?;
-    let mut stages = vec![Stage { name: "load".into(), seconds: load.elapsed().as_secs_f64() }];
-
-    run.announce(sink, first_step, &data)?;
+    let config_path = job.out.join("config.toml");
+    let is_new = !config_path.exists();
     let text = job.config.to_toml()?;
-    atomic_write(&job.out.join("config.toml"), |out| out.write_all(text.as_bytes()))?;
+    // Before pictures are read, which may take minutes: a run that is killed then must know itself.
+    atomic_write(&config_path, |out| out.write_all(text.as_bytes()))?;
+    let loaded = load_all(gpu, job, warn);
+    if loaded.is_err() && is_new {
+        // Nothing began: the folder is free again. If the file cannot be removed, --resume still works.
+        let _ = std::fs::remove_file(&config_path);
+    }
+    let Loaded { data, variant, start, views } = loaded?;
+    let first_step = start.step;
+    let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
+    let mut stages = vec![Stage { name: "load".into(), seconds: load.elapsed().as_secs_f64() }];
+    run.clock.reported.0 = first_step;
+    run.announce(sink, first_step, &data)?;
+    if start.due {
+        run.densify(first_step, sink)?;
+    }
     run.clock.started = Instant::now();
     let done = run.steps(sink, interrupt, first_step)?;
     let train_seconds = run.clock.seconds();
@@ -179,8 +187,35 @@ pub fn train(
         train_seconds,
         memory,
         device_peak,
-        warnings: data.warnings,
     })
+}
+
+/// Everything that is read before the first step.
+struct Loaded {
+    data: TrainData,
+    variant: Variant,
+    start: Start,
+    views: TrainViews,
+}
+
+fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str)) -> Result<Loaded, TrainError> {
+    let config = &job.config;
+    let resumed = find_checkpoint(job)?;
+    let mut data = read_data(&job.data, needs_points(config, &resumed))?;
+    let variant = Variant::for_device(gpu.caps());
+    let start = first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?;
+    data.warnings.iter().for_each(|warning| warn(warning));
+    let budget_bytes = match config.device_memory_mb {
+        0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
+        // Half of the budget.
+        mb => u64::from(mb) << 19,
+    };
+    let width = (config.width > 0).then_some(config.width);
+    let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
+    let views = TrainViews::load(gpu, &plan, || ())?;
+    // Test pictures too: a damaged one should be found now, not after hours.
+    view_store::load_all::<TrainError>(&data.test, width, PrefetchLimits::default(), &mut |_, _| Ok(()))?;
+    Ok(Loaded { data, variant, start, views })
 }
 
 fn evaluated(step: u64, report: &EvalReport) -> Event {
@@ -195,22 +230,9 @@ impl<'a> Run<'a> {
         data: &'a TrainData,
         variant: Variant,
         state: DeviceState,
-        first_step: u64,
+        views: TrainViews,
     ) -> Result<Self, TrainError> {
         let config = &job.config;
-        let budget = match config.device_memory_mb {
-            0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
-            // Half of the budget.
-            mb => u64::from(mb) << 19,
-        };
-        let plan = ViewsPlan {
-            views: &data.train,
-            width: (config.width > 0).then_some(config.width),
-            budget_bytes: budget,
-            seed: config.seed,
-            first_step,
-        };
-        let views = TrainViews::load(gpu, &plan, || ())?;
         let runner = StepRunner::new(gpu, variant, views.largest_px(), true)?;
         Ok(Self {
             strategy: Strategy::new(gpu, runner.frame(), config.sh_degree)?,
@@ -223,7 +245,7 @@ impl<'a> Run<'a> {
             runner,
             state,
             times: StepTimes::default(),
-            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (first_step, 0.0) },
+            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0) },
         })
     }
 

@@ -77,6 +77,8 @@ fn poison(case: &mut Case, seed: u64) {
 /// Limits and when, as a configuration; `done` is 200 before large ones are pruned, 400 after.
 pub(crate) fn config(sets: &[&str]) -> TrainConfig {
     let schedule = ["steps=1000", "densify.start=100", "densify.opacity_reset_every=300", "seed=123456789012"];
+    // Off by default; the kernel can do it.
+    let schedule = [&schedule[..], &["densify.screen_size_max_px=20"]].concat();
     let builder = schedule.iter().chain(sets).try_fold(ConfigBuilder::new(), |builder, set| builder.set(set));
     builder.unwrap().finish().unwrap()
 }

@@ -22,13 +22,17 @@ pub enum Takes {
     RealAbove(f64, f64),
     /// A number from the first, below the second.
     RealBelow(f64, f64),
+    /// A number above the first, below the second.
+    RealBetween(f64, f64),
     /// true or false.
     Flag,
     /// One of these words.
     Word(&'static [&'static str]),
+    /// Any text.
+    Text,
 }
 
-use Takes::{Flag, Real, RealAbove, RealBelow, Whole, Word};
+use Takes::{Flag, Real, RealAbove, RealBelow, RealBetween, Text, Whole, Word};
 
 /// Steps: more than any run has, and its product with anything here fits 64 bits.
 const STEPS_MAX: u64 = 100_000_000;
@@ -42,13 +46,16 @@ const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 49] = [
+pub const KEYS: [Key; 54] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
     key("method", Word(&["3dgs"])),
     key("init", Word(&["points", "random"])),
+    key("init_scene", Text),
     key("init_count", Whole(1, GAUSSIANS_MAX)),
+    key("init_opacity", RealBetween(0.0, 1.0)),
+    key("init_scale", RealAbove(0.0, RATE_MAX)),
     key("sh_degree", Whole(0, 3)),
     key("sh_every", Whole(0, STEPS_MAX)),
     key("lambda_dssim", Real(0.0, 1.0)),
@@ -75,6 +82,7 @@ pub const KEYS: [Key; 49] = [
     key("rates.eps", Real(1.2e-38, 1.0)),
     key("densify.start", Whole(0, STEPS_MAX)),
     key("densify.stop", Whole(0, STEPS_MAX)),
+    key("densify.stop_fraction", RealAbove(0.0, 1.0)),
     key("densify.every", Whole(1, STEPS_MAX)),
     key("densify.gradient_threshold", RealAbove(0.0, RATE_MAX)),
     key("densify.split_fraction", RealAbove(0.0, RATE_MAX)),
@@ -87,6 +95,7 @@ pub const KEYS: [Key; 49] = [
     key("densify.world_size_max", Real(0.0, RATE_MAX)),
     key("mcmc.start", Whole(0, STEPS_MAX)),
     key("mcmc.stop", Whole(0, STEPS_MAX)),
+    key("mcmc.stop_fraction", RealAbove(0.0, 1.0)),
     key("mcmc.every", Whole(1, STEPS_MAX)),
     key("mcmc.growth", Real(1.0, 10.0)),
     key("mcmc.opacity_min", RealBelow(0.0, 1.0)),
@@ -102,7 +111,9 @@ impl std::fmt::Display for Takes {
             Real(low, high) => write!(f, "a number from {low:?} to {high:?}"),
             RealAbove(low, high) => write!(f, "a number above {low:?}, at most {high:?}"),
             RealBelow(low, high) => write!(f, "a number from {low:?}, below {high:?}"),
+            RealBetween(low, high) => write!(f, "a number above {low:?}, below {high:?}"),
             Flag => f.write_str("true or false"),
+            Text => f.write_str("a text"),
             Word(words) => {
                 f.write_str(if words.len() > 1 { "one of " } else { "" })?;
                 words.iter().enumerate().try_for_each(|(i, w)| write!(f, "{}\"{w}\"", if i > 0 { ", " } else { "" }))
@@ -123,9 +134,10 @@ impl Takes {
             (Real(low, high), _) => real(value, |x| x >= low && x <= high),
             (RealAbove(low, high), _) => real(value, |x| x > low && x <= high),
             (RealBelow(low, high), _) => real(value, |x| x >= low && x < high),
-            (Flag, Value::Boolean(_)) => Some(value.clone()),
+            (RealBetween(low, high), _) => real(value, |x| x > low && x < high),
+            (Flag, Value::Boolean(_)) | (Text, Value::String(_)) => Some(value.clone()),
             (Word(words), Value::String(word)) => words.contains(&word.as_str()).then(|| value.clone()),
-            (Flag | Word(_), _) => None,
+            (Flag | Word(_) | Text, _) => None,
         }
     }
 }
@@ -221,7 +233,9 @@ mod tests {
             (Real(0.0, 1.0), &["0", "1", "0.5", "1.0"], &["-0.1", "1.1", "nan", "inf", "\"0\"", "false"]),
             (RealAbove(0.0, 1.0), &["1e-300", "1"], &["0", "0.0", "1.0001"]),
             (RealBelow(0.0, 1.0), &["0", "0.999"], &["1", "-1e-9"]),
+            (RealBetween(0.0, 1.0), &["1e-300", "0.999"], &["0", "1", "nan", "\"0.5\""]),
             (Flag, &["true", "false"], &["0", "\"true\""]),
+            (Text, &["\"\"", "\"a/b c\""], &["0", "true", "[]"]),
             (Word(&["a", "b"]), &["\"a\"", "\"b\""], &["\"c\"", "\"\"", "1"]),
         ] {
             yes.iter().for_each(|text| assert!(ok(takes, text), "{takes} refuses {text}"));

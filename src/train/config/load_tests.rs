@@ -48,12 +48,15 @@ fn defaults_are_those_of_3dgs() {
     assert_eq!((c.steps, c.seed, c.width, c.sh_degree, c.sh_every), (30_000, 0, 0, 3, 1000));
     assert_eq!((c.method, c.init, c.background), (Method::Gaussians, Init::Points, Background::Black));
     assert_eq!((c.strategy, c.antialias, c.max_gaussians), (Strategy::Densify, false, 3_000_000));
+    assert_eq!((c.init_opacity, c.init_scale, c.init_scene.as_str()), (0.1, 1.0, ""));
     assert_eq!((c.lambda_dssim, c.near, c.checkpoint_every), (0.2, 0.2, 5000));
     assert_eq!((c.rates.means, c.rates.means_final, c.rates.sh_dc), (1.6e-4, 1.6e-6, 2.5e-3));
     assert_eq!((c.rates.sh_rest, c.rates.opacity, c.rates.eps), (1.25e-4, 0.025, 1e-15));
     assert_eq!((c.densify.start, c.densify.stop, c.densify.every), (500, 15_000, 100));
     assert_eq!((c.densify.gradient_threshold, c.densify.split_fraction), (2e-4, 0.01));
+    assert_eq!((c.densify.screen_size_max_px, c.densify.world_size_max), (0.0, 0.1));
     assert_eq!((c.mcmc.growth, c.mcmc.noise, c.mcmc.stop), (1.05, 5e5, 25_000));
+    assert_eq!((c.densify.stop_fraction, c.mcmc.stop_fraction), (1.0, 1.0));
 }
 
 #[test]
@@ -64,8 +67,11 @@ fn presets_load_and_say_what_they_are() -> Test {
     }
     let paper = ConfigBuilder::new().file("paper")?.finish()?;
     assert_eq!((paper.steps, paper.densify.start, paper.densify.stop), (30_000, 500, 30_000));
-    assert_eq!(ConfigBuilder::new().file("mcmc")?.finish()?.strategy, Strategy::Mcmc);
-    assert!(ConfigBuilder::new().file("quick")?.finish()?.steps <= 2000);
+    let mcmc = ConfigBuilder::new().file("mcmc")?.finish()?;
+    assert_eq!((mcmc.strategy, mcmc.init_opacity, mcmc.init_scale), (Strategy::Mcmc, 0.5, 0.1));
+    let quick = ConfigBuilder::new().file("quick")?.finish()?;
+    assert!(quick.steps <= 2000);
+    assert_eq!((quick.densify.stop_fraction, quick.rates.log_scales), (0.7, 1e-2));
     Ok(())
 }
 
@@ -73,7 +79,13 @@ fn presets_load_and_say_what_they_are() -> Test {
 fn what_is_written_loads_to_the_same_values() -> Test {
     let sets = ["rates.means=0.1", "rates.eps=1.2345678901234567e-15", "seed=9223372036854775807", "near=1e-3"];
     let mut builder = ConfigBuilder::new();
-    for set in sets.iter().chain(&["init=random", "antialias=true", "background=\"white\"", "mcmc.noise = 3"]) {
+    for set in sets.iter().chain(&[
+        "init_scene=a \"b\" \\ \u{e4}.ply",
+        "init=random",
+        "antialias=true",
+        "background=\"white\"",
+        "mcmc.noise = 3",
+    ]) {
         builder = builder.set(set)?;
     }
     let config = builder.finish()?;
@@ -130,6 +142,10 @@ fn bad_values_name_key_value_range_and_origin() {
         ("init=sfm", "--set: init = \"sfm\": must be one of \"points\", \"random\""),
         ("method=instgs", "--set: method = \"instgs\": must be \"3dgs\""),
         ("rates.beta1=1", "--set: rates.beta1 = 1: must be a number from 0.0, below 1.0"),
+        ("init_opacity=1", "--set: init_opacity = 1: must be a number above 0.0, below 1.0"),
+        ("init_scale=0", "--set: init_scale = 0: must be a number above 0.0, at most 1000.0"),
+        ("init_scene=3", "--set: init_scene = 3: must be a text"),
+        ("densify.stop_fraction=0", "--set: densify.stop_fraction = 0: must be a number above 0.0, at most 1.0"),
     ] {
         assert_eq!(text_of(ConfigBuilder::new().set(set)), want);
     }

@@ -30,8 +30,14 @@ pub struct TrainConfig {
     pub method: Method,
     /// Where the first Gaussians come from.
     pub init: Init,
+    /// Path of a scene whose Gaussians come first instead; empty = none.
+    pub init_scene: String,
     /// Gaussians of [`Init::Random`].
     pub init_count: u32,
+    /// Opacity of the first Gaussians, in 0..1 without the ends. Not of those of a scene.
+    pub init_opacity: f64,
+    /// Their standard deviation, times the distance to their three nearest neighbours. Not of those of a scene.
+    pub init_scale: f64,
     /// SH degree at the end, 0..=3.
     pub sh_degree: u32,
     /// Steps between increments of the SH degree; 0 = the full degree from the start.
@@ -142,6 +148,8 @@ pub struct DensifyConfig {
     pub start: u64,
     /// before this many are,
     pub stop: u64,
+    /// and before this part of the training's steps is,
+    pub stop_fraction: f64,
     /// whenever the number done is a multiple of this.
     pub every: u64,
     /// Mean length of the screen gradient above which a Gaussian is cloned or split, NDC units.
@@ -154,7 +162,7 @@ pub struct DensifyConfig {
     pub split_shrink: f64,
     /// Opacity below which Gaussians are removed.
     pub opacity_min: f64,
-    /// Steps between opacity resets; 0 = none.
+    /// Steps between opacity resets; 0 = none. Before [`Background::White`] there is one more, after `start` steps.
     pub opacity_reset_every: u64,
     /// Opacity that a reset leaves at most.
     pub opacity_reset_to: f64,
@@ -172,6 +180,8 @@ pub struct McmcConfig {
     pub start: u64,
     /// before this many are,
     pub stop: u64,
+    /// and before this part of the training's steps is,
+    pub stop_fraction: f64,
     /// whenever the number done is a multiple of this.
     pub every: u64,
     /// Factor by which the number of Gaussians grows each time, 1 or more.

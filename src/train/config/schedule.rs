@@ -3,7 +3,7 @@
 //! `step` is the index of a step, from 0: what that step uses. `done` is the number of finished steps, from 1: what
 //! happens between steps. After step index s, `done` is s + 1.
 
-use super::{Strategy, TrainConfig};
+use super::{Background, Strategy, TrainConfig};
 
 /// Learning rates of one step, parameter units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,27 +47,36 @@ impl TrainConfig {
     /// True if Gaussians are added, moved or removed (by the strategy in use) once `done` steps are finished. Never
     /// after the last step: nothing would train the new ones.
     pub fn densifies_at(&self, done: u64) -> bool {
-        let (start, stop, every) = match self.strategy {
-            Strategy::Densify => (self.densify.start, self.densify.stop, self.densify.every),
-            Strategy::Mcmc => (self.mcmc.start, self.mcmc.stop, self.mcmc.every),
+        let (densify, mcmc) = (&self.densify, &self.mcmc);
+        let (start, stop, fraction, every) = match self.strategy {
+            Strategy::Densify => (densify.start, densify.stop, densify.stop_fraction, densify.every),
+            Strategy::Mcmc => (mcmc.start, mcmc.stop, mcmc.stop_fraction, mcmc.every),
             Strategy::None => return false,
         };
-        start < done && done < stop.min(self.steps) && done.is_multiple_of(every)
+        start < done && done < self.earlier(stop, fraction) && done.is_multiple_of(every)
+    }
+
+    /// The earlier of the step `stop` and the part `fraction` of all, rounded to the nearest step.
+    fn earlier(&self, stop: u64, fraction: f64) -> u64 {
+        stop.min((fraction * self.steps as f64).round() as u64)
     }
 
     /// True if opacities are lowered once `done` steps are finished; after the densification of the same `done`, if
-    /// both happen.
+    /// both happen. Before white there is one more, when densification may start: as in INRIA's code, where what has
+    /// learned to be the background by then gets the chance to fade.
     pub fn resets_opacity_at(&self, done: u64) -> bool {
-        let every = self.densify.opacity_reset_every;
+        let densify = &self.densify;
+        let every = densify.opacity_reset_every;
         self.strategy == Strategy::Densify
             && every > 0
             && 0 < done
-            && done < self.densify.stop.min(self.steps)
-            && done.is_multiple_of(every)
+            && done < self.earlier(densify.stop, densify.stop_fraction)
+            && (done.is_multiple_of(every) || self.background == Background::White && done == densify.start)
     }
 
     /// True if the densification at `done` also removes what is too large on screen or in the world: once opacities
-    /// have been reset, as before that large Gaussians are still needed to cover the picture.
+    /// have been reset, as before that large Gaussians are still needed to cover the picture. The early reset before
+    /// white does not count, in INRIA's code neither.
     pub fn prunes_large_at(&self, done: u64) -> bool {
         let every = self.densify.opacity_reset_every;
         self.densifies_at(done) && self.strategy == Strategy::Densify && every > 0 && done > every
@@ -156,6 +165,57 @@ mod tests {
         assert!(times(&with(&["strategy=none"])?, TrainConfig::densifies_at).is_empty());
         // A run that ends earlier does not densify after its last step.
         assert_eq!(times(&with(&["steps=800"])?, TrainConfig::densifies_at), [600, 700]);
+        Ok(())
+    }
+
+    #[test]
+    fn a_fraction_of_the_steps_stops_as_well() -> Result<(), ConfigError> {
+        let short = ["steps=1000", "densify.start=100", "densify.stop_fraction=0.7", "densify.opacity_reset_every=100"];
+        let config = with(&short)?;
+        assert_eq!(times(&config, TrainConfig::densifies_at), [200, 300, 400, 500, 600]);
+        assert_eq!(times(&config, TrainConfig::resets_opacity_at), [100, 200, 300, 400, 500, 600]);
+        // The earlier of the two counts, and each strategy has its own.
+        let both = with(&[&short[..], &["densify.stop=400"]].concat())?;
+        assert_eq!(times(&both, TrainConfig::densifies_at), [200, 300]);
+        assert_eq!(times(&both, TrainConfig::resets_opacity_at), [100, 200, 300]);
+        let mcmc = ["strategy=mcmc", "mcmc.start=700", "mcmc.stop_fraction=0.9"];
+        assert_eq!(times(&with(&[&short[..], &mcmc].concat())?, TrainConfig::densifies_at), [800]);
+        // 0.7 as f64 is a little less: 700.0 of 1000 all the same, so 700 itself is out and 699 is in.
+        let every = with(&[&short[..], &["densify.every=1"]].concat())?;
+        assert_eq!(times(&every, TrainConfig::densifies_at).last(), Some(&699));
+        Ok(())
+    }
+
+    /// The preset is for 300 to 2000 steps: whatever their number, the last 30 % (mcmc: 20 %) train what is there.
+    #[test]
+    fn quick_fits_short_and_long_runs() -> Result<(), ConfigError> {
+        for strategy in ["strategy=densify", "strategy=mcmc"] {
+            for (steps, last) in [(300, [200, 200]), (500, [300, 350]), (1000, [650, 750]), (2000, [1350, 1550])] {
+                let config =
+                    ConfigBuilder::new().file("quick")?.set(strategy)?.set(&format!("steps={steps}"))?.finish()?;
+                let all = times(&config, TrainConfig::densifies_at);
+                let last = last[usize::from(strategy.ends_with("mcmc"))];
+                assert_eq!((all.first(), all.last()), (Some(&150), Some(&last)), "{strategy} {steps}");
+            }
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn before_white_opacities_are_reset_once_more() -> Result<(), ConfigError> {
+        let resets = |more: &[&str]| {
+            let config = with(&[&["steps=7000"], more].concat())?;
+            Ok::<_, ConfigError>(times(&config, TrainConfig::resets_opacity_at))
+        };
+        assert_eq!(resets(&["background=white"])?, [500, 3000, 6000]);
+        assert_eq!(resets(&["background=random"])?, [3000, 6000]);
+        assert_eq!(resets(&["background=white", "densify.start=3000"])?, [3000, 6000]);
+        assert_eq!(resets(&["background=white", "densify.start=0"])?, [3000, 6000]);
+        for off in ["densify.opacity_reset_every=0", "strategy=mcmc", "densify.stop=500", "steps=500"] {
+            assert!(resets(&["background=white", off])?.is_empty(), "{off}");
+        }
+        let white = with(&["background=white"])?;
+        assert_eq!(times(&white, TrainConfig::prunes_large_at), times(&with(&[])?, TrainConfig::prunes_large_at));
         Ok(())
     }
 
