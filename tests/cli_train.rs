@@ -1,5 +1,7 @@
 //! `instgs-vk train` as a user runs it, on photos that the program itself rendered.
 
+#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
+
 mod common;
 
 use std::fs;
