@@ -97,8 +97,8 @@ fn smoke_training_reaches_its_floor() {
     assert!((found["mean"]["psnr"].as_f64().unwrap() - psnr).abs() < 1e-6);
 }
 
-/// See [`the_distribution_behind_the_floor`].
-const FLOOR_DB: f64 = 22.6;
+/// See [`the_distribution_behind_the_floor`]: 24.079 dB, deviation 0.098, so 23.49; rounded down.
+const FLOOR_DB: f64 = 23.4;
 
 /// What FLOOR_DB was derived from; run it with --ignored --nocapture after a change of the trainer or of the preset.
 #[test]
