@@ -3,9 +3,8 @@
 //! the same data each time.
 //!
 //! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`). Views: [`dataset::read_views`],
-//! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Float images: [`ktx2`].
-//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`). Views: [`dataset::read_views`] and
-//! [`camera_file`]. Float images: [`ktx2`]. Training state: [`checkpoint`].
+//! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Float images: [`ktx2`]. Training state:
+//! [`checkpoint`].
 
 mod bytes;
 pub mod camera_file;

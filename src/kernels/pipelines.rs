@@ -1,4 +1,4 @@
-//! The compiled kernels of the forward pass. Scan and sort do not depend on the scene and are compiled once per variant.
+//! The compiled kernels. Scan and sort do not depend on the scene and are compiled once per variant.
 
 use std::sync::Arc;
 

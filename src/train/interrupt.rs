@@ -11,7 +11,7 @@ static HANDLER: OnceLock<Result<Interrupt, InterruptError>> = OnceLock::new();
 
 /// The Ctrl-C handler could not be installed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("cannot listen to Ctrl-C: {0}; training goes on, but Ctrl-C will end it without a checkpoint")]
+#[error("cannot listen to Ctrl-C, so a run could not be stopped without loss: {0}")]
 pub struct InterruptError(String);
 
 /// A request to stop, shared by all clones. The trainer polls it between steps, then writes a checkpoint and ends.

@@ -8,6 +8,7 @@ use crate::io::checkpoint::{self, Checkpoint};
 use crate::io::dataset::{Dataset, Split, read_views};
 use crate::io::point_cloud::read_points;
 use crate::io::{IoError, View, load_scene};
+use crate::kernels::Variant;
 use crate::scene::gaussians::sh_coefficients;
 use crate::scene::{Camera, Gaussians, InstancedScene, PointCloud};
 
@@ -17,7 +18,11 @@ use super::error::TrainError;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
 use super::state_file::{densification_is_due, from_checkpoint, size_of_cloud};
 use super::trainer::TrainJob;
+use super::view_store::{self, PrefetchLimits};
+use super::views::{TrainViews, ViewsPlan};
 
+/// Without a budget of the user's, training pictures take at most this part of the device's memory.
+const PICTURE_SHARE: f64 = 0.25;
 /// Sub-stream of the seed for random starts ("init" in ASCII).
 const INIT_STREAM: u64 = 0x696e_6974;
 
@@ -124,6 +129,38 @@ pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, 
     let cameras: Vec<Camera> = train.iter().map(|v| v.camera.clone()).collect();
     let extent = scene_extent(&cameras, &points);
     Ok(TrainData { train, test, points, extent, warnings })
+}
+
+/// Everything that is read before the first step.
+pub(super) struct Loaded {
+    pub(super) data: TrainData,
+    pub(super) variant: Variant,
+    pub(super) start: Start,
+    pub(super) views: TrainViews,
+}
+
+/// Reads cameras, points, pictures and the state to start from; `warn` is told what the user should know.
+///
+/// # Errors
+/// Damaged or missing input, or more than the device holds.
+pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str)) -> Result<Loaded, TrainError> {
+    let config = &job.config;
+    let resumed = find_checkpoint(job)?;
+    let mut data = read_data(&job.data, needs_points(config, &resumed))?;
+    let variant = Variant::for_device(gpu.caps());
+    let start = first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?;
+    data.warnings.iter().for_each(|warning| warn(warning));
+    let budget_bytes = match config.device_memory_mb {
+        0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
+        // Half of the budget.
+        mb => u64::from(mb) << 19,
+    };
+    let width = (config.width > 0).then_some(config.width);
+    let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
+    let views = TrainViews::load(gpu, &plan, || ())?;
+    // Test pictures too: a damaged one should be found now, not after hours.
+    view_store::load_all::<TrainError>(&data.test, width, PrefetchLimits::default(), &mut |_, _| Ok(()))?;
+    Ok(Loaded { data, variant, start, views })
 }
 
 /// What a run starts from.

@@ -21,20 +21,17 @@ use super::events::{Event, EventSink};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
 use super::report::{DatasetFacts, MemoryUse, Stage};
-use super::start::{Start, TrainData, find_checkpoint, first_state, needs_points, read_data};
+use super::start::{Loaded, TrainData, load_all};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
 use super::strategy::{McmcStep, Strategy};
 use super::view_order::ViewOrder;
-use super::view_store::{self, PrefetchLimits};
-use super::views::{TrainViews, ViewsPlan};
+use super::views::TrainViews;
 
 /// Sub-stream of the seed for random backgrounds ("back" in ASCII).
 const BACKGROUND_STREAM: u64 = 0x6261_636b;
 /// Steps between two events that report the loss.
 const REPORT_EVERY: u64 = 10;
-/// Without a budget of the user's, training pictures take at most this part of the device's memory.
-const PICTURE_SHARE: f64 = 0.25;
 /// Part of the device's memory from which on it counts as nearly full: other programs use some, allocators waste some.
 const TIGHT: f64 = 0.8;
 
@@ -188,34 +185,6 @@ pub fn train(
         memory,
         device_peak,
     })
-}
-
-/// Everything that is read before the first step.
-struct Loaded {
-    data: TrainData,
-    variant: Variant,
-    start: Start,
-    views: TrainViews,
-}
-
-fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str)) -> Result<Loaded, TrainError> {
-    let config = &job.config;
-    let resumed = find_checkpoint(job)?;
-    let mut data = read_data(&job.data, needs_points(config, &resumed))?;
-    let variant = Variant::for_device(gpu.caps());
-    let start = first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?;
-    data.warnings.iter().for_each(|warning| warn(warning));
-    let budget_bytes = match config.device_memory_mb {
-        0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
-        // Half of the budget.
-        mb => u64::from(mb) << 19,
-    };
-    let width = (config.width > 0).then_some(config.width);
-    let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
-    let views = TrainViews::load(gpu, &plan, || ())?;
-    // Test pictures too: a damaged one should be found now, not after hours.
-    view_store::load_all::<TrainError>(&data.test, width, PrefetchLimits::default(), &mut |_, _| Ok(()))?;
-    Ok(Loaded { data, variant, start, views })
 }
 
 fn evaluated(step: u64, report: &EvalReport) -> Event {

@@ -57,8 +57,8 @@ impl Strategy {
     /// scene units. `None` if nothing was due.
     ///
     /// # Errors
-    /// No Gaussian would be left, or there are more than the device takes: then nothing has changed. The device ran out of
-    /// memory or failed: then the state is lost.
+    /// No Gaussian would be left: then nothing has changed. There are more than the device takes, or it ran out of memory or
+    /// failed: then the state is lost, since arrays are replaced one at a time.
     ///
     /// # Panics
     /// If something is due and the scene has templates.
