@@ -1,5 +1,5 @@
 #version 460
-// One step of Adam on a flat array. Does nothing once an earlier pass of this or a former step has overflowed a buffer.
+// One step of Adam on a flat array of two groups with a learning rate each. Does nothing once an earlier pass of this or a former step has overflowed a buffer.
 // Grid: one thread per four values: on a CPU driver every access to a buffer is a loop over lanes, whatever its width.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
@@ -11,7 +11,8 @@ layout(scalar, binding = 2) buffer Parameters { vec4 parameters[]; };         //
 layout(scalar, binding = 3) buffer Moments { vec4 moments[]; };         // running means of gradient and gradient squared, value by value
 layout(scalar, push_constant) uniform AdamParams {
     uint count;            // values
-    float rate;            // learning rate divided by the bias correction of the first moment
+    uint split;            // values of the first group
+    vec2 rates;            // learning rates of the groups, divided by the bias correction of the first moment
     float beta1;           // decay of the first moment
     float beta2;           // decay of the second moment
     float second_scale;    // one over the bias correction of the second moment
@@ -27,11 +28,13 @@ void main() {
     // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
     g = mix(vec4(0.0), g, lessThan(abs(g), vec4(GRADIENT_LIMIT)));
     // Nor is what lies beyond the last value, where there are no moments either.
-    g = mix(vec4(0.0), g, lessThan(4 * i + uvec4(0, 1, 2, 3), uvec4(count)));
+    uvec4 value = 4 * i + uvec4(0, 1, 2, 3);
+    g = mix(vec4(0.0), g, lessThan(value, uvec4(count)));
     vec4 low = moments[2 * i], high = moments[2 * i + 1];
     vec4 first = beta1 * vec4(low.xz, high.xz) + (1.0 - beta1) * g;
     vec4 second = beta2 * vec4(low.yw, high.yw) + (1.0 - beta2) * g * g;
     moments[2 * i] = vec4(first.x, second.x, first.y, second.y);
     moments[2 * i + 1] = vec4(first.z, second.z, first.w, second.w);
+    vec4 rate = mix(vec4(rates.y), vec4(rates.x), lessThan(value, uvec4(split)));
     parameters[i] -= rate * first / (sqrt(second * second_scale) + epsilon);
 }

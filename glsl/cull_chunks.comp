@@ -38,7 +38,8 @@ void main() {
     Instance instance = instances[i];
     Chunk chunk = chunks[instance.first_chunk + chunk_index];
     float radius = chunk.radius + instance.max_offset;
-    bool culled = outside_view(view, instance.world_from_template, instance.scale, chunk.center, radius, chunk.sigma_max);
+    float sigma = chunk.sigma_max * instance.sigma_growth;
+    bool culled = outside_view(view, instance.world_from_template, instance.scale, chunk.center, radius, sigma);
     candidate_visible[c] = culled ? 0 : 1;
     candidates[c] = WorkItem(i, chunk_index);
 }

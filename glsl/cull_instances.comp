@@ -18,6 +18,7 @@ void main() {
     if (i >= instance_count) return;
     Instance instance = instances[i];
     float radius = instance.bound_radius + instance.max_offset;
-    bool culled = outside_view(view, instance.world_from_template, instance.scale, instance.bound_center, radius, instance.sigma_max);
+    float sigma = instance.sigma_max * instance.sigma_growth;
+    bool culled = outside_view(view, instance.world_from_template, instance.scale, instance.bound_center, radius, sigma);
     instance_chunks[i] = culled ? 0 : divide_up(instance.source_count, WORKGROUP_SIZE);
 }

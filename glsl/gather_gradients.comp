@@ -1,9 +1,11 @@
 #version 460
-// Sums the gradients of all instances of a template, in instance order, and turns them into gradients by its parameters.
+// Sums the gradients of all instances of a template, in instance order, and turns them into gradients by its parameters;
+// writes those by offsets of shape and of SH bands above 0, if the scene has any.
 // Grid: one work-group per chunk of source Gaussians.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"
+#include "scene.glsl"
 #include "gradients.glsl"
 #include "rotation.glsl"
 #include "train_status.glsl"
@@ -32,57 +34,65 @@ layout(scalar, binding = 18) buffer ScreenStatistics { vec3 screen_statistics[];
 
 layout(scalar, binding = 19) readonly buffer Status { uint status[]; };                                // STATUS_*
 
+layout(scalar, binding = 20) readonly buffer Instances { Instance instances[]; };                      // instances, background last
+layout(scalar, binding = 21) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };            // offsets of log standard deviations, if any
+layout(scalar, binding = 22) readonly buffer OffsetQuats { vec4 offset_quats[]; };                     // offsets of quaternions, if any
+layout(scalar, binding = 23) writeonly buffer OffsetShRestGradients { vec3 offset_sh_rest_gradients[]; };  // by offset record and coefficient from 1, if any
+layout(scalar, binding = 24) writeonly buffer OffsetLogScaleGradients { vec3 offset_log_scale_gradients[]; };  // by offset record, if any
+layout(scalar, binding = 25) writeonly buffer OffsetQuatGradients { vec4 offset_quat_gradients[]; };   // by offset record, if any
 layout(scalar, push_constant) uniform GatherGradientsParams {
     uint chunk_count;  // chunks of source Gaussians
 };
 
-// Sums over instances: by covariance and mean first, which are the template's own.
+#include "work_item_of.glsl"
+#include "shape.glsl"
+
+layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // 1 = the scene has offsets of SH coefficients above 0
+
+// True if instances of a template have shapes of their own.
+bool own_shapes() {
+    if (OFFSET_LOG_SCALES != 0) return true;
+    return OFFSET_QUATS != 0;
+}
+
+// Sums over instances. Those by shape are by the covariance, which is the template's own, unless there are own_shapes().
 struct Sums {
     vec3 mean;
     vec3 covariance;
     vec3 covariance_cross;
+    vec4 quat;
+    vec3 log_scales;
     float opacity_logit;
     vec3 statistics;
     vec3 sh[16];
 };
 
 // Adds a colour gradient to the SH coefficients, by the basis at `dir`: INRIA order and signs.
-void add_sh(inout Sums sums, vec3 dir, vec3 by_color, uint degree) {
+void add_sh(inout vec3 sh[16], vec3 dir, vec3 by_color, uint degree) {
     float x = dir.x, y = dir.y, z = dir.z;
     float xx = x * x, yy = y * y, zz = z * z;
-    sums.sh[0] += 0.28209479177387814 * by_color;
+    sh[0] += 0.28209479177387814 * by_color;
     if (degree > 0) {
-        sums.sh[1] += -0.4886025119029199 * y * by_color;
-        sums.sh[2] += 0.4886025119029199 * z * by_color;
-        sums.sh[3] += -0.4886025119029199 * x * by_color;
+        sh[1] += -0.4886025119029199 * y * by_color;
+        sh[2] += 0.4886025119029199 * z * by_color;
+        sh[3] += -0.4886025119029199 * x * by_color;
     }
     if (degree > 1) {
-        sums.sh[4] += 1.0925484305920792 * x * y * by_color;
-        sums.sh[5] += -1.0925484305920792 * y * z * by_color;
-        sums.sh[6] += 0.31539156525252005 * (2.0 * zz - xx - yy) * by_color;
-        sums.sh[7] += -1.0925484305920792 * x * z * by_color;
-        sums.sh[8] += 0.5462742152960396 * (xx - yy) * by_color;
+        sh[4] += 1.0925484305920792 * x * y * by_color;
+        sh[5] += -1.0925484305920792 * y * z * by_color;
+        sh[6] += 0.31539156525252005 * (2.0 * zz - xx - yy) * by_color;
+        sh[7] += -1.0925484305920792 * x * z * by_color;
+        sh[8] += 0.5462742152960396 * (xx - yy) * by_color;
     }
     if (degree > 2) {
-        sums.sh[9] += -0.5900435899266435 * y * (3.0 * xx - yy) * by_color;
-        sums.sh[10] += 2.890611442640554 * x * y * z * by_color;
-        sums.sh[11] += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * by_color;
-        sums.sh[12] += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * by_color;
-        sums.sh[13] += -0.4570457994644658 * x * (4.0 * zz - xx - yy) * by_color;
-        sums.sh[14] += 1.445305721320277 * z * (xx - yy) * by_color;
-        sums.sh[15] += -0.5900435899266435 * x * (xx - 3.0 * yy) * by_color;
+        sh[9] += -0.5900435899266435 * y * (3.0 * xx - yy) * by_color;
+        sh[10] += 2.890611442640554 * x * y * z * by_color;
+        sh[11] += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * by_color;
+        sh[12] += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * by_color;
+        sh[13] += -0.4570457994644658 * x * (4.0 * zz - xx - yy) * by_color;
+        sh[14] += 1.445305721320277 * z * (xx - yy) * by_color;
+        sh[15] += -0.5900435899266435 * x * (xx - 3.0 * yy) * by_color;
     }
-}
-
-// The work item of chunk `chunk` of an instance, or NO_WORK_ITEM if it was culled.
-const uint NO_WORK_ITEM = 0xFFFFFFFF;
-uint work_item_of(uint instance, uint chunk) {
-    uint candidate = candidate_offsets[instance] + chunk;
-    bool tested = instance_chunks[instance] != 0 && candidate < counters[COUNTER_CANDIDATES];
-    candidate = tested ? candidate : 0;
-    bool drawn = tested && candidate_visible[candidate] != 0;
-    uint w = work_offsets[candidate];
-    return drawn && w < counters[COUNTER_WORK_ITEMS] ? w : NO_WORK_ITEM;
 }
 
 // dL/dlog_scales and dL/dquat from the symmetric dL/dcovariance: cov = sum of sigma_i^2 r_i r_i^T over the columns r_i.
@@ -104,6 +114,33 @@ void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms,
                               w * (d[2].x - d[0].z) + x * (d[0].y + d[1].x) + z * (d[1].z + d[2].y) - 2.0 * y * (d[0].x + d[2].z),
                               w * (d[0].y - d[1].x) + x * (d[0].z + d[2].x) + y * (d[1].z + d[2].y) - 2.0 * z * (d[0].x + d[1].y));
     by_quat = (by_unit - q * dot(q, by_unit)) / (len * largest);
+    // Also runs for what is never drawn: no gradient times an infinite scale, or by a quaternion of zero, is not a number.
+    by_quat = all(lessThan(abs(by_quat), vec4(GRADIENT_MAX))) ? by_quat : vec4(0.0);
+    by_log_scales = all(lessThan(abs(by_log_scales), vec3(GRADIENT_MAX))) ? by_log_scales : vec3(0.0);
+}
+
+// Adds the gradient by an instance's own shape, and writes that by its offsets, whose only owner it is.
+void add_shape(inout Sums sums, Instance instance, uint local, SourceGradient g) {
+    vec4 by_quat;
+    vec3 by_log_scales;
+    shape_gradient(quat_of(instance, local), log_scales_of(instance, local), g.covariance, g.covariance_cross, by_quat, by_log_scales);
+    sums.quat += by_quat;
+    sums.log_scales += by_log_scales;
+    if (instance.first_offset == NO_OFFSET) return;
+    if (OFFSET_LOG_SCALES != 0) offset_log_scale_gradients[instance.first_offset + local] = by_log_scales;
+    if (OFFSET_QUATS != 0) offset_quat_gradients[instance.first_offset + local] = by_quat;
+}
+
+// Writes the gradient by an instance's offsets of SH coefficients above 0, up to `degree`.
+void write_sh_rest(Instance instance, uint local, SourceGradient g, uint degree) {
+    vec3 sh[16];
+    [[unroll]] for (uint c = 0; c < 16; ++c) sh[c] = vec3(0.0);
+    add_sh(sh, g.direction, g.color, degree);
+    uint rest = (instance.sh_degree + 1) * (instance.sh_degree + 1) - 1;
+    uint first = (instance.first_offset + local) * rest;
+    [[unroll]] for (uint c = 1; c < 16; ++c) {
+        if (c < (degree + 1) * (degree + 1)) offset_sh_rest_gradients[first + c - 1] = sh[c];
+    }
 }
 
 void main() {
@@ -118,10 +155,13 @@ void main() {
     uint degree = min(SH_DEGREE, chunk.sh_degree);
     Sums sums;
     sums.mean = sums.covariance = sums.covariance_cross = sums.statistics = vec3(0.0);
+    sums.quat = vec4(0.0);
+    sums.log_scales = vec3(0.0);
     sums.opacity_logit = 0.0;
     [[unroll]] for (uint k = 0; k < 16; ++k) sums.sh[k] = vec3(0.0);
     for (uint i = 0; i < chunk.instance_count; ++i) {
-        uint w = work_item_of(instance_from_template[chunk.first_instance + i], chunk.chunk);
+        uint instance = instance_from_template[chunk.first_instance + i];
+        uint w = work_item_of(instance, chunk.chunk);
         if (w != NO_WORK_ITEM) {
             SourceGradient g = source_gradients[w * WORKGROUP_SIZE + lane];
             sums.mean += g.mean;
@@ -130,15 +170,16 @@ void main() {
             sums.opacity_logit += g.opacity_logit;
             sums.statistics.xy += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
             sums.statistics.z = max(sums.statistics.z, g.radius_px);
-            add_sh(sums, g.direction, g.color, degree);
+            add_sh(sums.sh, g.direction, g.color, degree);
+            if (own_shapes()) add_shape(sums, instances[instance], local, g);
+            if (OFFSET_SH_REST != 0 && instances[instance].first_offset != NO_OFFSET) write_sh_rest(instances[instance], local, g, degree);
         }
     }
-    vec4 by_quat;
-    vec3 by_log_scales;
-    shape_gradient(quats[source], log_scales[source], sums.covariance, sums.covariance_cross, by_quat, by_log_scales);
-    // Also runs for what is never drawn: no gradient times an infinite scale, or by a quaternion of zero, is not a number.
-    by_quat = all(lessThan(abs(by_quat), vec4(GRADIENT_MAX))) ? by_quat : vec4(0.0);
-    by_log_scales = all(lessThan(abs(by_log_scales), vec3(GRADIENT_MAX))) ? by_log_scales : vec3(0.0);
+    vec4 by_quat = sums.quat;
+    vec3 by_log_scales = sums.log_scales;
+    if (!own_shapes()) {
+        shape_gradient(quats[source], log_scales[source], sums.covariance, sums.covariance_cross, by_quat, by_log_scales);
+    }
     mean_gradients[source] = sums.mean;
     quat_gradients[source] = by_quat;
     log_scale_gradients[source] = by_log_scales;

@@ -29,9 +29,15 @@ layout(scalar, binding = 11) writeonly buffer Splats { Splat splats[]; };       
 layout(scalar, binding = 12) writeonly buffer Footprints { Footprint footprints[]; };          // extents of survivors
 layout(scalar, binding = 13) writeonly buffer TileCounts { uint tile_counts[]; };              // tiles per survivor
 layout(scalar, binding = 14) writeonly buffer SurvivorCounts { uint survivor_counts[]; };      // survivors per work item
+layout(scalar, binding = 18) readonly buffer OffsetShRest { vec3 offset_sh_rest[]; };           // offsets of the other SH coefficients, if any
+layout(scalar, binding = 19) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };     // offsets of log standard deviations, if any
+layout(scalar, binding = 20) readonly buffer OffsetQuats { vec4 offset_quats[]; };              // offsets of quaternions, if any
 layout(scalar, push_constant) uniform ExpandParams {
     View view;  // the camera
 };
+
+#include "shape.glsl"
+#include "look.glsl"
 
 // Geometry of survivors between the two halves of the kernel, by rank.
 shared vec4 shared_a[WORKGROUP_SIZE];
@@ -100,20 +106,13 @@ Projection project(vec3 mean_view, mat3 axes, float opacity) {
     return p;
 }
 
-vec3 mean_template(Instance instance, uint local, uint source) {
-    vec3 mean = means[source];
-    if (instance.first_offset != NO_OFFSET) mean += offset_means[instance.first_offset + local];
-    return mean;
-}
-
 Projection expand(Instance instance, uint local) {
-    uint source = instance.first_source + local;
-    vec3 mean_world = transform_point(instance.world_from_template, mean_template(instance, local, source));
+    vec3 mean_world = transform_point(instance.world_from_template, mean_of(instance, local));
     vec3 mean_view = transform_point(view.view_from_world, mean_world);
-    float logit = opacity_logits[source];
+    float logit = opacity_logits[instance.first_source + local];
     if (instance.first_offset != NO_OFFSET) logit += offset_opacity_logits[instance.first_offset + local];
-    mat3 axes = linear_part(view.view_from_world) * linear_part(instance.world_from_template) * rotation_from_quat(quats[source]);
-    vec3 sigmas = exp(log_scales[source]);
+    mat3 axes = linear_part(view.view_from_world) * linear_part(instance.world_from_template) * rotation_from_quat(quat_of(instance, local));
+    vec3 sigmas = exp(log_scales_of(instance, local));
     axes = mat3(axes[0] * sigmas.x, axes[1] * sigmas.y, axes[2] * sigmas.z);
     return project(mean_view, axes, 1.0 / (1.0 + exp(-logit)));
 }
@@ -126,31 +125,27 @@ vec3 evaluate_sh(Instance instance, uint local, vec3 dc_offset, vec3 dir) {
     // The spec constant removes the code of bands that no template of the scene has.
     uint degree = min(SH_DEGREE, instance.sh_degree);
     if (degree > 0) {
-        uint k = 3 * (instance.first_in_band[0] + local);
-        color += 0.4886025119029199 * (-y * sh1[k] + z * sh1[k + 1] - x * sh1[k + 2]);
+        color += 0.4886025119029199 * (-y * sh1_of(instance, local, 0) + z * sh1_of(instance, local, 1) - x * sh1_of(instance, local, 2));
     }
     if (degree > 1) {
-        uint k = 5 * (instance.first_in_band[1] + local);
-        color += 1.0925484305920792 * (x * y * sh2[k] - y * z * sh2[k + 1] - x * z * sh2[k + 3]);
-        color += 0.31539156525252005 * (2.0 * zz - xx - yy) * sh2[k + 2];
-        color += 0.5462742152960396 * (xx - yy) * sh2[k + 4];
+        color += 1.0925484305920792 * (x * y * sh2_of(instance, local, 0) - y * z * sh2_of(instance, local, 1) - x * z * sh2_of(instance, local, 3));
+        color += 0.31539156525252005 * (2.0 * zz - xx - yy) * sh2_of(instance, local, 2);
+        color += 0.5462742152960396 * (xx - yy) * sh2_of(instance, local, 4);
     }
     if (degree > 2) {
-        uint k = 7 * (instance.first_in_band[2] + local);
-        color += -0.5900435899266435 * y * (3.0 * xx - yy) * sh3[k];
-        color += 2.890611442640554 * x * y * z * sh3[k + 1];
-        color += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * sh3[k + 2];
-        color += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * sh3[k + 3];
-        color += -0.4570457994644658 * x * (4.0 * zz - xx - yy) * sh3[k + 4];
-        color += 1.445305721320277 * z * (xx - yy) * sh3[k + 5];
-        color += -0.5900435899266435 * x * (xx - 3.0 * yy) * sh3[k + 6];
+        color += -0.5900435899266435 * y * (3.0 * xx - yy) * sh3_of(instance, local, 0);
+        color += 2.890611442640554 * x * y * z * sh3_of(instance, local, 1);
+        color += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * sh3_of(instance, local, 2);
+        color += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * sh3_of(instance, local, 3);
+        color += -0.4570457994644658 * x * (4.0 * zz - xx - yy) * sh3_of(instance, local, 4);
+        color += 1.445305721320277 * z * (xx - yy) * sh3_of(instance, local, 5);
+        color += -0.5900435899266435 * x * (xx - 3.0 * yy) * sh3_of(instance, local, 6);
     }
     return color + 0.5;
 }
 
 vec3 splat_color(Instance instance, uint local) {
-    vec3 mean = mean_template(instance, local, instance.first_source + local);
-    vec3 mean_world = transform_point(instance.world_from_template, mean);
+    vec3 mean_world = transform_point(instance.world_from_template, mean_of(instance, local));
     vec3 dir_world = mean_world - view.position_world;
     // R^T dir, with R = A / scale: the same side of an instance looks the same however it is turned.
     vec3 dir = transpose(linear_part(instance.world_from_template)) * dir_world;

@@ -1,6 +1,6 @@
 #version 460
 // From what the blend says about each splat to the gradient by its Gaussian in the template's frame; offsets are written
-// here, by their one owner. Grid: one work-group per work item (indirect).
+// here, by their one owner, and with POSES sums of the gradient by the instance's place. Grid: one work-group per work item (indirect).
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"
@@ -10,6 +10,7 @@
 #include "rotation.glsl"
 
 layout(constant_id = 3) const uint SH_DEGREE = 3;
+layout(constant_id = 4) const uint POSES = 0;  // 1 = sums the gradients by the places of instances
 
 layout(scalar, binding = 0) readonly buffer Instances { Instance instances[]; };                    // instances, background last
 layout(scalar, binding = 1) readonly buffer WorkItems { WorkItem work_items[]; };                   // visible chunks
@@ -31,11 +32,19 @@ layout(scalar, binding = 16) writeonly buffer SourceGradients { SourceGradient s
 layout(scalar, binding = 17) writeonly buffer OffsetMeanGradients { vec3 offset_mean_gradients[]; };  // by offset record
 layout(scalar, binding = 18) writeonly buffer OffsetShDcGradients { vec3 offset_sh_dc_gradients[]; };  // by offset record
 layout(scalar, binding = 19) writeonly buffer OffsetLogitGradients { float offset_logit_gradients[]; };  // by offset record
+layout(scalar, binding = 20) writeonly buffer PoseSums { PoseGradient pose_sums[]; };  // by work item and subgroup
+layout(scalar, binding = 21) readonly buffer OffsetShRest { vec3 offset_sh_rest[]; };                // offsets of SH coefficients above 0, if any
+layout(scalar, binding = 22) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };          // offsets of log standard deviations, if any
+layout(scalar, binding = 23) readonly buffer OffsetQuats { vec4 offset_quats[]; };                   // offsets of quaternions, if any
 layout(scalar, push_constant) uniform ExpandBackwardParams {
     View view;             // the camera
     uint capacity;         // emissions that fit the buffers
     uint blocks_per_tile;  // 8x8 blocks of a tile
+    uint posed_instances;  // instances besides the background
 };
+
+#include "shape.glsl"
+#include "look.glsl"
 
 // Sums over all tiles of a splat, in emission order.
 SplatMoments total_moments(uint slot) {
@@ -60,7 +69,7 @@ struct Geometry {
     float det_sharp; // its determinant, without the cancellation
 };
 
-Geometry geometry_of(Instance instance, vec3 mean_world, uint source) {
+Geometry geometry_of(Instance instance, uint local, vec3 mean_world) {
     Geometry g;
     g.mean_view = transform_point(view.view_from_world, mean_world);
     g.linear = linear_part(view.view_from_world) * linear_part(instance.world_from_template);
@@ -69,8 +78,8 @@ Geometry geometry_of(Instance instance, vec3 mean_world, uint source) {
     mat3 rows = transpose(g.linear);
     g.jx = scale.x * (rows[0] - g.clamped.x * rows[2]);
     g.jy = scale.y * (rows[1] - g.clamped.y * rows[2]);
-    mat3 rotation = rotation_from_quat(quats[source]);
-    vec3 sigmas = exp(log_scales[source]);
+    mat3 rotation = rotation_from_quat(quat_of(instance, local));
+    vec3 sigmas = exp(log_scales_of(instance, local));
     vec3 bx = (g.jx * rotation) * sigmas;
     vec3 by = (g.jy * rotation) * sigmas;
     g.cov_sharp = vec3(dot(bx, bx), dot(bx, by), dot(by, by));
@@ -100,9 +109,9 @@ vec3 covariance_gradient(Geometry g, vec3 conic, vec3 by_conic, float by_opacity
 }
 
 // The gradient by the centre in the view frame.
-vec3 mean_view_gradient(Geometry g, vec2 by_mean_px, vec3 by_cov, uint source) {
-    mat3 rotation = rotation_from_quat(quats[source]);
-    vec3 variances = exp(2.0 * log_scales[source]);
+vec3 mean_view_gradient(Geometry g, vec2 by_mean_px, vec3 by_cov, Instance instance, uint local) {
+    mat3 rotation = rotation_from_quat(quat_of(instance, local));
+    vec3 variances = exp(2.0 * log_scales_of(instance, local));
     // Covariance times the rows of J: cov_px = j^T cov j.
     vec3 vx = rotation * (variances * (g.jx * rotation));
     vec3 vy = rotation * (variances * (g.jy * rotation));
@@ -126,23 +135,20 @@ vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color) 
     vec3 g = vec3(0.0);
     uint degree = min(SH_DEGREE, instance.sh_degree);
     if (degree > 0) {
-        uint k = 3 * (instance.first_in_band[0] + local);
-        g += 0.4886025119029199 * vec3(-dot(sh1[k + 2], by_color), -dot(sh1[k], by_color), dot(sh1[k + 1], by_color));
+        g += 0.4886025119029199 * vec3(-dot(sh1_of(instance, local, 2), by_color), -dot(sh1_of(instance, local, 0), by_color), dot(sh1_of(instance, local, 1), by_color));
     }
     if (degree > 1) {
-        uint k = 5 * (instance.first_in_band[1] + local);
-        float c0 = 1.0925484305920792 * dot(sh2[k], by_color), c1 = -1.0925484305920792 * dot(sh2[k + 1], by_color);
-        float c2 = 0.31539156525252005 * dot(sh2[k + 2], by_color), c3 = -1.0925484305920792 * dot(sh2[k + 3], by_color);
-        float c4 = 0.5462742152960396 * dot(sh2[k + 4], by_color);
+        float c0 = 1.0925484305920792 * dot(sh2_of(instance, local, 0), by_color), c1 = -1.0925484305920792 * dot(sh2_of(instance, local, 1), by_color);
+        float c2 = 0.31539156525252005 * dot(sh2_of(instance, local, 2), by_color), c3 = -1.0925484305920792 * dot(sh2_of(instance, local, 3), by_color);
+        float c4 = 0.5462742152960396 * dot(sh2_of(instance, local, 4), by_color);
         g += vec3(c0 * y - 2.0 * c2 * x + c3 * z + 2.0 * c4 * x, c0 * x + c1 * z - 2.0 * c2 * y - 2.0 * c4 * y,
                   c1 * y + 4.0 * c2 * z + c3 * x);
     }
     if (degree > 2) {
-        uint k = 7 * (instance.first_in_band[2] + local);
-        float c0 = -0.5900435899266435 * dot(sh3[k], by_color), c1 = 2.890611442640554 * dot(sh3[k + 1], by_color);
-        float c2 = -0.4570457994644658 * dot(sh3[k + 2], by_color), c3 = 0.3731763325901154 * dot(sh3[k + 3], by_color);
-        float c4 = -0.4570457994644658 * dot(sh3[k + 4], by_color), c5 = 1.445305721320277 * dot(sh3[k + 5], by_color);
-        float c6 = -0.5900435899266435 * dot(sh3[k + 6], by_color);
+        float c0 = -0.5900435899266435 * dot(sh3_of(instance, local, 0), by_color), c1 = 2.890611442640554 * dot(sh3_of(instance, local, 1), by_color);
+        float c2 = -0.4570457994644658 * dot(sh3_of(instance, local, 2), by_color), c3 = 0.3731763325901154 * dot(sh3_of(instance, local, 3), by_color);
+        float c4 = -0.4570457994644658 * dot(sh3_of(instance, local, 4), by_color), c5 = 1.445305721320277 * dot(sh3_of(instance, local, 5), by_color);
+        float c6 = -0.5900435899266435 * dot(sh3_of(instance, local, 6), by_color);
         g.x += c0 * 6.0 * x * y + c1 * y * z - c2 * 2.0 * x * y - c3 * 6.0 * x * z + c4 * (4.0 * zz - 3.0 * xx - yy) +
                c5 * 2.0 * x * z + c6 * 3.0 * (xx - yy);
         g.y += c0 * 3.0 * (xx - yy) + c1 * x * z + c2 * (4.0 * zz - xx - 3.0 * yy) - c3 * 6.0 * y * z - c4 * 2.0 * x * y -
@@ -152,8 +158,7 @@ vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color) 
     return g;
 }
 
-SourceGradient source_gradient(Instance instance, uint local, uint slot) {
-    uint source = instance.first_source + local;
+SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec3 by_dir) {
     Splat splat = splats[slot];
     SplatMoments m = total_moments(slot);
     vec3 conic = vec3(splat.a.zw, splat.b.x);
@@ -163,10 +168,8 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot) {
     float by_opacity = opacity > 0.0 ? m.first.x / opacity : 0.0;
     vec3 by_color = vec3(splat.b.z > 0.0 ? m.color.r : 0.0, splat.b.w > 0.0 ? m.color.g : 0.0, splat.c.x > 0.0 ? m.color.b : 0.0);
 
-    vec3 mean = means[source];
-    if (instance.first_offset != NO_OFFSET) mean += offset_means[instance.first_offset + local];
-    vec3 mean_world = transform_point(instance.world_from_template, mean);
-    Geometry g = geometry_of(instance, mean_world, source);
+    vec3 mean_world = transform_point(instance.world_from_template, mean_of(instance, local));
+    Geometry g = geometry_of(instance, local, mean_world);
     SourceGradient out_gradient;
     float compensation;
     vec3 by_cov = covariance_gradient(g, conic, by_conic, by_opacity, opacity, compensation);
@@ -180,9 +183,9 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot) {
     vec3 seen = (mean_world - view.position_world) * a;
     float len = sqrt(dot(seen, seen));
     vec3 dir = len > 0.0 ? seen / len : vec3(0.0, 0.0, 1.0);
-    vec3 by_dir = direction_gradient(instance, local, dir, by_color);
+    by_dir = direction_gradient(instance, local, dir, by_color);
     vec3 by_seen = len > 0.0 ? (by_dir - dir * dot(dir, by_dir)) / len : vec3(0.0);
-    vec3 by_view = mean_view_gradient(g, by_mean_px, by_cov, source);
+    vec3 by_view = mean_view_gradient(g, by_mean_px, by_cov, instance, local);
     out_gradient.mean = by_view * g.linear + (a * by_seen) * a;
     out_gradient.color = by_color;
     out_gradient.direction = dir;
@@ -204,21 +207,62 @@ bool is_finite(SourceGradient g) {
     return shape && look && g.mean_ndc < GRADIENT_MAX && g.radius_px < GRADIENT_MAX;
 }
 
-void main() {
-    uint w = group_index();
-    uint lane = gl_LocalInvocationID.x;
-    if (w >= counters[COUNTER_WORK_ITEMS] || lane >= survivor_counts[w]) return;
-    Instance instance = instances[work_items[w].instance];
+// What one Gaussian adds to the gradient by its instance's place. Turning it by w moves the mean by w x mean, the
+// covariance C by [w]x C - C [w]x, and the direction of view, seen from the template, by -w x direction.
+PoseGradient pose_gradient(Instance instance, uint local, SourceGradient g, vec3 by_dir) {
+    mat3 rotation = rotation_from_quat(quat_of(instance, local));
+    vec3 variances = exp(2.0 * log_scales_of(instance, local));
+    mat3 covariance = mat3(rotation[0] * variances.x, rotation[1] * variances.y, rotation[2] * variances.z) * transpose(rotation);
+    vec3 d = g.covariance, c = g.covariance_cross;
+    mat3 product = covariance * mat3(d.x, c.x, c.y, c.x, d.y, c.z, c.y, c.z, d.z);
+    vec3 mean = mean_of(instance, local);
+    PoseGradient p;
+    p.translation = g.mean;
+    p.rotation = cross(mean, g.mean) - cross(g.direction, by_dir) +
+                 2.0 * vec3(product[2].y - product[1].z, product[0].z - product[2].x, product[1].x - product[0].y);
+    p.log_scale = dot(mean, g.mean) + 2.0 * (product[0].x + product[1].y + product[2].z);
+    vec3 limit = vec3(GRADIENT_MAX);
+    bool finite = all(lessThan(abs(p.translation), limit)) && all(lessThan(abs(p.rotation), limit)) && abs(p.log_scale) < GRADIENT_MAX;
+    return finite ? p : PoseGradient(vec3(0.0), vec3(0.0), 0.0);
+}
+
+// Sums over the lanes of the subgroup, in an order that is always the same, and writes the sum.
+void write_pose_sum(uint w, PoseGradient p) {
+    for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) {
+        uint other = gl_SubgroupInvocationID ^ mask;
+        p.translation += vec3(subgroupShuffle(p.translation.x, other), subgroupShuffle(p.translation.y, other), subgroupShuffle(p.translation.z, other));
+        p.rotation += vec3(subgroupShuffle(p.rotation.x, other), subgroupShuffle(p.rotation.y, other), subgroupShuffle(p.rotation.z, other));
+        p.log_scale += subgroupShuffle(p.log_scale, other);
+    }
+    if (gl_SubgroupInvocationID == 0) pose_sums[w * (WORKGROUP_SIZE / SUBGROUP_SIZE) + gl_SubgroupID] = p;
+}
+
+// Writes the gradients of survivor `lane`; returns what it adds to its instance's place.
+PoseGradient write_gradients(uint w, uint lane) {
+    PoseGradient none = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
+    WorkItem item = work_items[w];
+    Instance instance = instances[item.instance];
     uint slot = w * WORKGROUP_SIZE + lane;
     uint local = footprints[slot].local;
-    SourceGradient g = source_gradient(instance, local, slot);
+    vec3 by_dir;
+    SourceGradient g = source_gradient(instance, local, slot, by_dir);
     // The buffer is 0 where nothing is written.
-    if (!is_finite(g)) return;
-    source_gradients[w * WORKGROUP_SIZE + local - work_items[w].chunk * WORKGROUP_SIZE] = g;
+    if (!is_finite(g)) return none;
+    source_gradients[w * WORKGROUP_SIZE + local - item.chunk * WORKGROUP_SIZE] = g;
     if (instance.first_offset != NO_OFFSET) {
         uint k = instance.first_offset + local;
         offset_mean_gradients[k] = g.mean;
         offset_sh_dc_gradients[k] = 0.28209479177387814 * g.color;
         offset_logit_gradients[k] = g.opacity_logit;
     }
+    return POSES != 0 && item.instance < posed_instances ? pose_gradient(instance, local, g, by_dir) : none;
+}
+
+void main() {
+    uint w = group_index();
+    uint lane = gl_LocalInvocationID.x;
+    if (w >= counters[COUNTER_WORK_ITEMS]) return;
+    PoseGradient pose = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
+    if (lane < survivor_counts[w]) pose = write_gradients(w, lane);
+    if (POSES != 0 && work_items[w].instance < posed_instances) write_pose_sum(w, pose);
 }

@@ -51,7 +51,9 @@
 //!   isect_moments     [emission, block]    tile_blend_backward          replay front to back: 9 sums per splat and 8x8 block
 //!   source_gradients  [work item, local]   preprocess_instance_expand_backward   template frame; offsets go to their owner
 //!   gradients         [source]             gather_gradients             sums over instances, in instance order
+//!   pose_gradients    [instance]           gather_pose_gradients        if places of instances are refined
 //!   parameters, moments [source]           mcmc_regularise, adam, mcmc_noise     in place
+//!   instances         [instance]           refine_poses                 in place
 //! ```
 //!
 //! A step is one submission; two are in flight, and the host reads a record of each when it has finished. A step that
@@ -60,23 +62,41 @@
 //! step follows from its number, the seed and the configuration, so a resumed run ends in the same bytes. Between steps
 //! [`train::strategy`] changes the number of Gaussians on the device: mark, select, scan, move.
 //!
+//! # From photos and masks to an instanced scene
+//!
+//! `train --method instgs` ([`mod@train::prepare`], `cli/train/instanced.rs`); each stage leaves a file in the run folder:
+//!
+//! ```text
+//!   vanilla/, point_cloud.ply   a plain cloud, by the steps above (or given)
+//!   consensus.json              mask_contribution per view: how much of every mask each Gaussian makes up;
+//!                               segment::consensus: which masks are of one object, where ids differ from view to view
+//!   labels.safetensors          segment::label: the object whose pixels a Gaussian feeds more than 0.8 times all others
+//!   groups.json                 given, or register: which objects are alike, and where they stand
+//!   initial.instgs              template::build: objects in their group's frame, as many Gaussians as they have on
+//!                               average drawn from all of them; offsets from each template Gaussian to its match
+//!   scene.instgs                the joint phase: templates, offsets, background and places learn together
+//! ```
+//!
 //! # Layers
 //!
 //! A module uses only modules of lower layers; `tests/architecture.rs` checks it.
 //!
-//! - L0 `math`: spherical harmonics, covariances, similarities, lens distortion, seeded random numbers.
+//! - L0 `math`: spherical harmonics, covariances, similarities, lens distortion, nearest points, seeded random numbers.
 //! - L1 `gpu`: the only module that speaks Vulkan: device, buffers, pipelines, recorder with derived barriers,
 //!   profiler, and the kernels' interfaces as Rust types, generated from the GLSL by `build.rs`.
-//! - L1 `scene`: plain CPU data: Gaussians, offsets, instances, cameras, trajectories, flattening.
+//! - L1 `scene`: plain CPU data: Gaussians, offsets, instances, cameras, trajectories, flattening, editing.
 //! - L2 `reference`: f64 twins of the kernels, slow and obvious.
-//! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, cameras, COLMAP,
-//!   `transforms.json`, photos (undistorted, downscaled), points, checkpoints, KTX2.
+//! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, `.glb`, cameras, COLMAP,
+//!   `transforms.json`, photos (undistorted, downscaled), instance masks, `groups.json`, points, checkpoints, KTX2.
 //! - L2 `kernels`: one page per kernel, the compiled pipelines, and the variant (sizes) picked for a device.
 //! - L3 `render`: scene on the device, buffer plan, the passes in order (forward and backward), growth and depth slabs,
 //!   self-test.
 //! - L3 `optim`: Adam, one state per parameter buffer.
+//! - L4 `segment`: which Gaussians of a plain cloud belong to which object, from masks.
+//! - L4 `register`: which objects are alike, and the pose of each against its group's reference.
 //! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
-//! - L5 `synth`: procedural scenes, among them the one of `instgs-vk demo`.
+//! - L4 `template`: templates, instances and first offsets from a labelled cloud and posed groups; pruning.
+//! - L5 `synth`: procedural scenes, and ray-traced data sets with known poses, among them that of `instgs-vk demo`.
 //! - L5 `train`: configuration, start, steps, densification, checkpoints, events, report.
 //! - L6 `bench`: measurements and their report.
 //! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
@@ -87,7 +107,10 @@
 //!   is `x -> A x + t` with `A = s R`, s > 0 uniform, R a rotation. Lengths are scene units unless a name ends in
 //!   `_px`.
 //! - Eq. 6: `mean_world = A (mean_t + d_mean) + t`, `cov_world = A cov_t A^T`, SH coefficient 0 and opacity logit plus
-//!   their offsets. Offsets live in the template's frame, so an instance keeps its shape when it is moved.
+//!   their offsets. Offsets live in the template's frame, so an instance keeps its shape when it is moved. For ablations a
+//!   scene may also have offsets of the other SH coefficients, log scales and quaternions (added before normalising);
+//!   without them the kernels have no code for them.
+//! - Places are refined in the template's frame: `A' = A e^s exp([w]x)`, `t' = t + A v` for the step (v, w, s).
 //! - Colour = `max(0, SH + 0.5)`, rgb in the encoding of the training images (sRGB values). SH is evaluated in
 //!   direction `R^T normalize(mean_world - camera)`: an instance looks the same from the same side, however it is
 //!   turned.
@@ -136,6 +159,9 @@
 //!   differences of the twins themselves (1e-4), for every kind of parameter, transforms of instances included.
 //! - `tests/cli_train.rs`: whole runs as a user starts them: a floor of quality, the same bytes twice, after kills too, and
 //!   every kind of bad input.
+//! - `tests/cli_instanced.rs`: the joint phase on a small ray-traced data set: quality, the same bytes twice and after a kill,
+//!   and the comparison's rows. `tests/segment.rs`, `tests/consensus.rs`, `tests/template.rs`: labels, objects and
+//!   templates against known truth.
 //! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
 //!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
 //!   one, and repeated frames identical. `tests/common/` holds the comparison.
@@ -157,7 +183,10 @@ pub mod kernels;
 pub mod math;
 pub mod optim;
 pub mod reference;
+pub mod register;
 pub mod render;
 pub mod scene;
+pub mod segment;
 pub mod synth;
+pub mod template;
 pub mod train;

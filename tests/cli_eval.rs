@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use common::dataset::transforms;
+use common::program::skips_gpu;
 use glam::DVec3;
 use instgs_vk::io::{write_cameras, write_ply};
 use instgs_vk::math::rng::Rng;
@@ -23,15 +24,6 @@ fn program(at: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_instgs-vk"));
     command.env("INSTGS_VALIDATION", "1").env("XDG_DATA_HOME", at.join("user"));
     command
-}
-
-#[allow(clippy::print_stderr, reason = "a skipped test must be heard")]
-fn skips_gpu() -> bool {
-    let skip = std::env::var_os("INSTGS_SKIP_GPU").is_some_and(|v| v == "1");
-    if skip {
-        eprintln!("INSTGS_SKIP_GPU=1: A TEST THAT NEEDS A VULKAN DEVICE IS SKIPPED");
-    }
-    skip
 }
 
 /// Coloured blobs around the origin, moved by `shift`.

@@ -4,7 +4,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use instgs_vk::io::{camera_file, colmap, ktx2, nerf, ply, point_cloud, scene_file, scene_write, splat, spz};
+use instgs_vk::io::{
+    Mask, Pack, camera_file, colmap, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, splat,
+    spz,
+};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
@@ -46,7 +49,12 @@ fn scene() -> InstancedScene {
         templates: cloud(1, 3),
         template_ranges: vec![TemplateRange { first: 0, count: 3 }],
         instances: vec![instance(Some(0)), instance(None)],
-        offsets: Offsets { means: vec![[0.1; 3]; 3], sh_dc: vec![[0.0; 3]; 3], opacity_logits: vec![0.0; 3] },
+        offsets: Offsets {
+            means: vec![[0.1; 3]; 3],
+            sh_dc: vec![[0.0; 3]; 3],
+            opacity_logits: vec![0.0; 3],
+            ..Offsets::default()
+        },
         background: cloud(1, 2),
         groups: vec![Group { template_id: 0, name: Some("x".into()), instance_ids: vec![1, 2] }],
         ..InstancedScene::default()
@@ -113,6 +121,9 @@ fn colmap_bin() -> (Vec<u8>, Vec<u8>) {
 
 const CAMERAS: &str = r#"[{"name":"a","width":8,"height":8,"fx":9.0,"fy":9.0,"cx":4.0,"cy":4.0,
     "view_from_world":[[1.0,0.0,0.0,0.0],[0.0,1.0,0.0,0.0],[0.0,0.0,1.0,0.0],[0.0,0.0,0.0,1.0]]}]"#;
+const GROUPS: &str = r#"[{"template_id":0,"name":"a","score":0.5,"instances":[{"instance_id":3,
+    "transform":[[0,-2,0,1],[2,0,0,0],[0,0,2,5],[0,0,0,1]]},{"instance_id":4,
+    "world_from_template":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}]"#;
 const TRANSFORMS: &str = r#"{"w":8,"h":8,"fl_x":9.0,"k1":0.0,"frames":[{"file_path":"a.jpg",
     "transform_matrix":[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
 const COLMAP_CAMERAS: &[u8] = b"1 PINHOLE 20 10 9 9 10 5\n";
@@ -142,6 +153,19 @@ fn colmap_points_bin() -> Vec<u8> {
     out
 }
 
+/// A packed scene with every kind of offsets.
+fn packed_scene(pack: Pack) -> Result<Vec<u8>, instgs_vk::io::IoError> {
+    let mut scene = scene();
+    scene.offsets.sh_rest = vec![[0.3, -0.2, 0.1]; 9];
+    scene.offsets.log_scales = vec![[0.1; 3]; 3];
+    scene.offsets.quats = vec![[0.0, 0.1, 0.0, -0.1]; 3];
+    scene_write::packed_scene_file_bytes(&scene, pack, path())
+}
+
+fn mask() -> Mask {
+    Mask { width: 5, height: 3, ids: (0..15).map(|i| i * 300 % 7).collect() }
+}
+
 /// Name of a format, a small valid file of it, and its reader.
 type Format = (&'static str, Vec<u8>, Reader);
 
@@ -155,6 +179,10 @@ fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
         ("spz v4", spz_v4(6)?, |b| done(spz::parse_spz(b, path()))),
         ("splat", vec![77; 64], |b| done(splat::parse_splat(b, path()))),
         ("instgs", scene_write::scene_file_bytes(&scene(), path())?, |b| done(scene_file::parse_scene_file(b, path()))),
+        ("instgs f16", packed_scene(Pack::F16)?, |b| done(scene_file::parse_scene_file(b, path()))),
+        ("instgs q8", packed_scene(Pack::Q8)?, |b| done(scene_file::parse_scene_file(b, path()))),
+        ("groups json", GROUPS.into(), |b| done(groups::parse_groups(b, path()))),
+        ("mask png", mask_png::mask_bytes(&mask(), path())?, |b| done(mask_png::parse_mask(b, path()))),
         ("camera json", CAMERAS.into(), |b| done(camera_file::parse_cameras(b, path()))),
         ("transforms json", TRANSFORMS.into(), |b| done(nerf::parse_transforms(b, path()))),
         ("ktx2", ktx2::ktx2_bytes(&image, path())?, |b| done(ktx2::parse_ktx2(b, path()))),

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use instgs_vk::io::colmap::{colmap_folder, read_colmap};
 use instgs_vk::io::dataset::{Split, read_views};
 use instgs_vk::io::nerf::read_transforms;
-use instgs_vk::io::{load_scene, read_cameras, read_spz, write_ply, write_spz};
+use instgs_vk::io::{MaskFolder, load_scene, read_cameras, read_spz, write_ply, write_spz};
 use instgs_vk::scene::Gaussians;
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
@@ -164,6 +164,25 @@ fn colmap_and_transforms_agree_on_every_pose() -> Outcome {
         // room18's COLMAP model has its training views only.
         assert!(compared == colmap.len() && (nerf.len() == compared || name == "room18"), "{name}");
         assert!(worst < 1e-4, "{name}: {worst}");
+    }
+    Ok(())
+}
+
+#[test]
+fn every_view_of_the_sets_with_objects_has_a_mask_of_its_size() -> Outcome {
+    // 8 bits of grey, and 16.
+    for (name, views, objects) in [("room18", 72, 18), ("sceaux_540", 11, 12)] {
+        let Some(folder) = data(name) else { return Ok(()) };
+        let masks = MaskFolder::open(&MaskFolder::default_for(&folder).ok_or("no masks")?)?;
+        let dataset = read_views(&folder)?;
+        assert_eq!((dataset.views.len(), masks.categories.len()), (views, objects), "{name}");
+        let mut seen = std::collections::BTreeSet::new();
+        for camera in dataset.views.iter().map(|v| &v.camera) {
+            let mask = masks.of_view(&camera.name)?.ok_or("a view without a mask")?;
+            masks.check_size(&camera.name, &mask, camera.width, camera.height)?;
+            seen.extend(mask.ids_present().into_keys().map(u32::from));
+        }
+        assert!(seen.iter().eq(masks.categories.keys()), "{name}: {seen:?}");
     }
     Ok(())
 }

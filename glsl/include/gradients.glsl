@@ -20,6 +20,14 @@ struct SourceGradient {
     float radius_px;         // three standard deviations on the screen
 };
 
+// The gradient by the place of an instance: it is turned, scaled and moved before its own transform, in the template's
+// frame: A' = A exp(log_scale) exp([rotation]x), t' = t + A translation.
+struct PoseGradient {
+    vec3 translation;  // by the shift, template units
+    vec3 rotation;     // by the rotation vector, radians
+    float log_scale;   // by the logarithm of the scale
+};
+
 // Gradients from here on are dropped; sums of smaller ones over instances stay finite.
 const float GRADIENT_MAX = 1e30;
 

@@ -6,6 +6,7 @@ struct Instance {
     float bound_radius;           // radius of that sphere, template units
     float sigma_max;              // largest standard deviation of the template's Gaussians, template units
     float max_offset;             // largest length of the instance's mean offsets, template units
+    float sigma_growth;           // largest factor of the instance's offsets on a standard deviation, at least 1
     float scale;                  // uniform scale of world_from_template
     uint first_source;            // index of the template's first Gaussian in the source pool
     uint source_count;            // Gaussians of the template

@@ -1,5 +1,6 @@
 //! L6: measurements of rendering, and the report they make. Parsing flags and printing is `cli/bench.rs`.
 
+pub mod comparison;
 mod measure;
 mod report;
 mod statistics;

@@ -74,6 +74,13 @@ impl SplitArg {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Triple([f32; 3]);
 
+impl Triple {
+    /// As a vector.
+    pub(super) fn direction(self) -> DVec3 {
+        DVec3::from_array(self.0.map(f64::from))
+    }
+}
+
 impl ViewArgs {
     /// The cameras, at least one; warns if `near` cuts a circle's view off.
     pub(super) fn cameras(
@@ -86,8 +93,7 @@ impl ViewArgs {
             ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder)?,
             ViewSource { camera: Some(path), .. } => read_cameras(path)?,
             ViewSource { orbit, .. } => {
-                let up = self.up.map(|up| DVec3::from_array(up.0.map(f64::from)));
-                let circle = Orbit::around(scene, up);
+                let circle = Orbit::around(scene, self.up.map(Triple::direction));
                 // Half of the scene is within less than half the distance from the centre.
                 if circle.distance < 1.5 * f64::from(near) {
                     let distance = circle.distance;
@@ -158,13 +164,14 @@ pub(super) fn create_folder(path: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(path).map_err(|e| IoError::new(path, format!("cannot create the folder: {e}")).into())
 }
 
-fn parse_size(text: &str) -> Result<(u32, u32), String> {
+/// `WxH`.
+pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let side = |text: &str| text.parse().ok().filter(|side| (1..=MAX_IMAGE_SIDE).contains(side));
     let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((side(w)?, side(h)?)));
     sides.ok_or_else(|| format!("want WxH with sides of 1 to {MAX_IMAGE_SIDE} pixels, for instance 800x450"))
 }
 
-fn parse_triple(text: &str) -> Result<Triple, String> {
+pub(super) fn parse_triple(text: &str) -> Result<Triple, String> {
     let parts: Vec<f32> =
         text.split(',').map_while(|part| part.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
     match <[f32; 3]>::try_from(parts) {
@@ -173,7 +180,7 @@ fn parse_triple(text: &str) -> Result<Triple, String> {
     }
 }
 
-fn parse_up(text: &str) -> Result<Triple, String> {
+pub(super) fn parse_up(text: &str) -> Result<Triple, String> {
     let up = parse_triple(text)?;
     if up.0 == [0.0; 3] { Err("a vector of length 0 has no direction".into()) } else { Ok(up) }
 }

@@ -1,35 +1,42 @@
-//! `instgs-vk demo`: an instanced scene and its flattened self, side by side: pictures, table, report.
+//! `instgs-vk demo`: the whole story on a data set made by code: photos, a plain cloud, templates and instances, a table
+//! and pictures side by side.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::time::Instant;
 
 use clap::Args;
+use serde::Serialize;
 
 use super::args::create_folder;
-use super::bench::print_report;
+use super::compare::{Comparison, SeedResult, compare, names};
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
-use super::picture_files::{self, Format};
+use super::picture_files::write_png;
 use super::printer::Printer;
-use super::render::picture;
-use crate::bench::{self, Report, Stage, Subject};
-use crate::gpu::Gpu;
-use crate::io::{load_scene, save_scene, write_ply};
-use crate::render::{Picture, RenderOptions, Renderer};
-use crate::scene::trajectory::Orbit;
-use crate::scene::{Camera, InstancedScene};
-use crate::synth::{SKY_COLOR, embedded_scene, embedded_views};
+use super::train::Session;
+use crate::eval::Evaluated;
+use crate::synth::dataset;
+use crate::train::config::{ConfigBuilder, TrainConfig};
+use crate::train::interrupt::Interrupt;
 
-/// Timed frames of each scene for every view.
-const FRAMES_PER_VIEW: u32 = 2;
+/// Steps of the plain cloud, of the joint phase, and the most Gaussians: a few minutes on two CPU cores.
+const QUICK: [&str; 3] = ["steps=700", "joint.steps=400", "max_gaussians=40000"];
+/// Timed frames of each scene.
+const FRAMES: u32 = 18;
+/// Test views in the picture.
+const SHOWN: usize = 4;
+/// What differences are multiplied by, so that they can be seen.
+const DIFFERENCE_GAIN: f32 = 4.0;
 
-/// The whole story on the embedded scene: instanced and flattened, pictures, frame rates, bytes.
+/// The whole story on a made-up car park: photos, 3DGS, templates and instances, a table and pictures side by side.
 ///
-/// Writes DIR/scene.instgs, DIR/flattened.ply, pictures of both in DIR/instanced and DIR/flattened, and DIR/report.json.
+/// Renders a data set of eight racing cars (DIR/data), trains a plain cloud, turns the cars into instances of one template
+/// with the data set's own groups and masks, trains both on for the same time (DIR/compare), and writes DIR/pictures.png:
+/// photo, 3DGS, InstGS, and the difference of the latter to the photo. What is there already is not done again.
 #[derive(Args)]
 #[command(after_help = "Example:\n  instgs-vk demo --out out/demo")]
 pub(super) struct DemoArgs {
-    /// Folder for scenes, pictures and report; made if it is not there
+    /// Folder for data, runs and pictures; made if it is not there
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
     /// Report as JSON on stdout
@@ -37,141 +44,160 @@ pub(super) struct DemoArgs {
     pub(super) json: bool,
 }
 
-/// Views of the circle around the scene.
-const ORBIT_VIEWS: u32 = 8;
-/// Picture size.
-const SIZE: (u32, u32) = (640, 360);
+/// What the demo found.
+#[derive(Debug, Serialize)]
+pub(super) struct DemoReport {
+    /// The data set.
+    data: PathBuf,
+    /// Rows of the table.
+    results: Vec<SeedResult>,
+    /// Photos and renderings.
+    pictures: PathBuf,
+    /// The instanced scene.
+    scene: PathBuf,
+    /// Wall time of all of it.
+    seconds: f64,
+}
 
 pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let scene = &embedded_scene();
-    let mut cameras = Orbit::around(scene, None).cameras(ORBIT_VIEWS, SIZE);
-    cameras.extend(embedded_views(SIZE));
+    let started = Instant::now();
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
-    let report = run(&gpu, scene, &cameras, SKY_COLOR, &args.out, printer)?;
-    device::check_validation(&gpu)?;
-    if args.json { printer.json(&report) } else { Ok(()) }
-}
-
-/// What the demo found.
-#[derive(Debug, serde::Serialize)]
-pub struct DemoReport {
-    /// Instanced against flattened.
-    #[serde(flatten)]
-    pub bench: Report,
-    /// Between the two scenes' pictures over all views, dB; `null` if they are equal bit by bit.
-    pub psnr: Option<f64>,
-    /// The pictures.
-    pub pictures: Vec<PathBuf>,
-}
-
-/// Saves `scene` as `out/scene.instgs` and flattened as `out/flattened.ply`, renders both to
-/// `out/instanced` and `out/flattened`, measures them side by side, prints the comparison and writes `out/report.json`.
-///
-/// # Errors
-/// A file that cannot be written, or a device that cannot render.
-pub fn run(
-    gpu: &Arc<Gpu>,
-    scene: &InstancedScene,
-    cameras: &[Camera],
-    background: [f32; 3],
-    out: &Path,
-    printer: &Printer,
-) -> Result<DemoReport, CliError> {
-    let (scene_path, flattened_path) = (out.join("scene.instgs"), out.join("flattened.ply"));
-    create_folder(out)?;
-    save_scene(&scene_path, scene)?;
-    write_ply(&flattened_path, &scene.flatten())?;
-    // From here on, what the files hold.
-    let instanced = load_scene(&scene_path)?;
-    let flattened = load_scene(&flattened_path)?;
-    // A .ply does not say that its scene is antialiased.
-    let options = RenderOptions { antialias: scene.antialias, background, ..RenderOptions::default() };
-    let frames = FRAMES_PER_VIEW * cameras.len() as u32;
-
-    let mut renders = Renders { gpu, cameras, options, printer };
-    let (mut pictures, from_instanced) = renders.all(&instanced.scene, &out.join("instanced"))?;
-    let (more, from_flattened) = renders.all(&flattened.scene, &out.join("flattened"))?;
-    pictures.extend(more);
-    let psnr = psnr(&from_instanced, &from_flattened);
-
-    let mut progress = printer.progress("bench", frames.into());
-    let mut on_event = |stage| {
-        if stage == Stage::Timed {
-            progress.step("");
-        }
+    let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
+    create_folder(&args.out)?;
+    let data = args.out.join("data");
+    make_data(&data, printer)?;
+    let comparison = Comparison {
+        config: config(&data)?,
+        data: data.clone(),
+        masks: None,
+        out: args.out.join("compare"),
+        seeds: vec![0],
+        frames: FRAMES,
+        more_steps: None,
+        same_bytes: true,
     };
-    let subject =
-        |path: &Path, scene, file_bytes| Subject { name: path.display().to_string(), scene, file_bytes, options };
-    let first = subject(&scene_path, &instanced.scene, instanced.file_bytes);
-    let second = subject(&flattened_path, &flattened.scene, flattened.file_bytes);
-    let bench = bench::run(gpu, &first, Some(&second), cameras, frames, &mut on_event)?;
-    drop(progress);
-
-    let report = DemoReport { bench, psnr, pictures };
-    print_report(&report.bench, printer);
+    let mut grid = Grid::default();
+    let results = compare(&session, &comparison, &mut |name, view| grid.add(name, view))?;
+    device::check_validation(&gpu)?;
+    let report = DemoReport {
+        pictures: args.out.join("pictures.png"),
+        scene: comparison.out.join("seed_0/instgs/scene.instgs"),
+        data,
+        results,
+        seconds: started.elapsed().as_secs_f64(),
+    };
+    grid.write(&report.pictures)?;
+    if args.json {
+        return printer.json(&report);
+    }
     printer.line("");
-    match psnr {
-        Some(psnr) => printer.line(format_args!("PSNR between the two scenes' pictures: {psnr:.1} dB")),
-        None => printer.line("the two scenes' pictures are equal"),
+    printer.line(format_args!("photo, 3DGS, InstGS, difference x{DIFFERENCE_GAIN}: {}", report.pictures.display()));
+    printer.line(format_args!("the instanced scene: {}; try instgs-vk edit on it", report.scene.display()));
+    printer.line(format_args!("{:.0} s in all", report.seconds));
+    Ok(())
+}
+
+/// Renders the photos, unless they are there.
+fn make_data(folder: &Path, printer: &Printer) -> Result<(), CliError> {
+    let options = dataset::Options::default();
+    if folder.join("groups.json").is_file() {
+        return Ok(());
     }
-    let report_path = out.join("report.json");
-    printer.json_file(&report_path, &report)?;
-    report.pictures.iter().for_each(|path| printer.line(path.display()));
-    printer.line(report_path.display());
-    Ok(report)
+    printer.line("a data set of eight racing cars, ray-traced");
+    let mut progress = printer.progress("synth", u64::from(options.views));
+    dataset::write("cars", folder, &options, &mut |done| progress.advance_to(u64::from(done), ""))?;
+    Ok(())
 }
 
-/// What all pictures of the demo share.
-struct Renders<'a> {
-    gpu: &'a Arc<Gpu>,
-    cameras: &'a [Camera],
-    options: RenderOptions,
-    printer: &'a Printer,
+fn config(data: &Path) -> Result<TrainConfig, CliError> {
+    let mut builder = ConfigBuilder::new().file("instgs_quick")?;
+    for assignment in QUICK {
+        builder = builder.set(assignment)?;
+    }
+    Ok(builder.flag("groups", "groups", data.join("groups.json").display().to_string())?.finish()?)
 }
 
-impl Renders<'_> {
-    /// Renders every view to PNGs in `folder`; returns the files and the float pictures.
-    fn all(&mut self, scene: &InstancedScene, folder: &Path) -> Result<(Vec<PathBuf>, Vec<Picture>), CliError> {
-        create_folder(folder)?;
-        let place = || folder.display();
-        let mut renderer = Renderer::new(self.gpu).map_err(CliError::render(place()))?;
-        let device_scene = renderer.upload(scene).map_err(CliError::render(place()))?;
-        let mut progress = self.printer.progress("render", self.cameras.len() as u64);
-        let (mut files, mut pictures) = (Vec::new(), Vec::new());
-        for camera in self.cameras {
-            let picture =
-                picture(&mut renderer, &device_scene, camera, &self.options).map_err(CliError::render(place()))?;
-            let names = picture_files::write(folder, &camera.name, &picture, Format::Png, false)?;
-            files.extend(names.iter().map(|name| folder.join(name)));
-            progress.step(folder.join(&names[0]).display());
-            pictures.push(picture);
+/// Test views side by side: a row a view.
+#[derive(Default)]
+struct Grid {
+    rows: Vec<GridRow>,
+}
+
+/// A view: photo, 3DGS, InstGS.
+struct GridRow {
+    name: String,
+    size: (u32, u32),
+    photo: Vec<[f32; 3]>,
+    renders: Vec<Vec<[f32; 3]>>,
+}
+
+impl Grid {
+    /// Takes the renderings of the two scenes that are shown.
+    fn add(&mut self, scene: &str, view: &Evaluated<'_>) {
+        if ![names::SAME_TIME, names::OURS].contains(&scene) {
+            return;
         }
-        Ok((files, pictures))
+        let render = view.pair.render().to_vec();
+        if let Some(row) = self.rows.iter_mut().find(|row| row.name == view.name) {
+            row.renders.push(render);
+        } else if self.rows.len() < SHOWN {
+            let size = (view.pair.width(), view.pair.height());
+            let photo = view.pair.target().to_vec();
+            self.rows.push(GridRow { name: view.name.into(), size, photo, renders: vec![render] });
+        }
+    }
+
+    /// Writes the picture: columns photo, 3DGS, InstGS, and how InstGS differs from the photo.
+    fn write(&self, path: &Path) -> Result<(), CliError> {
+        let Some(&GridRow { size: (width, height), .. }) = self.rows.first() else { return Ok(()) };
+        let columns = 4;
+        let mut pixels = Vec::new();
+        for row in self.rows.iter().filter(|row| row.size == (width, height) && row.renders.len() == 2) {
+            let difference: Vec<[f32; 3]> =
+                row.photo.iter().zip(&row.renders[1]).map(|(a, b)| differ(*a, *b)).collect();
+            for y in 0..height as usize {
+                let line = y * width as usize..(y + 1) * width as usize;
+                for picture in [&row.photo, &row.renders[0], &row.renders[1], &difference] {
+                    pixels.extend(picture[line.clone()].iter().flatten().map(|v| (v.clamp(0.0, 1.0) * 255.0) as u8));
+                }
+            }
+        }
+        let rows = pixels.len() as u32 / (3 * columns * width);
+        Ok(write_png(path, &pixels, (columns * width, rows))?)
     }
 }
 
-/// Peak signal-to-noise ratio of colours clamped to 0..1, over all pictures at once; `None` = no difference.
-fn psnr(a: &[Picture], b: &[Picture]) -> Option<f64> {
-    let (mut sum, mut count) = (0.0, 0u64);
-    for (p, q) in a.iter().flat_map(|p| &p.colors).zip(b.iter().flat_map(|p| &p.colors)) {
-        for c in 0..3 {
-            let difference = f64::from(p[c].clamp(0.0, 1.0)) - f64::from(q[c].clamp(0.0, 1.0));
-            sum += difference * difference;
-            count += 1;
-        }
-    }
-    (sum > 0.0).then(|| -10.0 * (sum / count as f64).log10())
+/// Amplified difference of two colours.
+fn differ(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|c| DIFFERENCE_GAIN * (a[c] - b[c]).abs())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::eval::{Metrics, PicturePair};
 
+    /// Two views of 2x1 pixels: four columns, a row each; a view that only one scene has is left out.
     #[test]
-    fn psnr_by_hand() {
-        let picture = |v: f32| Picture { width: 1, height: 1, colors: vec![[v, v, v, 0.0]], depths: vec![0.0] };
-        assert_eq!(psnr(&[picture(0.5)], &[picture(0.5)]), None);
-        assert!(psnr(&[picture(0.5)], &[picture(0.6)]).is_some_and(|v| (v - 20.0).abs() < 1e-4));
-        assert!(psnr(&[picture(2.0)], &[picture(-1.0)]).is_some_and(|v| v.abs() < 1e-9));
+    fn pictures_stand_side_by_side() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("grid.png");
+        let mut grid = Grid::default();
+        let target = [[0.5f32; 3]; 2];
+        for (scene, value) in [(names::START, 0.0f32), (names::SAME_TIME, 0.25), (names::OURS, 0.625)] {
+            let views: &[&str] = if scene == names::OURS { &["a", "b", "c"] } else { &["a", "b"] };
+            for name in views {
+                let pair = PicturePair::new((2, 1), &[[value; 3]; 2], &target, None)?;
+                let metrics = Metrics::of(&pair, None)?;
+                grid.add(scene, &Evaluated { name, pair: &pair, metrics, visible: 1 });
+            }
+        }
+        grid.write(&path)?;
+        let picture = image::open(&path)?.into_rgb8();
+        assert_eq!(picture.dimensions(), (8, 2));
+        let row: Vec<u8> = (0..8).map(|x| picture.get_pixel(x, 1).0[0]).collect();
+        assert_eq!(row, [127, 127, 63, 63, 159, 159, 127, 127]);
+        Ok(())
     }
 }

@@ -5,6 +5,7 @@ use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
 use crate::render::RenderError;
+use crate::synth::dataset::SynthError;
 use crate::train::TrainError;
 use crate::train::config::ConfigError;
 
@@ -37,6 +38,9 @@ pub enum CliError {
     /// A configuration.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// A synthetic data set.
+    #[error(transparent)]
+    Synth(#[from] SynthError),
     /// Anything else, in words.
     #[error("{0}")]
     Other(String),

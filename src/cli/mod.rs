@@ -3,17 +3,23 @@
 
 mod args;
 mod bench;
+mod compare;
 pub mod demo;
 mod device;
+mod edit;
+mod edit_flags;
 mod error;
 mod eval;
 mod export;
 mod info;
 mod inspect;
+mod inspect_file;
+mod inspect_groups;
 mod lavapipe;
 mod picture_files;
 mod printer;
 mod render;
+mod synth;
 mod table;
 mod train;
 
@@ -44,7 +50,10 @@ enum Command {
     Bench(bench::BenchArgs),
     Inspect(inspect::InspectArgs),
     Export(export::ExportArgs),
+    Edit(edit::EditArgs),
+    Synth(synth::SynthArgs),
     Train(train::TrainArgs),
+    Compare(compare::CompareArgs),
 }
 
 const SUCCESS: u8 = 0;
@@ -82,7 +91,10 @@ impl Command {
             Self::Bench(args) => args.json_on_stdout(),
             Self::Inspect(args) => args.json,
             Self::Export(args) => args.json,
+            Self::Edit(args) => args.json,
+            Self::Synth(args) => args.json,
             Self::Train(args) => args.json,
+            Self::Compare(args) => args.json,
         }
     }
 }
@@ -96,7 +108,10 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Bench(args) => bench::run(args, &cli.device, printer),
         Command::Inspect(args) => inspect::run(args, printer),
         Command::Export(args) => export::run(args, printer),
+        Command::Edit(args) => edit::run(args, printer),
+        Command::Synth(args) => synth::run(args, printer),
         Command::Train(args) => train::run(args, &cli.device, printer),
+        Command::Compare(args) => compare::run(args, &cli.device, printer),
     }
 }
 

@@ -10,8 +10,7 @@ use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::picture_files::{self, Format};
 use super::printer::Printer;
-use crate::render::{Picture, RenderOptions, Renderer};
-use crate::scene::Camera;
+use crate::render::Renderer;
 
 /// Renders a scene from cameras, a dataset's views, or a circle around it.
 ///
@@ -113,15 +112,4 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
     let depth = if args.depth { ", each with a .depth.ktx2" } else { "" };
     printer.line(format_args!("{} pictures{depth} in {}", frames.len(), args.out.display()));
     Ok(())
-}
-
-/// Renders one view and brings it to the host.
-pub(super) fn picture(
-    renderer: &mut Renderer,
-    scene: &crate::render::DeviceScene,
-    camera: &Camera,
-    options: &RenderOptions,
-) -> Result<Picture, crate::render::RenderError> {
-    renderer.render(scene, camera, options)?;
-    renderer.download()
 }

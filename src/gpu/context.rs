@@ -7,6 +7,7 @@ use ash::{ext, vk};
 
 use super::caps::DeviceCaps;
 use super::error::GpuError;
+use super::interface::ALL_SHADERS;
 use super::memory::Memory;
 use super::timeline::{Ticket, Timeline};
 use super::validation::ValidationMessages;
@@ -292,9 +293,6 @@ fn create_device(
     Ok((device, family, timestamp_bits))
 }
 
-/// Bindings of gather_gradients, the largest kernel.
-const MOST_STORAGE_BUFFERS: u32 = 20;
-
 /// Fails with the name of the first required feature that is missing.
 fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &DeviceCaps) -> Result<(), GpuError> {
     let mut v12 = vk::PhysicalDeviceVulkan12Features::default();
@@ -311,6 +309,8 @@ fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: 
         | vk::SubgroupFeatureFlags::VOTE
         | vk::SubgroupFeatureFlags::BALLOT
         | vk::SubgroupFeatureFlags::SHUFFLE;
+    let most_bindings = ALL_SHADERS.iter().map(|shader| shader.bindings.len()).max().unwrap_or(0);
+    let storage_buffers = format!("{most_bindings} storage buffers in one kernel");
     for (present, feature) in [
         (v12.timeline_semaphore, "timelineSemaphore"),
         (v12.scalar_block_layout, "scalarBlockLayout"),
@@ -321,7 +321,7 @@ fn check_features(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: 
         (v13.compute_full_subgroups, "computeFullSubgroups"),
         (u32::from(operations.contains(needed_operations)), "subgroup vote, ballot and shuffle"),
         (u32::from(v11.subgroup_supported_stages.contains(vk::ShaderStageFlags::COMPUTE)), "subgroups in compute"),
-        (u32::from(caps.max_storage_buffers >= MOST_STORAGE_BUFFERS), "20 storage buffers in one kernel"),
+        (u32::from(caps.max_storage_buffers as usize >= most_bindings), storage_buffers.as_str()),
         (u32::from(!caps.subgroup_sizes().is_empty()), "a subgroup size of 4, 8, 16, 32 or 64"),
     ] {
         if present == 0 {

@@ -60,7 +60,7 @@ pub struct Recorder {
 
 /// Descriptor sets per pool; a frame takes about 60.
 const SETS_PER_POOL: u32 = 128;
-/// Storage buffers per set on average; the largest kernels have 20.
+/// Storage buffers per set on average; only the largest kernels have more.
 const BUFFERS_PER_SET: u32 = 20;
 
 impl Recorder {

@@ -2,9 +2,9 @@
 //! on input, and report one-line errors ([`IoError`]). Writers replace files atomically and write the same bytes for
 //! the same data each time.
 //!
-//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`). Views: [`dataset::read_views`],
-//! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Float images: [`ktx2`]. Training state:
-//! [`checkpoint`].
+//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`); [`write_glb`]. Views: [`dataset::read_views`],
+//! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Which objects repeat: [`MaskFolder`] and
+//! [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`].
 
 mod bytes;
 pub mod camera_file;
@@ -12,9 +12,14 @@ pub mod checkpoint;
 pub mod colmap;
 pub mod dataset;
 pub mod error;
+pub mod glb;
+pub mod groups;
 mod jpeg_end;
 pub mod ktx2;
+pub mod mask_png;
+pub mod masks;
 pub mod nerf;
+pub mod nerf_write;
 pub mod ply;
 mod ply_packed;
 mod ply_table;
@@ -22,6 +27,7 @@ pub mod point_cloud;
 mod safetensors_header;
 pub mod scene_file;
 pub mod scene_load;
+pub mod scene_pack;
 pub mod scene_write;
 pub mod splat;
 pub mod spz;
@@ -37,11 +43,16 @@ pub use camera_file::{read_cameras, write_cameras};
 pub use checkpoint::Checkpoint;
 pub use dataset::{Dataset, Split, View, read_views};
 pub use error::{IoError, Place};
+pub use glb::write_glb;
+pub use groups::{read_groups, write_groups};
+pub use masks::{Mask, MaskFolder, read_mask, write_categories, write_mask};
+pub use nerf_write::write_transforms;
 pub use ply::{read_ply, write_ply};
-pub use point_cloud::{LoadedPoints, read_points};
+pub use point_cloud::{LoadedPoints, read_points, write_points};
 pub use scene_file::read_scene_file;
 pub use scene_load::{LoadedScene, load_scene, save_scene};
-pub use scene_write::write_scene_file;
+pub use scene_pack::Pack;
+pub use scene_write::{write_scene_file, write_scene_file_packed};
 pub use splat::read_splat;
 pub use spz::{read_spz, write_spz};
 pub use view_image::{LoadedView, ViewImage, load_view};

@@ -7,7 +7,7 @@ use crate::io::colmap::{lines, number};
 use crate::io::error::{IoError, Place};
 use crate::io::nerf::named_point_file;
 use crate::io::ply_table::PlyTable;
-use crate::io::read_bytes;
+use crate::io::{atomic_write, read_bytes};
 use crate::scene::point_cloud::PointCloud;
 
 /// Colour of points whose file has none.
@@ -130,6 +130,20 @@ pub fn parse_points_txt(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError
     Ok(out)
 }
 
+/// Writes a point cloud as binary `.ply`: position, a zero normal (which some readers insist on) and colour.
+pub fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), IoError> {
+    let mut bytes = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", cloud.len()).into_bytes();
+    for name in ["x", "y", "z", "nx", "ny", "nz"] {
+        bytes.extend_from_slice(format!("property float {name}\n").as_bytes());
+    }
+    bytes.extend_from_slice(b"property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n");
+    for (position, color) in cloud.positions.iter().zip(&cloud.colors) {
+        position.iter().chain(&[0.0; 3]).for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        bytes.extend_from_slice(color);
+    }
+    atomic_write(path, |out| out.write_all(&bytes))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -139,6 +153,16 @@ mod tests {
     fn write(path: &Path, bytes: &[u8]) -> Result<(), std::io::Error> {
         path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
         std::fs::write(path, bytes)
+    }
+
+    #[test]
+    fn written_points_come_back() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let positions = vec![[1.0, 2.0, 3.5], [-4.0, 1e-3, 6.0]];
+        let cloud = PointCloud { positions, colors: vec![[1, 2, 3], [255, 0, 9]] };
+        write_points(&folder.path().join("points3d.ply"), &cloud)?;
+        assert_eq!(read_points(folder.path())?.map(|p| p.points), Some(cloud));
+        Ok(())
     }
 
     fn one_point_ply(x: &str) -> Vec<u8> {

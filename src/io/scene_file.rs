@@ -1,8 +1,7 @@
 //! `.instgs`: instanced scenes as a safetensors file (DESIGN section 5).
 //!
-//! Reads F32 and F16 tensors, writes F32. Tensors and metadata that this version does not know are kept and written
-//! again; that includes the optional `offset.{sh_rest,log_scales,quats}`, which are not rendered.
-//! Writing is in [`crate::io::scene_write`].
+//! Reads F32 and F16 tensors, and offsets in U8 ([`crate::io::scene_pack`]). Tensors and metadata that this version
+//! does not know are kept and written again. Writing is in [`crate::io::scene_write`].
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,6 +10,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use crate::io::error::{IoError, Place};
 use crate::io::read_bytes;
+use crate::io::scene_pack::{CHANNELS, OffsetRanges, segments};
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, TemplateRange};
@@ -19,7 +19,8 @@ use crate::scene::offsets::Offsets;
 pub(crate) const FORMAT: &str = "instgs/1";
 /// `instance.first_offset` of an instance without offsets.
 pub(crate) const NO_OFFSET: u32 = u32::MAX;
-/// Reads an `.instgs` file. Values may be non-finite (see [`crate::io::load_scene`]); indices and transforms are checked.
+/// Reads an `.instgs` file. Values may be non-finite (see [`crate::io::load_scene`]); indices and transforms are
+/// checked.
 pub fn read_scene_file(path: &Path) -> Result<InstancedScene, IoError> {
     parse_scene_file(&read_bytes(path)?, path)
 }
@@ -41,12 +42,6 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         _ => return Err(field("format", format!("is missing or not \"{FORMAT}\": this is no instgs scene"))),
     }
     let mut reader = Reader { path, left: tensors.iter().map(|(name, view)| (name.to_owned(), view)).collect() };
-    if reader.left.contains_key("offset.range")
-        || reader.left.values().any(|t| t.dtype() == Dtype::U8) && reader.is_u8("offset.means")
-    {
-        let error = reader.error("offset.means", "is packed with q8, which this version does not read");
-        return Err(error.advise("this file needs a newer version of instgs-vk, or pack it with f16"));
-    }
 
     let mut scene = InstancedScene {
         templates: reader.cloud("template")?,
@@ -80,7 +75,7 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         .map(|&[first, count]| TemplateRange { first, count })
         .collect();
     scene.instances = reader.instances()?;
-    scene.offsets = reader.offsets()?;
+    scene.offsets = reader.offsets(&scene)?;
     scene.validate().map_err(|e| IoError::new(path, e.reason).at(Place::Tensor(e.tensor)))?;
     for (name, view) in reader.left {
         let foreign = ForeignTensor {
@@ -206,17 +201,62 @@ impl Reader<'_> {
         Ok(instances)
     }
 
-    fn offsets(&mut self) -> Result<Offsets, IoError> {
-        if !self.any(&["offset.means", "offset.sh_dc", "offset.opacity_logits"]) {
+    /// The offsets of a scene whose templates and instances are read.
+    fn offsets(&mut self, scene: &InstancedScene) -> Result<Offsets, IoError> {
+        const MEANS: &str = "offset.means";
+        const SH_DC: &str = "offset.sh_dc";
+        const LOGITS: &str = "offset.opacity_logits";
+        const RANGE: &str = "offset.range";
+        const SH_REST: &str = "offset.sh_rest";
+        const LOG_SCALES: &str = "offset.log_scales";
+        const QUATS: &str = "offset.quats";
+        if !self.any(&[MEANS, SH_DC, LOGITS, RANGE, SH_REST, LOG_SCALES, QUATS]) {
             return Ok(Offsets::default());
         }
-        let means = self.vectors::<3>("offset.means", None)?;
-        let m = Some(means.len());
+        let Some(&m) = self.left.get(MEANS).and_then(|means| means.shape().first()) else {
+            return Err(self.error(MEANS, "is missing"));
+        };
+        let ranges = match ([MEANS, SH_DC, LOGITS].iter().any(|name| self.is_u8(name)), self.left.contains_key(RANGE)) {
+            (false, false) => None,
+            (false, true) => return Err(self.error(RANGE, "is there, but no tensor of offsets is U8")),
+            (true, _) => {
+                let segments = segments(&scene.instances, &scene.template_ranges, m);
+                let values = self.floats(RANGE, &[CHANNELS, 2], Some(segments.len()))?;
+                Some(OffsetRanges::from_values(segments, &values))
+            }
+        };
+        let rest = scene.templates.sh_coefficients() - 1;
         Ok(Offsets {
-            sh_dc: self.vectors::<3>("offset.sh_dc", m)?,
-            opacity_logits: self.floats("offset.opacity_logits", &[], m)?,
-            means,
+            means: self.channels(MEANS, &[3], m, &ranges, 0)?.as_chunks::<3>().0.to_vec(),
+            sh_dc: self.channels(SH_DC, &[3], m, &ranges, 3)?.as_chunks::<3>().0.to_vec(),
+            opacity_logits: self.channels(LOGITS, &[], m, &ranges, 6)?,
+            sh_rest: self.optional(SH_REST, &[rest, 3], m)?.as_chunks::<3>().0.to_vec(),
+            log_scales: self.optional(LOG_SCALES, &[3], m)?.as_chunks::<3>().0.to_vec(),
+            quats: self.optional(QUATS, &[4], m)?.as_chunks::<4>().0.to_vec(),
         })
+    }
+
+    /// Offsets as floats or as bytes of the channels from `first`.
+    fn channels(
+        &mut self,
+        name: &str,
+        inner: &[usize],
+        rows: usize,
+        ranges: &Option<OffsetRanges>,
+        first: usize,
+    ) -> Result<Vec<f32>, IoError> {
+        match ranges.as_ref().filter(|_| self.is_u8(name)) {
+            None => self.floats(name, inner, Some(rows)),
+            Some(ranges) => {
+                let (_, bytes, _) = self.take(name, inner, Some(rows))?;
+                Ok(ranges.unpack(&bytes, inner.iter().product(), first))
+            }
+        }
+    }
+
+    /// Empty if the tensor is absent.
+    fn optional(&mut self, name: &str, inner: &[usize], rows: usize) -> Result<Vec<f32>, IoError> {
+        if self.left.contains_key(name) { self.floats(name, inner, Some(rows)) } else { Ok(Vec::new()) }
     }
 }
 
@@ -229,119 +269,5 @@ fn dtype_name(dtype: Dtype) -> String {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
-    use super::*;
-    use crate::io::ply::tests::sample;
-    use crate::io::scene_write::{assemble, floats, scene_file_bytes, u32s};
-
-    /// Two templates (3 and 2 Gaussians), four instances, 8 offset records, a background of 4.
-    pub(crate) fn sample_scene() -> InstancedScene {
-        let pose = |x: f32| {
-            Similarity::from_rows([[0.0, -2.0, 0.0, x], [2.0, 0.0, 0.0, 1.0], [0.0, 0.0, 2.0, -x]])
-                .unwrap_or(Similarity::IDENTITY)
-        };
-        let instance = |template, x, first_offset| Instance { template, world_from_template: pose(x), first_offset };
-        let values = sample(0, 8);
-        InstancedScene {
-            templates: sample(2, 5),
-            template_ranges: vec![TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }],
-            instances: vec![
-                instance(0, 0.0, Some(0)),
-                instance(1, 1.0, None),
-                instance(0, 2.0, Some(3)),
-                instance(1, 3.0, Some(6)),
-            ],
-            offsets: Offsets { means: values.means, sh_dc: values.sh, opacity_logits: values.opacity_logits },
-            background: sample(3, 4),
-            antialias: true,
-            groups: vec![Group { template_id: 0, name: Some("chair \"a\"".into()), instance_ids: vec![4, 9] }],
-            source: "test".into(),
-            foreign_tensors: BTreeMap::from([
-                ("x.odd".into(), ForeignTensor { dtype: "U8".into(), shape: vec![3], bytes: vec![1, 2, 3] }),
-                ("a.wide".into(), ForeignTensor { dtype: "I64".into(), shape: vec![1], bytes: vec![7; 8] }),
-            ]),
-            foreign_metadata: (0..9).map(|i| (format!("key{i}"), format!("value {i}"))).collect(),
-        }
-    }
-
-    #[test]
-    fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoError> {
-        let path = Path::new("x.instgs");
-        for scene in [sample_scene(), InstancedScene::default(), InstancedScene::from_cloud(sample(1, 2))] {
-            let bytes = scene_file_bytes(&scene, path)?;
-            for _ in 0..5 {
-                let back = parse_scene_file(&bytes, path)?;
-                assert_eq!(back, scene);
-                assert_eq!(scene_file_bytes(&back, path)?, bytes);
-            }
-        }
-        Ok(())
-    }
-
-    /// The sample's file with one change to its tensors or metadata.
-    fn changed(
-        change: impl FnOnce(&mut BTreeMap<String, ForeignTensor>, &mut BTreeMap<String, String>),
-    ) -> Result<InstancedScene, IoError> {
-        let path = Path::new("x.instgs");
-        let bytes = scene_file_bytes(&sample_scene(), path)?;
-        let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| IoError::new(path, e.to_string()))?;
-        let views = SafeTensors::deserialize(&bytes).map_err(|e| IoError::new(path, e.to_string()))?;
-        let mut metadata = header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
-        let mut tensors = views
-            .iter()
-            .map(|(n, v)| {
-                (
-                    n.to_owned(),
-                    ForeignTensor { dtype: dtype_name(v.dtype()), shape: v.shape().to_vec(), bytes: v.data().to_vec() },
-                )
-            })
-            .collect();
-        change(&mut tensors, &mut metadata);
-        parse_scene_file(&assemble(&metadata, &tensors, path)?, path)
-    }
-
-    #[test]
-    fn errors_name_the_tensor_and_the_reason() {
-        let text = |result: Result<InstancedScene, IoError>| result.err().map(|e| e.to_string()).unwrap_or_default();
-        let missing = text(changed(|t, _| drop(t.remove("template.quats"))));
-        assert!(missing.contains("tensor template.quats: is missing"), "{missing}");
-        let shape = text(changed(|t, _| drop(t.insert("offset.sh_dc".into(), floats(&[8, 2], &[0.0; 16])))));
-        assert!(shape.contains("offset.sh_dc") && shape.contains("[8, 3]"), "{shape}");
-        let dtype = text(changed(|t, _| drop(t.insert("background.means".into(), u32s(&[4, 3], 0..12)))));
-        assert!(dtype.contains("background.means") && dtype.contains("U32"), "{dtype}");
-        let pose =
-            text(changed(|t, _| drop(t.insert("instance.world_from_template".into(), floats(&[4, 3, 4], &[0.0; 48])))));
-        assert!(pose.contains("instance.world_from_template") && pose.contains("instance 0"), "{pose}");
-        let index =
-            text(changed(|t, _| drop(t.insert("instance.template".into(), u32s(&[4], [0, 1, 2, 0].into_iter())))));
-        assert!(index.contains("instance.template"), "{index}");
-        let q8 = text(changed(|t, _| drop(t.insert("offset.range".into(), floats(&[4, 7, 2], &[0.0; 56])))));
-        assert!(q8.contains("newer version"), "{q8}");
-        assert!(text(changed(|_, m| drop(m.remove("format")))).contains("metadata format"));
-        assert!(text(changed(|_, m| drop(m.insert("format".into(), "instgs/2".into())))).contains("newer version"));
-        assert!(text(changed(|_, m| drop(m.insert("antialias".into(), "yes".into())))).contains("antialias"));
-        assert!(text(changed(|_, m| drop(m.insert("groups".into(), "[{}]".into())))).contains("groups"));
-    }
-
-    #[test]
-    fn optional_parts_may_be_absent_and_halves_are_read() -> Result<(), IoError> {
-        let scene = changed(|tensors, metadata| {
-            tensors.retain(|n, _| n.starts_with("background."));
-            metadata.retain(|n, _| n == "format");
-            for tensor in tensors.values_mut() {
-                tensor.dtype = "F16".into();
-                tensor.bytes = tensor
-                    .bytes
-                    .as_chunks::<4>()
-                    .0
-                    .iter()
-                    .flat_map(|&b| half::f16::from_f32(f32::from_le_bytes(b)).to_le_bytes())
-                    .collect();
-            }
-        })?;
-        assert!(scene.instances.is_empty() && scene.templates.is_empty() && !scene.antialias);
-        let want = sample_scene().background;
-        assert!((scene.background.means[3][2] - want.means[3][2]).abs() < 2e-3);
-        Ok(())
-    }
-}
+#[path = "scene_file_tests.rs"]
+pub(crate) mod tests;

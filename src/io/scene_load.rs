@@ -1,11 +1,9 @@
 //! Opening and saving a scene by its file name's extension.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use crate::io::{IoError, ply, read_bytes, scene_file, scene_write, splat, spz};
-use crate::scene::instanced_scene::{InstancedScene, TemplateRange};
-use crate::scene::offsets::Offsets;
+use crate::scene::instanced_scene::InstancedScene;
 
 /// A scene as it came from a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,7 +37,7 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         _ => InstancedScene::from_cloud(ply::parse_ply(&bytes, path)?),
     };
     let before = scene.templates.len() + scene.background.len();
-    let dropped_non_finite = drop_non_finite(&mut scene);
+    let dropped_non_finite = scene.drop_non_finite();
     if before > 0 && dropped_non_finite == before {
         return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters")));
     }
@@ -60,93 +58,24 @@ fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
 }
 
-/// Drops what is not finite from a consistent scene; returns how many Gaussians went. A finite scene is left as it is.
-fn drop_non_finite(scene: &mut InstancedScene) -> usize {
-    let dropped_background = scene.background.drop_non_finite();
-    let mut keep: Vec<bool> = (0..scene.templates.len()).map(|i| scene.templates.is_finite(i)).collect();
-    let offsets = &scene.offsets;
-    let finite = |m: usize| {
-        offsets.means[m].iter().chain(&offsets.sh_dc[m]).all(|v| v.is_finite()) && offsets.opacity_logits[m].is_finite()
-    };
-    for instance in &scene.instances {
-        let range = scene.template_ranges[instance.template as usize];
-        if let Some(first) = instance.first_offset {
-            for j in 0..range.count as usize {
-                keep[range.first as usize + j] &= finite(first as usize + j);
-            }
-        }
-    }
-    let dropped_template = keep.iter().filter(|&&k| !k).count();
-    if dropped_template > 0 {
-        compact_templates(scene, &keep);
-    }
-    if dropped_template + dropped_background > 0 {
-        // Tensors of other versions that follow these arrays would no longer be aligned with them.
-        let follows = |name: &str| ["offset.", "template.", "background."].iter().any(|p| name.starts_with(p));
-        scene.foreign_tensors.retain(|name, _| !follows(name));
-    }
-    dropped_template + dropped_background
-}
-
-/// Removes the template Gaussians that are not kept, with their offset records.
-fn compact_templates(scene: &mut InstancedScene, keep: &[bool]) {
-    let mut kept_before = Vec::with_capacity(keep.len() + 1);
-    let mut count = 0u32;
-    for &k in keep {
-        kept_before.push(count);
-        count += u32::from(k);
-    }
-    kept_before.push(count);
-    let mut offsets = Offsets::default();
-    // Instances may share a run of records.
-    let mut moved = BTreeMap::new();
-    for instance in &mut scene.instances {
-        let TemplateRange { first: range_first, count } = scene.template_ranges[instance.template as usize];
-        let Some(first) = instance.first_offset else { continue };
-        let new_first = *moved.entry((first, range_first, count)).or_insert_with(|| {
-            let new_first = offsets.len() as u32;
-            for j in (0..count as usize).filter(|j| keep[range_first as usize + j]) {
-                offsets.means.push(scene.offsets.means[first as usize + j]);
-                offsets.sh_dc.push(scene.offsets.sh_dc[first as usize + j]);
-                offsets.opacity_logits.push(scene.offsets.opacity_logits[first as usize + j]);
-            }
-            new_first
-        });
-        instance.first_offset = Some(new_first);
-    }
-    scene.offsets = offsets;
-    for range in &mut scene.template_ranges {
-        let (first, end) = (range.first as usize, (range.first + range.count) as usize);
-        *range = TemplateRange { first: kept_before[first], count: kept_before[end] - kept_before[first] };
-    }
-    scene.templates = scene.templates.filtered(|i| keep[i]);
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::io::ply::tests::sample;
-    use crate::io::scene_file::tests::sample_scene;
+    use crate::io::scene_file::tests::{sample_scene, with_ablations};
 
     #[test]
-    fn drops_keep_offsets_aligned() -> Result<(), Box<dyn std::error::Error>> {
-        let mut scene = sample_scene();
-        let clean = scene.clone();
-        assert_eq!(drop_non_finite(&mut scene), 0);
-        assert_eq!(scene, clean);
-
-        // sample_scene: templates 0..3 and 3..5, instances (0, offsets 0), (1, none), (0, offsets 3), (1, offsets 6).
-        scene.templates.means[0][1] = f32::NAN;
-        scene.offsets.opacity_logits[4] = f32::INFINITY;
-        scene.background.log_scales[1][0] = f32::NAN;
-        assert_eq!(drop_non_finite(&mut scene), 3);
+    fn offsets_of_sh_and_shape_follow_their_records() -> Result<(), Box<dyn std::error::Error>> {
+        let mut scene = with_ablations();
+        let clean = scene.offsets.clone();
+        scene.offsets.quats[4][1] = f32::NAN;
+        assert_eq!(scene.drop_non_finite(), 1);
         scene.validate()?;
-        assert_eq!(scene.template_ranges, [TemplateRange { first: 0, count: 1 }, TemplateRange { first: 1, count: 2 }]);
-        assert_eq!(scene.templates.means, clean.templates.means[2..]);
-        let firsts: Vec<_> = scene.instances.iter().map(|i| i.first_offset).collect();
-        assert_eq!(firsts, [Some(0), None, Some(1), Some(2)]);
-        let want: Vec<_> = [2, 5, 6, 7].iter().map(|&m: &usize| clean.offsets.means[m]).collect();
-        assert_eq!(scene.offsets.means, want);
+        let kept = [0, 2, 3, 5, 6, 7];
+        let want: Vec<_> = kept.iter().flat_map(|&m| clean.sh_rest[8 * m..8 * (m + 1)].to_vec()).collect();
+        assert_eq!(scene.offsets.sh_rest, want);
+        assert_eq!(scene.offsets.log_scales, kept.map(|m| clean.log_scales[m]));
+        assert_eq!(scene.offsets.quats, kept.map(|m| clean.quats[m]));
         Ok(())
     }
 

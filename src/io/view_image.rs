@@ -67,12 +67,19 @@ pub fn load_view(view: &View, width: Option<u32>) -> Result<LoadedView, IoError>
     if let Some(distortion) = &view.distortion {
         image = view_resample::undistort(&image, &camera, distortion);
     }
-    if let Some(width) = width.filter(|w| *w < image.width) {
-        let [width, height] = view_resample::downscaled_size(image.width, image.height, width);
-        image = view_resample::downscale(&image, width, height);
-        camera = camera.resized(width, height);
+    let small = camera_at_width(&camera, width);
+    if (small.width, small.height) != (camera.width, camera.height) {
+        image = view_resample::downscale(&image, small.width, small.height);
+        camera = small;
     }
     Ok(LoadedView { image, camera })
+}
+
+/// The camera of a view as [`load_view`] returns it.
+pub fn camera_at_width(camera: &Camera, width: Option<u32>) -> Camera {
+    let Some(width) = width.filter(|w| *w < camera.width) else { return camera.clone() };
+    let [width, height] = view_resample::downscaled_size(camera.width, camera.height, width);
+    camera.resized(width, height)
 }
 
 fn decode(path: &Path, camera: &Camera) -> Result<ViewImage, IoError> {

@@ -5,6 +5,8 @@
 //!   Gaussian. Background Gaussians have one instance.
 //! - Writes gradients by mean, quaternion (not normalised), log scales, logit and the active SH bands: 44 + 12 (degree + 1)^2
 //!   bytes; adds to `screen_statistics` (what densification decides by).
+//! - If the scene has offsets of shape or of SH bands above 0 (ablations), writes their gradients, and those by shape are
+//!   made per instance; records that are not drawn must hold zeros before.
 //! - Grid: one work-group per chunk. The order of the sum is that of the instances: no atomics.
 //! - Does nothing after an overflow (see `train_status`).
 //!

@@ -2,16 +2,17 @@
 
 use std::sync::Arc;
 
+use super::scene_traits::SceneTraits;
 use super::variant::Variant;
 use super::*;
 use crate::gpu::interface::Kernel;
 use crate::gpu::{Gpu, GpuError, Pipeline, PipelineCache};
 
-/// The forward kernels compiled for one variant, SH degree and tile size.
+/// The forward kernels compiled for one variant (tile size included) and scenes of some traits.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct Pipelines {
     pub variant: Variant,
-    pub sh_degree: u32,
+    pub traits: SceneTraits,
     pub training: bool,
     pub cull_instances: Pipeline<cull_instances::CullInstances>,
     pub cull_chunks: Pipeline<cull_chunks::CullChunks>,
@@ -27,6 +28,8 @@ pub struct Pipelines {
 /// The kernels of a training step besides the forward ones.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct BackwardPipelines {
+    /// Gradients by the places of instances are made.
+    pub poses: bool,
     pub image_loss_rows: Pipeline<image_loss_rows::ImageLossRows>,
     pub image_loss_columns: Pipeline<image_loss_columns::ImageLossColumns>,
     pub image_loss_backward_rows: Pipeline<image_loss_backward_rows::ImageLossBackwardRows>,
@@ -36,6 +39,8 @@ pub struct BackwardPipelines {
     pub preprocess_instance_expand_backward:
         Pipeline<preprocess_instance_expand_backward::PreprocessInstanceExpandBackward>,
     pub gather_gradients: Pipeline<gather_gradients::GatherGradients>,
+    pub gather_pose_gradients: Pipeline<gather_pose_gradients::GatherPoseGradients>,
+    pub refine_poses: Pipeline<refine_poses::RefinePoses>,
     pub adam: Pipeline<adam::Adam>,
 }
 
@@ -59,6 +64,13 @@ pub struct DensifyPipelines {
 pub struct McmcStepPipelines {
     pub mcmc_regularise: Pipeline<mcmc_regularise::McmcRegularise>,
     pub mcmc_noise: Pipeline<mcmc_noise::McmcNoise>,
+}
+
+/// The kernel that segmentation adds to the forward ones.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct SegmentPipelines {
+    pub variant: Variant,
+    pub mask_contribution: Pipeline<mask_contribution::MaskContribution>,
 }
 
 /// The three scan passes; `*_gather` read their values through an index list.
@@ -141,7 +153,7 @@ impl Pipelines {
         gpu: &Arc<Gpu>,
         cache: &PipelineCache,
         variant: Variant,
-        sh_degree: u32,
+        traits: SceneTraits,
         training: bool,
     ) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
@@ -150,12 +162,12 @@ impl Pipelines {
         let training_constant = ("TRAINING", u32::from(training));
         Ok(Self {
             variant,
-            sh_degree,
+            traits,
             training,
             cull_instances: compiler.compile(size, &[])?,
             cull_chunks: compiler.compile(size, &[])?,
             emit_work_items: compiler.compile(size, &[])?,
-            preprocess_instance_expand: compiler.compile(size, &[tile, ("SH_DEGREE", sh_degree)])?,
+            preprocess_instance_expand: compiler.compile(size, &[&[tile][..], &traits.constants()].concat())?,
             compact_visible: compiler.compile(size, &[])?,
             plan_slab: compiler.compile(size, &[])?,
             emit_intersections: compiler.compile(size, &[tile, training_constant])?,
@@ -172,14 +184,21 @@ fn columns_per_lane(variant: &Variant) -> (&'static str, u32) {
 }
 
 impl BackwardPipelines {
-    /// Compiles all backward kernels for SH degree `sh_degree` and the variant's tile size.
-    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant, sh_degree: u32) -> Result<Self, GpuError> {
+    /// Compiles all backward kernels for scenes of some traits and the variant's tile size; `poses` is for gradients by
+    /// the places of instances.
+    pub fn new(
+        gpu: &Arc<Gpu>,
+        cache: &PipelineCache,
+        variant: Variant,
+        traits: SceneTraits,
+        poses: bool,
+    ) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.workgroup_size;
         let tile = ("TILE_SIZE", variant.tile_size);
-        let degree = ("SH_DEGREE", sh_degree);
         let transpose = ("TRANSPOSE", u32::from(variant.transpose_moments));
         Ok(Self {
+            poses,
             image_loss_rows: compiler.compile(size, &[])?,
             image_loss_columns: compiler.compile(size, &[])?,
             image_loss_backward_rows: compiler.compile(size, &[])?,
@@ -187,8 +206,11 @@ impl BackwardPipelines {
             train_status: compiler.compile(size, &[])?,
             tile_blend_backward: compiler
                 .compile(variant.blend_workgroup_size, &[tile, columns_per_lane(&variant), transpose])?,
-            preprocess_instance_expand_backward: compiler.compile(size, &[degree])?,
-            gather_gradients: compiler.compile(size, &[degree])?,
+            preprocess_instance_expand_backward: compiler
+                .compile(size, &[&[("POSES", u32::from(poses))][..], &traits.constants()].concat())?,
+            gather_gradients: compiler.compile(size, &traits.constants())?,
+            gather_pose_gradients: compiler.compile(size, &[])?,
+            refine_poses: compiler.compile(size, &[])?,
             adam: compiler.compile(size, &[])?,
         })
     }
@@ -211,6 +233,15 @@ impl DensifyPipelines {
             move_gaussians: compiler.compile(size, &[])?,
             reset_opacity: compiler.compile(size, &[])?,
         })
+    }
+}
+
+impl SegmentPipelines {
+    /// Compiles it for the variant's tile size.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
+        Ok(Self { variant, mask_contribution: compiler.compile(variant.blend_workgroup_size, &sizes)? })
     }
 }
 

@@ -5,6 +5,8 @@
 //! extent of alpha >= 1/255, and the number of tiles it touches. Second half, survivors only: SH in direction
 //! `R^T (mean_world - camera)`, normalised.
 //!
+//! Offsets of SH bands above 0 and of shape exist for ablations; scenes without have kernels without their code.
+//!
 //! - Reads `work_items` (by work item), `instances` (by instance), source arrays `means` .. `sh0` (by
 //!   `first_source` + local index), SH bands `sh1` .. `sh3` (by `first_in_band` + local index; 3, 5, 7 coefficients), offsets (by `first_offset` + local index),
 //!   `counters`.
@@ -12,7 +14,7 @@
 //!   (by work item). Slots from the last survivor to the end of a work item are not written.
 //! - Grid: one work-group per work item, indirect (`FAMILY_WORK_ITEMS`, `ARGS_ITEMS`); one thread per Gaussian.
 //! - Bytes per Gaussian: 44 read, 16 more with offsets. Per survivor: 12 + 12 (degree + 1)^2 read, 24 more with
-//!   offsets; 72 written (splat 40, footprint 28, tile count 4). Per work item: 116 read, 4 written.
+//!   offsets; 72 written (splat 40, footprint 28, tile count 4). Per work item: 120 read, 4 written.
 //! - Guarantees: ranks come from ballots and a count per subgroup, so slots follow flat order and no atomic is used.
 //!   Guards (depth > near, opacity >= 1/255, finite sizes) are phrased so that NaN fails them. A splat whose colour is
 //!   not finite keeps its tiles with opacity 0: it blends nothing. Every survivor touches at least one tile and has

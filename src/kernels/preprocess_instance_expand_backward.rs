@@ -5,6 +5,8 @@
 //! - Writes `source_gradients` (72 bytes), at work item times work-group size plus index in the chunk, which
 //!   `gather_gradients` finds without a search; the rest of the buffer must hold zeros. Writes the gradients of the
 //!   offsets, whose only owner is this thread.
+//! - With POSES, writes the gradient by the instance's place, summed over each subgroup: 28 bytes per subgroup of a work
+//!   item, but for the background.
 //! - Grid: one work-group per work item, indirect; threads beyond the survivors idle.
 //! - Exact derivatives of the forward pass: conic by -P G P, antialias compensation with its floor, the slope clamp (no
 //!   gradient to x where clamped; z keeps its own), the colour clamp at 0, SH direction into the mean.

@@ -1,7 +1,10 @@
-//! L0: mathematics without state: spherical harmonics, covariances, similarities, bounds, lens distortion, seeded random numbers.
+//! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens distortion,
+//! nearest points, seeded random numbers.
 
 pub mod covariance;
 pub mod distortion;
+pub mod eigen;
+pub mod nearest;
 pub mod rng;
 pub mod sh;
 pub mod similarity;

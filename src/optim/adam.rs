@@ -31,29 +31,61 @@ pub struct Adam {
     pub step: u64,
 }
 
+/// The values of a buffer in two groups, one after the other, each with its learning rate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ValueGroups {
+    /// Values of the groups.
+    pub counts: [usize; 2],
+    /// Their learning rates, units of the parameters.
+    pub rates: [f64; 2],
+}
+
+impl ValueGroups {
+    /// `count` values with one rate.
+    pub fn single(count: usize, rate: f64) -> Self {
+        Self { counts: [count, 0], rates: [rate, 0.0] }
+    }
+
+    /// True if there is nothing to change.
+    fn are_held(&self) -> bool {
+        (0..2).all(|group| self.counts[group] == 0 || self.rates[group] == 0.0)
+    }
+}
+
 impl Adam {
-    /// Records a step on `count` values with learning rate `rate`; nothing happens on the device if `status` holds an
-    /// overflow.
+    /// A learning rate divided by the bias correction of the first moment.
+    pub(super) fn corrected(&self, rate: f64) -> f32 {
+        (rate / (1.0 - self.beta1.powf(self.step as f64))) as f32
+    }
+
+    /// One over the bias correction of the second moment.
+    pub(super) fn second_scale(&self) -> f32 {
+        (1.0 / (1.0 - self.beta2.powf(self.step as f64))) as f32
+    }
+
+    /// Records a step on the first values of a buffer; nothing is recorded, and moments rest, if no group has both
+    /// values and a rate. Nothing happens on the device if `status` holds an overflow.
     pub fn record(
         &self,
         recorder: &mut Recorder,
         (pipeline, workgroup_size): (&Pipeline<adam::Adam>, u32),
         status: &Buffer<u32>,
         (gradients, parameters, moments): (&Buffer<f32>, &mut Buffer<f32>, &mut MomentBuffer),
-        rate: f64,
-        count: usize,
+        groups: ValueGroups,
     ) -> Result<(), GpuError> {
         debug_assert!(status.len() >= STATUS_COUNT as usize);
-        if count == 0 {
+        if groups.are_held() {
             return Ok(());
         }
-        let correction = |beta: f64| 1.0 - beta.powf(self.step as f64);
+        let [split, rest] = groups.counts;
+        let count = split + rest;
         let params = adam::Params {
             count: count as u32,
-            rate: (rate / correction(self.beta1)) as f32,
+            split: split as u32,
+            rates: groups.rates.map(|rate| self.corrected(rate)),
             beta1: self.beta1 as f32,
             beta2: self.beta2 as f32,
-            second_scale: (1.0 / correction(self.beta2)) as f32,
+            second_scale: self.second_scale(),
             epsilon: self.epsilon as f32,
         };
         let bindings = adam::Bindings {

@@ -1,5 +1,7 @@
 //! L3: Adam on the device, one state per parameter buffer.
 
 pub mod adam;
+pub mod poses;
 
-pub use adam::{Adam, MomentBuffer, zero_moments};
+pub use adam::{Adam, MomentBuffer, ValueGroups, zero_moments};
+pub use poses::POSE_VALUES;

@@ -43,8 +43,15 @@ impl AdamState {
 /// Gradients from here on, and what is no number, count as 0: their squares would stay in the moments for good.
 pub const GRADIENT_LIMIT: f64 = 1e15;
 
-/// One step. `step` counts from 1; `rate` is in units of the parameters.
-pub fn adam_step(options: &AdamOptions, state: &mut AdamState, gradients: &[f64], step: u64, rate: f64) {
+/// One step. `step` counts from 1; the first `split` parameters have the first of the `rates`, the others the second, in
+/// units of the parameters.
+pub fn adam_step(
+    options: &AdamOptions,
+    state: &mut AdamState,
+    gradients: &[f64],
+    step: u64,
+    (rates, split): ([f64; 2], usize),
+) {
     assert_eq!(gradients.len(), state.parameters.len(), "one gradient per parameter");
     let AdamOptions { beta1, beta2, epsilon } = *options;
     let bias = |beta: f64| 1.0 - beta.powf(step as f64);
@@ -52,6 +59,7 @@ pub fn adam_step(options: &AdamOptions, state: &mut AdamState, gradients: &[f64]
         let g = if g.abs() < GRADIENT_LIMIT { g } else { 0.0 };
         let m = beta1 * state.first_moments[i] + (1.0 - beta1) * g;
         let v = beta2 * state.second_moments[i] + (1.0 - beta2) * g * g;
+        let rate = rates[usize::from(i >= split)];
         state.parameters[i] -= rate * (m / bias(beta1)) / ((v / bias(beta2)).sqrt() + epsilon);
         (state.first_moments[i], state.second_moments[i]) = (m, v);
     }
@@ -84,7 +92,7 @@ mod tests {
             let rates: Vec<f64> = (0..40).map(|_| rng.range(0.001, 0.1)).collect();
             let mut state = AdamState::new(vec![1.5]);
             for (i, (&g, &rate)) in gradients.iter().zip(&rates).enumerate() {
-                adam_step(&options, &mut state, &[g], i as u64 + 1, rate);
+                adam_step(&options, &mut state, &[g], i as u64 + 1, ([rate, 0.0], 1));
             }
             let want = written_out(&options, &gradients, &rates, |t| t as f64);
             let error = (state.parameters[0] - want).abs();
@@ -98,8 +106,8 @@ mod tests {
     #[test]
     fn the_first_step_is_the_rate() {
         let mut state = AdamState::new(vec![0.0; 4]);
-        adam_step(&AdamOptions::default(), &mut state, &[1e-6, -3.0, 1e6, 0.0], 1, 0.01);
-        for (got, want) in state.parameters.iter().zip([-0.01, 0.01, -0.01, 0.0]) {
+        adam_step(&AdamOptions::default(), &mut state, &[1e-6, -3.0, 1e6, 0.0], 1, ([0.01, 0.02], 2));
+        for (got, want) in state.parameters.iter().zip([-0.01, 0.01, -0.02, 0.0]) {
             assert!((got - want).abs() < 1e-10, "{got}");
         }
     }

@@ -6,11 +6,15 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::math::covariance::{quat_from_rotation, quat_multiply};
+use crate::math::sh::ShRotation;
 use crate::math::similarity::Similarity;
 use crate::reference::gather_gradients::{CloudGradient, SceneGradient};
 use crate::reference::in_depth_order;
+use crate::reference::poses::rotation_of_vector;
 use crate::reference::preprocess_instance_expand::{CullLimits, ProjectedSplat, SourceGaussian, project, sources};
 use crate::reference::preprocess_instance_expand_backward::{ProjectionBranches, projection_branches};
 use crate::reference::tile_blend::{ALPHA_MAX, BlendedPair, blend_row_with_pairs, candidate_boxes};
@@ -51,13 +55,21 @@ pub enum Tensor {
     OffsetShDc,
     /// M x 1.
     OffsetOpacityLogits,
+    /// M x (C - 1) * 3, or nothing.
+    OffsetShRest,
+    /// M x 3, or nothing.
+    OffsetLogScales,
+    /// M x 4, or nothing.
+    OffsetQuats,
     /// K x 12: rows of (A | t).
     WorldFromTemplate,
+    /// K x 7: places of instances, see `poses`.
+    Poses,
 }
 
 impl Tensor {
     /// Every tensor once.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 18] = [
         Self::Means(Cloud::Templates),
         Self::Quats(Cloud::Templates),
         Self::LogScales(Cloud::Templates),
@@ -71,18 +83,24 @@ impl Tensor {
         Self::OffsetMeans,
         Self::OffsetShDc,
         Self::OffsetOpacityLogits,
+        Self::OffsetShRest,
+        Self::OffsetLogScales,
+        Self::OffsetQuats,
         Self::WorldFromTemplate,
+        Self::Poses,
     ];
 
     /// Numbers per row.
     pub fn row_len(self, scene: &InstancedScene) -> usize {
         match self {
-            Self::Means(_) | Self::LogScales(_) | Self::OffsetMeans | Self::OffsetShDc => 3,
-            Self::Quats(_) => 4,
+            Self::Means(_) | Self::LogScales(_) | Self::OffsetMeans | Self::OffsetShDc | Self::OffsetLogScales => 3,
+            Self::Quats(_) | Self::OffsetQuats => 4,
             Self::OpacityLogits(_) | Self::OffsetOpacityLogits => 1,
             Self::Sh(Cloud::Templates) => 3 * scene.templates.sh_coefficients(),
             Self::Sh(Cloud::Background) => 3 * scene.background.sh_coefficients(),
+            Self::OffsetShRest => 3 * (scene.templates.sh_coefficients() - 1),
             Self::WorldFromTemplate => 12,
+            Self::Poses => 7,
         }
     }
 
@@ -103,7 +121,11 @@ impl Tensor {
             Self::OffsetMeans => gradient.offsets.means.as_flattened(),
             Self::OffsetShDc => gradient.offsets.sh_dc.as_flattened(),
             Self::OffsetOpacityLogits => &gradient.offsets.opacity_logits,
+            Self::OffsetShRest => gradient.offsets.sh_rest.as_flattened(),
+            Self::OffsetLogScales => gradient.offsets.log_scales.as_flattened(),
+            Self::OffsetQuats => gradient.offsets.quats.as_flattened(),
             Self::WorldFromTemplate => gradient.instances.as_flattened().as_flattened(),
+            Self::Poses => gradient.poses.as_flattened(),
         }
     }
 }
@@ -232,10 +254,15 @@ impl<'a> FiniteDifferences<'a> {
                 }
                 None => cloud == Cloud::Background && local == row,
             },
-            Tensor::OffsetMeans | Tensor::OffsetShDc | Tensor::OffsetOpacityLogits => {
+            Tensor::OffsetMeans
+            | Tensor::OffsetShDc
+            | Tensor::OffsetOpacityLogits
+            | Tensor::OffsetShRest
+            | Tensor::OffsetLogScales
+            | Tensor::OffsetQuats => {
                 instance.and_then(|i| i.first_offset).is_some_and(|first| first as usize + local == row)
             }
-            Tensor::WorldFromTemplate => instance.is_some() && source.instance as usize == row,
+            Tensor::WorldFromTemplate | Tensor::Poses => instance.is_some() && source.instance as usize == row,
         }
     }
 }
@@ -244,10 +271,11 @@ impl<'a> FiniteDifferences<'a> {
 fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, step: f64) -> f64 {
     match tensor {
         Tensor::Means(_) | Tensor::OffsetMeans => source.mean_template[column] += step,
-        Tensor::Quats(_) => source.quat[column] += step,
-        Tensor::LogScales(_) => source.log_scales[column] += step,
+        Tensor::Quats(_) | Tensor::OffsetQuats => source.quat[column] += step,
+        Tensor::LogScales(_) | Tensor::OffsetLogScales => source.log_scales[column] += step,
         Tensor::OpacityLogits(_) | Tensor::OffsetOpacityLogits => source.opacity_logit += step,
         Tensor::Sh(_) | Tensor::OffsetShDc => source.sh[column / 3][column % 3] += step,
+        Tensor::OffsetShRest => source.sh[1 + column / 3][column % 3] += step,
         Tensor::WorldFromTemplate => {
             let mut rows = source.world_from_template.rows();
             let entry = &mut rows.as_flattened_mut()[column];
@@ -257,14 +285,32 @@ fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, st
             source.world_from_template = Similarity::from_rows(rows).expect("a small step is still a similarity");
             return exact;
         }
+        Tensor::Poses => move_pose(source, column, step),
     }
     step
 }
 
+/// Turns, scales or moves a source in the template's frame, in f64: the transform itself would round to f32. The SH of a
+/// Gaussian turns with it.
+fn move_pose(source: &mut SourceGaussian, column: usize, step: f64) {
+    let axis = [DVec3::X, DVec3::Y, DVec3::Z][column % 3];
+    match column {
+        0..3 => source.mean_template += step * axis,
+        3..6 => {
+            let rotation = rotation_of_vector(step * axis);
+            source.mean_template = rotation * source.mean_template;
+            source.quat = quat_multiply(quat_from_rotation(rotation), source.quat);
+            source.sh = ShRotation::new(rotation).rotate(&source.sh);
+        }
+        _ => {
+            source.mean_template *= step.exp();
+            source.log_scales += step;
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use glam::DVec3;
-
     use super::*;
     use crate::math::covariance::logit;
     use crate::math::sh::SH_C0;

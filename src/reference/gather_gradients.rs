@@ -1,11 +1,12 @@
 //! Twin of pass `gather_gradients`: gradients of the scene's parameters from those of every (instance, Gaussian) pair.
 //!
 //! DESIGN section 2: what instances share gets the *sum* of their gradients; offsets get that of their own instance.
-//! Means, DC coefficients and logits enter as template + offset, so both get the same contribution.
+//! Everything enters as template + offset (of whatever kinds a scene has), so both get the same contribution.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::reference::poses::{PoseStep, pose_gradient};
 use crate::reference::preprocess_instance_expand::{CullLimits, SourceGaussian, sources};
 use crate::reference::preprocess_instance_expand_backward::{SourceGradient, project_backward};
 use crate::reference::splats_in_depth_order;
@@ -41,6 +42,12 @@ pub struct OffsetGradient {
     pub sh_dc: Vec<[f64; 3]>,
     /// By the offsets of the logit.
     pub opacity_logits: Vec<f64>,
+    /// By the offsets of SH coefficients above 0, record by record; empty without.
+    pub sh_rest: Vec<[f64; 3]>,
+    /// By the offsets of log standard deviations; empty without.
+    pub log_scales: Vec<[f64; 3]>,
+    /// By the offsets of quaternions; empty without.
+    pub quats: Vec<[f64; 4]>,
 }
 
 /// Gradients of all parameters of a scene.
@@ -54,6 +61,8 @@ pub struct SceneGradient {
     pub offsets: OffsetGradient,
     /// Per instance, rows of (dL/dA | dL/dt), every entry independent.
     pub instances: Vec<[[f64; 4]; 3]>,
+    /// Per instance: by a shift, a rotation vector and the logarithm of the scale, in the template's frame (see `poses`).
+    pub poses: Vec<PoseStep>,
 }
 
 impl CloudGradient {
@@ -86,7 +95,27 @@ impl OffsetGradient {
     /// Zeros for the records of a scene.
     pub fn zeros(offsets: &Offsets) -> Self {
         let n = offsets.len();
-        Self { means: vec![[0.0; 3]; n], sh_dc: vec![[0.0; 3]; n], opacity_logits: vec![0.0; n] }
+        Self {
+            means: vec![[0.0; 3]; n],
+            sh_dc: vec![[0.0; 3]; n],
+            opacity_logits: vec![0.0; n],
+            sh_rest: vec![[0.0; 3]; offsets.sh_rest.len()],
+            log_scales: vec![[0.0; 3]; offsets.log_scales.len()],
+            quats: vec![[0.0; 4]; offsets.quats.len()],
+        }
+    }
+
+    /// Adds what one (instance, Gaussian) pair contributes to record `o`.
+    pub fn add(&mut self, o: usize, gradient: &SourceGradient) {
+        add(&mut self.means[o], gradient.mean_template.to_array());
+        add(&mut self.sh_dc[o], gradient.sh.first().copied().unwrap_or(DVec3::ZERO).to_array());
+        self.opacity_logits[o] += gradient.opacity_logit;
+        let rest = gradient.sh.len().saturating_sub(1);
+        for (sum, value) in self.sh_rest.iter_mut().skip(o * rest).zip(gradient.sh.iter().skip(1)) {
+            add(sum, value.to_array());
+        }
+        self.log_scales.get_mut(o).into_iter().for_each(|sum| add(sum, gradient.log_scales.to_array()));
+        self.quats.get_mut(o).into_iter().for_each(|sum| add(sum, gradient.quat));
     }
 }
 
@@ -122,6 +151,7 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
         background: CloudGradient::zeros(&scene.background),
         offsets: OffsetGradient::zeros(&scene.offsets),
         instances: vec![[[0.0; 4]; 3]; scene.instances.len()],
+        poses: Vec::new(),
     };
     let mut in_flat_order = gradients.iter();
     for (instance, d_placement) in scene.instances.iter().zip(&mut out.instances) {
@@ -131,10 +161,7 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
             out.templates.add((range.first + local) as usize, gradient);
             d_placement.iter_mut().zip(gradient.world_from_template).for_each(|(sum, row)| add(sum, row));
             if let Some(first) = instance.first_offset {
-                let o = (first + local) as usize;
-                add(&mut out.offsets.means[o], gradient.mean_template.to_array());
-                add(&mut out.offsets.sh_dc[o], gradient.sh.first().copied().unwrap_or(DVec3::ZERO).to_array());
-                out.offsets.opacity_logits[o] += gradient.opacity_logit;
+                out.offsets.add((first + local) as usize, gradient);
             }
         }
     }
@@ -143,6 +170,8 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
             out.background.add(i, gradient);
         }
     }
+    let placed = scene.instances.iter().zip(&out.instances);
+    out.poses = placed.map(|(instance, gradient)| pose_gradient(&instance.world_from_template, gradient)).collect();
     out
 }
 
@@ -185,7 +214,12 @@ mod tests {
     fn sums_by_owner() {
         let instance =
             |template, first_offset| Instance { template, world_from_template: Similarity::IDENTITY, first_offset };
-        let offsets = Offsets { means: vec![[0.0; 3]; 3], sh_dc: vec![[0.0; 3]; 3], opacity_logits: vec![0.0; 3] };
+        let offsets = Offsets {
+            means: vec![[0.0; 3]; 3],
+            sh_dc: vec![[0.0; 3]; 3],
+            opacity_logits: vec![0.0; 3],
+            ..Offsets::default()
+        };
         let scene = InstancedScene {
             templates: cloud(3, 1),
             template_ranges: vec![TemplateRange { first: 0, count: 1 }, TemplateRange { first: 1, count: 2 }],

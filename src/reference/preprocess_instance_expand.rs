@@ -12,6 +12,7 @@ use crate::math::similarity::Similarity;
 use crate::reference::view::View;
 use crate::scene::gaussians::Gaussians;
 use crate::scene::instanced_scene::InstancedScene;
+use crate::scene::offsets::Offsets;
 
 /// Contributions with a smaller alpha are skipped.
 pub const ALPHA_MIN: f64 = 1.0 / 255.0;
@@ -135,6 +136,7 @@ pub fn sources(scene: &InstancedScene) -> Vec<SourceGaussian> {
                 source.mean_template += widened(scene.offsets.means[o]);
                 source.sh[0] += widened(scene.offsets.sh_dc[o]);
                 source.opacity_logit += f64::from(scene.offsets.opacity_logits[o]);
+                add_rare_offsets(&mut source, &scene.offsets, o);
             }
             out.push(SourceGaussian { flat_index: out.len() as u32, instance: k as u32, local_index: local, ..source });
         }
@@ -145,6 +147,18 @@ pub fn sources(scene: &InstancedScene) -> Vec<SourceGaussian> {
         out.push(SourceGaussian { flat_index: out.len() as u32, instance, local_index: i as u32, ..source });
     }
     out
+}
+
+/// Adds the offsets of SH coefficients above 0 and of shape, where the scene has them.
+fn add_rare_offsets(source: &mut SourceGaussian, offsets: &Offsets, record: usize) {
+    let rest = source.sh.len() - 1;
+    for (sh, &offset) in source.sh[1..].iter_mut().zip(offsets.sh_rest.iter().skip(record * rest)) {
+        *sh += widened(offset);
+    }
+    source.log_scales += offsets.log_scales.get(record).map_or(DVec3::ZERO, |&offset| widened(offset));
+    for (q, &offset) in source.quat.iter_mut().zip(offsets.quats.get(record).into_iter().flatten()) {
+        *q += f64::from(offset);
+    }
 }
 
 /// Gaussian `i` of a cloud, indices not yet filled in.

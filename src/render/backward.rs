@@ -103,8 +103,12 @@ pub fn record_gradients(
     recorder.fill(&mut gradients.offset_means, 0)?;
     recorder.fill(&mut gradients.offset_sh_dc, 0)?;
     recorder.fill(&mut gradients.offset_opacity_logits, 0)?;
+    recorder.fill(&mut gradients.offset_sh_rest, 0)?;
+    recorder.fill(&mut gradients.offset_log_scales, 0)?;
+    recorder.fill(&mut gradients.offset_quats, 0)?;
     record_expand_backward(recorder, inputs, frame, buffers, gradients)?;
-    record_gather(recorder, inputs, frame, buffers, log, gradients)
+    record_gather(recorder, inputs, frame, buffers, log, gradients)?;
+    if inputs.pipelines.poses { record_gather_poses(recorder, inputs, frame, buffers, gradients) } else { Ok(()) }
 }
 
 fn record_blend_backward(
@@ -157,7 +161,11 @@ fn record_expand_backward(
         sh1,
         sh2,
         sh3,
+        offset_sh_rest: &scene.offset_sh_rest,
+        offset_log_scales: &scene.offset_log_scales,
+        offset_quats: &scene.offset_quats,
         source_gradients: &mut buffers.source_gradients,
+        pose_sums: &mut buffers.pose_sums,
         offset_mean_gradients: &mut gradients.offset_means,
         offset_sh_dc_gradients: &mut gradients.offset_sh_dc,
         offset_logit_gradients: &mut gradients.offset_opacity_logits,
@@ -166,6 +174,7 @@ fn record_expand_backward(
         view: inputs.forward.view,
         capacity: frame.plan.capacities.intersections,
         blocks_per_tile: blocks_per_tile(inputs.forward.pipelines.variant.tile_size),
+        posed_instances: scene.posed_instances(),
     };
     let per_item = (FAMILY_WORK_ITEMS * ARGS_PER_COUNT + ARGS_ITEMS) as usize;
     let pipeline = &inputs.pipelines.preprocess_instance_expand_backward;
@@ -202,9 +211,36 @@ fn record_gather(
         sh2_gradients,
         sh3_gradients,
         screen_statistics: &mut gradients.screen_statistics,
+        instances: &scene.instances,
+        offset_log_scales: &scene.offset_log_scales,
+        offset_quats: &scene.offset_quats,
+        offset_sh_rest_gradients: &mut gradients.offset_sh_rest,
+        offset_log_scale_gradients: &mut gradients.offset_log_scales,
+        offset_quat_gradients: &mut gradients.offset_quats,
         status: &log.status,
     };
     let chunk_count = inputs.tables.chunk_count;
     let params = gather_gradients::Params { chunk_count };
     recorder.dispatch(&inputs.pipelines.gather_gradients, Grid::groups(chunk_count), &params, bindings)
+}
+
+fn record_gather_poses(
+    recorder: &mut Recorder,
+    inputs: &BackwardInputs<'_>,
+    frame: &FrameBuffers,
+    buffers: &BackwardBuffers,
+    gradients: &mut GradientBuffers,
+) -> Result<(), GpuError> {
+    let bindings = gather_pose_gradients::Bindings {
+        instance_chunks: &frame.instance_chunks,
+        candidate_offsets: &frame.candidate_offsets,
+        candidate_visible: &frame.candidate_visible,
+        work_offsets: &frame.work_offsets,
+        counters: &frame.scratch.counters,
+        pose_sums: &buffers.pose_sums,
+        pose_gradients: &mut gradients.poses,
+    };
+    let posed_instances = inputs.forward.scene.posed_instances();
+    let params = gather_pose_gradients::Params { posed_instances };
+    recorder.dispatch(&inputs.pipelines.gather_pose_gradients, Grid::groups(posed_instances), &params, bindings)
 }

@@ -3,17 +3,15 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
-
-use crate::gpu::interface::constants::NO_OFFSET;
 use crate::gpu::interface::types;
 use crate::gpu::staging::upload;
 use crate::gpu::{Buffer, Gpu};
-use crate::math::similarity::Similarity;
+use crate::kernels::SceneTraits;
 use crate::scene::gaussians::sh_coefficients;
 use crate::scene::{Gaussians, InstancedScene};
 
 use super::error::RenderError;
+use super::scene_tables::{build_tables, cloud_tables};
 
 /// Gaussians of the clouds of a scene, their SH degrees, and its offset records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,6 +26,12 @@ pub struct SceneCounts {
     pub background_sh_degree: u32,
     /// Offset records.
     pub offsets: usize,
+    /// Offsets of SH coefficients above 0: 0, or a whole number per record.
+    pub offset_sh_rest: usize,
+    /// Offsets of log standard deviations: 0 or one per record.
+    pub offset_log_scales: usize,
+    /// Offsets of quaternions: 0 or one per record.
+    pub offset_quats: usize,
 }
 
 /// A scene on the device.
@@ -53,6 +57,12 @@ pub struct DeviceScene {
     pub offset_sh_dc: Buffer<[f32; 3]>,
     /// Offsets of opacity logits.
     pub offset_opacity_logits: Buffer<f32>,
+    /// Offsets of SH coefficients above 0, record by record; one unused element without.
+    pub offset_sh_rest: Buffer<[f32; 3]>,
+    /// Offsets of log standard deviations; one unused element without.
+    pub offset_log_scales: Buffer<[f32; 3]>,
+    /// Offsets of quaternions; one unused element without.
+    pub offset_quats: Buffer<[f32; 4]>,
     /// Number of instances, background included.
     pub instance_count: u32,
     /// SH degree of the bands.
@@ -76,25 +86,6 @@ enum Bounds {
     Tight,
     /// Nothing: means will move.
     Everywhere,
-}
-
-/// A radius that no frustum test excludes, and that stays finite in its products with focal lengths.
-const RADIUS_EVERYWHERE: f32 = 1e25;
-
-/// A ball around means, with the largest standard deviation inside.
-struct Bound {
-    center: DVec3,
-    radius: f64,
-    sigma_max: f64,
-}
-
-/// Chunk and instance tables before upload.
-#[derive(Default)]
-struct Tables {
-    instances: Vec<types::Instance>,
-    chunks: Vec<types::Chunk>,
-    chunk_pairs: u64,
-    flat: u64,
 }
 
 impl DeviceScene {
@@ -137,6 +128,9 @@ impl DeviceScene {
             offset_means: upload(gpu, "offset means", &scene.offsets.means)?,
             offset_sh_dc: upload(gpu, "offset sh_dc", &scene.offsets.sh_dc)?,
             offset_opacity_logits: upload(gpu, "offset opacity_logits", &scene.offsets.opacity_logits)?,
+            offset_sh_rest: upload(gpu, "offset sh_rest", &scene.offsets.sh_rest)?,
+            offset_log_scales: upload(gpu, "offset log_scales", &scene.offsets.log_scales)?,
+            offset_quats: upload(gpu, "offset quats", &scene.offsets.quats)?,
             instance_count: tables.instances.len() as u32,
             sh_degree,
             chunk_size,
@@ -149,6 +143,9 @@ impl DeviceScene {
                 background: scene.background.len(),
                 background_sh_degree: scene.background.sh_degree,
                 offsets: scene.offsets.len(),
+                offset_sh_rest: scene.offsets.sh_rest.len(),
+                offset_log_scales: scene.offsets.log_scales.len(),
+                offset_quats: scene.offsets.quats.len(),
             },
         })
     }
@@ -164,18 +161,7 @@ impl DeviceScene {
     pub fn resize_background(&mut self, gpu: &Arc<Gpu>, count: usize) -> Result<(), RenderError> {
         assert_eq!(self.counts.templates, 0, "only plain clouds change their number of Gaussians");
         check_limit(gpu, count, self.sh_degree)?;
-        let mut tables = Tables::default();
-        let place = Placement { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0 };
-        let bound = Bound { center: DVec3::ZERO, radius: 0.0, sigma_max: 0.0 };
-        let source = Source {
-            first: 0,
-            count: count as u32,
-            sh_degree: self.counts.background_sh_degree,
-            first_in_band: [0; 3],
-        };
-        tables.push_instance(&place, &bound, source, 0, self.chunk_size)?;
-        tables.chunks = vec![types::Chunk::default(); count.div_ceil(self.chunk_size as usize)];
-        tables.widen();
+        let tables = cloud_tables(count, self.counts.background_sh_degree, self.chunk_size)?;
         self.instances = upload(gpu, "instances", &tables.instances)?;
         self.chunks = upload(gpu, "chunks", &tables.chunks)?;
         self.instance_count = tables.instances.len() as u32;
@@ -183,6 +169,21 @@ impl DeviceScene {
         self.expanded_len = tables.flat;
         self.counts.background = count;
         Ok(())
+    }
+
+    /// What decides on the code of kernels that use SH bands up to `sh_degree`.
+    pub fn traits(&self, sh_degree: u32) -> SceneTraits {
+        SceneTraits {
+            sh_degree,
+            offset_sh_rest: self.counts.offset_sh_rest > 0,
+            offset_log_scales: self.counts.offset_log_scales > 0,
+            offset_quats: self.counts.offset_quats > 0,
+        }
+    }
+
+    /// Instances besides the background, which has no place of its own.
+    pub fn posed_instances(&self) -> u32 {
+        self.instance_count - u32::from(self.counts.background > 0)
     }
 
     /// Bytes of all buffers.
@@ -197,6 +198,9 @@ impl DeviceScene {
             + self.offset_means.bytes()
             + self.offset_sh_dc.bytes()
             + self.offset_opacity_logits.bytes()
+            + self.offset_sh_rest.bytes()
+            + self.offset_log_scales.bytes()
+            + self.offset_quats.bytes()
     }
 }
 
@@ -226,7 +230,7 @@ impl PlannedBytes {
 
 /// What [`DeviceScene::new`] will allocate, without a device. The scene must be valid.
 pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
-    // Mean, quaternion, log scales, opacity logit, SH; an offset record is mean, SH 0, logit.
+    // Mean, quaternion, log scales, opacity logit, SH.
     let gaussian_bytes = |degree: u32| 4 * (3 + 4 + 3 + 1 + 3 * sh_coefficients(degree) as u64);
     let (templates, background) = (scene.templates.len() as u64, scene.background.len() as u64);
     let chunks_of = |count: u32| u64::from(count.div_ceil(chunk_size));
@@ -249,6 +253,9 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
         unused: placeholder(templates + background, 44)
             + (0..4).map(|l| placeholder(in_band(l), 12)).sum::<u64>()
             + placeholder(scene.offsets.len() as u64, 28)
+            + placeholder(scene.offsets.sh_rest.len() as u64, 12)
+            + placeholder(scene.offsets.log_scales.len() as u64, 12)
+            + placeholder(scene.offsets.quats.len() as u64, 16)
             + placeholder(instances, instance_bytes)
             + placeholder(chunks, chunk_bytes),
     }
@@ -279,141 +286,4 @@ fn sh_band(scene: &InstancedScene, l: u32) -> Vec<[f32; 3]> {
         }
     }
     out
-}
-
-fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Tables, RenderError> {
-    let mut tables = Tables::default();
-    let mut template_bounds = Vec::new();
-    for range in &scene.template_ranges {
-        let first_chunk = tables.chunks.len() as u32;
-        let bound = tables.push_chunks(&scene.templates, range.first as usize, range.count as usize, chunk_size);
-        template_bounds.push((first_chunk, bound));
-    }
-    for instance in &scene.instances {
-        let range = scene.template_ranges[instance.template as usize];
-        let (first_chunk, bound) = &template_bounds[instance.template as usize];
-        let max_offset = instance.first_offset.map_or(0.0, |first| {
-            let run = &scene.offsets.means[first as usize..(first + range.count) as usize];
-            run.iter().map(|d| dvec(*d).length()).fold(0.0, f64::max)
-        });
-        let place = Placement {
-            world_from_template: &instance.world_from_template,
-            first_offset: instance.first_offset.unwrap_or(NO_OFFSET),
-            max_offset,
-        };
-        let source = Source {
-            first: range.first,
-            count: range.count,
-            sh_degree: scene.templates.sh_degree,
-            first_in_band: [range.first; 3],
-        };
-        tables.push_instance(&place, bound, source, *first_chunk, chunk_size)?;
-    }
-    if !scene.background.is_empty() {
-        let first_chunk = tables.chunks.len() as u32;
-        let count = scene.background.len();
-        let bound = tables.push_chunks(&scene.background, 0, count, chunk_size);
-        let place = Placement { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0 };
-        let source = Source {
-            first: scene.templates.len() as u32,
-            count: count as u32,
-            sh_degree: scene.background.sh_degree,
-            first_in_band: [1, 2, 3]
-                .map(|l| if scene.templates.sh_degree >= l { scene.templates.len() as u32 } else { 0 }),
-        };
-        tables.push_instance(&place, &bound, source, first_chunk, chunk_size)?;
-    }
-    Ok(tables)
-}
-
-/// Which source Gaussians an instance shows.
-struct Source {
-    first: u32,
-    count: u32,
-    sh_degree: u32,
-    first_in_band: [u32; 3],
-}
-
-/// Where an instance stands and which offsets it has.
-struct Placement<'a> {
-    world_from_template: &'a Similarity,
-    first_offset: u32,
-    max_offset: f64,
-}
-
-impl Tables {
-    /// Makes every bound hold whatever the means become.
-    fn widen(&mut self) {
-        self.chunks.iter_mut().for_each(|chunk| chunk.radius = RADIUS_EVERYWHERE);
-        self.instances.iter_mut().for_each(|instance| instance.bound_radius = RADIUS_EVERYWHERE);
-    }
-
-    /// Appends the chunks of one range and returns the bound of all of it.
-    fn push_chunks(&mut self, cloud: &Gaussians, first: usize, count: usize, chunk_size: u32) -> Bound {
-        for start in (0..count).step_by(chunk_size as usize) {
-            let size = (count - start).min(chunk_size as usize);
-            let bound = bound_of(cloud, first + start, size);
-            self.chunks.push(types::Chunk {
-                center: bound.center.as_vec3().to_array(),
-                radius: round_up(bound.radius),
-                sigma_max: round_up(bound.sigma_max),
-            });
-        }
-        bound_of(cloud, first, count)
-    }
-
-    fn push_instance(
-        &mut self,
-        place: &Placement<'_>,
-        bound: &Bound,
-        source: Source,
-        first_chunk: u32,
-        chunk_size: u32,
-    ) -> Result<(), RenderError> {
-        self.instances.push(types::Instance {
-            world_from_template: place.world_from_template.rows(),
-            bound_center: bound.center.as_vec3().to_array(),
-            bound_radius: round_up(bound.radius),
-            sigma_max: round_up(bound.sigma_max),
-            max_offset: round_up(place.max_offset),
-            scale: round_up(place.world_from_template.scale()),
-            first_source: source.first,
-            source_count: source.count,
-            first_offset: place.first_offset,
-            first_chunk,
-            sh_degree: source.sh_degree,
-            first_in_band: source.first_in_band,
-        });
-        self.chunk_pairs += u64::from(source.count.div_ceil(chunk_size));
-        self.flat += u64::from(source.count);
-        let limit = u64::from(u32::MAX);
-        if self.flat > limit {
-            return Err(RenderError::TooMany { what: "expanded Gaussians", needed: self.flat, limit });
-        }
-        Ok(())
-    }
-}
-
-fn dvec(v: [f32; 3]) -> DVec3 {
-    glam::Vec3::from(v).as_dvec3()
-}
-
-/// To f32 and a little more, so that a bound stays a bound.
-fn round_up(value: f64) -> f32 {
-    (value * (1.0 + 1e-6)) as f32
-}
-
-fn bound_of(cloud: &Gaussians, first: usize, count: usize) -> Bound {
-    let means = &cloud.means[first..first + count];
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for mean in means {
-        low = low.min(dvec(*mean));
-        high = high.max(dvec(*mean));
-    }
-    // The centre is stored as f32: measure the radius from what is stored.
-    let center = if count == 0 { DVec3::ZERO } else { ((low + high) * 0.5).as_vec3().as_dvec3() };
-    let radius = means.iter().map(|m| dvec(*m).distance(center)).fold(0.0, f64::max);
-    let scales = &cloud.log_scales[first..first + count];
-    let log_max = scales.iter().flatten().copied().fold(f32::NEG_INFINITY, f32::max);
-    Bound { center, radius, sigma_max: f64::from(log_max).exp() }
 }

@@ -6,6 +6,7 @@ use crate::gpu::interface::constants::{LOG_STEPS, STATUS_COUNT, STRIP};
 use crate::gpu::interface::types;
 use crate::gpu::staging::upload;
 use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::kernels::Variant;
 use crate::scene::InstancedScene;
 
 use super::device_scene::DeviceScene;
@@ -29,6 +30,14 @@ pub struct GradientBuffers {
     pub offset_sh_dc: Buffer<[f32; 3]>,
     /// By offsets of opacity logits.
     pub offset_opacity_logits: Buffer<f32>,
+    /// By offsets of SH coefficients above 0.
+    pub offset_sh_rest: Buffer<[f32; 3]>,
+    /// By offsets of log standard deviations.
+    pub offset_log_scales: Buffer<[f32; 3]>,
+    /// By offsets of quaternions.
+    pub offset_quats: Buffer<[f32; 4]>,
+    /// By the places of instances besides the background.
+    pub poses: Buffer<types::PoseGradient>,
     /// Sums over steps, by source, for densification: length of the gradient by the screen mean in units of half the image,
     /// views seen in, and the largest of three standard deviations on the screen, px.
     pub screen_statistics: Buffer<[f32; 3]>,
@@ -47,6 +56,10 @@ impl GradientBuffers {
             offset_means: Buffer::new(gpu, "gradients, offset means", scene.offset_means.len())?,
             offset_sh_dc: Buffer::new(gpu, "gradients, offset sh_dc", scene.offset_sh_dc.len())?,
             offset_opacity_logits: Buffer::new(gpu, "gradients, offset logits", scene.offset_opacity_logits.len())?,
+            offset_sh_rest: Buffer::new(gpu, "gradients, offset sh_rest", scene.offset_sh_rest.len())?,
+            offset_log_scales: Buffer::new(gpu, "gradients, offset log_scales", scene.offset_log_scales.len())?,
+            offset_quats: Buffer::new(gpu, "gradients, offset quats", scene.offset_quats.len())?,
+            poses: Buffer::new(gpu, "gradients, poses", scene.posed_instances() as usize)?,
             screen_statistics: upload(gpu, "screen statistics", &vec![[0.0; 3]; scene.means.len()])?,
         })
     }
@@ -63,6 +76,10 @@ impl GradientBuffers {
             offset_means: Buffer::new(gpu, "no gradients", 1)?,
             offset_sh_dc: Buffer::new(gpu, "no gradients", 1)?,
             offset_opacity_logits: Buffer::new(gpu, "no gradients", 1)?,
+            offset_sh_rest: Buffer::new(gpu, "no gradients", 1)?,
+            offset_log_scales: Buffer::new(gpu, "no gradients", 1)?,
+            offset_quats: Buffer::new(gpu, "no gradients", 1)?,
+            poses: Buffer::new(gpu, "no gradients", 1)?,
             screen_statistics: Buffer::new(gpu, "no gradients", 1)?,
         })
     }
@@ -77,6 +94,10 @@ impl GradientBuffers {
             + self.offset_means.bytes()
             + self.offset_sh_dc.bytes()
             + self.offset_opacity_logits.bytes()
+            + self.offset_sh_rest.bytes()
+            + self.offset_log_scales.bytes()
+            + self.offset_quats.bytes()
+            + self.poses.bytes()
             + self.screen_statistics.bytes()
     }
 }
@@ -166,6 +187,8 @@ pub struct BackwardBuffers {
     pub isect_moments: Buffer<types::SplatMoments>,
     /// Gradients by Gaussians of instances, by work item and index in the chunk.
     pub source_gradients: Buffer<types::SourceGradient>,
+    /// Gradients by the places of instances, by work item and subgroup; one element without them.
+    pub pose_sums: Buffer<types::PoseGradient>,
 }
 
 /// 8x8 blocks of pixels in a tile.
@@ -178,11 +201,12 @@ impl BackwardBuffers {
     ///
     /// # Errors
     /// A buffer beyond the device's limits, by name.
-    pub fn new(gpu: &Arc<Gpu>, plan: &FramePlan, tile_size: u32) -> Result<Self, GpuError> {
+    pub fn new(gpu: &Arc<Gpu>, plan: &FramePlan, variant: &Variant) -> Result<Self, GpuError> {
         let pixels = plan.pixels() as usize;
         // Threads past the last strip of the last work-group write nothing.
         let strips = column_strips(plan.size_px) as usize;
-        let moments = plan.capacities.intersections as usize * blocks_per_tile(tile_size) as usize;
+        let moments = plan.capacities.intersections as usize * blocks_per_tile(variant.tile_size) as usize;
+        let subgroups = if plan.poses { plan.slots / variant.subgroup_size } else { 1 };
         Ok(Self {
             cotangents: Buffer::new(gpu, "cotangents", pixels)?,
             row_moments: Buffer::new(gpu, "row_moments", pixels)?,
@@ -192,6 +216,7 @@ impl BackwardBuffers {
             error_sums: Buffer::new(gpu, "error_sums", strips)?,
             isect_moments: Buffer::new(gpu, "isect_moments", moments)?,
             source_gradients: Buffer::new(gpu, "source_gradients", plan.slots as usize)?,
+            pose_sums: Buffer::new(gpu, "pose_sums", subgroups as usize)?,
         })
     }
 
@@ -205,6 +230,7 @@ impl BackwardBuffers {
             + self.error_sums.bytes()
             + self.isect_moments.bytes()
             + self.source_gradients.bytes()
+            + self.pose_sums.bytes()
     }
 }
 

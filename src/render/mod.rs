@@ -5,6 +5,7 @@
 //! small: grow and redo, or go on with the next depth slab. Nothing is ever dropped.
 
 pub mod backward;
+pub mod contributions;
 pub mod device_scene;
 pub mod error;
 pub mod forward;
@@ -15,10 +16,12 @@ pub mod plan;
 pub mod renderer;
 pub mod scan;
 pub mod scene_download;
+mod scene_tables;
 pub mod self_test;
 pub mod sort;
 pub mod train_frame;
 
+pub use contributions::{CONTRIBUTION_ONE, Contribution, ContributionRenderer};
 pub use device_scene::{DeviceScene, SceneCounts};
 pub use error::RenderError;
 pub use frame_buffers::FrameBuffers;

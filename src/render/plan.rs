@@ -32,6 +32,8 @@ pub struct FramePlan {
     pub slots: u32,
     /// With the buffers that the backward pass reads.
     pub training: bool,
+    /// With those for gradients by the places of instances.
+    pub poses: bool,
 }
 
 impl FramePlan {
@@ -42,7 +44,7 @@ impl FramePlan {
         let intersections = capacities.intersections.max(tiles[0] * tiles[1]);
         let capacities = Capacities { intersections, ..capacities };
         let slots = capacities.work_items * workgroup_size;
-        Self { size_px, tiles, instances, capacities, slots, training: false }
+        Self { size_px, tiles, instances, capacities, slots, training: false, poses: false }
     }
 
     /// Pixels of the image.

@@ -6,7 +6,7 @@ use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
 use crate::gpu::staging::download;
 use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder, user_cache_path};
-use crate::kernels::{Pipelines, Primitives, Variant};
+use crate::kernels::{Pipelines, Primitives, SceneTraits, Variant};
 use crate::scene::Camera;
 
 use super::device_scene::DeviceScene;
@@ -57,6 +57,23 @@ pub struct FrameStats {
     /// (pass, milliseconds) in order; empty without profiling. Redone attempts are not included.
     pub passes_ms: Vec<(&'static str, f64)>,
 }
+
+/// A depth slab that has just been blended: for passes that look at the same lists as the blend.
+pub(super) struct BlendedSlab<'a> {
+    /// The device.
+    pub(super) gpu: &'a Arc<Gpu>,
+    /// The cache of the renderer's pipelines.
+    pub(super) cache: &'a PipelineCache,
+    /// The variant of the lists, with the tile size of this picture.
+    pub(super) variant: Variant,
+    /// Lists and splats; its `depths` hold the transmittances behind the slab.
+    pub(super) frame: &'a FrameBuffers,
+    /// Nothing lies in front of the slab.
+    pub(super) first: bool,
+}
+
+/// Called after each depth slab of a frame that is not redone.
+pub(super) type AfterSlab<'a> = dyn FnMut(BlendedSlab<'_>) -> Result<(), RenderError> + 'a;
 
 /// Renders one scene at a time; keeps its frame buffers between frames.
 pub struct Renderer {
@@ -133,14 +150,25 @@ impl Renderer {
         camera: &Camera,
         options: &RenderOptions,
     ) -> Result<FrameStats, RenderError> {
+        self.render_slabs(scene, camera, options, &mut |_| Ok(()))
+    }
+
+    /// As [`Renderer::render`], with a look at every depth slab.
+    pub(super) fn render_slabs(
+        &mut self,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+        after_slab: &mut AfterSlab<'_>,
+    ) -> Result<FrameStats, RenderError> {
         camera.validate().map_err(RenderError::Camera)?;
         check_options(options)?;
         if scene.chunk_size != self.variant.workgroup_size {
             let reason = format!("{} Gaussians, this renderer has {}", scene.chunk_size, self.variant.workgroup_size);
             return Err(RenderError::Option { option: "the scene's chunks", reason });
         }
-        self.prepare_pipelines(scene.sh_degree, [camera.width, camera.height])?;
-        let stats = self.render_prepared(scene, camera, options);
+        self.prepare_pipelines(scene.traits(scene.sh_degree), [camera.width, camera.height])?;
+        let stats = self.render_prepared(scene, camera, options, after_slab);
         if stats.is_err() {
             self.recorder.abandon();
         }
@@ -152,6 +180,7 @@ impl Renderer {
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
+        after_slab: &mut AfterSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
         let view = view_of(camera, options);
         let mut stats = FrameStats::default();
@@ -163,7 +192,8 @@ impl Renderer {
                 continue;
             }
             stats.passes_ms = self.recorder.passes_ms()?;
-            self.finish_slabs(scene, view, options, counters, &mut stats)?;
+            after_slab(self.blended_slab(true))?;
+            self.finish_slabs(scene, view, options, (counters, &mut stats), after_slab)?;
             return Ok(stats);
         }
     }
@@ -185,10 +215,10 @@ impl Renderer {
         self.frame.as_ref()
     }
 
-    fn prepare_pipelines(&mut self, sh_degree: u32, size_px: [u32; 2]) -> Result<(), RenderError> {
+    fn prepare_pipelines(&mut self, traits: SceneTraits, size_px: [u32; 2]) -> Result<(), RenderError> {
         let variant = Variant { tile_size: tile_size_for(&self.gpu, &self.variant, size_px), ..self.variant };
-        if self.pipelines.as_ref().is_none_or(|p| p.sh_degree != sh_degree || p.variant != variant) {
-            self.pipelines = Some(Pipelines::new(&self.gpu, &self.cache, variant, sh_degree, false)?);
+        if self.pipelines.as_ref().is_none_or(|p| p.traits != traits || p.variant != variant) {
+            self.pipelines = Some(Pipelines::new(&self.gpu, &self.cache, variant, traits, false)?);
         }
         Ok(())
     }
@@ -264,6 +294,11 @@ impl Renderer {
         Ok(read_counters(frame))
     }
 
+    fn blended_slab(&self, first: bool) -> BlendedSlab<'_> {
+        let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
+        BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant: pipelines.variant, frame, first }
+    }
+
     /// Enlarges buffers that the frame overflowed; true if it must be done again.
     fn grow(&mut self, scene: &DeviceScene, counters: &[u32; COUNTER_COUNT as usize]) -> Result<bool, RenderError> {
         let Some(frame) = &self.frame else { unreachable_state() };
@@ -294,8 +329,8 @@ impl Renderer {
         scene: &DeviceScene,
         view: types::View,
         options: &RenderOptions,
-        mut counters: [u32; COUNTER_COUNT as usize],
-        stats: &mut FrameStats,
+        (mut counters, stats): ([u32; COUNTER_COUNT as usize], &mut FrameStats),
+        after_slab: &mut AfterSlab<'_>,
     ) -> Result<(), RenderError> {
         let needed = counters[COUNTER_INTERSECTIONS as usize];
         stats.slabs = 1;
@@ -321,6 +356,7 @@ impl Renderer {
             stats.slabs += 1;
             stats.intersections += u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
             stats.passes_ms.extend(self.recorder.passes_ms()?);
+            after_slab(self.blended_slab(false))?;
         }
         let most = (self.gpu.caps().max_storage_bytes / 4).min(MOST_INTERSECTIONS) as u32;
         if needed > self.capacities.intersections {

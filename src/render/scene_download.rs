@@ -3,17 +3,25 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use crate::gpu::Gpu;
+use crate::gpu::interface::types;
 use crate::gpu::staging::download;
-use crate::gpu::{Gpu, GpuError};
+use crate::math::similarity::Similarity;
 use crate::scene::gaussians::sh_coefficients;
+use crate::scene::instanced_scene::{Instance, SceneError};
 use crate::scene::{Gaussians, InstancedScene, Offsets};
 
 use super::device_scene::DeviceScene;
+use super::error::RenderError;
 
 impl DeviceScene {
-    /// The scene as it is on the device; instances, ranges, names and what else the device does not hold are those of
-    /// `like`, the scene that was uploaded. Counts and SH degrees are the device's: they may differ from `like`'s.
-    pub fn download(&self, gpu: &Arc<Gpu>, like: &InstancedScene) -> Result<InstancedScene, GpuError> {
+    /// The scene as it is on the device; templates and offsets of instances, ranges, names and what else the device does
+    /// not hold are those of `like`, the scene that was uploaded. Counts and SH degrees are the device's: they may differ
+    /// from `like`'s.
+    ///
+    /// # Errors
+    /// The device failed, or an instance's transform is no similarity any more.
+    pub fn download(&self, gpu: &Arc<Gpu>, like: &InstancedScene) -> Result<InstancedScene, RenderError> {
         let counts = self.counts;
         let all = counts.templates + counts.background;
         let means = download(gpu, &self.means, all)?;
@@ -36,13 +44,31 @@ impl DeviceScene {
         Ok(InstancedScene {
             templates: cloud(0..counts.templates, counts.template_sh_degree, [0; 4]),
             background: cloud(counts.templates..all, counts.background_sh_degree, [0, 1, 2, 3].map(above)),
+            instances: self.download_instances(gpu, &like.instances)?,
             offsets: Offsets {
                 means: download(gpu, &self.offset_means, counts.offsets)?,
                 sh_dc: download(gpu, &self.offset_sh_dc, counts.offsets)?,
                 opacity_logits: download(gpu, &self.offset_opacity_logits, counts.offsets)?,
+                sh_rest: download(gpu, &self.offset_sh_rest, counts.offset_sh_rest)?,
+                log_scales: download(gpu, &self.offset_log_scales, counts.offset_log_scales)?,
+                quats: download(gpu, &self.offset_quats, counts.offset_quats)?,
             },
             ..like.clone()
         })
+    }
+
+    /// `like`, with the transforms of the device.
+    fn download_instances(&self, gpu: &Arc<Gpu>, like: &[Instance]) -> Result<Vec<Instance>, RenderError> {
+        let on_device = download(gpu, &self.instances, like.len())?;
+        let current = |(k, (like, now)): (usize, (&Instance, types::Instance))| {
+            let transform = Similarity::from_rows(now.world_from_template);
+            let error = |reason| SceneError {
+                tensor: "instance.world_from_template".into(),
+                reason: format!("instance {k} {reason}"),
+            };
+            Ok(Instance { world_from_template: transform.map_err(error)?, ..like.clone() })
+        };
+        like.iter().zip(on_device).enumerate().map(current).collect()
     }
 }
 

@@ -77,19 +77,29 @@ impl TrainFrame {
         self.intersections = intersections;
     }
 
-    /// Makes sure that pipelines and buffers fit the scene, SH bands up to `sh_degree`, and pictures up to `largest_px`.
+    /// Makes sure that pipelines and buffers fit the scene, SH bands up to `sh_degree`, and pictures up to `largest_px`;
+    /// with `poses`, gradients by the places of instances are made as well (if the scene has any).
     /// Nothing of this frame may be in flight if one of these has changed.
     ///
     /// # Errors
     /// A buffer beyond the device's limits or memory, by name.
-    pub fn prepare(&mut self, scene: &DeviceScene, largest_px: [u32; 2], sh_degree: u32) -> Result<(), RenderError> {
+    pub fn prepare(
+        &mut self,
+        scene: &DeviceScene,
+        largest_px: [u32; 2],
+        sh_degree: u32,
+        poses: bool,
+    ) -> Result<(), RenderError> {
+        let has_places = scene.posed_instances() > 0;
+        let poses = poses && has_places;
         let variant = Variant { tile_size: tile_size_for(&self.gpu, &self.variant, largest_px), ..self.variant };
-        let fits = |(forward, _): &(Pipelines, BackwardPipelines)| {
-            forward.sh_degree == sh_degree && forward.variant == variant
+        let traits = scene.traits(sh_degree);
+        let fits = |(forward, backward): &(Pipelines, BackwardPipelines)| {
+            forward.traits == traits && forward.variant == variant && backward.poses == poses
         };
         if !self.pipelines.as_ref().is_some_and(fits) {
-            let forward = Pipelines::new(&self.gpu, &self.cache, variant, sh_degree, true)?;
-            let backward = BackwardPipelines::new(&self.gpu, &self.cache, variant, sh_degree)?;
+            let forward = Pipelines::new(&self.gpu, &self.cache, variant, traits, true)?;
+            let backward = BackwardPipelines::new(&self.gpu, &self.cache, variant, traits, poses)?;
             self.pipelines = Some((forward, backward));
         }
         // preprocess_instance_expand_backward takes one loop iteration per 8x8 block of all tiles of a splat.
@@ -114,11 +124,13 @@ impl TrainFrame {
         }
         let mut plan = FramePlan::new(largest_px, variant.tile_size, scene.instance_count, capacities, group);
         plan.training = true;
+        // Whether poses are refined may change while steps are on their way; buffers must not.
+        plan.poses = has_places;
         if self.buffers.is_none() || self.plan != Some(plan) {
             // Free the old buffers first: both sets at once may not fit.
             self.buffers = None;
             let frame = FrameBuffers::new(&self.gpu, plan)?;
-            let backward = BackwardBuffers::new(&self.gpu, &plan, variant.tile_size)?;
+            let backward = BackwardBuffers::new(&self.gpu, &plan, &variant)?;
             self.buffers = Some((frame, backward));
             self.plan = Some(plan);
             self.write_start(scene);

@@ -38,18 +38,31 @@ impl InstancedScene {
             let d_logit = offset.map_or(0.0, |o| f64::from(self.offsets.opacity_logits[o]));
 
             let mean_world = placement.transform_point(widened(self.templates.means[i]) + d_mean);
-            let quat_template = normalised_quat(self.templates.quats[i].map(f64::from));
+            let d_quat = offset.and_then(|o| self.offsets.quats.get(o)).copied().unwrap_or_default();
+            let d_log_scales = offset.and_then(|o| self.offsets.log_scales.get(o)).copied().unwrap_or_default();
+            let own_quat = self.templates.quats[i];
+            let quat_template = normalised_quat(std::array::from_fn(|k| f64::from(own_quat[k]) + f64::from(d_quat[k])));
             let quat_world = quat_multiply(world_from_template_quat, quat_template);
             let mut sh_template: Vec<DVec3> = self.templates.sh_of(i).iter().map(|&c| widened(c)).collect();
             sh_template[0] += d_sh_dc;
+            self.add_sh_rest(offset, &mut sh_template[1..]);
 
             world.means.push(narrowed(mean_world));
             world.quats.push(quat_world.map(|c| c as f32));
-            world.log_scales.push(self.templates.log_scales[i].map(|v| (f64::from(v) + ln_scale) as f32));
+            let log_scales = widened(self.templates.log_scales[i]) + widened(d_log_scales) + ln_scale;
+            world.log_scales.push(narrowed(log_scales));
             world.opacity_logits.push((f64::from(self.templates.opacity_logits[i]) + d_logit) as f32);
             let missing = world.sh_coefficients() - sh_template.len();
             world.sh.extend(sh_rotation.rotate(&sh_template).into_iter().map(narrowed));
             world.sh.extend(std::iter::repeat_n([0.0; 3], missing));
+        }
+    }
+
+    /// Adds the offsets of SH coefficients above 0 of a record, if there are any.
+    fn add_sh_rest(&self, record: Option<usize>, sh_rest: &mut [DVec3]) {
+        let first = record.map_or(usize::MAX, |record| record * sh_rest.len());
+        for (sh, &offset) in sh_rest.iter_mut().zip(self.offsets.sh_rest.iter().skip(first)) {
+            *sh += widened(offset);
         }
     }
 }
@@ -94,6 +107,7 @@ mod tests {
                 means: vec![[0.5, 0.0, 0.0]],
                 sh_dc: vec![[10.0, 20.0, 30.0]],
                 opacity_logits: vec![0.25],
+                ..Offsets::default()
             },
             background: one(2),
             ..InstancedScene::default()

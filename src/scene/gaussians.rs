@@ -96,6 +96,16 @@ impl Gaussians {
         out
     }
 
+    /// Changes the SH degree: coefficients above it go, missing ones are 0.
+    pub fn set_sh_degree(&mut self, sh_degree: u32) {
+        let (have, want) = (self.sh_coefficients(), sh_coefficients(sh_degree));
+        if have != want {
+            let of = |sh: &[[f32; 3]]| (0..want).map(|c| sh.get(c).copied().unwrap_or_default()).collect::<Vec<_>>();
+            self.sh = self.sh.chunks(have).flat_map(of).collect();
+        }
+        self.sh_degree = sh_degree;
+    }
+
     /// Removes Gaussians with a non-finite parameter or a zero quaternion; returns how many were removed.
     pub fn drop_non_finite(&mut self) -> usize {
         let before = self.len();

@@ -139,6 +139,16 @@ impl InstancedScene {
                 return fail(&format!("offset.{field}"), format!("{len} entries where offset.means has {m}"));
             }
         }
+        let rest = self.templates.sh_coefficients() - 1;
+        for (field, len, want) in [
+            ("sh_rest", self.offsets.sh_rest.len(), m * rest),
+            ("log_scales", self.offsets.log_scales.len(), m),
+            ("quats", self.offsets.quats.len(), m),
+        ] {
+            if len != want && len != 0 {
+                return fail(&format!("offset.{field}"), format!("{len} entries where {want}, or none, fit"));
+            }
+        }
         for (g, range) in self.template_ranges.iter().enumerate() {
             let end = u64::from(range.first) + u64::from(range.count);
             if end > self.templates.len() as u64 {

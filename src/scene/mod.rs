@@ -1,15 +1,23 @@
 //! L1: plain CPU data. Nothing here knows a file format or a GPU.
 
 pub mod camera;
+pub mod edit;
 pub mod flatten;
 pub mod gaussians;
 pub mod instanced_scene;
+pub mod labels;
 pub mod offsets;
 pub mod point_cloud;
+pub mod posed_group;
+pub mod prune;
+pub mod repeated_bytes;
 pub mod trajectory;
 
 pub use camera::Camera;
 pub use gaussians::Gaussians;
 pub use instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
+pub use labels::InstanceLabel;
 pub use offsets::Offsets;
 pub use point_cloud::PointCloud;
+pub use posed_group::{PosedGroup, PosedInstance};
+pub use repeated_bytes::RepeatedBytes;

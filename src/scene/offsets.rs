@@ -10,6 +10,13 @@ pub struct Offsets {
     pub sh_dc: Vec<[f32; 3]>,
     /// Added to the opacity logit.
     pub opacity_logits: Vec<f32>,
+    /// Added to SH coefficients 1.., 3 x RGB for degree 1, 8 for 2, 15 for 3 (the templates' degree), record by record;
+    /// empty = none. For ablations: the paper shares them.
+    pub sh_rest: Vec<[f32; 3]>,
+    /// Added to the log standard deviations; empty = none. For ablations, as `quats`.
+    pub log_scales: Vec<[f32; 3]>,
+    /// Added to the quaternion as stored (w, x, y, z), before users normalise the sum; empty = none.
+    pub quats: Vec<[f32; 4]>,
 }
 
 impl Offsets {
@@ -23,8 +30,32 @@ impl Offsets {
         self.means.is_empty()
     }
 
-    /// Bytes of the offsets as f32 tensors: 28 per record.
+    /// The SH coefficients 1.. of record `m`; none without `sh_rest`.
+    fn rest_of(&self, m: usize) -> &[[f32; 3]] {
+        let coefficients = self.sh_rest.len() / self.len().max(1);
+        &self.sh_rest[m * coefficients..][..coefficients]
+    }
+
+    /// True if every number of record `m` is finite.
+    pub fn is_finite(&self, m: usize) -> bool {
+        let colours = self.rest_of(m).iter().chain(self.log_scales.get(m)).chain([&self.means[m], &self.sh_dc[m]]);
+        let scalars = self.quats.get(m).into_iter().flatten().chain([&self.opacity_logits[m]]);
+        colours.flatten().chain(scalars).all(|v| v.is_finite())
+    }
+
+    /// Appends record `m` of `other`.
+    pub fn push_from(&mut self, other: &Offsets, m: usize) {
+        self.means.push(other.means[m]);
+        self.sh_dc.push(other.sh_dc[m]);
+        self.opacity_logits.push(other.opacity_logits[m]);
+        self.sh_rest.extend_from_slice(other.rest_of(m));
+        self.log_scales.extend(other.log_scales.get(m));
+        self.quats.extend(other.quats.get(m));
+    }
+
+    /// Bytes of the offsets as f32 tensors: 28 per record without ablations.
     pub fn tensor_bytes(&self) -> u64 {
-        28 * self.len() as u64
+        let ablations = 12 * (self.sh_rest.len() + self.log_scales.len()) + 16 * self.quats.len();
+        (28 * self.len() + ablations) as u64
     }
 }

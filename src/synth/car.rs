@@ -44,7 +44,8 @@ pub const AXLE_X: f64 = 1.36;
 pub const WHEEL_Y: f64 = 0.825;
 /// Radius of a tyre: also the height of the axles.
 pub const WHEEL_RADIUS: f64 = 0.34;
-const ARCH_RADIUS: f64 = 0.395;
+/// Radius of the openings for wheels.
+pub(crate) const ARCH_RADIUS: f64 = 0.395;
 
 /// Smallest distance between surfels of large panels, metres.
 const PANEL_SPACING: f64 = 0.043;
@@ -77,6 +78,11 @@ const ROOF: [(f64, f64); 8] = [
     (1.00, 0.75),
 ];
 
+/// A tyre's tread from the inner edge outwards, then over the shoulder down the face to the hub; (radius, distance
+/// outwards from the wheel's middle).
+pub(crate) const TYRE: [(f64, f64); 7] =
+    [(0.33, -0.13), (0.34, -0.10), (0.34, 0.08), (0.33, 0.115), (0.30, 0.135), (0.235, 0.125), (0.215, 0.09)];
+
 /// The whole car.
 pub fn car_surfels(rng: &mut Rng) -> Vec<CarSurfel> {
     let mut out = Vec::new();
@@ -95,7 +101,7 @@ fn add(out: &mut Vec<CarSurfel>, surfels: Vec<Surfel>, part: impl Fn(&Surfel) ->
 }
 
 /// The body's cross-section at `x`, scaled towards its middle by `inset`. Fenders rise over the wheels.
-fn body_point(x: f64, angle: f64, inset: f64) -> DVec3 {
+pub(crate) fn body_point(x: f64, angle: f64, inset: f64) -> DVec3 {
     let (width, top, bottom) = (curve(&WIDTH, x), curve(&TOP, x), curve(&BOTTOM, x));
     let section = superellipse(angle, 4.5);
     let across = section.x * inset;
@@ -114,33 +120,47 @@ fn smooth(low: f64, high: f64, x: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
+/// The body's skin for u and v in 0..=1: over the top from the left lower edge to the right one, and from rear to front. The
+/// floor is a plane of its own.
+pub(crate) fn skin_point(u: f64, v: f64) -> DVec3 {
+    let (rear, front) = ends();
+    body_point(rear + (front - rear) * v, PI * (-0.24 + 1.48 * u), 1.0)
+}
+
+/// x of the body's rear and front end.
+pub(crate) fn ends() -> (f64, f64) {
+    (TOP[0].0, TOP[TOP.len() - 1].0)
+}
+
+/// False where the skin has openings for wheels, and under the cabin.
+pub(crate) fn has_skin(s: &Surfel) -> bool {
+    !in_wheel_arch(s) && !under_cabin(s.position)
+}
+
 fn add_body(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
-    let (rear, front) = (TOP[0].0, TOP[TOP.len() - 1].0);
-    let skin = sample(rng, PANEL_SPACING, |u, v| {
-        // Over the top from the left lower edge to the right one; the floor is a plane of its own.
-        let angle = PI * (-0.24 + 1.48 * u);
-        body_point(rear + (front - rear) * v, angle, 1.0)
-    });
-    add(out, skin, |s| (!in_wheel_arch(s) && !under_cabin(s.position)).then(|| skin_part(s)));
+    let (rear, front) = ends();
+    let skin = sample(rng, PANEL_SPACING, skin_point);
+    add(out, skin, |s| has_skin(s).then(|| skin_part(s)));
     let nose = sample(rng, DETAIL_SPACING, |u, v| body_point(front, TAU * u, 1.0 - v));
     add(out, nose, |s| Some(if s.position.z < 0.31 { Part::Carbon } else { Part::Paint }));
     let tail = sample(rng, DETAIL_SPACING, |u, v| body_point(rear, TAU * u, v));
-    add(out, tail, |s| {
-        let p = s.position;
-        let lamp = (0.62..0.72).contains(&p.z) && p.y.abs() > 0.30;
-        Some(if lamp {
-            Part::Taillight
-        } else if p.z < 0.55 {
-            Part::Carbon
-        } else {
-            Part::Paint
-        })
-    });
+    add(out, tail, |s| Some(tail_part(s)));
     let floor = sample(rng, 0.11, plane(DVec3::new(-2.2, -0.8, 0.15), DVec3::Y * 1.6, DVec3::X * 4.2));
     add(out, floor, |_| Some(Part::Carbon));
 }
 
-fn skin_part(s: &Surfel) -> Part {
+/// What the flat rear end is made of.
+pub(crate) fn tail_part(s: &Surfel) -> Part {
+    let p = s.position;
+    match () {
+        () if (0.62..0.72).contains(&p.z) && p.y.abs() > 0.30 => Part::Taillight,
+        () if p.z < 0.55 => Part::Carbon,
+        () => Part::Paint,
+    }
+}
+
+/// What the skin is made of.
+pub(crate) fn skin_part(s: &Surfel) -> Part {
     let p = s.position;
     let near_arch =
         (DVec2::new(p.x.abs() - AXLE_X, p.z - WHEEL_RADIUS).length() < ARCH_RADIUS + 0.035) && s.normal.y.abs() > 0.8;
@@ -168,27 +188,33 @@ fn under_cabin(p: DVec3) -> bool {
     p.x > -1.2 && p.x < 0.6 && p.y.abs() < 0.5 && p.z > 0.6
 }
 
-fn add_cabin(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
+/// The cabin for u and v in 0..=1: from the left sill over the roof to the right one, and from rear to front.
+pub(crate) fn cabin_point(u: f64, v: f64) -> DVec3 {
     let (rear, front) = (ROOF[0].0, ROOF[ROOF.len() - 1].0);
-    let shell = sample(rng, PANEL_SPACING, |u, v| {
-        let x = rear + (front - rear) * v;
-        let foot = curve(&TOP, x) - 0.08;
-        let half_width = 0.74 - 0.16 * smooth(-0.4, -1.75, x) - 0.10 * smooth(0.3, 1.0, x);
-        let section = superellipse(PI * u, 2.7);
-        let height = (curve(&ROOF, x) - foot).max(0.01);
-        // Tumblehome: narrower towards the roof.
-        DVec3::new(x, section.x * half_width * (1.0 - 0.22 * section.y), foot + height * section.y)
-    });
-    add(out, shell, |s| {
-        let p = s.position;
-        let sill = p.z < curve(&TOP, p.x) + 0.05;
-        let roof = s.normal.z > 0.80 && p.x > -1.05 && p.x < 0.18;
-        let engine_cover = p.x < -1.12;
-        let pillar =
-            s.normal.y.abs() > 0.35 && ((p.x + 0.42).abs() < 0.05 || (p.x - 0.42 + 1.1 * (p.z - 1.0)).abs() < 0.05);
-        let visor = s.normal.x > 0.2 && p.z > 1.10;
-        Some(if sill || roof || engine_cover || pillar || visor { Part::Paint } else { Part::Glass })
-    });
+    let x = rear + (front - rear) * v;
+    let foot = curve(&TOP, x) - 0.08;
+    let half_width = 0.74 - 0.16 * smooth(-0.4, -1.75, x) - 0.10 * smooth(0.3, 1.0, x);
+    let section = superellipse(PI * u, 2.7);
+    let height = (curve(&ROOF, x) - foot).max(0.01);
+    // Tumblehome: narrower towards the roof.
+    DVec3::new(x, section.x * half_width * (1.0 - 0.22 * section.y), foot + height * section.y)
+}
+
+/// What the cabin is made of.
+pub(crate) fn cabin_part(s: &Surfel) -> Part {
+    let p = s.position;
+    let sill = p.z < curve(&TOP, p.x) + 0.05;
+    let roof = s.normal.z > 0.80 && p.x > -1.05 && p.x < 0.18;
+    let engine_cover = p.x < -1.12;
+    let pillar =
+        s.normal.y.abs() > 0.35 && ((p.x + 0.42).abs() < 0.05 || (p.x - 0.42 + 1.1 * (p.z - 1.0)).abs() < 0.05);
+    let visor = s.normal.x > 0.2 && p.z > 1.10;
+    if sill || roof || engine_cover || pillar || visor { Part::Paint } else { Part::Glass }
+}
+
+fn add_cabin(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
+    let shell = sample(rng, PANEL_SPACING, cabin_point);
+    add(out, shell, |s| Some(cabin_part(s)));
     // Mirrors.
     for side in [1.0, -1.0] {
         let housing =
@@ -202,9 +228,7 @@ fn add_cabin(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
 
 fn add_wheel(rng: &mut Rng, out: &mut Vec<CarSurfel>, hub: DVec3) {
     let outward = DVec3::Y * hub.y.signum();
-    // Tread from the inner edge outwards, then over the shoulder down the face to the hub; (radius, distance outwards).
-    let knots =
-        [(0.33, -0.13), (0.34, -0.10), (0.34, 0.08), (0.33, 0.115), (0.30, 0.135), (0.235, 0.125), (0.215, 0.09)];
+    let knots = TYRE;
     let profile = move |u: f64| {
         let t = u * (knots.len() - 1) as f64;
         let i = (t as usize).min(knots.len() - 2);

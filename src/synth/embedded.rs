@@ -1,4 +1,4 @@
-//! The scene of `instgs-vk demo`: a paddock with racing cars, made by code.
+//! A whole scene without training: a paddock with racing cars, made by code. What tests render, pack and merge.
 
 use std::f64::consts::PI;
 
@@ -7,7 +7,6 @@ use glam::{DMat3, DVec2, DVec3};
 use crate::math::rng::Rng;
 use crate::math::sh::SH_C0;
 use crate::math::similarity::Similarity;
-use crate::scene::camera::Camera;
 use crate::scene::gaussians::Gaussians;
 use crate::scene::instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
 use crate::scene::offsets::Offsets;
@@ -18,11 +17,6 @@ use crate::synth::occlusion::{Smoother, VoxelGrid};
 use crate::synth::props::{Caster, Props};
 use crate::synth::shading::{ClearCoat, Light, TO_SUN, albedo, diffuse, sh_dc};
 use crate::synth::surface::push_disc;
-
-/// Up in the embedded scene.
-pub const WORLD_UP: DVec3 = DVec3::Z;
-/// The background colour that the scene's light was made for.
-pub const SKY_COLOR: [f32; 3] = [0.66, 0.78, 0.91];
 
 const SEED: u64 = 20;
 /// Radius over which baked light is averaged, metres.
@@ -85,20 +79,6 @@ pub fn embedded_scene() -> InstancedScene {
         source: "embedded scene of instgs-vk".into(),
         ..InstancedScene::default()
     }
-}
-
-/// Four views that show the scene well: the whole paddock, the car on show from the front and from behind, and a map.
-pub fn embedded_views(size_px: (u32, u32)) -> Vec<Camera> {
-    let views = [
-        ("wide", [-24.0, -21.0, 15.0], [0.0, -0.5, 0.0]),
-        ("front", [7.6, -0.9, 2.1], [-0.8, 0.2, 0.45]),
-        ("rear", [-5.4, -1.6, 2.6], [0.4, -0.2, 0.5]),
-        ("map", [0.0, -14.0, 34.0], [0.0, -1.0, 0.0]),
-    ];
-    let camera = |(name, eye, target): (&str, [f64; 3], [f64; 3])| {
-        Camera::look_at(name, eye.into(), target.into(), WORLD_UP, 0.75, size_px)
-    };
-    views.into_iter().map(camera).collect()
 }
 
 /// Share of the sky over a surfel; the ground takes its part low on the car.
@@ -247,12 +227,6 @@ mod tests {
         assert!((0..flat.len()).all(|i| flat.is_finite(i)));
         // 62 floats per Gaussian in a .ply.
         assert!(62 * 4 * scene.expanded_len() > 4 * scene.tensor_bytes());
-    }
-
-    #[test]
-    fn the_views_are_valid_cameras() {
-        let views = embedded_views((960, 540));
-        assert!(views.len() == 4 && views.iter().all(|view| view.validate().is_ok()));
     }
 
     #[test]

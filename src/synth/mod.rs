@@ -1,12 +1,13 @@
 //! L5: procedural scenes, made by code alone, the same bits for the same build and platform.
 //!
-//! [`embedded_scene`] is the scene of `instgs-vk demo`: a paddock with racing cars, all instances of one template.
+//! [`embedded_scene`] is a paddock with racing cars, all instances of one template: a whole scene without training.
 //! Modules: [`surface`] spreads points evenly over surfaces and makes flat Gaussians of them, [`shading`] bakes light
 //! into spherical harmonics, [`occlusion`] and [`ground_map`] bake shadows, [`car`] and [`livery`] are the template and
 //! its variations, [`ground`], [`markings`] and [`props`] the background. [`scale`] makes the
-//! scale test's field of instances.
+//! scale test's field of instances. [`dataset`] makes photos of scenes whose truth is known.
 
 pub mod car;
+pub mod dataset;
 pub mod embedded;
 pub mod ground;
 pub mod ground_map;
@@ -18,4 +19,4 @@ pub mod scale;
 pub mod shading;
 pub mod surface;
 
-pub use embedded::{SKY_COLOR, WORLD_UP, embedded_scene, embedded_views};
+pub use embedded::embedded_scene;

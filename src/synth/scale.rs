@@ -40,6 +40,7 @@ pub fn with_offsets(field: &InstancedScene, count: usize) -> InstancedScene {
         means: vec![[0.001, 0.0, 0.0]; records],
         sh_dc: vec![[0.1, 0.0, 0.0]; records],
         opacity_logits: vec![0.1; records],
+        ..Offsets::default()
     };
     out
 }

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::BackwardPipelines;
-use crate::optim::{Adam, MomentBuffer, zero_moments};
+use crate::optim::{Adam, MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
 use crate::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
 use crate::scene::gaussians::sh_coefficients;
 use crate::scene::{Gaussians, InstancedScene};
 
-use super::config::Rates;
+use super::config::{Rates, SourceRates};
 
 /// Moments of every parameter buffer of a [`DeviceScene`], per f32.
 pub struct Moments {
@@ -29,6 +29,14 @@ pub struct Moments {
     pub offset_sh_dc: MomentBuffer,
     /// Of offsets of opacity logits.
     pub offset_opacity_logits: MomentBuffer,
+    /// Of offsets of SH coefficients above 0.
+    pub offset_sh_rest: MomentBuffer,
+    /// Of offsets of log standard deviations.
+    pub offset_log_scales: MomentBuffer,
+    /// Of offsets of quaternions.
+    pub offset_quats: MomentBuffer,
+    /// Of the places of instances: shift, rotation vector, logarithm of the scale.
+    pub poses: MomentBuffer,
 }
 
 impl Moments {
@@ -45,6 +53,10 @@ impl Moments {
             offset_means: of("offset means", scene.offset_means.bytes())?,
             offset_sh_dc: of("offset sh_dc", scene.offset_sh_dc.bytes())?,
             offset_opacity_logits: of("offset logits", scene.offset_opacity_logits.bytes())?,
+            offset_sh_rest: of("offset sh_rest", scene.offset_sh_rest.bytes())?,
+            offset_log_scales: of("offset log_scales", scene.offset_log_scales.bytes())?,
+            offset_quats: of("offset quats", scene.offset_quats.bytes())?,
+            poses: zero_moments(gpu, "moments, poses", POSE_VALUES * scene.posed_instances() as usize)?,
         })
     }
 
@@ -52,7 +64,8 @@ impl Moments {
     pub fn bytes(&self) -> u64 {
         let fixed = [&self.means, &self.quats, &self.log_scales, &self.opacity_logits];
         let offsets = [&self.offset_means, &self.offset_sh_dc, &self.offset_opacity_logits];
-        fixed.into_iter().chain(&self.sh_bands).chain(offsets).map(Buffer::bytes).sum()
+        let rare = [&self.offset_sh_rest, &self.offset_log_scales, &self.offset_quats, &self.poses];
+        fixed.into_iter().chain(&self.sh_bands).chain(offsets).chain(rare).map(Buffer::bytes).sum()
     }
 }
 
@@ -68,8 +81,6 @@ pub struct DeviceState {
     pub moments: Moments,
     /// Source Gaussians: templates and background.
     pub source_count: usize,
-    /// Offset records.
-    pub offset_count: usize,
 }
 
 impl DeviceState {
@@ -84,18 +95,16 @@ impl DeviceState {
             gradients: GradientBuffers::new(gpu, &device_scene)?,
             moments: Moments::new(gpu, &device_scene)?,
             source_count: scene.templates.len() + scene.background.len(),
-            offset_count: scene.offsets.len(),
             scene: device_scene,
         })
     }
 
-    /// The plain cloud that is trained, as it is on the device. The device must be idle.
-    pub fn download(&self, gpu: &Arc<Gpu>, antialias: bool, source: &str) -> Result<InstancedScene, RenderError> {
-        let scene = self.scene.download(gpu, &InstancedScene::default())?;
-        Ok(InstancedScene { antialias, source: source.into(), ..scene })
+    /// The scene as it is on the device; what the device does not hold is that of `names`. The device must be idle.
+    pub fn download(&self, gpu: &Arc<Gpu>, names: &InstancedScene) -> Result<InstancedScene, RenderError> {
+        self.scene.download(gpu, names)
     }
 
-    /// Records Adam on every parameter; SH bands above `sh_degree` rest.
+    /// Records Adam on every parameter that has a rate, places of instances among them; SH bands above `sh_degree` rest.
     pub fn record_adam(
         &mut self,
         recorder: &mut Recorder,
@@ -105,31 +114,57 @@ impl DeviceState {
         rates: &Rates,
         sh_degree: u32,
     ) -> Result<(), GpuError> {
-        let (scene, gradients, moments) = (&mut self.scene, &self.gradients, &mut self.moments);
-        let (sources, offsets) = (self.source_count, self.offset_count);
-        let mut step = |buffers: (&Buffer<f32>, &mut Buffer<f32>, &mut MomentBuffer), rate: f64, count: usize| {
-            adam.record(recorder, (&pipelines.adam, workgroup_size), &log.status, buffers, rate, count)
+        let (scene, g, moments) = (&mut self.scene, &self.gradients, &mut self.moments);
+        let counts = scene.counts;
+        let mut step = |buffers: (&Buffer<f32>, &mut Buffer<f32>, &mut MomentBuffer), groups: ValueGroups| {
+            adam.record(recorder, (&pipelines.adam, workgroup_size), &log.status, buffers, groups)
         };
-        let g = gradients;
-        step((g.means.scalars(), scene.means.scalars_mut(), &mut moments.means), rates.means, 3 * sources)?;
-        step((g.quats.scalars(), scene.quats.scalars_mut(), &mut moments.quats), rates.quats, 4 * sources)?;
+        let sources = |width: usize, rate: fn(&SourceRates) -> f64| ValueGroups {
+            counts: [counts.templates, counts.background].map(|count| width * count),
+            rates: [&rates.template, &rates.background].map(rate),
+        };
+        let means = (g.means.scalars(), scene.means.scalars_mut(), &mut moments.means);
+        step(means, sources(3, |r| r.means))?;
+        step((g.quats.scalars(), scene.quats.scalars_mut(), &mut moments.quats), sources(4, |r| r.quats))?;
         let log_scales = (g.log_scales.scalars(), scene.log_scales.scalars_mut(), &mut moments.log_scales);
-        step(log_scales, rates.log_scales, 3 * sources)?;
+        step(log_scales, sources(3, |r| r.log_scales))?;
         let logits = (&g.opacity_logits, &mut scene.opacity_logits, &mut moments.opacity_logits);
-        step(logits, rates.opacity, sources)?;
+        step(logits, sources(1, |r| r.opacity))?;
         let bands = g.sh_bands.iter().zip(&mut scene.sh_bands).zip(&mut moments.sh_bands);
         for (l, ((gradient, band), moment)) in bands.enumerate().take(sh_degree as usize + 1) {
-            let rate = if l == 0 { rates.sh_dc } else { rates.sh_rest };
-            // Bands hold nothing but what clouds of their degree have; without any Gaussian, one unused element.
-            let values = if sources == 0 { 0 } else { 3 * gradient.len() };
-            step((gradient.scalars(), band.scalars_mut(), moment), rate, values)?;
+            let mut groups = sources(3 * (2 * l + 1), if l == 0 { |r| r.sh_dc } else { |r| r.sh_rest });
+            // A cloud of a lower degree has no place in the band.
+            for (count, degree) in
+                groups.counts.iter_mut().zip([counts.template_sh_degree, counts.background_sh_degree])
+            {
+                *count = if degree as usize >= l { *count } else { 0 };
+            }
+            step((gradient.scalars(), band.scalars_mut(), moment), groups)?;
         }
+        let offsets = |width: usize, rate: f64| ValueGroups::single(width * counts.offsets, rate);
         let means = (g.offset_means.scalars(), scene.offset_means.scalars_mut(), &mut moments.offset_means);
-        step(means, rates.means, 3 * offsets)?;
+        step(means, offsets(3, rates.offsets.means))?;
         let dc = (g.offset_sh_dc.scalars(), scene.offset_sh_dc.scalars_mut(), &mut moments.offset_sh_dc);
-        step(dc, rates.sh_dc, 3 * offsets)?;
+        step(dc, offsets(3, rates.offsets.sh_dc))?;
         let logits = (&g.offset_opacity_logits, &mut scene.offset_opacity_logits, &mut moments.offset_opacity_logits);
-        step(logits, rates.opacity, offsets)
+        step(logits, offsets(1, rates.offsets.opacity))?;
+        let rest = (g.offset_sh_rest.scalars(), scene.offset_sh_rest.scalars_mut(), &mut moments.offset_sh_rest);
+        step(rest, ValueGroups::single(3 * counts.offset_sh_rest, rates.offsets.sh_rest))?;
+        let scales =
+            (g.offset_log_scales.scalars(), scene.offset_log_scales.scalars_mut(), &mut moments.offset_log_scales);
+        step(scales, ValueGroups::single(3 * counts.offset_log_scales, rates.offsets.log_scales))?;
+        let quats = (g.offset_quats.scalars(), scene.offset_quats.scalars_mut(), &mut moments.offset_quats);
+        step(quats, ValueGroups::single(4 * counts.offset_quats, rates.offsets.quats))?;
+        let posed = scene.posed_instances();
+        let poses = (&g.poses, &mut scene.instances, &mut moments.poses);
+        adam.record_poses(
+            recorder,
+            (&pipelines.refine_poses, workgroup_size),
+            &log.status,
+            poses,
+            rates.poses.values(),
+            posed,
+        )
     }
 }
 

@@ -39,6 +39,9 @@ pub enum Event {
         /// The loss that was minimised, on the step's view.
         #[serde(deserialize_with = "null_is_nan")]
         loss: f64,
+        /// Mean loss of the steps since the one reported before; `None` in logs of versions that did not have it.
+        #[serde(default)]
+        mean_loss: Option<f64>,
         /// Mean absolute difference, 0..=1.
         #[serde(deserialize_with = "null_is_nan")]
         l1: f64,

@@ -1,11 +1,9 @@
 //! What training starts from: Gaussians at the points of a dataset, or at random where its cameras look.
 
-use std::num::NonZero;
-
 use glam::{DMat3, DVec3};
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
+use crate::math::nearest::PointSet;
 use crate::math::rng::Rng;
 use crate::math::sh::SH_C0;
 use crate::scene::gaussians::sh_coefficients;
@@ -62,52 +60,9 @@ pub fn from_points(points: &PointCloud, sh_degree: u32, shape: InitialShape) -> 
 }
 
 /// Mean of the squared distances of each point to its three nearest others, square scene units; 0 for a point alone.
-///
-/// Points in the same place are searched for once: a tree takes quadratic time for them (measured: 3 s for 50,000).
 fn mean_squared_distances(positions: &[[f32; 3]]) -> Vec<f64> {
-    let (places, counts, place_of) = distinct(positions);
-    let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&places);
-    // The place itself is among them, at distance 0.
-    let nearest = NonZero::new(NEIGHBOURS + 1).unwrap_or(NonZero::<usize>::MIN);
-    let mean = |place: usize, position: &[f64; 3]| {
-        let own = counts[place] - 1;
-        if own >= NEIGHBOURS {
-            return 0.0;
-        }
-        let (mut sum, mut found) = (0.0, own);
-        for other in tree.nearest_n::<SquaredEuclidean>(position, nearest) {
-            let other_place = other.item as usize;
-            let points = if other_place == place { 0 } else { counts[other_place].min(NEIGHBOURS - found) };
-            sum += points as f64 * other.distance;
-            found += points;
-        }
-        sum / found.max(1) as f64
-    };
-    let means: Vec<f64> = places.par_iter().enumerate().map(|(i, p)| mean(i, p)).collect();
-    place_of.into_iter().map(|place| means[place]).collect()
-}
-
-/// The different places of points, how many points each has, and the place of each point.
-fn distinct(positions: &[[f32; 3]]) -> (Vec<[f64; 3]>, Vec<usize>, Vec<usize>) {
-    // Adding 0 makes -0 the same as 0.
-    let wide = |i: usize| positions[i].map(|v| f64::from(v) + 0.0);
-    let order = |a: &usize, b: &usize| {
-        let (a, b) = (wide(*a), wide(*b));
-        a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]))
-    };
-    let mut sorted: Vec<usize> = (0..positions.len()).collect();
-    sorted.par_sort_unstable_by(order);
-    let (mut places, mut counts, mut place_of) = (Vec::new(), Vec::new(), vec![0; positions.len()]);
-    for i in sorted {
-        let place = wide(i);
-        if places.last() != Some(&place) {
-            places.push(place);
-            counts.push(0);
-        }
-        place_of[i] = places.len() - 1;
-        counts[places.len() - 1] += 1;
-    }
-    (places, counts, place_of)
+    let set = PointSet::new(positions);
+    positions.par_iter().map(|&p| set.mean_squared_distance_to_others(p, NEIGHBOURS)).collect()
 }
 
 /// `count` Gaussians as of [`from_points`] at random places that at least one camera sees, of random colours, for

@@ -9,18 +9,19 @@ use crate::io::dataset::{Dataset, Split, read_views};
 use crate::io::point_cloud::read_points;
 use crate::io::{IoError, View, load_scene};
 use crate::kernels::Variant;
-use crate::scene::gaussians::sh_coefficients;
-use crate::scene::{Camera, Gaussians, InstancedScene, PointCloud};
+use crate::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
 
-use super::config::{Init, TrainConfig};
+use super::config::{Init, Method, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
-use super::state_file::{densification_is_due, from_checkpoint, size_of_cloud};
+use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
 use super::trainer::TrainJob;
 use super::view_store::{self, PrefetchLimits};
 use super::views::{TrainViews, ViewsPlan};
 
+/// The merged scene that the joint phase starts from, in the run folder.
+pub(super) const INITIAL_SCENE: &str = "initial.instgs";
 /// Without a budget of the user's, training pictures take at most this part of the device's memory.
 const PICTURE_SHARE: f64 = 0.25;
 /// Sub-stream of the seed for random starts ("init" in ASCII).
@@ -73,7 +74,7 @@ fn check_fits(checkpoint: &Checkpoint, path: &Path, config: &TrainConfig) -> Res
             format!("continue with --set sh_degree={degree}, or start a new run with --init and its scene"),
         );
     }
-    if count > config.max_gaussians as usize {
+    if config.method == Method::Gaussians && count > config.max_gaussians as usize {
         return refuse(
             format!("has {count} Gaussians, the configuration max_gaussians = {}", config.max_gaussians),
             format!("continue with --max-gaussians {count} or more, or start a new run with --init and its scene"),
@@ -81,9 +82,10 @@ fn check_fits(checkpoint: &Checkpoint, path: &Path, config: &TrainConfig) -> Res
     }
     if checkpoint.step > config.steps {
         let step = checkpoint.step;
+        let flag = if config.method == Method::Instanced { "--joint-steps" } else { "--steps" };
         return refuse(
             format!("is of step {step}, the configuration has steps = {}", config.steps),
-            format!("continue with --steps {step} or more, or choose another folder for a shorter run"),
+            format!("continue with {flag} {step} or more, or choose another folder for a shorter run"),
         );
     }
     Ok(())
@@ -91,7 +93,10 @@ fn check_fits(checkpoint: &Checkpoint, path: &Path, config: &TrainConfig) -> Res
 
 /// True if a run cannot start without the dataset's points.
 pub(super) fn needs_points(config: &TrainConfig, resumed: &Resumed) -> bool {
-    config.init_scene.is_empty() && config.init == Init::Points && resumed.found.is_none()
+    config.method == Method::Gaussians
+        && config.init_scene.is_empty()
+        && config.init == Init::Points
+        && resumed.found.is_none()
 }
 
 /// Reads cameras and points of a dataset. Points that are not needed may be missing or damaged; then the scene's extent is
@@ -148,7 +153,10 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
     let resumed = find_checkpoint(job)?;
     let mut data = read_data(&job.data, needs_points(config, &resumed))?;
     let variant = Variant::for_device(gpu.caps());
-    let start = first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?;
+    let start = match config.method {
+        Method::Gaussians => first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?,
+        Method::Instanced => first_instanced(gpu, job, resumed, &mut data, variant.workgroup_size)?,
+    };
     data.warnings.iter().for_each(|warning| warn(warning));
     let budget_bytes = match config.device_memory_mb {
         0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
@@ -166,6 +174,8 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
 /// What a run starts from.
 pub(super) struct Start {
     pub(super) state: DeviceState,
+    /// What the device does not hold: ranges, instances, names. Without Gaussians.
+    pub(super) names: InstancedScene,
     /// How many steps are behind the state.
     pub(super) step: u64,
     /// What happens between the steps after that step has not happened yet.
@@ -183,7 +193,8 @@ pub(super) fn first_state(
     data.warnings.extend(resumed.warnings);
     if let Some((path, found)) = resumed.found {
         let (step, due) = (found.step, densification_is_due(&found));
-        return Ok(Start { state: from_checkpoint(gpu, found, &path, chunk_size)?, step, due });
+        let state = from_checkpoint(gpu, found, &path, chunk_size)?;
+        return Ok(Start { state, names: InstancedScene::default(), step, due });
     }
     let (degree, shape) = (config.sh_degree, InitialShape::new(config));
     let cloud = match config.init {
@@ -197,7 +208,37 @@ pub(super) fn first_state(
     };
     let cloud = capped(cloud, config.max_gaussians as usize, &mut data.warnings);
     let state = DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?;
-    Ok(Start { state, step: 0, due: false })
+    Ok(Start { state, names: InstancedScene::default(), step: 0, due: false })
+}
+
+/// The merged scene that the joint phase starts from, with the checkpoint's values if there is one.
+fn first_instanced(
+    gpu: &Arc<Gpu>,
+    job: &TrainJob,
+    resumed: Resumed,
+    data: &mut TrainData,
+    chunk_size: u32,
+) -> Result<Start, TrainError> {
+    data.warnings.extend(resumed.warnings);
+    let path = job.out.join(INITIAL_SCENE);
+    let mut scene = load_scene(&path)?.scene;
+    let degrees = [&scene.templates, &scene.background].map(|cloud| cloud.sh_degree);
+    if degrees != [job.config.sh_degree; 2] {
+        let [templates, background] = degrees;
+        let what = format!("has templates of SH degree {templates} and a background of {background}");
+        let advice = format!("train with --set sh_degree={}", templates.max(background));
+        return Err(IoError::new(&path, what).advise(advice).into());
+    }
+    let mut state = DeviceState::new(gpu, &scene, chunk_size)?;
+    let mut step = 0;
+    if let Some((path, found)) = resumed.found {
+        step = found.step;
+        restore(gpu, &mut state, found, &path)?;
+    }
+    scene.templates = Gaussians::default();
+    scene.background = Gaussians::default();
+    scene.offsets = Offsets::default();
+    Ok(Start { state, names: scene, step, due: false })
 }
 
 /// A trained scene as a plain cloud of the run's SH degree.
@@ -211,12 +252,7 @@ fn init_cloud(path: &Path, config: &TrainConfig, data: &mut TrainData) -> Result
     if cloud.is_empty() {
         return Err(IoError::new(path, "has no Gaussians to start from").into());
     }
-    if cloud.sh_degree != config.sh_degree {
-        let (have, want) = (cloud.sh_coefficients(), sh_coefficients(config.sh_degree));
-        cloud.sh =
-            cloud.sh.chunks(have).flat_map(|sh| (0..want).map(|c| sh.get(c).copied().unwrap_or_default())).collect();
-        cloud.sh_degree = config.sh_degree;
-    }
+    cloud.set_sh_degree(config.sh_degree);
     Ok(cloud)
 }
 

@@ -7,6 +7,7 @@ use crate::gpu::staging::{download, write};
 use crate::gpu::{Buffer, Gpu};
 use crate::io::IoError;
 use crate::io::checkpoint::Checkpoint;
+use crate::optim::POSE_VALUES;
 use crate::scene::InstancedScene;
 
 use super::device_state::{DeviceState, zeros};
@@ -18,69 +19,76 @@ const SH_DEGREE: &str = "sh_degree";
 /// Metadata key that says that densification after the last step is still due.
 const DUE: &str = "densification_due";
 
-/// A flat buffer of the state: its tensor's name, numbers per source Gaussian, and contents.
-type Flat<'a, B> = (String, usize, B);
+/// Tensor of the transforms of instances.
+const POSES: &str = "parameter.world_from_template";
 
-fn parameters(state: &DeviceState) -> Vec<Flat<'_, &Buffer<f32>>> {
-    let s = &state.scene;
-    let mut out: Vec<Flat<'_, &Buffer<f32>>> = vec![
-        ("parameter.means".into(), 3, s.means.scalars()),
-        ("parameter.quats".into(), 4, s.quats.scalars()),
-        ("parameter.log_scales".into(), 3, s.log_scales.scalars()),
-        ("parameter.opacity_logits".into(), 1, &s.opacity_logits),
-        ("statistics.screen".into(), 3, state.gradients.screen_statistics.scalars()),
-    ];
-    let m = &state.moments;
-    for (name, width, buffer) in [
-        ("means", 3, &m.means),
-        ("quats", 4, &m.quats),
-        ("log_scales", 3, &m.log_scales),
-        ("opacity_logits", 1, &m.opacity_logits),
-    ] {
-        out.push((format!("moment.{name}"), 2 * width, buffer.scalars()));
-    }
-    for l in 0..=s.sh_degree as usize {
-        let width = 3 * (2 * l + 1);
-        out.push((format!("parameter.sh_band_{l}"), width, s.sh_bands[l].scalars()));
-        out.push((format!("moment.sh_band_{l}"), 2 * width, m.sh_bands[l].scalars()));
-    }
-    out
-}
+/// Numbers of a transform: 3 rows of 4.
+const POSE_NUMBERS: usize = 12;
 
-fn parameters_mut(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
+/// A flat buffer of the state: its tensor's name, its shape (items, numbers per item), and contents.
+type Flat<'a, B> = (String, [usize; 2], B);
+
+/// Every buffer that training changes, writable: one list serves writing and reading.
+fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
+    let (sources, offsets) = (state.source_count, state.scene.counts.offsets);
+    let posed = state.scene.posed_instances() as usize;
     let s = &mut state.scene;
     let degree = s.sh_degree as usize;
     let m = &mut state.moments;
-    let mut out: Vec<Flat<'_, &mut Buffer<f32>>> = vec![
-        ("parameter.means".into(), 3, s.means.scalars_mut()),
-        ("parameter.quats".into(), 4, s.quats.scalars_mut()),
-        ("parameter.log_scales".into(), 3, s.log_scales.scalars_mut()),
-        ("parameter.opacity_logits".into(), 1, &mut s.opacity_logits),
-        ("statistics.screen".into(), 3, state.gradients.screen_statistics.scalars_mut()),
-        ("moment.means".into(), 6, m.means.scalars_mut()),
-        ("moment.quats".into(), 8, m.quats.scalars_mut()),
-        ("moment.log_scales".into(), 6, m.log_scales.scalars_mut()),
-        ("moment.opacity_logits".into(), 2, m.opacity_logits.scalars_mut()),
-    ];
-    for (l, (band, moment)) in s.sh_bands.iter_mut().zip(&mut m.sh_bands).enumerate().take(degree + 1) {
-        let width = 3 * (2 * l + 1);
-        out.push((format!("parameter.sh_band_{l}"), width, band.scalars_mut()));
-        out.push((format!("moment.sh_band_{l}"), 2 * width, moment.scalars_mut()));
+    let mut out: Vec<Flat<'_, &mut Buffer<f32>>> = Vec::new();
+    let mut push = |name: &str, count: usize, width: usize, (parameters, moments)| {
+        out.push((format!("parameter.{name}"), [count, width], parameters));
+        out.push((format!("moment.{name}"), [count, 2 * width], moments));
+    };
+    push("means", sources, 3, (s.means.scalars_mut(), m.means.scalars_mut()));
+    push("quats", sources, 4, (s.quats.scalars_mut(), m.quats.scalars_mut()));
+    push("log_scales", sources, 3, (s.log_scales.scalars_mut(), m.log_scales.scalars_mut()));
+    push("opacity_logits", sources, 1, (&mut s.opacity_logits, m.opacity_logits.scalars_mut()));
+    for (l, pair) in s.sh_bands.iter_mut().zip(&mut m.sh_bands).enumerate().take(degree + 1) {
+        push(&format!("sh_band_{l}"), sources, 3 * (2 * l + 1), (pair.0.scalars_mut(), pair.1.scalars_mut()));
     }
+    if offsets > 0 {
+        push("offset_means", offsets, 3, (s.offset_means.scalars_mut(), m.offset_means.scalars_mut()));
+        push("offset_sh_dc", offsets, 3, (s.offset_sh_dc.scalars_mut(), m.offset_sh_dc.scalars_mut()));
+        let logits = (&mut s.offset_opacity_logits, m.offset_opacity_logits.scalars_mut());
+        push("offset_opacity_logits", offsets, 1, logits);
+    }
+    // Of ablations: most scenes have none of these.
+    let rest = s.counts.offset_sh_rest;
+    if rest > 0 {
+        push("offset_sh_rest", rest, 3, (s.offset_sh_rest.scalars_mut(), m.offset_sh_rest.scalars_mut()));
+    }
+    let scales = s.counts.offset_log_scales;
+    if scales > 0 {
+        push("offset_log_scales", scales, 3, (s.offset_log_scales.scalars_mut(), m.offset_log_scales.scalars_mut()));
+    }
+    let quats = s.counts.offset_quats;
+    if quats > 0 {
+        push("offset_quats", quats, 4, (s.offset_quats.scalars_mut(), m.offset_quats.scalars_mut()));
+    }
+    if posed > 0 {
+        out.push(("moment.poses".into(), [posed, 2 * POSE_VALUES], m.poses.scalars_mut()));
+    }
+    out.push(("statistics.screen".into(), [sources, 3], state.gradients.screen_statistics.scalars_mut()));
     out
 }
 
-/// A plain cloud in training as a checkpoint after `step` finished steps. The device must be idle. `due` says that the
+/// A scene in training as a checkpoint after `step` finished steps. The device must be idle. `due` says that the
 /// densification after that step has not been done.
-pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &DeviceState, step: u64, due: bool) -> Result<Checkpoint, TrainError> {
-    let count = state.source_count;
+pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &mut DeviceState, step: u64, due: bool) -> Result<Checkpoint, TrainError> {
     let mut out = Checkpoint { step, ..Checkpoint::default() };
     out.metadata.insert(SH_DEGREE.into(), state.scene.sh_degree.to_string());
     if due {
         out.metadata.insert(DUE.into(), "true".into());
     }
-    for (name, width, buffer) in parameters(state) {
-        out.put(&name, &[count, width], download(gpu, buffer, count * width)?);
+    for (name, shape, buffer) in buffers(state) {
+        out.put(&name, &shape, download(gpu, buffer, shape[0] * shape[1])?);
+    }
+    let posed = state.scene.posed_instances() as usize;
+    if posed > 0 {
+        let instances = download(gpu, &state.scene.instances, posed)?;
+        let transforms = instances.iter().flat_map(|i| i.world_from_template.as_flattened().to_vec()).collect();
+        out.put::<f32>(POSES, &[posed, POSE_NUMBERS], transforms);
     }
     Ok(out)
 }
@@ -106,13 +114,27 @@ pub fn size_of_cloud(checkpoint: &Checkpoint, path: &Path) -> Result<(u32, usize
 /// A tensor that is missing or has another shape; more Gaussians than the device can hold.
 pub fn from_checkpoint(
     gpu: &Arc<Gpu>,
-    mut checkpoint: Checkpoint,
+    checkpoint: Checkpoint,
     path: &Path,
     chunk_size: u32,
 ) -> Result<DeviceState, TrainError> {
     let (degree, count) = size_of_cloud(&checkpoint, path)?;
     let mut state = DeviceState::new(gpu, &InstancedScene::from_cloud(zeros(count, degree)), chunk_size)?;
-    for (name, width, buffer) in parameters_mut(&mut state) {
+    restore(gpu, &mut state, checkpoint, path)?;
+    Ok(state)
+}
+
+/// Puts a checkpoint's values into a state of the same scene; `path` is for messages.
+///
+/// # Errors
+/// A tensor that is missing or has another shape.
+pub fn restore(
+    gpu: &Arc<Gpu>,
+    state: &mut DeviceState,
+    mut checkpoint: Checkpoint,
+    path: &Path,
+) -> Result<(), TrainError> {
+    for (name, [count, width], buffer) in buffers(state) {
         let values: Vec<f32> = checkpoint.take(&name, &[width], path)?;
         if values.len() != count * width {
             let what = format!("tensor {name} has {} numbers, not {count} times {width}", values.len());
@@ -120,5 +142,19 @@ pub fn from_checkpoint(
         }
         write(gpu, buffer, &values)?;
     }
-    Ok(state)
+    let posed = state.scene.posed_instances() as usize;
+    if posed > 0 {
+        let values: Vec<f32> = checkpoint.take(POSES, &[POSE_NUMBERS], path)?;
+        if values.len() != posed * POSE_NUMBERS {
+            let what = format!("tensor {POSES} has {} numbers, not {posed} times {POSE_NUMBERS}", values.len());
+            return Err(IoError::new(path, what).into());
+        }
+        // With the background's own entry, which stays.
+        let mut instances = download(gpu, &state.scene.instances, state.scene.instance_count as usize)?;
+        for (instance, rows) in instances.iter_mut().zip(values.chunks_exact(POSE_NUMBERS)) {
+            instance.world_from_template.as_flattened_mut().copy_from_slice(rows);
+        }
+        write(gpu, &mut state.scene.instances, &instances)?;
+    }
+    Ok(())
 }

@@ -244,7 +244,7 @@ impl StepRunner {
         let start = Instant::now();
         let train_view = TrainView { camera: &view.camera, options: plan.options };
         let step = plan.step as u32;
-        self.frame.prepare(&state.scene, self.largest_px, plan.sh_degree)?;
+        self.frame.prepare(&state.scene, self.largest_px, plan.sh_degree, !plan.rates.poses.are_held())?;
         let begin = Instant::now();
         self.recorders[slot].begin()?;
         // lavapipe resets timestamps under a lock that the submission in progress holds: that is waiting for the device.

@@ -11,10 +11,10 @@ use crate::io::{View, atomic_write, write_ply, write_scene_file};
 use crate::kernels::Variant;
 use crate::math::rng::Rng;
 use crate::optim::Adam;
-use crate::render::{RenderOptions, Renderer};
+use crate::render::{DeviceScene, RenderOptions, Renderer};
 use crate::scene::InstancedScene;
 
-use super::config::{Background, TrainConfig};
+use super::config::{Background, Method, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::events::{Event, EventSink};
@@ -35,7 +35,8 @@ const REPORT_EVERY: u64 = 10;
 /// Part of the device's memory from which on it counts as nearly full: other programs use some, allocators waste some.
 const TIGHT: f64 = 0.8;
 
-/// What to train.
+/// What to train. With the method `instgs`, the joint phase: the run folder holds the scene it starts from
+/// ([`super::prepare()`]).
 #[derive(Clone, Debug)]
 pub struct TrainJob {
     /// Dataset folder.
@@ -50,10 +51,12 @@ pub struct TrainJob {
 
 /// What a run left behind, besides its files.
 pub struct Trained {
-    /// The trained cloud, non-finite Gaussians dropped.
+    /// The trained scene, without non-finite Gaussians and, of an instanced one, without those that no instance shows.
     pub scene: InstancedScene,
-    /// How many were dropped.
+    /// How many non-finite ones were dropped.
     pub dropped_non_finite: usize,
+    /// How many that no instance shows.
+    pub pruned: usize,
     /// Finished steps.
     pub done: u64,
     /// True if someone asked to stop before the last step.
@@ -97,6 +100,8 @@ struct Clock {
     elsewhere: f64,
     /// Finished steps and seconds at the last report.
     reported: (u64, f64),
+    /// Sum and number of the losses since then.
+    losses: (f64, u32),
 }
 
 impl Clock {
@@ -130,6 +135,7 @@ pub fn train(
     let text = job.config.to_toml()?;
     // Before pictures are read, which may take minutes: a run that is killed then must know itself.
     atomic_write(&config_path, |out| out.write_all(text.as_bytes()))?;
+    let job = &TrainJob { config: job.config.own_phase(), ..job.clone() };
     let loaded = load_all(gpu, job, warn);
     if loaded.is_err() && is_new {
         // Nothing began: the folder is free again. If the file cannot be removed, --resume still works.
@@ -138,6 +144,7 @@ pub fn train(
     let Loaded { data, variant, start, views } = loaded?;
     let first_step = start.step;
     let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
+    let names = start.names;
     let mut stages = vec![Stage { name: "load".into(), seconds: load.elapsed().as_secs_f64() }];
     run.clock.reported.0 = first_step;
     run.announce(sink, first_step, &data)?;
@@ -152,18 +159,22 @@ pub fn train(
     let memory = memory_uses(&run.state, &run.runner, &run.views);
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
-    let mut scene = run.state.download(gpu, job.config.antialias, &format!("instgs-vk train, {done} steps"))?;
-    let dropped_non_finite = scene.background.drop_non_finite();
-    if scene.background.is_empty() {
+    let mut scene = run.state.download(gpu, &names)?;
+    scene.antialias = job.config.antialias;
+    scene.source = format!("instgs-vk train, {done} steps");
+    let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
+    if scene.expanded_len() == 0 {
         return Err(TrainError::Other(format!("after {done} steps no Gaussian is left that is finite")));
     }
-    write_ply(&job.out.join("point_cloud.ply"), &scene.background)?;
+    if job.config.method == Method::Gaussians {
+        write_ply(&job.out.join("point_cloud.ply"), &scene.background)?;
+    }
     write_scene_file(&job.out.join("scene.instgs"), &scene)?;
     stages.push(Stage { name: "save".into(), seconds: save.elapsed().as_secs_f64() });
 
     let interrupted = done < job.config.steps;
     let evaluation = Instant::now();
-    let eval = if interrupted || data.test.is_empty() { None } else { Some(run.evaluate(on_picture)?) };
+    let eval = if interrupted || data.test.is_empty() { None } else { Some(run.evaluate_saved(&scene, on_picture)?) };
     if let Some(report) = &eval {
         sink.event(&evaluated(done, report))?;
         stages.push(Stage { name: "eval".into(), seconds: evaluation.elapsed().as_secs_f64() });
@@ -174,6 +185,7 @@ pub fn train(
     Ok(Trained {
         scene,
         dropped_non_finite,
+        pruned,
         done,
         interrupted,
         eval,
@@ -185,6 +197,13 @@ pub fn train(
         memory,
         device_peak,
     })
+}
+
+/// Removes what is not finite and what no instance shows; how many of each.
+fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
+    let dropped = scene.drop_non_finite();
+    let prune = config.method == Method::Instanced && config.joint.prune_opacity > 0.0;
+    (dropped, if prune { scene.prune_transparent(config.joint.prune_opacity) } else { 0 })
 }
 
 fn evaluated(step: u64, report: &EvalReport) -> Event {
@@ -214,7 +233,7 @@ impl<'a> Run<'a> {
             runner,
             state,
             times: StepTimes::default(),
-            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0) },
+            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses: (0.0, 0) },
         })
     }
 
@@ -223,7 +242,7 @@ impl<'a> Run<'a> {
             step,
             steps: self.job.config.steps,
             resumed: step > 0,
-            method: "3dgs".into(),
+            method: self.job.config.method.name().into(),
             device: self.gpu.caps().name.clone(),
             gaussians: self.state.source_count as u64,
             views: data.train.len() as u64,
@@ -296,7 +315,7 @@ impl<'a> Run<'a> {
             sink.event(&Event::Checkpoint { step: done, path })?;
         }
         if config.evaluates_at(done) && done < config.steps && !self.test.is_empty() {
-            let report = self.evaluate(&mut |_| ())?;
+            let report = self.evaluate()?;
             sink.event(&evaluated(done, &report))?;
         }
         self.clock.elsewhere += pause.elapsed().as_secs_f64();
@@ -304,9 +323,9 @@ impl<'a> Run<'a> {
     }
 
     /// `due` says that what happens between the steps after `done` has not happened yet.
-    fn save_checkpoint(&self, done: u64, due: bool) -> Result<PathBuf, TrainError> {
+    fn save_checkpoint(&mut self, done: u64, due: bool) -> Result<PathBuf, TrainError> {
         let folder = self.job.out.join("checkpoints");
-        let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &self.state, done, due)?)?;
+        let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &mut self.state, done, due)?)?;
         checkpoint::prune(&folder, checkpoint::KEEP)?;
         Ok(path)
     }
@@ -343,15 +362,19 @@ impl<'a> Run<'a> {
             let what = "(splat, tile) pairs".into();
             sink.event(&Event::Overflow { step: outcome.step, what, grown_to: u64::from(grown_to) })?;
         }
+        let lambda = self.job.config.lambda_dssim;
+        let loss = (1.0 - lambda) * outcome.l1 + lambda * (1.0 - outcome.ssim);
+        self.clock.losses = (self.clock.losses.0 + loss, self.clock.losses.1 + 1);
         if !step.is_multiple_of(REPORT_EVERY) && step != self.job.config.steps {
             return Ok(());
         }
-        let lambda = self.job.config.lambda_dssim;
+        let (sum, losses) = std::mem::take(&mut self.clock.losses);
         let seconds = self.clock.seconds();
         let (last_step, last_seconds) = std::mem::replace(&mut self.clock.reported, (step, seconds));
         sink.event(&Event::Step {
             step,
-            loss: (1.0 - lambda) * outcome.l1 + lambda * (1.0 - outcome.ssim),
+            loss,
+            mean_loss: Some(sum / f64::from(losses)),
             l1: outcome.l1,
             ssim: outcome.ssim,
             psnr: -10.0 * outcome.mse.max(1e-10).log10(),
@@ -397,17 +420,33 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Renders and compares the test views.
-    fn evaluate(&mut self, on_picture: &mut dyn FnMut(Evaluated<'_>)) -> Result<EvalReport, TrainError> {
-        let config = &self.job.config;
+    /// Renders and compares the test views as the state is now.
+    fn evaluate(&mut self) -> Result<EvalReport, TrainError> {
         let mut renderer = Renderer::new(self.gpu)?;
-        let background = match config.background {
-            Background::White => [1.0; 3],
-            _ => [0.0; 3],
-        };
+        self.evaluate_with(&mut renderer, &self.state.scene, &mut |_| ())
+    }
+
+    /// The same for the scene that was saved.
+    fn evaluate_saved(
+        &mut self,
+        scene: &InstancedScene,
+        on_picture: &mut dyn FnMut(Evaluated<'_>),
+    ) -> Result<EvalReport, TrainError> {
+        let mut renderer = Renderer::new(self.gpu)?;
+        let scene = renderer.upload(scene)?;
+        self.evaluate_with(&mut renderer, &scene, on_picture)
+    }
+
+    fn evaluate_with(
+        &self,
+        renderer: &mut Renderer,
+        scene: &DeviceScene,
+        on_picture: &mut dyn FnMut(Evaluated<'_>),
+    ) -> Result<EvalReport, TrainError> {
+        let config = &self.job.config;
         let width = (config.width > 0).then_some(config.width);
-        let options = options(config, background);
-        evaluate::<TrainError>(&mut renderer, &self.state.scene, self.test, width, &options, None, |view| {
+        let options = eval_options(config);
+        evaluate::<TrainError>(renderer, scene, self.test, width, &options, None, |view| {
             on_picture(view);
             Ok(())
         })
@@ -429,6 +468,11 @@ impl<'a> Run<'a> {
 
 fn options(config: &TrainConfig, background: [f32; 3]) -> RenderOptions {
     RenderOptions { near: config.near as f32, antialias: config.antialias, background, ..RenderOptions::default() }
+}
+
+/// How test views are rendered: random backgrounds are black then.
+pub fn eval_options(config: &TrainConfig) -> RenderOptions {
+    options(config, if config.background == Background::White { [1.0; 3] } else { [0.0; 3] })
 }
 
 /// The colour behind everything at a step.

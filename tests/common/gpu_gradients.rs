@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use instgs_vk::gpu::interface::types::StepRecord;
+use instgs_vk::gpu::interface::types::{self, StepRecord};
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Buffer, Gpu, Recorder};
 use instgs_vk::kernels::Variant;
@@ -60,7 +60,7 @@ impl GradientRunner {
         let mut redone = 0;
         loop {
             let mut log = StepLog::new(&gpu, 1).unwrap();
-            self.frame.prepare(&device_scene, [camera.width, camera.height], scene.sh_degree()).unwrap();
+            self.frame.prepare(&device_scene, [camera.width, camera.height], scene.sh_degree(), true).unwrap();
             let recorder = &mut self.recorder;
             self.frame.record_forward(recorder, &device_scene, &view).unwrap();
             let loss = (&targets, 0.2);
@@ -105,9 +105,21 @@ fn scene_gradient(gpu: &Arc<Gpu>, scene: &InstancedScene, buffers: &GradientBuff
             means: wide(gpu, &buffers.offset_means, offsets),
             sh_dc: wide(gpu, &buffers.offset_sh_dc, offsets),
             opacity_logits: narrow(gpu, &buffers.offset_opacity_logits, offsets),
+            sh_rest: wide(gpu, &buffers.offset_sh_rest, scene.offsets.sh_rest.len()),
+            log_scales: wide(gpu, &buffers.offset_log_scales, scene.offsets.log_scales.len()),
+            quats: wide(gpu, &buffers.offset_quats, scene.offsets.quats.len()),
         },
         instances: Vec::new(),
+        poses: pose_gradients(gpu, buffers, scene.instances.len()),
     }
+}
+
+fn pose_gradients(gpu: &Arc<Gpu>, buffers: &GradientBuffers, count: usize) -> Vec<[f64; 7]> {
+    let values = |g: types::PoseGradient| {
+        let ([x, y, z], [a, b, c]) = (g.translation, g.rotation);
+        [x, y, z, a, b, c, g.log_scale].map(f64::from)
+    };
+    download(gpu, &buffers.poses, count).unwrap().into_iter().map(values).collect()
 }
 
 fn narrow(gpu: &Arc<Gpu>, buffer: &Buffer<f32>, len: usize) -> Vec<f64> {

@@ -5,7 +5,9 @@ pub(crate) mod dataset;
 pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gpu_gradients;
+pub(crate) mod program;
 pub(crate) mod random_scene;
+pub(crate) mod scramble;
 pub(crate) mod tensor;
 
 /// At most this fraction of an image's pixels may be excluded as not robust (DESIGN section 7).

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Buffer, Gpu, PipelineCache, Recorder};
-use instgs_vk::kernels::{BackwardPipelines, Variant};
+use instgs_vk::kernels::{BackwardPipelines, SceneTraits, Variant};
 use instgs_vk::math::rng::Rng;
-use instgs_vk::optim::{Adam, MomentBuffer, zero_moments};
+use instgs_vk::optim::{Adam, MomentBuffer, ValueGroups, zero_moments};
 use instgs_vk::reference::adam::{AdamOptions, AdamState, adam_step};
 
 use crate::common::gpu::{assert_silent, gpu};
@@ -33,7 +33,7 @@ impl DeviceAdam {
         let padded = [parameters, &[7.5; TAIL]].concat();
         Self {
             gpu: gpu.clone(),
-            pipelines: BackwardPipelines::new(gpu, &cache, variant, 0).unwrap(),
+            pipelines: BackwardPipelines::new(gpu, &cache, variant, SceneTraits::plain(0), false).unwrap(),
             workgroup_size: variant.workgroup_size,
             recorder: Recorder::new(gpu).unwrap(),
             status: upload(gpu, "status", &[0; 4]).unwrap(),
@@ -44,13 +44,18 @@ impl DeviceAdam {
     }
 
     fn step(&mut self, gradients: &[f32], step: u64, rate: f64) {
+        self.step_groups(gradients, step, ValueGroups::single(gradients.len(), rate));
+    }
+
+    fn step_groups(&mut self, gradients: &[f32], step: u64, groups: ValueGroups) {
+        assert_eq!(groups.counts[0] + groups.counts[1], self.count);
         let padded = [gradients, &[1.0; TAIL]].concat();
         let gradients = upload(&self.gpu, "gradients", &padded).unwrap();
         let AdamOptions { beta1, beta2, epsilon } = AdamOptions::default();
         let adam = Adam { beta1, beta2, epsilon, step };
         let pipeline = (&self.pipelines.adam, self.workgroup_size);
         let buffers = (&gradients, &mut self.parameters, &mut self.moments);
-        adam.record(&mut self.recorder, pipeline, &self.status, buffers, rate, self.count).unwrap();
+        adam.record(&mut self.recorder, pipeline, &self.status, buffers, groups).unwrap();
         let ticket = self.recorder.submit().unwrap();
         self.recorder.wait(ticket).unwrap();
     }
@@ -69,7 +74,7 @@ fn gradients(rng: &mut Rng, count: usize) -> Vec<f32> {
 
 /// Largest errors over `steps` steps: of parameters in units of the way that the rate allows, and of moments relative to
 /// the largest moment that the value has had.
-fn errors(gpu: &Arc<Gpu>, count: usize, steps: u64, plant: impl Fn(u64) -> u64) -> (f64, f64) {
+fn errors(gpu: &Arc<Gpu>, (count, split): (usize, usize), steps: u64, plant: impl Fn(u64) -> u64) -> (f64, f64) {
     let mut rng = Rng::new(count as u64);
     let start: Vec<f32> = (0..count).map(|_| rng.normal() as f32).collect();
     let mut device = DeviceAdam::new(gpu, &start);
@@ -78,11 +83,11 @@ fn errors(gpu: &Arc<Gpu>, count: usize, steps: u64, plant: impl Fn(u64) -> u64) 
     let mut way = 0.0;
     for step in 1..=steps {
         let g = gradients(&mut rng, count);
-        let rate = rng.range(0.001, 0.02);
-        way += rate;
-        device.step(&g, plant(step), rate);
+        let rates = [rng.range(0.001, 0.02), rng.range(0.001, 0.02)];
+        way += rates[0].min(rates[1]);
+        device.step_groups(&g, plant(step), ValueGroups { counts: [split, count - split], rates });
         let wide: Vec<f64> = g.iter().map(|&v| f64::from(v)).collect();
-        adam_step(&AdamOptions::default(), &mut twin, &wide, step, rate);
+        adam_step(&AdamOptions::default(), &mut twin, &wide, step, (rates, split));
         for (i, l) in largest.iter_mut().enumerate() {
             *l = [l[0].max(twin.first_moments[i].abs()), l[1].max(twin.second_moments[i])];
         }
@@ -102,12 +107,12 @@ fn errors(gpu: &Arc<Gpu>, count: usize, steps: u64, plant: impl Fn(u64) -> u64) 
 #[test]
 fn many_steps_agree_with_the_twin() {
     let Some(gpu) = gpu() else { return };
-    for (count, steps) in [(1, 200), (255, 60), (257, 60), (100_003, 25)] {
-        let (parameter, moment) = errors(&gpu, count, steps, |step| step);
+    for (count, split, steps) in [(1, 1, 200), (255, 0, 60), (257, 131, 60), (100_003, 50_001, 25)] {
+        let (parameter, moment) = errors(&gpu, (count, split), steps, |step| step);
         println!("adam, {count} values, {steps} steps: parameters {parameter:.1e} of the way, moments {moment:.1e}");
         assert!(parameter < 2e-5 && moment < 5e-5, "{count}: {parameter:e} {moment:e}");
     }
-    let (late, _) = errors(&gpu, 255, 60, |step| step + 1);
+    let (late, _) = errors(&gpu, (255, 255), 60, |step| step + 1);
     assert!(late > 1e-3, "a step count that is off by one is not seen: {late:e}");
     assert_silent(&gpu);
 }
@@ -123,6 +128,26 @@ fn the_first_step_is_the_rate() {
         assert!((got - want).abs() < 2e-7, "{got} instead of {want}");
     }
     assert!(got[3].to_bits() == 0 && got[4].to_bits() == 0, "{got:?}");
+    assert_silent(&gpu);
+}
+
+/// The border between the groups lies within a vector of four; a group without a rate is held to the bit; without any
+/// rate not even moments change.
+#[test]
+fn groups_have_their_own_rates() {
+    let Some(gpu) = gpu() else { return };
+    for split in 0..=9 {
+        let mut device = DeviceAdam::new(&gpu, &[1.0; 9]);
+        let groups = |rates: [f64; 2]| ValueGroups { counts: [split, 9 - split], rates };
+        device.step_groups(&[1.0; 9], 1, groups([0.0, 0.0]));
+        assert_eq!(device.download().1[..9], [[0.0; 2]; 9]);
+        device.step_groups(&[1.0; 9], 1, groups([0.25, 0.5]));
+        device.step_groups(&[1.0; 9], 2, groups([0.0, 0.5]));
+        for (i, got) in device.download().0[..9].iter().enumerate() {
+            let want = if i < split { 0.75 } else { 0.0 };
+            assert!((got - want).abs() < 1e-5, "{split} {i}: {got} instead of {want}");
+        }
+    }
     assert_silent(&gpu);
 }
 
@@ -159,7 +184,7 @@ fn bad_gradients_count_as_none() {
         let g = if step % 2 == 0 { bad } else { [0.5; 6] };
         device.step(&g, step, 0.01);
         zeros.step(&g.map(|v| if v == 1.0 || v == 0.5 { v } else { 0.0 }), step, 0.01);
-        adam_step(&AdamOptions::default(), &mut twin, &g.map(f64::from), step, 0.01);
+        adam_step(&AdamOptions::default(), &mut twin, &g.map(f64::from), step, ([0.01, 0.0], 6));
     }
     assert!(bits(&device.download()) == bits(&zeros.download()));
     for (got, want) in device.download().0.iter().zip(&twin.parameters) {

@@ -15,7 +15,14 @@ use instgs_vk::render::{RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
 use crate::common::gpu::{assert_silent, device_options, gpu, render_picture};
-use crate::common::random_scene::random_case;
+use crate::common::random_scene::{RandomCase, random_case, rare_case};
+
+/// With offsets that make Gaussians up to twenty times as large, which chunk bounds of templates know nothing of.
+fn enlarged(mut case: RandomCase) -> RandomCase {
+    let offsets = &mut case.scene.offsets.log_scales;
+    offsets.iter_mut().enumerate().for_each(|(i, offset)| offset[i % 3] += (i % 7) as f32 / 2.0);
+    case
+}
 
 #[test]
 fn every_chunk_that_shows_survives() {
@@ -23,8 +30,9 @@ fn every_chunk_that_shows_survives() {
     let variant = Variant::for_device(gpu.caps());
     let mut renderer = Renderer::new(&gpu).unwrap();
     let (mut kept, mut pairs) = (0, 0);
-    for seed in 0..100 {
-        let case = random_case(seed);
+    let enlarged = (0..40).map(|seed| enlarged(rare_case(seed)));
+    for case in (0..100).map(random_case).chain(enlarged) {
+        let seed = case.seed;
         let scene = renderer.upload(&case.scene).unwrap();
         renderer.render(&scene, &case.camera, &device_options(&case.options)).unwrap();
         let frame = renderer.frame().unwrap();

@@ -154,7 +154,7 @@ impl LossRunner {
         let view = TrainView { camera: &camera, options };
         let mut log = StepLog::new(gpu, 1).unwrap();
         let targets = upload(gpu, "targets", &case.targets).unwrap();
-        self.frame.prepare(&self.scene, case.size_px, 0).unwrap();
+        self.frame.prepare(&self.scene, case.size_px, 0, false).unwrap();
         // For the counters that the status looks at.
         self.frame.record_forward(recorder, &self.scene, &view).unwrap();
         let ticket = recorder.submit().unwrap();

@@ -13,17 +13,31 @@ use instgs_vk::reference::gather_gradients::{SceneGradient, scene_gradient};
 use instgs_vk::reference::image_loss::{ImagePair, image_loss};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
-use instgs_vk::train::config::Rates;
+use instgs_vk::train::config::{OffsetRates, PoseRates, Rates, SourceRates};
 use instgs_vk::train::device_state::DeviceState;
 use instgs_vk::train::step_runner::{StepOutcome, StepPlan, StepRunner};
 use instgs_vk::train::views::TrainViews;
 
 use crate::common::gpu::{assert_silent, gpu};
-use crate::common::random_scene::random_case;
+use crate::common::random_scene::{add_rare_offsets, random_case};
 use crate::poison_backward::{PARAMETERS, good_cloud, is_poisoned, poisoned, without_poisoned};
 
 const SIZES: [(u32, u32); 3] = [(24, 18), (41, 30), (33, 47)];
-const RATES: Rates = Rates { means: 2e-3, sh_dc: 5e-3, sh_rest: 2e-3, opacity: 2e-2, log_scales: 5e-3, quats: 2e-3 };
+const SOURCE_RATES: SourceRates =
+    SourceRates { means: 2e-3, sh_dc: 5e-3, sh_rest: 2e-3, opacity: 2e-2, log_scales: 5e-3, quats: 2e-3 };
+/// Nothing moves.
+pub(crate) const HELD: Rates = {
+    let source = SourceRates { means: 0.0, sh_dc: 0.0, sh_rest: 0.0, opacity: 0.0, log_scales: 0.0, quats: 0.0 };
+    let offsets = OffsetRates { means: 0.0, sh_dc: 0.0, opacity: 0.0, sh_rest: 0.0, log_scales: 0.0, quats: 0.0 };
+    let poses = PoseRates { translation: 0.0, rotation: 0.0, log_scale: 0.0 };
+    Rates { template: source, background: source, offsets, poses }
+};
+const RATES: Rates = Rates {
+    template: SOURCE_RATES,
+    background: SOURCE_RATES,
+    offsets: OffsetRates { means: 2e-3, sh_dc: 5e-3, opacity: 2e-2, sh_rest: 2e-3, log_scales: 5e-3, quats: 2e-3 },
+    poses: PoseRates { translation: 1e-3, rotation: 1e-3, log_scale: 1e-3 },
+};
 
 fn cameras(target: glam::DVec3) -> Vec<Camera> {
     let place = |(i, size): (usize, &(u32, u32))| {
@@ -34,7 +48,7 @@ fn cameras(target: glam::DVec3) -> Vec<Camera> {
 }
 
 /// Pictures and where they were taken.
-struct Data {
+pub(crate) struct Data {
     cameras: Vec<Camera>,
     /// RGBA of 8 bits, all covered.
     targets: Vec<Vec<u32>>,
@@ -42,7 +56,7 @@ struct Data {
 
 impl Data {
     /// What the twin sees of a scene.
-    fn of(scene: &InstancedScene, target: glam::DVec3) -> Self {
+    pub(crate) fn of(scene: &InstancedScene, target: glam::DVec3) -> Self {
         let cameras = cameras(target);
         let level = |v: f64| (v.clamp(0.0, 1.0) * 255.0).round() as u32;
         let packed = |c: &[f64; 3]| level(c[0]) | level(c[1]) << 8 | level(c[2]) << 16 | 255 << 24;
@@ -53,7 +67,7 @@ impl Data {
         Self { targets: cameras.iter().map(picture).collect(), cameras }
     }
 
-    fn views(&self, gpu: &Arc<Gpu>) -> TrainViews {
+    pub(crate) fn views(&self, gpu: &Arc<Gpu>) -> TrainViews {
         let view = |(camera, targets): (&Camera, &Vec<u32>)| LoadedView {
             image: ViewImage {
                 width: camera.width,
@@ -68,7 +82,7 @@ impl Data {
 }
 
 /// The plan of a step.
-fn plan(step: u64, view: usize, sh_degree: u32) -> StepPlan {
+pub(crate) fn plan(step: u64, view: usize, sh_degree: u32) -> StepPlan {
     StepPlan {
         step,
         view,
@@ -139,6 +153,7 @@ fn kinds(scene: &InstancedScene) -> Vec<(&'static str, Vec<f32>)> {
         names.into_iter().zip(all).collect::<Vec<_>>()
     };
     let offsets = &scene.offsets;
+    let places = scene.instances.iter().flat_map(|i| i.world_from_template.rows().concat()).collect();
     [
         cloud(["means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"], &scene.templates),
         cloud(
@@ -149,6 +164,10 @@ fn kinds(scene: &InstancedScene) -> Vec<(&'static str, Vec<f32>)> {
             ("offset means", offsets.means.as_flattened().to_vec()),
             ("offset sh_dc", offsets.sh_dc.as_flattened().to_vec()),
             ("offset logits", offsets.opacity_logits.clone()),
+            ("offset sh_rest", offsets.sh_rest.as_flattened().to_vec()),
+            ("offset log_scales", offsets.log_scales.as_flattened().to_vec()),
+            ("offset quats", offsets.quats.as_flattened().to_vec()),
+            ("places", places),
         ],
     ]
     .concat()
@@ -162,7 +181,7 @@ fn all_finite(scene: &InstancedScene) -> bool {
     kinds(scene).iter().all(|(_, values)| values.iter().all(|v| v.is_finite()))
 }
 
-/// A scene with templates, offsets and a background, both of SH degree 2 or more, and itself with noise on everything.
+/// A scene with templates, offsets of all kinds and a background, both of SH degree 2 or more, and itself with noise on everything.
 fn instanced() -> (InstancedScene, InstancedScene, glam::DVec3) {
     let fits = |scene: &InstancedScene| {
         let shared = scene.instances.iter().filter(|i| i.template == scene.instances[0].template).count() > 1;
@@ -172,7 +191,8 @@ fn instanced() -> (InstancedScene, InstancedScene, glam::DVec3) {
             && scene.templates.sh_degree >= 2
             && scene.background.sh_degree >= 1
     };
-    let truth = (0..).map(|seed| random_case(seed).scene).find(fits).unwrap();
+    let mut truth = (0..).map(|seed| random_case(seed).scene).find(fits).unwrap();
+    add_rare_offsets(&mut Rng::new(12), &mut truth, 0);
     let mut start = truth.clone();
     let mut rng = Rng::new(11);
     for cloud in [&mut start.templates, &mut start.background] {
@@ -183,11 +203,11 @@ fn instanced() -> (InstancedScene, InstancedScene, glam::DVec3) {
     (truth, start, target)
 }
 
-fn in_turn(step: u64) -> usize {
+pub(crate) fn in_turn(step: u64) -> usize {
     (step % 3) as usize
 }
 
-/// Measured: losses fall to 0.43, 0.51 and 0.75 of what they were. Twice the same forty steps: the same bytes, and a smaller loss than before. All kinds of parameters move.
+/// Measured: losses fall to 0.55, 0.41 and 0.69 of what they were. Twice the same forty steps: the same bytes, and a smaller loss than before. All kinds of parameters move.
 #[test]
 fn steps_are_repeatable_and_learn() {
     let Some(gpu) = gpu() else { return };
@@ -273,13 +293,13 @@ fn the_first_step_follows_the_twin() {
             start.templates.means.as_flattened(),
             got.templates.means.as_flattened(),
             want.templates.means.as_flattened(),
-            RATES.means,
+            RATES.template.means,
         );
         let logits = disagreement(
             &start.offsets.opacity_logits,
             &got.offsets.opacity_logits,
             &want.offsets.opacity_logits,
-            RATES.opacity,
+            RATES.offsets.opacity,
         );
         // Offsets of one instance alone do not lead the template.
         let mut alone = start.clone();
@@ -288,7 +308,7 @@ fn the_first_step_follows_the_twin() {
             start.templates.means.as_flattened(),
             got.templates.means.as_flattened(),
             twin_gradient(&alone, &data, view).templates.means.as_flattened(),
-            RATES.means,
+            RATES.template.means,
         );
         println!("view {view}: disagreement {templates:.4}, offsets {logits:.4}; with one instance {planted:.2}");
         assert!(templates < 0.01 && logits < 0.01, "{templates} {logits}");

@@ -10,12 +10,14 @@ use super::error::{ConfigError, one_line};
 use super::keys::{self, KEYS};
 use crate::io::read_bytes;
 
-/// Name and text of each preset that `--config` knows.
-pub const PRESETS: [(&str, &str); 4] = [
+/// Name and text of each preset that `--config` knows; the first two hold the defaults.
+pub const PRESETS: [(&str, &str); 6] = [
     ("default", include_str!("../../../configs/default.toml")),
+    ("instgs", include_str!("../../../configs/instgs.toml")),
     ("quick", include_str!("../../../configs/quick.toml")),
     ("paper", include_str!("../../../configs/paper.toml")),
     ("mcmc", include_str!("../../../configs/mcmc.toml")),
+    ("instgs_quick", include_str!("../../../configs/instgs_quick.toml")),
 ];
 
 /// Longest value that an error repeats, characters.
@@ -102,8 +104,11 @@ impl ConfigBuilder {
     /// # Errors
     /// Values that do not go together.
     pub fn finish(self) -> Result<TrainConfig, ConfigError> {
-        let (name, defaults) = PRESETS[0];
-        let mut all = Self::new().text(defaults, &format!("preset {name}"))?;
+        // The first two presets are the defaults: each has keys that the other has not.
+        let mut all = Self::new();
+        for (name, defaults) in &PRESETS[..2] {
+            all = all.text(defaults, &format!("preset {name}"))?;
+        }
         all.values.extend(self.values);
         let mut table = Table::new();
         for (key, (value, _)) in &all.values {

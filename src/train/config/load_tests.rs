@@ -26,7 +26,9 @@ fn text_of<T>(result: Result<T, ConfigError>) -> String {
 fn defaults_table_and_struct_have_the_same_keys() -> Test {
     let table: BTreeSet<String> = KEYS.iter().map(|k| k.name.to_owned()).collect();
     assert_eq!(table.len(), KEYS.len(), "a key is listed twice");
-    assert_eq!(keys_of(PRESETS[0].1)?, table);
+    let (plain, instanced) = (keys_of(PRESETS[0].1)?, keys_of(PRESETS[1].1)?);
+    assert!(plain.is_disjoint(&instanced), "a key has two defaults");
+    assert_eq!(&plain | &instanced, table);
     assert_eq!(keys_of(&TrainConfig::default().to_toml()?)?, table);
     Ok(())
 }
@@ -34,11 +36,14 @@ fn defaults_table_and_struct_have_the_same_keys() -> Test {
 /// A comment stands above each key, or above the group of keys that it speaks of.
 #[test]
 fn every_default_is_explained() {
-    let mut explained = false;
-    for line in PRESETS[0].1.lines() {
-        explained = line.starts_with('#') || explained && !line.is_empty() && !line.starts_with('[');
-        assert!(explained || line.is_empty() || line.starts_with('['), "no comment above: {line}");
-        assert!(line.len() <= 120, "{line}");
+    for (name, text) in &PRESETS[..2] {
+        let mut explained = false;
+        for line in text.lines() {
+            // What stands above a section speaks of all of it.
+            explained = line.starts_with('#') || explained && !line.is_empty();
+            assert!(explained || line.is_empty() || line.starts_with('['), "{name}: no comment above: {line}");
+            assert!(line.len() <= 120, "{line}");
+        }
     }
 }
 
@@ -140,7 +145,7 @@ fn bad_values_name_key_value_range_and_origin() {
         ("near=nan", "--set: near = nan: must be a number above 0.0, at most 1000000.0"),
         ("antialias=1", "--set: antialias = 1: must be true or false"),
         ("init=sfm", "--set: init = \"sfm\": must be one of \"points\", \"random\""),
-        ("method=instgs", "--set: method = \"instgs\": must be \"3dgs\""),
+        ("method=inst", "--set: method = \"inst\": must be one of \"3dgs\", \"instgs\""),
         ("rates.beta1=1", "--set: rates.beta1 = 1: must be a number from 0.0, below 1.0"),
         ("init_opacity=1", "--set: init_opacity = 1: must be a number above 0.0, below 1.0"),
         ("init_scale=0", "--set: init_scale = 0: must be a number above 0.0, at most 1000.0"),
@@ -167,7 +172,11 @@ fn syntax_errors_are_one_line_with_the_line() {
     // A line break cannot smuggle a second key in.
     assert!(text_of(ConfigBuilder::new().set("steps=5\nwidth=6")).contains("steps = "));
     let missing = text_of(ConfigBuilder::new().file("no/such.toml"));
-    assert!(missing.contains("no/such.toml") && missing.contains("preset (default, quick, paper, mcmc)"), "{missing}");
+    assert!(
+        missing.contains("no/such.toml")
+            && missing.contains("preset (default, instgs, quick, paper, mcmc, instgs_quick)"),
+        "{missing}"
+    );
 }
 
 #[test]

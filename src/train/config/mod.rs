@@ -1,10 +1,11 @@
 //! The configuration of a training run: validated, resolved, plain values.
 //!
-//! Built-in defaults (`configs/default.toml`) < `--config` (file or preset) < `--set key=value` < flags such as
-//! `--steps`: [`ConfigBuilder`] puts the layers together, [`keys`] says what a key may be, `configs/default.toml`
-//! explains each. What the values mean at a step is in the methods of [`TrainConfig`] ([`Rates`] and the schedule).
+//! Built-in defaults (`configs/default.toml`, `configs/instgs.toml`) < `--config` (file or preset) < `--set key=value` < flags such as
+//! `--steps`: [`ConfigBuilder`] puts the layers together, [`keys`] says what a key may be, these two files
+//! explain each. What the values mean at a step is in the methods of [`TrainConfig`] ([`Rates`] and the schedule).
 
 mod error;
+mod instanced;
 pub mod keys;
 mod load;
 mod schedule;
@@ -12,11 +13,12 @@ mod schedule;
 use serde::{Deserialize, Serialize};
 
 pub use error::ConfigError;
+pub use instanced::{JointConfig, JointRates, OffsetConfig, PoseRateConfig, SegmentConfig, TemplateConfig};
 pub use load::{ConfigBuilder, PRESETS};
-pub use schedule::Rates;
+pub use schedule::{OffsetRates, PoseRates, Rates, SourceRates};
 
 /// Everything that decides the outcome of a training run, apart from the data and the device. Comments give units;
-/// ranges are in [`keys::KEYS`], reasons in `configs/default.toml`.
+/// ranges are in [`keys::KEYS`], reasons in `configs/default.toml` and `configs/instgs.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
@@ -66,6 +68,26 @@ pub struct TrainConfig {
     pub densify: DensifyConfig,
     /// For [`Strategy::Mcmc`].
     pub mcmc: McmcConfig,
+    /// Path of `groups.json`; empty = none. This and all that follows is for [`Method::Instanced`].
+    pub groups: String,
+    /// Folder of masks; empty = the data set's.
+    pub masks: String,
+    /// Which Gaussian belongs to which object.
+    pub segment: SegmentConfig,
+    /// How templates are made.
+    pub template: TemplateConfig,
+    /// What instances have of their own.
+    pub offsets: OffsetConfig,
+    /// The second phase.
+    pub joint: JointConfig,
+    /// Its learning rates, for templates.
+    pub template_rates: JointRates,
+    /// For the background.
+    pub background_rates: JointRates,
+    /// For offsets.
+    pub offset_rates: JointRates,
+    /// For poses.
+    pub pose_rates: PoseRateConfig,
 }
 
 /// What is trained.
@@ -74,6 +96,9 @@ pub enum Method {
     /// A plain cloud of Gaussians.
     #[serde(rename = "3dgs")]
     Gaussians,
+    /// Templates, instances with offsets, and a background.
+    #[serde(rename = "instgs")]
+    Instanced,
 }
 
 /// Where the first Gaussians come from.
@@ -194,6 +219,16 @@ pub struct McmcConfig {
     pub opacity_regularisation: f64,
     /// Weight of the mean scale in the loss.
     pub scale_regularisation: f64,
+}
+
+impl Method {
+    /// As on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gaussians => "3dgs",
+            Self::Instanced => "instgs",
+        }
+    }
 }
 
 impl Default for TrainConfig {

@@ -3,11 +3,24 @@
 //! `step` is the index of a step, from 0: what that step uses. `done` is the number of finished steps, from 1: what
 //! happens between steps. After step index s, `done` is s + 1.
 
-use super::{Background, Strategy, TrainConfig};
+use super::{Background, Method, Strategy, TrainConfig};
 
-/// Learning rates of one step, parameter units.
+/// Learning rates of one step by group of parameters, parameter units. What has rate 0 is held.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
+    /// Gaussians of the templates.
+    pub template: SourceRates,
+    /// Gaussians of the background.
+    pub background: SourceRates,
+    /// Offsets of instances from their templates.
+    pub offsets: OffsetRates,
+    /// Places of instances.
+    pub poses: PoseRates,
+}
+
+/// Learning rates of the Gaussians of a cloud.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SourceRates {
     /// Centres, scene units.
     pub means: f64,
     /// SH coefficient 0.
@@ -22,20 +35,65 @@ pub struct Rates {
     pub quats: f64,
 }
 
+/// Learning rates of offsets, each as the parameter that it is added to.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct OffsetRates {
+    /// Of centres, template units.
+    pub means: f64,
+    /// Of SH coefficient 0.
+    pub sh_dc: f64,
+    /// Of opacity logits.
+    pub opacity: f64,
+    /// Of the other SH coefficients.
+    pub sh_rest: f64,
+    /// Of logarithms of the scales.
+    pub log_scales: f64,
+    /// Of quaternions.
+    pub quats: f64,
+}
+
+/// Learning rates of the places of instances.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PoseRates {
+    /// Of positions, template units.
+    pub translation: f64,
+    /// Of rotations, radians.
+    pub rotation: f64,
+    /// Of logarithms of the scale.
+    pub log_scale: f64,
+}
+
+impl PoseRates {
+    /// In the order in which the device keeps them.
+    pub fn values(&self) -> [f64; 3] {
+        [self.translation, self.rotation, self.log_scale]
+    }
+
+    /// True if every place stays as it is.
+    pub fn are_held(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 impl TrainConfig {
     /// Learning rates of step index `step`; `extent` is the scene's, scene units.
     pub fn rates_at(&self, step: u64, extent: f64) -> Rates {
+        if self.method == Method::Instanced {
+            return self.joint_rates_at(step, extent);
+        }
         let rates = &self.rates;
         let means_steps = if rates.means_steps == 0 { self.steps } else { rates.means_steps };
         let factor = log_linear(1.0, rates.final_factor, step, self.steps);
-        Rates {
+        let source = SourceRates {
             means: log_linear(rates.means, rates.means_final, step, means_steps) * extent,
             sh_dc: rates.sh_dc * factor,
             sh_rest: rates.sh_rest * factor,
             opacity: rates.opacity * factor,
             log_scales: rates.log_scales * factor,
             quats: rates.quats * factor,
-        }
+        };
+        let (offsets, poses) = (OffsetRates::default(), PoseRates::default());
+        Rates { template: source, background: source, offsets, poses }
     }
 
     /// SH degree that step index `step` uses, 0..=`sh_degree`.
@@ -94,7 +152,7 @@ impl TrainConfig {
 }
 
 /// From `first` at step 0 to `last` at step `steps` and after, by equal factors; both ends are exact.
-fn log_linear(first: f64, last: f64, step: u64, steps: u64) -> f64 {
+pub(super) fn log_linear(first: f64, last: f64, step: u64, steps: u64) -> f64 {
     if step >= steps {
         return last;
     }
@@ -116,28 +174,28 @@ mod tests {
     #[test]
     fn means_decay_between_exact_ends() -> Result<(), ConfigError> {
         let config = with(&[])?;
-        let means = |step| config.rates_at(step, 2.0).means;
+        let means = |step| config.rates_at(step, 2.0).background.means;
         assert_eq!(means(0), 2.0 * 1.6e-4);
         assert_eq!((means(30_000), means(u64::MAX)), (2.0 * 1.6e-6, 2.0 * 1.6e-6));
         // Half way: the geometric mean.
         assert!((means(15_000) / (2.0 * 1.6e-5) - 1.0).abs() < 1e-12);
         assert!((0..30_000).step_by(1000).all(|s| means(s) > means(s + 1)));
         let short = with(&["steps=100", "rates.means_steps=0"])?;
-        assert_eq!(short.rates_at(100, 1.0).means, 1.6e-6);
-        assert!((short.rates_at(50, 1.0).means / 1.6e-5 - 1.0).abs() < 1e-12);
-        assert_eq!(with(&["rates.means=0"])?.rates_at(7, 1.0).means, 0.0);
+        assert_eq!(short.rates_at(100, 1.0).background.means, 1.6e-6);
+        assert!((short.rates_at(50, 1.0).background.means / 1.6e-5 - 1.0).abs() < 1e-12);
+        assert_eq!(with(&["rates.means=0"])?.rates_at(7, 1.0).background.means, 0.0);
         Ok(())
     }
 
     #[test]
     fn other_rates_stay_unless_told_to_decay() -> Result<(), ConfigError> {
-        let rates = with(&[])?.rates_at(29_999, 5.0);
+        let rates = with(&[])?.rates_at(29_999, 5.0).template;
         assert_eq!((rates.sh_dc, rates.sh_rest, rates.opacity), (2.5e-3, 1.25e-4, 0.025));
         assert_eq!((rates.log_scales, rates.quats), (5e-3, 1e-3));
         let decaying = with(&["rates.final_factor=0.01", "steps=200"])?;
-        assert_eq!(decaying.rates_at(0, 1.0).quats, 1e-3);
-        assert!((decaying.rates_at(100, 1.0).quats / 1e-4 - 1.0).abs() < 1e-12);
-        assert_eq!(decaying.rates_at(200, 1.0).opacity, 0.025 * 0.01);
+        assert_eq!(decaying.rates_at(0, 1.0).template.quats, 1e-3);
+        assert!((decaying.rates_at(100, 1.0).template.quats / 1e-4 - 1.0).abs() < 1e-12);
+        assert_eq!(decaying.rates_at(200, 1.0).template.opacity, 0.025 * 0.01);
         Ok(())
     }
 

@@ -14,12 +14,16 @@ const MOST_POINTS: usize = 400;
 /// Part of a curve that smoothing averages over.
 const SMOOTH: f64 = 0.04;
 
-/// A chart over steps.
+/// A chart over steps or training time.
 pub(super) struct Chart<'a> {
     pub(super) title: &'a str,
+    /// Of the horizontal axis.
+    pub(super) over: &'a str,
     pub(super) series: Vec<Series<'a>>,
     /// Vertical marks and what they mean.
     pub(super) marks: (&'a [f64], &'a str),
+    /// A value to compare with, and what it is.
+    pub(super) level: Option<(f64, &'a str)>,
     /// True if the vertical axis begins at 0.
     pub(super) from_zero: bool,
 }
@@ -49,34 +53,32 @@ impl Chart<'_> {
             .map(|(i, s)| (thinned(s.points, MOST_POINTS), s.look, i + 1))
             .filter(|(points, ..)| !points.is_empty())
             .collect();
-        let Some(frame) = Frame::around(drawn.iter().flat_map(|(points, ..)| points), self.from_zero) else {
+        let level = self.level.filter(|(value, _)| value.is_finite());
+        let values = drawn.iter().flat_map(|(points, ..)| points);
+        let Some(frame) = Frame::around(values, level.map(|(value, _)| value), self.from_zero) else {
             return String::new();
         };
-        let label = format!("{} over steps", self.title);
+        let label = format!("{} over {}", self.title, self.over);
         let mut svg = format!(
             "<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\">\n{}",
             SIZE.0,
             SIZE.1,
             escape(&label),
-            frame.axes()
+            frame.axes(self.over)
         );
-        let marks = self.marks.0.iter().filter(|m| (frame.x.0..=frame.x.1).contains(*m));
-        for mark in marks.clone() {
-            let x = frame.at((*mark, 0.0)).0;
-            svg += &format!(
-                "<line class=\"mark\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{}\"><title>{} at {}</title></line>\n",
-                SIZE.1 - BOTTOM,
-                escape(self.marks.1),
-                axis(*mark)
-            );
-        }
+        let marks: Vec<f64> = self.marks.0.iter().copied().filter(|m| (frame.x.0..=frame.x.1).contains(m)).collect();
+        marks.iter().for_each(|&mark| svg += &frame.mark(mark, self.marks.1));
         drawn.iter().for_each(|(points, look, color)| svg += &frame.curve(points, *look, *color));
+        level.iter().for_each(|&(value, name)| svg += &frame.level(value, name));
         svg += "</svg>";
         let mut keys: String = (drawn.iter())
             .map(|(_, _, color)| format!("<span class=\"key c{color}\">{}</span>", escape(self.series[color - 1].name)))
             .collect();
-        if marks.count() > 0 {
+        if !marks.is_empty() {
             keys += &format!("<span class=\"key dashed\">{}</span>", escape(self.marks.1));
+        }
+        if let Some((_, name)) = level {
+            keys += &format!("<span class=\"key level\">{}</span>", escape(name));
         }
         format!("<figure class=\"chart\"><figcaption><b>{}</b>{keys}</figcaption>{svg}</figure>\n", escape(self.title))
     }
@@ -89,7 +91,8 @@ struct Frame {
 }
 
 impl Frame {
-    fn around<'p>(points: impl Iterator<Item = &'p (f64, f64)>, from_zero: bool) -> Option<Self> {
+    /// Nothing without points; a level alone is no curve.
+    fn around<'p>(points: impl Iterator<Item = &'p (f64, f64)>, level: Option<f64>, from_zero: bool) -> Option<Self> {
         let (mut last, mut low, mut high) = (0.0f64, f64::INFINITY, f64::NEG_INFINITY);
         for &(x, y) in points {
             (last, low, high) = (last.max(x), low.min(y), high.max(y));
@@ -97,6 +100,7 @@ impl Frame {
         if low > high {
             return None;
         }
+        (low, high) = level.map_or((low, high), |value| (low.min(value), high.max(value)));
         if from_zero {
             low = low.min(0.0);
         }
@@ -112,7 +116,7 @@ impl Frame {
         (LEFT + part(x, self.x) * width, TOP + (1.0 - part(y, self.y)) * height)
     }
 
-    fn axes(&self) -> String {
+    fn axes(&self, over: &str) -> String {
         let mut out = String::new();
         let (right, bottom) = (SIZE.0 - RIGHT, SIZE.1 - BOTTOM);
         for tick in ticks(self.y, 5) {
@@ -125,7 +129,26 @@ impl Frame {
             out += &format!("<text class=\"x\" x=\"{x:.1}\" y=\"{}\">{}</text>\n", bottom + 17.0, axis(tick));
         }
         out += &format!("<line class=\"axis\" x1=\"{LEFT}\" x2=\"{right}\" y1=\"{bottom}\" y2=\"{bottom}\"/>");
-        out + &format!("<text class=\"x\" x=\"{}\" y=\"{}\">step</text>\n", (LEFT + right) / 2.0, bottom + 34.0)
+        let (x, y) = ((LEFT + right) / 2.0, bottom + 34.0);
+        out + &format!("<text class=\"x\" x=\"{x}\" y=\"{y}\">{}</text>\n", escape(over))
+    }
+
+    /// A vertical line.
+    fn mark(&self, at: f64, name: &str) -> String {
+        let (x, bottom) = (self.at((at, 0.0)).0, SIZE.1 - BOTTOM);
+        let title = format!("{} at {}", escape(name), axis(at));
+        format!(
+            "<line class=\"mark\" x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{bottom}\"><title>{title}</title></line>\n"
+        )
+    }
+
+    /// A horizontal line.
+    fn level(&self, value: f64, name: &str) -> String {
+        let (y, right) = (self.at((0.0, value)).1, SIZE.0 - RIGHT);
+        let title = format!("{}: {}", escape(name), axis(value));
+        format!(
+            "<line class=\"level\" x1=\"{LEFT}\" x2=\"{right}\" y1=\"{y:.1}\" y2=\"{y:.1}\"><title>{title}</title></line>\n"
+        )
     }
 
     fn curve(&self, points: &Points, look: Look, color: usize) -> String {
@@ -177,18 +200,25 @@ mod tests {
     #[test]
     fn a_chart_draws_what_it_is_given_and_nothing_of_nothing() {
         let (line, none) = (vec![(0.0, 1.0), (100.0, 3.0)], Vec::new());
-        let chart = |points| Chart {
+        let chart = |points, level| Chart {
             title: "A < B",
+            over: "step",
             series: vec![Series { name: "one", points, look: Look::Line }],
             marks: (&[50.0, 500.0], "reset"),
+            level,
             from_zero: true,
         };
-        assert_eq!(chart(&none).html(), "");
+        assert_eq!(chart(&none, Some((2.0, "goal"))).html(), "");
         let nan = vec![(1.0, f64::NAN)];
-        assert_eq!(chart(&nan).html(), "");
-        let html = chart(&line).html();
+        assert_eq!(chart(&nan, None).html(), "");
+        let html = chart(&line, None).html();
         // The frame is 474 wide and 208 high, the range 0 to 3.12: 1 is at 220 - 208 / 3.12.
         assert!(html.contains("points=\"52.0,153.3 526.0,20.0\""), "{html}");
         assert!(html.contains("A &lt; B") && html.matches("class=\"mark\"").count() == 1, "{html}");
+        assert!(!html.contains("level"));
+        // A level makes room for itself: the range is now 0 to 4.16, its line at 220 - 208 * 4 / 4.16.
+        let html = chart(&line, Some((4.0, "goal"))).html();
+        assert!(html.contains("class=\"level\" x1=\"52\" x2=\"526\" y1=\"20.0\""), "{html}");
+        assert!(!chart(&line, Some((f64::NAN, "goal"))).html().contains("goal"));
     }
 }

@@ -1,30 +1,45 @@
-//! Curves over steps, from the log of a run.
+//! Curves over steps or training time, from the log of a run.
 
+use super::training_clock::TrainingClock;
 use crate::train::events::Event;
 
-/// A curve: (steps done, value), in the order of the log.
+/// A curve: (steps done or seconds, value), in the order of the log.
 pub(super) type Points = Vec<(f64, f64)>;
+
+/// What curves are drawn over.
+#[derive(Clone, Copy)]
+pub(super) enum Over {
+    /// Finished steps.
+    Steps,
+    /// Training time, seconds; the log begins at this one.
+    Time(f64),
+}
 
 /// What the log says about each step.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Curves {
+    /// Mean since the report before; of one view in logs that do not have it.
     pub(super) loss: Points,
     pub(super) train_psnr: Points,
     pub(super) test_psnr: Points,
     pub(super) gaussians: Points,
     pub(super) steps_per_second: Points,
-    /// Steps at which opacities were reset.
+    /// Where opacities were reset.
     pub(super) resets: Vec<f64>,
 }
 
 impl Curves {
-    pub(super) fn of(events: &[Event]) -> Self {
-        let mut curves = Self::default();
+    pub(super) fn of(events: &[Event], over: Over) -> Self {
+        let (mut curves, mut clock) = (Self::default(), TrainingClock::default());
         for event in events {
-            let at = event.step() as f64;
+            let seconds = clock.at(event);
+            let at = match over {
+                Over::Steps => event.step() as f64,
+                Over::Time(first) => first + seconds,
+            };
             match event {
-                Event::Step { loss, psnr, gaussians, steps_per_second, .. } => {
-                    curves.loss.push((at, *loss));
+                Event::Step { loss, mean_loss, psnr, gaussians, steps_per_second, .. } => {
+                    curves.loss.push((at, mean_loss.unwrap_or(*loss)));
                     curves.train_psnr.push((at, *psnr));
                     curves.gaussians.push((at, *gaussians as f64));
                     curves.steps_per_second.push((at, *steps_per_second));
@@ -88,7 +103,7 @@ mod tests {
             Event::Densified { step: 3, cloned: 1, split: 0, pruned: 0, relocated: 0, gaussians: 9 },
             Event::Evaluated { step: 4, views: 1, psnr: 20.0, ssim: 0.5, lpips: None },
         ];
-        let curves = Curves::of(&events);
+        let curves = Curves::of(&events, Over::Steps);
         assert_eq!(
             (curves.resets, curves.gaussians, curves.test_psnr),
             (vec![2.0], vec![(3.0, 9.0)], vec![(4.0, 20.0)])

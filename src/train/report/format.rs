@@ -40,6 +40,12 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
+/// As [`fixed`], with a plus where there is no minus.
+pub(super) fn signed(value: f64, decimals: usize) -> String {
+    let plus = if value.is_finite() && value >= 0.0 { "+" } else { "" };
+    format!("{plus}{}", fixed(value, decimals))
+}
+
 /// Bytes in the unit that leaves one to four digits before the point.
 pub(super) fn bytes(value: u64) -> String {
     let units = ["KiB", "MiB", "GiB", "TiB"];
@@ -93,6 +99,7 @@ mod tests {
         assert_eq!([0, 999, 1_234_567].map(count), ["0", "999", "1\u{202F}234\u{202F}567"]);
         let numbers = [(23.456, 2), (f64::NAN, 2), (f64::INFINITY, 2), (-0.5, 1)].map(|(v, d)| fixed(v, d));
         assert_eq!(numbers, ["23.46", "–", "∞", "−0.5"]);
+        assert_eq!([0.126, -0.5, f64::NAN].map(|v| signed(v, 2)), ["+0.13", "−0.50", "–"]);
         assert_eq!(
             [0, 1023, 1024, (1 << 20) - 1, 5 << 30].map(bytes),
             ["0 B", "1023 B", "1.0 KiB", "1.0 MiB", "5.0 GiB"]

@@ -1,20 +1,26 @@
 //! What came out of a training run: `RUN/report.json` (DESIGN section 5) and `RUN/report.html`, a page without scripts
-//! or anything from elsewhere. Plain data in, text out.
+//! or anything from elsewhere. Plain data in, text out. Of a run in two phases both show the plain cloud, too.
 
 mod chart;
 mod curves;
 mod format;
+mod joint_match;
 mod page;
+mod phases;
 mod pictures;
 mod run_report;
+mod table;
+mod training_clock;
 
 use std::path::Path;
 
+pub use joint_match::JointMatch;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
-pub use run_report::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, Registration, RunReport, Stage, ViewMetrics};
+pub use run_report::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, RunReport, Stage, ViewMetrics};
 
 use super::events::Event;
 use crate::io::{IoError, atomic_write};
+use crate::scene::RepeatedBytes;
 
 /// Everything that the page shows.
 #[derive(Clone, Debug, Default)]
@@ -23,6 +29,8 @@ pub struct ReportData {
     pub report: RunReport,
     /// The whole log of the run; the curves are made of it.
     pub events: Vec<Event>,
+    /// For instgs: the whole log of the plain cloud that it started from; empty if that was not trained here.
+    pub vanilla_events: Vec<Event>,
     /// Views to look at, in the order of the page; see [`choose`].
     pub pictures: Vec<ViewPicture>,
 }

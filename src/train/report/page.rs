@@ -3,12 +3,15 @@
 use std::path::Path;
 
 use super::chart::{Chart, Look, Series};
-use super::curves::Curves;
+use super::curves::{Curves, Over};
 use super::format::{bytes, count, duration, escape, fixed};
+use super::phases;
 use super::pictures::{self, DIFFERENCE_GAIN};
 use super::run_report::{Quality, RunReport};
+use super::table::{bar, table};
 use super::{ReportData, ViewPicture};
 use crate::io::{IoError, Place};
+use crate::train::config::Method;
 
 pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     let report = &data.report;
@@ -23,9 +26,10 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     out += &head(report);
     out += &tiles(report);
     out += &section("Curves", &charts(data));
+    out += &section("Beside the plain cloud", &phases::beside(data));
+    out += &section("Groups", &phases::groups(report));
     out += &section("Pictures", &views(&data.pictures, path)?);
     out += &section("Test views", &view_table(report));
-    out += &section("Gaussians and sizes", &sizes(report));
     out += &section("Instances", &registration(report));
     out += &section("Time", &stages(report));
     out += &section("A step, pass by pass", &passes(report));
@@ -44,12 +48,14 @@ fn section(title: &str, body: &str) -> String {
 
 fn head(report: &RunReport) -> String {
     let data = &report.dataset;
-    let planned = match report.steps < report.config.steps {
-        true => format!(" of {} (stopped early)", count(report.config.steps)),
-        false => String::new(),
+    let all = match report.config.method {
+        Method::Gaussians => report.config.steps,
+        Method::Instanced => report.config.joint.steps,
     };
+    let planned = if report.steps < all { format!(" of {} (stopped early)", count(all)) } else { String::new() };
+    let steps = format!("{} steps{planned}", count(report.steps));
     format!(
-        "<h1>{}</h1>\n<p class=\"soft\">{}: {} training views, {} test views, {} × {} px · {} steps{planned} · seed {} · {} · \
+        "<h1>{}</h1>\n<p class=\"soft\">{}: {} training views, {} test views, {} × {} px · {} · seed {} · {} · \
          instgs-vk {}</p>\n",
         escape(&report.method),
         escape(&data.path),
@@ -57,7 +63,7 @@ fn head(report: &RunReport) -> String {
         count(data.test_views),
         data.width,
         data.height,
-        count(report.steps),
+        report.vanilla.as_deref().map_or(steps.clone(), |vanilla| phases::steps(vanilla, &steps)),
         report.seed,
         escape(&report.device),
         escape(&report.version)
@@ -71,9 +77,15 @@ fn tiles(report: &RunReport) -> String {
         all.push(("SSIM", fixed(quality.ssim, 4)));
         all.extend(quality.lpips.map(|lpips| ("LPIPS", fixed(lpips, 4))));
     }
-    all.push(("Gaussians", count(report.gaussians.expanded)));
-    all.push(("wall time", duration(report.seconds)));
-    all.push(("steps per second", fixed(report.steps_per_second, 2)));
+    let two_phases = report.vanilla.is_some();
+    if two_phases {
+        all.push(("Gaussians stored", count(report.gaussians.stored())));
+    }
+    all.push((if two_phases { "Gaussians expanded" } else { "Gaussians" }, count(report.gaussians.expanded)));
+    all.push((if two_phases { "wall time, both phases" } else { "wall time" }, duration(report.seconds)));
+    let speed = if two_phases { "steps per second, joint phase" } else { "steps per second" };
+    all.push((speed, fixed(report.steps_per_second, 2)));
+    all.extend(report.joint_match.map(|m| ("until the plain cloud's loss", duration(m.seconds))));
     all.push(("file", bytes(report.bytes.file)));
     all.push(("device memory, peak", bytes(report.bytes.device_peak)));
     let tiles =
@@ -82,25 +94,36 @@ fn tiles(report: &RunReport) -> String {
 }
 
 fn charts(data: &ReportData) -> String {
-    let curves = Curves::of(&data.events);
+    let curves = Curves::of(&data.events, Over::Steps);
     let marks = (&curves.resets[..], "opacity reset");
     let series = |name, points, look| Series { name, points, look };
-    let chart = |title, series, from_zero| Chart { title, series, marks, from_zero }.html();
+    let chart = |title, series, from_zero| Chart { title, over: "step", series, marks, level: None, from_zero }.html();
+    let quality = match data.vanilla_events.is_empty() {
+        true => [
+            chart("Loss", vec![series("training views", &curves.loss, Look::Noisy)], true),
+            chart(
+                "PSNR, dB",
+                vec![
+                    series("training view", &curves.train_psnr, Look::Noisy),
+                    series("test views", &curves.test_psnr, Look::Dots),
+                ],
+                false,
+            ),
+        ]
+        .concat(),
+        false => phases::charts(data),
+    };
+    let [gaussians, speed] = match data.report.vanilla {
+        None => ["Gaussians", "Steps per second"],
+        Some(_) => ["Gaussians stored, joint phase", "Steps per second, joint phase"],
+    };
     let all = [
-        chart("Loss", vec![series("training view", &curves.loss, Look::Noisy)], true),
-        chart(
-            "PSNR, dB",
-            vec![
-                series("training view", &curves.train_psnr, Look::Noisy),
-                series("test views", &curves.test_psnr, Look::Dots),
-            ],
-            false,
-        ),
-        chart("Gaussians", vec![series("in the scene", &curves.gaussians, Look::Line)], true),
-        chart("Steps per second", vec![series("wall time", &curves.steps_per_second, Look::Noisy)], true),
+        quality,
+        chart(gaussians, vec![series("in the scene", &curves.gaussians, Look::Line)], true),
+        chart(speed, vec![series("wall time", &curves.steps_per_second, Look::Noisy)], true),
     ]
     .concat();
-    if all.is_empty() { all } else { format!("<div class=\"charts\">\n{all}</div>\n") }
+    if all.is_empty() { all } else { format!("<div class=\"charts\">\n{all}</div>\n{}", phases::verdict(data)) }
 }
 
 fn views(all: &[ViewPicture], path: &Path) -> Result<String, IoError> {
@@ -138,33 +161,18 @@ fn view_table(report: &RunReport) -> String {
     table(&["view", "PSNR, dB", "SSIM", "LPIPS"], &rows, mean)
 }
 
-/// Only where instances make it worth a table; the tiles have it otherwise.
-fn sizes(report: &RunReport) -> String {
-    if report.vanilla.is_none() && report.gaussians.template == 0 {
-        return String::new();
-    }
-    let row = |name: &str, r: &RunReport| {
-        let (g, b) = (&r.gaussians, &r.bytes);
-        let counts = [g.template, g.offsets, g.background, g.expanded].map(count);
-        let sizes = [b.file, b.host, b.device_scene, b.device_peak].map(bytes);
-        let psnr = r.eval.as_ref().map_or("–".into(), |q| fixed(q.psnr, 2));
-        [vec![escape(name)], counts.into(), sizes.into(), vec![psnr]].concat()
-    };
-    let mut rows = vec![row("this scene", report)];
-    rows.extend(report.vanilla.as_deref().map(|vanilla| row("vanilla, where it started", vanilla)));
-    let names = ["", "template", "offsets", "background", "expanded", "file", "host", "on device", "peak", "PSNR, dB"];
-    table(&names, &rows, None)
-}
-
 fn registration(report: &RunReport) -> String {
     let rows: Vec<_> = (report.registration.iter())
         .map(|r| {
+            let group = r.group.map_or("–".into(), |group| group.to_string());
+            let photometric = r.photometric.map_or("–".into(), |error| fixed(error, 4));
             let accepted = if r.accepted { "yes" } else { "no" };
-            let figures = [fixed(r.inliers, 3), fixed(r.rmse, 4), fixed(r.photometric, 4), accepted.into()];
-            [vec![r.instance.to_string(), r.group.to_string()], figures.into()].concat()
+            let name = escape(r.name.as_deref().unwrap_or("–"));
+            let figures = [fixed(r.inliers, 3), fixed(r.rmse, 4), photometric, accepted.into(), escape(&r.note)];
+            [vec![r.instance.to_string(), name, group], figures.into()].concat()
         })
         .collect();
-    table(&["instance", "group", "inliers", "RMSE", "photometric", "accepted"], &rows, None)
+    table(&["instance", "name", "group", "inliers", "RMSE", "photometric", "accepted", "why"], &rows, None)
 }
 
 fn stages(report: &RunReport) -> String {
@@ -202,31 +210,4 @@ fn memory(report: &RunReport) -> String {
     let sum = bytes(all.iter().map(|m| m.bytes).sum());
     let sum = [vec!["all".into(), sum], vec![String::new(); 4]].concat();
     table(&["use", "bytes", "each", "per", "count", ""], &rows, Some(sum))
-}
-
-/// Marks a cell that [`table`] draws as a bar.
-const BAR: &str = "<i ";
-
-fn bar(value: f64, largest: f64) -> String {
-    let part = if largest > 0.0 { (100.0 * value / largest).clamp(0.0, 100.0) } else { 0.0 };
-    format!("{BAR}style=\"width:{part:.1}%\"></i>")
-}
-
-/// Cells are HTML. Nothing if there are no rows.
-fn table(names: &[&str], rows: &[Vec<String>], sum: Option<Vec<String>>) -> String {
-    if rows.is_empty() {
-        return String::new();
-    }
-    let cell = |text: &String| {
-        let class = if text.starts_with(BAR) { " class=\"bar\"" } else { "" };
-        format!("<td{class}>{text}</td>")
-    };
-    let row =
-        |class: &str, cells: &[String]| format!("<tr{class}>{}</tr>\n", cells.iter().map(cell).collect::<String>());
-    let names: String = names.iter().map(|name| format!("<th>{name}</th>")).collect();
-    let body: String = rows.iter().map(|cells| row("", cells)).collect();
-    let sum = sum.map(|cells| row(" class=\"sum\"", &cells)).unwrap_or_default();
-    format!(
-        "<div class=\"wide\"><table>\n<thead><tr>{names}</tr></thead>\n<tbody>\n{body}{sum}</tbody></table></div>\n"
-    )
 }

@@ -5,6 +5,10 @@ use std::fmt;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use super::JointMatch;
+use crate::register::InstanceRegistration;
+use crate::scene::RepeatedBytes;
+use crate::template::GroupReport;
 use crate::train::config::TrainConfig;
 use crate::train::events::null_is_nan;
 
@@ -34,7 +38,10 @@ pub struct RunReport {
     /// Sizes.
     pub bytes: Bytes,
     /// Instances found; empty for 3dgs.
-    pub registration: Vec<Registration>,
+    pub registration: Vec<InstanceRegistration>,
+    /// What became of the groups; empty for 3dgs.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<GroupReport>,
     /// Device name.
     pub device: String,
     /// Seed of the run.
@@ -44,6 +51,12 @@ pub struct RunReport {
     /// For instgs: the scene it started from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vanilla: Option<Box<RunReport>>,
+    /// For instgs: when the joint phase was as good on the training views as that scene; `None` if it was not, or if the
+    /// scene was not trained here.
+    pub joint_match: Option<JointMatch>,
+    /// For instgs: what sharing saves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repeated: Option<RepeatedBytes>,
     /// Part of a step's wall time in which the host does not wait for the device, 0..=1.
     #[serde(deserialize_with = "null_is_nan")]
     pub host_fraction: f64,
@@ -65,6 +78,13 @@ pub struct Stage {
     /// Wall time.
     #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
+}
+
+impl Stage {
+    /// True for what stands between the plain cloud's training and the joint phase's: from masks to templates.
+    pub fn is_preparation(&self) -> bool {
+        ["consensus", "segment", "register", "merge"].contains(&self.name.as_str())
+    }
 }
 
 /// How near a rendering is to its photograph.
@@ -93,6 +113,13 @@ pub struct Counts {
     pub expanded: u64,
 }
 
+impl Counts {
+    /// Gaussians in the file: of templates and background.
+    pub fn stored(&self) -> u64 {
+        self.template + self.background
+    }
+}
+
 /// Sizes, bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bytes {
@@ -104,26 +131,6 @@ pub struct Bytes {
     pub device_scene: u64,
     /// Most device memory in use at a time.
     pub device_peak: u64,
-}
-
-/// One instance's registration.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Registration {
-    /// Instance id.
-    pub instance: u32,
-    /// Its template's id.
-    pub group: u32,
-    /// Part of the points that agree, 0..=1.
-    #[serde(deserialize_with = "null_is_nan")]
-    pub inliers: f64,
-    /// Of the points that agree, scene units.
-    #[serde(deserialize_with = "null_is_nan")]
-    pub rmse: f64,
-    /// Photometric error.
-    #[serde(deserialize_with = "null_is_nan")]
-    pub photometric: f64,
-    /// False if the instance was left in the background.
-    pub accepted: bool,
 }
 
 /// A use of device memory: `bytes` is `count` times `bytes_each`, rounded up to what buffers are made in.

@@ -26,7 +26,7 @@ impl McmcStep {
     pub fn new(config: &TrainConfig, rates: &Rates) -> Option<Self> {
         (config.strategy == config::Strategy::Mcmc).then_some(Self {
             seed: config.seed,
-            noise: config.mcmc.noise * rates.means,
+            noise: config.mcmc.noise * rates.background.means,
             opacity_weight: config.mcmc.opacity_regularisation,
             scale_weight: config.mcmc.scale_regularisation,
         })

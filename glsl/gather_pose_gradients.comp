@@ -1,0 +1,45 @@
+#version 460
+// Sums the gradients by the place of an instance over its work items, always in the same order.
+// Grid: one work-group per instance besides the background.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "gradients.glsl"
+
+layout(scalar, binding = 0) readonly buffer InstanceChunks { uint instance_chunks[]; };      // chunks per instance, 0 if out of sight
+layout(scalar, binding = 1) readonly buffer CandidateOffsets { uint candidate_offsets[]; };  // first candidate per instance
+layout(scalar, binding = 2) readonly buffer CandidateVisible { uint candidate_visible[]; };  // 1 if the candidate became a work item
+layout(scalar, binding = 3) readonly buffer WorkOffsets { uint work_offsets[]; };            // work item of the candidate
+layout(scalar, binding = 4) readonly buffer Counters { uint counters[]; };                   // COUNTER_*
+layout(scalar, binding = 5) readonly buffer PoseSums { PoseGradient pose_sums[]; };          // by work item and subgroup
+layout(scalar, binding = 6) writeonly buffer PoseGradients { PoseGradient pose_gradients[]; };  // by instance
+layout(scalar, push_constant) uniform GatherPoseGradientsParams {
+    uint posed_instances;  // instances besides the background
+};
+
+#include "work_item_of.glsl"
+
+shared PoseGradient partial_sums[WORKGROUP_SIZE];
+
+PoseGradient plus(PoseGradient a, PoseGradient b) {
+    return PoseGradient(a.translation + b.translation, a.rotation + b.rotation, a.log_scale + b.log_scale);
+}
+
+void main() {
+    uint k = group_index();
+    uint lane = gl_LocalInvocationID.x;
+    if (k >= posed_instances) return;
+    // Every thread sums records of its own, thread 0 sums the threads.
+    const uint per_item = WORKGROUP_SIZE / SUBGROUP_SIZE;
+    PoseGradient sum = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
+    uint records = instance_chunks[k] * per_item;
+    for (uint i = lane; i < records; i += WORKGROUP_SIZE) {
+        uint w = work_item_of(k, i / per_item);
+        if (w != NO_WORK_ITEM) sum = plus(sum, pose_sums[w * per_item + i % per_item]);
+    }
+    partial_sums[lane] = sum;
+    barrier();
+    if (lane != 0) return;
+    for (uint t = 1; t < min(records, WORKGROUP_SIZE); ++t) sum = plus(sum, partial_sums[t]);
+    pose_gradients[k] = sum;
+}

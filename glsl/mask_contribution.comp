@@ -1,0 +1,81 @@
+#version 460
+// Replays tile_blend front to back and sums, over the pixels of an 8x8 block that have one mask id, the weights
+// alpha T of each splat. Grid: one subgroup per unit, that is per 8x8 block and id in it.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "splat.glsl"
+#include "blend.glsl"
+#include "mask_unit.glsl"
+
+layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };                      // projected splats by slot
+layout(scalar, binding = 1) readonly buffer Footprints { Footprint footprints[]; };          // source of each slot
+layout(scalar, binding = 2) readonly buffer IsectValues { uint isect_values[]; };            // slots, sorted by tile then depth
+layout(scalar, binding = 3) readonly buffer TileRanges { uvec2 tile_ranges[]; };             // first and end intersection per tile
+layout(scalar, binding = 4) readonly buffer LiveDepths { vec2 live_depths[]; };              // y: live T after the previous depth slab
+layout(scalar, binding = 5) readonly buffer PixelIds { uint pixel_ids[]; };                  // mask id by pixel
+layout(scalar, binding = 6) readonly buffer MaskUnits { MaskUnit units[]; };                 // what each subgroup does
+layout(scalar, binding = 7) writeonly buffer Contributions { uvec2 contributions[]; };       // source Gaussian, sum in CONTRIBUTION_ONE
+layout(scalar, push_constant) uniform MaskContributionParams {
+    uvec2 size_px;    // image width and height
+    uvec2 tiles;      // tile columns and rows
+    uint unit_count;  // elements of units
+    uint first_slab;  // 1 = nothing lies in front, live_depths is not read
+};
+
+void main() {
+    uint unit_index = group_index() * (WORKGROUP_SIZE / SUBGROUP_SIZE) + gl_SubgroupID;
+    if (unit_index >= unit_count) return;
+    MaskUnit unit = units[unit_index];
+    Block block = Block(unit.block / BLOCKS_PER_TILE, unit.block % BLOCKS_PER_TILE);
+    uint lane = gl_SubgroupInvocationID;
+    uvec2 corner = block_corner(block, tiles.x);
+    uvec2 range = tile_ranges[block.tile];
+
+    float t[PIXELS_PER_LANE];  // transmittance while the pixel is live, 0 once the stop rule has fired
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        uvec2 at = corner + pixel_step(p);
+        uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
+        bool inside = all(lessThan(at, size_px)) && pixel_ids[i] == unit.id;
+        // Pixels of other ids are none of this subgroup's business: it ends when its own have ended.
+        t[p] = !inside ? 0.0 : first_slab != 0 ? 1.0 : live_depths[i].y;
+    }
+
+    vec2 center = vec2(corner) + 0.5;
+    uint base = range.x;
+    for (; base < range.y; base += SUBGROUP_SIZE) {
+        uint i = min(base + lane, range.y - 1);
+        uint slot = isect_values[i];
+        Splat mine = splats[slot];
+        mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
+        mine.b.x *= -0.5 * LOG2_E;
+        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        uint own = 0;
+        [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
+            vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
+            float opacity = subgroupShuffle(mine.b.y, j);
+            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
+            uint sum = 0;
+            [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+                vec2 d = delta + vec2(pixel_step(p));
+                float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
+                float alpha = min(ALPHA_MAX, opacity * exp2(q));
+                bool hit = alpha >= ALPHA_MIN && q <= 0.0;
+                float t_next = t[p] * (1.0 - alpha);
+                bool blended = hit && t_next >= T_STOP;
+                sum += blended ? uint(alpha * t[p] * float(CONTRIBUTION_ONE)) : 0;
+                t[p] = hit ? (blended ? t_next : 0.0) : t[p];
+            }
+            // Integers: the same sum in any order.
+            [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) sum += subgroupShuffleXor(sum, mask);
+            if (lane == j) own = sum;
+        }
+        if (base + lane < range.y) contributions[unit.first_entry + i - range.x] = uvec2(footprints[slot].local, own);
+        float live = 0.0;
+        [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live = max(live, t[p]);
+        if (!subgroupAny(live > 0.0)) break;
+    }
+    // What the finished pixels did not reach.
+    for (uint i = base + SUBGROUP_SIZE + lane; i < range.y; i += SUBGROUP_SIZE) {
+        contributions[unit.first_entry + i - range.x] = uvec2(0);
+    }
+}

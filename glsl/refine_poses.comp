@@ -1,0 +1,73 @@
+#version 460
+// One step of Adam on the places of instances: each is turned, scaled and moved in its template's frame. Does nothing once
+// a buffer has overflowed. Grid: one thread per instance besides the background.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "scene.glsl"
+#include "gradients.glsl"
+#include "train_status.glsl"
+
+layout(scalar, binding = 0) readonly buffer PoseGradients { PoseGradient pose_gradients[]; };  // by instance
+layout(scalar, binding = 1) readonly buffer Status { uint status[]; };                         // STATUS_*
+layout(scalar, binding = 2) buffer Instances { Instance instances[]; };                        // instances, background last
+layout(scalar, binding = 3) buffer PoseMoments { vec2 pose_moments[]; };                       // running means of gradient and gradient squared, 7 per instance
+layout(scalar, push_constant) uniform RefinePosesParams {
+    uint posed_instances;    // instances besides the background
+    float translation_rate;  // learning rates divided by the bias correction of the first moment: template units
+    float rotation_rate;     // radians
+    float log_scale_rate;    // of the logarithm of the scale
+    float beta1;             // decay of the first moment
+    float beta2;             // decay of the second moment
+    float second_scale;      // one over the bias correction of the second moment
+    float epsilon;           // added to the root of the second moment
+};
+
+const float POSE_GRADIENT_LIMIT = 1e15;
+
+// As `adam`: updates moment `i` and returns how far its value moves.
+float adam_step(uint i, float gradient, float rate) {
+    // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
+    float g = abs(gradient) < POSE_GRADIENT_LIMIT ? gradient : 0.0;
+    vec2 moments = pose_moments[i];
+    moments = vec2(beta1 * moments.x + (1.0 - beta1) * g, beta2 * moments.y + (1.0 - beta2) * g * g);
+    pose_moments[i] = moments;
+    return -rate * moments.x / (sqrt(moments.y * second_scale) + epsilon);
+}
+
+vec3 adam_step(uint i, vec3 gradient, float rate) {
+    return vec3(adam_step(i, gradient.x, rate), adam_step(i + 1, gradient.y, rate), adam_step(i + 2, gradient.z, rate));
+}
+
+// The rotation by |w| about w (Rodrigues), applied to the columns of `a` from the right: a exp([w]x).
+mat3 turned(mat3 a, vec3 w) {
+    float t = dot(w, w);
+    float angle = sqrt(t);
+    // sin(x) / x and (1 - cos x) / x^2. Series up to half a radian: drivers may have as few as 11 bits of a sine.
+    bool small = t < 0.25;
+    float s = small ? 1.0 - t / 6.0 * (1.0 - t / 20.0 * (1.0 - t / 42.0)) : sin(angle) / angle;
+    float c = small ? 0.5 - t / 24.0 * (1.0 - t / 30.0 * (1.0 - t / 56.0)) : (1.0 - cos(angle)) / t;
+    mat3 k = mat3(0.0, w.z, -w.y, -w.z, 0.0, w.x, w.y, -w.x, 0.0);
+    return a + a * (s * k + c * (k * k));
+}
+
+void main() {
+    uint k = thread_index();
+    if (k >= posed_instances || status[STATUS_OVERFLOW] != 0) return;
+    PoseGradient g = pose_gradients[k];
+    vec3 translation = adam_step(7 * k, g.translation, translation_rate);
+    vec3 rotation = adam_step(7 * k + 3, g.rotation, rotation_rate);
+    float log_scale = adam_step(7 * k + 6, g.log_scale, log_scale_rate);
+    vec4 rows[3] = instances[k].world_from_template;
+    mat3 before = linear_part(rows);
+    vec3 moved = vec3(rows[0].w, rows[1].w, rows[2].w) + before * translation;
+    mat3 a = turned(before, rotation);
+    // Made a rotation times a scale again, so that rounding does not add up over steps.
+    float scale = sqrt((dot(a[0], a[0]) + dot(a[1], a[1]) + dot(a[2], a[2])) / 3.0) * exp(log_scale);
+    vec3 x = a[0] / sqrt(dot(a[0], a[0]));
+    vec3 y = a[1] - dot(a[1], x) * x;
+    y /= sqrt(dot(y, y));
+    mat3 linear = transpose(scale * mat3(x, y, cross(x, y)));
+    instances[k].world_from_template = vec4[3](vec4(linear[0], moved.x), vec4(linear[1], moved.y), vec4(linear[2], moved.z));
+    // Rounded up, as bounds are multiplied by it.
+    instances[k].scale = scale * 1.000001;
+}

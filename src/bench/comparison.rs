@@ -1,0 +1,153 @@
+//! The comparison protocol (DESIGN section 7): how good, how large and how fast an instanced scene is beside plain clouds
+//! that had as much time, or may have as many bytes. Training them is the command line's; this measures and counts.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::eval::{EvalError, Evaluated, PicturePair, evaluate, psnr};
+use crate::gpu::Gpu;
+use crate::io::{IoError, MaskFolder, View, load_scene};
+use crate::render::{RenderError, RenderOptions, Renderer};
+
+/// One scene of a comparison.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// What it is, for instance "3DGS, same time".
+    pub name: String,
+    /// Its file.
+    pub path: PathBuf,
+    /// Mean over the test views, dB.
+    pub psnr: f64,
+    /// Mean over the test views.
+    pub ssim: f64,
+    /// Mean over the test views that show objects, of the pixels in masks, dB.
+    pub psnr_in_masks: Option<f64>,
+    /// By view.
+    pub views: Vec<RowView>,
+    /// Wall time of all training behind it, without loading and evaluation.
+    pub seconds: f64,
+    /// Steps behind it, those of the plain cloud included.
+    pub steps: u64,
+    /// Length of its file.
+    pub file_bytes: u64,
+    /// Tensors handed to the device, as f32.
+    pub host_bytes: u64,
+    /// Gaussians after expanding.
+    pub gaussians: u64,
+}
+
+/// One test view of a [`Row`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RowView {
+    /// View name.
+    pub name: String,
+    /// dB.
+    pub psnr: f64,
+    /// Of the pixels in masks; `None` if there are none.
+    pub psnr_in_masks: Option<f64>,
+}
+
+/// Where and how rows are measured.
+pub struct Measure<'a> {
+    /// The device.
+    pub gpu: &'a Arc<Gpu>,
+    /// The views.
+    pub views: &'a [View],
+    /// Photos are downscaled to this width.
+    pub width: Option<u32>,
+    /// How scenes are rendered.
+    pub options: RenderOptions,
+    /// Masks of the objects.
+    pub masks: Option<&'a MaskFolder>,
+}
+
+/// Why a row could not be measured.
+#[derive(Debug, thiserror::Error)]
+pub enum MeasureError {
+    /// A scene, photo or mask.
+    #[error(transparent)]
+    Io(#[from] IoError),
+    /// Rendering or comparing.
+    #[error(transparent)]
+    Eval(#[from] EvalError),
+    /// The scene on the device.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}
+
+impl Measure<'_> {
+    /// Renders the views of a scene file and compares them; `on_picture` gets each.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or a scene that cannot be rendered.
+    pub fn row(
+        &self,
+        name: &str,
+        path: &Path,
+        on_picture: &mut dyn FnMut(&Evaluated<'_>),
+    ) -> Result<Row, MeasureError> {
+        let loaded = load_scene(path)?;
+        let mut renderer = Renderer::new(self.gpu)?;
+        let scene = renderer.upload(&loaded.scene)?;
+        let mut views = Vec::new();
+        let report =
+            evaluate::<MeasureError>(&mut renderer, &scene, self.views, self.width, &self.options, None, |view| {
+                on_picture(&view);
+                let psnr_in_masks = self.psnr_in_mask(view.name, view.pair)?;
+                views.push(RowView { name: view.name.into(), psnr: view.metrics.psnr, psnr_in_masks });
+                Ok(())
+            })?;
+        let within: Vec<f64> = views.iter().filter_map(|v| v.psnr_in_masks).collect();
+        Ok(Row {
+            name: name.into(),
+            path: path.into(),
+            psnr: report.mean.psnr,
+            ssim: report.mean.ssim,
+            psnr_in_masks: (!within.is_empty()).then(|| within.iter().sum::<f64>() / within.len() as f64),
+            views,
+            seconds: 0.0,
+            steps: 0,
+            file_bytes: loaded.file_bytes,
+            host_bytes: loaded.scene.tensor_bytes(),
+            gaussians: loaded.scene.expanded_len(),
+        })
+    }
+
+    /// Of the pixels that belong to an object; `None` without a mask or object.
+    fn psnr_in_mask(&self, name: &str, pair: &PicturePair) -> Result<Option<f64>, MeasureError> {
+        let Some(mask) = self.masks.map(|m| m.of_view(name)).transpose()?.flatten() else { return Ok(None) };
+        let size = (pair.width(), pair.height());
+        let within: Vec<bool> = mask.resized(size.0, size.1).ids.iter().map(|&id| id != 0).collect();
+        if !within.contains(&true) {
+            return Ok(None);
+        }
+        let failed = |error| EvalError::Pair { view: name.into(), error };
+        let masked = PicturePair::new(size, pair.render(), pair.target(), Some(&within)).map_err(failed)?;
+        Ok(Some(psnr(&masked)))
+    }
+}
+
+/// The middle of values, the mean of the two middle ones of an even number; NaN without values.
+pub fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let n = sorted.len();
+    match n {
+        0 => f64::NAN,
+        _ if n.is_multiple_of(2) => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
+        _ => sorted[n / 2],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_by_hand() {
+        assert_eq!((median(&[3.0, 1.0, 2.0]), median(&[4.0, 1.0])), (2.0, 2.5));
+        assert!(median(&[]).is_nan());
+    }
+}

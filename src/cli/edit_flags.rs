@@ -1,0 +1,326 @@
+//! The operations of `instgs-vk edit`: flags that may be repeated, kept in the order of the command line.
+
+use std::str::FromStr;
+
+use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
+use glam::DVec3;
+
+use crate::scene::edit::{Edit, OffsetSource, Scatter, ScatterOver, Selector, Turn};
+
+/// Most instances of one `--scatter`: a million is far more than a scene shows, and typing errors end here.
+const MOST_SCATTERED: usize = 1_000_000;
+
+/// One operation: its flag and the words after it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Operation {
+    flag: &'static str,
+    words: Vec<String>,
+}
+
+/// All operations, first to last.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Operations(Vec<Operation>);
+
+/// Flag, names of its values, help.
+const FLAGS: [(&str, &[&str], &str); 8] = [
+    (
+        "duplicate",
+        &["K", "by=DX,DY,DZ", "yaw=DEG"],
+        "Copy an instance, beside it and turned about up; it shares the offsets until one of the two is recoloured",
+    ),
+    ("move", &["K", "by=DX,DY,DZ|to=X,Y,Z"], "Move an instance by a vector, or its centre to a position"),
+    (
+        "rotate",
+        &["K", "yaw=DEG|axis=X,Y,Z", "angle=DEG"],
+        "Turn an instance about its centre: about up, or about an axis",
+    ),
+    ("scale", &["K", "by=S"], "Scale an instance about its centre"),
+    ("delete", &["K"], "Remove an instance, and its offsets unless others share them"),
+    (
+        "recolour",
+        &["K", "rgb=R,G,B"],
+        "Shift the base colour (1 = from black to white); a whole group changes in its template",
+    ),
+    ("swap", &["K", "template=G"], "Give an instance another template; its offsets are dropped"),
+    (
+        "scatter",
+        &["template=G", "count=N", "..."],
+        "Add instances: over a plane with point=X,Y,Z extent=W,H [normal=X,Y,Z] [distance=D] [seed=S], or along \
+         path=X,Y,Z/X,Y,Z/... [yaw=DEG]; offsets=shared:K or offsets=copied:K gives them those of K [default: none]",
+    ),
+];
+
+impl Args for Operations {
+    fn augment_args(command: Command) -> Command {
+        FLAGS.iter().fold(command, |command, (flag, values, help)| {
+            let arg = Arg::new(*flag)
+                .long(*flag)
+                .action(ArgAction::Append)
+                .num_args(1..)
+                .value_names(values.iter().copied())
+                .help(*help)
+                .help_heading("Operations, done in the order given");
+            command.arg(if *flag == "recolour" { arg.alias("recolor") } else { arg })
+        })
+    }
+
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl FromArgMatches for Operations {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let mut placed = Vec::new();
+        for (flag, _, _) in FLAGS {
+            let mut indices = matches.indices_of(flag).into_iter().flatten();
+            for words in matches.get_occurrences::<String>(flag).into_iter().flatten() {
+                let words: Vec<String> = words.cloned().collect();
+                // An occurrence stands where its first word does; the others follow it.
+                let at = indices.by_ref().take(words.len()).fold(None, |first, index| first.or(Some(index)));
+                placed.push((at, Operation { flag, words }));
+            }
+        }
+        placed.sort_by_key(|(at, _)| *at);
+        Ok(Self(placed.into_iter().map(|(_, operation)| operation).collect()))
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+impl Operations {
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The edits; `up` is the axis of yaws and the normal of planes that give none.
+    pub(super) fn edits(&self, up: DVec3) -> Result<Vec<Edit>, String> {
+        let edit = |operation: &Operation| {
+            let mut words = Words::new(&operation.words)?;
+            let edit = words.edit(operation.flag, up)?;
+            words.end().map(|()| edit)
+        };
+        let named = |operation| edit(operation).map_err(|what| format!("--{}: {what}", operation.flag));
+        self.0.iter().map(named).collect()
+    }
+}
+
+/// The words of one operation that are not used yet.
+struct Words<'a> {
+    /// Words without a `=`.
+    plain: Vec<&'a str>,
+    named: Vec<(&'a str, &'a str)>,
+}
+
+impl<'a> Words<'a> {
+    fn new(words: &'a [String]) -> Result<Self, String> {
+        let mut out = Self { plain: Vec::new(), named: Vec::new() };
+        for word in words {
+            // A group's name may hold a "=".
+            match word.split_once('=').filter(|(name, _)| !name.contains(':')) {
+                Some((name, _)) if out.named.iter().any(|(other, _)| *other == name) => {
+                    return Err(format!("{name} is given twice"));
+                }
+                Some(pair) => out.named.push(pair),
+                None => out.plain.push(word),
+            }
+        }
+        Ok(out)
+    }
+
+    fn edit(&mut self, flag: &str, up: DVec3) -> Result<Edit, String> {
+        if flag == "scatter" {
+            return self.scatter(up).map(Edit::Scatter);
+        }
+        let which = self.selector()?;
+        Ok(match flag {
+            "duplicate" => Edit::Duplicate {
+                which,
+                by: self.parsed("by", vector)?.unwrap_or(DVec3::ZERO),
+                turn: self.parsed("yaw", radians)?.map(|angle| Turn { axis: up, angle }),
+            },
+            "move" => match (self.parsed("by", vector)?, self.parsed("to", vector)?) {
+                (Some(by), None) => Edit::MoveBy { which, by },
+                (None, Some(to)) => Edit::MoveTo { which, to },
+                _ => return Err("want either by=DX,DY,DZ or to=X,Y,Z".into()),
+            },
+            "rotate" => Edit::Rotate { which, turn: self.turn(up)? },
+            "scale" => Edit::Scale { which, by: self.needed("by", number)? },
+            "delete" => Edit::Delete { which },
+            "recolour" => {
+                let rgb = self.needed("rgb", vector)?;
+                Edit::Recolour { which, rgb: rgb.as_vec3().to_array() }
+            }
+            _ => Edit::Swap { which, template: self.needed("template", whole)? },
+        })
+    }
+
+    fn turn(&mut self, up: DVec3) -> Result<Turn, String> {
+        match (self.parsed("yaw", radians)?, self.parsed("axis", vector)?, self.parsed("angle", radians)?) {
+            (Some(angle), None, None) => Ok(Turn { axis: up, angle }),
+            (None, Some(axis), Some(angle)) => Ok(Turn { axis, angle }),
+            _ => Err("want either yaw=DEG, or axis=X,Y,Z and angle=DEG".into()),
+        }
+    }
+
+    fn scatter(&mut self, up: DVec3) -> Result<Scatter, String> {
+        let template = self.needed("template", whole)?;
+        let count: usize = self.needed("count", whole)?;
+        if count > MOST_SCATTERED {
+            return Err(format!("count={count} is too many: at most {MOST_SCATTERED}"));
+        }
+        let over = match self.parsed("path", path)? {
+            Some(points) => ScatterOver::Path { points, up, yaw: self.parsed("yaw", radians)?.unwrap_or(0.0) },
+            None => ScatterOver::Plane {
+                point: self.needed("point", vector)?,
+                normal: self.parsed("normal", vector)?.unwrap_or(up),
+                extent: self.needed("extent", numbers)?,
+                min_distance: self.parsed("distance", number)?.unwrap_or(0.0),
+                seed: self.parsed("seed", whole)?.unwrap_or(0),
+            },
+        };
+        let offsets = self.parsed("offsets", offset_source)?.unwrap_or(OffsetSource::None);
+        Ok(Scatter { template, count, over, offsets })
+    }
+
+    fn selector(&mut self) -> Result<Selector, String> {
+        if self.plain.is_empty() {
+            return Err("want an instance first: an index, id:N, group:NAME or template:N".into());
+        }
+        self.plain.remove(0).parse()
+    }
+
+    /// The value of a name, taken out.
+    fn parsed<T>(&mut self, name: &str, parse: impl Fn(&str) -> Result<T, String>) -> Result<Option<T>, String> {
+        let Some(at) = self.named.iter().position(|(other, _)| *other == name) else { return Ok(None) };
+        let (_, value) = self.named.remove(at);
+        parse(value).map(Some).map_err(|what| format!("{name}={value}: {what}"))
+    }
+
+    fn needed<T>(&mut self, name: &str, parse: impl Fn(&str) -> Result<T, String>) -> Result<T, String> {
+        self.parsed(name, parse)?.ok_or_else(|| format!("{name}=... is missing"))
+    }
+
+    /// An error if a word was not used.
+    fn end(&self) -> Result<(), String> {
+        match (self.plain.first(), self.named.first()) {
+            (Some(word), _) => {
+                Err(format!("does not know what to do with \"{word}\" (the scene comes before the operations)"))
+            }
+            (None, Some((name, _))) => Err(format!("has no {name}")),
+            (None, None) => Ok(()),
+        }
+    }
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.trim().parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| "want a number".into())
+}
+
+fn radians(text: &str) -> Result<f64, String> {
+    number(text).map(f64::to_radians)
+}
+
+fn whole<T: FromStr>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|_| "want a whole number from 0 on".into())
+}
+
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let values: Option<Vec<f64>> = text.split(',').map(|part| number(part).ok()).collect();
+    values.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("want {N} numbers separated by commas"))
+}
+
+fn vector(text: &str) -> Result<DVec3, String> {
+    numbers(text).map(DVec3::from_array)
+}
+
+fn path(text: &str) -> Result<Vec<DVec3>, String> {
+    text.split('/').map(vector).collect()
+}
+
+fn offset_source(text: &str) -> Result<OffsetSource, String> {
+    match text.split_once(':') {
+        Some(("shared", which)) => which.parse().map(OffsetSource::Shared),
+        Some(("copied", which)) => which.parse().map(OffsetSource::Copied),
+        _ if text == "none" => Ok(OffsetSource::None),
+        _ => Err("want none, shared:K or copied:K".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn edits(words: &[&str]) -> Result<Vec<Edit>, String> {
+        let command = Operations::augment_args(Command::new("edit"));
+        let matches = command.try_get_matches_from([&["edit"], words].concat()).map_err(|e| e.to_string())?;
+        Operations::from_arg_matches(&matches).map_err(|e| e.to_string())?.edits(DVec3::NEG_Y)
+    }
+
+    #[test]
+    fn operations_keep_the_order_of_the_command_line() {
+        let line = "--move 3 by=-1,0,2 --delete id:7 --move group:a=b to=1,2,3 --scale 0 by=2 --delete 1 --rotate 2 yaw=180 \
+                    --recolor 4 rgb=0.1,0,-0.2 --duplicate 5 --swap 6 template=1";
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let which = |text: &str| text.parse().unwrap();
+        let want = [
+            Edit::MoveBy { which: which("3"), by: DVec3::new(-1.0, 0.0, 2.0) },
+            Edit::Delete { which: which("id:7") },
+            Edit::MoveTo { which: which("group:a=b"), to: DVec3::new(1.0, 2.0, 3.0) },
+            Edit::Scale { which: which("0"), by: 2.0 },
+            Edit::Delete { which: which("1") },
+            Edit::Rotate { which: which("2"), turn: Turn { axis: DVec3::NEG_Y, angle: std::f64::consts::PI } },
+            Edit::Recolour { which: which("4"), rgb: [0.1, 0.0, -0.2] },
+            Edit::Duplicate { which: which("5"), by: DVec3::ZERO, turn: None },
+            Edit::Swap { which: which("6"), template: 1 },
+        ];
+        assert_eq!(edits(&words).unwrap(), want);
+        let plane =
+            edits(&["--scatter", "template=1", "count=5", "point=0,1,2", "extent=4,5", "offsets=copied:id:3"]).unwrap();
+        let over = ScatterOver::Plane {
+            point: DVec3::new(0.0, 1.0, 2.0),
+            normal: DVec3::NEG_Y,
+            extent: [4.0, 5.0],
+            min_distance: 0.0,
+            seed: 0,
+        };
+        let offsets = OffsetSource::Copied(Selector::Id(3));
+        assert_eq!(plane, [Edit::Scatter(Scatter { template: 1, count: 5, over, offsets })]);
+        let path = edits(&["--scatter", "template=0", "count=2", "path=0,0,0/1,0,0", "yaw=90"]).unwrap();
+        assert!(
+            matches!(&path[0], Edit::Scatter(Scatter { over: ScatterOver::Path { points, .. }, .. }) if points.len() == 2)
+        );
+    }
+
+    #[test]
+    fn errors_name_the_operation_and_the_word() {
+        for (line, want) in [
+            ("--move 3", "--move: want either by"),
+            ("--move 3 by=1,2", "--move: by=1,2: want 3 numbers"),
+            ("--move 3 by=1,nan,2", "want 3 numbers"),
+            ("--move by=1,2,3", "--move: want an instance first"),
+            ("--move 3 by=1,2,3 to=1,2,3", "want either by"),
+            ("--move 3 by=1,2,3 by=1,2,3", "by is given twice"),
+            ("--move 3 up=1", "want either by"),
+            ("--delete 3 scene.instgs", "does not know what to do with \"scene.instgs\""),
+            ("--delete 3 by=1", "--delete: has no by"),
+            ("--delete chair", "names no instance"),
+            ("--scale 3", "by=... is missing"),
+            ("--rotate 3 axis=0,1,0", "want either yaw=DEG, or axis"),
+            ("--recolour 3 rgb=red", "want 3 numbers"),
+            ("--swap 3 template=-1", "want a whole number"),
+            ("--scatter template=0 count=9999999 point=0,0,0 extent=1,1", "too many"),
+            ("--scatter template=0 count=9 extent=1,1", "point=... is missing"),
+            ("--scatter template=0 count=9 path=1,2,3/4", "want 3 numbers"),
+            ("--scatter template=0 count=9 point=0,0,0 extent=1,1 offsets=3", "want none, shared:K"),
+            ("--scatter template=0 count=9 path=0,0,0/1,1,1 extent=1,1", "has no extent"),
+        ] {
+            let error = edits(&line.split_whitespace().collect::<Vec<_>>()).unwrap_err();
+            assert!(error.contains(want), "{line}: {error}");
+        }
+        assert!(edits(&["--move"]).is_err());
+    }
+}

@@ -1,0 +1,156 @@
+//! What the bytes of a scene file are for.
+
+use std::path::Path;
+
+use safetensors::SafeTensors;
+use safetensors::tensor::TensorInfo;
+
+use super::error::CliError;
+use crate::io::IoError;
+
+/// A stretch of the file.
+#[derive(serde::Serialize)]
+pub(super) struct FilePart {
+    pub(super) name: String,
+    /// Element type and shape of a tensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) layout: Option<String>,
+    pub(super) bytes: u64,
+    /// The tensor's first dimension.
+    #[serde(skip)]
+    pub(super) rows: u64,
+    #[serde(skip)]
+    pub(super) purpose: Purpose,
+}
+
+/// What a part of the file belongs to.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Purpose {
+    Templates,
+    Background,
+    Offsets,
+    Instances,
+    TemplateRanges,
+    Foreign,
+    Header,
+}
+
+/// Bytes of the file by what they belong to; sum to `bytes.file`.
+#[derive(Clone, Copy, serde::Serialize)]
+pub(super) struct FileSums {
+    pub(super) templates: u64,
+    pub(super) background: u64,
+    /// With the ranges of q8.
+    pub(super) offsets: u64,
+    pub(super) instances: u64,
+    pub(super) template_ranges: u64,
+    /// Tensors that this version does not know.
+    pub(super) foreign: u64,
+    /// Length field, names, metadata and padding.
+    pub(super) header: u64,
+}
+
+impl FileSums {
+    pub(super) fn of(parts: &[FilePart]) -> Self {
+        let sum = |purpose| parts.iter().filter(|p| p.purpose == purpose).map(|p| p.bytes).sum();
+        Self {
+            templates: sum(Purpose::Templates),
+            background: sum(Purpose::Background),
+            offsets: sum(Purpose::Offsets),
+            instances: sum(Purpose::Instances),
+            template_ranges: sum(Purpose::TemplateRanges),
+            foreign: sum(Purpose::Foreign),
+            header: sum(Purpose::Header),
+        }
+    }
+}
+
+fn plain(name: &str, purpose: Purpose, bytes: u64) -> FilePart {
+    FilePart { name: name.into(), layout: None, bytes, rows: 0, purpose }
+}
+
+/// The file's header and tensors, or what there is to tell of other formats.
+pub(super) fn file_parts(path: &Path, file_bytes: u64) -> Result<Vec<FilePart>, CliError> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+    let read = || std::fs::read(path).map_err(|e| IoError::new(path, format!("cannot read: {e}")));
+    Ok(match ending.as_str() {
+        "instgs" => tensor_parts(&read()?, path)?,
+        "ply" => {
+            const END: &[u8] = b"end_header";
+            let bytes = read()?;
+            // The header ends with the line break after its last word.
+            let end = bytes.windows(END.len()).position(|w| w == END).map_or(0, |at| at + END.len());
+            let header = bytes[end..].iter().position(|&b| b == b'\n').map_or(end, |at| end + at + 1) as u64;
+            let vertices = plain("vertices", Purpose::Background, bytes.len() as u64 - header);
+            vec![plain("header", Purpose::Header, header), vertices]
+        }
+        "splat" => vec![plain("records of 32 bytes", Purpose::Background, file_bytes)],
+        _ => vec![plain("compressed Gaussians", Purpose::Background, file_bytes)],
+    })
+}
+
+/// The parts of an `.instgs` file; `path` is for messages only.
+pub(super) fn tensor_parts(bytes: &[u8], path: &Path) -> Result<Vec<FilePart>, CliError> {
+    /// The little-endian length of the header that a safetensors file begins with.
+    const LENGTH_BYTES: usize = 8;
+    let (header_bytes, metadata) = SafeTensors::read_metadata(bytes)
+        .map_err(|e| IoError::new(path, format!("is not a whole safetensors file: {e}")))?;
+    let json = &bytes[LENGTH_BYTES..][..header_bytes];
+    let padding = json.iter().rev().take_while(|&&b| b == b' ').count();
+    let mut parts = vec![
+        plain("header length", Purpose::Header, LENGTH_BYTES as u64),
+        plain("header JSON", Purpose::Header, (json.len() - padding) as u64),
+        plain("header padding", Purpose::Header, padding as u64),
+    ];
+    let mut tensors: Vec<_> = metadata.tensors().into_iter().collect();
+    tensors.sort_by(|a, b| (a.1.data_offsets, &a.0).cmp(&(b.1.data_offsets, &b.0)));
+    let tensor_part = |(name, info): (String, &TensorInfo)| FilePart {
+        purpose: purpose_of(&name),
+        layout: Some(format!("{:?} {:?}", info.dtype, info.shape)),
+        bytes: (info.data_offsets.1 - info.data_offsets.0) as u64,
+        rows: info.shape.first().map_or(0, |&rows| rows as u64),
+        name,
+    };
+    parts.extend(tensors.into_iter().map(tensor_part));
+    Ok(parts)
+}
+
+fn purpose_of(tensor: &str) -> Purpose {
+    const CLOUD: [&str; 5] = ["means", "quats", "log_scales", "opacity_logits", "sh"];
+    const OFFSETS: [&str; 7] = ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", "range"];
+    const INSTANCES: [&str; 3] = ["template", "world_from_template", "first_offset"];
+    match tensor.split_once('.') {
+        Some(("template", "ranges")) => Purpose::TemplateRanges,
+        Some(("template", field)) if CLOUD.contains(&field) => Purpose::Templates,
+        Some(("background", field)) if CLOUD.contains(&field) => Purpose::Background,
+        Some(("offset", field)) if OFFSETS.contains(&field) => Purpose::Offsets,
+        Some(("instance", field)) if INSTANCES.contains(&field) => Purpose::Instances,
+        _ => Purpose::Foreign,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::Pack;
+    use crate::io::scene_file::tests::with_ablations;
+    use crate::io::scene_write::packed_scene_file_bytes;
+
+    #[test]
+    fn parts_add_up_to_the_file() -> Result<(), CliError> {
+        let path = Path::new("x.instgs");
+        for pack in [Pack::F32, Pack::F16, Pack::Q8] {
+            let scene = with_ablations();
+            let bytes = packed_scene_file_bytes(&scene, pack, path)?;
+            let parts = tensor_parts(&bytes, path)?;
+            assert_eq!(parts.iter().map(|p| p.bytes).sum::<u64>(), bytes.len() as u64);
+            let sums = FileSums::of(&parts);
+            let gaussians = sums.templates + sums.background;
+            let tables = sums.offsets + sums.instances + sums.template_ranges;
+            assert_eq!(gaussians + tables + sums.foreign + sums.header, bytes.len() as u64);
+            // Two foreign tensors of 3 and 8 bytes.
+            assert_eq!((sums.foreign, sums.instances), (11, 56 * scene.instances.len() as u64));
+        }
+        Ok(())
+    }
+}

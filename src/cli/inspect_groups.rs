@@ -1,0 +1,195 @@
+//! What each group of instances takes in the file, beside what it can take and what its copies take in a .ply.
+
+use std::ops::Range;
+
+use super::inspect_file::{FilePart, Purpose};
+use super::table::{Table, grouped};
+use crate::io::scene_pack::segments;
+use crate::scene::gaussians::sh_coefficients;
+use crate::scene::{InstancedScene, TemplateRange};
+
+/// 3x4 transform, template index, first offset, all of 4 bytes.
+pub(super) const INSTANCE_BYTES: u64 = 56;
+/// First and count of a template.
+pub(super) const RANGE_BYTES: u64 = 8;
+
+#[derive(serde::Serialize)]
+pub(super) struct GroupReport {
+    template: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    name: Option<String>,
+    gaussians: u64,
+    instances: u64,
+    instances_with_offsets: u64,
+    expanded: u64,
+    /// Template, offsets and instances as this file stores them.
+    stored_bytes: u64,
+    flattened_ply_bytes: u64,
+    /// flattened_ply_bytes / stored_bytes.
+    shrink: f64,
+    /// What K instances with offsets take at least, by how the file is packed (DESIGN section 7).
+    bound_bytes: ByPack<u64>,
+    /// flattened_ply_bytes / bound_bytes: how far the group can shrink.
+    bound: ByPack<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+struct ByPack<T> {
+    f32: T,
+    f16: T,
+    q8: T,
+}
+
+/// Bytes of a Gaussian in a .ply: position, normal, SH, opacity, scale, rotation as floats. 248 for SH 3.
+pub(super) fn ply_row_bytes(sh_degree: u32) -> u64 {
+    4 * (14 + 3 * sh_coefficients(sh_degree) as u64)
+}
+
+pub(super) fn ratio(a: u64, b: u64) -> f64 {
+    if b == 0 { 0.0 } else { a as f64 / b as f64 }
+}
+
+/// Of one template of `gaussians` and an offset record for each of them in each of `instances`. A Gaussian is position,
+/// rotation, log scales, opacity and C coefficients of SH in 3 colours: V = 11 + 3 C numbers of 4 bytes. Halves take 2
+/// each, but positions keep 4: 2 V + 6. An offset record is 7 numbers of 4, 2 or 1 bytes. For SH 3 and N Gaussians that
+/// is 236 N + 28 K N, 124 N + 14 K N, and 124 N + 7 K N, against 4 (V + 3) K N = 248 K N with the normals of a .ply.
+fn bound_bytes(gaussians: u64, instances: u64, sh_degree: u32) -> ByPack<u64> {
+    let values = 11 + 3 * sh_coefficients(sh_degree) as u64;
+    let of = |row: u64, record: u64| gaussians * (row + record * instances);
+    ByPack { f32: of(4 * values, 28), f16: of(2 * values + 6, 14), q8: of(2 * values + 6, 7) }
+}
+
+/// A report for each template of the scene that the file's parts are of.
+pub(super) fn groups(scene: &InstancedScene, parts: &[FilePart]) -> Vec<GroupReport> {
+    let segments = segments(&scene.instances, &scene.template_ranges, scene.offsets.len());
+    let report = |(template, range)| group(scene, parts, &segments, template, range);
+    scene.template_ranges.iter().enumerate().map(report).collect()
+}
+
+fn group(
+    scene: &InstancedScene,
+    parts: &[FilePart],
+    segments: &[Range<usize>],
+    template: usize,
+    range: &TemplateRange,
+) -> GroupReport {
+    let members = scene.instances.iter().filter(|i| i.template as usize == template);
+    let instances = members.clone().count() as u64;
+    let firsts: Vec<usize> = members.filter_map(|i| i.first_offset).map(|first| first as usize).collect();
+    // The group's offset records, those that instances share once, are whole segments.
+    let len = range.count as usize;
+    let used = |s: &&Range<usize>| firsts.iter().any(|&first| first <= s.start && s.end <= first + len);
+    let own = segments.iter().filter(used);
+    let records: u64 = own.clone().map(|s| s.len() as u64).sum();
+    // Every tensor has rows of one size: per template Gaussian, per record, or per segment.
+    let row_bytes = |purpose, is_range: bool| {
+        let of = parts.iter().filter(|p| p.purpose == purpose && p.rows > 0 && (p.name == "offset.range") == is_range);
+        of.map(|p| p.bytes / p.rows).sum::<u64>()
+    };
+    let gaussians = u64::from(range.count);
+    let stored_bytes = gaussians * row_bytes(Purpose::Templates, false)
+        + records * row_bytes(Purpose::Offsets, false)
+        + own.count() as u64 * row_bytes(Purpose::Offsets, true)
+        + INSTANCE_BYTES * instances
+        + RANGE_BYTES;
+    let flattened_ply_bytes = gaussians * instances * ply_row_bytes(scene.sh_degree());
+    let bound_bytes = bound_bytes(gaussians, instances, scene.templates.sh_degree);
+    let times = |bytes| ratio(flattened_ply_bytes, bytes);
+    GroupReport {
+        template,
+        name: scene.groups.iter().find(|g| g.template_id as usize == template).and_then(|g| g.name.clone()),
+        gaussians,
+        instances,
+        instances_with_offsets: firsts.len() as u64,
+        expanded: gaussians * instances,
+        stored_bytes,
+        flattened_ply_bytes,
+        shrink: times(stored_bytes),
+        bound_bytes,
+        bound: ByPack { f32: times(bound_bytes.f32), f16: times(bound_bytes.f16), q8: times(bound_bytes.q8) },
+    }
+}
+
+/// One row per group: its size, its bytes, and the bounds as bytes and as how many times smaller than the .ply.
+pub(super) fn groups_table(groups: &[GroupReport]) -> Table {
+    let mut table = Table::default();
+    let header = [
+        "group",
+        "Gaussians",
+        "instances",
+        "with offsets",
+        ".ply of copies",
+        "stored bytes",
+        "bound f32",
+        "bound f16",
+        "bound q8",
+    ];
+    table.row(header.map(String::from));
+    for group in groups {
+        let cell = |bytes, times: f64| format!("{} ({times:.2}x)", grouped(bytes));
+        table.row([
+            group.name.clone().unwrap_or_else(|| format!("template {}", group.template)),
+            grouped(group.gaussians),
+            grouped(group.instances),
+            grouped(group.instances_with_offsets),
+            grouped(group.flattened_ply_bytes),
+            cell(group.stored_bytes, group.shrink),
+            cell(group.bound_bytes.f32, group.bound.f32),
+            cell(group.bound_bytes.f16, group.bound.f16),
+            cell(group.bound_bytes.q8, group.bound.q8),
+        ]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::super::error::CliError;
+    use super::super::inspect_file::{FileSums, tensor_parts};
+    use super::*;
+    use crate::io::Pack;
+    use crate::io::scene_file::tests::{sample_scene, with_ablations};
+    use crate::io::scene_write::packed_scene_file_bytes;
+
+    /// DESIGN section 7: K = 8: 8.4 and 11.0 (q8), K = 64: 15.6.
+    #[test]
+    fn bounds_are_those_of_the_design() {
+        assert_eq!(ply_row_bytes(3), 248);
+        assert_eq!(bound_bytes(10, 4, 3), ByPack { f32: 10 * (236 + 112), f16: 10 * (124 + 56), q8: 10 * (124 + 28) });
+        let shrink = |k: u64, bound: u64| ratio(248 * k, bound);
+        let near = |a: f64, b: f64| (a - b).abs() < 0.05;
+        assert!(near(shrink(8, bound_bytes(1, 8, 3).f16), 8.4) && near(shrink(8, bound_bytes(1, 8, 3).q8), 11.0));
+        assert!(near(shrink(64, bound_bytes(1, 64, 3).f16), 15.6));
+    }
+
+    #[test]
+    fn groups_background_and_header_are_the_whole_file() -> Result<(), CliError> {
+        let path = Path::new("x.instgs");
+        for pack in [Pack::F32, Pack::F16, Pack::Q8] {
+            for scene in [sample_scene(), with_ablations()] {
+                let bytes = packed_scene_file_bytes(&scene, pack, path)?;
+                let parts = tensor_parts(&bytes, path)?;
+                let sums = FileSums::of(&parts);
+                let stored: u64 = groups(&scene, &parts).iter().map(|g| g.stored_bytes).sum();
+                assert_eq!(stored + sums.background + sums.header + sums.foreign, bytes.len() as u64, "{pack:?}");
+            }
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn shared_records_count_once() -> Result<(), CliError> {
+        let path = Path::new("x.instgs");
+        let mut scene = sample_scene();
+        // Both instances of template 0 use records 0..3; 3..6 are nobody's.
+        scene.instances[2].first_offset = Some(0);
+        let parts = tensor_parts(&packed_scene_file_bytes(&scene, Pack::F32, path)?, path)?;
+        // SH 2 in f32: rows of 152 bytes; 3 records of 28, two instances and a range.
+        let group = &groups(&scene, &parts)[0];
+        assert_eq!(group.stored_bytes, 3 * 152 + 3 * 28 + 2 * 56 + 8);
+        assert_eq!((group.instances_with_offsets, group.expanded), (2, 6));
+        Ok(())
+    }
+}

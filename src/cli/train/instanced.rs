@@ -1,0 +1,152 @@
+//! `train --method instgs`: the plain cloud, what belongs to what, the merged scene, the joint phase.
+
+use std::fs;
+use std::path::Path;
+use std::time::Instant;
+
+use super::phase::{Session, counts, run_phase};
+use crate::cli::args::create_folder;
+use crate::cli::error::CliError;
+use crate::io::{Dataset, IoError, Split, load_scene, read_views, write_ply};
+use crate::render::Renderer;
+use crate::scene::InstancedScene;
+use crate::train::config::TrainConfig;
+use crate::train::event_log::read_events;
+use crate::train::events::Event;
+use crate::train::prepare::CLOUD;
+use crate::train::report::{Bytes, JointMatch, Quality, ReportData, RunReport, Stage};
+use crate::train::{Prepared, TrainError, TrainJob, eval_options, prepare};
+
+/// The plain cloud that the run starts from; its file is in the run folder.
+struct PlainCloud {
+    report: RunReport,
+    /// Of its training; empty if it was given.
+    events: Vec<Event>,
+}
+
+/// All stages; the report is that of the joint phase, with the plain cloud's in `vanilla`.
+pub(super) fn run(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, CliError> {
+    create_folder(&job.out)?;
+    let given = !job.config.init_scene.is_empty();
+    let cloud = if given { given_cloud(session, job)? } else { trained_cloud(session, job)? };
+    let prepared = prepared(session, job)?;
+    run_phase(session, job, |data| complete(data, cloud, prepared))
+}
+
+/// Makes the joint phase's report that of the whole run.
+fn complete(data: &mut ReportData, cloud: PlainCloud, prepared: Prepared) {
+    let report = &mut data.report;
+    let of_phase = |phase: &str, stages: &[Stage]| -> Vec<Stage> {
+        stages.iter().map(|s| Stage { name: format!("{phase}: {}", s.name), ..s.clone() }).collect()
+    };
+    let joint = of_phase("joint", &report.stages);
+    report.stages = [of_phase("3dgs", &cloud.report.stages), prepared.stages, joint].concat();
+    report.seconds = report.stages.iter().map(|s| s.seconds).sum();
+    report.groups = prepared.groups;
+    report.registration = prepared.registration;
+    report.joint_match = JointMatch::of(&cloud.events, &data.events, report.dataset.train_views);
+    report.vanilla = Some(Box::new(cloud.report));
+    data.vanilla_events = cloud.events;
+}
+
+/// Trains in `RUN/vanilla`, unless that is done.
+fn trained_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliError> {
+    let out = job.out.join("vanilla");
+    let path = out.join("report.json");
+    let config = job.config.cloud_phase();
+    let done = if job.resume && path.is_file() { Some(read_report(&path)?) } else { None };
+    let report = match done {
+        Some(report) if report.steps == config.steps => report,
+        _ => {
+            session.printer.line("1 of 3: a plain cloud of Gaussians");
+            run_phase(session, &TrainJob { out: out.clone(), config, ..job.clone() }, |_| ())?
+        }
+    };
+    let (from, to) = (out.join(CLOUD), job.out.join(CLOUD));
+    let bytes = fs::read(&from).map_err(|e| IoError::new(&from, format!("cannot read: {e}")))?;
+    crate::io::atomic_write(&to, |file| file.write_all(&bytes))?;
+    // The log of a cloud that is reused may have been removed; only the page needs it.
+    let log = out.join("events.jsonl");
+    let events = if log.is_file() { read_events(&log)? } else { Vec::new() };
+    Ok(PlainCloud { report, events })
+}
+
+fn read_report(path: &Path) -> Result<RunReport, CliError> {
+    let bytes = fs::read(path).map_err(|e| IoError::new(path, format!("cannot read: {e}")))?;
+    Ok(serde_json::from_slice(&bytes).map_err(|e| IoError::new(path, e.to_string()))?)
+}
+
+/// Takes over a trained cloud, and looks how good it is.
+fn given_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliError> {
+    let started = Instant::now();
+    let path = Path::new(&job.config.init_scene);
+    let loaded = load_scene(path)?;
+    if loaded.dropped_non_finite > 0 {
+        let n = loaded.dropped_non_finite;
+        session.printer.warning(format_args!("{}: dropped {n} Gaussians that are not finite", path.display()));
+    }
+    let mut cloud = loaded.scene.flatten();
+    if cloud.is_empty() {
+        return Err(IoError::new(path, "has no Gaussians to start from").into());
+    }
+    cloud.set_sh_degree(job.config.sh_degree);
+    write_ply(&job.out.join(CLOUD), &cloud)?;
+    let scene = InstancedScene { antialias: job.config.antialias, ..InstancedScene::from_cloud(cloud) };
+    let eval = evaluated(session, job, &scene)?;
+    let seconds = started.elapsed().as_secs_f64();
+    let report = RunReport {
+        method: "3dgs".into(),
+        seconds,
+        stages: vec![Stage { name: "load".into(), seconds }],
+        eval,
+        gaussians: counts(&scene),
+        bytes: Bytes { file: loaded.file_bytes, host: scene.tensor_bytes(), ..Bytes::default() },
+        device: session.gpu.caps().name.clone(),
+        seed: job.config.seed,
+        version: env!("CARGO_PKG_VERSION").into(),
+        config: TrainConfig { steps: 1, ..job.config.cloud_phase() },
+        ..RunReport::default()
+    };
+    Ok(PlainCloud { report, events: Vec::new() })
+}
+
+/// Means over the test views; `None` if there are none.
+fn evaluated(session: &Session<'_>, job: &TrainJob, scene: &InstancedScene) -> Result<Option<Quality>, CliError> {
+    let test: Vec<_> = Dataset::split(&read_views(&job.data)?, Split::Test).cloned().collect();
+    if test.is_empty() {
+        return Ok(None);
+    }
+    let mut renderer = Renderer::new(session.gpu).map_err(TrainError::from)?;
+    let device_scene = renderer.upload(scene).map_err(TrainError::from)?;
+    let width = (job.config.width > 0).then_some(job.config.width);
+    let options = eval_options(&job.config);
+    let report =
+        crate::eval::evaluate::<TrainError>(&mut renderer, &device_scene, &test, width, &options, None, |_| Ok(()))?;
+    Ok(Some(Quality { psnr: report.mean.psnr, ssim: report.mean.ssim, lpips: report.mean.lpips }))
+}
+
+/// Labels and templates, unless that is done.
+fn prepared(session: &Session<'_>, job: &TrainJob) -> Result<Prepared, CliError> {
+    let printer = session.printer;
+    printer.line("2 of 3: which Gaussian belongs to which object, and one template per group");
+    let mut bar = None;
+    let result = prepare(session.gpu, job, &mut |at| {
+        let bar = bar.get_or_insert_with(|| printer.progress("segment", at.total as u64));
+        bar.advance_to(at.done as u64, "");
+    });
+    drop(bar);
+    let result = result?;
+    result.warnings().iter().for_each(|text| printer.warning(text));
+    for group in result.groups.iter().filter(|g| g.template.is_some()) {
+        let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
+        let (fewest, mean, most) = group.gaussians_per_instance;
+        printer.line(format_args!(
+            "{name}: {} instances of {fewest} to {most} Gaussians (mean {mean:.0}), template of {}, match distance {:.3}",
+            group.instances.len(),
+            group.template_gaussians,
+            group.match_distance
+        ));
+    }
+    printer.line("3 of 3: templates, offsets, background and poses together");
+    Ok(result)
+}

@@ -1,0 +1,239 @@
+//! `instgs-vk train`: from photos to a scene.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+mod instanced;
+mod phase;
+
+pub(super) use self::phase::Session;
+use self::phase::run_phase;
+use super::device::{self, DeviceArgs};
+use super::error::CliError;
+use super::printer::Printer;
+use super::table::{Table, grouped};
+use crate::io::IoError;
+use crate::train::TrainJob;
+use crate::train::config::{ConfigBuilder, Method, TrainConfig};
+use crate::train::interrupt::Interrupt;
+use crate::train::report::RunReport;
+
+/// Trains a scene of Gaussians from photos with known cameras.
+///
+/// DATA holds transforms.json (or transforms_train.json and transforms_test.json), or a COLMAP model in sparse/0 with
+/// images/. RUN gets config.toml, checkpoints/, events.jsonl, point_cloud.ply, scene.instgs, report.json, report.html and
+/// renders/ of the test views. Ctrl-C writes a checkpoint; --resume goes on from the newest one.
+///
+/// With --method instgs, repeated objects become instances of shared templates: the plain cloud is trained first, in
+/// RUN/vanilla (or taken from --init); masks say which Gaussian belongs to which object (their ids need not be the same from
+/// view to view); objects that are alike are registered to each other, unless --groups says where they stand; then
+/// templates, offsets, background and poses learn together. Every stage leaves a file, which --resume goes on from.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk train --data fox --out runs/fox --config quick --width 270\n  \
+    instgs-vk train --data garden --out runs/garden --set strategy=mcmc --max-gaussians 500000\n  \
+    instgs-vk train --data garden --out runs/garden --resume\n  \
+    instgs-vk train --data cars --out runs/cars --config instgs_quick\n  \
+    instgs-vk train --data cars --groups cars/groups.json --out runs/cars --config instgs_quick")]
+pub(super) struct TrainArgs {
+    /// Dataset folder
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Run folder; made if it is not there
+    #[arg(long, value_name = "RUN")]
+    out: PathBuf,
+    /// What is trained: 3dgs, a plain cloud, or instgs, templates with instances
+    #[arg(long, value_name = "METHOD")]
+    method: Option<String>,
+    /// Start from this scene instead of the dataset's points
+    #[arg(long, value_name = "SCENE")]
+    init: Option<PathBuf>,
+    /// A preset (default, quick, paper, mcmc) or a TOML file
+    #[arg(long, value_name = "F")]
+    config: Option<String>,
+    /// One value of the configuration, for instance --set rates.means=1e-4; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Folder with a PNG of object ids per image [default: DATA/masks]; for instgs
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// groups.json: which objects are alike, and where they stand; for instgs [default: found by registration]
+    #[arg(long, value_name = "JSON")]
+    groups: Option<PathBuf>,
+    /// Optimisation steps in all; with instgs, of the plain cloud
+    #[arg(long, value_name = "N")]
+    steps: Option<u64>,
+    /// Optimisation steps of the joint phase; for instgs
+    #[arg(long, value_name = "N")]
+    joint_steps: Option<u64>,
+    /// Downscale training pictures to this width
+    #[arg(long, value_name = "W")]
+    width: Option<u32>,
+    /// Fixes everything that is random
+    #[arg(long, value_name = "S")]
+    seed: Option<u64>,
+    /// Never more Gaussians than this
+    #[arg(long, value_name = "N")]
+    max_gaussians: Option<u32>,
+    /// Evaluate the test views every N steps, besides at the end
+    #[arg(long, value_name = "N")]
+    eval_every: Option<u64>,
+    /// Go on from the newest checkpoint of RUN; configuration and seed are RUN's own, under the flags given now
+    #[arg(long)]
+    resume: bool,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+impl TrainArgs {
+    fn resolved(&self) -> Result<TrainConfig, CliError> {
+        let own = self.out.join("config.toml");
+        let mut builder = ConfigBuilder::new();
+        if self.resume && own.is_file() {
+            builder = builder.file(&own.display().to_string())?;
+        }
+        if let Some(file) = &self.config {
+            builder = builder.file(file)?;
+        }
+        for assignment in &self.set {
+            builder = builder.set(assignment)?;
+        }
+        if let Some(method) = &self.method {
+            builder = builder.flag("--method", "method", method.as_str())?;
+        }
+        let paths = [
+            ("--init", "init_scene", &self.init),
+            ("--masks", "masks", &self.masks),
+            ("--groups", "groups", &self.groups),
+        ];
+        for (flag, key, path) in paths {
+            if let Some(path) = path {
+                builder = builder.flag(flag, key, absolute(flag, path)?)?;
+            }
+        }
+        let numbers = [
+            ("--steps", "steps", self.steps),
+            ("--joint-steps", "joint.steps", self.joint_steps),
+            ("--width", "width", self.width.map(u64::from)),
+            ("--seed", "seed", self.seed),
+            ("--max-gaussians", "max_gaussians", self.max_gaussians.map(u64::from)),
+            ("--eval-every", "eval_every", self.eval_every),
+        ];
+        for (flag, key, value) in numbers {
+            if let Some(value) = value {
+                let value =
+                    i64::try_from(value).map_err(|_| CliError::Other(format!("{flag}: {value} is too large")))?;
+                builder = builder.flag(flag, key, value)?;
+            }
+        }
+        Ok(builder.finish()?)
+    }
+
+    fn check_folder(&self) -> Result<(), CliError> {
+        let taken = ["config.toml", "checkpoints", "report.json", "point_cloud.ply"];
+        let Some(found) = taken.iter().find(|name| self.out.join(name).exists()) else { return Ok(()) };
+        if self.resume {
+            return Ok(());
+        }
+        let error = IoError::new(&self.out, format!("holds a run already ({found})"));
+        Err(error.advise("continue it with --resume, or choose another folder").into())
+    }
+}
+
+/// A path as the configuration keeps it: valid in whatever folder the run is resumed.
+fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
+    let fail = |what: String| CliError::Other(format!("{flag}: {what}"));
+    let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
+    absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
+}
+
+pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let config = args.resolved()?;
+    args.check_folder()?;
+    // Before anything is made: a folder without cameras should not leave an empty run.
+    crate::io::read_views(&args.data)?;
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
+    let gpu = device::open(device_args.choice())?;
+    let job = TrainJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
+    let report = train_job(&Session { gpu: &gpu, interrupt: &interrupt, printer }, &job)?;
+    if args.json {
+        return printer.json(&report);
+    }
+    print_report(&report, &args.out, printer);
+    Ok(())
+}
+
+/// Trains by the job's method, all phases; the run folder has everything afterwards.
+///
+/// # Errors
+/// What is wrong with the input, the device, or that it was interrupted.
+pub(super) fn train_job(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, CliError> {
+    match job.config.method {
+        Method::Gaussians => run_phase(session, job, |_| ()),
+        Method::Instanced => instanced::run(session, job),
+    }
+}
+
+fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
+    let mut table = Table::default();
+    let mut row = |name: &str, value: String| table.row([name.into(), value]);
+    row("steps", format!("{} in {:.1} s, {:.2} a second", report.steps, report.seconds, report.steps_per_second));
+    let counts = &report.gaussians;
+    if report.vanilla.is_some() {
+        let text = format!(
+            "{} of templates, {} offset records, {} of the background, {} after expanding",
+            grouped(counts.template),
+            grouped(counts.offsets),
+            grouped(counts.background),
+            grouped(counts.expanded)
+        );
+        row("Gaussians", text);
+    } else {
+        row("Gaussians", grouped(counts.background));
+    }
+    if let Some(eval) = &report.eval {
+        let lpips = eval.lpips.map(|v| format!(", LPIPS {v:.3}")).unwrap_or_default();
+        row("test views", format!("PSNR {:.2} dB, SSIM {:.4}{lpips}", eval.psnr, eval.ssim));
+    }
+    row("file", format!("{} bytes", grouped(report.bytes.file)));
+    row("device, most at a time", format!("{} bytes", grouped(report.bytes.device_peak)));
+    printer.line(table);
+    printer.line(format_args!("everything is in {}; report.html shows it", out.display()));
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    type Test = Result<(), Box<dyn std::error::Error>>;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: TrainArgs,
+    }
+
+    fn resolved(out: &Path, more: &[&str]) -> Result<TrainConfig, Box<dyn std::error::Error>> {
+        let out = out.display().to_string();
+        let line = [&["train", "--data", "d", "--out", &out], more].concat();
+        Ok(Line::try_parse_from(line)?.args.resolved()?)
+    }
+
+    #[test]
+    fn a_resumed_run_knows_the_scene_it_started_from() -> Test {
+        let folder = tempfile::tempdir()?;
+        let here = std::env::current_dir()?;
+        let config = resolved(folder.path(), &["--init", "a/../b.ply", "--set", "init_scene=c.ply"])?;
+        // The flag is above --set; links are left as they are.
+        assert_eq!(Path::new(&config.init_scene), here.join("a/../b.ply"));
+        std::fs::write(folder.path().join("config.toml"), config.to_toml()?)?;
+        assert_eq!(resolved(folder.path(), &["--resume"])?.init_scene, config.init_scene);
+        assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.init_scene, "/x.ply");
+        assert_eq!(resolved(folder.path(), &[])?.init_scene, "");
+        Ok(())
+    }
+}

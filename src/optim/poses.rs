@@ -1,0 +1,46 @@
+//! Adam on the places of instances.
+
+use crate::gpu::interface::types;
+use crate::gpu::{Buffer, GpuError, Grid, Pipeline, Recorder};
+use crate::kernels::refine_poses;
+
+use super::adam::{Adam, MomentBuffer};
+
+/// Values of a place: a shift (template units), a rotation vector (radians) and the logarithm of the scale.
+pub const POSE_VALUES: usize = 7;
+
+impl Adam {
+    /// Records a step on the places of the first `count` instances, with a learning rate each for shifts, rotations and
+    /// logarithms of scales; nothing is recorded if all are 0. Nothing happens on the device if `status` holds an
+    /// overflow.
+    pub fn record_poses(
+        &self,
+        recorder: &mut Recorder,
+        (pipeline, workgroup_size): (&Pipeline<refine_poses::RefinePoses>, u32),
+        status: &Buffer<u32>,
+        (gradients, instances, moments): (
+            &Buffer<types::PoseGradient>,
+            &mut Buffer<types::Instance>,
+            &mut MomentBuffer,
+        ),
+        rates: [f64; 3],
+        count: u32,
+    ) -> Result<(), GpuError> {
+        if count == 0 || rates == [0.0; 3] {
+            return Ok(());
+        }
+        let [translation_rate, rotation_rate, log_scale_rate] = rates.map(|rate| self.corrected(rate));
+        let params = refine_poses::Params {
+            posed_instances: count,
+            translation_rate,
+            rotation_rate,
+            log_scale_rate,
+            beta1: self.beta1 as f32,
+            beta2: self.beta2 as f32,
+            second_scale: self.second_scale(),
+            epsilon: self.epsilon as f32,
+        };
+        let bindings = refine_poses::Bindings { pose_gradients: gradients, status, instances, pose_moments: moments };
+        recorder.dispatch(pipeline, Grid::threads(count, workgroup_size), &params, bindings)
+    }
+}

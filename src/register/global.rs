@@ -1,0 +1,157 @@
+//! Poses from features alone, wherever the objects stand: random samples of matched points, and how many others agree.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::fpfh::{Feature, squared_difference};
+use super::pose::{Pair, Pose, best_pose};
+use crate::math::rng::Rng;
+
+/// Points of a sample: a pose needs no more.
+const SAMPLE: usize = 3;
+/// Of two matched points' distances in the two objects the shorter is at least this part of the longer.
+const EDGE_RATIO: f64 = 0.9;
+/// Matched points are this near after a pose they agree with, base voxels.
+const AGREE_VOXELS: f64 = 1.5;
+/// Features of an object that are matched: neighbours have about the same, and the time grows with the square.
+const MOST_FEATURES: usize = 900;
+/// Poses are the same below this angle, radians (15 degrees), and this distance, base voxels: less than refinement moves.
+const SAME_ANGLE: f64 = 0.26;
+const SAME_VOXELS: f64 = 4.0;
+
+/// Points of both objects, indices into their base levels, each of which is the other's best match.
+pub(super) fn mutual_matches(reference: &[Feature], target: &[Feature]) -> Vec<(usize, usize)> {
+    let (reference_step, target_step) = (thinned(reference), thinned(target));
+    let of = |all: &[Feature], step: usize| -> Vec<Feature> { all.iter().step_by(step).copied().collect() };
+    let (reference, target) = (of(reference, reference_step), of(target, target_step));
+    let forth = best_matches(&reference, &target);
+    let back = best_matches(&target, &reference);
+    let mutual = forth.iter().enumerate().filter(|(i, j)| back.get(**j) == Some(i));
+    mutual.map(|(i, &j)| (i * reference_step, j * target_step)).collect()
+}
+
+/// One in how many features are matched.
+fn thinned(features: &[Feature]) -> usize {
+    features.len().div_ceil(MOST_FEATURES).max(1)
+}
+
+/// For each feature of `from` the index of the nearest of `to`, the first of equals; `usize::MAX` if there is none.
+fn best_matches(from: &[Feature], to: &[Feature]) -> Vec<usize> {
+    let best = |a: &Feature| {
+        let nearer = |best: (usize, f32), (j, b): (usize, &Feature)| {
+            let difference = squared_difference(a, b);
+            if difference < best.1 { (j, difference) } else { best }
+        };
+        to.iter().enumerate().fold((usize::MAX, f32::INFINITY), nearer).0
+    };
+    from.par_iter().map(best).collect()
+}
+
+/// The `modes` best distinct poses that samples of matched points give, those that most matches agree with first.
+/// `voxel` is the target's base voxel.
+pub(super) fn consensus_poses(
+    pairs: &[Pair],
+    voxel: f64,
+    (trials, modes): (usize, usize),
+    allow_scale: bool,
+    mut rng: Rng,
+) -> Vec<Pose> {
+    let reach = AGREE_VOXELS * voxel;
+    let mut best: Vec<(usize, Pose)> = Vec::new();
+    if pairs.len() < SAMPLE {
+        return Vec::new();
+    }
+    for _ in 0..trials {
+        let sample: [Pair; SAMPLE] = std::array::from_fn(|_| pairs[rng.index(pairs.len())]);
+        if !edges_agree(&sample, allow_scale, voxel) {
+            continue;
+        }
+        let Some(pose) = best_pose(&sample, allow_scale) else { continue };
+        let agrees = |pair: &Pair| pose.apply(pair.from).distance_squared(pair.to) <= reach * reach;
+        if sample.iter().all(agrees) {
+            let count = pairs.iter().filter(|pair| agrees(pair)).count();
+            insert(&mut best, (count, pose), modes, SAME_VOXELS * voxel);
+        }
+    }
+    let refined = |(_, pose): (usize, Pose)| {
+        let agreeing = pairs.iter().filter(|pair| pose.apply(pair.from).distance_squared(pair.to) <= reach * reach);
+        best_pose(&agreeing.copied().collect::<Vec<_>>(), allow_scale).unwrap_or(pose)
+    };
+    best.into_iter().map(refined).collect()
+}
+
+/// True if the three edges are about as long in both objects (in proportion, if scale is free), and long enough to fix a
+/// rotation.
+fn edges_agree(sample: &[Pair; SAMPLE], allow_scale: bool, voxel: f64) -> bool {
+    let edge = |a: usize, b: usize, of: fn(&Pair) -> DVec3| of(&sample[a]).distance(of(&sample[b]));
+    let ratios = [(0, 1), (1, 2), (2, 0)].map(|(a, b)| {
+        let (from, to) = (edge(a, b, |p| p.from), edge(a, b, |p| p.to));
+        if from.min(to) > SAME_VOXELS * voxel { to / from } else { f64::NAN }
+    });
+    let middle = if allow_scale { ratios.iter().sum::<f64>() / SAMPLE as f64 } else { 1.0 };
+    ratios.iter().all(|r| (EDGE_RATIO..=1.0 / EDGE_RATIO).contains(&(r / middle)))
+}
+
+/// Keeps the list of the best distinct poses, best first; the first found of equals stays.
+fn insert(best: &mut Vec<(usize, Pose)>, new: (usize, Pose), modes: usize, same: f64) {
+    if best.len() == modes && best[modes - 1].0 >= new.0 {
+        return;
+    }
+    let like = |old: &(usize, Pose)| {
+        old.1.angle_to(&new.1) < SAME_ANGLE && old.1.translation.distance(new.1.translation) < same
+    };
+    if best.iter().any(|old| like(old) && old.0 >= new.0) {
+        return;
+    }
+    best.retain(|old| !like(old));
+    let place = best.iter().position(|old| old.0 < new.0).unwrap_or(best.len());
+    best.insert(place, new);
+    best.truncate(modes);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::covariance::rotation_from_quat;
+
+    /// Of 200 matches four fifths are wrong; the pose of the others is the first mode. Measured: 1e-9 of the truth, and 3
+    /// modes that differ.
+    #[test]
+    fn finds_the_pose_that_a_fifth_of_the_matches_agrees_with() {
+        for (seed, scale) in [(1, 1.0), (2, 1.0), (3, 1.6)] {
+            let mut rng = Rng::new(seed);
+            let truth = Pose {
+                rotation: rotation_from_quat(rng.rotation_quat()),
+                scale,
+                translation: rng.normal_vector() * 20.0,
+            };
+            let pair = |i: usize| {
+                let from = rng.normal_vector() * 10.0;
+                let to = if i.is_multiple_of(5) { truth.apply(from) } else { truth.apply(rng.normal_vector() * 10.0) };
+                Pair { from, to, weight: 1.0 }
+            };
+            let pairs: Vec<Pair> = (0..200).map(pair).collect();
+            let find = |trials| consensus_poses(&pairs, 0.5, (trials, 3), scale != 1.0, Rng::new(seed));
+            let found = find(20_000);
+            assert!(found[0].angle_to(&truth) < 0.02 && (found[0].scale / scale - 1.0).abs() < 0.01, "{:?}", found[0]);
+            assert!(found[0].translation.distance(truth.translation) < 0.3);
+            assert!(
+                found
+                    .iter()
+                    .skip(1)
+                    .all(|p| p.angle_to(&found[0]) > SAME_ANGLE || p.translation.distance(found[0].translation) > 2.0)
+            );
+            assert_eq!(found, find(20_000), "the same seed, the same poses");
+            assert!(find(0).is_empty() && consensus_poses(&pairs[..2], 0.5, (100, 3), false, Rng::new(1)).is_empty());
+        }
+    }
+
+    #[test]
+    fn only_mutual_matches_count() {
+        let feature = |v: f32| -> Feature { std::array::from_fn(|_| v) };
+        let (a, b) = ([feature(0.0), feature(1.0), feature(1.1)], [feature(1.02), feature(0.1)]);
+        assert_eq!(mutual_matches(&a, &b), [(0, 1), (1, 0)]);
+        assert!(mutual_matches(&a, &[]).is_empty() && mutual_matches(&[], &b).is_empty());
+        assert!(mutual_matches(&[feature(f32::NAN)], &b).is_empty());
+    }
+}

@@ -1,0 +1,209 @@
+//! From a labelled cloud to posed groups.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::alike::{check_fit, check_shape};
+use super::check::{Agreement, PoseCheck};
+use super::decide::{Decision, decide};
+use super::error::RegisterError;
+use super::hypotheses::{Hypothesis, hypotheses};
+use super::members::{Aligned, settle};
+use super::normals::up_direction;
+use super::options::RegisterOptions;
+use super::outcome::{posed_group, rejected, reports};
+use super::pose::Pose;
+use super::report::InstanceRegistration;
+use super::sample::ObjectSurface;
+use crate::math::similarity::Similarity;
+use crate::scene::gaussians::sh_coefficients;
+use crate::scene::{Camera, Gaussians, PosedGroup};
+
+/// References that are tried for a category before the rest of it counts as unlike one another.
+const MOST_REFERENCES: usize = 4;
+/// What is registered.
+#[derive(Clone, Copy, Debug)]
+pub struct RegisterInput<'a> {
+    /// A plain cloud, world frame.
+    pub cloud: &'a Gaussians,
+    /// By Gaussian: mask id, 0 = background.
+    pub instance_of_gaussian: &'a [u32],
+    /// Names by mask id. Objects with the same name are tried as one group, those without with all others that have none.
+    pub categories: &'a BTreeMap<u32, String>,
+    /// The training views: they say what is up, and which side of a surface is outside. May be empty.
+    pub cameras: &'a [Camera],
+}
+
+/// Groups, and what became of every object.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Registered {
+    /// At least two objects each, the reference first. Its frame has the world's axes and the origin in the middle of
+    /// the reference's box.
+    pub groups: Vec<PosedGroup>,
+    /// One entry per mask id that a Gaussian has, by id.
+    pub instances: Vec<InstanceRegistration>,
+}
+
+/// Finds groups and poses. `check`, if given, looks at pictures where geometry leaves a doubt.
+///
+/// # Errors
+/// Arrays that do not fit, a camera or an option that is invalid, a check that fails. What concerns one object only is
+/// in its report.
+pub fn register<'a>(
+    input: &RegisterInput<'_>,
+    check: Option<&'a mut (dyn PoseCheck + 'a)>,
+    options: &'a RegisterOptions,
+) -> Result<Registered, RegisterError> {
+    options.validate()?;
+    validate(input)?;
+    let mut indices: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+    for (i, &id) in input.instance_of_gaussian.iter().enumerate().filter(|(_, id)| **id != 0) {
+        indices.entry(id).or_default().push(i as u32);
+    }
+    let surface = |(&id, indices): (&u32, &Vec<u32>)| {
+        (id, ObjectSurface::new((id, indices), input.cloud, input.cameras, options))
+    };
+    let surfaces: Vec<(u32, Result<ObjectSurface, String>)> = indices.par_iter().map(surface).collect();
+    let mut run = Run { up: up_direction(input.cameras), options, check, out: Registered::default() };
+    let mut classes: BTreeMap<Option<&String>, Vec<&ObjectSurface>> = BTreeMap::new();
+    for (id, surface) in &surfaces {
+        let name = input.categories.get(id);
+        match surface {
+            Ok(surface) => classes.entry(name).or_default().push(surface),
+            Err(reason) => run.out.instances.push(rejected((*id, name), 0, reason.clone())),
+        }
+    }
+    for (name, members) in classes {
+        run.class(name, members)?;
+    }
+    run.out.instances.sort_by_key(|i| i.instance);
+    Ok(run.out)
+}
+
+fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
+    let (cloud, count) = (input.cloud, input.cloud.len());
+    for (array, len, want) in [
+        ("quaternions", cloud.quats.len(), count),
+        ("scales", cloud.log_scales.len(), count),
+        ("opacities", cloud.opacity_logits.len(), count),
+        ("SH coefficients", cloud.sh.len(), count * sh_coefficients(cloud.sh_degree)),
+    ] {
+        if len != want {
+            return Err(RegisterError::Cloud { array, len, want });
+        }
+    }
+    if input.instance_of_gaussian.len() != count {
+        return Err(RegisterError::LabelCount { labels: input.instance_of_gaussian.len(), gaussians: count });
+    }
+    input.cameras.iter().try_for_each(Camera::validate).map_err(RegisterError::Camera)
+}
+
+/// A target and its pose, or why it has none.
+type Outcome<'s> = (&'s ObjectSurface, Result<Decision, String>);
+
+/// What is known while groups form.
+struct Run<'a> {
+    up: Option<DVec3>,
+    options: &'a RegisterOptions,
+    check: Option<&'a mut (dyn PoseCheck + 'a)>,
+    out: Registered,
+}
+
+impl Run<'_> {
+    /// Forms groups of the objects of one category, or of those without.
+    fn class(&mut self, name: Option<&String>, mut open: Vec<&ObjectSurface>) -> Result<(), RegisterError> {
+        open.sort_by_key(|s| (std::cmp::Reverse(s.gaussians), s.id));
+        let mut reasons: BTreeMap<u32, String> = BTreeMap::new();
+        let mut tried = 0;
+        let most = if name.is_some() { MOST_REFERENCES } else { open.len() };
+        while open.len() > 1 && tried < most {
+            let reference = open.remove(0);
+            let (mut members, mut left) = (Vec::new(), Vec::new());
+            for (surface, outcome) in self.align(reference, &open, name.is_some())? {
+                match outcome {
+                    Ok(decision) => members.push(Aligned { surface, decision }),
+                    Err(reason) => {
+                        reasons.entry(surface.id).or_insert(reason);
+                        left.push(surface);
+                    }
+                }
+            }
+            if members.is_empty() {
+                tried += 1;
+                let reason = reasons.remove(&reference.id).unwrap_or_else(|| "no other object is like it".into());
+                self.out.instances.push(rejected((reference.id, name), reference.gaussians, reason));
+            } else {
+                self.group(name, reference, members);
+            }
+            open = left;
+        }
+        for surface in open {
+            let alone = || match name {
+                Some(name) => format!("the only {name}: one object alone shares nothing"),
+                None => "no other object is like it".into(),
+            };
+            let reason = reasons.remove(&surface.id).unwrap_or_else(alone);
+            self.out.instances.push(rejected((surface.id, name), surface.gaussians, reason));
+        }
+        Ok(())
+    }
+
+    /// The pose of each target, or why it has none.
+    fn align<'s>(
+        &mut self,
+        reference: &ObjectSurface,
+        targets: &[&'s ObjectSurface],
+        named: bool,
+    ) -> Result<Vec<Outcome<'s>>, RegisterError> {
+        let (up, options) = (self.up, self.options);
+        let found = |target: &&'s ObjectSurface| -> Result<Vec<Hypothesis>, String> {
+            check_shape(reference, target, named, options)?;
+            let found = hypotheses(reference, target, up, options);
+            check_fit(&found, reference.id, options)?;
+            Ok(found)
+        };
+        let all: Vec<Result<Vec<Hypothesis>, String>> = targets.par_iter().map(found).collect();
+        let mut out = Vec::with_capacity(targets.len());
+        for (&target, found) in targets.iter().zip(all) {
+            let decision = match found {
+                Ok(found) => {
+                    let seen = self.pictures(reference, target, &found)?;
+                    decide(reference, &found, seen.as_deref(), options).ok_or_else(|| "has no points".to_string())
+                }
+                Err(reason) => Err(reason),
+            };
+            out.push((target, decision));
+        }
+        Ok(out)
+    }
+
+    /// How pictures see the hypotheses.
+    fn pictures(
+        &mut self,
+        reference: &ObjectSurface,
+        target: &ObjectSurface,
+        found: &[Hypothesis],
+    ) -> Result<Option<Vec<Agreement>>, RegisterError> {
+        let Some(check) = self.check.as_deref_mut() else { return Ok(None) };
+        let poses: Vec<Similarity> = found.iter().map(|h| target_from_reference(reference, target, &h.pose)).collect();
+        check.check(reference.id, target.id, &poses)
+    }
+
+    /// Adds a group.
+    fn group(&mut self, name: Option<&String>, reference: &ObjectSurface, mut members: Vec<Aligned<'_>>) {
+        members.sort_by_key(|m| m.surface.id);
+        settle(reference, &mut members, self.up, self.options);
+        let template_id = self.out.groups.len() as u32;
+        let instances = reports((template_id, name), reference, &members);
+        self.out.groups.push(posed_group((template_id, name), reference, &members));
+        self.out.instances.extend(instances);
+    }
+}
+
+/// The pose as a map of the world onto itself.
+fn target_from_reference(reference: &ObjectSurface, target: &ObjectSurface, pose: &Pose) -> Similarity {
+    let translation = target.centroid + pose.apply(-reference.centroid);
+    Similarity::from_parts(pose.rotation, pose.scale, translation)
+}

@@ -1,0 +1,184 @@
+//! Iterated closest points: trimmed, point to point, both ways.
+
+use glam::DVec3;
+
+use super::pose::{Pair, Pose, best_pose};
+use super::surface::{Surface, reach_of};
+
+/// The part of the pairs that counts: what one object has and the other lacks is among the rest.
+const TRIM: f64 = 0.9;
+/// Points that are farther than this from all others are not matched, voxels of the level.
+const REACH: f64 = 4.0;
+/// Steps that move no point by more than this part of a voxel end it.
+const SETTLED: f64 = 1e-3;
+
+/// Points farther than this from the other surface do not agree with it, base voxels.
+pub(super) const INLIER_VOXELS: f64 = 1.5;
+/// Distances count as at most this, base voxels: beyond it the surfaces just differ.
+const MOST_VOXELS: f64 = 3.0;
+
+/// How to go on with it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct IcpOptions {
+    /// Most steps.
+    pub steps: usize,
+    /// Scale is free.
+    pub allow_scale: bool,
+}
+
+/// Moves `start` to where `data` (points of the target) lies best on `model` (the reference's, at a finer level).
+pub(super) fn icp(model: &Surface, data: &Surface, start: Pose, options: IcpOptions) -> Pose {
+    let reach = reach_of(data);
+    let mut pose = start;
+    for _ in 0..options.steps {
+        let Some(next) = best_pose(&closest_pairs(model, data, &pose), options.allow_scale) else { return pose };
+        let moved = next.movement_from(&pose, reach);
+        pose = next;
+        if moved <= SETTLED * data.voxel {
+            break;
+        }
+    }
+    pose
+}
+
+/// Each point of `data` with the nearest of `model`, if it is within reach and not among the farthest.
+fn closest_pairs(model: &Surface, data: &Surface, pose: &Pose) -> Vec<Pair> {
+    let mut pairs: Vec<(f64, usize, usize)> = Vec::with_capacity(data.len());
+    for (i, &to) in data.positions.iter().enumerate() {
+        if let Some((j, distance)) = model.nearest(pose.apply_inverse(to)) {
+            pairs.push((distance * pose.scale, i, j));
+        }
+    }
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let kept = (TRIM * pairs.len() as f64).ceil() as usize;
+    let reach = REACH * data.voxel;
+    let within = pairs.iter().take(kept).take_while(|(distance, ..)| *distance <= reach);
+    within.map(|&(_, i, j)| Pair { from: model.positions[j], to: data.positions[i], weight: 1.0 }).collect()
+}
+
+/// How well a pose puts the reference onto the target.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Fit {
+    /// Mean distance in base voxels, of which each counts at most [`MOST_VOXELS`]: target to reference, and back.
+    pub cost: f64,
+    /// The part of it from the target to the reference: what the reference has and the target lacks does not count.
+    pub cost_there: f64,
+    /// Part of the target's points near the reference.
+    pub inliers: f64,
+    /// Part of the reference's points near the target: lower if the target was seen in part.
+    pub covered: f64,
+    /// Root mean square distance of the target's points that are near the reference, scene units.
+    pub rmse: f64,
+}
+
+/// Mean distance of the target's points to the reference's, in voxels of the target's, each at most [`MOST_VOXELS`].
+pub(super) fn mean_distance(model: &Surface, data: &Surface, pose: &Pose) -> f64 {
+    let distance = |p: DVec3| model.nearest(pose.apply_inverse(p)).map_or(f64::INFINITY, |n| n.1 * pose.scale);
+    let sum: f64 = data.positions.iter().map(|&p| (distance(p) / data.voxel).min(MOST_VOXELS)).sum();
+    sum / data.len().max(1) as f64
+}
+
+/// Judges a pose on the points of one level; `fine_model` and `fine_data` are what distances are taken to.
+pub(super) fn fit(
+    (model, fine_model): (&Surface, &Surface),
+    (data, fine_data): (&Surface, &Surface),
+    pose: &Pose,
+) -> Fit {
+    let to_model = |p: DVec3| fine_model.nearest(pose.apply_inverse(p)).map_or(f64::INFINITY, |n| n.1 * pose.scale);
+    let to_data = |p: DVec3| fine_data.nearest(pose.apply(p)).map_or(f64::INFINITY, |n| n.1);
+    let there: Vec<f64> = data.positions.iter().map(|&p| to_model(p) / data.voxel).collect();
+    let back: Vec<f64> = model.positions.iter().map(|&p| to_data(p) / data.voxel).collect();
+    let mean = |all: &[f64]| all.iter().map(|d| d.min(MOST_VOXELS)).sum::<f64>() / all.len().max(1) as f64;
+    let near: Vec<f64> = there.iter().copied().filter(|d| *d <= INLIER_VOXELS).collect();
+    let part = |count: usize, all: &[f64]| count as f64 / all.len().max(1) as f64;
+    let squares: f64 = near.iter().map(|d| d * d).sum();
+    Fit {
+        cost: mean(&there) + mean(&back),
+        cost_there: mean(&there),
+        inliers: part(near.len(), &there),
+        covered: part(back.iter().filter(|d| **d <= INLIER_VOXELS).count(), &back),
+        rmse: (squares / near.len().max(1) as f64).sqrt() * data.voxel,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::rng::Rng;
+    use crate::register::surface::Sample;
+    use glam::DMat3;
+
+    /// Points of the faces of three boxes that no turn brings onto themselves.
+    fn shape(rng: &mut Rng, count: usize) -> Vec<DVec3> {
+        let boxes = [
+            (DVec3::ZERO, DVec3::new(8.0, 4.0, 2.0)),
+            (DVec3::new(5.0, 1.0, 2.0), DVec3::new(2.0, 2.0, 3.0)),
+            (DVec3::new(-6.0, -2.0, 2.0), DVec3::new(1.0, 1.0, 1.5)),
+        ];
+        let point = |i: usize| {
+            let (middle, half) = boxes[[0, 0, 0, 1, 2][i % 5]];
+            let mut p = DVec3::new(rng.range(-1.0, 1.0), rng.range(-1.0, 1.0), rng.range(-1.0, 1.0));
+            let axis = rng.index(3);
+            p[axis] = p[axis].signum();
+            middle + half * p
+        };
+        (0..count).map(point).collect()
+    }
+
+    fn surface(points: impl Iterator<Item = DVec3>, voxel: f64) -> Surface {
+        let samples = points.map(|position| Sample { position, normal: DVec3::Z, color: DVec3::ZERO });
+        Surface::new(&samples.collect::<Vec<_>>(), voxel)
+    }
+
+    fn levels(points: &[DVec3]) -> (Surface, Surface) {
+        (surface(points.iter().copied(), 0.5), surface(points.iter().copied(), 0.25))
+    }
+
+    /// Different points of the same shape, noise of a tenth of a voxel, a fifth of the target not seen, starts off by 15 degrees and
+    /// three voxels. Measured: within 0.25 degrees and 0.06 voxels; without refinement the starts stay where they are.
+    #[test]
+    fn finds_the_pose_from_nearby_and_judges_it() {
+        for (seed, scale) in [(1, 1.0), (2, 1.0), (3, 1.1)] {
+            let mut rng = Rng::new(seed);
+            let (model, fine_model) = levels(&shape(&mut rng, 9000));
+            let truth = Pose {
+                rotation: DMat3::from_axis_angle(rng.unit_vector(), 2.0),
+                scale,
+                translation: rng.normal_vector() * 3.0,
+            };
+            let target: Vec<DVec3> = shape(&mut rng, 9000)
+                .into_iter()
+                .filter(|p| p.x < 5.5)
+                .map(|p| truth.apply(p) + 0.05 * rng.normal_vector())
+                .collect();
+            let (data, fine_data) = levels(&target);
+            let start = Pose {
+                rotation: DMat3::from_axis_angle(rng.unit_vector(), 0.26) * truth.rotation,
+                scale: 1.0,
+                translation: truth.translation + 1.5 * rng.unit_vector(),
+            };
+            let found = icp(&fine_model, &data, start, IcpOptions { steps: 60, allow_scale: scale != 1.0 });
+            let (turn, shift) = (found.angle_to(&truth).to_degrees(), found.translation.distance(truth.translation));
+            assert!(turn < 0.6 && shift < 0.1 && (found.scale / scale - 1.0).abs() < 0.01, "{turn} {shift} {found:?}");
+            let judged = |pose| fit((&model, &fine_model), (&data, &fine_data), pose);
+            let (good, bad) = (judged(&found), judged(&start));
+            assert!(good.inliers > 0.95 && good.covered < 0.97 && good.cost < 0.5 * bad.cost, "{good:?} {bad:?}");
+        }
+    }
+
+    #[test]
+    fn empty_and_degenerate_sets_leave_the_start() {
+        let options = IcpOptions { steps: 5, allow_scale: true };
+        let start = Pose { translation: DVec3::X, ..Pose::IDENTITY };
+        let (none, one) = (surface([].into_iter(), 1.0), surface([DVec3::ZERO].into_iter(), 1.0));
+        for (model, data) in [(&none, &none), (&one, &none), (&none, &one), (&one, &one)] {
+            assert_eq!(icp(model, data, start, options), start);
+            let fit = fit((model, model), (data, data), &start);
+            assert!(fit.cost.is_finite() && fit.inliers.is_finite() && fit.rmse.is_finite(), "{fit:?}");
+        }
+        // Points of a line leave the turn about it free; that is no failure.
+        let line = surface((0..40).map(|i| DVec3::X * f64::from(i)), 1.0);
+        let found = icp(&line, &line, Pose { translation: DVec3::X * 0.3, ..start }, options);
+        assert!(found.is_finite() && found.translation.length() < 1e-6, "{found:?}");
+    }
+}

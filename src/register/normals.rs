@@ -1,0 +1,135 @@
+//! Which way surfaces face.
+
+use glam::DVec3;
+
+use super::surface::Surface;
+use crate::math::eigen::symmetric_eigen;
+use crate::scene::Camera;
+
+/// Below this length of the mean of normals they disagree, or belong to round Gaussians: then the neighbours' spread
+/// decides. Three unit normals 70 degrees from their mean have 0.34.
+const MIN_AGREEMENT: f64 = 0.35;
+/// Neighbours that fix a plane, the point itself included: as many as a disc of twice the voxel has.
+const NEIGHBOURS: usize = 13;
+
+/// How much the way out of the object counts against that to the cameras: it decides where those only graze the surface.
+const OUTWARDS: f64 = 0.3;
+
+/// Where an object is seen from.
+pub(super) struct Viewers {
+    cameras: Vec<Camera>,
+    /// Middle of the object, world.
+    centre: DVec3,
+}
+
+impl Viewers {
+    /// The cameras whose picture has the object's centre in it; all if that is none.
+    pub(super) fn new(cameras: &[Camera], centre: DVec3) -> Self {
+        let mut seeing: Vec<Camera> = cameras.iter().filter(|c| is_in_picture(c, centre)).cloned().collect();
+        if seeing.is_empty() {
+            seeing = cameras.to_vec();
+        }
+        Self { cameras: seeing, centre }
+    }
+
+    /// Unit vector from a point of the object (world) to where it is seen from: the mean direction of the cameras on its
+    /// side of the object, the nearer to straight above it the more, and a little of the way out of the object. Objects
+    /// are about convex: a camera behind one does not see the point.
+    pub(super) fn direction(&self, position: DVec3) -> DVec3 {
+        let outwards = (position - self.centre).normalize_or_zero();
+        let towards = |c: &Camera| {
+            let to_eye = (c.position_world() - position).normalize_or_zero();
+            to_eye * outwards.dot(to_eye).max(0.0)
+        };
+        let sum: DVec3 = self.cameras.iter().map(towards).sum();
+        (sum.normalize_or_zero() + OUTWARDS * outwards).normalize_or_zero()
+    }
+}
+
+fn is_in_picture(camera: &Camera, point: DVec3) -> bool {
+    let view = camera.rotation() * point + camera.translation();
+    let x = camera.fx * view.x / view.z + camera.cx;
+    let y = camera.fy * view.y / view.z + camera.cy;
+    view.z > 0.0 && (0.0..f64::from(camera.width)).contains(&x) && (0.0..f64::from(camera.height)).contains(&y)
+}
+
+/// The direction that is up in the pictures, world frame: the mean of the cameras' up, if they agree on it at all.
+pub fn up_direction(cameras: &[Camera]) -> Option<DVec3> {
+    let sum: DVec3 = cameras.iter().map(|c| -c.rotation().row(1)).filter(|up| up.is_finite()).sum();
+    // Cameras turned every which way add up to less than this part of their number.
+    let agree = sum.length() > 0.3 * cameras.len() as f64;
+    agree.then(|| sum.normalize_or_zero()).filter(|up| *up != DVec3::ZERO)
+}
+
+/// Unit normals of all points: the mean of the Gaussians' where they agree, else across the neighbours' plane, to the
+/// side of `direction` (of a local position).
+pub(super) fn unit_normals(surface: &Surface, direction: impl Fn(DVec3) -> DVec3) -> Vec<DVec3> {
+    let normal = |i: usize| {
+        let mean = surface.normals[i];
+        if mean.length() >= MIN_AGREEMENT {
+            return mean.normalize();
+        }
+        let position = surface.positions[i];
+        let near = surface.set.nearest(position.as_vec3().to_array(), NEIGHBOURS);
+        let points: Vec<DVec3> = near.iter().map(|n| surface.positions[n.index as usize]).collect();
+        let across = plane_normal(&points).unwrap_or(DVec3::Z);
+        if across.dot(direction(position)) < 0.0 { -across } else { across }
+    };
+    (0..surface.len()).map(normal).collect()
+}
+
+/// The unit vector along which points spread least; `None` unless they are finite.
+fn plane_normal(points: &[DVec3]) -> Option<DVec3> {
+    let (_, least) = symmetric_eigen(covariance(points))[0];
+    Some(DVec3::from_array(least)).filter(|n| n.is_finite())
+}
+
+/// The points' covariance; not a number without points.
+pub(super) fn covariance(points: &[DVec3]) -> [[f64; 3]; 3] {
+    let count = points.len() as f64;
+    let mean = points.iter().sum::<DVec3>() / count;
+    let mut out = [[0.0; 3]; 3];
+    for d in points.iter().map(|p| *p - mean) {
+        for (a, row) in out.iter_mut().enumerate() {
+            row.iter_mut().enumerate().for_each(|(b, value)| *value += d[a] * d[b] / count);
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::register::surface::Sample;
+
+    fn ring(up: DVec3) -> Vec<Camera> {
+        let eye = |i: u32| DVec3::new((f64::from(i)).cos() * 9.0, (f64::from(i)).sin() * 9.0, 4.0);
+        (0..12).map(|i| Camera::look_at("", eye(i), DVec3::ZERO, up, 0.8, (64, 48))).collect()
+    }
+
+    #[test]
+    fn up_is_what_pictures_agree_on() {
+        let up = up_direction(&ring(DVec3::Z)).unwrap();
+        assert!(up.dot(DVec3::Z) > 0.99, "{up}");
+        let mut turned = ring(DVec3::Z);
+        turned.extend(ring(DVec3::NEG_Z));
+        assert!(up_direction(&turned).is_none() && up_direction(&[]).is_none());
+    }
+
+    /// A ball's normals point outwards, from flat Gaussians (whose sign the viewers give) and from neighbours.
+    #[test]
+    fn normals_of_a_ball_point_outwards() {
+        let mut rng = crate::math::rng::Rng::new(1);
+        let viewers = Viewers::new(&ring(DVec3::Z), DVec3::ZERO);
+        let samples: Vec<Sample> = (0..4000)
+            .map(|_| Sample { position: rng.unit_vector(), normal: DVec3::ZERO, color: DVec3::ZERO })
+            .collect();
+        let surface = Surface::new(&samples, 0.1);
+        let normals = unit_normals(&surface, |p| viewers.direction(p));
+        let worst = surface.positions.iter().zip(&normals).map(|(p, n)| p.normalize().dot(*n)).fold(1.0, f64::min);
+        assert!(worst > 0.9, "{worst}");
+        // Without cameras the middle of the object decides.
+        assert!(Viewers::new(&[], DVec3::ZERO).direction(DVec3::X * 2.0) == DVec3::X);
+        assert!(Viewers::new(&[], DVec3::ZERO).direction(DVec3::ZERO) == DVec3::ZERO);
+    }
+}

@@ -1,0 +1,68 @@
+//! How objects are registered.
+
+use super::error::RegisterError;
+
+/// Options of [`register`](super::register()).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RegisterOptions {
+    /// Scale is free (a similarity), for objects of several sizes. Off by default: all objects are of one
+    /// reconstruction, so those of one make have one size, and a free scale hides a bad fit.
+    pub allow_scale: bool,
+    /// Gaussians of lower opacity are haze or carve edges; they are not of the surface. In 0..1.
+    pub min_opacity: f64,
+    /// Gaussians with a deviation above this part of the object's size are not of its surface.
+    pub max_relative_scale: f64,
+    /// The base resolution, voxels per size of the object: 40 gives one to two thousand points.
+    pub voxels_per_size: f64,
+    /// Starts around the up axis. 16 are 22.5 degrees apart, which refinement bridges.
+    pub yaw_starts: usize,
+    /// Random samples of matched features per pair of objects.
+    pub trials: usize,
+    /// Poses of a cost within this factor of the best are told apart by colour and pictures.
+    pub near_tie: f64,
+    /// A lead over the next best pose below this part is no decision.
+    pub min_margin: f64,
+    /// An object of which a smaller part agrees with the reference is of another kind.
+    pub min_inliers: f64,
+    /// Seed of what is drawn.
+    pub seed: u64,
+}
+
+impl Default for RegisterOptions {
+    fn default() -> Self {
+        Self {
+            allow_scale: false,
+            min_opacity: 0.3,
+            max_relative_scale: 0.05,
+            voxels_per_size: 40.0,
+            yaw_starts: 16,
+            trials: 20_000,
+            near_tie: 1.25,
+            min_margin: 0.03,
+            min_inliers: 0.5,
+            seed: 0,
+        }
+    }
+}
+
+impl RegisterOptions {
+    /// Checks the ranges.
+    pub(super) fn validate(&self) -> Result<(), RegisterError> {
+        let part = |v: f64| (0.0..1.0).contains(&v);
+        let above_0 = |v: f64| v > 0.0 && v.is_finite();
+        let checks = [
+            ("min_opacity", self.min_opacity, part(self.min_opacity), "from 0 to below 1"),
+            ("max_relative_scale", self.max_relative_scale, above_0(self.max_relative_scale), "above 0"),
+            // More voxels than this are finer than any Gaussian, and their keys must fit.
+            ("voxels_per_size", self.voxels_per_size, (4.0..=1000.0).contains(&self.voxels_per_size), "from 4 to 1000"),
+            ("yaw_starts", self.yaw_starts as f64, (1..=360).contains(&self.yaw_starts), "from 1 to 360"),
+            ("near_tie", self.near_tie, self.near_tie >= 1.0 && self.near_tie.is_finite(), "1 or more"),
+            ("min_margin", self.min_margin, part(self.min_margin), "from 0 to below 1"),
+            ("min_inliers", self.min_inliers, part(self.min_inliers), "from 0 to below 1"),
+        ];
+        match checks.into_iter().find(|check| !check.2) {
+            Some((option, value, _, want)) => Err(RegisterError::Option { option, value, want }),
+            None => Ok(()),
+        }
+    }
+}

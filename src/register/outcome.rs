@@ -1,0 +1,110 @@
+//! From poses to a group and what is said of its objects.
+
+use glam::DMat3;
+
+use super::decide::{Certainty, Decision};
+use super::members::Aligned;
+use super::report::{InstanceRegistration, Verdict};
+use super::sample::ObjectSurface;
+use crate::math::similarity::Similarity;
+use crate::scene::{PosedGroup, PosedInstance};
+
+/// An object whose cost is this many times the group's median fits worse than differences of make explain.
+const POOR_FIT: f64 = 1.6;
+
+/// A template's id and its name.
+type Label<'a> = (u32, Option<&'a String>);
+
+/// The group as `groups.json` has it: the reference first, in whose box's middle the template's origin is.
+pub(super) fn posed_group(
+    (template_id, name): Label<'_>,
+    reference: &ObjectSurface,
+    members: &[Aligned<'_>],
+) -> PosedGroup {
+    let at = |world_from_template, id| PosedInstance { id, world_from_template };
+    let own = Similarity::from_parts(DMat3::IDENTITY, 1.0, reference.box_middle);
+    let mut instances = vec![at(own, reference.id)];
+    instances.extend(members.iter().map(|m| at(world_from_template(reference, m), m.surface.id)));
+    let inliers: f64 = members.iter().map(|m| m.decision.hypothesis.fit.inliers).sum();
+    let score = Some((inliers / members.len().max(1) as f64).clamp(0.0, 1.0));
+    PosedGroup { template_id, name: name.cloned(), score, instances }
+}
+
+/// What is said of the reference and the members (at least one).
+pub(super) fn reports(
+    (template_id, name): Label<'_>,
+    reference: &ObjectSurface,
+    members: &[Aligned<'_>],
+) -> Vec<InstanceRegistration> {
+    let reference = InstanceRegistration {
+        group: Some(template_id),
+        inliers: 1.0,
+        accepted: true,
+        verdict: Verdict::Reference,
+        ..rejected((reference.id, name), reference.gaussians, "most of its surface was seen".into())
+    };
+    let mut costs: Vec<f64> = members.iter().map(|m| m.decision.hypothesis.fit.cost_there).collect();
+    costs.sort_by(f64::total_cmp);
+    // The lower of the middle two: of two members the worse one may be wrong.
+    let median = costs.get(costs.len().saturating_sub(1) / 2).copied().unwrap_or(0.0);
+    let report = |member: &Aligned<'_>| {
+        let (verdict, note) = verdict(&member.decision, median);
+        let fit = member.decision.hypothesis.fit;
+        InstanceRegistration {
+            instance: member.surface.id,
+            gaussians: member.surface.gaussians,
+            inliers: fit.inliers,
+            rmse: fit.rmse,
+            relative_rmse: fit.rmse / member.surface.size,
+            photometric: member.decision.agreement.map(|a| a.photometric),
+            verdict,
+            note,
+            ..reference.clone()
+        }
+    };
+    let mut out: Vec<InstanceRegistration> = members.iter().map(report).collect();
+    out.push(reference.clone());
+    out
+}
+
+/// What is said of an object that is in no group.
+pub(super) fn rejected(
+    (instance, name): (u32, Option<&String>),
+    gaussians: usize,
+    note: String,
+) -> InstanceRegistration {
+    InstanceRegistration {
+        instance,
+        group: None,
+        name: name.cloned(),
+        gaussians,
+        inliers: 0.0,
+        rmse: 0.0,
+        relative_rmse: 0.0,
+        photometric: None,
+        accepted: false,
+        verdict: Verdict::Rejected,
+        note,
+    }
+}
+
+fn verdict(decision: &Decision, median_cost: f64) -> (Verdict, String) {
+    let cost = decision.hypothesis.fit.cost_there;
+    match decision.certainty {
+        Certainty::Ambiguous(by) => {
+            (Verdict::Ambiguous, format!("another pose is only {:.1} % less likely", 100.0 * by))
+        }
+        _ if cost > POOR_FIT * median_cost => (
+            Verdict::Ambiguous,
+            format!("it lies {:.1} times as far off as the median of its group", cost / median_cost),
+        ),
+        Certainty::Symmetric(count) => (Verdict::Symmetric, format!("symmetric: {count} poses are as good")),
+        Certainty::Certain => (Verdict::Accepted, String::new()),
+    }
+}
+
+fn world_from_template(reference: &ObjectSurface, member: &Aligned<'_>) -> Similarity {
+    let pose = &member.decision.hypothesis.pose;
+    let translation = member.surface.centroid + pose.apply(reference.box_middle - reference.centroid);
+    Similarity::from_parts(pose.rotation, pose.scale, translation)
+}

@@ -1,0 +1,97 @@
+//! The last steps: points to planes. Two samplings of a surface share no points, so steps to the nearest point hold on to
+//! wherever they are along it; a plane lets them slide.
+
+use glam::{DMat3, DVec3};
+
+use super::pose::Pose;
+use super::surface::{Surface, reach_of};
+use crate::math::eigen::symmetric_eigen;
+
+/// Unknowns: turn, shift, growth.
+const UNKNOWNS: usize = 7;
+/// Directions that planes fix this much less than the best one are left as they are: an object may be round or flat.
+const LEAST_EIGENVALUE: f64 = 1e-4;
+/// Distances from the plane that count half, voxels of the model.
+const HALF_WEIGHT: f64 = 0.5;
+/// Points farther from the model than this are not matched, voxels of the data.
+const REACH: f64 = 1.5;
+/// Steps that move no point by more than this part of a voxel end it.
+const SETTLED: f64 = 1e-3;
+/// Cosine of the largest angle between the normals of points that are matched: the other side of a thin part is not.
+const SAME_SIDE: f64 = 0.5;
+
+/// How far to go, and what is free.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Slide {
+    /// Most steps.
+    pub steps: usize,
+    /// Scale is free.
+    pub allow_scale: bool,
+    /// The only axis that may be turned about; `None` = any.
+    pub axis: Option<DVec3>,
+}
+
+/// Moves `start` to where `data` (points of the target) lies best on the planes of `model` (the reference's), in at most
+/// `options.steps`. Both have unit normals.
+pub(super) fn slide(model: &Surface, data: &Surface, start: Pose, options: Slide) -> Pose {
+    let reach = reach_of(data);
+    let mut pose = start;
+    for _ in 0..options.steps {
+        let next = step((model, data), reach, &pose, options);
+        if !next.is_finite() {
+            return pose;
+        }
+        let moved = next.movement_from(&pose, reach);
+        pose = next;
+        if moved < SETTLED * data.voxel {
+            break;
+        }
+    }
+    pose
+}
+
+/// One Gauss-Newton step, in the target's frame.
+/// Angles count as lengths at `reach`.
+fn step((model, data): (&Surface, &Surface), reach: f64, pose: &Pose, options: Slide) -> Pose {
+    let (mut matrix, mut right) = ([[0.0; UNKNOWNS]; UNKNOWNS], [0.0; UNKNOWNS]);
+    for (&q, q_normal) in data.positions.iter().zip(&data.normals) {
+        let Some((j, distance)) = model.nearest(pose.apply_inverse(q)) else { continue };
+        let normal = pose.rotation * model.normals[j];
+        if distance * pose.scale > REACH * data.voxel || normal.dot(*q_normal) < SAME_SIDE {
+            continue;
+        }
+        let x = pose.apply(model.positions[j]);
+        let off = normal.dot(q - x);
+        let weight = 1.0 / (1.0 + (off / (HALF_WEIGHT * model.voxel)).powi(2));
+        let turn = x.cross(normal) / reach;
+        let turn = options.axis.map_or(turn, |axis| axis * axis.dot(turn));
+        let growth = if options.allow_scale { (x - pose.translation).dot(normal) / reach } else { 0.0 };
+        let row = [turn.x, turn.y, turn.z, normal.x, normal.y, normal.z, growth];
+        for a in 0..UNKNOWNS {
+            right[a] += weight * row[a] * off;
+            for b in 0..UNKNOWNS {
+                matrix[a][b] += weight * row[a] * row[b];
+            }
+        }
+    }
+    let [a, b, c, x, y, z, growth] = solved(matrix, right);
+    let turn = DVec3::new(a, b, c) / reach;
+    let rotation = DMat3::from_axis_angle(turn.try_normalize().unwrap_or(DVec3::X), turn.length());
+    Pose {
+        rotation: rotation * pose.rotation,
+        scale: pose.scale * (1.0 + growth / reach),
+        translation: rotation * pose.translation + DVec3::new(x, y, z),
+    }
+}
+
+/// The solution of least length, in the directions that the matrix fixes.
+fn solved(matrix: [[f64; UNKNOWNS]; UNKNOWNS], right: [f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
+    let pairs = symmetric_eigen(matrix);
+    let least = LEAST_EIGENVALUE * pairs[UNKNOWNS - 1].0;
+    let mut out = [0.0; UNKNOWNS];
+    for (value, vector) in pairs.iter().filter(|(value, _)| *value > least) {
+        let along = vector.iter().zip(&right).map(|(v, r)| v * r).sum::<f64>() / value;
+        out.iter_mut().zip(vector).for_each(|(sum, v)| *sum += along * v);
+    }
+    out
+}

@@ -1,0 +1,53 @@
+//! What became of every object.
+
+use serde::{Deserialize, Serialize};
+
+/// What registration says of an object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// The one the others of its group are registered to.
+    Reference,
+    /// In the group.
+    Accepted,
+    /// In the group; it is symmetric, and any of several poses is right.
+    Symmetric,
+    /// In the group, but another pose is about as likely, or it fits worse than the others of its group.
+    Ambiguous,
+    /// Not in a group: it stays in the background.
+    Rejected,
+}
+
+impl Verdict {
+    /// True for objects that are in a group.
+    pub fn is_accepted(self) -> bool {
+        self != Self::Rejected
+    }
+}
+
+/// One object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct InstanceRegistration {
+    /// Mask id.
+    pub instance: u32,
+    /// The `template_id` of its group; `None` if it is in no group.
+    pub group: Option<u32>,
+    /// Its category.
+    pub name: Option<String>,
+    /// Gaussians of its surface.
+    pub gaussians: usize,
+    /// Part of its surface that lies on the reference's, 0..=1; 0 where nothing was registered.
+    pub inliers: f64,
+    /// Root mean square distance of that part, scene units.
+    pub rmse: f64,
+    /// The same as a part of the object's size.
+    pub relative_rmse: f64,
+    /// Mean absolute difference of colours in pictures (0..1); `None` without such a check.
+    pub photometric: Option<f64>,
+    /// Whether it is in a group.
+    pub accepted: bool,
+    /// What was decided.
+    pub verdict: Verdict,
+    /// Why, one line.
+    pub note: String,
+}

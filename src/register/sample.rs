@@ -1,0 +1,223 @@
+//! From an object's Gaussians to points on its surface.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+use super::fpfh::{Feature, features};
+use super::normals::{Viewers, covariance, unit_normals};
+use super::options::RegisterOptions;
+use super::surface::{Sample, Surface};
+use crate::math::covariance::{rotation_from_quat, sigmoid};
+use crate::math::eigen::symmetric_eigen;
+use crate::math::nearest::PointSet;
+use crate::math::rng::Rng;
+use crate::math::sh::{SH_C0, widened};
+use crate::scene::{Camera, Gaussians};
+
+/// Points drawn on an object: three or four to each voxel of the finest level, for whose mean they are.
+const SAMPLES: usize = 6000;
+/// Gaussians reach this many deviations from their middle: most of what a picture shows of them.
+const REACH: f64 = 1.5;
+/// Gaussians this many times farther from their neighbours than the median one are strays.
+const STRAY: f64 = 4.0;
+/// Neighbours for that.
+const STRAY_NEIGHBOURS: usize = 6;
+/// Farther from the world's origin, squares of f32 coordinates overflow.
+const FARTHEST: f32 = 1e15;
+/// Fewer Gaussians of a surface fix no pose: as many points as a coarse level has.
+pub const MIN_SURFACE_GAUSSIANS: usize = 24;
+/// Of objects with fewer, opacities may be lower and sizes larger by a factor: better a blurred surface than none.
+const FEW_GAUSSIANS: usize = 40;
+/// That factor.
+const RELAXED: f64 = 2.0;
+/// Voxels of the levels, as parts of the base voxel; coarse to fine.
+pub(super) const LEVELS: [f64; 4] = [4.0, 2.0, 1.0, 0.5];
+/// The level whose points have features: the base voxel's.
+pub(super) const BASE: usize = 2;
+
+/// The finest level.
+pub(super) const FINE: usize = LEVELS.len() - 1;
+
+/// An object as registration sees it.
+pub(super) struct ObjectSurface {
+    /// Mask id.
+    pub id: u32,
+    /// World position of the local frame's origin: the centroid of the surface.
+    pub centroid: DVec3,
+    /// Middle of the surface's box along the world's axes, world.
+    pub box_middle: DVec3,
+    /// Diagonal of a box with the surface's moments, scene units. Unlike that of a box along the axes it does not
+    /// depend on how the object is turned.
+    pub size: f64,
+    /// Edges of that box, ascending.
+    pub extents: DVec3,
+    /// Opaque, small Gaussians of its surface: how well it was seen.
+    pub gaussians: usize,
+    /// Points at the resolutions of [`LEVELS`]; from the base level on normals are unit vectors.
+    pub levels: [Surface; 4],
+    /// Features of the base level's points.
+    pub features: Vec<Feature>,
+}
+
+/// One opaque Gaussian of an object.
+struct Disc {
+    position: DVec3,
+    /// Deviation vectors along the two longer axes.
+    axes: [DVec3; 2],
+    /// Its length says how flat the Gaussian is.
+    normal: DVec3,
+    color: DVec3,
+    weight: f64,
+}
+
+impl ObjectSurface {
+    /// From the Gaussians `indices` of the cloud; the error is a reason in a few words.
+    pub(super) fn new(
+        (id, indices): (u32, &[u32]),
+        cloud: &Gaussians,
+        cameras: &[Camera],
+        options: &RegisterOptions,
+    ) -> Result<Self, String> {
+        let (opaque, discs) = enough_discs((cloud, indices), cameras, options);
+        if discs.len() < MIN_SURFACE_GAUSSIANS {
+            return Err(format!("only {} of its Gaussians are opaque, small and not astray", discs.len()));
+        }
+        let mut samples = drawn(&discs, Rng::new(options.seed).fork(u64::from(id)));
+        // The centroid of the voxels, so that it does not depend on where Gaussians are dense.
+        let places: Vec<DVec3> = samples.iter().map(|s| s.position).collect();
+        let rough = Surface::new(&samples, extents_of(&places).length() / options.voxels_per_size);
+        let centroid = rough.positions.iter().sum::<DVec3>() / rough.len() as f64;
+        let extents = extents_of(&rough.positions);
+        let size = extents.length();
+        if !(size > 0.0 && size.is_finite()) {
+            return Err("all of its Gaussians are in one place".into());
+        }
+        let box_middle = middle(&rough.positions);
+        samples.iter_mut().for_each(|s| s.position -= centroid);
+        let voxel = size / options.voxels_per_size;
+        let fine = Surface::new(&samples, LEVELS[FINE] * voxel);
+        let of_fine = fine.samples();
+        let level = |k: usize| Surface::new(&of_fine, LEVELS[k] * voxel);
+        let mut levels = [level(0), level(1), level(2), fine];
+        let viewers = Viewers::new(cameras, centroid);
+        for level in &mut levels[BASE..] {
+            level.normals = unit_normals(level, |p| viewers.direction(p + centroid));
+        }
+        let features = features(&levels[BASE]);
+        Ok(Self { id, centroid, box_middle, size, extents, gaussians: opaque, levels, features })
+    }
+
+    /// The points of a level, and the finest ones.
+    pub(super) fn at(&self, level: usize) -> (&Surface, &Surface) {
+        (&self.levels[level], &self.levels[FINE])
+    }
+
+    /// The base voxel, scene units.
+    pub(super) fn voxel(&self) -> f64 {
+        self.levels[BASE].voxel
+    }
+}
+
+/// The Gaussians that make up the surface, of coarse clouds also fainter and larger ones; and how many are opaque and
+/// small.
+fn enough_discs(
+    (cloud, indices): (&Gaussians, &[u32]),
+    cameras: &[Camera],
+    options: &RegisterOptions,
+) -> (usize, Vec<Disc>) {
+    let strict = discs(cloud, indices, cameras, options);
+    if strict.len() >= FEW_GAUSSIANS {
+        return (strict.len(), strict);
+    }
+    let relaxed = RegisterOptions {
+        min_opacity: options.min_opacity / RELAXED,
+        max_relative_scale: options.max_relative_scale * RELAXED,
+        ..*options
+    };
+    (strict.len(), discs(cloud, indices, cameras, &relaxed))
+}
+
+/// The Gaussians that are opaque and small enough.
+fn discs(cloud: &Gaussians, indices: &[u32], cameras: &[Camera], options: &RegisterOptions) -> Vec<Disc> {
+    let opaque = |i: &&u32| {
+        let i = **i as usize;
+        let is_placed = cloud.is_finite(i) && cloud.means[i].iter().all(|v| v.abs() < FARTHEST);
+        is_placed && sigmoid(f64::from(cloud.opacity_logits[i])) > options.min_opacity
+    };
+    let kept: Vec<u32> = indices.iter().filter(opaque).copied().collect();
+    let kept = without_strays(cloud, kept);
+    let means: Vec<DVec3> = kept.iter().map(|&i| widened(cloud.means[i as usize])).collect();
+    let size = extents_of(&means).length();
+    let viewers = Viewers::new(cameras, middle(&means));
+    let disc = |&i: &u32| disc(cloud, i as usize, &viewers, options.max_relative_scale * size);
+    kept.iter().filter_map(disc).collect()
+}
+
+/// `None` if its largest deviation is above the limit.
+fn disc(cloud: &Gaussians, i: usize, viewers: &Viewers, max_scale: f64) -> Option<Disc> {
+    let rotation = rotation_from_quat(cloud.quats[i].map(f64::from));
+    let mut axes = [0, 1, 2].map(|k| (f64::from(cloud.log_scales[i][k]).exp(), rotation.col(k)));
+    axes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let [(thin, across), (middle, first), (long, second)] = axes;
+    if long > max_scale {
+        return None;
+    }
+    let position = widened(cloud.means[i]);
+    let side = if across.dot(viewers.direction(position)) < 0.0 { -1.0 } else { 1.0 };
+    let flatness = if middle > 0.0 { 1.0 - thin / middle } else { 0.0 };
+    let opacity = sigmoid(f64::from(cloud.opacity_logits[i]));
+    Some(Disc {
+        position,
+        axes: [first * middle, second * long],
+        normal: across * side * flatness,
+        color: widened(cloud.sh_of(i)[0]) * SH_C0 + 0.5,
+        weight: opacity * middle * long,
+    })
+}
+
+/// Leaves out Gaussians that are far from all others.
+fn without_strays(cloud: &Gaussians, indices: Vec<u32>) -> Vec<u32> {
+    let positions: Vec<[f32; 3]> = indices.iter().map(|&i| cloud.means[i as usize]).collect();
+    let set = PointSet::new(&positions);
+    let spacing = |&p: &[f32; 3]| set.mean_squared_distance_to_others(p, STRAY_NEIGHBOURS).sqrt();
+    let spacings: Vec<f64> = positions.iter().map(spacing).collect();
+    let mut sorted = spacings.clone();
+    sorted.sort_by(f64::total_cmp);
+    let Some(&median) = sorted.get(sorted.len() / 2) else { return indices };
+    // Where most coincide the median is 0 and says nothing.
+    let limit = if median > 0.0 { STRAY * median } else { f64::INFINITY };
+    indices.into_iter().zip(spacings).filter(|&(_, spacing)| spacing <= limit).map(|(i, _)| i).collect()
+}
+
+/// Points on the discs, evenly by opacity times area.
+fn drawn(discs: &[Disc], mut rng: Rng) -> Vec<Sample> {
+    let total: f64 = discs.iter().map(|d| d.weight).sum();
+    let step = total / SAMPLES as f64;
+    let mut out = Vec::with_capacity(SAMPLES + discs.len());
+    let mut left = 0.0;
+    for disc in discs {
+        // A Gaussian gets its share, the remainder carried on; one of no area still has a place.
+        left += if step > 0.0 { disc.weight / step } else { 1.0 };
+        while left >= 0.5 {
+            left -= 1.0;
+            // Even over the disc.
+            let (radius, turn) = (REACH * rng.uniform().sqrt(), TAU * rng.uniform());
+            let offset = disc.axes[0] * (radius * turn.cos()) + disc.axes[1] * (radius * turn.sin());
+            out.push(Sample { position: disc.position + offset, normal: disc.normal, color: disc.color });
+        }
+    }
+    out
+}
+
+/// Edges, ascending, of a box with the points' moments: an edge L has the variance L^2 / 12.
+fn extents_of(points: &[DVec3]) -> DVec3 {
+    DVec3::from_array(symmetric_eigen(covariance(points)).map(|(value, _)| (12.0 * value.max(0.0)).sqrt()))
+}
+
+/// Middle of the box along the axes.
+fn middle(points: &[DVec3]) -> DVec3 {
+    let wider = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
+    let (low, high) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
+    0.5 * (low + high)
+}

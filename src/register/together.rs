@@ -1,0 +1,133 @@
+//! All objects of a group at once: each is laid on what all others show of it, and objects that stand upright do so
+//! exactly.
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::icp::{IcpOptions, icp, mean_distance};
+use super::plane::{Slide, slide};
+use super::pose::Pose;
+use super::sample::{BASE, FINE, ObjectSurface};
+use super::surface::{Sample, Surface};
+use crate::math::eigen::symmetric_eigen;
+
+/// Times that everything is laid on everything else.
+const ROUNDS: usize = 4;
+/// Objects that make up what another is laid on: those seen best. More show nothing new.
+const MOST_MODELS: usize = 8;
+/// Steps of each.
+const STEPS: usize = 12;
+/// Largest angle between the up axes of objects that stand on one floor, as registered alone, radians (4 degrees).
+const UPRIGHT: f64 = 0.07;
+/// Weight of the pictures' up direction against that of the objects' turns (up to 4 each): it is some degrees off.
+const UP_WEIGHT: f64 = 0.05;
+
+/// An object and its pose: from the group's frame to its own.
+#[derive(Clone, Copy)]
+pub(super) struct Member<'a> {
+    /// The object.
+    pub surface: &'a ObjectSurface,
+    /// Its pose.
+    pub pose: Pose,
+}
+
+/// Refines the poses of `members`, of which the first is the reference and keeps its pose, the identity. `up` is up in the
+/// world.
+pub(super) fn refine_together(members: &mut [Member<'_>], up: Option<DVec3>, allow_scale: bool) {
+    let axis = up.map(|up| common_axis(members, up)).filter(|axis| stand_upright(members, *axis));
+    for _ in 0..ROUNDS {
+        let refined = |(k, member): (usize, &Member<'_>)| {
+            let mut start = member.pose;
+            let axis = axis.filter(|axis| tilt(&start, *axis) <= UPRIGHT);
+            if let Some(axis) = axis {
+                start.rotation = upright(start.rotation, axis);
+            }
+            let Some(model) = model_without(members, k) else { return start };
+            slide(&model, &member.surface.levels[FINE], start, Slide { steps: STEPS, allow_scale, axis })
+        };
+        let poses: Vec<Pose> = members.par_iter().enumerate().map(refined).collect();
+        let of_reference = poses[0].inverse();
+        members.iter_mut().zip(poses).for_each(|(member, pose)| member.pose = pose.after(&of_reference));
+        members[0].pose = Pose::IDENTITY;
+    }
+}
+
+/// A pose turned by half about `up` and the object's own middle: front and back of many things are much alike.
+pub(super) fn half_turned(pose: &Pose, up: DVec3) -> Pose {
+    let rotation = DMat3::from_axis_angle(up, std::f64::consts::PI) * pose.rotation;
+    // What was nearest to the centroid stays there.
+    Pose { rotation, translation: -(rotation * pose.apply_inverse(DVec3::ZERO)) * pose.scale, ..*pose }
+}
+
+/// The best of other poses of the k-th object, refined on what all other objects show, and its cost there as a part of
+/// that of the present pose. One other object seen in part may not tell poses apart that all together do. `None`
+/// if there is no other object or pose.
+pub(super) fn best_rival(members: &[Member<'_>], k: usize, starts: &[Pose], allow_scale: bool) -> Option<(Pose, f64)> {
+    let model = model_without(members, k)?;
+    let Member { surface, pose } = members[k];
+    let cost = |pose: &Pose| mean_distance(&model, &surface.levels[BASE], pose);
+    let own = cost(&pose);
+    let refined = |start: &Pose| {
+        let mut pose = *start;
+        for level in [BASE - 1, BASE] {
+            pose = icp(&model, &surface.levels[level], pose, IcpOptions { steps: STEPS, allow_scale });
+        }
+        (pose, cost(&pose) / own)
+    };
+    let rivals = starts.iter().map(refined).filter(|(_, ratio)| ratio.is_finite());
+    rivals.min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// What all objects but the k-th show, in the group's frame; `None` if there is no other.
+fn model_without(members: &[Member<'_>], k: usize) -> Option<Surface> {
+    let mut others: Vec<usize> = (0..members.len()).filter(|&i| i != k).collect();
+    others.sort_by_key(|&i| (std::cmp::Reverse(members[i].surface.gaussians), i));
+    others.truncate(MOST_MODELS);
+    let sample = |pose: &Pose, s: Sample| Sample {
+        position: pose.apply_inverse(s.position),
+        normal: pose.rotation.transpose() * s.normal,
+        color: s.color,
+    };
+    let of = |i: usize| {
+        let Member { surface, pose } = members[i];
+        surface.levels[FINE].samples().into_iter().map(move |s| sample(&pose, s))
+    };
+    let samples: Vec<Sample> = others.iter().flat_map(|&i| of(i)).collect();
+    let voxel = members[*others.first()?].surface.levels[FINE].voxel / members[others[0]].pose.scale;
+    let mut model = Surface::new(&samples, voxel);
+    model.normals.iter_mut().for_each(|n| *n = n.normalize_or(DVec3::Z));
+    Some(model)
+}
+
+/// The direction that all turns leave as it is, as far as they say; near `up`.
+fn common_axis(members: &[Member<'_>], up: DVec3) -> DVec3 {
+    let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+    let mut moved = (DMat3::IDENTITY - outer(up)) * UP_WEIGHT;
+    for member in members {
+        let difference = member.pose.rotation - DMat3::IDENTITY;
+        moved += difference.transpose() * difference;
+    }
+    let (_, least) = symmetric_eigen(moved.to_cols_array_2d())[0];
+    let axis = DVec3::from_array(least);
+    if axis.dot(up) < 0.0 { -axis } else { axis }
+}
+
+/// Angle by which a pose tilts the axis, radians.
+fn tilt(pose: &Pose, axis: DVec3) -> f64 {
+    (pose.rotation * axis).angle_between(axis)
+}
+
+/// True if most objects stand upright.
+fn stand_upright(members: &[Member<'_>], axis: DVec3) -> bool {
+    let others = &members[1..];
+    let count = others.iter().filter(|m| tilt(&m.pose, axis) <= UPRIGHT).count();
+    3 * count >= 2 * others.len()
+}
+
+/// The turn about the axis that is nearest to the rotation.
+fn upright(rotation: DMat3, axis: DVec3) -> DMat3 {
+    let side = axis.any_orthonormal_vector();
+    let turned = rotation * side;
+    let angle = axis.cross(side).dot(turned).atan2(side.dot(turned));
+    DMat3::from_axis_angle(axis, angle)
+}

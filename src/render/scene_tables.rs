@@ -1,0 +1,205 @@
+//! Instance and chunk tables of a scene: places, bounds for culling, where the Gaussians are.
+
+use glam::DVec3;
+
+use crate::gpu::interface::constants::NO_OFFSET;
+use crate::gpu::interface::types;
+use crate::math::similarity::Similarity;
+use crate::scene::{Gaussians, InstancedScene};
+
+use super::error::RenderError;
+
+/// A radius that no frustum test excludes, and that stays finite in its products with focal lengths.
+const RADIUS_EVERYWHERE: f32 = 1e25;
+
+/// A ball around means, with the largest standard deviation inside.
+struct Bound {
+    center: DVec3,
+    radius: f64,
+    sigma_max: f64,
+}
+
+/// Chunk and instance tables before upload.
+#[derive(Default)]
+pub(super) struct Tables {
+    /// Instances in file order, the background's own last.
+    pub(super) instances: Vec<types::Instance>,
+    /// Bounds of chunks.
+    pub(super) chunks: Vec<types::Chunk>,
+    /// (instance, chunk) pairs.
+    pub(super) chunk_pairs: u64,
+    /// Gaussians after expanding all instances.
+    pub(super) flat: u64,
+}
+
+/// The tables of a valid scene for chunks of `chunk_size` Gaussians.
+///
+/// # Errors
+/// More expanded Gaussians than u32 counts.
+pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Tables, RenderError> {
+    let mut tables = Tables::default();
+    let mut template_bounds = Vec::new();
+    for range in &scene.template_ranges {
+        let first_chunk = tables.chunks.len() as u32;
+        let bound = tables.push_chunks(&scene.templates, range.first as usize, range.count as usize, chunk_size);
+        template_bounds.push((first_chunk, bound));
+    }
+    for instance in &scene.instances {
+        let range = scene.template_ranges[instance.template as usize];
+        let (first_chunk, bound) = &template_bounds[instance.template as usize];
+        let max_offset = instance.first_offset.map_or(0.0, |first| {
+            let run = &scene.offsets.means[first as usize..(first + range.count) as usize];
+            run.iter().map(|d| dvec(*d).length()).fold(0.0, f64::max)
+        });
+        let place = Placement {
+            world_from_template: &instance.world_from_template,
+            first_offset: instance.first_offset.unwrap_or(NO_OFFSET),
+            max_offset,
+            log_growth: log_growth(scene, instance.first_offset, range.count),
+        };
+        let source = Source {
+            first: range.first,
+            count: range.count,
+            sh_degree: scene.templates.sh_degree,
+            first_in_band: [range.first; 3],
+        };
+        tables.push_instance(&place, bound, source, *first_chunk, chunk_size)?;
+    }
+    if !scene.background.is_empty() {
+        let first_chunk = tables.chunks.len() as u32;
+        let count = scene.background.len();
+        let bound = tables.push_chunks(&scene.background, 0, count, chunk_size);
+        let place = Placement::BACKGROUND;
+        let source = Source {
+            first: scene.templates.len() as u32,
+            count: count as u32,
+            sh_degree: scene.background.sh_degree,
+            first_in_band: [1, 2, 3]
+                .map(|l| if scene.templates.sh_degree >= l { scene.templates.len() as u32 } else { 0 }),
+        };
+        tables.push_instance(&place, &bound, source, first_chunk, chunk_size)?;
+    }
+    Ok(tables)
+}
+
+/// The tables of a plain cloud of `count` Gaussians; nothing is culled by chunk.
+///
+/// # Errors
+/// More Gaussians than u32 counts.
+pub(super) fn cloud_tables(count: usize, sh_degree: u32, chunk_size: u32) -> Result<Tables, RenderError> {
+    let mut tables = Tables::default();
+    let bound = Bound { center: DVec3::ZERO, radius: 0.0, sigma_max: 0.0 };
+    let source = Source { first: 0, count: count as u32, sh_degree, first_in_band: [0; 3] };
+    tables.push_instance(&Placement::BACKGROUND, &bound, source, 0, chunk_size)?;
+    tables.chunks = vec![types::Chunk::default(); count.div_ceil(chunk_size as usize)];
+    tables.widen();
+    Ok(tables)
+}
+
+/// The largest offset of a log standard deviation in an instance's run, at least 0.
+fn log_growth(scene: &InstancedScene, first_offset: Option<u32>, count: u32) -> f64 {
+    let run = first_offset.map_or(0..0, |first| first as usize..(first + count) as usize);
+    let offsets = scene.offsets.log_scales.get(run).unwrap_or_default();
+    offsets.iter().flatten().fold(0.0, |most, &offset| f64::from(offset).max(most))
+}
+
+/// Which source Gaussians an instance shows.
+struct Source {
+    first: u32,
+    count: u32,
+    sh_degree: u32,
+    first_in_band: [u32; 3],
+}
+
+/// Where an instance stands and which offsets it has.
+struct Placement<'a> {
+    world_from_template: &'a Similarity,
+    first_offset: u32,
+    max_offset: f64,
+    /// Logarithm of the largest factor of its offsets on a standard deviation, at least 0.
+    log_growth: f64,
+}
+
+impl Placement<'_> {
+    /// Of the background's own instance.
+    const BACKGROUND: Self =
+        Self { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0, log_growth: 0.0 };
+}
+
+impl Tables {
+    /// Makes every bound hold whatever the means become.
+    pub(super) fn widen(&mut self) {
+        self.chunks.iter_mut().for_each(|chunk| chunk.radius = RADIUS_EVERYWHERE);
+        self.instances.iter_mut().for_each(|instance| instance.bound_radius = RADIUS_EVERYWHERE);
+    }
+
+    /// Appends the chunks of one range and returns the bound of all of it.
+    fn push_chunks(&mut self, cloud: &Gaussians, first: usize, count: usize, chunk_size: u32) -> Bound {
+        for start in (0..count).step_by(chunk_size as usize) {
+            let size = (count - start).min(chunk_size as usize);
+            let bound = bound_of(cloud, first + start, size);
+            self.chunks.push(types::Chunk {
+                center: bound.center.as_vec3().to_array(),
+                radius: round_up(bound.radius),
+                sigma_max: round_up(bound.sigma_max),
+            });
+        }
+        bound_of(cloud, first, count)
+    }
+
+    fn push_instance(
+        &mut self,
+        place: &Placement<'_>,
+        bound: &Bound,
+        source: Source,
+        first_chunk: u32,
+        chunk_size: u32,
+    ) -> Result<(), RenderError> {
+        self.instances.push(types::Instance {
+            world_from_template: place.world_from_template.rows(),
+            bound_center: bound.center.as_vec3().to_array(),
+            bound_radius: round_up(bound.radius),
+            sigma_max: round_up(bound.sigma_max),
+            max_offset: round_up(place.max_offset),
+            sigma_growth: round_up(place.log_growth.exp()),
+            scale: round_up(place.world_from_template.scale()),
+            first_source: source.first,
+            source_count: source.count,
+            first_offset: place.first_offset,
+            first_chunk,
+            sh_degree: source.sh_degree,
+            first_in_band: source.first_in_band,
+        });
+        self.chunk_pairs += u64::from(source.count.div_ceil(chunk_size));
+        self.flat += u64::from(source.count);
+        let limit = u64::from(u32::MAX);
+        if self.flat > limit {
+            return Err(RenderError::TooMany { what: "expanded Gaussians", needed: self.flat, limit });
+        }
+        Ok(())
+    }
+}
+
+fn dvec(v: [f32; 3]) -> DVec3 {
+    glam::Vec3::from(v).as_dvec3()
+}
+
+/// To f32 and a little more, so that a bound stays a bound.
+fn round_up(value: f64) -> f32 {
+    (value * (1.0 + 1e-6)) as f32
+}
+
+fn bound_of(cloud: &Gaussians, first: usize, count: usize) -> Bound {
+    let means = &cloud.means[first..first + count];
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for mean in means {
+        low = low.min(dvec(*mean));
+        high = high.max(dvec(*mean));
+    }
+    // The centre is stored as f32: measure the radius from what is stored.
+    let center = if count == 0 { DVec3::ZERO } else { ((low + high) * 0.5).as_vec3().as_dvec3() };
+    let radius = means.iter().map(|m| dvec(*m).distance(center)).fold(0.0, f64::max);
+    let scales = &cloud.log_scales[first..first + count];
+    let log_max = scales.iter().flatten().copied().fold(f32::NEG_INFINITY, f32::max);
+    Bound { center, radius, sigma_max: f64::from(log_max).exp() }
+}

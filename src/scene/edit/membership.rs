@@ -1,0 +1,135 @@
+//! Instances that come, go and change their template, with what belongs to them: offsets, mask ids, unknown tensors.
+
+use glam::DVec3;
+
+use crate::scene::edit::placement::{mapped_about, moved, rotation_of, template_centres};
+use crate::scene::edit::{EditOutcome, Selector, Turn, checked, existing_template, offset_runs};
+use crate::scene::instanced_scene::{Instance, InstancedScene};
+use crate::scene::labels::{free_id, insert_id, remove_id};
+
+/// Most instances a scene may have after an edit: their indices are 32 bit in files and on the device.
+pub(super) const MOST_INSTANCES: u64 = u32::MAX as u64;
+
+pub(super) fn duplicate(
+    scene: &mut InstancedScene,
+    which: &Selector,
+    by: DVec3,
+    turn: Option<Turn>,
+) -> Result<EditOutcome, String> {
+    let originals = which.resolve(scene)?;
+    let rotation = turn.map(rotation_of).transpose()?;
+    let centres = template_centres(scene);
+    let copy = |&k: &usize| {
+        let original = &scene.instances[k];
+        let centre = centres[original.template as usize];
+        let turned =
+            rotation.map_or(original.world_from_template, |r| mapped_about(original.world_from_template, centre, r));
+        Ok(Instance { world_from_template: checked(moved(turned, by), k)?, ..original.clone() })
+    };
+    let copies = originals.iter().map(copy).collect::<Result<Vec<_>, String>>()?;
+    let mut outcome = EditOutcome::default();
+    add(scene, copies, &mut outcome);
+    Ok(outcome)
+}
+
+/// Appends instances, each with a mask id where its template has a group.
+pub(super) fn add(scene: &mut InstancedScene, instances: Vec<Instance>, outcome: &mut EditOutcome) {
+    drop_foreign(scene, "instance.", outcome);
+    let mut count_of_template = vec![0; scene.template_ranges.len()];
+    scene.instances.iter().for_each(|i| count_of_template[i.template as usize] += 1);
+    let mut next_id = free_id(&scene.groups, None);
+    for instance in instances {
+        let rank = &mut count_of_template[instance.template as usize];
+        if let Some(id) = next_id.filter(|&id| insert_id(&mut scene.groups, instance.template, *rank, id)) {
+            next_id = id.checked_add(1);
+        }
+        *rank += 1;
+        outcome.added.push(scene.instances.len());
+        scene.instances.push(instance);
+    }
+}
+
+pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<EditOutcome, String> {
+    let mut outcome = EditOutcome { removed: which.resolve(scene)?, ..EditOutcome::default() };
+    drop_foreign(scene, "instance.", &mut outcome);
+    let mut freed = Vec::new();
+    let ranks = ranks(scene);
+    // From the end, so that the ranks of those still to go stay right.
+    for &k in outcome.removed.iter().rev() {
+        remove_id(&mut scene.groups, scene.instances[k].template, ranks[k]);
+        freed.extend(run_of(scene, &scene.instances[k]));
+    }
+    let mut k = 0;
+    scene.instances.retain(|_| {
+        k += 1;
+        outcome.removed.binary_search(&(k - 1)).is_err()
+    });
+    release(scene, &freed, &mut outcome);
+    Ok(outcome)
+}
+
+pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) -> Result<EditOutcome, String> {
+    existing_template(scene, template)?;
+    let mut outcome = EditOutcome::default();
+    let chosen = which.resolve(scene)?;
+    outcome.changed = chosen.into_iter().filter(|&k| scene.instances[k].template != template).collect();
+    let mut freed = Vec::new();
+    for &k in &outcome.changed {
+        let old = scene.instances[k].clone();
+        let rank = rank_of(scene, k);
+        let id = remove_id(&mut scene.groups, old.template, rank);
+        scene.instances[k] = Instance { template, first_offset: None, ..old };
+        let rank = rank_of(scene, k);
+        if let Some(id) = free_id(&scene.groups, id) {
+            insert_id(&mut scene.groups, template, rank, id);
+        }
+        freed.extend(run_of(scene, &old));
+    }
+    if !freed.is_empty() {
+        let count = freed.len();
+        outcome.warnings.push(format!("the offsets of {count} instances were dropped: they are for another template"));
+    }
+    release(scene, &freed, &mut outcome);
+    Ok(outcome)
+}
+
+/// For every instance, how many of its template are before it.
+fn ranks(scene: &InstancedScene) -> Vec<usize> {
+    let mut count_of_template = vec![0; scene.template_ranges.len()];
+    let rank = |instance: &Instance| {
+        let count = &mut count_of_template[instance.template as usize];
+        *count += 1;
+        *count - 1
+    };
+    scene.instances.iter().map(rank).collect()
+}
+
+/// Instances of the same template before instance `k`, where earlier ones may just have changed theirs.
+fn rank_of(scene: &InstancedScene, k: usize) -> usize {
+    let template = scene.instances[k].template;
+    scene.instances[..k].iter().filter(|i| i.template == template).count()
+}
+
+/// First record and length of an instance's offsets.
+fn run_of(scene: &InstancedScene, instance: &Instance) -> Option<(u32, u32)> {
+    Some((instance.first_offset?, scene.template_ranges[instance.template as usize].count))
+}
+
+fn release(scene: &mut InstancedScene, freed: &[(u32, u32)], outcome: &mut EditOutcome) {
+    let before = scene.offsets.len();
+    offset_runs::release(scene, freed);
+    if scene.offsets.len() != before {
+        drop_foreign(scene, "offset.", outcome);
+    }
+}
+
+/// Drops tensors of other versions that follow an array whose length changes: they would no longer be aligned with it.
+pub(super) fn drop_foreign(scene: &mut InstancedScene, prefix: &str, outcome: &mut EditOutcome) {
+    scene.foreign_tensors.retain(|name, _| {
+        let follows = name.starts_with(prefix);
+        if follows {
+            outcome.warnings.push(format!("tensor {name} was dropped: this version does not know how to change it"));
+        }
+        !follows
+    });
+}

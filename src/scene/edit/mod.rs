@@ -1,0 +1,176 @@
+//! Changing what a scene shows: instances come, go, move and change colour. One implementation for the command line and
+//! for interactive programs.
+//!
+//! Every edit is a small value, applied as a whole or not at all, and touches only instances, groups and offsets (and the
+//! base colour of a template whose instances are all recoloured), so a program can undo it by keeping what it was before.
+//!
+//! Offsets are copy-on-write: a duplicate shares its original's run, and an edit that changes the offsets of an instance
+//! whose run others use too copies the run first. Runs that nobody uses any more are removed. Mask ids in `groups` follow
+//! the instances; a new instance of a template with a group gets the next free id.
+
+mod membership;
+mod offset_runs;
+mod placement;
+mod recolour;
+mod scatter;
+mod select;
+
+use glam::DVec3;
+
+pub use placement::template_centres;
+pub use scatter::{OffsetSource, Scatter, ScatterOver};
+pub use select::Selector;
+
+use crate::math::similarity::Similarity;
+use crate::scene::instanced_scene::InstancedScene;
+
+/// A rotation about an axis, by the right-hand rule.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn {
+    /// World direction, of any length but zero.
+    pub axis: DVec3,
+    /// Radians.
+    pub angle: f64,
+}
+
+/// One change of a scene. Edits of several instances treat each alike, about its own centre: the mean of its template's
+/// means, in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Edit {
+    /// Appends a copy of each instance, which shares its offsets, moved by `by` and turned about its centre.
+    Duplicate {
+        /// The originals.
+        which: Selector,
+        /// World units.
+        by: DVec3,
+        /// `None`: as the original.
+        turn: Option<Turn>,
+    },
+    /// Moves instances by a world vector.
+    MoveBy {
+        /// Which.
+        which: Selector,
+        /// World units.
+        by: DVec3,
+    },
+    /// Moves one instance so that its centre is at a world position.
+    MoveTo {
+        /// Which one.
+        which: Selector,
+        /// World units.
+        to: DVec3,
+    },
+    /// Turns instances about their centres.
+    Rotate {
+        /// Which.
+        which: Selector,
+        /// How far.
+        turn: Turn,
+    },
+    /// Scales instances about their centres.
+    Scale {
+        /// Which.
+        which: Selector,
+        /// More than 0.
+        by: f64,
+    },
+    /// Removes instances, and their offsets unless others share them.
+    Delete {
+        /// Which.
+        which: Selector,
+    },
+    /// Shifts the base colour. A group or template as a whole is shifted in the template, which costs nothing; otherwise
+    /// in offsets, which are created for instances that have none.
+    Recolour {
+        /// Which.
+        which: Selector,
+        /// Added to red, green and blue, in units of colour (1 = from black to white).
+        rgb: [f32; 3],
+    },
+    /// Gives instances another template and leaves them where they are. Their offsets belong to the old template's
+    /// Gaussians and are dropped.
+    Swap {
+        /// Which.
+        which: Selector,
+        /// The new template.
+        template: u32,
+    },
+    /// Adds instances of a template over a plane or along a path.
+    Scatter(Scatter),
+}
+
+/// What an edit did.
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct EditOutcome {
+    /// Instances that are different now; their indices after the edit.
+    pub changed: Vec<usize>,
+    /// New instances; their indices after the edit.
+    pub added: Vec<usize>,
+    /// Removed instances; their indices before the edit.
+    pub removed: Vec<usize>,
+    /// What the user should know, one line each.
+    pub warnings: Vec<String>,
+}
+
+/// Why an edit was not done; the scene is as it was.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{operation}: {reason}")]
+pub struct EditError {
+    /// The edit, as on the command line, for instance "duplicate".
+    pub operation: &'static str,
+    /// What is wrong, and what there is instead.
+    pub reason: String,
+}
+
+impl Edit {
+    /// The edit's name, as on the command line.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Duplicate { .. } => "duplicate",
+            Self::MoveBy { .. } | Self::MoveTo { .. } => "move",
+            Self::Rotate { .. } => "rotate",
+            Self::Scale { .. } => "scale",
+            Self::Delete { .. } => "delete",
+            Self::Recolour { .. } => "recolour",
+            Self::Swap { .. } => "swap",
+            Self::Scatter(_) => "scatter",
+        }
+    }
+}
+
+/// Changes a valid scene, or leaves it as it is and says why.
+pub fn apply(scene: &mut InstancedScene, edit: &Edit) -> Result<EditOutcome, EditError> {
+    let done = match edit {
+        Edit::Duplicate { which, by, turn } => membership::duplicate(scene, which, *by, *turn),
+        Edit::MoveBy { which, by } => placement::move_by(scene, which, *by),
+        Edit::MoveTo { which, to } => placement::move_to(scene, which, *to),
+        Edit::Rotate { which, turn } => placement::rotate(scene, which, *turn),
+        Edit::Scale { which, by } => placement::scale(scene, which, *by),
+        Edit::Delete { which } => membership::delete(scene, which),
+        Edit::Recolour { which, rgb } => recolour::recolour(scene, which, *rgb),
+        Edit::Swap { which, template } => membership::swap(scene, which, *template),
+        Edit::Scatter(scatter) => scatter::scatter(scene, scatter),
+    };
+    done.map_err(|reason| EditError { operation: edit.name(), reason })
+}
+
+/// The template, which must exist.
+fn existing_template(scene: &InstancedScene, template: u32) -> Result<(), String> {
+    let count = scene.template_ranges.len();
+    if (template as usize) < count {
+        return Ok(());
+    }
+    Err(match count {
+        0 => format!("there is no template {template}: the scene has none"),
+        1 => format!("there is no template {template}: the only one is 0"),
+        _ => format!("there is no template {template}: there are 0 to {}", count - 1),
+    })
+}
+
+/// A transform that files and the device can hold.
+fn checked(placement: Similarity, k: usize) -> Result<Similarity, String> {
+    Similarity::from_rows(placement.rows()).map_err(|what| format!("the transform of instance {k} {what} then"))
+}
+
+#[cfg(test)]
+mod tests;

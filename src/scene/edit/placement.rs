@@ -1,0 +1,78 @@
+//! Moving, turning and scaling instances.
+
+use glam::{DMat3, DVec3};
+
+use crate::math::sh::widened;
+use crate::math::similarity::Similarity;
+use crate::scene::edit::{EditOutcome, Selector, Turn, checked};
+use crate::scene::instanced_scene::InstancedScene;
+
+/// The centre of every template, in its frame: the mean of its Gaussians' means, the origin for one without Gaussians.
+pub fn template_centres(scene: &InstancedScene) -> Vec<DVec3> {
+    let centre = |first: usize, count: usize| {
+        let sum: DVec3 = scene.templates.means[first..first + count].iter().map(|&mean| widened(mean)).sum();
+        if count > 0 { sum / count as f64 } else { DVec3::ZERO }
+    };
+    scene.template_ranges.iter().map(|range| centre(range.first as usize, range.count as usize)).collect()
+}
+
+/// The transform moved by a world vector; its linear part keeps every bit.
+pub(super) fn moved(placement: Similarity, by: DVec3) -> Similarity {
+    Similarity::from_parts(placement.linear(), 1.0, placement.translation() + by)
+}
+
+/// The transform followed by a linear map about the image of `centre`, a point of the template's frame.
+pub(super) fn mapped_about(placement: Similarity, centre: DVec3, map: DMat3) -> Similarity {
+    let centre_world = placement.transform_point(centre);
+    let linear = map * placement.linear();
+    Similarity::from_parts(linear, 1.0, centre_world - linear * centre)
+}
+
+/// The rotation matrix; the error says why there is none.
+pub(super) fn rotation_of(turn: Turn) -> Result<DMat3, String> {
+    let axis = turn.axis.try_normalize().ok_or("the axis has no direction")?;
+    if !turn.angle.is_finite() {
+        return Err("the angle is not finite".into());
+    }
+    Ok(DMat3::from_axis_angle(axis, turn.angle))
+}
+
+/// Replaces the transforms of the chosen instances, if all the new ones are good.
+fn place(
+    scene: &mut InstancedScene,
+    which: &Selector,
+    place_one: impl Fn(Similarity, DVec3) -> Similarity,
+) -> Result<EditOutcome, String> {
+    let changed = which.resolve(scene)?;
+    let centres = template_centres(scene);
+    let place_one = |&k: &usize| {
+        let instance = &scene.instances[k];
+        checked(place_one(instance.world_from_template, centres[instance.template as usize]), k)
+    };
+    let placements = changed.iter().map(place_one).collect::<Result<Vec<_>, _>>()?;
+    for (&k, placement) in changed.iter().zip(placements) {
+        scene.instances[k].world_from_template = placement;
+    }
+    Ok(EditOutcome { changed, ..EditOutcome::default() })
+}
+
+pub(super) fn move_by(scene: &mut InstancedScene, which: &Selector, by: DVec3) -> Result<EditOutcome, String> {
+    place(scene, which, |placement, _| moved(placement, by))
+}
+
+pub(super) fn move_to(scene: &mut InstancedScene, which: &Selector, to: DVec3) -> Result<EditOutcome, String> {
+    which.resolve_one(scene)?;
+    place(scene, which, |placement, centre| moved(placement, to - placement.transform_point(centre)))
+}
+
+pub(super) fn rotate(scene: &mut InstancedScene, which: &Selector, turn: Turn) -> Result<EditOutcome, String> {
+    let rotation = rotation_of(turn)?;
+    place(scene, which, |placement, centre| mapped_about(placement, centre, rotation))
+}
+
+pub(super) fn scale(scene: &mut InstancedScene, which: &Selector, by: f64) -> Result<EditOutcome, String> {
+    if !(by.is_finite() && by > 0.0) {
+        return Err(format!("{by} is no scale: want a number above 0"));
+    }
+    place(scene, which, |placement, centre| mapped_about(placement, centre, DMat3::from_diagonal(DVec3::splat(by))))
+}

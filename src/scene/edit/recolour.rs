@@ -1,0 +1,94 @@
+//! Shifting base colours, in the template where all of its instances are meant and in offsets otherwise.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::math::sh::SH_C0;
+use crate::scene::edit::membership::drop_foreign;
+use crate::scene::edit::{EditOutcome, Selector, offset_runs};
+use crate::scene::instanced_scene::InstancedScene;
+
+/// Largest shift, in units of colour: far beyond any picture, and no f32 overflows.
+const LARGEST_SHIFT: f32 = 1e6;
+
+pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 3]) -> Result<EditOutcome, String> {
+    if !rgb.iter().all(|v| v.abs() <= LARGEST_SHIFT) {
+        return Err(format!("{rgb:?} is no colour shift: want three numbers, of which 1 is from black to white"));
+    }
+    // Colour is SH_C0 times the coefficient plus a constant.
+    let d_sh_dc = rgb.map(|v| (f64::from(v) / SH_C0) as f32);
+    let mut outcome = EditOutcome { changed: which.resolve(scene)?, ..EditOutcome::default() };
+    let whole = if which.is_collective() { whole_templates(scene, &outcome.changed) } else { BTreeSet::new() };
+    let mut members_of_run: BTreeMap<(u32, Option<u32>), Vec<usize>> = BTreeMap::new();
+    for &k in &outcome.changed {
+        let instance = &scene.instances[k];
+        if !whole.contains(&instance.template) {
+            members_of_run.entry((instance.template, instance.first_offset)).or_default().push(k);
+        }
+    }
+    own_runs(scene, &mut members_of_run, &mut outcome)?;
+    for &template in &whole {
+        let range = scene.template_ranges[template as usize];
+        let coefficients = scene.templates.sh_coefficients();
+        let first = range.first as usize * coefficients;
+        let rows = scene.templates.sh[first..].iter_mut().step_by(coefficients).take(range.count as usize);
+        rows.for_each(|sh_dc| shift(sh_dc, d_sh_dc));
+    }
+    for (template, run) in members_of_run.into_keys() {
+        let Some(first) = run else { continue };
+        let run = first as usize..first as usize + scene.template_ranges[template as usize].count as usize;
+        scene.offsets.sh_dc[run].iter_mut().for_each(|sh_dc| shift(sh_dc, d_sh_dc));
+    }
+    Ok(outcome)
+}
+
+fn shift(sh_dc: &mut [f32; 3], by: [f32; 3]) {
+    sh_dc.iter_mut().zip(by).for_each(|(value, by)| *value += by);
+}
+
+/// Templates of which all instances are among `chosen`, and whose Gaussians are no other used template's.
+fn whole_templates(scene: &InstancedScene, chosen: &[usize]) -> BTreeSet<u32> {
+    let mut left = vec![0; scene.template_ranges.len()];
+    scene.instances.iter().for_each(|i| left[i.template as usize] += 1);
+    let used: Vec<bool> = left.iter().map(|&count| count > 0).collect();
+    chosen.iter().for_each(|&k| left[scene.instances[k].template as usize] -= 1);
+    let alone = |template: usize| {
+        let range = scene.template_ranges[template];
+        let end = |r: crate::scene::TemplateRange| r.first + r.count;
+        scene
+            .template_ranges
+            .iter()
+            .enumerate()
+            .all(|(other, &r)| other == template || !used[other] || end(r) <= range.first || end(range) <= r.first)
+    };
+    (0..left.len()).filter(|&t| used[t] && left[t] == 0 && alone(t)).map(|t| t as u32).collect()
+}
+
+/// Gives the members of every run one that nobody else uses: their own, a copy, or a new one of zeros; the keys then name
+/// it. Members of the same run go on sharing it.
+fn own_runs(
+    scene: &mut InstancedScene,
+    members_of_run: &mut BTreeMap<(u32, Option<u32>), Vec<usize>>,
+    outcome: &mut EditOutcome,
+) -> Result<(), String> {
+    let users = offset_runs::users_of_records(scene);
+    let count_of = |template: u32| scene.template_ranges[template as usize].count;
+    let shared = |&(template, first): &(u32, Option<u32>), members: usize| match first {
+        Some(first) => users[first as usize..(first + count_of(template)) as usize].iter().any(|&u| u != members),
+        None => true,
+    };
+    let to_copy: Vec<_> =
+        members_of_run.iter().filter(|(key, members)| shared(key, members.len())).map(|(key, _)| *key).collect();
+    let records = to_copy.iter().map(|&(template, _)| u64::from(count_of(template))).sum();
+    if records > 0 {
+        offset_runs::reserve(scene, records)?;
+        drop_foreign(scene, "offset.", outcome);
+    }
+    for (template, source) in to_copy {
+        let count = scene.template_ranges[template as usize].count;
+        let first = offset_runs::append(scene, source, count);
+        let members = members_of_run.remove(&(template, source)).unwrap_or_default();
+        members.iter().for_each(|&k| scene.instances[k].first_offset = Some(first));
+        members_of_run.insert((template, Some(first)), members);
+    }
+    Ok(())
+}

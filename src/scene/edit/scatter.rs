@@ -1,0 +1,262 @@
+//! Many new instances of a template, over a plane or along a path.
+//!
+//! A new instance is turned and scaled as the template's first instance (as the template itself if there is none), then
+//! turned about the plane's normal or the path's up, and stands on it.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use glam::{DMat3, DVec3};
+
+use crate::math::rng::Rng;
+use crate::math::sh::widened;
+use crate::math::similarity::Similarity;
+use crate::scene::edit::membership::{MOST_INSTANCES, add, drop_foreign};
+use crate::scene::edit::placement::template_centres;
+use crate::scene::edit::{EditOutcome, Selector, checked, existing_template, offset_runs};
+use crate::scene::instanced_scene::{Instance, InstancedScene};
+
+/// An object stands on the height that this part of its Gaussians' means is below: trained templates have strays.
+const BELOW_GROUND: f64 = 0.01;
+/// Places tried for an instance before the plane counts as full: by then less than 1 % of it is free with 99.99 %
+/// certainty.
+const TRIES: usize = 1000;
+/// A forward axis counts as upright if less than this part of it is level.
+const LEVEL: f64 = 1e-3;
+
+/// Adds instances of a template.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scatter {
+    /// Of which template.
+    pub template: u32,
+    /// How many, at least 1.
+    pub count: usize,
+    /// Where.
+    pub over: ScatterOver,
+    /// Their offsets.
+    pub offsets: OffsetSource,
+}
+
+/// Where scattered instances stand.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ScatterOver {
+    /// At random places of a rectangle, turned at random about its normal.
+    Plane {
+        /// The rectangle's centre, world units.
+        point: DVec3,
+        /// Upwards, of any length but zero.
+        normal: DVec3,
+        /// Lengths of the rectangle's sides. The first is along the world's x axis as far as the normal lets it (z if the
+        /// normal is within 25 degrees of x), the second at right angles to it.
+        extent: [f64; 2],
+        /// Least distance between the instances' centres, along the plane.
+        min_distance: f64,
+        /// The same seed gives the same places.
+        seed: u64,
+    },
+    /// At even distances along a line of straight pieces, both ends included, turned so that the reference's x axis (the
+    /// template's, as the first instance stands) points along it.
+    Path {
+        /// The corners, world units, two or more.
+        points: Vec<DVec3>,
+        /// Upwards, of any length but zero.
+        up: DVec3,
+        /// Further turn about `up`, radians.
+        yaw: f64,
+    },
+}
+
+/// Which offsets scattered instances get.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum OffsetSource {
+    /// None: they look like the template.
+    None,
+    /// Those of an instance, shared with it: no memory, and a later recolouring copies them.
+    Shared(Selector),
+    /// A copy each of those of an instance.
+    Copied(Selector),
+}
+
+/// A place on the ground and a turn about the up axis, radians.
+type Spot = (DVec3, f64);
+
+/// How the template stands before it is turned: its linear part, the way to its centre, and the ground's height.
+struct Stance {
+    linear: DMat3,
+    centre: DVec3,
+    up: DVec3,
+    ground: f64,
+}
+
+pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<EditOutcome, String> {
+    existing_template(scene, scatter.template)?;
+    let total = scene.instances.len() as u64 + scatter.count as u64;
+    if scatter.count == 0 || total > MOST_INSTANCES {
+        return Err(format!("{} is no count of instances", scatter.count));
+    }
+    let source = offset_source(scene, scatter)?;
+    let placements = placements(scene, scatter)?;
+    let mut outcome = EditOutcome::default();
+    let copies = matches!(scatter.offsets, OffsetSource::Copied(_));
+    let records = scene.template_ranges[scatter.template as usize].count;
+    if copies {
+        offset_runs::reserve(scene, u64::from(records) * scatter.count as u64)?;
+        drop_foreign(scene, "offset.", &mut outcome);
+    }
+    let mut instance = |world_from_template| {
+        let first_offset = if copies { Some(offset_runs::append(scene, source, records)) } else { source };
+        Instance { template: scatter.template, world_from_template, first_offset }
+    };
+    let instances: Vec<Instance> = placements.into_iter().map(&mut instance).collect();
+    add(scene, instances, &mut outcome);
+    Ok(outcome)
+}
+
+/// The first record of the offsets that new instances get.
+fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<u32>, String> {
+    let which = match &scatter.offsets {
+        OffsetSource::None => return Ok(None),
+        OffsetSource::Shared(which) | OffsetSource::Copied(which) => which,
+    };
+    let source = &scene.instances[which.resolve_one(scene)?];
+    if source.template != scatter.template {
+        let (has, wanted) = (source.template, scatter.template);
+        return Err(format!("offsets of instance {which} are for template {has}, not {wanted}"));
+    }
+    source.first_offset.map(Some).ok_or_else(|| format!("instance {which} has no offsets"))
+}
+
+fn placements(scene: &InstancedScene, scatter: &Scatter) -> Result<Vec<Similarity>, String> {
+    let (up, what) = match &scatter.over {
+        ScatterOver::Plane { normal, .. } => (normal, "normal"),
+        ScatterOver::Path { up, .. } => (up, "up direction"),
+    };
+    let up = up.try_normalize().ok_or_else(|| format!("the {what} has no direction"))?;
+    let stance = stance(scene, scatter.template, up);
+    let spots = match &scatter.over {
+        ScatterOver::Plane { point, extent, min_distance, seed, .. } => {
+            plane_spots(*point, up, *extent, *min_distance, scatter.count, &mut Rng::new(*seed))?
+        }
+        ScatterOver::Path { points, yaw, .. } => path_spots(points, *yaw, scatter.count, &stance)?,
+    };
+    let first = scene.instances.len();
+    let place = |(i, &spot): (usize, &Spot)| checked(stance.at(spot), first + i);
+    spots.iter().enumerate().map(place).collect()
+}
+
+fn stance(scene: &InstancedScene, template: u32, up: DVec3) -> Stance {
+    let reference = scene.instances.iter().find(|i| i.template == template);
+    let linear = reference.map_or(DMat3::IDENTITY, |i| i.world_from_template.linear());
+    let range = scene.template_ranges[template as usize];
+    let means = &scene.templates.means[range.first as usize..(range.first + range.count) as usize];
+    let mut heights: Vec<f64> = means.iter().map(|&mean| up.dot(linear * widened(mean))).collect();
+    heights.sort_by(f64::total_cmp);
+    let ground = heights.get((BELOW_GROUND * heights.len() as f64) as usize).copied().unwrap_or(0.0);
+    Stance { linear, centre: linear * template_centres(scene)[template as usize], up, ground }
+}
+
+impl Stance {
+    /// The transform that turns the object and stands it on a spot, its centre above it.
+    fn at(&self, (spot, yaw): Spot) -> Similarity {
+        let turn = DMat3::from_axis_angle(self.up, yaw);
+        let level = self.centre - self.up * self.up.dot(self.centre);
+        Similarity::from_parts(turn * self.linear, 1.0, spot - turn * level - self.up * self.ground)
+    }
+
+    /// The turn about `up` that points the template's x axis along a direction; 0 if that is upright.
+    fn yaw_along(&self, direction: DVec3) -> f64 {
+        let level = |v: DVec3| v.try_normalize().map(|v| v - self.up * self.up.dot(v)).filter(|v| v.length() > LEVEL);
+        let forward = level(self.linear.x_axis).or_else(|| level(self.linear.z_axis));
+        match (forward, level(direction)) {
+            (Some(from), Some(to)) => self.up.dot(from.cross(to)).atan2(from.dot(to)),
+            _ => 0.0,
+        }
+    }
+}
+
+/// Random spots of a rectangle, none nearer to another than the least distance.
+fn plane_spots(
+    point: DVec3,
+    normal: DVec3,
+    extent: [f64; 2],
+    min_distance: f64,
+    count: usize,
+    rng: &mut Rng,
+) -> Result<Vec<Spot>, String> {
+    if !extent.iter().chain([&min_distance]).all(|v| v.is_finite() && *v >= 0.0) {
+        return Err("extent and distance are lengths: want finite numbers from 0 on".into());
+    }
+    let side = if normal.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
+    let along = (side - side.dot(normal) * normal).normalize();
+    let across = normal.cross(along);
+    let mut taken = Taken { min_distance, spots_of_cell: BTreeMap::new() };
+    let mut spots = Vec::new();
+    for _ in 0..count {
+        let mut draw = || [0, 1].map(|axis| extent[axis] * (rng.uniform() - 0.5));
+        let free = (0..TRIES).map(|_| draw()).find(|&spot| taken.is_free(spot));
+        let Some(spot) = free else {
+            let found = spots.len();
+            return Err(format!("only {found} of {count} fit: want a larger extent or a smaller distance"));
+        };
+        taken.insert(spot);
+        spots.push((point + along * spot[0] + across * spot[1], rng.range(0.0, TAU)));
+    }
+    Ok(spots)
+}
+
+/// Spots in cells as large as their least distance, so that only nine cells can hold one too near.
+struct Taken {
+    min_distance: f64,
+    spots_of_cell: BTreeMap<[i64; 2], Vec<[f64; 2]>>,
+}
+
+impl Taken {
+    fn cell(&self, spot: [f64; 2]) -> [i64; 2] {
+        spot.map(|v| (v / self.min_distance).floor() as i64)
+    }
+
+    fn is_free(&self, spot: [f64; 2]) -> bool {
+        if self.min_distance == 0.0 {
+            return true;
+        }
+        let [x, y] = self.cell(spot);
+        let near = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [x.saturating_add(i), y.saturating_add(j)]));
+        let distance = |other: &[f64; 2]| (spot[0] - other[0]).hypot(spot[1] - other[1]);
+        near.filter_map(|cell| self.spots_of_cell.get(&cell))
+            .flatten()
+            .all(|other| distance(other) >= self.min_distance)
+    }
+
+    fn insert(&mut self, spot: [f64; 2]) {
+        if self.min_distance > 0.0 {
+            self.spots_of_cell.entry(self.cell(spot)).or_default().push(spot);
+        }
+    }
+}
+
+/// Evenly spaced spots of a path; one alone stands at its start.
+fn path_spots(points: &[DVec3], yaw: f64, count: usize, stance: &Stance) -> Result<Vec<Spot>, String> {
+    if points.len() < 2 || !points.iter().all(|p| p.is_finite()) || !yaw.is_finite() {
+        return Err("a path has two or more points of finite numbers".into());
+    }
+    let pieces: Vec<(DVec3, DVec3)> = points.windows(2).map(|w| (w[0], w[1])).filter(|(a, b)| a != b).collect();
+    let length: f64 = pieces.iter().map(|(a, b)| a.distance(*b)).sum();
+    if pieces.is_empty() || !length.is_finite() {
+        return Err(format!("a path of length {length} has no direction"));
+    }
+    let spacing = length / (count.max(2) - 1) as f64;
+    let (mut piece, mut before) = (0, 0.0);
+    let mut spots = Vec::new();
+    for i in 0..count {
+        let at = spacing * i as f64;
+        let (mut begin, mut end) = pieces[piece];
+        while at > before + begin.distance(end) && piece + 1 < pieces.len() {
+            before += begin.distance(end);
+            piece += 1;
+            (begin, end) = pieces[piece];
+        }
+        let part = ((at - before) / begin.distance(end)).clamp(0.0, 1.0);
+        spots.push((begin.lerp(end, part), stance.yaw_along(end - begin) + yaw));
+    }
+    Ok(spots)
+}

@@ -1,0 +1,112 @@
+//! Naming instances.
+
+use std::fmt;
+use std::str::FromStr;
+
+use crate::scene::edit::existing_template;
+use crate::scene::instanced_scene::InstancedScene;
+
+/// Names that an error lists before it leaves the rest out.
+const LISTED: usize = 20;
+
+/// Which instances an edit is for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Selector {
+    /// By place in the scene's list, from 0.
+    Index(usize),
+    /// By mask id, as in `groups`: `id:7`.
+    Id(u32),
+    /// All of the groups of that name: `group:chair`.
+    Group(String),
+    /// All of a template: `template:0`.
+    Template(u32),
+}
+
+impl FromStr for Selector {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| text.parse::<u32>().ok();
+        let parsed = match text.split_once(':') {
+            Some(("id", id)) => number(id).map(Self::Id),
+            Some(("template", template)) => number(template).map(Self::Template),
+            Some(("group", name)) if !name.is_empty() => Some(Self::Group(name.to_owned())),
+            Some(_) => None,
+            None => number(text).map(|index| Self::Index(index as usize)),
+        };
+        parsed.ok_or_else(|| format!("\"{text}\" names no instance: want an index, id:N, group:NAME or template:N"))
+    }
+}
+
+impl fmt::Display for Selector {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Index(index) => write!(f, "{index}"),
+            Self::Id(id) => write!(f, "id:{id}"),
+            Self::Group(name) => write!(f, "group:{name}"),
+            Self::Template(template) => write!(f, "template:{template}"),
+        }
+    }
+}
+
+impl Selector {
+    /// True if it names a kind of object, not single ones.
+    pub(super) fn is_collective(&self) -> bool {
+        matches!(self, Self::Group(_) | Self::Template(_))
+    }
+
+    /// The instances in ascending order, at least one; the error says what exists.
+    pub(super) fn resolve(&self, scene: &InstancedScene) -> Result<Vec<usize>, String> {
+        let count = scene.instances.len();
+        let found: Vec<usize> = match self {
+            Self::Index(index) => (*index < count).then_some(*index).into_iter().collect(),
+            Self::Id(id) => matching(scene, |label_id, _| label_id == Some(*id)),
+            Self::Group(name) => matching(scene, |_, group| group == Some(name.as_str())),
+            Self::Template(template) => {
+                existing_template(scene, *template)?;
+                (0..count).filter(|&k| scene.instances[k].template == *template).collect()
+            }
+        };
+        if found.is_empty() { Err(self.missing(scene)) } else { Ok(found) }
+    }
+
+    /// The one instance.
+    pub(super) fn resolve_one(&self, scene: &InstancedScene) -> Result<usize, String> {
+        match self.resolve(scene)?.as_slice() {
+            [one] => Ok(*one),
+            several => Err(format!("{self} is {} instances, and this is for one", several.len())),
+        }
+    }
+
+    fn missing(&self, scene: &InstancedScene) -> String {
+        let count = scene.instances.len();
+        if count == 0 {
+            return format!("there is no instance {self}: the scene has none");
+        }
+        let list = |mut names: Vec<String>| {
+            let more = names.len().saturating_sub(LISTED);
+            names.truncate(LISTED);
+            let rest = if more > 0 { format!(" and {more} more") } else { String::new() };
+            if names.is_empty() { "none".to_owned() } else { names.join(", ") + &rest }
+        };
+        match self {
+            Self::Index(index) => format!("there is no instance {index}: there are 0 to {}", count - 1),
+            Self::Template(template) => format!("template {template} has no instances"),
+            Self::Id(id) => {
+                let ids = scene.groups.iter().flat_map(|g| &g.instance_ids).map(u32::to_string).collect();
+                format!("there is no instance with id {id}: ids are {}", list(ids))
+            }
+            Self::Group(name) => {
+                let names = scene.groups.iter().filter_map(|g| g.name.clone()).collect();
+                format!("there is no instance of a group \"{name}\": groups are {}", list(names))
+            }
+        }
+    }
+}
+
+/// The instances whose mask id and group name satisfy a condition.
+fn matching(scene: &InstancedScene, wanted: impl Fn(Option<u32>, Option<&str>) -> bool) -> Vec<usize> {
+    let labels = scene.instance_labels();
+    let name = |group: Option<usize>| group.and_then(|g| scene.groups[g].name.as_deref());
+    (0..labels.len()).filter(|&k| wanted(labels[k].id, name(labels[k].group))).collect()
+}

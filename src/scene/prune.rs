@@ -1,0 +1,179 @@
+//! Removes Gaussians from a scene so that offsets stay aligned with templates.
+
+use std::collections::BTreeMap;
+
+use crate::math::covariance::sigmoid;
+use crate::scene::instanced_scene::{InstancedScene, TemplateRange};
+use crate::scene::offsets::Offsets;
+
+impl InstancedScene {
+    /// Drops what is not finite from a consistent scene; returns how many Gaussians of templates and background went. A
+    /// template Gaussian goes, in all instances, if it or its offset record in any instance is not finite. A finite scene is
+    /// left as it is.
+    pub fn drop_non_finite(&mut self) -> usize {
+        let dropped_background = self.background.drop_non_finite();
+        let mut keep: Vec<bool> = (0..self.templates.len()).map(|i| self.templates.is_finite(i)).collect();
+        for instance in &self.instances {
+            let range = self.template_ranges[instance.template as usize];
+            if let Some(first) = instance.first_offset {
+                for j in 0..range.count as usize {
+                    keep[range.first as usize + j] &= self.offsets.is_finite(first as usize + j);
+                }
+            }
+        }
+        self.keep_templates(&keep, dropped_background)
+    }
+
+    /// Removes template Gaussians whose opacity, offset included, is below `opacity_min` in every instance, and background
+    /// Gaussians of a lower opacity; returns how many. Up to 1/255 no picture changes: the blend skips them. Templates
+    /// without instances stay as they are.
+    pub fn prune_transparent(&mut self, opacity_min: f64) -> usize {
+        // Positive, so that what is no number goes.
+        let seen = |logit: f32| sigmoid(f64::from(logit)) >= opacity_min;
+        let mut keep = vec![true; self.templates.len()];
+        for (t, range) in self.template_ranges.iter().enumerate() {
+            let run = range.first as usize..(range.first + range.count) as usize;
+            let of_template = || self.instances.iter().filter(|i| i.template as usize == t);
+            if of_template().next().is_none() {
+                continue;
+            }
+            for (j, keep) in keep[run.clone()].iter_mut().enumerate() {
+                let logit = self.templates.opacity_logits[run.start + j];
+                let offset = |first: u32| self.offsets.opacity_logits[first as usize + j];
+                *keep = of_template().any(|i| seen(logit + i.first_offset.map_or(0.0, offset)));
+            }
+        }
+        let before = self.background.len();
+        if !self.background.opacity_logits.iter().all(|&logit| seen(logit)) {
+            self.background = self.background.filtered(|i| seen(self.background.opacity_logits[i]));
+        }
+        self.keep_templates(&keep, before - self.background.len())
+    }
+
+    /// Keeps the marked template Gaussians with their offset records; returns how many went, with those of the background.
+    /// Tensors of other versions that follow these arrays are dropped if any went: they would no longer be aligned.
+    fn keep_templates(&mut self, keep: &[bool], dropped_background: usize) -> usize {
+        let dropped = keep.iter().filter(|&&k| !k).count();
+        if dropped > 0 {
+            compact_templates(self, keep);
+        }
+        if dropped + dropped_background > 0 {
+            let follows = |name: &str| ["offset.", "template.", "background."].iter().any(|p| name.starts_with(p));
+            self.foreign_tensors.retain(|name, _| !follows(name));
+        }
+        dropped + dropped_background
+    }
+}
+
+/// Removes the template Gaussians that are not kept, with their offset records.
+fn compact_templates(scene: &mut InstancedScene, keep: &[bool]) {
+    let mut kept_before = Vec::with_capacity(keep.len() + 1);
+    let mut count = 0u32;
+    for &k in keep {
+        kept_before.push(count);
+        count += u32::from(k);
+    }
+    kept_before.push(count);
+    let mut offsets = Offsets::default();
+    // Instances may share a run of records.
+    let mut moved = BTreeMap::new();
+    for instance in &mut scene.instances {
+        let TemplateRange { first: range_first, count } = scene.template_ranges[instance.template as usize];
+        let Some(first) = instance.first_offset else { continue };
+        let new_first = *moved.entry((first, range_first, count)).or_insert_with(|| {
+            let new_first = offsets.len() as u32;
+            let kept = (0..count as usize).filter(|j| keep[range_first as usize + j]);
+            kept.for_each(|j| offsets.push_from(&scene.offsets, first as usize + j));
+            new_first
+        });
+        instance.first_offset = Some(new_first);
+    }
+    scene.offsets = offsets;
+    for range in &mut scene.template_ranges {
+        let (first, end) = (range.first as usize, (range.first + range.count) as usize);
+        *range = TemplateRange { first: kept_before[first], count: kept_before[end] - kept_before[first] };
+    }
+    scene.templates = scene.templates.filtered(|i| keep[i]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::similarity::Similarity;
+    use crate::scene::gaussians::Gaussians;
+    use crate::scene::instanced_scene::Instance;
+
+    fn cloud(logits: &[f32]) -> Gaussians {
+        let mut out = Gaussians::with_capacity(0, logits.len());
+        for (i, &logit) in logits.iter().enumerate() {
+            out.means.push([i as f32; 3]);
+            out.quats.push([1.0, 0.0, 0.0, 0.0]);
+            out.log_scales.push([0.0; 3]);
+            out.opacity_logits.push(logit);
+            out.sh.push([0.5; 3]);
+        }
+        out
+    }
+
+    /// Templates 0..3 and 3..5, instances (0, offsets 0), (1, none), (0, offsets 3), (1, offsets 6).
+    fn sample() -> InstancedScene {
+        let instance =
+            |template, first_offset| Instance { template, world_from_template: Similarity::IDENTITY, first_offset };
+        let offsets = cloud(&[0.0, 0.0, -9.0, 0.0, 0.0, -9.0, 0.0, 9.0]);
+        InstancedScene {
+            templates: cloud(&[1.0, -9.0, 0.0, 1.0, -9.0]),
+            template_ranges: vec![TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }],
+            instances: vec![instance(0, Some(0)), instance(1, None), instance(0, Some(3)), instance(1, Some(6))],
+            offsets: Offsets {
+                means: offsets.means,
+                sh_dc: offsets.sh,
+                opacity_logits: offsets.opacity_logits,
+                sh_rest: Vec::new(),
+                log_scales: offsets.log_scales,
+                quats: offsets.quats,
+            },
+            background: cloud(&[-9.0, 2.0, 2.0, 2.0]),
+            ..InstancedScene::default()
+        }
+    }
+
+    #[test]
+    fn drops_keep_offsets_aligned() -> Result<(), Box<dyn std::error::Error>> {
+        let mut scene = sample();
+        assert_eq!(scene.drop_non_finite(), 0);
+        assert_eq!(scene, sample());
+        scene.templates.means[0][1] = f32::NAN;
+        scene.offsets.log_scales[4][1] = f32::INFINITY;
+        scene.background.log_scales[1][0] = f32::NAN;
+        assert_eq!(scene.drop_non_finite(), 3);
+        scene.validate()?;
+        assert_eq!(scene.template_ranges, [TemplateRange { first: 0, count: 1 }, TemplateRange { first: 1, count: 2 }]);
+        assert_eq!(scene.templates.means, sample().templates.means[2..]);
+        let firsts: Vec<_> = scene.instances.iter().map(|i| i.first_offset).collect();
+        assert_eq!(firsts, [Some(0), None, Some(1), Some(2)]);
+        let want: Vec<_> = [2, 5, 6, 7].iter().map(|&m: &usize| sample().offsets.means[m]).collect();
+        assert_eq!((scene.offsets.means, scene.offsets.quats.len()), (want, 4));
+        Ok(())
+    }
+
+    /// Gaussian 1 is transparent in all instances, 2 in both of its own; 4 is seen in one.
+    #[test]
+    fn what_no_instance_shows_is_removed() -> Result<(), Box<dyn std::error::Error>> {
+        let mut scene = sample();
+        let seen = |scene: &InstancedScene| {
+            let flat = scene.flatten();
+            flat.filtered(|i| flat.opacity_logits[i] > -6.0)
+        };
+        assert_eq!(scene.prune_transparent(0.003), 3);
+        scene.validate()?;
+        assert_eq!(scene.templates.means, [[0.0; 3], [3.0; 3], [4.0; 3]]);
+        assert_eq!((scene.background.len(), scene.offsets.len()), (3, 4));
+        assert_eq!(seen(&scene), seen(&sample()));
+        // NaN is transparent; a template without instances stays.
+        scene.background.opacity_logits[0] = f32::NAN;
+        scene.instances.clear();
+        assert_eq!(scene.prune_transparent(0.003), 1);
+        assert_eq!(scene.templates.len(), 3);
+        Ok(())
+    }
+}

@@ -1,0 +1,172 @@
+//! Labels of Gaussians from masks: paper, Eq. 2-5, for all instances at once.
+//!
+//! A Gaussian belongs to the instance k with the largest `In - alpha Out` above 0: what it adds to k's masks against
+//! what it adds to the rest of the views in which k has a mask. All views are swept twice, once for `In`, and once for
+//! `Out` of the pairs that the first sweep found; the second renders nothing while the views fit into memory
+//! ([`super::sweep`]).
+//!
+//! Large faint Gaussians (haze) need no rule of their own at alpha = 0.8: most of their weight is outside of any one
+//! object. `tests/segment.rs` has some.
+
+use std::collections::BTreeMap;
+use std::num::NonZero;
+use std::sync::Arc;
+
+use crate::gpu::Gpu;
+use crate::io::masks::Mask;
+use crate::render::{CONTRIBUTION_ONE, RenderOptions};
+use crate::scene::{Camera, InstancedScene};
+
+use super::error::SegmentError;
+use super::id_table::IdTable;
+use super::strays::drop_strays;
+use super::sweep::{KEPT_BYTES, ViewContributions};
+use super::unseen::label_unseen;
+use super::votes::Votes;
+
+/// How labels are decided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LabelOptions {
+    /// How much what is outside of the masks counts, >= 0. A Gaussian belongs to an instance if more than
+    /// alpha / (1 + alpha) of it is inside. The paper has 0.8.
+    pub alpha: f64,
+    /// Gaussians that no view shows follow the majority of this many neighbours; 0 leaves them in the background.
+    pub unseen_neighbours: usize,
+    /// Small groups of an object's Gaussians that are apart from it go back to the background ([`super::strays`]).
+    pub drop_strays: bool,
+    /// How the views are rendered: as the cloud was trained.
+    pub render: RenderOptions,
+}
+
+impl Default for LabelOptions {
+    /// The paper's alpha; eight neighbours, as in a grid cell.
+    fn default() -> Self {
+        Self { alpha: 0.8, unseen_neighbours: 8, drop_strays: false, render: RenderOptions::default() }
+    }
+}
+
+/// What is known of one instance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct InstanceStats {
+    /// Gaussians with its label.
+    pub gaussians: u32,
+    /// Views in which it has a mask.
+    pub views: u32,
+}
+
+/// The label of every Gaussian.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Labels {
+    /// By Gaussian: object, 0 = background.
+    pub instance_of_gaussian: Vec<u32>,
+    /// By Gaussian: sum of alpha T over all pixels of all views, in pixels; 0 = never seen.
+    pub weights_px: Vec<f64>,
+    /// By object, every one that has a mask.
+    pub instances: BTreeMap<u32, InstanceStats>,
+    /// Gaussians that were never seen and got the label of their neighbours.
+    pub filled: usize,
+    /// Gaussians that were apart from their object and went back to the background.
+    pub strays: usize,
+}
+
+/// How far [`label()`] is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LabelProgress {
+    /// Views done, both sweeps counted.
+    pub done: usize,
+    /// Views of both sweeps.
+    pub total: usize,
+}
+
+/// Labels the Gaussians of a plain cloud. `mask_of_view` gives the mask of a view by its index in `cameras`, or `None`
+/// if it has none. A mask of another size than the camera is resized. `progress` is told after each view; `E` is an
+/// error of the caller's, with which either can stop.
+///
+/// # Errors
+/// A cloud with instances or beyond the device; a camera that cannot be rendered; a mask whose ids do not fill its
+/// size; alpha not a finite number >= 0; no mask with an object; what `mask_of_view` or `progress` return.
+pub fn label<E: From<SegmentError>>(
+    gpu: &Arc<Gpu>,
+    cloud: &InstancedScene,
+    cameras: &[Camera],
+    mask_of_view: impl FnMut(usize) -> Result<Option<Mask>, E>,
+    options: &LabelOptions,
+    progress: impl FnMut(LabelProgress) -> Result<(), E>,
+) -> Result<Labels, E> {
+    check(options)?;
+    let mut views = ViewContributions::new(gpu, cloud, cameras, mask_of_view, options.render, KEPT_BYTES)?;
+    label_views(&mut views, &cloud.background.means, &IdTable::Same, options, progress)
+}
+
+/// As [`label()`], from contributions that may be there already and with the objects that `table` says; `means` are
+/// those of the cloud.
+///
+/// # Errors
+/// As there.
+pub fn label_views<E: From<SegmentError>>(
+    views: &mut ViewContributions<'_, E>,
+    means: &[[f32; 3]],
+    table: &IdTable,
+    options: &LabelOptions,
+    mut progress: impl FnMut(LabelProgress) -> Result<(), E>,
+) -> Result<Labels, E> {
+    check(options)?;
+    let view_count = views.view_count();
+    let total = 2 * view_count;
+    let mut votes = Votes::new(means.len());
+    let mut objects_of_view: Vec<Vec<u16>> = Vec::with_capacity(view_count);
+    views.for_each(|entries| {
+        votes.add_weights(entries.contributions);
+        votes.add_inside(&table.translated(entries.view, entries.contributions));
+        objects_of_view.push(table.objects_of_view(entries.view, entries.ids));
+        progress(LabelProgress { done: entries.view + 1, total })
+    })?;
+    if objects_of_view.iter().all(Vec::is_empty) {
+        return Err(SegmentError::NoMasks.into());
+    }
+    views.for_each(|entries| {
+        let has_mask = by_id(&objects_of_view[entries.view]);
+        votes.add_shown(&table.translated(entries.view, entries.contributions), &has_mask);
+        progress(LabelProgress { done: view_count + entries.view + 1, total })
+    })?;
+    Ok(decide(means, &votes, &objects_of_view, options))
+}
+
+fn check(options: &LabelOptions) -> Result<(), SegmentError> {
+    if options.alpha.is_finite() && options.alpha >= 0.0 {
+        return Ok(());
+    }
+    let reason = format!("{} is not a finite number >= 0", options.alpha);
+    Err(SegmentError::Option { option: "alpha", reason })
+}
+
+/// True for every id of `ids`.
+fn by_id(ids: &[u16]) -> Vec<bool> {
+    let mut out = vec![false; usize::from(u16::MAX) + 1];
+    ids.iter().for_each(|&id| out[usize::from(id)] = true);
+    out
+}
+
+/// From votes to labels.
+fn decide(means: &[[f32; 3]], votes: &Votes, objects_of_view: &[Vec<u16>], options: &LabelOptions) -> Labels {
+    let mut labels = votes.winners(options.alpha);
+    let seen: Vec<bool> = votes.weights().iter().map(|&weight| weight > 0).collect();
+    let fill = |neighbours| label_unseen(means, &seen, &mut labels, neighbours);
+    let filled = NonZero::new(options.unseen_neighbours).map_or(0, fill);
+    let strays = if options.drop_strays { drop_strays(means, &mut labels) } else { 0 };
+    let mut instances: BTreeMap<u32, InstanceStats> = BTreeMap::new();
+    for &id in objects_of_view.iter().flatten() {
+        instances.entry(u32::from(id)).or_default().views += 1;
+    }
+    for &id in labels.iter().filter(|&&id| id != 0) {
+        instances.entry(u32::from(id)).or_default().gaussians += 1;
+    }
+    let one = f64::from(CONTRIBUTION_ONE);
+    Labels {
+        instance_of_gaussian: labels.into_iter().map(u32::from).collect(),
+        weights_px: votes.weights().iter().map(|&weight| weight as f64 / one).collect(),
+        instances,
+        filled,
+        strays,
+    }
+}

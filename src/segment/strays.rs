@@ -1,0 +1,60 @@
+//! Gaussians of an object that are apart from it: what the masks' borders and the views' errors leave behind it.
+
+use std::collections::BTreeMap;
+
+use super::components::{components, usual_reach};
+
+/// A group of less than this part of its object is stray. Legs of furniture that are hidden where they meet it are
+/// more.
+const STRAY_PART: f64 = 0.05;
+
+/// Gives small groups of an object's Gaussians that are apart from the rest the label 0; objects are labels above 0.
+/// Means that are not finite are strays. Returns how many there were.
+pub fn drop_strays(means: &[[f32; 3]], labels: &mut [u16]) -> usize {
+    let mut members_of_label: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
+    for (i, &label) in labels.iter().enumerate().filter(|(_, label)| **label != 0) {
+        members_of_label.entry(label).or_default().push(i);
+    }
+    let mut dropped = 0;
+    for members in members_of_label.values() {
+        for i in strays(means, members) {
+            labels[i] = 0;
+            dropped += 1;
+        }
+    }
+    dropped
+}
+
+fn strays(means: &[[f32; 3]], members: &[usize]) -> Vec<usize> {
+    let (finite, mut out): (Vec<usize>, Vec<usize>) =
+        members.iter().partition(|&&i| means[i].iter().all(|v| v.is_finite()));
+    let positions: Vec<[f32; 3]> = finite.iter().map(|&i| means[i]).collect();
+    let Some(reach) = usual_reach(&positions) else { return out };
+    for group in components(&positions, reach) {
+        if (group.len() as f64) < STRAY_PART * finite.len() as f64 {
+            out.extend(group.iter().map(|&member| finite[member as usize]));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn small_groups_apart_from_their_object_go() {
+        // A line of forty, one four apart, two far away, a group of a tenth far away.
+        let along = |start: f32, count: usize| (0..count).map(move |i| [start + i as f32, 0.0, 0.0]);
+        let mut means: Vec<[f32; 3]> =
+            along(0.0, 40).chain(along(43.0, 1)).chain(along(100.0, 2)).chain(along(200.0, 6)).collect();
+        means.push([f32::NAN; 3]);
+        let mut labels = vec![9; means.len()];
+        labels.extend([0, 4, 4]);
+        means.extend([[100.0; 3], [0.0; 3], [1e6; 3]]);
+        assert_eq!(drop_strays(&means, &mut labels), 3);
+        let zeros: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == 0).collect();
+        assert_eq!(zeros, [41, 42, 49, 50], "two alone are no strays of each other");
+        assert_eq!(drop_strays(&means, &mut labels), 0);
+    }
+}

@@ -1,0 +1,205 @@
+//! Contributions of all views of a cloud, rendered when they are first asked for and kept as far as a budget goes:
+//! every sweep after the first renders only the views beyond it. What is found does not depend on the budget.
+
+use std::sync::Arc;
+
+use crate::gpu::Gpu;
+use crate::io::masks::Mask;
+use crate::render::{Contribution, ContributionRenderer, RenderError, RenderOptions};
+use crate::scene::{Camera, InstancedScene};
+
+use super::error::SegmentError;
+
+/// Bytes of contributions that are kept by default. A view takes ten bytes for each Gaussian and mask that meet in it:
+/// this is room for 200 views of 200,000 Gaussians, and a quarter of what training such a scene takes.
+pub const KEPT_BYTES: u64 = 512 << 20;
+
+/// One view of a sweep.
+#[derive(Clone, Copy, Debug)]
+pub struct ViewEntries<'a> {
+    /// Index into the cameras.
+    pub view: usize,
+    /// The view's camera.
+    pub camera: &'a Camera,
+    /// Mask ids that its mask has, ascending, 0 left out; empty without a mask.
+    pub ids: &'a [u16],
+    /// By Gaussian, then by id; all of id 0 without a mask.
+    pub contributions: &'a [Contribution],
+}
+
+/// Gives the mask of a view by its index, or `None` if it has none.
+type MaskOfView<'a, E> = Box<dyn FnMut(usize) -> Result<Option<Mask>, E> + 'a>;
+
+/// Sweeps over the views of one plain cloud; `E` is the error of whoever gives the masks.
+pub struct ViewContributions<'a, E> {
+    renderer: ContributionRenderer,
+    render: RenderOptions,
+    cameras: &'a [Camera],
+    mask_of_view: MaskOfView<'a, E>,
+    budget_bytes: u64,
+    kept_bytes: u64,
+    rendered: usize,
+    /// By view: what is kept.
+    kept: Vec<Option<Kept>>,
+}
+
+impl<'a, E: From<SegmentError>> ViewContributions<'a, E> {
+    /// Sweeps over the `cameras` of a plain cloud, which is rendered as it was trained. `mask_of_view` gives the mask
+    /// of a view by its index in `cameras`, or `None` if it has none, and is asked again in later sweeps for views
+    /// beyond the budget of `budget_bytes`. A mask of another size than the camera is resized.
+    ///
+    /// # Errors
+    /// A cloud with instances or beyond the device.
+    pub fn new(
+        gpu: &Arc<Gpu>,
+        cloud: &InstancedScene,
+        cameras: &'a [Camera],
+        mask_of_view: impl FnMut(usize) -> Result<Option<Mask>, E> + 'a,
+        render: RenderOptions,
+        budget_bytes: u64,
+    ) -> Result<Self, SegmentError> {
+        let renderer = ContributionRenderer::new(gpu, cloud).map_err(SegmentError::Cloud)?;
+        let kept = cameras.iter().map(|_| None).collect();
+        let mask_of_view = Box::new(mask_of_view);
+        Ok(Self { renderer, render, cameras, mask_of_view, budget_bytes, kept_bytes: 0, rendered: 0, kept })
+    }
+
+    /// Number of views.
+    pub fn view_count(&self) -> usize {
+        self.cameras.len()
+    }
+
+    /// Bytes of the contributions that are kept.
+    pub fn kept_bytes(&self) -> u64 {
+        self.kept_bytes
+    }
+
+    /// Views rendered so far, those of later sweeps counted again.
+    pub fn rendered(&self) -> usize {
+        self.rendered
+    }
+
+    /// Calls `visit` with every view, in order.
+    ///
+    /// # Errors
+    /// A camera that cannot be rendered; a mask whose ids do not fill its size; what `visit` or `mask_of_view` return.
+    pub fn for_each(&mut self, mut visit: impl FnMut(ViewEntries<'_>) -> Result<(), E>) -> Result<(), E> {
+        let cameras = self.cameras;
+        for (view, camera) in cameras.iter().enumerate() {
+            if let Some(kept) = &self.kept[view] {
+                let contributions = kept.contributions.expand();
+                visit(ViewEntries { view, camera, ids: &kept.ids, contributions: &contributions })?;
+                continue;
+            }
+            let (ids, contributions) = self.render(view, camera)?;
+            visit(ViewEntries { view, camera, ids: &ids, contributions: &contributions })?;
+            self.keep(view, ids, &contributions);
+        }
+        Ok(())
+    }
+
+    /// Ids and contributions of a view. One without a mask has no ids, but still says what is seen.
+    fn render(&mut self, view: usize, camera: &Camera) -> Result<(Vec<u16>, Vec<Contribution>), E> {
+        let invalid = |reason| SegmentError::View { view: camera.name.clone(), error: RenderError::Camera(reason) };
+        camera.validate().map_err(invalid)?;
+        let none = || Mask { width: camera.width, height: camera.height, ids: vec![0; pixels(camera)] };
+        let mask = fitted((self.mask_of_view)(view)?.unwrap_or_else(none), camera)?;
+        let failed = |error| SegmentError::View { view: camera.name.clone(), error };
+        let (contributions, _) = self.renderer.contributions(camera, &self.render, &mask.ids).map_err(failed)?;
+        self.rendered += 1;
+        Ok((mask.ids_present().into_keys().collect(), contributions))
+    }
+
+    fn keep(&mut self, view: usize, ids: Vec<u16>, contributions: &[Contribution]) {
+        let left = self.budget_bytes - self.kept_bytes;
+        // No need to pack what cannot fit.
+        if contributions.len() as u64 * Packed::ENTRY_BYTES > left {
+            return;
+        }
+        let contributions = Packed::new(contributions);
+        if contributions.bytes() <= left {
+            self.kept_bytes += contributions.bytes();
+            self.kept[view] = Some(Kept { ids, contributions });
+        }
+    }
+}
+
+fn pixels(camera: &Camera) -> usize {
+    camera.width as usize * camera.height as usize
+}
+
+/// The mask at the size of the camera's picture.
+fn fitted(mask: Mask, camera: &Camera) -> Result<Mask, SegmentError> {
+    let (width, height) = (mask.width, mask.height);
+    if mask.ids.len() as u64 != u64::from(width) * u64::from(height) {
+        return Err(SegmentError::Mask { view: camera.name.clone(), len: mask.ids.len(), width, height });
+    }
+    let fits = (width, height) == (camera.width, camera.height);
+    Ok(if fits { mask } else { mask.resized(camera.width, camera.height) })
+}
+
+/// What is kept of a view.
+struct Kept {
+    ids: Vec<u16>,
+    contributions: Packed,
+}
+
+/// Contributions of a view in ten bytes each, where [`Contribution`] takes sixteen.
+struct Packed {
+    gaussians: Vec<u32>,
+    ids: Vec<u16>,
+    /// Low halves of the weights: the high half is 0 up to 256 pixels.
+    weights: Vec<u32>,
+    /// Position and high half, where that is above 0; in order.
+    high_weights: Vec<(usize, u32)>,
+}
+
+impl Packed {
+    const ENTRY_BYTES: u64 = (size_of::<u32>() + size_of::<u16>() + size_of::<u32>()) as u64;
+
+    fn new(contributions: &[Contribution]) -> Self {
+        let high = |(i, c): (usize, &Contribution)| Some((i, (c.weight >> 32) as u32)).filter(|(_, high)| *high > 0);
+        Self {
+            gaussians: contributions.iter().map(|c| c.gaussian).collect(),
+            ids: contributions.iter().map(|c| c.id).collect(),
+            weights: contributions.iter().map(|c| c.weight as u32).collect(),
+            high_weights: contributions.iter().enumerate().filter_map(high).collect(),
+        }
+    }
+
+    fn bytes(&self) -> u64 {
+        let high = self.high_weights.len() * size_of::<(usize, u32)>();
+        self.gaussians.len() as u64 * Self::ENTRY_BYTES + high as u64
+    }
+
+    fn expand(&self) -> Vec<Contribution> {
+        let entries = self.gaussians.iter().zip(&self.ids).zip(&self.weights);
+        let entry =
+            |((&gaussian, &id), &low): ((&u32, &u16), &u32)| Contribution { gaussian, id, weight: u64::from(low) };
+        let mut out: Vec<Contribution> = entries.map(entry).collect();
+        for &(i, high) in &self.high_weights {
+            out[i].weight += u64::from(high) << 32;
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn packing_loses_nothing() {
+        let weights = [1, u64::from(u32::MAX), 1 << 32, (7 << 32) + 3, 1 << 53];
+        let entry = |(i, &weight): (usize, &u64)| Contribution {
+            gaussian: u32::MAX - i as u32,
+            id: u16::MAX - i as u16,
+            weight,
+        };
+        let contributions: Vec<Contribution> = weights.iter().enumerate().map(entry).collect();
+        let packed = Packed::new(&contributions);
+        assert_eq!(packed.expand(), contributions);
+        assert_eq!((packed.bytes(), packed.high_weights.len()), (5 * 10 + 3 * 16, 3));
+        assert_eq!(Packed::new(&[]).expand(), []);
+    }
+}

@@ -1,0 +1,91 @@
+//! The files of a data set.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+
+use super::frame::Frame;
+use crate::io::dataset::Split;
+use crate::io::ktx2::{FloatImage, write_ktx2};
+use crate::io::masks::{Mask, write_categories, write_mask};
+use crate::io::{IoError, atomic_write, write_transforms};
+use crate::scene::{Camera, PosedGroup};
+
+/// Says that a folder is ours, and how it came about.
+pub(super) const MARK: &str = "synth.json";
+/// Every so many views, from the first, one is for test.
+pub(super) const TEST_EVERY: usize = 8;
+/// Folders, and the endings of their files.
+const FOLDERS: [(&str, &str); 3] = [("images", "png"), ("masks", "png"), ("depth", "ktx2")];
+/// How the names of views begin.
+pub(super) const VIEW_PREFIX: &str = "view_";
+
+/// Train or test.
+pub(super) fn split_of(view: usize) -> Split {
+    if view.is_multiple_of(TEST_EVERY) { Split::Test } else { Split::Train }
+}
+
+/// Makes the folders. A folder with other content than an earlier data set is refused; views of an earlier one are removed.
+pub(super) fn prepare(out: &Path) -> Result<(), IoError> {
+    let fail = |e: std::io::Error| IoError::new(out, format!("cannot make the folder: {e}"));
+    let taken = fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
+    if taken && !out.join(MARK).is_file() {
+        return Err(
+            IoError::new(out, "is not empty, and not a data set of this command").advise("choose another folder")
+        );
+    }
+    for (folder, ending) in FOLDERS {
+        let folder = out.join(folder);
+        fs::create_dir_all(&folder).map_err(fail)?;
+        for entry in fs::read_dir(&folder).map_err(fail)? {
+            let path = entry.map_err(fail)?.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            if name.starts_with(VIEW_PREFIX) && path.extension().is_some_and(|e| e == ending) {
+                fs::remove_file(&path).map_err(|e| IoError::new(&path, format!("cannot remove it: {e}")))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Writes image, mask and depth of a view.
+pub(super) fn write_view(out: &Path, camera: &Camera, frame: Frame) -> Result<(), IoError> {
+    let (width, height, name) = (camera.width, camera.height, &camera.name);
+    let image = out.join("images").join(format!("{name}.png"));
+    atomic_write(&image, |file| {
+        let written = PngEncoder::new(file).write_image(&frame.colors, width, height, ExtendedColorType::Rgb8);
+        written.map_err(std::io::Error::other)
+    })?;
+    write_mask(&out.join("masks").join(format!("{name}.png")), &Mask { width, height, ids: frame.ids })?;
+    let depth = FloatImage { width, height, channels: 1, values: frame.depths };
+    write_ktx2(&out.join("depth").join(format!("{name}.ktx2")), &depth)
+}
+
+/// Writes `transforms.json` with all views, and the pair with the split.
+pub(super) fn write_cameras(out: &Path, cameras: &[Camera]) -> Result<(), IoError> {
+    let views = |wanted: Option<Split>| -> Vec<(&Camera, String)> {
+        let of_split = |i: usize| wanted.is_none_or(|split| split_of(i) == split);
+        let chosen = cameras.iter().enumerate().filter(|(i, _)| of_split(*i));
+        chosen.map(|(_, camera)| (camera, format!("images/{}.png", camera.name))).collect()
+    };
+    for (file, split) in [
+        ("transforms.json", None),
+        ("transforms_train.json", Some(Split::Train)),
+        ("transforms_test.json", Some(Split::Test)),
+    ] {
+        write_transforms(&out.join(file), &views(split), Some("points3d.ply"))?;
+    }
+    Ok(())
+}
+
+/// Writes what each id is.
+pub(super) fn write_names(out: &Path, groups: &[PosedGroup]) -> Result<(), IoError> {
+    let mut names = BTreeMap::new();
+    for group in groups {
+        let name = group.name.clone().unwrap_or_default();
+        names.extend(group.instances.iter().map(|i| (i.id, name.clone())));
+    }
+    write_categories(&out.join("masks").join("categories.json"), &names)
+}

@@ -1,0 +1,40 @@
+//! The scenes.
+
+mod cars;
+mod facade;
+mod hall;
+mod orchard;
+mod unrelated;
+
+use super::stage::Scene;
+
+/// A scene that can be asked for by name.
+#[derive(Clone, Copy, Debug)]
+pub struct Recipe {
+    /// Its name.
+    pub name: &'static str,
+    /// What it shows, one line.
+    pub about: &'static str,
+    /// Objects without `--instances`, and the fewest and most that it takes.
+    pub instances: (u32, u32, u32),
+    /// Makes it from a seed and a number of objects.
+    pub build: fn(u64, u32) -> Scene,
+}
+
+const fn recipe(
+    name: &'static str,
+    about: &'static str,
+    instances: (u32, u32, u32),
+    build: fn(u64, u32) -> Scene,
+) -> Recipe {
+    Recipe { name, about, instances, build }
+}
+
+/// All scenes, by name.
+pub const RECIPES: [Recipe; 5] = [
+    recipe("cars", "racing cars on a car park: liveries, wings, roof racks", (8, 2, 64), cars::build),
+    recipe("hall", "chairs, tables and vases in a hall, three groups", (18, 6, 60), hall::build),
+    recipe("orchard", "fruit trees of all sizes", (12, 2, 64), orchard::build),
+    recipe("facade", "windows of a house: blinds, curtains, flower boxes", (15, 2, 64), facade::build),
+    recipe("unrelated", "a car and a chair in one group, where sharing must fail", (2, 2, 2), unrelated::build),
+];

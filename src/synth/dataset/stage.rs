@@ -1,0 +1,81 @@
+//! What a scene is put together on.
+
+use glam::{DMat3, DVec3, Vec3};
+
+use super::light::Daylight;
+use super::look::Look;
+use super::mesh::{Mesh, MeshBuilder};
+use super::noise::smooth_step;
+use super::views::Rig;
+use super::world::{Body, Kind, World};
+use crate::math::similarity::Similarity;
+
+/// A scene: what is there, what is alike, and where to look at it from.
+pub struct Scene {
+    /// Geometry, materials, light.
+    pub world: World,
+    /// The groups of objects.
+    pub kinds: Vec<Kind>,
+    /// Where cameras stand.
+    pub rig: Rig,
+    /// Distance between points at which the light of the surroundings is computed, metres.
+    pub light_spacing: f32,
+    /// Distance from the rig's target up to which it is; beyond, surfaces count as lit by the whole sky.
+    pub core_radius: f32,
+}
+
+impl Scene {
+    /// How much computed light counts at a place of the world: 1 in the core, 0 outside, smooth between.
+    pub fn core_share(&self, position: Vec3) -> f32 {
+        let distance = position.distance(self.rig.target.as_vec3());
+        1.0 - smooth_step(0.85 * self.core_radius, self.core_radius, distance)
+    }
+}
+
+/// Collects meshes, props and objects; ids of objects count from 1.
+#[derive(Default)]
+pub struct Stage {
+    meshes: Vec<Mesh>,
+    bodies: Vec<Body>,
+    kinds: Vec<Kind>,
+    objects: u32,
+}
+
+impl Stage {
+    /// Empty.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a mesh and returns its number.
+    pub fn mesh(&mut self, builder: MeshBuilder) -> usize {
+        self.meshes.push(builder.build());
+        self.meshes.len() - 1
+    }
+
+    /// Adds something of the background.
+    pub fn prop(&mut self, mesh: usize, place: Similarity, look: impl Look + 'static) {
+        self.bodies.push(Body { meshes: vec![mesh], world_from_object: place, look: Box::new(look), id: 0 });
+    }
+
+    /// Adds an object to the group of this name.
+    pub fn object(&mut self, kind: &str, meshes: Vec<usize>, place: Similarity, look: impl Look + 'static) {
+        self.objects += 1;
+        let id = self.objects;
+        match self.kinds.iter_mut().find(|k| k.name == kind) {
+            Some(kind) => kind.ids.push(id),
+            None => self.kinds.push(Kind { name: kind.into(), ids: vec![id] }),
+        }
+        self.bodies.push(Body { meshes, world_from_object: place, look: Box::new(look), id });
+    }
+
+    /// The scene.
+    pub fn finish(self, light: Daylight, rig: Rig, light_spacing: f32, core_radius: f32) -> Scene {
+        Scene { world: World::new(self.meshes, self.bodies, light), kinds: self.kinds, rig, light_spacing, core_radius }
+    }
+}
+
+/// A place: scaled, turned about the vertical by `yaw` radians, moved to `position`.
+pub fn placed(position: DVec3, yaw: f64, scale: f64) -> Similarity {
+    Similarity::from_parts(DMat3::from_rotation_z(yaw), scale, position)
+}

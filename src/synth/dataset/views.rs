@@ -1,0 +1,90 @@
+//! Where the cameras stand.
+
+use glam::DVec3;
+
+use crate::math::rng::Rng;
+use crate::scene::Camera;
+
+/// Vertical field of view, radians.
+const FIELD_OF_VIEW: f64 = 45.0 * std::f64::consts::PI / 180.0;
+/// Widest horizontal field of view, radians: very wide pictures get less height instead.
+const WIDEST: f64 = 100.0 * std::f64::consts::PI / 180.0;
+/// Sub-stream of the seed.
+const STREAM: u64 = 0xCA_3E_8A;
+/// Jitter of distance and height, relative.
+const JITTER: f64 = 0.05;
+
+/// A circle of cameras.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ring {
+    /// Horizontal distance from the rig's target, metres.
+    pub distance: f64,
+    /// Height over the ground, metres.
+    pub height: f64,
+}
+
+/// Rings of cameras that look inwards: a dome, or a part of one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rig {
+    /// What cameras look at.
+    pub target: DVec3,
+    /// How far the point looked at strays from it, metres.
+    pub stray: f64,
+    /// The rings, at least one; cameras take turns on them. Their number should have no divisor in common with 8, so that test views
+    /// are on all of them.
+    pub rings: Vec<Ring>,
+    /// Middle and width of the azimuths, radians; width TAU is all around.
+    pub azimuths: (f64, f64),
+}
+
+impl Rig {
+    /// `count` cameras, named `view_000`, `view_001` and so on.
+    pub fn cameras(&self, count: u32, size: (u32, u32), seed: u64) -> Vec<Camera> {
+        let rng = Rng::new(seed).fork(STREAM);
+        let digits = count.saturating_sub(1).to_string().len().max(3);
+        let aspect = f64::from(size.0) / f64::from(size.1);
+        let fov_y = FIELD_OF_VIEW.min(2.0 * ((0.5 * WIDEST).tan() / aspect).atan());
+        let camera = |i: u32| {
+            let mut rng = rng.fork(u64::from(i));
+            let ring = self.rings[i as usize % self.rings.len()];
+            // Golden sections spread any number of cameras evenly.
+            let share = (f64::from(i) * 0.618_033_988_75 + rng.range(0.0, 0.02)).fract() - 0.5;
+            let azimuth = self.azimuths.0 + self.azimuths.1 * share;
+            let mut vary = |v: f64| v * rng.range(1.0 - JITTER, 1.0 + JITTER);
+            let (distance, height) = (vary(ring.distance), vary(ring.height));
+            let around = DVec3::new(self.target.x, self.target.y, 0.0);
+            let eye = around + DVec3::new(distance * azimuth.cos(), distance * azimuth.sin(), height);
+            let target = self.target + rng.unit_vector() * self.stray * DVec3::new(1.0, 1.0, 0.3);
+            Camera::look_at(&format!("view_{i:0digits$}"), eye, target, DVec3::Z, fov_y, size)
+        };
+        (0..count).map(camera).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    #[test]
+    fn cameras_are_valid_and_look_at_the_target_from_all_sides() {
+        let rings = vec![Ring { distance: 10.0, height: 2.0 }, Ring { distance: 8.0, height: 6.0 }];
+        let rig = Rig { target: DVec3::new(1.0, 2.0, 0.5), stray: 0.5, rings, azimuths: (0.0, TAU) };
+        let cameras = rig.cameras(48, (320, 180), 3);
+        let mut sectors = [0; 8];
+        for camera in &cameras {
+            camera.validate().unwrap();
+            let eye = camera.position_world() - rig.target;
+            let forward = camera.rotation().row(2);
+            assert!(forward.dot(-eye.normalize()) > 0.95);
+            sectors[(eye.y.atan2(eye.x).rem_euclid(TAU) / TAU * 8.0) as usize] += 1;
+        }
+        assert!(sectors.iter().all(|&n| n >= 4), "{sectors:?}");
+        assert_eq!(cameras[7].name, "view_007");
+        assert_eq!(cameras, rig.cameras(48, (320, 180), 3));
+        for size in [(1, 1), (16384, 1), (1, 16384), (33, 17)] {
+            rig.cameras(2, size, 1).iter().for_each(|c| c.validate().unwrap());
+        }
+    }
+}

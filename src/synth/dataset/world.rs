@@ -1,0 +1,211 @@
+//! A world of placed meshes, and what rays meet there.
+
+use glam::{Affine3A, Vec3, Vec3A};
+
+use super::bvh::{Bounds, Bvh, Ray};
+use super::light::Daylight;
+use super::look::{Look, Spot, Surface};
+use super::mesh::{Mesh, MeshHit};
+use crate::math::similarity::Similarity;
+
+/// Something that stands in the world: meshes that share a place, a look and an id.
+pub struct Body {
+    /// Its meshes. The first of an object is what it has in common with its group; differences follow.
+    pub meshes: Vec<usize>,
+    /// Where it is.
+    pub world_from_object: Similarity,
+    /// Its materials.
+    pub look: Box<dyn Look>,
+    /// Id in the masks; 0 = background.
+    pub id: u32,
+}
+
+/// Objects of one kind, or what the scene claims to be.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Kind {
+    /// Its name.
+    pub name: String,
+    /// Ids of its objects, the reference first.
+    pub ids: Vec<u32>,
+}
+
+/// A mesh in its place.
+#[derive(Clone, Copy)]
+struct Piece {
+    body: usize,
+    mesh: usize,
+    object_from_world: Affine3A,
+}
+
+/// Geometry, materials and light.
+pub struct World {
+    meshes: Vec<Mesh>,
+    bodies: Vec<Body>,
+    /// One for each leaf of the tree.
+    pieces: Vec<Piece>,
+    bvh: Bvh,
+    /// The light.
+    pub light: Daylight,
+}
+
+/// What a ray meets.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    /// Ray parameter.
+    pub t: f32,
+    piece: u32,
+    on_mesh: MeshHit,
+}
+
+/// A point of a surface, lit or to be lit.
+#[derive(Clone, Copy, Debug)]
+pub struct Point {
+    /// World frame.
+    pub position: Vec3,
+    /// Unit, smooth, towards the viewer.
+    pub normal: Vec3,
+    /// Unit, of the triangle, towards the viewer.
+    pub flat_normal: Vec3,
+    /// Id of the body.
+    pub id: u32,
+    /// Number of the body.
+    pub body: u32,
+    /// Material.
+    pub surface: Surface,
+}
+
+/// Rays start this far from their surface, metres: f32 coordinates of 100 m are exact to 1e-5 m.
+const LIFT: f32 = 1e-3;
+/// Nothing is farther.
+const FAR: f32 = 1e6;
+
+impl World {
+    /// Puts bodies in their places.
+    pub fn new(meshes: Vec<Mesh>, bodies: Vec<Body>, light: Daylight) -> Self {
+        let mut pieces = Vec::new();
+        let mut boxes = Vec::new();
+        for (number, body) in bodies.iter().enumerate() {
+            let world_from_object = affine(&body.world_from_object);
+            for &mesh in &body.meshes {
+                let corners = meshes[mesh].bounds().corners();
+                boxes.push(
+                    corners.into_iter().fold(Bounds::EMPTY, |b, p| b.with(world_from_object.transform_point3(p))),
+                );
+                pieces.push(Piece { body: number, mesh, object_from_world: world_from_object.inverse() });
+            }
+        }
+        // A leaf to each: what is in a piece's box costs a walk of its own.
+        let (bvh, leaves) = Bvh::build(&boxes, 1);
+        let pieces = leaves.iter().flatten().map(|&i| pieces[i as usize]).collect();
+        Self { meshes, bodies, pieces, bvh, light }
+    }
+
+    /// The bodies.
+    pub fn bodies(&self) -> &[Body] {
+        &self.bodies
+    }
+
+    /// The box of a body's first mesh, in the body's frame.
+    pub fn object_bounds(&self, body: &Body) -> Bounds {
+        body.meshes.first().map_or(Bounds::EMPTY, |&mesh| self.meshes[mesh].bounds())
+    }
+
+    /// Number of triangles, each mesh counted once.
+    pub fn triangles(&self) -> usize {
+        self.meshes.iter().map(Mesh::len).sum()
+    }
+
+    /// The first hit.
+    pub fn closest(&self, ray: &Ray) -> Option<Hit> {
+        let (mut best, mut limit) = (None, FAR);
+        self.bvh.walk(ray, &mut limit, |leaf, limit| {
+            let piece = &self.pieces[leaf];
+            if let Some(on_mesh) = self.meshes[piece.mesh].closest(&piece.local(ray), *limit) {
+                *limit = on_mesh.t;
+                best = Some(Hit { t: on_mesh.t, piece: leaf as u32, on_mesh });
+            }
+            false
+        });
+        best
+    }
+
+    /// Id of the body that was hit.
+    pub fn id_of(&self, hit: &Hit) -> u32 {
+        self.bodies[self.pieces[hit.piece as usize].body].id
+    }
+
+    /// Number of the body that was hit.
+    pub fn body_of(&self, hit: &Hit) -> u32 {
+        self.pieces[hit.piece as usize].body as u32
+    }
+
+    /// True if nothing stands in the way from the point `from` in direction `towards`.
+    pub fn open(&self, from: Vec3, towards: Vec3) -> bool {
+        let ray = Ray::new(from, towards);
+        let (mut blocked, mut limit) = (false, FAR);
+        self.bvh.walk(&ray, &mut limit, |leaf, limit| {
+            let piece = &self.pieces[leaf];
+            blocked = self.meshes[piece.mesh].occludes(&piece.local(&ray), *limit);
+            blocked
+        });
+        !blocked
+    }
+
+    /// The point that `ray` met. `footprint` is the size of a pixel at distance 1 of the ray.
+    pub fn point(&self, ray: &Ray, hit: &Hit, footprint: f32) -> Point {
+        let piece = &self.pieces[hit.piece as usize];
+        let body = &self.bodies[piece.body];
+        let (part, flat, smooth) = self.meshes[piece.mesh].skin(&hit.on_mesh);
+        // Similarities: normals turn with the transposed inverse, up to length.
+        let to_world = piece.object_from_world.matrix3.transpose();
+        let world_normal = |n: Vec3| Vec3::from(to_world * Vec3A::from(n)).normalize_or(Vec3::Z);
+        let (flat_normal, normal) = (world_normal(flat), world_normal(smooth));
+        let facing = |n: Vec3| if n.dot(ray.direction) > 0.0 { -n } else { n };
+        let position = ray.at(hit.t);
+        let scale = piece.object_from_world.matrix3.x_axis.length();
+        let spot = Spot {
+            part,
+            position: piece.object_from_world.transform_point3(position),
+            normal: smooth,
+            footprint: footprint * hit.t * scale / (0.35 + 0.65 * flat_normal.dot(ray.direction.normalize()).abs()),
+        };
+        let (flat_normal, surface) = (facing(flat_normal), body.look.surface(&spot));
+        // Smooth normals follow the side that is seen. Those of leaves point out of the crown, whatever side is seen.
+        let turned = normal.dot(flat_normal) < 0.0 && surface.through == 0.0;
+        let normal = if turned { -normal } else { normal };
+        Point { position, normal, flat_normal, id: body.id, body: piece.body as u32, surface }
+    }
+
+    /// Share of the sun's light on a point, times the cosine: `at` is a point of the unit disc.
+    pub fn sun_on(&self, point: &Point, at: (f32, f32)) -> f32 {
+        let direction = self.light.sun_direction(at.0, at.1);
+        let cosine = point.normal.dot(direction);
+        let (flat, through) = (point.flat_normal.dot(direction), point.surface.through);
+        let lit =
+            if through > 0.0 { cosine.max(0.0) * (1.0 - through) + through * flat.abs() } else { cosine.max(0.0) };
+        if lit <= 0.0 || (through == 0.0 && flat <= 0.0) {
+            return 0.0;
+        }
+        if self.open(point.lifted(direction), direction) { lit } else { 0.0 }
+    }
+}
+
+impl Piece {
+    /// The ray in the object's frame; the parameter keeps its meaning.
+    fn local(&self, ray: &Ray) -> Ray {
+        let to = &self.object_from_world;
+        Ray::new(to.transform_point3(ray.origin), to.transform_vector3(ray.direction))
+    }
+}
+
+impl Point {
+    /// Where a ray in this direction starts: on the side of the surface that it leaves.
+    pub fn lifted(&self, direction: Vec3) -> Vec3 {
+        let side = if self.flat_normal.dot(direction) >= 0.0 { LIFT } else { -LIFT };
+        self.position + self.flat_normal * side
+    }
+}
+
+fn affine(similarity: &Similarity) -> Affine3A {
+    Affine3A::from_mat3_translation(similarity.linear().as_mat3(), similarity.translation().as_vec3())
+}

@@ -1,0 +1,192 @@
+//! From a labelled cloud and posed groups to an instanced scene.
+
+use std::collections::BTreeSet;
+
+use super::error::TemplateError;
+use super::offsets::push_offsets;
+use super::options::{Keep, TemplateOptions, TemplateSource};
+use super::own::{OwnGaussians, Owners};
+use super::report::{GroupReport, InstanceReport, counts, group_match_distance, match_distances};
+use super::sample::draw;
+use super::settle::settle;
+use super::template_cloud::TemplateCloud;
+use crate::math::rng::Rng;
+use crate::math::similarity::Similarity;
+use crate::scene::{Gaussians, Group, Instance, InstancedScene, PosedGroup, PosedInstance, TemplateRange};
+
+/// What [`build`] made.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Built {
+    /// Valid, and ready for training. `antialias` and `source` are for the caller to set.
+    pub scene: InstancedScene,
+    /// One entry per group, in the groups' order.
+    pub report: Vec<GroupReport>,
+}
+
+/// Turns repeated objects of a plain cloud into templates with instances.
+///
+/// `cloud` is in the world's frame. `instance_of_gaussian` has one label per Gaussian: an instance's id as in `groups`;
+/// 0 and ids of no group are background, which is copied bit by bit. `groups` must have distinct template ids, distinct
+/// instance ids, and poses that are similarities.
+///
+/// Gaussians of an instance that are not finite are left out and counted in the report. A group without a usable instance
+/// is left out, and its Gaussians stay in the background. Otherwise all its instances become instances of the scene, in
+/// the groups' order, each with its own offset records; `scene.groups` numbers templates as the scene does.
+///
+/// The same input gives the same bits. Time grows as N log N with the Gaussians of a group.
+pub fn build(
+    cloud: &Gaussians,
+    instance_of_gaussian: &[u32],
+    groups: &[PosedGroup],
+    options: &TemplateOptions,
+) -> Result<Built, TemplateError> {
+    options.validate()?;
+    check_cloud(cloud, instance_of_gaussian)?;
+    check_groups(groups)?;
+    let owners = Owners::new(instance_of_gaussian, groups)?;
+    let templates = Gaussians::with_capacity(cloud.sh_degree, 0);
+    let mut scene = InstancedScene { templates, ..InstancedScene::default() };
+    let mut report = Vec::with_capacity(groups.len());
+    for (g, group) in groups.iter().enumerate() {
+        report.push(add_group(cloud, &owners.instances(cloud, g, group), group, options, &mut scene)?);
+    }
+    let stays = |group: Option<u32>| group.is_none_or(|g| report[g as usize].template.is_none());
+    scene.background = cloud.filtered(|i| stays(owners.group_of_gaussian[i]));
+    Ok(Built { scene, report })
+}
+
+/// Adds a group's template, instances and offsets to the scene, unless no instance is usable.
+fn add_group(
+    cloud: &Gaussians,
+    instances: &[OwnGaussians],
+    group: &PosedGroup,
+    options: &TemplateOptions,
+    scene: &mut InstancedScene,
+) -> Result<GroupReport, TemplateError> {
+    let mut report = report_without_template(instances, group);
+    if !instances.iter().any(OwnGaussians::is_usable) {
+        return Ok(report);
+    }
+    let template = draw_template(cloud, instances, options, group.template_id);
+    let count = template.gaussians.len();
+    let records = scene.offsets.len() as u64 + count as u64 * instances.len() as u64;
+    if records >= u64::from(u32::MAX) {
+        return Err(TemplateError::TooMany { what: "offset records", count: records });
+    }
+    let distances = match_distances(instances);
+    report.match_distance = group_match_distance(&distances);
+    report.template = Some(scene.template_ranges.len() as u32);
+    report.template_gaussians = count;
+    let range = TemplateRange { first: scene.templates.len() as u32, count: count as u32 };
+    for (k, own) in instances.iter().enumerate() {
+        scene.instances.push(Instance {
+            template: scene.template_ranges.len() as u32,
+            world_from_template: group.instances[k].world_from_template,
+            first_offset: Some(scene.offsets.len() as u32),
+        });
+        report.instances[k].lacking = push_offsets(&template, cloud, own, options, &mut scene.offsets);
+        report.instances[k].match_distance = distances[k];
+    }
+    let instance_ids = group.instances.iter().map(|i| i.id).collect();
+    let template_id = scene.template_ranges.len() as u32;
+    scene.groups.push(Group { template_id, name: group.name.clone(), instance_ids });
+    scene.template_ranges.push(range);
+    scene.templates.append(&template.gaussians);
+    Ok(report)
+}
+
+fn report_without_template(instances: &[OwnGaussians], group: &PosedGroup) -> GroupReport {
+    let instance = |(own, posed): (&OwnGaussians, &PosedInstance)| InstanceReport {
+        id: posed.id,
+        gaussians: own.len(),
+        non_finite: own.non_finite,
+        is_usable: own.is_usable(),
+        lacking: 0,
+        match_distance: None,
+    };
+    GroupReport {
+        template_id: group.template_id,
+        name: group.name.clone(),
+        template: None,
+        instances: instances.iter().zip(&group.instances).map(instance).collect(),
+        gaussians_per_instance: counts(instances),
+        template_gaussians: 0,
+        match_distance: 0.0,
+    }
+}
+
+/// The template of a group with at least one usable instance.
+fn draw_template(
+    cloud: &Gaussians,
+    instances: &[OwnGaussians],
+    options: &TemplateOptions,
+    template_id: u32,
+) -> TemplateCloud {
+    let sources = sources(instances, options.source);
+    let means: Vec<[f32; 3]> = sources.iter().flat_map(|own| own.means.iter().copied()).collect();
+    let origins: Vec<_> =
+        sources.iter().flat_map(|own| own.indices.iter().map(|&i| (&own.template_from_world, i))).collect();
+    // The mean number of the instances that were merged; a cast of a huge product saturates.
+    let count = (means.len() as f64 / sources.len() as f64 * options.count_factor).round() as usize;
+    let rng = Rng::new(options.seed).fork(u64::from(template_id));
+    let drawn = draw(&means, count.max(1), options.sampling, rng);
+    let drawn: Vec<_> = drawn.into_iter().map(|i| origins[i as usize]).collect();
+    let mut template = TemplateCloud::new(cloud, &drawn);
+    if options.source == TemplateSource::Merge {
+        template = settle(template, cloud, instances, options.settle_rounds);
+    }
+    if options.keep == Keep::PositionAndColour {
+        template.renew();
+    }
+    template
+}
+
+/// The usable instances that the template is drawn from; at least one if any is usable.
+fn sources(instances: &[OwnGaussians], source: TemplateSource) -> Vec<&OwnGaussians> {
+    let usable = instances.iter().filter(|own| own.is_usable());
+    match source {
+        TemplateSource::Merge => usable.collect(),
+        TemplateSource::Single => usable.take(1).collect(),
+        // Of several, the first: `max_by_key` takes the last.
+        TemplateSource::Max => usable.rev().max_by_key(|own| own.len()).into_iter().collect(),
+    }
+}
+
+fn check_cloud(cloud: &Gaussians, instance_of_gaussian: &[u32]) -> Result<(), TemplateError> {
+    let n = cloud.len();
+    for (array, len, want) in [
+        ("quats", cloud.quats.len(), n),
+        ("log_scales", cloud.log_scales.len(), n),
+        ("opacity_logits", cloud.opacity_logits.len(), n),
+        ("sh", cloud.sh.len(), n * cloud.sh_coefficients()),
+    ] {
+        if len != want {
+            return Err(TemplateError::Cloud { array, len, want });
+        }
+    }
+    if instance_of_gaussian.len() != n {
+        return Err(TemplateError::LabelCount { labels: instance_of_gaussian.len(), gaussians: n });
+    }
+    if n as u64 >= u64::from(u32::MAX) {
+        return Err(TemplateError::TooMany { what: "Gaussians", count: n as u64 });
+    }
+    Ok(())
+}
+
+fn check_groups(groups: &[PosedGroup]) -> Result<(), TemplateError> {
+    let mut template_ids = BTreeSet::new();
+    for group in groups {
+        let template_id = group.template_id;
+        if group.instances.is_empty() {
+            return Err(TemplateError::EmptyGroup { template_id });
+        }
+        if !template_ids.insert(template_id) {
+            return Err(TemplateError::RepeatedTemplate { template_id });
+        }
+        for instance in &group.instances {
+            let pose = Similarity::from_rows(instance.world_from_template.rows());
+            pose.map_err(|reason| TemplateError::Pose { template_id, id: instance.id, reason })?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,72 @@
+//! Which of an instance's own Gaussians a template's Gaussian stands for.
+
+use rayon::prelude::*;
+
+use super::own::OwnGaussians;
+use super::template_cloud::TemplateCloud;
+use crate::math::nearest::{Neighbour, PointSet};
+use crate::scene::Gaussians;
+
+/// Own Gaussians that a template Gaussian may be matched to: its nearest ones.
+const CANDIDATES: usize = 16;
+/// A Gaussian e times as large in area counts as this many squared spacings further off: shapes have no offsets, so a match
+/// of the right size serves better.
+const AREA_WEIGHT: f64 = 3.0;
+
+/// The own Gaussian that a template Gaussian stands for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Match {
+    /// Rank among the instance's own Gaussians.
+    pub own: u32,
+    /// Squared distance, template units.
+    pub squared_distance: f64,
+    /// What the matching minimises: the squared distance, more if the sizes differ.
+    cost: f64,
+}
+
+/// A match for every template Gaussian: pairs are taken in order of cost, and an own Gaussian takes part in at most
+/// `ceil(N / own)` of them; what stays alone gets the one of least cost. The instance must have Gaussians.
+pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &OwnGaussians) -> Vec<Match> {
+    let candidates = candidates(template, cloud, own);
+    let mut pairs: Vec<(u32, Match)> =
+        candidates.iter().enumerate().flat_map(|(i, near)| near.iter().map(move |&m| (i as u32, m))).collect();
+    pairs.par_sort_unstable_by(|(i, a), (j, b)| a.cost.total_cmp(&b.cost).then(i.cmp(j)).then(a.own.cmp(&b.own)));
+    let mut room = vec![candidates.len().div_ceil(own.len().max(1)); own.len()];
+    let mut matches: Vec<Option<Match>> = vec![None; candidates.len()];
+    for (i, pair) in pairs {
+        let (place, room) = (&mut matches[i as usize], &mut room[pair.own as usize]);
+        if place.is_none() && *room > 0 {
+            *room -= 1;
+            *place = Some(pair);
+        }
+    }
+    matches.into_iter().zip(candidates).map(|(matched, near)| matched.unwrap_or(near[0])).collect()
+}
+
+/// Per template Gaussian its nearest own ones, in order of cost.
+fn candidates(template: &TemplateCloud, cloud: &Gaussians, own: &OwnGaussians) -> Vec<Vec<Match>> {
+    let set = PointSet::new(&own.means);
+    let frame = &own.template_from_world;
+    let own_log_area = |j: u32| log_area(frame.log_scales(cloud.log_scales[own.indices[j as usize] as usize]));
+    let own_log_areas: Vec<f64> = (0..own.len() as u32).into_par_iter().map(own_log_area).collect();
+    let weight = AREA_WEIGHT * template.median_spacing * template.median_spacing;
+    let gaussians = &template.gaussians;
+    let near = |(i, &mean): (usize, &[f32; 3])| {
+        let template_log_area = log_area(gaussians.log_scales[i]);
+        let matched = |n: Neighbour| {
+            let larger = own_log_areas[n.index as usize] - template_log_area;
+            let cost = n.squared_distance + weight * larger * larger;
+            Match { own: n.index, squared_distance: n.squared_distance, cost }
+        };
+        let mut near: Vec<Match> = set.nearest(mean, CANDIDATES).into_iter().map(matched).collect();
+        near.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+        near
+    };
+    gaussians.means.par_iter().enumerate().map(near).collect()
+}
+
+/// Logarithm of the product of the two larger deviations.
+fn log_area(log_scales: [f32; 3]) -> f64 {
+    let [x, y, z] = log_scales.map(f64::from);
+    x + y + z - x.min(y).min(z)
+}

@@ -1,0 +1,122 @@
+//! Offsets of one instance: how its own Gaussians differ from the template's.
+
+use super::matching::match_template;
+use super::options::{Keep, OffsetInit, TemplateOptions};
+use super::own::OwnGaussians;
+use super::template_cloud::TemplateCloud;
+use crate::scene::{Gaussians, Offsets};
+
+/// Targets of opacity offsets are at most this and at least its negative: opacities of 0.0009 to 0.9991. A renderer
+/// blends an alpha above 0.99 as 0.99 and skips one below 1/255 = sigmoid(-5.5); from further out training would hardly
+/// come back.
+const MAX_LOGIT: f32 = 7.0;
+/// Logit of a template Gaussian that an instance lacks: opacity 0.01, hardly seen, but above 1/255, so it still has a
+/// gradient and may come back.
+pub(super) const LACKING_LOGIT: f32 = -4.6;
+
+/// Appends one instance's records, one per template Gaussian; returns how many of them the instance lacks.
+pub(super) fn push_offsets(
+    template: &TemplateCloud,
+    cloud: &Gaussians,
+    own: &OwnGaussians,
+    options: &TemplateOptions,
+    out: &mut Offsets,
+) -> usize {
+    let first = out.len();
+    push_zeros(template, options, out);
+    if options.offsets == OffsetInit::Zero || !own.is_usable() {
+        return 0;
+    }
+    let matches = match_template(template, cloud, own);
+    let mut lacking = 0;
+    for (i, matched) in matches.iter().enumerate() {
+        let record = Record { template: &template.gaussians, i, out, index: first + i, options };
+        if matched.squared_distance.sqrt() > template.reach(i) {
+            record.hide();
+            lacking += 1;
+        } else {
+            record.set_difference(cloud, own, matched.own as usize);
+        }
+    }
+    lacking
+}
+
+fn push_zeros(template: &TemplateCloud, options: &TemplateOptions, out: &mut Offsets) {
+    let len = out.len() + template.gaussians.len();
+    out.means.resize(len, [0.0; 3]);
+    out.sh_dc.resize(len, [0.0; 3]);
+    out.opacity_logits.resize(len, 0.0);
+    if options.kinds.sh_rest {
+        out.sh_rest.resize(len * (template.gaussians.sh_coefficients() - 1), [0.0; 3]);
+    }
+    if options.kinds.covariance {
+        out.log_scales.resize(len, [0.0; 3]);
+        out.quats.resize(len, [0.0; 4]);
+    }
+}
+
+/// One offset record and the template Gaussian that it belongs to.
+struct Record<'a> {
+    template: &'a Gaussians,
+    i: usize,
+    out: &'a mut Offsets,
+    index: usize,
+    options: &'a TemplateOptions,
+}
+
+impl Record<'_> {
+    /// The instance has nothing here.
+    fn hide(self) {
+        if self.options.kinds.opacity {
+            let logit = self.template.opacity_logits[self.i];
+            self.out.opacity_logits[self.index] = LACKING_LOGIT.min(logit) - logit;
+        }
+    }
+
+    /// The difference to own Gaussian `j`. What a template does not keep of its Gaussians has none.
+    fn set_difference(self, cloud: &Gaussians, own: &OwnGaussians, j: usize) {
+        let (template, i, out, index) = (self.template, self.i, self.out, self.index);
+        let kinds = self.options.kinds;
+        let source = own.indices[j] as usize;
+        if kinds.position {
+            out.means[index] = difference(own.means[j], template.means[i]);
+        }
+        if kinds.sh_dc {
+            out.sh_dc[index] = difference(cloud.sh_of(source)[0], template.sh_of(i)[0]);
+        }
+        if self.options.keep == Keep::PositionAndColour {
+            return;
+        }
+        if kinds.opacity {
+            out.opacity_logits[index] = clamped_logit(cloud.opacity_logits[source]) - template.opacity_logits[i];
+        }
+        let frame = &own.template_from_world;
+        if kinds.sh_rest {
+            let rest = template.sh_coefficients() - 1;
+            let own_sh = frame.sh(cloud.sh_of(source));
+            for c in 0..rest {
+                out.sh_rest[index * rest + c] = difference(own_sh[c + 1], template.sh_of(i)[c + 1]);
+            }
+        }
+        if kinds.covariance {
+            out.log_scales[index] = difference(frame.log_scales(cloud.log_scales[source]), template.log_scales[i]);
+            out.quats[index] = quat_difference(frame.quat(cloud.quats[source]), template.quats[i]);
+        }
+    }
+}
+
+/// An opacity logit within the range that training can move.
+pub(super) fn clamped_logit(logit: f32) -> f32 {
+    logit.clamp(-MAX_LOGIT, MAX_LOGIT)
+}
+
+fn difference(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    std::array::from_fn(|k| a[k] - b[k])
+}
+
+/// From `b` to whichever of `a` and `-a`, which are the same rotation, is nearer.
+fn quat_difference(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
+    let dot: f32 = a.iter().zip(&b).map(|(x, y)| x * y).sum();
+    let sign = if dot < 0.0 { -1.0 } else { 1.0 };
+    std::array::from_fn(|k| sign * a[k] - b[k])
+}

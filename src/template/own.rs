@@ -1,0 +1,91 @@
+//! Which Gaussians of the cloud each instance owns.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+use super::common_pose::TemplateFromWorld;
+use super::error::TemplateError;
+use crate::math::similarity::Similarity;
+use crate::scene::{Gaussians, PosedGroup};
+
+/// An instance with fewer own Gaussians says nothing about its template: it takes no part in the merge and gets no
+/// differences.
+pub const MIN_OWN_GAUSSIANS: usize = 8;
+
+/// One instance's Gaussians, and where they are in the template's frame.
+pub(super) struct OwnGaussians {
+    /// The pose, inverted.
+    pub template_from_world: TemplateFromWorld,
+    /// Indices into the cloud, ascending; finite ones only.
+    pub indices: Vec<u32>,
+    /// Their means, template frame.
+    pub means: Vec<[f32; 3]>,
+    /// Gaussians of this instance with a parameter that is not finite: left out.
+    pub non_finite: usize,
+}
+
+impl OwnGaussians {
+    fn new(cloud: &Gaussians, labelled: &[u32], world_from_template: &Similarity) -> Self {
+        let template_from_world = TemplateFromWorld::new(world_from_template);
+        let (mut indices, mut means) = (Vec::new(), Vec::new());
+        for &i in labelled {
+            let mean = template_from_world.mean(cloud.means[i as usize]);
+            if cloud.is_finite(i as usize) && mean.iter().all(|v| v.is_finite()) {
+                indices.push(i);
+                means.push(mean);
+            }
+        }
+        Self { template_from_world, non_finite: labelled.len() - indices.len(), indices, means }
+    }
+
+    /// Number of finite Gaussians.
+    pub(super) fn len(&self) -> usize {
+        self.indices.len()
+    }
+
+    /// True if there are enough to learn from.
+    pub(super) fn is_usable(&self) -> bool {
+        self.len() >= MIN_OWN_GAUSSIANS
+    }
+}
+
+/// Each group's instances' Gaussians, and for each Gaussian of the cloud the group it was given to.
+pub(super) struct Owners {
+    /// Per group, per instance: indices of the Gaussians with the instance's label, ascending.
+    labelled: Vec<Vec<Vec<u32>>>,
+    /// Per Gaussian; `None` = of no group.
+    pub group_of_gaussian: Vec<Option<u32>>,
+}
+
+impl Owners {
+    /// From one label per Gaussian. Ids must be unique and not 0.
+    pub(super) fn new(instance_of_gaussian: &[u32], groups: &[PosedGroup]) -> Result<Self, TemplateError> {
+        let mut place_of_id = BTreeMap::new();
+        for (g, group) in groups.iter().enumerate() {
+            for (k, instance) in group.instances.iter().enumerate() {
+                let (template_id, id) = (group.template_id, instance.id);
+                let repeated = place_of_id.insert(id, (g, k)).is_some();
+                if repeated || id == 0 {
+                    let reason = if repeated { "is listed twice" } else { "means background" };
+                    return Err(TemplateError::InstanceId { template_id, id, reason });
+                }
+            }
+        }
+        let mut labelled: Vec<Vec<Vec<u32>>> = groups.iter().map(|g| vec![Vec::new(); g.instances.len()]).collect();
+        let mut group_of_gaussian = vec![None; instance_of_gaussian.len()];
+        for (i, id) in instance_of_gaussian.iter().enumerate().filter(|(_, id)| **id != 0) {
+            if let Some(&(g, k)) = place_of_id.get(id) {
+                labelled[g][k].push(i as u32);
+                group_of_gaussian[i] = Some(g as u32);
+            }
+        }
+        Ok(Self { labelled, group_of_gaussian })
+    }
+
+    /// The instances of group `g`, in order.
+    pub(super) fn instances(&self, cloud: &Gaussians, g: usize, group: &PosedGroup) -> Vec<OwnGaussians> {
+        let posed = self.labelled[g].par_iter().zip(&group.instances);
+        posed.map(|(labelled, instance)| OwnGaussians::new(cloud, labelled, &instance.world_from_template)).collect()
+    }
+}

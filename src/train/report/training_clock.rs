@@ -1,0 +1,56 @@
+//! Training time at each event of a log.
+
+use crate::train::events::Event;
+
+/// Adds up the parts of a run that was resumed. A part counts from 0, and leaves out evaluations and checkpoints.
+#[derive(Debug, Default)]
+pub(super) struct TrainingClock {
+    /// Of the parts before this one, seconds.
+    before: f64,
+    now: f64,
+}
+
+impl TrainingClock {
+    /// Training time at `event`, seconds; call it with every event, in order. Events without a time have that of the one
+    /// before.
+    pub(super) fn at(&mut self, event: &Event) -> f64 {
+        match event {
+            Event::Started { .. } => self.before = self.now,
+            Event::Step { seconds, .. } | Event::Finished { seconds, .. } if seconds.is_finite() => {
+                self.now = self.now.max(self.before + seconds);
+            }
+            _ => {}
+        }
+        self.now
+    }
+
+    /// Of a whole log, seconds.
+    pub(super) fn total(events: &[Event]) -> f64 {
+        let mut clock = Self::default();
+        events.iter().fold(0.0, |_, event| clock.at(event))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_parts_of_a_resumed_run_add_up() {
+        let started = |step| Event::Started {
+            step,
+            steps: 9,
+            resumed: step > 0,
+            method: "3dgs".into(),
+            device: String::new(),
+            gaussians: 1,
+            views: 1,
+            test_views: 0,
+        };
+        let finished = |seconds| Event::Finished { step: 5, interrupted: true, gaussians: 1, seconds };
+        let events = [started(0), finished(4.0), started(5), finished(f64::NAN), finished(2.5)];
+        let mut clock = TrainingClock::default();
+        assert_eq!(events.each_ref().map(|event| clock.at(event)), [0.0, 4.0, 4.0, 4.0, 6.5]);
+        assert_eq!((TrainingClock::total(&events), TrainingClock::total(&[])), (6.5, 0.0));
+    }
+}

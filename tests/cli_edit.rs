@@ -1,0 +1,201 @@
+//! `instgs-vk edit` and the `.glb` export as a user runs them: edited scenes load, list, inspect, export and render.
+
+use std::fs;
+use std::path::PathBuf;
+
+use assert_cmd::Command;
+use glam::{DMat3, DVec3};
+use instgs_vk::io::{load_scene, save_scene};
+use instgs_vk::math::sh::SH_C0;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
+use serde_json::Value;
+
+fn program() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_instgs-vk"))
+}
+
+fn json_of(command: &mut Command) -> Value {
+    serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap()
+}
+
+/// Runs, wants exit code 1 and one line on stderr, which it returns.
+fn error_of(command: &mut Command) -> String {
+    let text = String::from_utf8(command.assert().code(1).get_output().stderr.clone()).unwrap();
+    assert!(text.starts_with("error: ") && text.lines().count() == 1, "{text:?}");
+    text
+}
+
+/// Three chairs in a row along x, two with offsets, and a floor of one Gaussian; y is down.
+fn scene() -> InstancedScene {
+    let mut chair = Gaussians::with_capacity(0, 4);
+    for (k, mean) in [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, -0.2, 0.1], [0.0, -0.4, -0.1]].into_iter().enumerate() {
+        chair.means.push(mean);
+        chair.quats.push([1.0, 0.0, 0.2 * k as f32, 0.0]);
+        chair.log_scales.push([0.1f32.ln(); 3]);
+        chair.opacity_logits.push(3.0);
+        chair.sh.push([1.0, 0.0, 0.2 * k as f32].map(|c| (c - 0.5) / SH_C0 as f32));
+    }
+    let instance = |k: u32| Instance {
+        template: 0,
+        world_from_template: Similarity::from_parts(DMat3::IDENTITY, 1.0, DVec3::new(f64::from(k), 0.0, 0.0)),
+        first_offset: (k < 2).then_some(4 * k),
+    };
+    InstancedScene {
+        background: chair.filtered(|i| i == 0),
+        templates: chair,
+        template_ranges: vec![TemplateRange { first: 0, count: 4 }],
+        instances: (0..3).map(instance).collect(),
+        offsets: Offsets {
+            means: vec![[0.0, 0.01, 0.0]; 8],
+            sh_dc: vec![[0.1, 0.0, 0.0]; 8],
+            opacity_logits: vec![0.5; 8],
+            ..Offsets::default()
+        },
+        groups: vec![Group { template_id: 0, name: Some("chair".into()), instance_ids: vec![3, 7, 11] }],
+        ..InstancedScene::default()
+    }
+}
+
+fn folder() -> (tempfile::TempDir, impl Fn(&str) -> PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().to_path_buf();
+    save_scene(&root.join("room.instgs"), &scene()).unwrap();
+    (folder, move |name: &str| root.join(name))
+}
+
+#[test]
+fn edits_are_done_in_order_and_the_result_loads() {
+    let (_folder, at) = folder();
+    let mut command = program();
+    command.arg("edit").arg(at("room.instgs")).arg("--json").arg("--list").arg("--out").arg(at("new.instgs"));
+    // Instance 0 goes first, so that 0 is id 7 afterwards.
+    command.args(["--delete", "0", "--move", "0", "by=0,0,5", "--duplicate", "id:7", "by=-1,0,0", "yaw=90"]);
+    command.args([
+        "--recolour",
+        "id:11",
+        "rgb=0,0.2,0",
+        "--scatter",
+        "template=0",
+        "count=2",
+        "point=0,1,0",
+        "extent=3,3",
+    ]);
+    let report = json_of(&mut command);
+    let names: Vec<_> =
+        report["operations"].as_array().unwrap().iter().map(|o| o["operation"].as_str().unwrap()).collect();
+    assert_eq!(names, ["delete", "move", "duplicate", "recolour", "scatter"]);
+    assert_eq!((report["instances"].as_u64(), report["gaussians"].as_u64()), (Some(5), Some(21)));
+    assert_eq!(report["operations"][0]["removed"], serde_json::json!([0]));
+    assert_eq!(report["operations"][4]["added"], serde_json::json!([3, 4]));
+    let list = report["list"].as_array().unwrap();
+    let column = |name: &str| list.iter().map(|row| row[name].clone()).collect::<Vec<_>>();
+    assert_eq!(Value::from(column("id")), serde_json::json!([7, 11, 12, 13, 14]));
+    assert_eq!(Value::from(column("offsets")), serde_json::json!(["shared", "own", "shared", "none", "none"]));
+    let edited = load_scene(&at("new.instgs")).unwrap().scene;
+    edited.validate().unwrap();
+    assert_eq!((edited.offsets.len(), edited.groups[0].instance_ids.as_slice()), (8, [7, 11, 12, 13, 14].as_slice()));
+    assert_eq!(edited.instances[0].world_from_template.translation(), DVec3::new(1.0, 0.0, 5.0));
+    assert_eq!(load_scene(&at("room.instgs")).unwrap().scene, scene(), "the original is left alone");
+    let inspected = json_of(program().arg("inspect").arg(at("new.instgs")).arg("--json"));
+    assert_eq!(inspected["gaussians"]["instances"], 5);
+}
+
+#[test]
+fn lists_and_reports_in_words() {
+    let (_folder, at) = folder();
+    let text_of = |arguments: &[&str]| {
+        let mut command = program();
+        command.arg("edit").arg(at("room.instgs")).args(arguments);
+        String::from_utf8(command.assert().success().get_output().stdout.clone()).unwrap()
+    };
+    let list = text_of(&["--list"]);
+    assert!(list.contains("instance") && list.contains("chair") && list.contains("2.000,-0.150,0.000"), "{list}");
+    assert!(list.contains("3 instances, 13 Gaussians expanded"), "{list}");
+    let out = at("x.instgs");
+    let words =
+        text_of(&["--rotate", "group:chair", "yaw=10", "--swap", "0", "template=0", "--out", out.to_str().unwrap()]);
+    assert!(
+        words.contains("rotate: changed 3 instances, 0 to 2") && words.contains("swap: changed nothing"),
+        "{words}"
+    );
+}
+
+#[test]
+fn mistakes_are_named_and_nothing_is_written() {
+    let (_folder, at) = folder();
+    let error = |arguments: &[&str]| {
+        let mut command = program();
+        command.arg("edit").arg(at("room.instgs")).args(arguments).arg("--out").arg(at("no.instgs"));
+        error_of(&mut command)
+    };
+    for (arguments, want) in [
+        (vec!["--delete", "3"], "--delete: there is no instance 3: there are 0 to 2"),
+        (vec!["--move", "id:4", "by=1,0,0"], "--move: there is no instance with id 4: ids are 3, 7, 11"),
+        (vec!["--recolour", "group:sofa", "rgb=0,0,1"], "--recolour: there is no instance of a group \"sofa\""),
+        (vec!["--swap", "0", "template=5"], "--swap: there is no template 5: the only one is 0"),
+        (vec!["--delete", "0", "--scale", "0", "by=0"], "--scale: 0 is no scale"),
+        (vec!["--move", "0"], "--move: want either by"),
+        (vec![], "no operation is given"),
+    ] {
+        let text = error(&arguments);
+        assert!(text.contains(want), "{text}");
+        assert!(!at("no.instgs").exists());
+    }
+    let text = error_of(program().arg("edit").arg(at("room.instgs")).args(["--delete", "0", "--list"]));
+    assert!(text.contains("--out"), "{text}");
+    let text = error_of(program().arg("edit").arg(at("none.instgs")).arg("--list"));
+    assert!(text.contains("none.instgs"), "{text}");
+    program().args(["edit", "room.instgs"]).assert().code(2);
+    program().args(["edit", "room.instgs", "--delete", "--out", "x.instgs"]).assert().code(2);
+}
+
+#[test]
+fn an_edited_scene_becomes_a_glb() {
+    let (_folder, at) = folder();
+    let edit = |arguments: &[&str]| {
+        let mut command = program();
+        command.arg("edit").arg(at("room.instgs")).args(arguments).arg("--out").arg(at("new.instgs"));
+        command.assert().success();
+    };
+    edit(&["--duplicate", "id:3", "by=0,0,2"]);
+    let export = |up: &[&str]| {
+        let mut command = program();
+        command.args(["export", "--scene"]).arg(at("new.instgs")).arg("--to").arg(at("x.glb")).arg("--json").args(up);
+        json_of(&mut command)
+    };
+    let report = export(&[]);
+    let bytes = fs::read(at("x.glb")).unwrap();
+    assert_eq!((report["bytes"].as_u64(), report["flattened_instances"].as_u64()), (Some(bytes.len() as u64), Some(0)));
+    let container = gltf::Glb::from_slice(&bytes).unwrap();
+    let json: Value = serde_json::from_slice(&container.json).unwrap();
+    // Two runs of offsets, the bare template, the background; the duplicate is the same mesh as its original.
+    assert_eq!((json["meshes"].as_array().unwrap().len(), json["nodes"].as_array().unwrap().len()), (4, 6));
+    assert_eq!(json["nodes"][1]["mesh"], json["nodes"][4]["mesh"]);
+    assert_eq!(json["nodes"][4]["name"], "chair 12");
+    assert_eq!(json["nodes"][0]["rotation"][0].as_f64().map(f64::abs), Some(1.0), "y is down: half a turn about x");
+    export(&["--up", "0,1,0"]);
+    let upright = gltf::Glb::from_slice(&fs::read(at("x.glb")).unwrap()).unwrap().json.into_owned();
+    let json: Value = serde_json::from_slice(&upright).unwrap();
+    assert_eq!(json["nodes"][0]["rotation"], serde_json::json!([0.0, 0.0, 0.0, 1.0]));
+}
+
+#[test]
+fn an_edited_scene_renders() {
+    if std::env::var_os("INSTGS_SKIP_GPU").is_some_and(|v| v == "1") {
+        return;
+    }
+    let (_folder, at) = folder();
+    let arguments =
+        ["--delete", "id:3", "--scatter", "template=0", "count=3", "path=0,0,1/2,0,1", "offsets=shared:id:7"];
+    program().arg("edit").arg(at("room.instgs")).args(arguments).arg("--out").arg(at("new.instgs")).assert().success();
+    let picture = |scene: &str| {
+        let mut command = program();
+        command
+            .env("INSTGS_VALIDATION", "1")
+            .args(["render", "--orbit", "1", "--size", "64x48", "--up", "0,-1,0", "--scene"]);
+        command.arg(at(scene)).arg("--out").arg(at("pictures")).assert().success();
+        fs::read(at("pictures").join("000.png")).unwrap()
+    };
+    assert_ne!(picture("new.instgs"), picture("room.instgs"));
+}
