@@ -22,7 +22,7 @@ use crate::scene::{Camera, RepeatedBytes};
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
 use crate::train::interrupt::Interrupt;
 use crate::train::report::RunReport;
-use crate::train::{TrainJob, eval_options};
+use crate::train::{Prepared, TrainJob, eval_options};
 
 /// Bytes of a Gaussian in a .ply besides its SH: centre, normal, quaternion, scales, opacity.
 const PLY_SHAPE_BYTES: u64 = 56;
@@ -35,14 +35,15 @@ const PLY_SHAPE_BYTES: u64 = 56;
 /// compare.md; what is there already is not trained again.
 #[derive(Args)]
 #[command(after_help = "Example:\n  \
-    instgs-vk compare --data cars --groups cars/groups.json --out out/compare --config instgs_quick --seeds 0,1,2")]
+    instgs-vk compare --data cars --out out/compare --config instgs_quick --seeds 0,1,2\n  \
+    instgs-vk compare --data cars --groups cars/groups.json --out out/compare_given --config instgs_quick")]
 pub(super) struct CompareArgs {
     /// Dataset folder
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// groups.json: which objects are alike, and where they stand
+    /// groups.json: which objects are alike, and where they stand [default: found from the masks]
     #[arg(long, value_name = "JSON")]
-    groups: PathBuf,
+    groups: Option<PathBuf>,
     /// Folder with a PNG of object ids per image [default: DATA/masks]
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
@@ -87,7 +88,7 @@ pub(super) struct SeedResult {
     pub(super) passes_ms: Vec<(String, f64, f64)>,
     /// The repeated part of the scene.
     pub(super) repeated: RepeatedBytes,
-    /// Warnings about groups.
+    /// Warnings about groups and objects.
     pub(super) warnings: Vec<String>,
 }
 
@@ -137,7 +138,9 @@ impl CompareArgs {
         for assignment in &self.set {
             builder = builder.set(assignment)?;
         }
-        builder = builder.flag("--groups", "groups", self.groups.display().to_string())?;
+        if let Some(groups) = &self.groups {
+            builder = builder.flag("--groups", "groups", groups.display().to_string())?;
+        }
         if let Some(masks) = &self.masks {
             builder = builder.flag("--masks", "masks", masks.display().to_string())?;
         }
@@ -315,6 +318,7 @@ fn compare_seed(
         let row = measure.row(name, &out.join(file), &mut |view| on_picture(name, view)).map_err(measure_failed)?;
         rows.push(Row { seconds, steps, ..row });
     }
+    let found = Prepared { groups: ours.groups, registration: ours.registration, ..Prepared::default() };
     let mut result = SeedResult {
         seed,
         rows,
@@ -322,7 +326,7 @@ fn compare_seed(
         intersections: None,
         passes_ms: Vec::new(),
         repeated: RepeatedBytes::of(&instanced),
-        warnings: Vec::new(),
+        warnings: found.warnings(),
     };
     if comparison.frames > 0 {
         let cameras: Vec<Camera> = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();

@@ -30,9 +30,10 @@ const DIFFERENCE_GAIN: f32 = 4.0;
 
 /// The whole story on a made-up car park: photos, 3DGS, templates and instances, a table and pictures side by side.
 ///
-/// Renders a data set of eight racing cars (DIR/data), trains a plain cloud, turns the cars into instances of one template
-/// with the data set's own groups and masks, trains both on for the same time (DIR/compare), and writes DIR/pictures.png:
-/// photo, 3DGS, InstGS, and the difference of the latter to the photo. What is there already is not done again.
+/// Renders a data set of eight racing cars (DIR/data), trains a plain cloud, finds the cars by their masks, registers them to
+/// each other and makes them instances of one template, trains both on for the same time (DIR/compare), and writes
+/// DIR/pictures.png: photo, 3DGS, InstGS, and the difference of the latter to the photo. What is there already is not done
+/// again.
 #[derive(Args)]
 #[command(after_help = "Example:\n  instgs-vk demo --out out/demo")]
 pub(super) struct DemoArgs {
@@ -68,7 +69,7 @@ pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &P
     let data = args.out.join("data");
     make_data(&data, printer)?;
     let comparison = Comparison {
-        config: config(&data)?,
+        config: config()?,
         data: data.clone(),
         masks: None,
         out: args.out.join("compare"),
@@ -110,12 +111,12 @@ fn make_data(folder: &Path, printer: &Printer) -> Result<(), CliError> {
     Ok(())
 }
 
-fn config(data: &Path) -> Result<TrainConfig, CliError> {
+fn config() -> Result<TrainConfig, CliError> {
     let mut builder = ConfigBuilder::new().file("instgs_quick")?;
     for assignment in QUICK {
         builder = builder.set(assignment)?;
     }
-    Ok(builder.flag("groups", "groups", data.join("groups.json").display().to_string())?.finish()?)
+    Ok(builder.finish()?)
 }
 
 /// Test views side by side: a row a view.
