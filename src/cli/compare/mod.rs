@@ -5,24 +5,26 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use serde::{Deserialize, Serialize};
 
+mod runs;
+mod summary;
+
+use self::runs::{Runs, work_seconds};
+use self::summary::{markdown, print_summary, summary};
 use super::args::create_folder;
 use super::bench::print_report;
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::printer::Printer;
-use super::table::{Table, grouped};
-use super::train::{Session, train_job};
-use crate::bench::comparison::{Measure, MeasureError, Row, median};
+use super::train::Session;
+use crate::bench::comparison::{Measure, MeasureError, Row};
 use crate::bench::{self, Subject};
 use crate::eval::Evaluated;
-
 use crate::io::view_image::camera_at_width;
 use crate::io::{Dataset, IoError, MaskFolder, Pack, Split, View, load_scene, read_views, write_scene_file_packed};
 use crate::scene::{Camera, RepeatedBytes};
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
 use crate::train::interrupt::Interrupt;
-use crate::train::report::RunReport;
-use crate::train::{Prepared, TrainJob, eval_options};
+use crate::train::{Prepared, eval_options};
 
 /// Bytes of a Gaussian in a .ply besides its SH: centre, normal, quaternion, scales, opacity.
 const PLY_SHAPE_BYTES: u64 = 56;
@@ -205,57 +207,6 @@ fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
     }
 }
 
-/// What one seed's runs share.
-struct Runs<'a> {
-    session: &'a Session<'a>,
-    data: &'a Path,
-    out: PathBuf,
-    config: TrainConfig,
-}
-
-impl Runs<'_> {
-    /// Trains in a folder of its own, or goes on with what is there.
-    fn train(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
-        let out = self.out.join(name);
-        let report = out.join("report.json");
-        if let Ok(bytes) = std::fs::read(&report)
-            && let Ok(done) = serde_json::from_slice::<RunReport>(&bytes)
-            && done.config == config
-        {
-            return Ok(done);
-        }
-        train_job(self.session, &TrainJob { data: self.data.into(), out, config, resume: true })
-    }
-
-    /// The plain cloud of the instanced run, trained on for `more` steps.
-    fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
-        let (from, to) = (self.out.join("instgs/vanilla"), self.out.join(name));
-        if !to.join("config.toml").exists() {
-            copy_run(&from, &to)?;
-        }
-        let steps = self.config.steps + more;
-        self.train(name, TrainConfig { steps, ..self.config.cloud_phase() })
-    }
-}
-
-/// What a run is resumed from.
-fn copy_run(from: &Path, to: &Path) -> Result<(), CliError> {
-    create_folder(&to.join("checkpoints"))?;
-    let mut files = vec!["events.jsonl".to_owned(), "config.toml".into()];
-    let newest = crate::io::checkpoint::latest(&from.join("checkpoints"))?.found;
-    files.extend(newest.and_then(|(path, _)| Some(format!("checkpoints/{}", path.file_name()?.to_str()?))));
-    for file in files {
-        let path = from.join(&file);
-        std::fs::copy(&path, to.join(&file)).map_err(|e| IoError::new(&path, format!("cannot be copied: {e}")))?;
-    }
-    Ok(())
-}
-
-/// Seconds of training and of what stands between its phases.
-fn work_seconds(report: &RunReport) -> f64 {
-    report.stages.iter().filter(|s| s.name.ends_with("train") || s.is_preparation()).map(|s| s.seconds).sum()
-}
-
 fn compare_seed(
     session: &Session<'_>,
     comparison: &Comparison,
@@ -371,81 +322,4 @@ fn time(
     }
     print_report(&report, session.printer);
     Ok(())
-}
-
-/// Medians over the seeds, row by row: name, PSNR, in masks, SSIM, seconds, file bytes, host bytes, Gaussians.
-fn summary(results: &[SeedResult]) -> Vec<[String; 9]> {
-    let head = ["", "PSNR", "in masks", "SSIM", "train s", "file bytes", "host bytes", "Gaussians", "frames/s"];
-    let mut table = vec![head.map(String::from)];
-    let Some(first) = results.first() else { return table };
-    for (i, row) in first.rows.iter().enumerate() {
-        let of = |figure: &dyn Fn(&Row) -> f64| median(&results.iter().map(|r| figure(&r.rows[i])).collect::<Vec<_>>());
-        let place = [names::OURS, names::SAME_TIME].iter().position(|name| *name == row.name);
-        let fps: Vec<f64> = place.map_or(Vec::new(), |p| results.iter().filter_map(|r| Some(r.fps?[p])).collect());
-        table.push([
-            row.name.clone(),
-            format!("{:.2}", of(&|r| r.psnr)),
-            format!("{:.2}", of(&|r| r.psnr_in_masks.unwrap_or(f64::NAN))),
-            format!("{:.4}", of(&|r| r.ssim)),
-            format!("{:.0}", of(&|r| r.seconds)),
-            grouped(of(&|r| r.file_bytes as f64) as u64),
-            grouped(of(&|r| r.host_bytes as f64) as u64),
-            grouped(of(&|r| r.gaussians as f64) as u64),
-            if fps.is_empty() { String::new() } else { format!("{:.2}", median(&fps)) },
-        ]);
-    }
-    table
-}
-
-fn markdown(table: &[[String; 9]]) -> String {
-    let line = |cells: &[String; 9]| format!("| {} |\n", cells.join(" | "));
-    let mut out = String::new();
-    for (i, cells) in table.iter().enumerate() {
-        out += &line(cells);
-        if i == 0 {
-            out += &format!("|---|{}\n", "---:|".repeat(8));
-        }
-    }
-    out
-}
-
-/// How far `name` is above `other`, dB, median over the seeds; `None` if a row is missing.
-pub(super) fn gain(results: &[SeedResult], name: &str, other: &str) -> Option<f64> {
-    let psnr = |r: &SeedResult, name: &str| r.rows.iter().find(|row| row.name == name).map(|row| row.psnr);
-    let gains: Option<Vec<f64>> = results.iter().map(|r| Some(psnr(r, name)? - psnr(r, other)?)).collect();
-    gains.filter(|g| !g.is_empty()).map(|g| median(&g))
-}
-
-fn print_summary(table: &[[String; 9]], results: &[SeedResult], printer: &Printer) {
-    let mut text = Table::default();
-    table.iter().for_each(|cells| text.row(cells.clone()));
-    printer.line("");
-    printer.line(text);
-    for (name, other) in [
-        (names::OURS, names::SAME_TIME),
-        (names::OURS, names::SAME_BYTES),
-        (names::OURS_F16, names::OURS),
-        (names::OURS_Q8, names::OURS),
-    ] {
-        if let Some(gain) = gain(results, name, other) {
-            printer.line(format_args!("{name} against {other}: {gain:+.2} dB, median of {} seeds", results.len()));
-        }
-    }
-    if let Some(result) = results.first() {
-        let repeated = result.repeated;
-        let ratio = |bytes: u64| repeated.ply as f64 / bytes.max(1) as f64;
-        printer.line(format_args!(
-            "repeated part: {} bytes as .ply, {} as f16 ({:.1}x smaller), {} as q8 ({:.1}x)",
-            grouped(repeated.ply),
-            grouped(repeated.f16),
-            ratio(repeated.f16),
-            grouped(repeated.q8),
-            ratio(repeated.q8)
-        ));
-    }
-    let fps: Vec<f64> = results.iter().filter_map(|r| r.fps.map(|f| f[0] / f[1])).collect();
-    if !fps.is_empty() {
-        let ratio = median(&fps);
-        printer.line(format_args!("frames per second: {ratio:.2}x those of 3DGS, same time"));
-    }
 }

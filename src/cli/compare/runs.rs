@@ -1,0 +1,65 @@
+//! The training runs of one seed's comparison, each in a folder of its own; what is done is not done again.
+
+use std::path::{Path, PathBuf};
+
+use crate::cli::args::create_folder;
+use crate::cli::error::CliError;
+use crate::cli::train::{Session, train_job};
+use crate::io::IoError;
+use crate::train::TrainJob;
+use crate::train::config::TrainConfig;
+use crate::train::report::RunReport;
+
+/// What one seed's runs share.
+pub(super) struct Runs<'a> {
+    pub(super) session: &'a Session<'a>,
+    /// Dataset folder.
+    pub(super) data: &'a Path,
+    /// Folder that holds the run folders.
+    pub(super) out: PathBuf,
+    /// Of the instanced run.
+    pub(super) config: TrainConfig,
+}
+
+impl Runs<'_> {
+    /// Trains in a folder of its own, or goes on with what is there.
+    pub(super) fn train(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
+        let out = self.out.join(name);
+        let report = out.join("report.json");
+        if let Ok(bytes) = std::fs::read(&report)
+            && let Ok(done) = serde_json::from_slice::<RunReport>(&bytes)
+            && done.config == config
+        {
+            return Ok(done);
+        }
+        train_job(self.session, &TrainJob { data: self.data.into(), out, config, resume: true })
+    }
+
+    /// The plain cloud of the instanced run, trained on for `more` steps.
+    pub(super) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
+        let (from, to) = (self.out.join("instgs/vanilla"), self.out.join(name));
+        if !to.join("config.toml").exists() {
+            copy_run(&from, &to)?;
+        }
+        let steps = self.config.steps + more;
+        self.train(name, TrainConfig { steps, ..self.config.cloud_phase() })
+    }
+}
+
+/// What a run is resumed from.
+fn copy_run(from: &Path, to: &Path) -> Result<(), CliError> {
+    create_folder(&to.join("checkpoints"))?;
+    let mut files = vec!["events.jsonl".to_owned(), "config.toml".into()];
+    let newest = crate::io::checkpoint::latest(&from.join("checkpoints"))?.found;
+    files.extend(newest.and_then(|(path, _)| Some(format!("checkpoints/{}", path.file_name()?.to_str()?))));
+    for file in files {
+        let path = from.join(&file);
+        std::fs::copy(&path, to.join(&file)).map_err(|e| IoError::new(&path, format!("cannot be copied: {e}")))?;
+    }
+    Ok(())
+}
+
+/// Seconds of training and of what stands between its phases.
+pub(super) fn work_seconds(report: &RunReport) -> f64 {
+    report.stages.iter().filter(|s| s.name.ends_with("train") || s.is_preparation()).map(|s| s.seconds).sum()
+}
