@@ -19,6 +19,17 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// One word, as in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Reference => "reference",
+            Self::Accepted => "accepted",
+            Self::Symmetric => "symmetric",
+            Self::Ambiguous => "ambiguous",
+            Self::Rejected => "rejected",
+        }
+    }
+
     /// True for objects that are in a group.
     pub fn is_accepted(self) -> bool {
         self != Self::Rejected
