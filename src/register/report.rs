@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::spread::PoseUncertainty;
+
 /// What registration says of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -55,6 +57,9 @@ pub struct InstanceRegistration {
     pub relative_rmse: f64,
     /// Mean absolute difference of colours in pictures (0..1); `None` without such a check.
     pub photometric: Option<f64>,
+    /// How sure its pose against the reference is; `None` where nothing was registered.
+    #[serde(default)]
+    pub uncertainty: Option<PoseUncertainty>,
     /// Whether it is in a group.
     pub accepted: bool,
     /// What was decided.
