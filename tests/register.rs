@@ -294,8 +294,8 @@ fn of_coarse(recipe: Recipe, how: Coarse) -> (Labelled, Registered) {
     (labelled, found)
 }
 
-/// Objects of 15 to 25 Gaussians are up to 20 degrees off, and all that are off are in doubt. Without that measure many
-/// would not be: this is the planted error.
+/// Objects of 15 to 25 Gaussians are up to 20 degrees off, and all that are off are in doubt. Measured: without the spread
+/// of halves 32 of 49 would not be, which is the planted error.
 #[test]
 fn coarse_objects_are_never_off_in_silence() {
     let mut silent_without = 0;
@@ -341,9 +341,11 @@ fn from_coarse_to_fine() {
 /// Measured over 20 seeds: see the docs of `register`.
 #[test]
 fn cars_and_furniture_are_found_where_they_stand() {
-    for (scene, objects, groups) in [("cars", 5, 1), ("hall", 18, 3)] {
+    // The hall's vases are nearly round: how they are turned is uncertain.
+    for (scene, objects, groups, most_doubted) in [("cars", 5, 1, 0), ("hall", 18, 3, 3)] {
         let score = measured(recipe(scene, objects, 4));
         assert!(score.silent == 0 && score.right >= (objects - groups) as usize - 1, "{score:?}");
+        assert!(score.doubted <= most_doubted, "{score:?}");
     }
 }
 

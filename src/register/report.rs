@@ -14,7 +14,8 @@ pub enum Verdict {
     Accepted,
     /// In the group; it is symmetric, and any of several poses is right.
     Symmetric,
-    /// In the group, but another pose is about as likely, or it fits worse than the others of its group.
+    /// In the group, but another pose is about as likely, or it fits worse than the others of its group, or its pose is
+    /// uncertain.
     Ambiguous,
     /// Not in a group: it stays in the background.
     Rejected,

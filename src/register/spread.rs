@@ -3,7 +3,7 @@
 //! An object says as much as it has Gaussians; the points drawn on them are not independent. So halves are halves of the
 //! Gaussians: of the object, and of all that it is laid on. A pose found from a half is as far from that of the whole as
 //! that of the whole is from the truth (the delete-half jackknife, Efron 1982). Starts that are off show, besides, whether
-//! other poses nearby are as good: of those that are, the farthest counts.
+//! another pose nearby is as good; then that one counts.
 
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -25,6 +25,8 @@ const HALVES: usize = 8;
 /// from each other.
 const START_ANGLE: f64 = 0.14;
 const START_SHIFT: f64 = 0.06;
+/// A pose that is shifted by more than this part of the object's size is another one, not the same found less well.
+const OTHER: f64 = 0.025;
 /// Steps of each.
 const STEPS: usize = 15;
 /// An object that three turns about an axis bring onto itself is round: how it is turned about it has no meaning. Radians,
@@ -86,12 +88,13 @@ impl Spread {
         })
     }
 
+    /// Finds the k-th member's pose again from a half; `None` if there is no other member.
     fn deviation(&self, members: &[Member<'_>], k: usize, half: usize) -> Option<Deviation> {
         let part = |i: usize| self.half_of(members[i].surface, half);
         let model = model_without(members, k, part)?;
         let Member { surface, pose } = members[k];
         let axis = self.axis.filter(|axis| upright_about(&pose, *axis));
-        let rng = Rng::new(self.seed).fork(HALF_STREAM).fork(u64::from(surface.id)).fork(half as u64);
+        let rng = Rng::new(self.seed).fork(HALF_STREAM).fork(u64::from(surface.id)).fork((HALVES + half) as u64);
         let points = base_points(&part(k), surface);
         let options = IcpOptions { steps: STEPS, allow_scale: self.allow_scale };
         let refined = |start: Pose| {
@@ -99,10 +102,11 @@ impl Spread {
             (found, mean_distance(&model, &points, &found))
         };
         let all = starts(&pose, surface.size, rng).map(refined);
-        let least = all.iter().map(|(_, cost)| *cost).fold(f64::INFINITY, f64::min);
-        let as_good = all.into_iter().filter(|(_, cost)| *cost <= (1.0 + self.min_margin) * least);
-        let far = |found: &Pose| found.movement_from(&pose, 0.5 * surface.size);
-        let mut found = as_good.map(|(found, _)| found).max_by(|a, b| far(a).total_cmp(&far(b)))?;
+        let best = *all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let off = |found: &Pose| found.translation.distance(pose.translation);
+        let is_rival = |f: &&(Pose, f64)| off(&f.0) > OTHER * surface.size && f.1 <= (1.0 + self.min_margin) * best.1;
+        let rival = all.iter().filter(is_rival).max_by(|a, b| off(&a.0).total_cmp(&off(&b.0)));
+        let mut found = rival.unwrap_or(&best).0;
         if let Some(axis) = axis {
             found.rotation = upright(found.rotation, axis);
         }
