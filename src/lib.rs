@@ -64,14 +64,16 @@
 //!
 //! # From photos and masks to an instanced scene
 //!
-//! `train --method instgs` ([`mod@train::prepare`], `cli/train/instanced.rs`); each stage leaves a file in the run folder:
+//! `train --method instgs` ([`mod@train::prepare`], `cli/train/instanced.rs`); each stage leaves a file in the run folder. The
+//! commands `segment`, `register` and `merge` (`cli/stages/`) call the same functions on a folder of the same layout:
 //!
 //! ```text
 //!   vanilla/, point_cloud.ply   a plain cloud, by the steps above (or given)
+//!   cameras.json                the training views', which the next two files count by
 //!   consensus.json              mask_contribution per view: how much of every mask each Gaussian makes up;
 //!                               segment::consensus: which masks are of one object, where ids differ from view to view
 //!   labels.safetensors          segment::label: the object whose pixels a Gaussian feeds more than 0.8 times all others
-//!   groups.json                 given, or register: which objects are alike, and where they stand
+//!   groups.json                 given, or register: which objects are alike, and where they stand; none may be
 //!   initial.instgs              template::build: objects in their group's frame, as many Gaussians as they have on
 //!                               average drawn from all of them; offsets from each template Gaussian to its match
 //!   scene.instgs                the joint phase: templates, offsets, background and places learn together
@@ -162,6 +164,8 @@
 //! - `tests/cli_instanced.rs`: the joint phase on a small ray-traced data set: quality, the same bytes twice and after a kill,
 //!   and the comparison's rows. `tests/segment.rs`, `tests/consensus.rs`, `tests/template.rs`: labels, objects and
 //!   templates against known truth.
+//! - `tests/cli_stages.rs`: `segment`, `register` and `merge` give what `train` starts from, byte for byte; bad masks are named
+//!   before anything is trained, and of what cannot be shared the rest comes out.
 //! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
 //!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
 //!   one, and repeated frames identical. `tests/common/` holds the comparison.

@@ -195,8 +195,10 @@ fn bad_input_is_named() {
     write_groups(&strangers, &groups).unwrap();
     let mut other = program();
     other.args(["train", "--method", "instgs", "--config", "instgs_quick", "--data"]).arg(at.join("data")).args(start);
-    let text = error_of(other.arg("--groups").arg(&strangers).arg("--out").arg(at.join("x2")));
-    assert!(text.contains("same ids"), "{text}");
+    other.args(["--joint-steps", "10", "--groups"]).arg(&strangers).arg("--out").arg(at.join("x2"));
+    let text = String::from_utf8(other.assert().success().get_output().stderr.clone()).unwrap();
+    assert!(text.contains("nothing is shared") && text.contains("same ids"), "{text}");
+    assert!(load_scene(&at.join("x2/scene.instgs")).unwrap().scene.instances.is_empty());
 
     fs::rename(at.join("data/masks"), at.join("masks")).unwrap();
     let text = error_of(&mut train(&at, "x3", &start));

@@ -19,6 +19,7 @@ mod lavapipe;
 mod picture_files;
 mod printer;
 mod render;
+mod stages;
 mod synth;
 mod table;
 mod train;
@@ -54,6 +55,9 @@ enum Command {
     Synth(synth::SynthArgs),
     Train(train::TrainArgs),
     Compare(compare::CompareArgs),
+    Segment(stages::segment::SegmentArgs),
+    Register(stages::register::RegisterArgs),
+    Merge(stages::merge::MergeArgs),
 }
 
 const SUCCESS: u8 = 0;
@@ -95,6 +99,9 @@ impl Command {
             Self::Synth(args) => args.json,
             Self::Train(args) => args.json,
             Self::Compare(args) => args.json,
+            Self::Segment(args) => args.json,
+            Self::Register(args) => args.json,
+            Self::Merge(args) => args.json,
         }
     }
 }
@@ -112,6 +119,9 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Synth(args) => synth::run(args, printer),
         Command::Train(args) => train::run(args, &cli.device, printer),
         Command::Compare(args) => compare::run(args, &cli.device, printer),
+        Command::Segment(args) => stages::segment::run(args, &cli.device, printer),
+        Command::Register(args) => stages::register::run(args, &cli.device, printer),
+        Command::Merge(args) => stages::merge::run(args, printer),
     }
 }
 

@@ -26,7 +26,8 @@ pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
         (ColorType::Grayscale, BitDepth::Eight | BitDepth::Sixteen) | (ColorType::Indexed, _) => {}
         (color, _) => {
             let what = format!("the mask is a PNG of {bits} bits of {color:?}");
-            return Err(IoError::new(path, what).advise("save it with 8 or 16 bits of grey, or with a palette"));
+            return Err(IoError::new(path, what)
+                .advise("save it with 8 or 16 bits of grey (ids up to 255 or 65535), or with a palette"));
         }
     }
     let row_bytes = (u64::from(width) * u64::from(bits)).div_ceil(8);

@@ -7,6 +7,7 @@ use crate::io::camera_file::parse_json;
 use crate::io::error::{IoError, Place};
 use crate::io::mask_png::{mask_bytes, parse_mask};
 use crate::io::{atomic_write, read_bytes};
+use crate::scene::Camera;
 
 /// Name of the file that says what the ids are, beside the masks.
 const CATEGORIES: &str = "categories.json";
@@ -141,6 +142,21 @@ impl MaskFolder {
     /// subfolders have a file of that stem and neither is the view's by its path.
     pub fn of_view(&self, name: &str) -> Result<Option<Mask>, IoError> {
         self.path_of(name)?.map(read_mask).transpose()
+    }
+
+    /// The mask of a view, given its camera at the size of its image; `None` if it has none. Errors: as
+    /// [`Self::of_view`], and a mask of another size than the image.
+    pub fn of_camera(&self, camera: &Camera) -> Result<Option<Mask>, IoError> {
+        let mask = self.of_view(&camera.name)?;
+        if let Some(mask) = &mask {
+            self.check_size(&camera.name, mask, camera.width, camera.height)?;
+        }
+        Ok(mask)
+    }
+
+    /// True if there is a mask for the view with this name. Errors: as [`Self::of_view`], but no file is read.
+    pub fn has_view(&self, name: &str) -> Result<bool, IoError> {
+        Ok(self.path_of(name)?.is_some())
     }
 
     /// An error if the mask of the view with this name has another size than the view's `width * height` pixels.

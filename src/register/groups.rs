@@ -194,9 +194,9 @@ impl Run<'_> {
     /// Adds a group.
     fn group(&mut self, name: Option<&String>, reference: &ObjectSurface, mut members: Vec<Aligned<'_>>) {
         members.sort_by_key(|m| m.surface.id);
-        settle(reference, &mut members, self.up, self.options);
+        let uncertainties = settle(reference, &mut members, self.up, self.options);
         let template_id = self.out.groups.len() as u32;
-        let instances = reports((template_id, name), reference, &members);
+        let instances = reports((template_id, name), reference, &members, &uncertainties);
         self.out.groups.push(posed_group((template_id, name), reference, &members));
         self.out.instances.extend(instances);
     }

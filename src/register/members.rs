@@ -8,6 +8,7 @@ use super::hypotheses::fit_at;
 use super::options::RegisterOptions;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
+use super::spread::{PoseUncertainty, Spread};
 use super::together::{Member, best_rival, half_turned, refine_together};
 
 /// From so many members on, all others together say more than the reference alone had.
@@ -21,17 +22,18 @@ pub(super) struct Aligned<'a> {
     pub decision: Decision,
 }
 
-/// Lays the members on each other, and gives those another pose that fit better so.
+/// Lays the members on each other, and gives those another pose that fit better so. Says how sure each pose against the
+/// reference is.
 pub(super) fn settle(
     reference: &ObjectSurface,
     members: &mut [Aligned<'_>],
     up: Option<DVec3>,
     options: &RegisterOptions,
-) {
+) -> Vec<Option<PoseUncertainty>> {
     let (scale, count) = (options.allow_scale, members.len());
     let mut all = vec![Member { surface: reference, pose: Pose::IDENTITY }];
     all.extend(members.iter().map(|m| Member { surface: m.surface, pose: m.decision.hypothesis.pose }));
-    refine_together(&mut all, up, scale);
+    let mut axis = refine_together(&mut all, up, scale);
     let rival = |(k, member): (usize, &Aligned<'_>)| {
         let turned = up.map(|up| half_turned(&all[k + 1].pose, up));
         let starts: Vec<Pose> = member.decision.rivals.iter().copied().chain(turned).collect();
@@ -50,13 +52,32 @@ pub(super) fn settle(
         }
     }
     if any {
-        refine_together(&mut all, up, scale);
+        axis = refine_together(&mut all, up, scale);
     }
     for (member, refined) in members.iter_mut().zip(&all[1..]) {
         let hypothesis = &mut member.decision.hypothesis;
         hypothesis.pose = refined.pose;
         hypothesis.fit = fit_at((reference, member.surface), &refined.pose, BASE);
     }
+    let costs: Vec<f64> = members.iter().map(|m| m.decision.hypothesis.fit.cost).collect();
+    let RegisterOptions { min_margin, seed, .. } = *options;
+    uncertainties(&all, &costs, Spread { axis, allow_scale: scale, min_margin, seed })
+}
+
+/// By member besides the reference, the first; `costs` are those of their lying on it.
+fn uncertainties(all: &[Member<'_>], costs: &[f64], spread: Spread) -> Vec<Option<PoseUncertainty>> {
+    let median = {
+        let mut sorted = costs.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+    };
+    // Of two objects there is but one pose: what is said of the other says it all.
+    let of_reference = (costs.len() > 1).then(|| spread.of(all, 0, median)).flatten();
+    let of = |(i, &cost): (usize, &f64)| {
+        let own = spread.of(all, i + 1, cost)?;
+        Some(of_reference.map_or(own, |reference| own.and(reference)))
+    };
+    costs.par_iter().enumerate().map(of).collect()
 }
 
 /// Puts a pose in doubt, because the object fits about as well after a motion; unless pictures had decided.

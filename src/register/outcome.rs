@@ -6,11 +6,17 @@ use super::decide::{Certainty, Decision};
 use super::members::Aligned;
 use super::report::{InstanceRegistration, Verdict};
 use super::sample::ObjectSurface;
+use super::spread::PoseUncertainty;
 use crate::math::similarity::Similarity;
 use crate::scene::{PosedGroup, PosedInstance};
 
 /// An object whose cost is this many times the group's median fits worse than differences of make explain.
 const POOR_FIT: f64 = 1.6;
+
+/// Standard deviations above which a pose is in doubt: degrees, and part of the object's size. Of 1 degree and 1 %, a third
+/// would be farther off than that; of 0.6 it is one in ten at most, and those that are surer less.
+const UNSURE_DEGREES: f64 = 0.6;
+const UNSURE_PART: f64 = 0.006;
 
 /// A template's id and its name.
 type Label<'a> = (u32, Option<&'a String>);
@@ -30,11 +36,12 @@ pub(super) fn posed_group(
     PosedGroup { template_id, name: name.cloned(), score, instances }
 }
 
-/// What is said of the reference and the members (at least one).
+/// What is said of the reference and the members (at least one), of which `uncertainties` says how sure their poses are.
 pub(super) fn reports(
     (template_id, name): Label<'_>,
     reference: &ObjectSurface,
     members: &[Aligned<'_>],
+    uncertainties: &[Option<PoseUncertainty>],
 ) -> Vec<InstanceRegistration> {
     let reference = InstanceRegistration {
         group: Some(template_id),
@@ -47,8 +54,8 @@ pub(super) fn reports(
     costs.sort_by(f64::total_cmp);
     // The lower of the middle two: of two members the worse one may be wrong.
     let median = costs.get(costs.len().saturating_sub(1) / 2).copied().unwrap_or(0.0);
-    let report = |member: &Aligned<'_>| {
-        let (verdict, note) = verdict(&member.decision, median);
+    let report = |(member, &uncertainty): (&Aligned<'_>, &Option<PoseUncertainty>)| {
+        let (verdict, note) = verdict(&member.decision, median, uncertainty);
         let fit = member.decision.hypothesis.fit;
         InstanceRegistration {
             instance: member.surface.id,
@@ -57,12 +64,13 @@ pub(super) fn reports(
             rmse: fit.rmse,
             relative_rmse: fit.rmse / member.surface.size,
             photometric: member.decision.agreement.map(|a| a.photometric),
+            uncertainty,
             verdict,
             note,
             ..reference.clone()
         }
     };
-    let mut out: Vec<InstanceRegistration> = members.iter().map(report).collect();
+    let mut out: Vec<InstanceRegistration> = members.iter().zip(uncertainties).map(report).collect();
     out.push(reference.clone());
     out
 }
@@ -82,13 +90,14 @@ pub(super) fn rejected(
         rmse: 0.0,
         relative_rmse: 0.0,
         photometric: None,
+        uncertainty: None,
         accepted: false,
         verdict: Verdict::Rejected,
         note,
     }
 }
 
-fn verdict(decision: &Decision, median_cost: f64) -> (Verdict, String) {
+fn verdict(decision: &Decision, median_cost: f64, uncertainty: Option<PoseUncertainty>) -> (Verdict, String) {
     let cost = decision.hypothesis.fit.cost_there;
     match decision.certainty {
         Certainty::Ambiguous(by) => {
@@ -98,6 +107,11 @@ fn verdict(decision: &Decision, median_cost: f64) -> (Verdict, String) {
             Verdict::Ambiguous,
             format!("it lies {:.1} times as far off as the median of its group", cost / median_cost),
         ),
+        _ if uncertainty.is_some_and(|u| u.degrees > UNSURE_DEGREES || u.part > UNSURE_PART) => {
+            let (degrees, percent) = uncertainty.map_or((0.0, 0.0), |u| (u.degrees, 100.0 * u.part));
+            let what = "halves of its Gaussians stand";
+            (Verdict::Ambiguous, format!("{what} {degrees:.1} degrees and {percent:.1} % of its size apart"))
+        }
         Certainty::Symmetric(count) => (Verdict::Symmetric, format!("symmetric: {count} poses are as good")),
         Certainty::Certain => (Verdict::Accepted, String::new()),
     }

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::spread::PoseUncertainty;
+
 /// What registration says of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -12,13 +14,25 @@ pub enum Verdict {
     Accepted,
     /// In the group; it is symmetric, and any of several poses is right.
     Symmetric,
-    /// In the group, but another pose is about as likely, or it fits worse than the others of its group.
+    /// In the group, but another pose is about as likely, or it fits worse than the others of its group, or its pose is
+    /// uncertain.
     Ambiguous,
     /// Not in a group: it stays in the background.
     Rejected,
 }
 
 impl Verdict {
+    /// One word, as in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Reference => "reference",
+            Self::Accepted => "accepted",
+            Self::Symmetric => "symmetric",
+            Self::Ambiguous => "ambiguous",
+            Self::Rejected => "rejected",
+        }
+    }
+
     /// True for objects that are in a group.
     pub fn is_accepted(self) -> bool {
         self != Self::Rejected
@@ -44,6 +58,9 @@ pub struct InstanceRegistration {
     pub relative_rmse: f64,
     /// Mean absolute difference of colours in pictures (0..1); `None` without such a check.
     pub photometric: Option<f64>,
+    /// How sure its pose against the reference is; `None` where nothing was registered.
+    #[serde(default)]
+    pub uncertainty: Option<PoseUncertainty>,
     /// Whether it is in a group.
     pub accepted: bool,
     /// What was decided.

@@ -54,6 +54,10 @@ pub(super) struct ObjectSurface {
     pub extents: DVec3,
     /// Opaque, small Gaussians of its surface: how well it was seen.
     pub gaussians: usize,
+    /// Gaussians that its points were drawn on: those, and of coarse clouds fainter and larger ones.
+    pub discs: usize,
+    /// By point of the finest level: the nearest of them.
+    pub disc_of_point: Vec<u32>,
     /// Points at the resolutions of [`LEVELS`]; from the base level on normals are unit vectors.
     pub levels: [Surface; 4],
     /// Features of the base level's points.
@@ -105,7 +109,9 @@ impl ObjectSurface {
             level.normals = unit_normals(level, |p| viewers.direction(p + centroid));
         }
         let features = features(&levels[BASE]);
-        Ok(Self { id, centroid, box_middle, size, extents, gaussians: opaque, levels, features })
+        let disc_of_point = nearest_discs(&discs, &levels[FINE], centroid);
+        let (gaussians, discs) = (opaque, discs.len());
+        Ok(Self { id, centroid, box_middle, size, extents, gaussians, discs, disc_of_point, levels, features })
     }
 
     /// The points of a level, and the finest ones.
@@ -117,6 +123,14 @@ impl ObjectSurface {
     pub(super) fn voxel(&self) -> f64 {
         self.levels[BASE].voxel
     }
+}
+
+/// By point of a surface: the disc whose middle is nearest.
+fn nearest_discs(discs: &[Disc], surface: &Surface, centroid: DVec3) -> Vec<u32> {
+    let middles: Vec<[f32; 3]> = discs.iter().map(|d| (d.position - centroid).as_vec3().to_array()).collect();
+    let set = PointSet::new(&middles);
+    let nearest = |p: &DVec3| set.nearest_one(p.as_vec3().to_array()).map_or(0, |near| near.index);
+    surface.positions.iter().map(nearest).collect()
 }
 
 /// The Gaussians that make up the surface, of coarse clouds also fainter and larger ones; and how many are opaque and

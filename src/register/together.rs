@@ -32,17 +32,17 @@ pub(super) struct Member<'a> {
 }
 
 /// Refines the poses of `members`, of which the first is the reference and keeps its pose, the identity. `up` is up in the
-/// world.
-pub(super) fn refine_together(members: &mut [Member<'_>], up: Option<DVec3>, allow_scale: bool) {
+/// world. Returns the axis that upright objects were turned about, if most are.
+pub(super) fn refine_together(members: &mut [Member<'_>], up: Option<DVec3>, allow_scale: bool) -> Option<DVec3> {
     let axis = up.map(|up| common_axis(members, up)).filter(|axis| stand_upright(members, *axis));
     for _ in 0..ROUNDS {
         let refined = |(k, member): (usize, &Member<'_>)| {
             let mut start = member.pose;
-            let axis = axis.filter(|axis| tilt(&start, *axis) <= UPRIGHT);
+            let axis = axis.filter(|axis| upright_about(&start, *axis));
             if let Some(axis) = axis {
                 start.rotation = upright(start.rotation, axis);
             }
-            let Some(model) = model_without(members, k) else { return start };
+            let Some(model) = model_without(members, k, |i| all_of(&members[i])) else { return start };
             slide(&model, &member.surface.levels[FINE], start, Slide { steps: STEPS, allow_scale, axis })
         };
         let poses: Vec<Pose> = members.par_iter().enumerate().map(refined).collect();
@@ -50,6 +50,7 @@ pub(super) fn refine_together(members: &mut [Member<'_>], up: Option<DVec3>, all
         members.iter_mut().zip(poses).for_each(|(member, pose)| member.pose = pose.after(&of_reference));
         members[0].pose = Pose::IDENTITY;
     }
+    axis
 }
 
 /// A pose turned by half about `up` and the object's own middle: front and back of many things are much alike.
@@ -63,7 +64,7 @@ pub(super) fn half_turned(pose: &Pose, up: DVec3) -> Pose {
 /// that of the present pose. One other object seen in part may not tell poses apart that all together do. `None`
 /// if there is no other object or pose.
 pub(super) fn best_rival(members: &[Member<'_>], k: usize, starts: &[Pose], allow_scale: bool) -> Option<(Pose, f64)> {
-    let model = model_without(members, k)?;
+    let model = model_without(members, k, |i| all_of(&members[i]))?;
     let Member { surface, pose } = members[k];
     let cost = |pose: &Pose| mean_distance(&model, &surface.levels[BASE], pose);
     let own = cost(&pose);
@@ -78,8 +79,18 @@ pub(super) fn best_rival(members: &[Member<'_>], k: usize, starts: &[Pose], allo
     rivals.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// What all objects but the k-th show, in the group's frame; `None` if there is no other.
-fn model_without(members: &[Member<'_>], k: usize) -> Option<Surface> {
+/// The finest points of an object, local frame.
+fn all_of(member: &Member<'_>) -> Vec<Sample> {
+    member.surface.levels[FINE].samples()
+}
+
+/// What all objects but the k-th show, in the group's frame; `None` if there is no other. `points` gives those of a member,
+/// in its local frame.
+pub(super) fn model_without(
+    members: &[Member<'_>],
+    k: usize,
+    points: impl Fn(usize) -> Vec<Sample>,
+) -> Option<Surface> {
     let mut others: Vec<usize> = (0..members.len()).filter(|&i| i != k).collect();
     others.sort_by_key(|&i| (std::cmp::Reverse(members[i].surface.gaussians), i));
     others.truncate(MOST_MODELS);
@@ -89,8 +100,8 @@ fn model_without(members: &[Member<'_>], k: usize) -> Option<Surface> {
         color: s.color,
     };
     let of = |i: usize| {
-        let Member { surface, pose } = members[i];
-        surface.levels[FINE].samples().into_iter().map(move |s| sample(&pose, s))
+        let pose = members[i].pose;
+        points(i).into_iter().map(move |s| sample(&pose, s))
     };
     let samples: Vec<Sample> = others.iter().flat_map(|&i| of(i)).collect();
     let voxel = members[*others.first()?].surface.levels[FINE].voxel / members[others[0]].pose.scale;
@@ -112,6 +123,11 @@ fn common_axis(members: &[Member<'_>], up: DVec3) -> DVec3 {
     if axis.dot(up) < 0.0 { -axis } else { axis }
 }
 
+/// True if a pose tilts the axis so little that the object stands upright.
+pub(super) fn upright_about(pose: &Pose, axis: DVec3) -> bool {
+    tilt(pose, axis) <= UPRIGHT
+}
+
 /// Angle by which a pose tilts the axis, radians.
 fn tilt(pose: &Pose, axis: DVec3) -> f64 {
     (pose.rotation * axis).angle_between(axis)
@@ -120,12 +136,12 @@ fn tilt(pose: &Pose, axis: DVec3) -> f64 {
 /// True if most objects stand upright.
 fn stand_upright(members: &[Member<'_>], axis: DVec3) -> bool {
     let others = &members[1..];
-    let count = others.iter().filter(|m| tilt(&m.pose, axis) <= UPRIGHT).count();
+    let count = others.iter().filter(|m| upright_about(&m.pose, axis)).count();
     3 * count >= 2 * others.len()
 }
 
 /// The turn about the axis that is nearest to the rotation.
-fn upright(rotation: DMat3, axis: DVec3) -> DMat3 {
+pub(super) fn upright(rotation: DMat3, axis: DVec3) -> DMat3 {
     let side = axis.any_orthonormal_vector();
     let turned = rotation * side;
     let angle = axis.cross(side).dot(turned).atan2(side.dot(turned));

@@ -1,14 +1,17 @@
-//! Which Gaussian of the plain cloud belongs to which object: consensus of the views' masks, then labels. Both leave a
-//! file in the run folder, and are not done again while these are there.
+//! Which Gaussian of a plain cloud belongs to which object: consensus of the views' masks, then labels. What is found
+//! stands in a folder: the cloud with the configuration, `cameras.json`, `consensus.json` and `labels.safetensors`. The
+//! stages that follow need no more than that.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
 use crate::gpu::Gpu;
 use crate::io::checkpoint::Checkpoint;
 use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, MaskFolder, Split, View, atomic_write, read_bytes, read_views};
+use crate::io::{
+    IoError, MaskFolder, Split, View, atomic_write, load_scene, read_bytes, read_cameras, read_views, write_cameras,
+};
 use crate::scene::{Camera, InstancedScene};
 use crate::segment::{
     Consensus, ConsensusOptions, ConsensusReport, KEPT_BYTES, LabelOptions, LabelProgress, ViewContributions,
@@ -16,86 +19,150 @@ use crate::segment::{
 };
 
 use super::error::TrainError;
+use super::mask_check::{mask_folder, views_without_mask};
 use super::report::Stage;
 use super::trainer::{TrainJob, eval_options};
 
-/// Labels by Gaussian of the cloud, in the run folder.
-const LABELS: &str = "labels.safetensors";
-/// The object of every mask, in the run folder.
+/// The plain cloud, in the folder.
+pub const CLOUD: &str = "point_cloud.ply";
+/// The cameras that the masks belong to, in the order of the consensus.
+const CAMERAS: &str = "cameras.json";
+/// The object of every mask.
 const CONSENSUS: &str = "consensus.json";
+/// Labels by Gaussian of the cloud; written last.
+pub const LABELS: &str = "labels.safetensors";
 /// The tensor of labels.
 const LABEL_TENSOR: &str = "instance_of_gaussian";
-
 /// The tensor of what Gaussians add to the pictures.
 const WEIGHT_TENSOR: &str = "weight_px";
 
 /// The objects of a cloud.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Segmented {
+pub struct Segmented {
     /// By Gaussian: object, 0 = none.
-    pub(super) labels: Vec<u32>,
+    pub labels: Vec<u32>,
     /// By Gaussian: sum of alpha T over all pixels of all training views.
-    pub(super) weights_px: Vec<f32>,
+    pub weights_px: Vec<f32>,
     /// How objects were found.
-    pub(super) consensus: ConsensusReport,
+    pub consensus: ConsensusReport,
+    /// The training views' cameras, at the width that is trained at.
+    pub cameras: Vec<Camera>,
     /// Wall time of the parts.
-    pub(super) stages: Vec<Stage>,
+    pub stages: Vec<Stage>,
 }
 
 impl Segmented {
     /// By Gaussian: true if its weight is at least this part of the mean.
-    pub(super) fn well_seen(&self, part_of_mean: f64) -> Vec<bool> {
+    pub fn well_seen(&self, part_of_mean: f64) -> Vec<bool> {
         let mean = self.weights_px.iter().map(|&w| f64::from(w)).sum::<f64>() / self.weights_px.len().max(1) as f64;
         self.weights_px.iter().map(|&w| f64::from(w) >= part_of_mean * mean).collect()
     }
+
+    /// Reads what [`segmented`] left in a folder for a cloud of so many Gaussians.
+    ///
+    /// # Errors
+    /// A file that is missing, damaged, or of another cloud.
+    pub fn read(folder: &Path, gaussians: usize) -> Result<Self, TrainError> {
+        require_segments(folder)?;
+        let path = folder.join(LABELS);
+        let mut file = Checkpoint::read(&path)?;
+        let labels: Vec<u32> = file.take(LABEL_TENSOR, &[], &path)?;
+        let weights_px: Vec<f32> = file.take(WEIGHT_TENSOR, &[], &path)?;
+        if [labels.len(), weights_px.len()] != [gaussians; 2] {
+            let what = format!("has {} labels, and the cloud {gaussians} Gaussians", labels.len());
+            return Err(IoError::new(&path, what).advise("segment the scene again, into another folder").into());
+        }
+        let path = folder.join(CONSENSUS);
+        let found: Consensus = serde_json::from_slice(&read_bytes(&path)?).map_err(|e| not_json(&path, &e))?;
+        let cameras = read_cameras(&folder.join(CAMERAS))?;
+        Ok(Self { labels, weights_px, consensus: found.report, cameras, stages: Vec::new() })
+    }
+
+    fn write(&self, found: &Consensus, folder: &Path) -> Result<(), TrainError> {
+        write_cameras(&folder.join(CAMERAS), &self.cameras)?;
+        let path = folder.join(CONSENSUS);
+        let text = serde_json::to_vec_pretty(found).map_err(|e| not_json(&path, &e))?;
+        atomic_write(&path, |out| out.write_all(&text))?;
+        let mut file = Checkpoint::default();
+        file.put(LABEL_TENSOR, &[self.labels.len()], self.labels.clone());
+        file.put(WEIGHT_TENSOR, &[self.weights_px.len()], self.weights_px.clone());
+        Ok(file.write(&folder.join(LABELS))?)
+    }
 }
 
-/// Finds the objects of `cloud`, or reads them from the files of an earlier run if they fit. `progress` is told of
-/// views done, three sweeps counted.
+/// The cloud that a folder's labels are for.
+///
+/// # Errors
+/// A file that is missing or damaged.
+pub fn read_cloud(folder: &Path) -> Result<InstancedScene, TrainError> {
+    Ok(load_scene(&folder.join(CLOUD))?.scene)
+}
+
+/// Nothing, if a folder holds what [`segmented`] leaves there.
+///
+/// # Errors
+/// It does not.
+pub fn require_segments(folder: &Path) -> Result<(), IoError> {
+    if is_segmented(folder) {
+        return Ok(());
+    }
+    let error = IoError::new(folder, "holds no segmented scene");
+    Err(error.advise("make one with instgs-vk segment --out, or name a run of --method instgs"))
+}
+
+/// True if a folder has all that [`Segmented::read`] reads.
+pub(super) fn is_segmented(folder: &Path) -> bool {
+    [CAMERAS, CONSENSUS, LABELS].iter().all(|name| folder.join(name).is_file())
+}
+
+/// Finds the objects of `cloud`, or, if the job resumes, reads them from the files of an earlier run if they fit.
+/// `progress` is told of views done, three sweeps counted.
 ///
 /// # Errors
 /// Masks that are missing or damaged, or a cloud beyond the device.
-pub(super) fn segmented(
+pub fn segmented(
     gpu: &Arc<Gpu>,
     job: &TrainJob,
     cloud: &InstancedScene,
     progress: &mut dyn FnMut(LabelProgress),
 ) -> Result<Segmented, TrainError> {
     let started = Instant::now();
-    if let Some(earlier) = of_earlier_run(job, cloud.background.len())? {
+    if job.resume
+        && is_segmented(&job.out)
+        && let Ok(earlier) = Segmented::read(&job.out, cloud.background.len())
+    {
         return Ok(Segmented { stages: vec![stage("segment", started)], ..earlier });
     }
-    let folder = mask_folder(job)?;
-    let masks = MaskFolder::open(&folder)?;
+    let masks = MaskFolder::open(&mask_folder(job)?)?;
     let (views, cameras) = training_views(job)?;
-    let mask_of_view = |i: usize| -> Result<_, TrainError> {
-        let camera = &views[i].camera;
-        let mask = masks.of_view(&camera.name)?;
-        if let Some(mask) = &mask {
-            masks.check_size(&camera.name, mask, camera.width, camera.height)?;
-        }
-        Ok(mask)
-    };
     let options = label_options(job);
-    let mut views =
+    let mask_of_view = |i: usize| Ok(masks.of_camera(&views[i].camera)?);
+    let mut sweeps =
         ViewContributions::<TrainError>::new(gpu, cloud, &cameras, mask_of_view, options.render, KEPT_BYTES)?;
-    let total = 3 * views.view_count();
+    let total = 3 * sweeps.view_count();
     let known = ConsensusOptions { seed: job.config.seed, ..ConsensusOptions::default() };
-    let mut found = consensus(&mut views, &cloud.background, &masks.categories, &known, |done| {
+    let mut found = consensus(&mut sweeps, &cloud.background, &masks.categories, &known, |done| {
         progress(LabelProgress { done, total });
         Ok(())
     })?;
     let consensus_stage = stage("consensus", started);
     let labelling = Instant::now();
-    let labels = label_views(&mut views, &cloud.background.means, &found.table, &options, |at| {
+    let labels = label_views(&mut sweeps, &cloud.background.means, &found.table, &options, |at| {
         progress(LabelProgress { done: cameras.len() + at.done, total });
         Ok(())
     })?;
+    drop(sweeps);
     found.report.count_gaussians(&labels.instance_of_gaussian);
-    let weights_px: Vec<f32> = labels.weights_px.iter().map(|&weight| weight as f32).collect();
-    write(job, &labels.instance_of_gaussian, &weights_px, &found)?;
-    let stages = vec![consensus_stage, stage("segment", labelling)];
-    Ok(Segmented { labels: labels.instance_of_gaussian, weights_px, consensus: found.report, stages })
+    found.report.without_mask = views_without_mask(&masks, &views)?;
+    let out = Segmented {
+        labels: labels.instance_of_gaussian,
+        weights_px: labels.weights_px.iter().map(|&weight| weight as f32).collect(),
+        consensus: found.report.clone(),
+        cameras,
+        stages: vec![consensus_stage, stage("segment", labelling)],
+    };
+    out.write(&found, &job.out)?;
+    Ok(out)
 }
 
 /// The training views, and their cameras at the width that is trained at.
@@ -119,42 +186,6 @@ fn label_options(job: &TrainJob) -> LabelOptions {
         drop_strays: segment.drop_strays,
         render: eval_options(&job.config),
     }
-}
-
-/// The folder of the masks.
-fn mask_folder(job: &TrainJob) -> Result<PathBuf, TrainError> {
-    if !job.config.masks.is_empty() {
-        return Ok(PathBuf::from(&job.config.masks));
-    }
-    MaskFolder::default_for(&job.data).ok_or_else(|| {
-        let error = IoError::new(&job.data, "has no masks");
-        error.advise("put one PNG of object ids per image into masks/, or give their folder with --masks").into()
-    })
-}
-
-/// What an earlier run of the same job wrote for a cloud of so many Gaussians.
-fn of_earlier_run(job: &TrainJob, gaussians: usize) -> Result<Option<Segmented>, TrainError> {
-    let (labels_path, consensus_path) = (job.out.join(LABELS), job.out.join(CONSENSUS));
-    if !(job.resume && labels_path.is_file() && consensus_path.is_file()) {
-        return Ok(None);
-    }
-    let mut file = Checkpoint::read(&labels_path)?;
-    let labels: Vec<u32> = file.take(LABEL_TENSOR, &[], &labels_path)?;
-    let weights_px: Vec<f32> = file.take(WEIGHT_TENSOR, &[], &labels_path)?;
-    let bytes = read_bytes(&consensus_path)?;
-    let found: Consensus = serde_json::from_slice(&bytes).map_err(|e| not_json(&consensus_path, &e))?;
-    let fits = [labels.len(), weights_px.len()] == [gaussians; 2];
-    Ok(fits.then_some(Segmented { labels, weights_px, consensus: found.report, stages: Vec::new() }))
-}
-
-fn write(job: &TrainJob, labels: &[u32], weights_px: &[f32], consensus: &Consensus) -> Result<(), TrainError> {
-    let path = job.out.join(CONSENSUS);
-    let text = serde_json::to_vec_pretty(consensus).map_err(|e| not_json(&path, &e))?;
-    atomic_write(&path, |out| out.write_all(&text))?;
-    let mut file = Checkpoint::default();
-    file.put(LABEL_TENSOR, &[labels.len()], labels.to_vec());
-    file.put(WEIGHT_TENSOR, &[weights_px.len()], weights_px.to_vec());
-    Ok(file.write(&job.out.join(LABELS))?)
 }
 
 fn not_json(path: &Path, error: &serde_json::Error) -> IoError {

@@ -14,6 +14,7 @@ use crate::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
 use super::config::{Init, Method, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
+use super::given::given_cloud;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
 use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
 use super::trainer::TrainJob;
@@ -198,7 +199,11 @@ pub(super) fn first_state(
     }
     let (degree, shape) = (config.sh_degree, InitialShape::new(config));
     let cloud = match config.init {
-        _ if !config.init_scene.is_empty() => init_cloud(Path::new(&config.init_scene), config, data)?,
+        _ if !config.init_scene.is_empty() => {
+            let given = given_cloud(Path::new(&config.init_scene), config)?;
+            data.warnings.extend(given.warnings);
+            given.cloud
+        }
         Init::Points => from_points(&data.points, degree, shape),
         Init::Random => {
             let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
@@ -239,21 +244,6 @@ fn first_instanced(
     scene.background = Gaussians::default();
     scene.offsets = Offsets::default();
     Ok(Start { state, names: scene, step, due: false })
-}
-
-/// A trained scene as a plain cloud of the run's SH degree.
-fn init_cloud(path: &Path, config: &TrainConfig, data: &mut TrainData) -> Result<Gaussians, TrainError> {
-    let loaded = load_scene(path)?;
-    if loaded.dropped_non_finite > 0 {
-        let n = loaded.dropped_non_finite;
-        data.warnings.push(format!("{}: dropped {n} Gaussians with a non-finite parameter", path.display()));
-    }
-    let mut cloud = loaded.scene.flatten();
-    if cloud.is_empty() {
-        return Err(IoError::new(path, "has no Gaussians to start from").into());
-    }
-    cloud.set_sh_degree(config.sh_degree);
-    Ok(cloud)
 }
 
 /// Every k-th Gaussian, so that at most `most` are left.

@@ -7,15 +7,17 @@ use std::time::Instant;
 use super::phase::{Session, counts, run_phase};
 use crate::cli::args::create_folder;
 use crate::cli::error::CliError;
-use crate::io::{Dataset, IoError, Split, load_scene, read_views, write_ply};
+use crate::cli::stages::{LabelLines, group_lines};
+use crate::io::{Dataset, IoError, Split, read_views, write_ply};
 use crate::render::Renderer;
 use crate::scene::InstancedScene;
 use crate::train::config::TrainConfig;
 use crate::train::event_log::read_events;
 use crate::train::events::Event;
-use crate::train::prepare::CLOUD;
+use crate::train::given::{GivenCloud, given_cloud};
 use crate::train::report::{Bytes, JointMatch, Quality, ReportData, RunReport, Stage};
-use crate::train::{Prepared, TrainError, TrainJob, eval_options, prepare};
+use crate::train::segmented::CLOUD;
+use crate::train::{Prepared, TrainError, TrainJob, check_masks, eval_options, prepare};
 
 /// The plain cloud that the run starts from; its file is in the run folder.
 struct PlainCloud {
@@ -26,10 +28,13 @@ struct PlainCloud {
 
 /// All stages; the report is that of the joint phase, with the plain cloud's in `vanilla`.
 pub(super) fn run(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, CliError> {
+    // Before hours of training, and before the folder is there.
+    let told = check_masks(job)?;
+    told.iter().for_each(|text| session.printer.warning(text));
     create_folder(&job.out)?;
     let given = !job.config.init_scene.is_empty();
-    let cloud = if given { given_cloud(session, job)? } else { trained_cloud(session, job)? };
-    let prepared = prepared(session, job)?;
+    let cloud = if given { taken_cloud(session, job)? } else { trained_cloud(session, job)? };
+    let prepared = prepared(session, job, &told)?;
     run_phase(session, job, |data| complete(data, cloud, prepared))
 }
 
@@ -40,6 +45,7 @@ fn complete(data: &mut ReportData, cloud: PlainCloud, prepared: Prepared) {
         stages.iter().map(|s| Stage { name: format!("{phase}: {}", s.name), ..s.clone() }).collect()
     };
     let joint = of_phase("joint", &report.stages);
+    report.warnings = prepared.warnings();
     report.stages = [of_phase("3dgs", &cloud.report.stages), prepared.stages, joint].concat();
     report.seconds = report.stages.iter().map(|s| s.seconds).sum();
     report.groups = prepared.groups;
@@ -77,19 +83,10 @@ fn read_report(path: &Path) -> Result<RunReport, CliError> {
 }
 
 /// Takes over a trained cloud, and looks how good it is.
-fn given_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliError> {
+fn taken_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliError> {
     let started = Instant::now();
-    let path = Path::new(&job.config.init_scene);
-    let loaded = load_scene(path)?;
-    if loaded.dropped_non_finite > 0 {
-        let n = loaded.dropped_non_finite;
-        session.printer.warning(format_args!("{}: dropped {n} Gaussians that are not finite", path.display()));
-    }
-    let mut cloud = loaded.scene.flatten();
-    if cloud.is_empty() {
-        return Err(IoError::new(path, "has no Gaussians to start from").into());
-    }
-    cloud.set_sh_degree(job.config.sh_degree);
+    let GivenCloud { cloud, file_bytes, warnings } = given_cloud(Path::new(&job.config.init_scene), &job.config)?;
+    warnings.iter().for_each(|text| session.printer.warning(text));
     write_ply(&job.out.join(CLOUD), &cloud)?;
     let scene = InstancedScene { antialias: job.config.antialias, ..InstancedScene::from_cloud(cloud) };
     let eval = evaluated(session, job, &scene)?;
@@ -100,7 +97,7 @@ fn given_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliE
         stages: vec![Stage { name: "load".into(), seconds }],
         eval,
         gaussians: counts(&scene),
-        bytes: Bytes { file: loaded.file_bytes, host: scene.tensor_bytes(), ..Bytes::default() },
+        bytes: Bytes { file: file_bytes, host: scene.tensor_bytes(), ..Bytes::default() },
         device: session.gpu.caps().name.clone(),
         seed: job.config.seed,
         version: env!("CARGO_PKG_VERSION").into(),
@@ -125,28 +122,16 @@ fn evaluated(session: &Session<'_>, job: &TrainJob, scene: &InstancedScene) -> R
     Ok(Some(Quality { psnr: report.mean.psnr, ssim: report.mean.ssim, lpips: report.mean.lpips }))
 }
 
-/// Labels and templates, unless that is done.
-fn prepared(session: &Session<'_>, job: &TrainJob) -> Result<Prepared, CliError> {
+/// Labels and templates, unless that is done. Warnings that the user has read are not repeated.
+fn prepared(session: &Session<'_>, job: &TrainJob, told: &[String]) -> Result<Prepared, CliError> {
     let printer = session.printer;
     printer.line("2 of 3: which Gaussian belongs to which object, and one template per group");
-    let mut bar = None;
-    let result = prepare(session.gpu, job, &mut |at| {
-        let bar = bar.get_or_insert_with(|| printer.progress("segment", at.total as u64));
-        bar.advance_to(at.done as u64, "");
-    });
-    drop(bar);
+    let mut progress = LabelLines::new(printer);
+    let result = prepare(session.gpu, job, &mut |at| progress.at(at));
+    drop(progress);
     let result = result?;
-    result.warnings().iter().for_each(|text| printer.warning(text));
-    for group in result.groups.iter().filter(|g| g.template.is_some()) {
-        let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
-        let (fewest, mean, most) = group.gaussians_per_instance;
-        printer.line(format_args!(
-            "{name}: {} instances of {fewest} to {most} Gaussians (mean {mean:.0}), template of {}, match distance {:.3}",
-            group.instances.len(),
-            group.template_gaussians,
-            group.match_distance
-        ));
-    }
+    result.warnings().iter().filter(|text| !told.contains(text)).for_each(|text| printer.warning(text));
+    group_lines(&result.groups, printer);
     printer.line("3 of 3: templates, offsets, background and poses together");
     Ok(result)
 }

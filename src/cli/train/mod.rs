@@ -7,8 +7,8 @@ use clap::Args;
 mod instanced;
 mod phase;
 
-pub(super) use self::phase::Session;
 use self::phase::run_phase;
+pub(super) use self::phase::{Session, counts};
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::printer::Printer;
@@ -143,7 +143,7 @@ impl TrainArgs {
 }
 
 /// A path as the configuration keeps it: valid in whatever folder the run is resumed.
-fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
+pub(super) fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
     let fail = |what: String| CliError::Other(format!("{flag}: {what}"));
     let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
     absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))

@@ -150,7 +150,7 @@ fn write_renders(out: &Path, pictures: &[ViewPicture]) -> Result<(), CliError> {
 }
 
 /// Gaussians of a scene by what they are.
-pub(super) fn counts(scene: &InstancedScene) -> Counts {
+pub(in crate::cli) fn counts(scene: &InstancedScene) -> Counts {
     Counts {
         template: scene.templates.len() as u64,
         offsets: scene.offsets.len() as u64,

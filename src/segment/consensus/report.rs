@@ -34,6 +34,9 @@ pub struct ConsensusReport {
     pub undersegmented: usize,
     /// Other masks that belong to no object, and were not used.
     pub unassigned: usize,
+    /// Names of the views that have no mask: they say nothing of objects.
+    #[serde(default)]
+    pub without_mask: Vec<String>,
     /// By number.
     pub objects: Vec<ObjectReport>,
     /// Bytes of the contributions of all views that are kept in memory.

@@ -25,6 +25,7 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     );
     out += &head(report);
     out += &tiles(report);
+    out += &section("Warnings", &warnings(report));
     out += &section("Curves", &charts(data));
     out += &section("Beside the plain cloud", &phases::beside(data));
     out += &section("Groups", &phases::groups(report));
@@ -91,6 +92,11 @@ fn tiles(report: &RunReport) -> String {
     let tiles =
         all.iter().map(|(name, value)| format!("<div class=\"tile\"><b>{value}</b><span>{name}</span></div>\n"));
     format!("<div class=\"tiles\">\n{}</div>\n", tiles.collect::<String>())
+}
+
+fn warnings(report: &RunReport) -> String {
+    let line = |text: &String| format!("<p class=\"warn\">{}</p>\n", escape(text));
+    report.warnings.iter().map(line).collect()
 }
 
 fn charts(data: &ReportData) -> String {

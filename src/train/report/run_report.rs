@@ -37,6 +37,9 @@ pub struct RunReport {
     pub gaussians: Counts,
     /// Sizes.
     pub bytes: Bytes,
+    /// What the user should know of masks, objects and groups, one line each; empty for 3dgs.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// Instances found; empty for 3dgs.
     pub registration: Vec<InstanceRegistration>,
     /// What became of the groups; empty for 3dgs.

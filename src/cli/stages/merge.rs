@@ -1,0 +1,85 @@
+//! `instgs-vk merge`: one template per group, and each object the differences to it.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::{SegmentsArgs, create_folder_of, group_lines};
+use crate::cli::error::CliError;
+use crate::cli::printer::Printer;
+use crate::cli::table::grouped;
+use crate::cli::train::counts;
+use crate::io::{read_groups, save_scene};
+use crate::template::GroupReport;
+use crate::train::merged;
+use crate::train::merged::warnings;
+use crate::train::report::Counts;
+
+/// Merges the objects of each group of a segmented scene into a template, instances with offsets, and a background.
+///
+/// The result is the scene that the joint phase of train --method instgs starts from; it is not trained yet. What is in no
+/// group is background. How templates are drawn are the sections template and offsets of the configuration.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk merge --segments cars_segments --groups cars_groups.json --out cars.instgs\n  \
+    instgs-vk merge --segments cars_segments --groups cars/groups.json --out cars.instgs --set template.source=single")]
+pub(in crate::cli) struct MergeArgs {
+    #[command(flatten)]
+    segments: SegmentsArgs,
+    /// Which objects are alike, and where they stand
+    #[arg(long, value_name = "groups.json")]
+    groups: PathBuf,
+    /// Scene to write, .instgs
+    #[arg(long, value_name = "X.instgs")]
+    out: PathBuf,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(in crate::cli) json: bool,
+}
+
+/// What is printed with `--json`.
+#[derive(serde::Serialize)]
+struct Report<'a> {
+    segments: &'a Path,
+    out: &'a Path,
+    instances: usize,
+    gaussians: Counts,
+    /// Left out because the pictures hardly show them.
+    hardly_seen: u64,
+    groups: &'a [GroupReport],
+    warnings: Vec<String>,
+}
+
+pub(in crate::cli) fn run(args: &MergeArgs, printer: &Printer) -> Result<(), CliError> {
+    let segments = args.segments.open(args.segments.config()?.finish()?)?;
+    let groups = read_groups(&args.groups)?;
+    create_folder_of(&args.out)?;
+    printer.line(format_args!("merging {} groups", groups.len()));
+    let found = merged(&segments.cloud, &segments.segmented, &groups, &segments.config)?;
+    save_scene(&args.out, &found.scene)?;
+    let report = Report {
+        segments: &args.segments.segments,
+        out: &args.out,
+        instances: found.scene.instances.len(),
+        gaussians: counts(&found.scene),
+        hardly_seen: found.hardly_seen,
+        groups: &found.groups,
+        warnings: warnings(&found.groups),
+    };
+    report.warnings.iter().for_each(|text| printer.warning(text));
+    if args.json {
+        return printer.json(&report);
+    }
+    group_lines(&found.groups, printer);
+    let Counts { template, offsets, background, .. } = report.gaussians;
+    printer.line(format_args!(
+        "{}: {} instances, {} Gaussians of templates, {} offset records, {} of the background, {} hardly seen left out",
+        args.out.display(),
+        report.instances,
+        grouped(template),
+        grouped(offsets),
+        grouped(background),
+        grouped(report.hardly_seen)
+    ));
+    Ok(())
+}

@@ -1,0 +1,103 @@
+//! The stages between the two phases of `train --method instgs` as commands: `segment`, `register`, `merge`. The folder of
+//! segments that leads from one to the next is laid out as a run folder.
+
+pub(super) mod merge;
+pub(super) mod register;
+pub(super) mod segment;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::error::CliError;
+use super::printer::{Printer, Progress};
+use crate::scene::InstancedScene;
+use crate::segment::LabelProgress;
+use crate::template::GroupReport;
+use crate::train::Segmented;
+use crate::train::config::{ConfigBuilder, TrainConfig};
+use crate::train::segmented::{read_cloud, require_segments};
+
+/// The configuration, in a folder of segments and in a run folder.
+const CONFIG: &str = "config.toml";
+
+/// Where the earlier stage left its files.
+#[derive(Args)]
+struct SegmentsArgs {
+    /// Folder that segment made, or a run folder of train --method instgs
+    #[arg(long, value_name = "DIR")]
+    segments: PathBuf,
+    /// One value of the configuration, over the folder's own; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// What is in the folder.
+struct Segments {
+    config: TrainConfig,
+    cloud: InstancedScene,
+    segmented: Segmented,
+}
+
+impl SegmentsArgs {
+    /// The folder's configuration with `--set` above it; flags are the caller's to add.
+    fn config(&self) -> Result<ConfigBuilder, CliError> {
+        require_segments(&self.segments)?;
+        let own = self.segments.join(CONFIG);
+        let builder = ConfigBuilder::new().file(&own.display().to_string())?;
+        with_sets(builder, &self.set)
+    }
+
+    /// Reads everything.
+    fn open(&self, config: TrainConfig) -> Result<Segments, CliError> {
+        let cloud = read_cloud(&self.segments)?;
+        let segmented = Segmented::read(&self.segments, cloud.background.len())?;
+        Ok(Segments { config, cloud, segmented })
+    }
+}
+
+/// `--set`, in the order given.
+fn with_sets(builder: ConfigBuilder, sets: &[String]) -> Result<ConfigBuilder, CliError> {
+    Ok(sets.iter().try_fold(builder, |builder, assignment| builder.set(assignment))?)
+}
+
+/// Makes the folder of a file that is to be written, before the work that fills it.
+fn create_folder_of(file: &Path) -> Result<(), CliError> {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => super::args::create_folder(folder),
+        _ => Ok(()),
+    }
+}
+
+/// Progress of the segmentation.
+pub(super) struct LabelLines<'a> {
+    printer: &'a Printer,
+    progress: Option<Progress>,
+}
+
+impl<'a> LabelLines<'a> {
+    /// Nothing is shown before the first view.
+    pub(super) fn new(printer: &'a Printer) -> Self {
+        Self { printer, progress: None }
+    }
+
+    /// So many views are done.
+    pub(super) fn at(&mut self, at: LabelProgress) {
+        let progress = self.progress.get_or_insert_with(|| self.printer.progress("segment", at.total as u64));
+        progress.advance_to(at.done as u64, "");
+    }
+}
+
+/// A line for each group that became a template.
+pub(super) fn group_lines(groups: &[GroupReport], printer: &Printer) {
+    for group in groups.iter().filter(|g| g.template.is_some()) {
+        let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
+        let (fewest, mean, most) = group.gaussians_per_instance;
+        printer.line(format_args!(
+            "{name}: {} instances of {fewest} to {most} Gaussians (mean {mean:.0}), template of {}, match distance {:.3}",
+            group.instances.len(),
+            group.template_gaussians,
+            group.match_distance
+        ));
+    }
+}

@@ -1,0 +1,111 @@
+//! `instgs-vk register`: which objects of a segmented scene are alike, and where each stands.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::{SegmentsArgs, create_folder_of};
+use crate::cli::device::{self, DeviceArgs};
+use crate::cli::error::CliError;
+use crate::cli::printer::Printer;
+use crate::cli::table::Table;
+use crate::io::write_groups;
+use crate::register::InstanceRegistration;
+use crate::train::grouped::warnings;
+use crate::train::registered;
+
+/// Finds which objects are alike, and the pose of each, and writes them as groups.json.
+///
+/// Objects of one category are tried as one group, those without with all others that have none. The one that was seen
+/// best is the reference. An object that is like no other is rejected: it stays in the background. One whose pose is
+/// ambiguous is in its group, but should be looked at.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk register --segments cars_segments --out cars_groups.json\n  \
+    instgs-vk register --segments orchard_segments --out groups.json --similarity --json")]
+pub(in crate::cli) struct RegisterArgs {
+    #[command(flatten)]
+    segments: SegmentsArgs,
+    /// File to write
+    #[arg(long, value_name = "groups.json")]
+    out: PathBuf,
+    /// Objects of a group may differ in size (joint.refine_scales)
+    #[arg(long)]
+    similarity: bool,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(in crate::cli) json: bool,
+}
+
+/// What is printed with `--json`.
+#[derive(serde::Serialize)]
+struct Report<'a> {
+    segments: &'a Path,
+    out: &'a Path,
+    groups: usize,
+    instances: &'a [InstanceRegistration],
+    warnings: Vec<String>,
+    seconds: f64,
+}
+
+pub(in crate::cli) fn run(args: &RegisterArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    let mut config = args.segments.config()?;
+    if args.similarity {
+        config = config.flag("--similarity", "joint.refine_scales", true)?;
+    }
+    let segments = args.segments.open(config.finish()?)?;
+    create_folder_of(&args.out)?;
+    let gpu = device::open(device_args.choice())?;
+    let objects = segments.segmented.consensus.objects.iter().filter(|object| object.gaussians > 0).count();
+    printer.line(format_args!("registering {objects} objects"));
+    let found = registered(&gpu, &segments.config, &segments.cloud, &segments.segmented)?;
+    device::check_validation(&gpu)?;
+    write_groups(&args.out, &found.groups)?;
+    let mut told: Vec<String> = warnings(&found.registration).collect();
+    if found.groups.is_empty() {
+        told.push(format!("no two objects are alike: {} has no groups", args.out.display()));
+    }
+    told.iter().for_each(|text| printer.warning(text));
+    let report = Report {
+        segments: &args.segments.segments,
+        out: &args.out,
+        groups: found.groups.len(),
+        instances: &found.registration,
+        warnings: told,
+        seconds: found.stages.iter().map(|stage| stage.seconds).sum(),
+    };
+    if args.json {
+        return printer.json(&report);
+    }
+    printer.line(table(&found.registration));
+    let in_groups = found.registration.iter().filter(|object| object.accepted).count();
+    let out = args.out.display();
+    printer.line(format_args!("{out}: {} groups with {in_groups} of {objects} objects", report.groups));
+    Ok(())
+}
+
+/// One row an object.
+fn table(objects: &[InstanceRegistration]) -> Table {
+    let mut table = Table::default();
+    let head = ["group", "instance", "name", "verdict", "inliers", "RMSE", "photometric"].map(String::from);
+    let row = |object: &InstanceRegistration| {
+        let registered = |figure: String| if object.inliers > 0.0 { figure } else { "-".into() };
+        [
+            object.group.map_or("-".into(), |group| group.to_string()),
+            object.instance.to_string(),
+            object.name.clone().unwrap_or_else(|| "-".into()),
+            object.verdict.name().into(),
+            registered(format!("{:.3}", object.inliers)),
+            registered(format!("{:.4}", object.rmse)),
+            object.photometric.map_or("-".into(), |error| format!("{error:.4}")),
+        ]
+    };
+    // Words to the left, where the table puts numbers to the right.
+    let width = objects.iter().map(|object| object.note.chars().count()).max().unwrap_or(0);
+    let mut with_note = |[a, b, c, d, e, f, g]: [String; 7], note: &str| {
+        table.row([a, b, c, d, e, f, g, format!("{note:<width$}")]);
+    };
+    with_note(head, "note");
+    objects.iter().for_each(|object| with_note(row(object), &object.note));
+    table
+}

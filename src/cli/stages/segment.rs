@@ -1,0 +1,156 @@
+//! `instgs-vk segment`: which Gaussians of a trained plain cloud belong to which object.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::{CONFIG, LabelLines, with_sets};
+use crate::cli::args::create_folder;
+use crate::cli::device::{self, DeviceArgs};
+use crate::cli::error::CliError;
+use crate::cli::printer::Printer;
+use crate::cli::table::{Table, grouped};
+use crate::cli::train::absolute;
+use crate::io::{IoError, atomic_write, write_ply};
+use crate::segment::ConsensusReport;
+use crate::train::config::{ConfigBuilder, Method, TrainConfig};
+use crate::train::given::given_plain_cloud;
+use crate::train::segmented::{CLOUD, LABELS, read_cloud};
+use crate::train::{TrainJob, check_masks, segmented};
+
+/// Finds the objects of a trained plain cloud in the masks of its training views.
+///
+/// Masks are one PNG of ids per image, 8 or 16 bits of grey, 0 = no object; ids need not be the same from view to view.
+/// DIR gets the scene as point_cloud.ply, cameras.json, consensus.json (which object each mask shows), labels.safetensors
+/// (the object of each Gaussian) and config.toml: all that register and merge need. train --method instgs does the same
+/// between its two phases.
+#[derive(Args)]
+#[command(after_help = "Example, all three stages:\n  \
+    instgs-vk segment --scene runs/cars/point_cloud.ply --data cars --out cars_segments\n  \
+    instgs-vk register --segments cars_segments --out cars_groups.json\n  \
+    instgs-vk merge --segments cars_segments --groups cars_groups.json --out cars.instgs")]
+pub(in crate::cli) struct SegmentArgs {
+    /// Scene without instances: .ply, .spz, .splat or .instgs
+    #[arg(long, value_name = "PLY")]
+    scene: PathBuf,
+    /// Dataset folder that the scene was trained on
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Folder with a PNG of object ids per image [default: DATA/masks]
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// Folder for the segments; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// A preset or a TOML file, as for train; of its keys count width, near, antialias, background, sh_degree, seed, and
+    /// the sections segment, template, offsets and joint
+    #[arg(long, value_name = "F")]
+    config: Option<String>,
+    /// One value of the configuration; may be repeated
+    #[arg(long, value_name = "KEY=VALUE")]
+    set: Vec<String>,
+    /// Look at the views at this width, as the scene was trained
+    #[arg(long, value_name = "W")]
+    width: Option<u32>,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(in crate::cli) json: bool,
+}
+
+/// What is printed with `--json`.
+#[derive(serde::Serialize)]
+struct Report<'a> {
+    scene: &'a Path,
+    out: &'a Path,
+    gaussians: usize,
+    background: usize,
+    consensus: &'a ConsensusReport,
+    warnings: Vec<String>,
+    seconds: f64,
+}
+
+pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+    check_folder(&args.out)?;
+    let job = TrainJob { data: args.data.clone(), out: args.out.clone(), config: args.resolved()?, resume: false };
+    let mut warnings = check_masks(&job)?;
+    let given = given_plain_cloud(&args.scene, &job.config)?;
+    warnings.extend(given.warnings);
+    warnings.iter().for_each(|text| printer.warning(text));
+    let gpu = device::open(device_args.choice())?;
+    create_folder(&args.out)?;
+    let text = job.config.to_toml()?;
+    atomic_write(&args.out.join(CONFIG), |out| out.write_all(text.as_bytes()))?;
+    write_ply(&args.out.join(CLOUD), &given.cloud)?;
+    let cloud = read_cloud(&args.out)?;
+    let mut lines = LabelLines::new(printer);
+    let found = segmented(&gpu, &job, &cloud, &mut |at| lines.at(at));
+    drop(lines);
+    let found = found?;
+    device::check_validation(&gpu)?;
+    if let Some(text) = found.consensus.warning() {
+        printer.warning(&text);
+        warnings.push(text);
+    }
+    let report = Report {
+        scene: &args.scene,
+        out: &args.out,
+        gaussians: found.labels.len(),
+        background: found.labels.iter().filter(|&&label| label == 0).count(),
+        consensus: &found.consensus,
+        warnings,
+        seconds: found.stages.iter().map(|stage| stage.seconds).sum(),
+    };
+    if args.json {
+        return printer.json(&report);
+    }
+    print(&report, printer);
+    Ok(())
+}
+
+impl SegmentArgs {
+    fn resolved(&self) -> Result<TrainConfig, CliError> {
+        let mut builder = ConfigBuilder::new();
+        if let Some(file) = &self.config {
+            builder = builder.file(file)?;
+        }
+        builder = with_sets(builder, &self.set)?.flag("--scene", "init_scene", absolute("--scene", &self.scene)?)?;
+        if let Some(masks) = &self.masks {
+            builder = builder.flag("--masks", "masks", absolute("--masks", masks)?)?;
+        }
+        if let Some(width) = self.width {
+            builder = builder.flag("--width", "width", i64::from(width))?;
+        }
+        Ok(TrainConfig { method: Method::Instanced, groups: String::new(), ..builder.finish()? })
+    }
+}
+
+/// Refuses a folder whose files would be replaced by those of another scene.
+fn check_folder(out: &Path) -> Result<(), CliError> {
+    let taken = [LABELS, "events.jsonl", "vanilla", "checkpoints", "report.json"];
+    match taken.iter().find(|name| out.join(name).exists()) {
+        Some(found) => {
+            let error = IoError::new(out, format!("holds segments or a run already ({found})"));
+            Err(error.advise("choose another folder").into())
+        }
+        None => Ok(()),
+    }
+}
+
+fn print(report: &Report<'_>, printer: &Printer) {
+    let mut table = Table::default();
+    table.row(["object", "category", "views", "masks", "Gaussians"].map(String::from));
+    for object in &report.consensus.objects {
+        table.row([
+            object.id.to_string(),
+            object.category.clone().unwrap_or_else(|| "-".into()),
+            grouped(object.views as u64),
+            grouped(object.masks as u64),
+            grouped(object.gaussians as u64),
+        ]);
+    }
+    printer.line(table);
+    let [gaussians, background] = [report.gaussians, report.background].map(|count| grouped(count as u64));
+    let out = report.out.display();
+    printer
+        .line(format_args!("{out}: {gaussians} Gaussians, {background} of no object; next: register --segments {out}"));
+}

@@ -1,0 +1,92 @@
+//! Whether masks and groups can be used, looked at before anything is trained: that takes seconds, training hours.
+
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+
+use crate::io::{IoError, MaskFolder, View, read_groups};
+
+use super::error::TrainError;
+use super::segmented::{is_segmented, training_views};
+use super::trainer::TrainJob;
+
+/// Views that a line names; of more it gives the number.
+const NAMED_VIEWS: usize = 3;
+
+/// Reads every mask of a training view, and the groups if the configuration names some; what the user should know comes
+/// back, one line each. Nothing is read if the job goes on from objects that were found already.
+///
+/// # Errors
+/// No masks; a mask that is damaged, has other than 8 or 16 bits of grey, or another size than its image; masks of which
+/// none has an object; categories or groups that are damaged.
+pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, TrainError> {
+    if !job.config.groups.is_empty() {
+        read_groups(Path::new(&job.config.groups))?;
+    }
+    if job.resume && is_segmented(&job.out) {
+        return Ok(Vec::new());
+    }
+    let folder = mask_folder(job)?;
+    let masks = MaskFolder::open(&folder)?;
+    let (views, _) = training_views(job)?;
+    let has_object = |view: &View| -> Result<bool, IoError> {
+        Ok(masks.of_camera(&view.camera)?.is_some_and(|mask| mask.ids.iter().any(|&id| id != 0)))
+    };
+    // Collected, so that of several errors it is always that of the first view.
+    let found: Vec<Result<bool, IoError>> = views.par_iter().map(has_object).collect();
+    let with_object = found.into_iter().collect::<Result<Vec<bool>, IoError>>()?;
+    if !with_object.contains(&true) {
+        let error = IoError::new(&folder, "no training view has a mask with an object in it");
+        return Err(error.advise("a mask has the stem of its view's image, and ids above 0 where objects are").into());
+    }
+    Ok(without_mask_line(&views_without_mask(&masks, &views)?, views.len()).into_iter().collect())
+}
+
+/// The folder of the masks.
+///
+/// # Errors
+/// The configuration names none, and the data set has none.
+pub(super) fn mask_folder(job: &TrainJob) -> Result<PathBuf, TrainError> {
+    if !job.config.masks.is_empty() {
+        return Ok(PathBuf::from(&job.config.masks));
+    }
+    MaskFolder::default_for(&job.data).ok_or_else(|| {
+        let error = IoError::new(&job.data, "has no masks");
+        error.advise("put one PNG of object ids per image into masks/, or give their folder with --masks").into()
+    })
+}
+
+/// The names of the views that have no mask, in order.
+pub(super) fn views_without_mask(masks: &MaskFolder, views: &[View]) -> Result<Vec<String>, TrainError> {
+    let mut out = Vec::new();
+    for View { camera, .. } in views {
+        if !masks.has_view(&camera.name)? {
+            out.push(camera.name.clone());
+        }
+    }
+    Ok(out)
+}
+
+/// One line for the user if views have no mask.
+pub(super) fn without_mask_line(names: &[String], views: usize) -> Option<String> {
+    let shown = names[..names.len().min(NAMED_VIEWS)].join(", ");
+    let more = if names.len() > NAMED_VIEWS { ", ..." } else { "" };
+    let count = names.len();
+    (count > 0).then(|| {
+        format!("{count} of {views} training views have no mask ({shown}{more}); objects are found in the others")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_views_are_named_and_many_counted() {
+        let names: Vec<String> = ["a", "b", "c", "d"].map(String::from).into();
+        assert_eq!(without_mask_line(&[], 9), None);
+        let line = |n: usize| without_mask_line(&names[..n], 9).unwrap_or_default();
+        assert!(line(1).starts_with("1 of 9 training views have no mask (a);"), "{}", line(1));
+        assert!(line(3).contains("(a, b, c);") && line(4).contains("(a, b, c, ...);"), "{}", line(4));
+    }
+}

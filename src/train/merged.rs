@@ -1,0 +1,78 @@
+//! Templates, instances with offsets, and a background, from a segmented cloud and posed groups.
+
+use crate::scene::{InstancedScene, PosedGroup};
+use crate::template::{GroupReport, POOR_MATCH, build};
+
+use super::config::TrainConfig;
+use super::error::TrainError;
+use super::segmented::Segmented;
+
+/// The scene that the joint phase starts from.
+pub struct Merged {
+    /// It; without instances if no group has an object.
+    pub scene: InstancedScene,
+    /// What became of each group.
+    pub groups: Vec<GroupReport>,
+    /// Gaussians of the cloud that were left out because the pictures hardly show them.
+    pub hardly_seen: u64,
+}
+
+/// Merges the objects of a segmented plain cloud. A group of which no object has Gaussians stays in the background.
+///
+/// # Errors
+/// Groups that do not fit each other, or more Gaussians than can be counted.
+pub fn merged(
+    cloud: &InstancedScene,
+    segmented: &Segmented,
+    groups: &[PosedGroup],
+    config: &TrainConfig,
+) -> Result<Merged, TrainError> {
+    let is_kept = segmented.well_seen(config.joint.prune_weight);
+    let kept = cloud.background.filtered(|i| is_kept[i]);
+    let labels: Vec<u32> =
+        segmented.labels.iter().zip(&is_kept).filter(|(_, kept)| **kept).map(|(&id, _)| id).collect();
+    let mut built = build(&kept, &labels, groups, &config.template_options())?;
+    built.scene.antialias = config.antialias;
+    built.scene.source = "instgs-vk: merged, not yet trained".into();
+    let hardly_seen = (cloud.background.len() - kept.len()) as u64;
+    Ok(Merged { scene: built.scene, groups: built.report, hardly_seen })
+}
+
+/// What the user should know of the groups, one line each.
+pub fn warnings(groups: &[GroupReport]) -> Vec<String> {
+    let mut out: Vec<String> = nothing_shared(groups).into_iter().collect();
+    for group in groups {
+        let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
+        if group.template.is_none() {
+            out.push(format!("{name}: no instance has enough Gaussians; it stays in the background"));
+            continue;
+        }
+        if group.is_poor_match() {
+            let distance = group.match_distance;
+            out.push(format!(
+                "{name}: its objects are not alike, or posed wrongly (match distance {distance:.3}, good below \
+                 {POOR_MATCH:.2}): expect ghosts"
+            ));
+        }
+        if group.is_single() {
+            out.push(format!("{name}: only one of its objects has Gaussians; sharing gains nothing"));
+        }
+        for instance in group.instances.iter().filter(|i| !i.is_usable) {
+            let (id, own) = (instance.id, instance.gaussians);
+            out.push(format!("{name}: object {id} has only {own} Gaussians; it is shown as the template"));
+        }
+    }
+    out
+}
+
+/// One line if there is no template.
+fn nothing_shared(groups: &[GroupReport]) -> Option<String> {
+    let why = if groups.is_empty() {
+        "no two objects are alike"
+    } else if groups.iter().all(|group| group.template.is_none()) {
+        "none of the groups has an object with Gaussians; check that masks and groups have the same ids"
+    } else {
+        return None;
+    };
+    Some(format!("nothing is shared, and the whole scene is background: {why}"))
+}
