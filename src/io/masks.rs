@@ -143,6 +143,11 @@ impl MaskFolder {
         self.path_of(name)?.map(read_mask).transpose()
     }
 
+    /// True if the view with this name has a mask, or may have one of several.
+    pub fn has_view(&self, name: &str) -> bool {
+        self.by_path.contains_key(name) || self.by_stem.contains_key(name)
+    }
+
     /// An error if the mask of the view with this name has another size than the view's `width * height` pixels.
     pub fn check_size(&self, name: &str, mask: &Mask, width: u32, height: u32) -> Result<(), IoError> {
         if (mask.width, mask.height) == (width, height) {
@@ -233,6 +238,7 @@ mod tests {
             assert_eq!(masks.of_view(name)?, Some(of(id)), "{name}");
         }
         assert_eq!(masks.of_view("a")?, None);
+        assert!(masks.has_view("left_1") && masks.has_view("2") && !masks.has_view("a"));
         assert!(masks.of_view("1").is_err_and(|e| e.to_string().contains("view 1")));
         masks.check_size("2", &of(4), 1, 1)?;
         let text = masks.check_size("2", &of(4), 1, 2).err().map(|e| e.to_string()).unwrap_or_default();

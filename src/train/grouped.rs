@@ -17,7 +17,7 @@ use super::segmented::{Segmented, stage, training_views};
 use super::trainer::{TrainJob, eval_options};
 
 /// The groups, in the run folder.
-const GROUPS: &str = "groups.json";
+pub(super) const GROUPS: &str = "groups.json";
 
 /// What is alike.
 pub(super) struct Grouped {

@@ -16,6 +16,7 @@ pub mod memory;
 pub mod prepare;
 pub mod report;
 mod segmented;
+pub mod stage_pictures;
 mod start;
 pub mod state_file;
 pub mod step_runner;

@@ -20,11 +20,11 @@ use super::report::Stage;
 use super::trainer::{TrainJob, eval_options};
 
 /// Labels by Gaussian of the cloud, in the run folder.
-const LABELS: &str = "labels.safetensors";
+pub(super) const LABELS: &str = "labels.safetensors";
 /// The object of every mask, in the run folder.
-const CONSENSUS: &str = "consensus.json";
+pub(super) const CONSENSUS: &str = "consensus.json";
 /// The tensor of labels.
-const LABEL_TENSOR: &str = "instance_of_gaussian";
+pub(super) const LABEL_TENSOR: &str = "instance_of_gaussian";
 
 /// The tensor of what Gaussians add to the pictures.
 const WEIGHT_TENSOR: &str = "weight_px";
@@ -122,7 +122,7 @@ fn label_options(job: &TrainJob) -> LabelOptions {
 }
 
 /// The folder of the masks.
-fn mask_folder(job: &TrainJob) -> Result<PathBuf, TrainError> {
+pub(super) fn mask_folder(job: &TrainJob) -> Result<PathBuf, TrainError> {
     if !job.config.masks.is_empty() {
         return Ok(PathBuf::from(&job.config.masks));
     }
