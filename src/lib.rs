@@ -74,6 +74,7 @@
 //!   groups.json                 given, or register: which objects are alike, and where they stand
 //!   initial.instgs              template::build: objects in their group's frame, as many Gaussians as they have on
 //!                               average drawn from all of them; offsets from each template Gaussian to its match
+//!   stages/*.png                train::stage_pictures: what each of these did, to be looked at; also in report.html
 //!   scene.instgs                the joint phase: templates, offsets, background and places learn together
 //! ```
 //!
@@ -161,7 +162,7 @@
 //!   every kind of bad input.
 //! - `tests/cli_instanced.rs`: the joint phase on a small ray-traced data set: quality, the same bytes twice and after a kill,
 //!   and the comparison's rows. `tests/segment.rs`, `tests/consensus.rs`, `tests/template.rs`: labels, objects and
-//!   templates against known truth.
+//!   templates against known truth. `tests/stage_pictures.rs`: colours of objects, and wrong poses, in the report's pictures.
 //! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
 //!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
 //!   one, and repeated frames identical. `tests/common/` holds the comparison.

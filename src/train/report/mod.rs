@@ -84,4 +84,6 @@ pub fn html(data: &ReportData, path: &Path) -> Result<String, IoError> {
 }
 
 #[cfg(test)]
+mod stage_tests;
+#[cfg(test)]
 mod tests;

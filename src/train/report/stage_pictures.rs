@@ -63,9 +63,11 @@ pub struct OverlayTile {
     pub color: [u8; 3],
     /// The object alone in its own colours; `None` if it has no Gaussians.
     pub own: Option<Rgb8>,
-    /// In its colour over the reference's grey, from the front and from a side; empty for the reference itself.
+    /// In its colour over the reference's grey, from the front and from a side; that grey alone for the reference;
+    /// empty without a reference.
     pub over: Vec<Rgb8>,
-    /// How far its outline is the reference's in these pictures: intersection by union, 0..=1.
+    /// How far its outline is the reference's in these pictures: intersection by union, 0..=1; `None` for the
+    /// reference.
     pub overlap: Option<f64>,
 }
 

@@ -69,9 +69,10 @@ pub(super) fn poses(pictures: &StagePictures, report: &RunReport) -> Html {
     if pictures.overlays.is_empty() {
         return Ok(String::new());
     }
-    let how = "Every object is brought to the place of its group's reference by its pose: alone in its own colours, then in \
-               its colour over the reference's grey, from the camera that shows the reference best and from a quarter turn \
-               beside it. Where a pose is right, the two cover each other.";
+    let how = "Every object is brought to the place of its group's reference by its pose: alone in its own colours, \
+               then in its colour over the reference, from the camera that shows the reference best and from a quarter \
+               turn beside it. The line is the reference's outline: a right pose fills it; grey in it is not covered, \
+               and colour outside of it is too much.";
     let groups = pictures.overlays.iter().map(|group| poses_of(group, report)).collect::<Result<String, String>>()?;
     Ok(format!("<p class=\"soft\">{how}</p>\n{groups}"))
 }
@@ -89,7 +90,7 @@ fn poses_of(group: &GroupOverlay, report: &RunReport) -> Html {
 fn pose(tile: &OverlayTile, report: &RunReport) -> Html {
     let registered = report.registration.iter().find(|r| r.instance == tile.id);
     let of = format!("object {}", tile.id);
-    let captions = ["alone", "over the reference", "from the side"];
+    let captions = ["alone", if tile.overlap.is_some() { "over the reference" } else { "in grey" }, "from the side"];
     let pictures = tile.own.iter().chain(&tile.over).zip(captions);
     let pictures =
         pictures.map(|(picture, caption)| figure(picture, &of, caption)).collect::<Result<String, String>>()?;

@@ -14,7 +14,8 @@ const MARGIN: f64 = 0.18;
 const MIN_SHARE: f64 = 0.7;
 /// A view that shows this part of the most objects that any view shows, shows many.
 const MANY: f64 = 0.7;
-/// Where a camera stands that no view gives, in radii of the object: outside of it, and near enough for some perspective.
+/// Where a camera stands that no view gives, in radii of the object: outside of it, and near enough for some
+/// perspective.
 const DISTANCE: f64 = 4.0;
 /// Its vertical field of view, radians; close-ups choose their own.
 const FIELD_OF_VIEW: f64 = 0.5;
@@ -29,9 +30,9 @@ fn is_inside(camera: &Camera, [x, y]: [f64; 2]) -> bool {
     (0.0..f64::from(camera.width)).contains(&x) && (0.0..f64::from(camera.height)).contains(&y)
 }
 
-/// At most `most` of the `candidates` (indices of cameras), in ascending order: each next one shows the most objects that no
-/// chosen one does; of equals, one that shows many, then the one farthest from all chosen. Objects are given by their middles,
-/// world units.
+/// At most `most` of the `candidates` (indices of cameras), in ascending order: each next one shows the most objects
+/// that no chosen one does; of equals, one that shows many, then the one farthest from all chosen. Objects are given by
+/// their middles, world units.
 pub(super) fn choose_views(cameras: &[Camera], candidates: &[usize], objects: &[DVec3], most: usize) -> Vec<usize> {
     let shows = |view: usize, object: usize| {
         projected(&cameras[view], objects[object]).is_some_and(|at| is_inside(&cameras[view], at))
@@ -77,8 +78,8 @@ pub(super) fn best_camera<'a>(cameras: &'a [Camera], points: &[DVec3]) -> Option
     cameras.get(best.1)
 }
 
-/// A camera that shows the points large: the best one's close-up, or one that looks at them from half above if no camera
-/// shows them well; `None` without points.
+/// A camera that shows the points large: the best one's close-up, or one that looks at them from half above if no
+/// camera shows them well; `None` without points.
 pub(super) fn portrait(cameras: &[Camera], points: &[DVec3], size_px: (u32, u32)) -> Option<Camera> {
     let middle = (!points.is_empty()).then(|| middle(points))?;
     let best = best_camera(cameras, points).cloned().unwrap_or_else(|| {

@@ -96,8 +96,9 @@ impl Inputs {
             let (agreement, masks, objects) = (100.0 * found.agreement, found.masks, found.objects.len());
             let (merged, alone) = (found.undersegmented, found.unassigned);
             out.push(format!(
-                "Ids are the same from view to view in {agreement:.0} % of the cases only: {masks} masks were joined to \
-                 {objects} objects. Striped masks were not used: in all views, {merged} of several objects, {alone} of none."
+                "Ids are the same from view to view in {agreement:.0} % of the cases only: {masks} masks were joined \
+                 to {objects} objects. Striped masks were not used: in all views, {merged} of several objects, {alone} \
+                 of none."
             ));
         }
         if colors.ids().count() > Colors::DISTINCT {

@@ -6,7 +6,7 @@ use crate::scene::Gaussians;
 
 /// Brightness of an object's colour where its own Gaussians are black, and how much it rises towards white: shapes stay
 /// plain, and colours are not mistaken.
-const OBJECT_SHADES: (f32, f32) = (0.4, 0.6);
+const OBJECT_SHADES: (f32, f32) = (0.5, 0.5);
 /// The same of the grey of the background.
 const BACKGROUND_SHADES: (f32, f32) = (0.16, 0.5);
 
@@ -31,7 +31,14 @@ pub(super) fn base_color(cloud: &Gaussians, i: usize) -> [f32; 3] {
 /// The cloud with new colours (0..=1), from the index and the brightness of every Gaussian.
 fn repainted(cloud: &Gaussians, color: impl Fn(usize, f32) -> [f32; 3]) -> Gaussians {
     let sh = (0..cloud.len()).map(|i| color(i, luminance(base_color(cloud, i))).map(|c| (c - 0.5) / SH_C0 as f32));
-    Gaussians { sh_degree: 0, sh: sh.collect(), ..cloud.clone() }
+    Gaussians {
+        sh_degree: 0,
+        sh: sh.collect(),
+        means: cloud.means.clone(),
+        quats: cloud.quats.clone(),
+        log_scales: cloud.log_scales.clone(),
+        opacity_logits: cloud.opacity_logits.clone(),
+    }
 }
 
 fn shaded(color: [u8; 3], (darkest, rise): (f32, f32), shade: f32) -> [f32; 3] {
@@ -59,7 +66,7 @@ mod tests {
         let close = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-5);
         let own = colors.of(7).unwrap().map(|c| f32::from(c) / 255.0);
         assert!(close(color(1), own), "a white Gaussian shows the colour as it is");
-        assert!(close(color(0), own.map(|c| 0.4 * c)), "{:?}", color(0));
+        assert!(close(color(0), own.map(|c| 0.5 * c)), "{:?}", color(0));
         let [r, g, b] = color(2);
         assert!(r == g && g == b && r > 0.5, "grey");
         assert!(close(base_color(&tinted(&cloud, colors.of(7).unwrap()), 1), own));

@@ -1,5 +1,5 @@
-//! Pictures of what each stage from masks to templates did, for the page and, as PNG files, in `RUN/stages/`. They are made
-//! from the files that the stages left, so a resumed run has them too.
+//! Pictures of what each stage from masks to templates did, for the page and, as PNG files, in `RUN/stages/`. They are
+//! made from the files that the stages left, so a resumed run has them too.
 
 pub mod colors;
 mod files;
@@ -31,12 +31,13 @@ use crate::template::GroupReport;
 use colors::Colors;
 use inputs::Inputs;
 use masks::{Paint, painted};
-use overlay::Objects;
+use overlay::{Objects, group_name};
 use painter::{GROUND, Painter, rgb8};
 
 pub use files::FOLDER;
 
-/// Views whose masks and labels are shown: enough to see a scene from all sides, and a page of them is read at a glance.
+/// Views whose masks and labels are shown: enough to see a scene from all sides, and a page of them is read at a
+/// glance.
 const VIEWS: usize = 4;
 /// Width of their pictures: four beside each other on the page are 280 px, and screens have up to twice as many.
 const VIEW_WIDTH_PX: u32 = 400;
@@ -61,7 +62,7 @@ pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<Stage
     };
     let merged = load_scene(&job.out.join(INITIAL_SCENE))?.scene;
     let pictures = template::pictures(&mut painter, &merged, &merged, &inputs.cameras)?;
-    out.templates = (0..).zip(pictures).map(|(t, merged_pictures)| template(t, &merged, merged_pictures)).collect();
+    out.templates = (0..).zip(pictures).map(|(t, pictures)| template((t, pictures), &merged, prepared)).collect();
     files::write(job, &out)?;
     Ok(out)
 }
@@ -108,7 +109,7 @@ fn views(
     let given = given_colors(inputs, &masks, colors);
     let cameras: Vec<_> = chosen.iter().map(|&view| inputs.camera_at_width(view, VIEW_WIDTH_PX)).collect();
     let colored = labels::colored(&inputs.cloud, &inputs.labels, colors);
-    let labelled = painter.pictures(&colored, Similarity::IDENTITY, &cameras)?;
+    let labelled = painter.pictures(colored, Similarity::IDENTITY, &cameras)?;
     let mut out = Vec::with_capacity(chosen.len());
     for (((&view, mask), camera), labelled) in chosen.iter().zip(masks).zip(&cameras).zip(&labelled) {
         let photo = photo(&inputs.views[view], camera)?;
@@ -153,10 +154,11 @@ fn object_paint(table: &IdTable, view: usize, id: u16, colors: &Colors) -> Paint
     }
 }
 
-fn template(index: u32, scene: &InstancedScene, merged: Vec<Rgb8>) -> TemplatePictures {
-    let group = scene.groups.iter().find(|group| group.template_id == index);
-    let name = group.and_then(|group| group.name.clone()).unwrap_or_else(|| format!("template {index}"));
+fn template((index, merged): (u32, Vec<Rgb8>), scene: &InstancedScene, prepared: &Prepared) -> TemplatePictures {
+    let group = prepared.groups.iter().find(|group| group.template == Some(index));
+    let name = group.map(|group| group_name(group.template_id, group.name.as_ref()));
     let gaussians = u64::from(scene.template_ranges[index as usize].count);
     let instances = scene.instances.iter().filter(|instance| instance.template == index).count() as u64;
+    let name = name.unwrap_or_else(|| format!("template {index}"));
     TemplatePictures { name, gaussians, instances, merged, trained: Vec::new() }
 }

@@ -15,7 +15,13 @@ use crate::train::report::{GroupOverlay, OverlayTile, Rgb8};
 /// Size of a picture of one object, pixels: three beside each other are half as wide as the page.
 pub(super) const TILE_PX: (u32, u32) = (240, 180);
 /// The reference's grey: objects' colours stand out against it.
-const REFERENCE_GREY: [u8; 3] = [185; 3];
+const REFERENCE_GREY: [u8; 3] = [150; 3];
+/// Where the reference's outline is: half of what is seen there is the reference.
+const OUTLINE_ALPHA: f32 = 0.5;
+/// Its colour, 0..=1: darker than any object's shade.
+const OUTLINE: [f32; 3] = [0.08; 3];
+/// Part of the reference that is seen through the object: its dark and light parts, no more.
+const SHINES_THROUGH: f32 = 0.25;
 
 /// The objects of a labelled cloud.
 pub struct Objects<'a> {
@@ -48,7 +54,8 @@ impl<'a> Objects<'a> {
         self.indices.keys().copied()
     }
 
-    /// An object's Gaussians, without view-dependent colour: a turned object is looked at from where no photo was taken.
+    /// An object's Gaussians, without view-dependent colour: a turned object is looked at from where no photo was
+    /// taken.
     pub(super) fn gaussians(&self, id: u32) -> Gaussians {
         let indices = self.indices.get(&id).map(Vec::as_slice).unwrap_or_default();
         let mut out = Gaussians::with_capacity(0, indices.len());
@@ -57,9 +64,9 @@ impl<'a> Objects<'a> {
     }
 }
 
-/// Pictures of the `shown` instances of a group (indices, in the order of the page), each brought to the place of instance
-/// `reference`: as itself, and in its colour over the grey reference, from the camera that shows the reference best and from
-/// a quarter turn beside it.
+/// Pictures of the `shown` instances of a group (indices, in the order of the page), each brought to the place of
+/// instance `reference`: as itself, and in its colour over the grey reference, from the camera that shows the reference
+/// best and from a quarter turn beside it. The reference itself is shown in grey there.
 ///
 /// # Errors
 /// The device's.
@@ -69,28 +76,40 @@ pub fn group_overlay(
     group: &PosedGroup,
     (reference, shown): (usize, &[usize]),
 ) -> Result<GroupOverlay, RenderError> {
-    let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
-    let mut out = GroupOverlay { name, left_out: group.instances.len() - shown.len(), tiles: Vec::new() };
+    let bare = |&i: &usize| {
+        let id = group.instances[i].id;
+        OverlayTile { id, color: objects.colors.of(id).unwrap_or_default(), ..OverlayTile::default() }
+    };
+    let mut out = GroupOverlay {
+        name: group_name(group.template_id, group.name.as_ref()),
+        tiles: shown.iter().map(bare).collect(),
+        left_out: group.instances.len() - shown.len(),
+    };
     let standard = &group.instances[reference];
     let own = objects.gaussians(standard.id);
     let Some(cameras) = cameras(objects, &own) else { return Ok(out) };
-    let grey = painter.pictures(&tinted(&own, REFERENCE_GREY), Similarity::IDENTITY, &cameras)?;
-    for instance in shown.iter().map(|&i| &group.instances[i]) {
-        let color = objects.colors.of(instance.id).unwrap_or_default();
-        let own = objects.gaussians(instance.id);
-        let pose = reference_from_instance(standard, instance);
-        let mut tile = OverlayTile { id: instance.id, color, ..OverlayTile::default() };
-        if !own.is_empty() {
-            tile.own = painter.pictures(&own, pose, &cameras[..1])?.first().map(rgb8);
+    let grey = painter.pictures(tinted(&own, REFERENCE_GREY), Similarity::IDENTITY, &cameras)?;
+    for (tile, &i) in out.tiles.iter_mut().zip(shown) {
+        let own = objects.gaussians(tile.id);
+        if own.is_empty() {
+            continue;
         }
-        if !own.is_empty() && instance.id != standard.id {
-            let laid = painter.pictures(&tinted(&own, color), pose, &cameras)?;
-            tile.over = grey.iter().zip(&laid).map(|(under, over)| laid_over(under, over)).collect();
-            tile.overlap = Some(overlap(&grey, &laid));
+        let pose = reference_from_instance(standard, &group.instances[i]);
+        tile.own = painter.pictures(own.clone(), pose, &cameras[..1])?.first().map(rgb8);
+        if i == reference {
+            tile.over = grey.iter().map(rgb8).collect();
+            continue;
         }
-        out.tiles.push(tile);
+        let laid = painter.pictures(tinted(&own, tile.color), pose, &cameras)?;
+        tile.over = grey.iter().zip(&laid).map(|(under, over)| laid_over(under, over)).collect();
+        tile.overlap = Some(overlap(&grey, &laid));
     }
     Ok(out)
+}
+
+/// What a group is called on the page: several may be of one kind.
+pub(super) fn group_name(template_id: u32, name: Option<&String>) -> String {
+    name.map_or_else(|| format!("group {template_id}"), |name| format!("{name}, group {template_id}"))
 }
 
 /// Objects that are in no group, as they are.
@@ -107,7 +126,7 @@ pub(super) fn portraits(
         let own = objects.gaussians(id);
         let camera = portrait(objects.cameras, &means(&own), TILE_PX);
         let own = match camera {
-            Some(camera) => painter.pictures(&own, Similarity::IDENTITY, &[camera])?.first().map(rgb8),
+            Some(camera) => painter.pictures(own, Similarity::IDENTITY, &[camera])?.first().map(rgb8),
             None => None,
         };
         tiles.push(OverlayTile { id, color: objects.colors.of(id).unwrap_or_default(), own, ..OverlayTile::default() });
@@ -135,18 +154,29 @@ fn reference_from_instance(reference: &PosedInstance, instance: &PosedInstance) 
     Similarity::from_parts(rotation, scale, to.translation() - scale * (rotation * from.translation()))
 }
 
-/// Both at once: where both are, half of each; where only one is, that one.
+/// Both at once: the object in its colour before the reference, a little of which shines through, and the reference's
+/// outline. Grey is what the object does not cover, colour outside of the outline what it has too much.
 fn laid_over(under: &Picture, over: &Picture) -> Rgb8 {
-    let pixel = |(a, b): (&[f32; 4], &[f32; 4])| {
-        let part = a[3] + b[3];
-        let cover = a[3].max(b[3]);
-        // Colours come with the ground behind them; what is left is the objects' own, times their alpha.
-        let own = |c: usize| a[c] - (1.0 - a[3]) * GROUND + b[c] - (1.0 - b[3]) * GROUND;
-        [0, 1, 2].map(|c| if part > 0.0 { own(c) / part * cover + (1.0 - cover) * GROUND } else { GROUND })
+    let (width, height) = (under.width as usize, under.height as usize);
+    let is_in = |x: usize, y: usize| under.colors[y * width + x][3] > OUTLINE_ALPHA;
+    let is_edge = |x: usize, y: usize| {
+        is_in(x, y) && !(x > 0 && x + 1 < width && y > 0 && y + 1 < height && beside(x, y).all(|(u, v)| is_in(u, v)))
     };
-    let colors = under.colors.iter().zip(&over.colors).map(pixel);
-    let pixels = colors.flatten().map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8).collect();
+    let mut pixels = Vec::with_capacity(3 * under.colors.len());
+    for (i, (under, over)) in under.colors.iter().zip(&over.colors).enumerate() {
+        // A picture's colour has the ground behind it already.
+        let mixed = [0, 1, 2].map(|c| over[c] + (1.0 - over[3]) * (under[c] - GROUND));
+        let through = SHINES_THROUGH * over[3] * under[3];
+        let color = [0, 1, 2].map(|c| mixed[c] + through * (under[c] - mixed[c]));
+        let color = if is_edge(i % width, i / width) { OUTLINE } else { color };
+        pixels.extend(color.map(|c| (c.clamp(0.0, 1.0) * 255.0).round() as u8));
+    }
     Rgb8 { width: under.width, height: under.height, pixels }
+}
+
+/// The four pixels beside one that is not at the border.
+fn beside(x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
+    [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)].into_iter()
 }
 
 /// How far outlines agree over all pictures: intersection by union of their alphas, 0..=1.
@@ -166,19 +196,22 @@ mod tests {
 
     use super::*;
 
-    fn picture(colors: Vec<[f32; 4]>) -> Picture {
-        Picture { width: colors.len() as u32, height: 1, depths: vec![0.0; colors.len()], colors }
-    }
-
     #[test]
-    fn both_are_mixed_and_one_alone_is_itself() {
-        let (ground, red, blue) = ([GROUND, GROUND, GROUND, 0.0], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 1.0]);
-        let (under, over) = (picture(vec![red, red, ground, ground]), picture(vec![blue, ground, blue, ground]));
-        let out = laid_over(&under, &over);
-        let level = (GROUND * 255.0).round() as u8;
-        assert_eq!(out.pixels, [128, 0, 128, 255, 0, 0, 0, 0, 255, level, level, level]);
-        let third = overlap(&[under], &[over]);
-        assert!((third - 1.0 / 3.0).abs() < 1e-12, "{third}");
+    fn the_object_covers_the_reference_whose_outline_stays() {
+        let (ground, grey, red) = ([GROUND, GROUND, GROUND, 0.0], [0.5, 0.5, 0.5, 1.0], [1.0, 0.0, 0.0, 1.0]);
+        // The reference fills five columns, the object three of them, and three beyond.
+        let filled = |color, first: usize, last: usize| {
+            let row: Vec<_> = (0..9).map(|x| if (first..last).contains(&x) { color } else { ground }).collect();
+            Picture { width: 9, height: 5, colors: row.repeat(5), depths: vec![0.0; 45] }
+        };
+        let out = laid_over(&filled(grey, 1, 6), &filled(red, 3, 9));
+        let pixel = |x: usize| [0, 1, 2].map(|c| out.pixels[3 * (2 * 9 + x) + c]);
+        let bytes = |color: [f32; 3]| color.map(|c| (255.0 * c).round() as u8);
+        assert_eq!([pixel(0), pixel(1), pixel(2)], [bytes([GROUND; 3]), bytes(OUTLINE), bytes([0.5; 3])]);
+        assert_eq!(pixel(4), bytes([0.875, 0.125, 0.125]), "a quarter of the reference shines through");
+        assert_eq!([pixel(5), pixel(6)], [bytes(OUTLINE), [255, 0, 0]], "beyond the outline it is itself");
+        let third = overlap(&[filled(grey, 1, 6)], &[filled(red, 3, 9)]);
+        assert!((third - 3.0 / 8.0).abs() < 1e-12, "{third}");
         assert_eq!(overlap(&[], &[]), 0.0);
     }
 

@@ -29,7 +29,7 @@ impl Painter {
     /// The cloud, moved by `pose`, from each camera.
     pub(super) fn pictures(
         &mut self,
-        cloud: &Gaussians,
+        cloud: Gaussians,
         pose: Similarity,
         cameras: &[Camera],
     ) -> Result<Vec<Picture>, RenderError> {
@@ -37,7 +37,7 @@ impl Painter {
             template_ranges: vec![TemplateRange { first: 0, count: cloud.len() as u32 }],
             instances: vec![Instance { template: 0, world_from_template: pose, first_offset: None }],
             background: Gaussians::with_capacity(cloud.sh_degree, 0),
-            templates: cloud.clone(),
+            templates: cloud,
             ..InstancedScene::default()
         };
         let scene = self.renderer.upload(&scene)?;

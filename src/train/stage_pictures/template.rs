@@ -10,9 +10,9 @@ use crate::render::RenderError;
 use crate::scene::{Camera, Gaussians, InstancedScene};
 use crate::train::report::Rgb8;
 
-/// Every template of `scene` without the offsets of any instance, in the place of its first instance: from the camera that
-/// shows that best, and from behind. Cameras are chosen for `framed`, the merged scene, so that two states of a scene
-/// are seen alike. No pictures of a template that is empty or has no instance.
+/// Every template of `scene` without the offsets of any instance, in the place of its first instance: from the camera
+/// that shows that best, and from behind. Cameras are chosen for `framed`, the merged scene, so that two states of a
+/// scene are seen alike. No pictures of a template that is empty or has no instance.
 ///
 /// # Errors
 /// The device's.
@@ -26,7 +26,7 @@ pub(super) fn pictures(
     for template in 0..scene.template_ranges.len() {
         let sides = placed(framed, template).and_then(|(own, pose)| sides(cameras, &own, &pose));
         let pictures = match (placed(scene, template), sides) {
-            (Some((own, pose)), Some(sides)) => painter.pictures(&own, pose, &sides)?.iter().map(rgb8).collect(),
+            (Some((own, pose)), Some(sides)) => painter.pictures(own, pose, &sides)?.iter().map(rgb8).collect(),
             _ => Vec::new(),
         };
         all.push(pictures);
@@ -34,7 +34,8 @@ pub(super) fn pictures(
     Ok(all)
 }
 
-/// A template's Gaussians without view-dependent colour, as the other pictures of objects, and the place of its first instance.
+/// A template's Gaussians without view-dependent colour, as the other pictures of objects, and the place of its first
+/// instance.
 fn placed(scene: &InstancedScene, template: usize) -> Option<(Gaussians, Similarity)> {
     let range = scene.template_ranges.get(template)?;
     let mut own = Gaussians::with_capacity(0, range.count as usize);

@@ -59,7 +59,8 @@ fn shown(group: &PosedGroup, reference: usize, prepared: &Prepared) -> Vec<usize
     [vec![reference], others].concat()
 }
 
-/// Whether the pose of an object is in doubt, and how badly it fits, as its registration says, or the merge if poses were given.
+/// Whether the pose of an object is in doubt, and how badly it fits, as its registration says, or the merge if poses
+/// were given.
 fn worth(id: u32, prepared: &Prepared) -> (bool, f64) {
     let registered = |r: &InstanceRegistration| (r.verdict == Verdict::Ambiguous, r.relative_rmse);
     let merged = || {
