@@ -91,7 +91,8 @@ fn overlay(gpu: &std::sync::Arc<Gpu>, planted: Similarity) -> GroupOverlay {
     group_overlay(&mut painter, &objects, &group, (0, &[0, 1, 2])).unwrap()
 }
 
-/// Measured on lavapipe: MEASURED.
+/// Measured on lavapipe: outlines agree by 1.0000; by 0.895 turned round (only the tower tells), by 0.833 turned by 10
+/// degrees, by 0.804 shifted.
 #[test]
 fn a_wrong_pose_is_seen() {
     let Some(gpu) = gpu() else { return };
@@ -103,8 +104,8 @@ fn a_wrong_pose_is_seen() {
     println!("right {:.4} and {:.4}", of(&right, 1), of(&right, 2));
     assert!(of(&right, 1) > 0.98 && of(&right, 2) > 0.98);
     for (what, planted, most) in [
-        ("turned round", turned(PI, DVec3::ZERO), 0.9),
-        ("turned by 10 degrees", turned(10f64.to_radians(), DVec3::ZERO), 0.95),
+        ("turned round", turned(PI, DVec3::ZERO), 0.93),
+        ("turned by 10 degrees", turned(10f64.to_radians(), DVec3::ZERO), 0.9),
         ("a tenth of its length off", turned(0.0, DVec3::X * 0.2), 0.9),
     ] {
         let wrong = overlay(&gpu, planted);
