@@ -13,8 +13,12 @@ pub struct StagePictures {
     pub views: Vec<StageView>,
     /// The groups with the poses of their objects; last, if there are any, the objects that are in no group.
     pub overlays: Vec<GroupOverlay>,
-    /// The templates in the scene's order.
+    /// Groups whose poses are not shown.
+    pub groups_left_out: usize,
+    /// The first templates in the scene's order.
     pub templates: Vec<TemplatePictures>,
+    /// Templates that are not shown.
+    pub templates_left_out: usize,
 }
 
 /// An object and its colour in all pictures.

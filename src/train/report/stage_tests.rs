@@ -62,9 +62,11 @@ fn staged() -> ReportData {
                 tiles: vec![tile(11, None), tile(12, Some(0.873)), bare],
                 left_out: 7,
             },
-            GroupOverlay { name: "in no group".into(), tiles: vec![alone], left_out: 0 },
+            GroupOverlay { name: "in no group".into(), tiles: vec![alone], left_out: 2 },
         ],
+        groups_left_out: 3,
         templates: vec![template, TemplatePictures::default()],
+        templates_left_out: 1000,
     };
     data.report.registration = vec![
         registered(11, Verdict::Reference, "most of its surface was seen"),
@@ -96,7 +98,10 @@ fn every_stage_is_shown_and_escaped() {
         "<b>object 13</b> </p>",
         "It has no Gaussians.",
         "<b>object 40</b> <span class=\"warn\">rejected</span></p>",
+        "<h3>in no group<span>2 more are not shown</span></h3>",
+        ">3 smaller groups are not shown.</p>",
         "<h2>Templates</h2>",
+        ">1\u{202F}000 more templates are not shown.</p>",
         "<h3>&lt;car&gt;<span>3\u{202F}111 Gaussians, 3 instances</span></h3>",
         "after the joint phase, from behind",
     ] {

@@ -74,13 +74,15 @@ pub(super) fn poses(pictures: &StagePictures, report: &RunReport) -> Html {
                turn beside it. The line is the reference's outline: a right pose fills it; grey in it is not covered, \
                and colour outside of it is too much.";
     let groups = pictures.overlays.iter().map(|group| poses_of(group, report)).collect::<Result<String, String>>()?;
-    Ok(format!("<p class=\"soft\">{how}</p>\n{groups}"))
+    Ok(format!("<p class=\"soft\">{how}</p>\n{groups}{}", not_shown(pictures.groups_left_out, "smaller groups")))
 }
 
 fn poses_of(group: &GroupOverlay, report: &RunReport) -> Html {
+    // Of objects without poses nobody knows which fit worst.
+    let which = if group.tiles.iter().any(|tile| tile.overlap.is_some()) { "; these fit worst" } else { "" };
     let left_out = match group.left_out {
         0 => String::new(),
-        left => format!("<span>{} more are not shown; these fit worst</span>", count(left as u64)),
+        left => format!("<span>{} more are not shown{which}</span>", count(left as u64)),
     };
     let tiles = group.tiles.iter().map(|tile| pose(tile, report)).collect::<Result<String, String>>()?;
     let name = escape(&group.name);
@@ -132,7 +134,16 @@ fn figures(tile: &OverlayTile, registered: Option<&InstanceRegistration>) -> Str
 
 /// Every template alone.
 pub(super) fn templates(pictures: &StagePictures) -> Html {
-    pictures.templates.iter().filter(|t| !(t.merged.is_empty() && t.trained.is_empty())).map(template).collect()
+    let shown = pictures.templates.iter().filter(|t| !(t.merged.is_empty() && t.trained.is_empty()));
+    let templates = shown.map(template).collect::<Result<String, String>>()?;
+    Ok(templates + &not_shown(pictures.templates_left_out, "more templates"))
+}
+
+fn not_shown(left_out: usize, what: &str) -> String {
+    match left_out {
+        0 => String::new(),
+        left => format!("<p class=\"soft\">{} {what} are not shown.</p>\n", count(left as u64)),
+    }
 }
 
 fn template(template: &TemplatePictures) -> Html {

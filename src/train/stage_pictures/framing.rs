@@ -84,7 +84,8 @@ pub(super) fn portrait(cameras: &[Camera], points: &[DVec3], size_px: (u32, u32)
     let middle = (!points.is_empty()).then(|| middle(points))?;
     let best = best_camera(cameras, points).cloned().unwrap_or_else(|| {
         let up = up_or_guess(cameras);
-        let reach = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+        let reach = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
+        let reach = if reach > 0.0 { reach } else { 1.0 };
         let eye = middle + DISTANCE * reach * (up + up.any_orthonormal_vector()).normalize();
         Camera::look_at("", eye, middle, up, FIELD_OF_VIEW, size_px)
     });
@@ -210,7 +211,12 @@ mod tests {
         let (from, to) = (camera.position_world() - 0.5, turned.position_world() - 0.5);
         assert!((from + DVec3::new(to.x, to.y, -to.z)).length() < 1e-9, "{from} {to}");
         let behind = [points[0], camera.position_world() * 2.0];
-        assert_eq!(best_camera(&cameras, &[]), None);
+        assert_eq!((best_camera(&cameras, &[]), portrait(&cameras, &[], (80, 60))), (None, None));
+        for points in [vec![DVec3::new(40.0, 3.0, 2.0)], behind.to_vec()] {
+            let unseen = portrait(&[], &points, (80, 60)).unwrap();
+            assert_eq!(unseen.validate(), Ok(()));
+            assert!(points.iter().all(|&p| is_inside(&unseen, projected(&unseen, p).unwrap())), "no camera needed");
+        }
         assert_eq!(close_up(best, &behind, (80, 60)).fx, best.resized(80, 60).fx);
     }
 }

@@ -36,7 +36,7 @@ pub(super) fn painted(photo: &Rgb8, mask: &Mask, paint: impl Fn(u16) -> Paint) -
         let color = match paint(id) {
             Paint::Nothing => [OUTSIDE * grey; 3],
             Paint::Color(color) => mixed(grey, color, if is_edge { 1.0 } else { INSIDE }),
-            Paint::Unused if (x + y) / STRIPE_PX % 2 == 0 => mixed(grey, [255; 3], INSIDE),
+            Paint::Unused if ((x + y) / STRIPE_PX).is_multiple_of(2) => mixed(grey, [255; 3], INSIDE),
             Paint::Unused => mixed(grey, [0; 3], INSIDE),
         };
         pixels.extend(color.map(|c| c.round() as u8));

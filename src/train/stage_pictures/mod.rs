@@ -58,11 +58,13 @@ pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<Stage
         objects: legend(prepared, &colors),
         views: views(&mut painter, &inputs, &objects, &colors)?,
         overlays: tiles::overlays(&mut painter, &objects, &inputs.groups, prepared)?,
-        templates: Vec::new(),
+        groups_left_out: inputs.groups.len().saturating_sub(tiles::GROUPS),
+        ..StagePictures::default()
     };
     let merged = load_scene(&job.out.join(INITIAL_SCENE))?.scene;
     let pictures = template::pictures(&mut painter, &merged, &merged, &inputs.cameras)?;
     out.templates = (0..).zip(pictures).map(|(t, pictures)| template((t, pictures), &merged, prepared)).collect();
+    out.templates_left_out = merged.template_ranges.len() - out.templates.len();
     files::write(job, &out)?;
     Ok(out)
 }

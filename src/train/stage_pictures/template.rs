@@ -10,9 +10,12 @@ use crate::render::RenderError;
 use crate::scene::{Camera, Gaussians, InstancedScene};
 use crate::train::report::Rgb8;
 
-/// Every template of `scene` without the offsets of any instance, in the place of its first instance: from the camera
-/// that shows that best, and from behind. Cameras are chosen for `framed`, the merged scene, so that two states of a
-/// scene are seen alike. No pictures of a template that is empty or has no instance.
+/// Templates that are shown: more are hardly looked at.
+const TEMPLATES: usize = 12;
+
+/// Every template, or the first twelve, of `scene` without the offsets of any instance, in the place of its first
+/// instance: from the camera that shows that best, and from behind. Cameras are chosen for `framed`, the merged scene,
+/// so that two states of a scene are seen alike. No pictures of a template that is empty or has no instance.
 ///
 /// # Errors
 /// The device's.
@@ -23,7 +26,7 @@ pub(super) fn pictures(
     cameras: &[Camera],
 ) -> Result<Vec<Vec<Rgb8>>, RenderError> {
     let mut all = Vec::with_capacity(scene.template_ranges.len());
-    for template in 0..scene.template_ranges.len() {
+    for template in 0..scene.template_ranges.len().min(TEMPLATES) {
         let sides = placed(framed, template).and_then(|(own, pose)| sides(cameras, &own, &pose));
         let pictures = match (placed(scene, template), sides) {
             (Some((own, pose)), Some(sides)) => painter.pictures(own, pose, &sides)?.iter().map(rgb8).collect(),

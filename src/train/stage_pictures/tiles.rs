@@ -10,7 +10,7 @@ use crate::train::prepare::Prepared;
 use crate::train::report::GroupOverlay;
 
 /// Groups that are shown, largest first: more are hardly looked at.
-const GROUPS: usize = 6;
+pub(super) const GROUPS: usize = 6;
 /// Objects of a group that are shown: those in doubt, then those that fit worst. Twelve are three rows of a page.
 const TILES: usize = 12;
 
