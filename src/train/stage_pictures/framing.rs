@@ -190,6 +190,16 @@ mod tests {
         let seen = projected(&cameras[chosen[0]], behind);
         assert!(seen.is_some_and(|at| is_inside(&cameras[chosen[0]], at)), "{chosen:?}");
         assert!(choose_views(&[], &[], &[DVec3::ZERO], 3).is_empty());
+        // Two cameras see the same two objects, the third sees one that nobody else does.
+        let above = |x: f64, at: f64| {
+            let (eye, target) = (DVec3::new(x, 0.0, 6.0), DVec3::new(at, 0.0, 0.0));
+            Camera::look_at("c", eye, target, DVec3::Y, 0.5, (100, 100))
+        };
+        let objects = [0.0, 0.3, 50.0].map(|x| DVec3::new(x, 0.0, 0.0));
+        assert_eq!(
+            choose_views(&[above(0.0, 0.0), above(1.0, 0.0), above(50.0, 50.0)], &[0, 1, 2], &objects, 2),
+            [0, 2]
+        );
     }
 
     #[test]
