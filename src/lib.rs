@@ -76,6 +76,7 @@
 //!   groups.json                 given, or register: which objects are alike, and where they stand; none may be
 //!   initial.instgs              template::build: objects in their group's frame, as many Gaussians as they have on
 //!                               average drawn from all of them; offsets from each template Gaussian to its match
+//!   stages/*.png                train::stage_pictures: what each of these did, to be looked at; also in report.html
 //!   scene.instgs                the joint phase: templates, offsets, background and places learn together
 //! ```
 //!
@@ -166,6 +167,7 @@
 //!   templates against known truth.
 //! - `tests/cli_stages.rs`: `segment`, `register` and `merge` give what `train` starts from, byte for byte; bad masks are named
 //!   before anything is trained, and of what cannot be shared the rest comes out.
+//! - `tests/stage_pictures.rs`: colours of objects, and wrong poses, in the report's pictures.
 //! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
 //!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
 //!   one, and repeated frames identical. `tests/common/` holds the comparison.

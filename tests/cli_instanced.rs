@@ -64,7 +64,17 @@ fn all_stages_leave_their_files_and_lose_no_quality() {
     ] {
         assert!(run.join(file).exists(), "{file}");
     }
+    // Four views, three cars of which one is the reference, and one template before and after the joint phase.
+    for (stage, pictures) in [("1_masks", 4), ("2_objects", 4), ("3_labels", 4), ("4_pose", 9), ("5_template", 4)] {
+        let names = fs::read_dir(run.join("stages")).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+        assert_eq!(names.filter(|name| name.starts_with(stage)).count(), pictures, "{stage}");
+    }
+    let page = fs::read_to_string(run.join("report.html")).unwrap();
+    for title in ["Masks, objects and labels", "Registered poses", "Templates", "Pictures"] {
+        assert!(page.contains(&format!("<h2>{title}</h2>")), "{title}");
+    }
     let report = json(run.join("report.json"));
+    assert!(report["stages"].as_array().unwrap().iter().any(|stage| stage["name"] == "pictures"));
     assert_eq!((report["method"].as_str(), report["steps"].as_u64()), (Some("instgs"), Some(60)));
     let scene = load_scene(&run.join("scene.instgs")).unwrap().scene;
     assert_eq!((scene.instances.len(), scene.template_ranges.len()), (3, 1));

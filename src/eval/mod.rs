@@ -19,4 +19,4 @@ pub use pair::PicturePair;
 pub use psnr::{MAX_PSNR_DB, psnr};
 pub use report::{EvalReport, Metrics, ViewMetrics};
 pub use ssim::ssim;
-pub use views::{Evaluated, evaluate, pair_of};
+pub use views::{Evaluated, composited, evaluate, pair_of};

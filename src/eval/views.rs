@@ -64,8 +64,8 @@ pub fn pair_of(picture: &Picture, photo: &ViewImage, background: [f32; 3]) -> Re
     PicturePair::new((photo.width, photo.height), &render, &target, Some(&valid))
 }
 
-/// The colour of a photo's pixel over a background.
-fn composited([r, g, b, a]: [u8; 4], background: [f32; 3]) -> [f32; 3] {
+/// The colour of a photo's pixel over a background; an ignored pixel shows the background.
+pub fn composited([r, g, b, a]: [u8; 4], background: [f32; 3]) -> [f32; 3] {
     let coverage = f32::from(a.saturating_sub(1)) / 254.0;
     let rgb = [r, g, b];
     std::array::from_fn(|c| f32::from(rgb[c]) / 255.0 * coverage + background[c] * (1.0 - coverage))

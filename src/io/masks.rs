@@ -249,6 +249,7 @@ mod tests {
             assert_eq!(masks.of_view(name)?, Some(of(id)), "{name}");
         }
         assert_eq!(masks.of_view("a")?, None);
+        assert!(masks.has_view("left_1")? && masks.has_view("2")? && !masks.has_view("a")?);
         assert!(masks.of_view("1").is_err_and(|e| e.to_string().contains("view 1")));
         masks.check_size("2", &of(4), 1, 1)?;
         let text = masks.check_size("2", &of(4), 1, 2).err().map(|e| e.to_string()).unwrap_or_default();

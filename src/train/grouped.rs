@@ -18,7 +18,7 @@ use super::segmented::{Segmented, stage};
 use super::trainer::{TrainJob, eval_options};
 
 /// The groups, in the run folder.
-const GROUPS: &str = "groups.json";
+pub(super) const GROUPS: &str = "groups.json";
 
 /// What is alike.
 pub struct Grouped {

@@ -19,6 +19,7 @@ pub mod merged;
 pub mod prepare;
 pub mod report;
 pub mod segmented;
+pub mod stage_pictures;
 mod start;
 pub mod state_file;
 pub mod step_runner;

@@ -28,11 +28,11 @@ pub const CLOUD: &str = "point_cloud.ply";
 /// The cameras that the masks belong to, in the order of the consensus.
 const CAMERAS: &str = "cameras.json";
 /// The object of every mask.
-const CONSENSUS: &str = "consensus.json";
+pub(super) const CONSENSUS: &str = "consensus.json";
 /// Labels by Gaussian of the cloud; written last.
 pub const LABELS: &str = "labels.safetensors";
 /// The tensor of labels.
-const LABEL_TENSOR: &str = "instance_of_gaussian";
+pub(super) const LABEL_TENSOR: &str = "instance_of_gaussian";
 /// The tensor of what Gaussians add to the pictures.
 const WEIGHT_TENSOR: &str = "weight_px";
 

@@ -23,8 +23,8 @@ use crate::io::view_image::camera_at_width;
 use crate::io::{Dataset, IoError, MaskFolder, Pack, Split, View, load_scene, read_views, write_scene_file_packed};
 use crate::scene::{Camera, RepeatedBytes};
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
+use crate::train::eval_options;
 use crate::train::interrupt::Interrupt;
-use crate::train::{Prepared, eval_options};
 
 /// Bytes of a Gaussian in a .ply besides its SH: centre, normal, quaternion, scales, opacity.
 const PLY_SHAPE_BYTES: u64 = 56;
@@ -269,7 +269,6 @@ fn compare_seed(
         let row = measure.row(name, &out.join(file), &mut |view| on_picture(name, view)).map_err(measure_failed)?;
         rows.push(Row { seconds, steps, ..row });
     }
-    let found = Prepared { groups: ours.groups, registration: ours.registration, ..Prepared::default() };
     let mut result = SeedResult {
         seed,
         rows,
@@ -277,7 +276,7 @@ fn compare_seed(
         intersections: None,
         passes_ms: Vec::new(),
         repeated: RepeatedBytes::of(&instanced),
-        warnings: found.warnings(),
+        warnings: ours.warnings,
     };
     if comparison.frames > 0 {
         let cameras: Vec<Camera> = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();

@@ -15,9 +15,9 @@ use crate::train::config::TrainConfig;
 use crate::train::event_log::read_events;
 use crate::train::events::Event;
 use crate::train::given::{GivenCloud, given_cloud};
-use crate::train::report::{Bytes, JointMatch, Quality, ReportData, RunReport, Stage};
+use crate::train::report::{Bytes, JointMatch, Quality, ReportData, RunReport, Stage, StagePictures};
 use crate::train::segmented::CLOUD;
-use crate::train::{Prepared, TrainError, TrainJob, check_masks, eval_options, prepare};
+use crate::train::{Prepared, TrainError, TrainJob, check_masks, eval_options, prepare, stage_pictures};
 
 /// The plain cloud that the run starts from; its file is in the run folder.
 struct PlainCloud {
@@ -35,24 +35,65 @@ pub(super) fn run(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, Cl
     let given = !job.config.init_scene.is_empty();
     let cloud = if given { taken_cloud(session, job)? } else { trained_cloud(session, job)? };
     let prepared = prepared(session, job, &told)?;
-    run_phase(session, job, |data| complete(data, cloud, prepared))
+    let pictures = Pictures::draw(session, job, &prepared);
+    run_phase(session, job, |data| {
+        let pictures = pictures.with_trained_templates(session, job);
+        complete(data, cloud, prepared, pictures);
+    })
+}
+
+/// What the stages did, to be looked at. A run is worth more than its pictures: if they cannot be made it goes on.
+#[derive(Default)]
+struct Pictures {
+    drawn: Option<StagePictures>,
+    seconds: f64,
+}
+
+impl Pictures {
+    fn draw(session: &Session<'_>, job: &TrainJob, prepared: &Prepared) -> Self {
+        let started = Instant::now();
+        let drawn = stage_pictures::draw(session.gpu, job, prepared);
+        let drawn = drawn.map_err(|error| warn_of_pictures(session, &error)).ok();
+        if drawn.is_some() {
+            let folder = job.out.join(stage_pictures::FOLDER);
+            session.printer.line(format_args!("pictures of masks, objects, poses and templates: {}", folder.display()));
+        }
+        Self { drawn, seconds: started.elapsed().as_secs_f64() }
+    }
+
+    fn with_trained_templates(mut self, session: &Session<'_>, job: &TrainJob) -> Self {
+        let started = Instant::now();
+        if let Some(drawn) = &mut self.drawn
+            && let Err(error) = stage_pictures::add_trained_templates(session.gpu, job, drawn)
+        {
+            warn_of_pictures(session, &error);
+        }
+        self.seconds += started.elapsed().as_secs_f64();
+        self
+    }
+}
+
+fn warn_of_pictures(session: &Session<'_>, error: &TrainError) {
+    session.printer.warning(format_args!("pictures of the stages are missing: {error}"));
 }
 
 /// Makes the joint phase's report that of the whole run.
-fn complete(data: &mut ReportData, cloud: PlainCloud, prepared: Prepared) {
+fn complete(data: &mut ReportData, cloud: PlainCloud, prepared: Prepared, pictures: Pictures) {
     let report = &mut data.report;
     let of_phase = |phase: &str, stages: &[Stage]| -> Vec<Stage> {
         stages.iter().map(|s| Stage { name: format!("{phase}: {}", s.name), ..s.clone() }).collect()
     };
     let joint = of_phase("joint", &report.stages);
     report.warnings = prepared.warnings();
-    report.stages = [of_phase("3dgs", &cloud.report.stages), prepared.stages, joint].concat();
+    let drawing = vec![Stage { name: "pictures".into(), seconds: pictures.seconds }];
+    report.stages = [of_phase("3dgs", &cloud.report.stages), prepared.stages, drawing, joint].concat();
     report.seconds = report.stages.iter().map(|s| s.seconds).sum();
     report.groups = prepared.groups;
     report.registration = prepared.registration;
     report.joint_match = JointMatch::of(&cloud.events, &data.events, report.dataset.train_views);
     report.vanilla = Some(Box::new(cloud.report));
     data.vanilla_events = cloud.events;
+    data.stages = pictures.drawn.unwrap_or_default();
 }
 
 /// Trains in `RUN/vanilla`, unless that is done.

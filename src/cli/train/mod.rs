@@ -28,7 +28,8 @@ use crate::train::report::RunReport;
 /// With --method instgs, repeated objects become instances of shared templates: the plain cloud is trained first, in
 /// RUN/vanilla (or taken from --init); masks say which Gaussian belongs to which object (their ids need not be the same from
 /// view to view); objects that are alike are registered to each other, unless --groups says where they stand; then
-/// templates, offsets, background and poses learn together. Every stage leaves a file, which --resume goes on from.
+/// templates, offsets, background and poses learn together. Every stage leaves a file, which --resume goes on from, and
+/// pictures in RUN/stages, which report.html shows too.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk train --data fox --out runs/fox --config quick --width 270\n  \

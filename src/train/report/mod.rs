@@ -9,6 +9,8 @@ mod page;
 mod phases;
 mod pictures;
 mod run_report;
+mod stage_pictures;
+mod stages;
 mod table;
 mod training_clock;
 
@@ -17,6 +19,7 @@ use std::path::Path;
 pub use joint_match::JointMatch;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
 pub use run_report::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, RunReport, Stage, ViewMetrics};
+pub use stage_pictures::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 
 use super::events::Event;
 use crate::io::{IoError, atomic_write};
@@ -33,6 +36,8 @@ pub struct ReportData {
     pub vanilla_events: Vec<Event>,
     /// Views to look at, in the order of the page; see [`choose`].
     pub pictures: Vec<ViewPicture>,
+    /// For instgs: what the stages before the joint phase did.
+    pub stages: StagePictures,
 }
 
 /// A view as it should be and as it is.
@@ -51,7 +56,7 @@ pub struct ViewPicture {
 /// Writes `report.json` and `report.html` into the run's folder.
 ///
 /// # Errors
-/// Two pictures of a view that differ in size, or a file that cannot be written.
+/// Two pictures of a view that differ in size, a picture that is none, or a file that cannot be written.
 pub fn write(run: &Path, data: &ReportData) -> Result<(), IoError> {
     write_json(run, &data.report)?;
     let path = run.join("report.html");
@@ -73,10 +78,12 @@ pub fn write_json(run: &Path, report: &RunReport) -> Result<(), IoError> {
 /// The page; `path` is for messages.
 ///
 /// # Errors
-/// Two pictures of a view that differ in size.
+/// Two pictures of a view that differ in size, or a picture that is none.
 pub fn html(data: &ReportData, path: &Path) -> Result<String, IoError> {
     page::page(data, path)
 }
 
+#[cfg(test)]
+mod stage_tests;
 #[cfg(test)]
 mod tests;

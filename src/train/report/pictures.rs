@@ -23,6 +23,28 @@ pub struct Rgb8 {
     pub pixels: Vec<u8>,
 }
 
+impl Rgb8 {
+    /// As a PNG file; an error is words.
+    ///
+    /// # Errors
+    /// Fewer or more bytes than the size calls for, or no pixels.
+    pub fn png(&self) -> Result<Vec<u8>, String> {
+        encoded(&image_of(self)?)
+    }
+
+    /// The picture at another size, interpolated; an error is words.
+    ///
+    /// # Errors
+    /// As for [`Rgb8::png`], or a size of 0.
+    pub fn resized(self, width: u32, height: u32) -> Result<Self, String> {
+        if (self.width, self.height) == (width, height) {
+            return Ok(self);
+        }
+        let image = imageops::resize(&image_of(&self)?, width, height, imageops::FilterType::CatmullRom);
+        Ok(Self { width, height, pixels: image.into_raw() })
+    }
+}
+
 /// Which views to show, at most `most`, worst PSNR first: the worst, the best, and in between at equal distances of
 /// rank. Returns indices into `views`.
 pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
@@ -47,7 +69,12 @@ pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3
     for (a, b) in difference.iter_mut().zip(render.iter()) {
         *a = u8::try_from(DIFFERENCE_GAIN * u16::from(a.abs_diff(*b))).unwrap_or(u8::MAX);
     }
-    Ok([address(&truth)?, address(&render)?, address(&difference)?])
+    Ok([scaled_address(&truth)?, scaled_address(&render)?, scaled_address(&difference)?])
+}
+
+/// The `data:` address of a picture; an error is words.
+pub(super) fn address(picture: &Rgb8) -> Result<String, String> {
+    scaled_address(&image_of(picture)?)
 }
 
 fn image_of(picture: &Rgb8) -> Result<RgbImage, String> {
@@ -59,7 +86,7 @@ fn image_of(picture: &Rgb8) -> Result<RgbImage, String> {
     RgbImage::from_raw(width, height, pixels.clone()).ok_or_else(|| "is too large".into())
 }
 
-fn address(image: &RgbImage) -> Result<String, String> {
+fn scaled_address(image: &RgbImage) -> Result<String, String> {
     let (width, height) = image.dimensions();
     let scaled = if width > MAX_WIDTH_PX {
         let height = (u64::from(height) * u64::from(MAX_WIDTH_PX)).div_ceil(u64::from(width)).max(1);
@@ -67,12 +94,16 @@ fn address(image: &RgbImage) -> Result<String, String> {
     } else {
         None
     };
-    let image = scaled.as_ref().unwrap_or(image);
+    let png = encoded(scaled.as_ref().unwrap_or(image))?;
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
+}
+
+fn encoded(image: &RgbImage) -> Result<Vec<u8>, String> {
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive)
         .write_image(image.as_raw(), image.width(), image.height(), ExtendedColorType::Rgb8)
         .map_err(|e| e.to_string())?;
-    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
+    Ok(png)
 }
 
 #[cfg(test)]

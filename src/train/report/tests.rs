@@ -104,7 +104,7 @@ fn sample() -> ReportData {
 }
 
 /// Checks that every tag is closed in order and returns the names of all that were opened.
-fn tags(html: &str) -> Vec<String> {
+pub(super) fn tags(html: &str) -> Vec<String> {
     let body = html.strip_prefix("<!DOCTYPE html>\n").expect("a doctype");
     let (mut open, mut all) = (Vec::new(), Vec::new());
     for piece in body.split('<').skip(1) {
@@ -173,7 +173,7 @@ fn group(name: Option<&str>, match_distance: f64) -> GroupReport {
 
 /// A run in two phases. The joint phase begins far above the plain cloud's final loss, about 0.0147, and is below it after
 /// about half of its steps.
-fn two_phases() -> ReportData {
+pub(super) fn two_phases() -> ReportData {
     let plain = sample();
     // Without pictures: their text may have any letters.
     let mut data = ReportData { pictures: Vec::new(), ..sample() };

@@ -1,0 +1,47 @@
+//! The pictures as PNG files: `RUN/stages/`, numbered by stage, so that a folder's listing is in the order of the work.
+
+use std::fs;
+
+use crate::io::{IoError, atomic_write};
+use crate::train::error::TrainError;
+use crate::train::report::{Rgb8, StagePictures};
+use crate::train::trainer::TrainJob;
+
+/// The folder, in the run folder.
+pub const FOLDER: &str = "stages";
+
+/// Writes every picture there is; those of the same name are replaced.
+pub(super) fn write(job: &TrainJob, pictures: &StagePictures) -> Result<(), TrainError> {
+    let folder = job.out.join(FOLDER);
+    fs::create_dir_all(&folder).map_err(|e| IoError::new(&folder, format!("cannot create: {e}")))?;
+    for (name, picture) in named(pictures) {
+        let path = folder.join(format!("{name}.png"));
+        let bytes = picture.png().map_err(|what| IoError::new(&path, what))?;
+        atomic_write(&path, |out| out.write_all(&bytes))?;
+    }
+    Ok(())
+}
+
+/// All pictures with the names of their files.
+fn named(pictures: &StagePictures) -> Vec<(String, &Rgb8)> {
+    let mut out = Vec::new();
+    for view in &pictures.views {
+        let name = &view.name;
+        out.extend(view.given.as_ref().map(|picture| (format!("1_masks_{name}"), picture)));
+        out.extend(view.objects.as_ref().map(|picture| (format!("2_objects_{name}"), picture)));
+        out.push((format!("3_labels_{name}"), &view.labels));
+    }
+    for tile in pictures.overlays.iter().flat_map(|group| &group.tiles) {
+        let id = tile.id;
+        out.extend(tile.own.as_ref().map(|picture| (format!("4_pose_{id}_alone"), picture)));
+        let sides = ["over", "over_side"].iter().zip(&tile.over);
+        out.extend(sides.map(|(side, picture)| (format!("4_pose_{id}_{side}"), picture)));
+    }
+    for (t, template) in pictures.templates.iter().enumerate() {
+        for (state, sides) in [("merged", &template.merged), ("trained", &template.trained)] {
+            let names = ["front", "behind"].iter().zip(sides);
+            out.extend(names.map(|(side, picture)| (format!("5_template_{t}_{state}_{side}"), picture)));
+        }
+    }
+    out
+}

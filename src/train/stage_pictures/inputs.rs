@@ -1,0 +1,116 @@
+//! What the stages left in the run folder, and the views they saw.
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::colors::Colors;
+use super::framing::{choose_views, means, middle};
+use super::overlay::Objects;
+use crate::io::checkpoint::Checkpoint;
+use crate::io::view_image::camera_at_width;
+use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_bytes, read_groups};
+use crate::scene::{Camera, Gaussians, PosedGroup};
+use crate::segment::{Consensus, IdTable};
+use crate::train::error::TrainError;
+use crate::train::grouped::GROUPS;
+use crate::train::mask_check::mask_folder;
+use crate::train::prepare::Prepared;
+use crate::train::segmented::{CLOUD, CONSENSUS, LABEL_TENSOR, LABELS, training_views};
+use crate::train::trainer::TrainJob;
+
+/// Everything that pictures are made from.
+pub(super) struct Inputs {
+    /// The training views.
+    pub(super) views: Vec<View>,
+    /// Their cameras, at the size that is trained at.
+    pub(super) cameras: Vec<Camera>,
+    /// The plain cloud.
+    pub(super) cloud: Gaussians,
+    /// By Gaussian: object, 0 = none.
+    pub(super) labels: Vec<u32>,
+    /// The object of every mask.
+    pub(super) table: IdTable,
+    /// The masks; `None` if they are not there any more.
+    masks: Option<MaskFolder>,
+    /// The groups, if any.
+    pub(super) groups: Vec<PosedGroup>,
+}
+
+/// The cameras of the training views at the size that is trained at.
+pub(super) fn cameras(job: &TrainJob) -> Result<Vec<Camera>, TrainError> {
+    Ok(training_views(job)?.1)
+}
+
+impl Inputs {
+    pub(super) fn read(job: &TrainJob) -> Result<Self, TrainError> {
+        let (views, cameras) = training_views(job)?;
+        let labels = job.out.join(LABELS);
+        let consensus: Consensus = json(&job.out.join(CONSENSUS))?;
+        let groups = job.out.join(GROUPS);
+        Ok(Self {
+            views,
+            cameras,
+            cloud: load_scene(&job.out.join(CLOUD))?.scene.background,
+            labels: Checkpoint::read(&labels)?.take(LABEL_TENSOR, &[], &labels)?,
+            table: consensus.table,
+            // A run that goes on needs no masks once it has labels.
+            masks: mask_folder(job).ok().and_then(|folder| MaskFolder::open(&folder).ok()),
+            groups: if groups.is_file() { read_groups(&groups)? } else { Vec::new() },
+        })
+    }
+
+    /// Training views to show, in order: those with a mask if there are any.
+    pub(super) fn choose_views(&self, objects: &Objects<'_>, most: usize) -> Vec<usize> {
+        let all: Vec<usize> = (0..self.views.len()).collect();
+        let has_mask = |view: &usize| {
+            self.masks.as_ref().is_some_and(|m| m.has_view(&self.views[*view].camera.name).is_ok_and(|has| has))
+        };
+        let masked: Vec<usize> = all.iter().copied().filter(has_mask).collect();
+        let middles: Vec<DVec3> = objects.ids().map(|id| middle(&means(&objects.gaussians(id)))).collect();
+        choose_views(&self.cameras, if masked.is_empty() { &all } else { &masked }, &middles, most)
+    }
+
+    /// The mask of a training view, if it has one.
+    pub(super) fn mask_of(&self, view: usize) -> Result<Option<Mask>, IoError> {
+        self.masks.as_ref().map_or(Ok(None), |masks| masks.of_view(&self.views[view].camera.name))
+    }
+
+    /// The camera of a training view for a picture of this width, larger or smaller than the photo.
+    pub(super) fn camera_at_width(&self, view: usize, width: u32) -> Camera {
+        let camera = &self.views[view].camera;
+        if camera.width >= width {
+            return camera_at_width(camera, Some(width));
+        }
+        let height = f64::from(camera.height) * f64::from(width) / f64::from(camera.width);
+        camera.resized(width, height.round().max(1.0) as u32)
+    }
+
+    /// What a reader should know, a sentence each.
+    pub(super) fn notes(&self, prepared: &Prepared, colors: &Colors) -> Vec<String> {
+        let found = &prepared.consensus;
+        let mut out = Vec::new();
+        if self.masks.is_none() {
+            out.push("The folder of the masks is not there any more, so they are not shown.".into());
+        }
+        if found.ids_agree {
+            out.push("Ids are the same object in every view, and were kept.".into());
+        } else if found.masks > 0 {
+            let (agreement, masks, objects) = (100.0 * found.agreement, found.masks, found.objects.len());
+            let (merged, alone) = (found.undersegmented, found.unassigned);
+            out.push(format!(
+                "Ids are the same from view to view in {agreement:.0} % of the cases only: {masks} masks were joined \
+                 to {objects} objects. Striped masks were not used: in all views, {merged} of several objects, {alone} \
+                 of none."
+            ));
+        }
+        if colors.ids().count() > Colors::DISTINCT {
+            out.push(format!("There are more than {} objects: colours repeat.", Colors::DISTINCT));
+        }
+        out
+    }
+}
+
+fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, IoError> {
+    serde_json::from_slice(&read_bytes(path)?).map_err(|e| IoError::new(path, e.to_string()))
+}

@@ -1,0 +1,166 @@
+//! Pictures of what each stage from masks to templates did, for the page and, as PNG files, in `RUN/stages/`. They are
+//! made from the files that the stages left, so a resumed run has them too.
+
+pub mod colors;
+mod files;
+mod framing;
+mod inputs;
+mod labels;
+mod masks;
+pub mod overlay;
+pub mod painter;
+mod template;
+mod tiles;
+
+use std::sync::Arc;
+
+use super::error::TrainError;
+use super::prepare::Prepared;
+use super::report::{ObjectColor, Rgb8, StagePictures, StageView, TemplatePictures};
+use super::start::INITIAL_SCENE;
+use super::trainer::{TrainJob, eval_options};
+use crate::eval::composited;
+use crate::gpu::Gpu;
+use crate::io::view_image::load_view;
+use crate::io::{IoError, Mask, View, load_scene};
+use crate::math::similarity::Similarity;
+use crate::render::RenderOptions;
+use crate::scene::{Camera, InstancedScene};
+use crate::segment::IdTable;
+use crate::template::GroupReport;
+use colors::Colors;
+use inputs::Inputs;
+use masks::{Paint, painted};
+use overlay::{Objects, group_name};
+use painter::{GROUND, Painter, rgb8};
+
+pub use files::FOLDER;
+
+/// Views whose masks and labels are shown: enough to see a scene from all sides, and a page of them is read at a
+/// glance.
+const VIEWS: usize = 4;
+/// Width of their pictures: four beside each other on the page are 280 px, and screens have up to twice as many.
+const VIEW_WIDTH_PX: u32 = 400;
+
+/// Draws the masks, the objects, the labelled Gaussians, the registered poses and the merged templates of a run whose
+/// preparation is done, and writes the pictures to `RUN/stages/`.
+///
+/// # Errors
+/// A file of an earlier stage or a photo that is missing or damaged; the device's.
+pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<StagePictures, TrainError> {
+    let inputs = Inputs::read(job)?;
+    let mut painter = painter(gpu, job)?;
+    let ids = inputs.labels.iter().copied().chain(prepared.consensus.objects.iter().map(|o| o.id));
+    let colors = Colors::of_ids(ids);
+    let objects = Objects::new(&inputs.cloud, &inputs.labels, &inputs.cameras, &colors);
+    let mut out = StagePictures {
+        notes: inputs.notes(prepared, &colors),
+        objects: legend(prepared, &colors),
+        views: views(&mut painter, &inputs, &objects, &colors)?,
+        overlays: tiles::overlays(&mut painter, &objects, &inputs.groups, prepared)?,
+        groups_left_out: inputs.groups.len().saturating_sub(tiles::GROUPS),
+        ..StagePictures::default()
+    };
+    let merged = load_scene(&job.out.join(INITIAL_SCENE))?.scene;
+    let pictures = template::pictures(&mut painter, &merged, &merged, &inputs.cameras)?;
+    out.templates = (0..).zip(pictures).map(|(t, pictures)| template((t, pictures), &merged, prepared)).collect();
+    out.templates_left_out = merged.template_ranges.len() - out.templates.len();
+    files::write(job, &out)?;
+    Ok(out)
+}
+
+/// Adds the templates as the joint phase left them in `scene.instgs`.
+///
+/// # Errors
+/// A scene that is missing or damaged; the device's.
+pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut StagePictures) -> Result<(), TrainError> {
+    let merged = load_scene(&job.out.join(INITIAL_SCENE))?.scene;
+    let trained = load_scene(&job.out.join("scene.instgs"))?.scene;
+    let cameras = inputs::cameras(job)?;
+    let trained = template::pictures(&mut painter(gpu, job)?, &trained, &merged, &cameras)?;
+    pictures.templates.iter_mut().zip(trained).for_each(|(template, trained)| template.trained = trained);
+    files::write(job, pictures)
+}
+
+fn painter(gpu: &Arc<Gpu>, job: &TrainJob) -> Result<Painter, TrainError> {
+    let options = RenderOptions { background: [GROUND; 3], ..eval_options(&job.config) };
+    Ok(Painter::new(gpu, options)?)
+}
+
+fn legend(prepared: &Prepared, colors: &Colors) -> Vec<ObjectColor> {
+    let name = |id: u32| {
+        let of_masks = prepared.consensus.objects.iter().find(|o| o.id == id).and_then(|o| o.category.clone());
+        let with = |g: &&GroupReport| g.instances.iter().any(|i| i.id == id);
+        of_masks.or_else(|| prepared.groups.iter().find(with)?.name.clone())
+    };
+    let entry = |id| Some(ObjectColor { id, name: name(id), color: colors.of(id)? });
+    colors.ids().filter_map(entry).collect()
+}
+
+fn views(
+    painter: &mut Painter,
+    inputs: &Inputs,
+    objects: &Objects<'_>,
+    colors: &Colors,
+) -> Result<Vec<StageView>, TrainError> {
+    let chosen = inputs.choose_views(objects, VIEWS);
+    let mut masks = Vec::with_capacity(chosen.len());
+    for &view in &chosen {
+        masks.push(inputs.mask_of(view)?);
+    }
+    let given = given_colors(inputs, &masks, colors);
+    let cameras: Vec<_> = chosen.iter().map(|&view| inputs.camera_at_width(view, VIEW_WIDTH_PX)).collect();
+    let colored = labels::colored(&inputs.cloud, &inputs.labels, colors);
+    let labelled = painter.pictures(colored, Similarity::IDENTITY, &cameras)?;
+    let mut out = Vec::with_capacity(chosen.len());
+    for (((&view, mask), camera), labelled) in chosen.iter().zip(masks).zip(&cameras).zip(&labelled) {
+        let photo = photo(&inputs.views[view], camera)?;
+        let as_given = |id: u16| given.of(u32::from(id)).map_or(Paint::Nothing, Paint::Color);
+        out.push(StageView {
+            name: camera.name.clone(),
+            given: mask.as_ref().map(|mask| painted(&photo, mask, as_given)),
+            objects: mask
+                .as_ref()
+                .map(|mask| painted(&photo, mask, |id| object_paint(&inputs.table, view, id, colors))),
+            labels: rgb8(labelled),
+            photo,
+        });
+    }
+    Ok(out)
+}
+
+/// The photo of a view at the size of the camera; what it does not cover is black.
+fn photo(view: &View, camera: &Camera) -> Result<Rgb8, TrainError> {
+    let image = load_view(view, Some(camera.width))?.image;
+    let colors = image.rgba.iter().flat_map(|&pixel| composited(pixel, [0.0; 3]));
+    let pixels = colors.map(|c| (c * 255.0).round() as u8).collect();
+    let photo = Rgb8 { width: image.width, height: image.height, pixels };
+    let fail = |what: String| IoError::new(&view.image_path, what);
+    Ok(photo.resized(camera.width, camera.height).map_err(fail)?)
+}
+
+/// Colours of the ids as they are in the masks: those of the objects if they are the objects'.
+fn given_colors(inputs: &Inputs, masks: &[Option<Mask>], colors: &Colors) -> Colors {
+    if inputs.table == IdTable::Same {
+        return colors.clone();
+    }
+    Colors::of_ids(masks.iter().flatten().flat_map(|mask| mask.ids_present().into_keys()).map(u32::from))
+}
+
+/// What an id of a view's mask looks like, once it is known which object it shows.
+fn object_paint(table: &IdTable, view: usize, id: u16, colors: &Colors) -> Paint {
+    match table.object_of(view, id) {
+        Some(0) => Paint::Nothing,
+        Some(object) => colors.of(u32::from(object)).map_or(Paint::Unused, Paint::Color),
+        None => Paint::Unused,
+    }
+}
+
+fn template((index, merged): (u32, Vec<Rgb8>), scene: &InstancedScene, prepared: &Prepared) -> TemplatePictures {
+    let group = prepared.groups.iter().find(|group| group.template == Some(index));
+    let name = group.map(|group| group_name(group.template_id, group.name.as_ref()));
+    let gaussians = u64::from(scene.template_ranges[index as usize].count);
+    let instances = scene.instances.iter().filter(|instance| instance.template == index).count() as u64;
+    let name = name.unwrap_or_else(|| format!("template {index}"));
+    TemplatePictures { name, gaussians, instances, merged, trained: Vec::new() }
+}

@@ -1,0 +1,56 @@
+//! Renders clouds that are made for a picture.
+
+use std::sync::Arc;
+
+use crate::gpu::Gpu;
+use crate::math::similarity::Similarity;
+use crate::render::{Picture, RenderError, RenderOptions, Renderer};
+use crate::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
+use crate::train::report::Rgb8;
+
+/// What single objects stand on, grey from 0 to 1: light, so that dark objects have a plain outline.
+pub(super) const GROUND: f32 = 0.93;
+
+/// A renderer with its options.
+pub struct Painter {
+    renderer: Renderer,
+    options: RenderOptions,
+}
+
+impl Painter {
+    /// `options` are those the cloud was trained with; their background is behind everything.
+    ///
+    /// # Errors
+    /// A device that cannot render.
+    pub fn new(gpu: &Arc<Gpu>, options: RenderOptions) -> Result<Self, RenderError> {
+        Ok(Self { renderer: Renderer::new(gpu)?, options })
+    }
+
+    /// The cloud, moved by `pose`, from each camera.
+    pub(super) fn pictures(
+        &mut self,
+        cloud: Gaussians,
+        pose: Similarity,
+        cameras: &[Camera],
+    ) -> Result<Vec<Picture>, RenderError> {
+        let scene = InstancedScene {
+            template_ranges: vec![TemplateRange { first: 0, count: cloud.len() as u32 }],
+            instances: vec![Instance { template: 0, world_from_template: pose, first_offset: None }],
+            background: Gaussians::with_capacity(cloud.sh_degree, 0),
+            templates: cloud,
+            ..InstancedScene::default()
+        };
+        let scene = self.renderer.upload(&scene)?;
+        let mut out = Vec::with_capacity(cameras.len());
+        for camera in cameras {
+            self.renderer.render(&scene, camera, &self.options)?;
+            out.push(self.renderer.download()?);
+        }
+        Ok(out)
+    }
+}
+
+/// A picture as it is.
+pub(super) fn rgb8(picture: &Picture) -> Rgb8 {
+    Rgb8 { width: picture.width, height: picture.height, pixels: picture.rgb8() }
+}
