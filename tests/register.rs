@@ -295,7 +295,7 @@ fn of_coarse(recipe: Recipe, how: Coarse) -> (Labelled, Registered) {
 }
 
 /// Objects of 15 to 25 Gaussians are up to 20 degrees off, and all that are off are in doubt. Measured: without the spread
-/// of halves 32 of 49 would not be, which is the planted error.
+/// of halves 32 of 45 would not be, which is the planted error.
 #[test]
 fn coarse_objects_are_never_off_in_silence() {
     let mut silent_without = 0;
