@@ -39,10 +39,10 @@
 //! 25, 40 merged      1    1     19    0                                                                6    6     35    0
 //! 80                10   10      0    0                                                               11   11      9    0
 //! 160               10    0      0    0                                                                7    7     13    0
-//! 400               10    0      0    0                                                               16   11      4    0
+//! 400               10    0      0    0                                                               16   10      4    0
 //! ```
 //!
-//! With doubt from 1 degree on, 10 of the hall's were silent (1.0 to 1.6 degrees; and chairs on whose cushion another's seat
+//! With doubt from 1 degree on, and no rivals, ten were silent (1.0 to 1.6 degrees; and chairs on whose cushion another's seat
 //! lies, 4 % off). Of the dense surfaces above no car, chair or table is in doubt; vases, nearly round, are: their turn is known
 //! to 0.7 to 1 degree only. It doubles the time of registration.
 
