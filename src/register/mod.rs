@@ -13,7 +13,7 @@
 //!
 //! Poses against the reference's. *Surfaces*: discs on the true surfaces that 40 cameras see, off by 0.3 % of the size and
 //! tilted by 9 degrees (`tests/register.rs`): 8 cars, 20 seeds, all of 140 within 0.23 degrees and 0.15 % of the size; a hall
-//! with 12 chairs, 2 tables and 4 vases, 16 seeds, all of 240 within 0.44 degrees and 0.23 %; none in doubt. *Trained*: the eight
+//! with 12 chairs, 2 tables and 4 vases, 16 seeds, all of 240 within 0.44 degrees and 0.23 %. *Trained*: the eight
 //! cars of the demo, 434 to 860 opaque Gaussians each, 5.2 m, of many liveries, worst of seven:
 //!
 //! ```text

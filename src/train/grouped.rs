@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crate::gpu::Gpu;
 use crate::io::{read_groups, write_groups};
-use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, register};
+use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, Verdict, register};
 use crate::scene::{InstancedScene, PosedGroup};
 
 use super::config::TrainConfig;
@@ -73,16 +73,68 @@ pub fn registered(
     Ok(Grouped { groups: found.groups, registration: found.instances, stages: vec![stage("register", started)] })
 }
 
-/// What the user should know of the objects, one line each.
+/// What the user should know of the objects: a line for each that is left out, and one for all of a group and name whose
+/// poses are in doubt. The joint phase refines poses, so a doubt is no more than a reason to look.
 pub fn warnings(registration: &[InstanceRegistration]) -> impl Iterator<Item = String> + '_ {
-    use crate::register::Verdict::{Accepted, Ambiguous, Reference, Rejected, Symmetric};
-    registration.iter().filter_map(|object| {
-        let name = object.name.as_deref().unwrap_or("object");
-        let (id, note) = (object.instance, &object.note);
+    let name = |object: &InstanceRegistration| object.name.clone().unwrap_or_else(|| "object".into());
+    let mut doubts: BTreeMap<(Option<u32>, String), Vec<&InstanceRegistration>> = BTreeMap::new();
+    let mut left_out = Vec::new();
+    for object in registration {
         match object.verdict {
-            Reference | Accepted | Symmetric => None,
-            Ambiguous => Some(format!("{name} {id}: its pose is in doubt: {note}")),
-            Rejected => Some(format!("{name} {id} stays in the background: {note}")),
+            Verdict::Reference | Verdict::Accepted | Verdict::Symmetric => (),
+            Verdict::Ambiguous => doubts.entry((object.group, name(object))).or_default().push(object),
+            Verdict::Rejected => {
+                left_out.push(format!("{} {} stays in the background: {}", name(object), object.instance, object.note));
+            }
         }
-    })
+    }
+    doubts.into_iter().map(|((_, name), objects)| doubt(&name, &objects)).chain(left_out)
+}
+
+/// Says of which objects of a group the poses are in doubt.
+fn doubt(name: &str, objects: &[&InstanceRegistration]) -> String {
+    if let [object] = objects {
+        return format!("{name} {}: its pose is in doubt: {}", object.instance, object.note);
+    }
+    let ids: Vec<String> = objects.iter().map(|object| object.instance.to_string()).collect();
+    format!("{name} {}: their poses are in doubt; the report shows them", ids.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn doubts_of_a_group_are_one_line() {
+        let object = |instance: u32, group: Option<u32>, verdict: Verdict| InstanceRegistration {
+            instance,
+            group,
+            name: (instance < 9).then(|| "chair".into()),
+            gaussians: 100,
+            inliers: 0.9,
+            rmse: 0.0,
+            relative_rmse: 0.0,
+            photometric: None,
+            uncertainty: None,
+            accepted: verdict.is_accepted(),
+            verdict,
+            note: format!("note {instance}"),
+        };
+        let all = [
+            object(1, Some(0), Verdict::Reference),
+            object(2, Some(0), Verdict::Ambiguous),
+            object(3, None, Verdict::Rejected),
+            object(4, Some(0), Verdict::Ambiguous),
+            object(5, Some(1), Verdict::Ambiguous),
+            object(9, Some(2), Verdict::Symmetric),
+            object(10, None, Verdict::Rejected),
+        ];
+        let want = [
+            "chair 2, 4: their poses are in doubt; the report shows them",
+            "chair 5: its pose is in doubt: note 5",
+            "chair 3 stays in the background: note 3",
+            "object 10 stays in the background: note 10",
+        ];
+        assert_eq!(warnings(&all).collect::<Vec<_>>(), want);
+    }
 }
