@@ -23,7 +23,7 @@ pub struct RepeatedBytes {
 }
 
 impl RepeatedBytes {
-    /// Counted for offsets of 7 numbers: position, base colour and opacity.
+    /// Offsets of 7 numbers, position, base colour and opacity, and what ablations add, which both packs keep as halves.
     pub fn of(scene: &InstancedScene) -> Self {
         let coefficients = 3 * scene.templates.sh_coefficients() as u64;
         let templates = scene.templates.len() as u64;
@@ -36,9 +36,9 @@ impl RepeatedBytes {
         let half = templates * (12 + 2 * beside_means) + instances;
         Self {
             ply: ply * (scene.expanded_len() - scene.background.len() as u64),
-            f32: templates * 4 * (3 + beside_means) + 28 * offsets + instances,
-            f16: half + 14 * offsets,
-            q8: half + 7 * offsets,
+            f32: templates * 4 * (3 + beside_means) + scene.offsets.tensor_bytes() + instances,
+            f16: half + scene.offsets.tensor_bytes() / 2,
+            q8: half + (scene.offsets.tensor_bytes() - 28 * offsets) / 2 + 7 * offsets,
         }
     }
 }
@@ -65,12 +65,25 @@ mod tests {
             background: Gaussians { means: vec![[0.0; 3]; 11], ..Gaussians::default() },
             ..InstancedScene::default()
         };
+        let records = (k * n) as usize;
+        let ablations = Offsets {
+            means: vec![[0.0; 3]; records],
+            sh_rest: vec![[0.0; 3]; 15 * records],
+            log_scales: vec![[0.0; 3]; records],
+            quats: vec![[0.0; 4]; records],
+            ..Offsets::default()
+        };
+        let with_all = InstancedScene { offsets: ablations, ..scene.clone() };
         let (k, n) = (u64::from(k), u64::from(n));
         let bytes = RepeatedBytes::of(&scene);
         assert_eq!(bytes.ply, 248 * k * n);
         assert_eq!(bytes.f32, 236 * n + 28 * k * n + 56 * k);
         assert_eq!(bytes.f16, 124 * n + 14 * k * n + 56 * k);
         assert_eq!(bytes.q8, 124 * n + 7 * k * n + 56 * k);
+        let more = RepeatedBytes::of(&with_all);
+        assert_eq!(more.ply, bytes.ply);
+        assert_eq!(more.f32, bytes.f32 + (180 + 28) * k * n);
+        assert_eq!([more.f16 - bytes.f16, more.q8 - bytes.q8], [(90 + 14) * k * n; 2]);
         assert_eq!(RepeatedBytes::of(&InstancedScene::default()), RepeatedBytes::default());
     }
 }
