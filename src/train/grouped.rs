@@ -97,7 +97,10 @@ fn doubt(name: &str, objects: &[&InstanceRegistration]) -> String {
         return format!("{name} {}: its pose is in doubt: {}", object.instance, object.note);
     }
     let ids: Vec<String> = objects.iter().map(|object| object.instance.to_string()).collect();
-    format!("{name} {}: their poses are in doubt; the report shows them", ids.join(", "))
+    let ids = ids.join(", ");
+    format!(
+        "{name} {ids}: their poses are in doubt, or not known well; the joint phase refines them, the report shows them"
+    )
 }
 
 #[cfg(test)]
@@ -130,7 +133,7 @@ mod tests {
             object(10, None, Verdict::Rejected),
         ];
         let want = [
-            "chair 2, 4: their poses are in doubt; the report shows them",
+            "chair 2, 4: their poses are in doubt, or not known well; the joint phase refines them, the report shows them",
             "chair 5: its pose is in doubt: note 5",
             "chair 3 stays in the background: note 3",
             "object 10 stays in the background: note 10",
