@@ -18,7 +18,6 @@ use super::pose::Pose;
 use super::report::InstanceRegistration;
 use super::sample::ObjectSurface;
 use crate::math::similarity::Similarity;
-use crate::scene::gaussians::sh_coefficients;
 use crate::scene::{Camera, Gaussians, PosedGroup};
 
 /// References that are tried for a category before the rest of it counts as unlike one another.
@@ -46,7 +45,7 @@ pub struct Registered {
     pub instances: Vec<InstanceRegistration>,
 }
 
-/// Finds groups and poses. `check`, if given, looks at pictures where geometry leaves a doubt.
+/// Finds groups and poses. `check`, if given, looks at pictures of every pose that geometry leaves.
 ///
 /// # Errors
 /// Arrays that do not fit, a camera or an option that is invalid, a check that fails. What concerns one object only is
@@ -84,15 +83,8 @@ pub fn register<'a>(
 
 fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
     let (cloud, count) = (input.cloud, input.cloud.len());
-    for (array, len, want) in [
-        ("quaternions", cloud.quats.len(), count),
-        ("scales", cloud.log_scales.len(), count),
-        ("opacities", cloud.opacity_logits.len(), count),
-        ("SH coefficients", cloud.sh.len(), count * sh_coefficients(cloud.sh_degree)),
-    ] {
-        if len != want {
-            return Err(RegisterError::Cloud { array, len, want });
-        }
+    if let Some((array, len, want)) = cloud.wrong_length() {
+        return Err(RegisterError::Cloud { array, len, want });
     }
     if input.instance_of_gaussian.len() != count {
         return Err(RegisterError::LabelCount { labels: input.instance_of_gaussian.len(), gaussians: count });

@@ -45,7 +45,8 @@ impl InstancedScene {
             let quat_world = quat_multiply(world_from_template_quat, quat_template);
             let mut sh_template: Vec<DVec3> = self.templates.sh_of(i).iter().map(|&c| widened(c)).collect();
             sh_template[0] += d_sh_dc;
-            self.add_sh_rest(offset, &mut sh_template[1..]);
+            let d_sh_rest = offset.map_or(&[][..], |o| self.offsets.rest_of(o));
+            sh_template[1..].iter_mut().zip(d_sh_rest).for_each(|(sh, &d)| *sh += widened(d));
 
             world.means.push(narrowed(mean_world));
             world.quats.push(quat_world.map(|c| c as f32));
@@ -55,14 +56,6 @@ impl InstancedScene {
             let missing = world.sh_coefficients() - sh_template.len();
             world.sh.extend(sh_rotation.rotate(&sh_template).into_iter().map(narrowed));
             world.sh.extend(std::iter::repeat_n([0.0; 3], missing));
-        }
-    }
-
-    /// Adds the offsets of SH coefficients above 0 of a record, if there are any.
-    fn add_sh_rest(&self, record: Option<usize>, sh_rest: &mut [DVec3]) {
-        let first = record.map_or(usize::MAX, |record| record * sh_rest.len());
-        for (sh, &offset) in sh_rest.iter_mut().zip(self.offsets.sh_rest.iter().skip(first)) {
-            *sh += widened(offset);
         }
     }
 }

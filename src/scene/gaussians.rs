@@ -53,6 +53,18 @@ impl Gaussians {
         sh_coefficients(self.sh_degree)
     }
 
+    /// The first array that has another length than the means call for: its name, its length, and the length that fits.
+    pub fn wrong_length(&self) -> Option<(&'static str, usize, usize)> {
+        let count = self.len();
+        let lengths = [
+            ("quats", self.quats.len(), count),
+            ("log_scales", self.log_scales.len(), count),
+            ("opacity_logits", self.opacity_logits.len(), count),
+            ("sh", self.sh.len(), count * self.sh_coefficients()),
+        ];
+        lengths.into_iter().find(|(_, len, want)| len != want)
+    }
+
     /// The SH coefficients `[C][rgb]` of Gaussian `i`.
     pub fn sh_of(&self, i: usize) -> &[[f32; 3]] {
         let c = self.sh_coefficients();

@@ -117,19 +117,8 @@ impl InstancedScene {
     pub fn validate(&self) -> Result<(), SceneError> {
         let fail = |tensor: &str, reason: String| Err(SceneError { tensor: tensor.into(), reason });
         for (name, cloud) in [("template", &self.templates), ("background", &self.background)] {
-            let n = cloud.len();
-            for (field, len, want) in [
-                ("quats", cloud.quats.len(), n),
-                ("log_scales", cloud.log_scales.len(), n),
-                ("opacity_logits", cloud.opacity_logits.len(), n),
-                ("sh", cloud.sh.len(), n * cloud.sh_coefficients()),
-            ] {
-                if len != want {
-                    return fail(
-                        &format!("{name}.{field}"),
-                        format!("{len} entries where {name}.means calls for {want}"),
-                    );
-                }
+            if let Some((field, len, want)) = cloud.wrong_length() {
+                return fail(&format!("{name}.{field}"), format!("{len} entries where {name}.means calls for {want}"));
             }
         }
         let m = self.offsets.len();

@@ -36,7 +36,7 @@ impl RepeatedBytes {
         let half = templates * (12 + 2 * beside_means) + instances;
         Self {
             ply: ply * (scene.expanded_len() - scene.background.len() as u64),
-            f32: templates * 4 * (3 + beside_means) + scene.offsets.tensor_bytes() + instances,
+            f32: scene.templates.tensor_bytes() + scene.offsets.tensor_bytes() + instances,
             f16: half + scene.offsets.tensor_bytes() / 2,
             q8: half + (scene.offsets.tensor_bytes() - 28 * offsets) / 2 + 7 * offsets,
         }

@@ -154,15 +154,8 @@ fn sources(instances: &[OwnGaussians], source: TemplateSource) -> Vec<&OwnGaussi
 
 fn check_cloud(cloud: &Gaussians, instance_of_gaussian: &[u32]) -> Result<(), TemplateError> {
     let n = cloud.len();
-    for (array, len, want) in [
-        ("quats", cloud.quats.len(), n),
-        ("log_scales", cloud.log_scales.len(), n),
-        ("opacity_logits", cloud.opacity_logits.len(), n),
-        ("sh", cloud.sh.len(), n * cloud.sh_coefficients()),
-    ] {
-        if len != want {
-            return Err(TemplateError::Cloud { array, len, want });
-        }
+    if let Some((array, len, want)) = cloud.wrong_length() {
+        return Err(TemplateError::Cloud { array, len, want });
     }
     if instance_of_gaussian.len() != n {
         return Err(TemplateError::LabelCount { labels: instance_of_gaussian.len(), gaussians: n });

@@ -124,12 +124,11 @@ impl<'a> MeshWriter<'a> {
     fn sh_rest_attributes(&mut self, part: Part<'a>, out: &mut BTreeMap<String, usize>) -> Result<(), String> {
         let (cloud, offsets) = (part.cloud, &self.scene.offsets);
         let own = part.first_offset.filter(|_| !offsets.sh_rest.is_empty());
-        let per_record = cloud.sh_coefficients() - 1;
         let mut rest = 0;
         for degree in 1..=cloud.sh_degree {
             for coefficient in 0..=2 * degree {
                 let value = |i: usize, o: Option<usize>| {
-                    let d_sh = o.map_or(DVec3::ZERO, |o| widened(offsets.sh_rest[o * per_record + rest]));
+                    let d_sh = o.map_or(DVec3::ZERO, |o| widened(offsets.rest_of(o)[rest]));
                     (widened(cloud.sh_of(i)[1 + rest]) + d_sh).to_array()
                 };
                 self.attribute(&splat(&format!("SH_DEGREE_{degree}_COEF_{coefficient}")), part, own, value, out)?;

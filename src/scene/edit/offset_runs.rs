@@ -79,14 +79,9 @@ pub(super) fn release(scene: &mut InstancedScene, freed: &[(u32, u32)]) {
     if keep.iter().all(|&k| k) {
         return;
     }
-    let rest = scene.templates.sh_coefficients() - 1;
-    let Offsets { means, sh_dc, opacity_logits, sh_rest, log_scales, quats } = &mut scene.offsets;
-    retain(means, &keep, 1);
-    retain(sh_dc, &keep, 1);
-    retain(opacity_logits, &keep, 1);
-    retain(sh_rest, &keep, rest);
-    retain(log_scales, &keep, 1);
-    retain(quats, &keep, 1);
+    let mut kept = Offsets::default();
+    (0..keep.len()).filter(|&m| keep[m]).for_each(|m| kept.push_from(&scene.offsets, m));
+    scene.offsets = kept;
     let mut kept_before = vec![0u32];
     keep.iter().fold(0, |count, &k| {
         kept_before.push(count + u32::from(k));
@@ -95,14 +90,4 @@ pub(super) fn release(scene: &mut InstancedScene, freed: &[(u32, u32)]) {
     for first in scene.instances.iter_mut().filter_map(|i| i.first_offset.as_mut()) {
         *first = kept_before[*first as usize];
     }
-}
-
-/// Keeps the values of the kept records; an array that is empty stays so.
-fn retain<T>(values: &mut Vec<T>, keep: &[bool], per_record: usize) {
-    let mut at = 0;
-    values.retain(|_| {
-        let record = at / per_record;
-        at += 1;
-        keep[record]
-    });
 }
