@@ -3,10 +3,8 @@
 use rayon::prelude::*;
 
 use super::ConsensusOptions;
-use super::observe::Observations;
+use super::observe::{Observations, VISIBLE_PART};
 
-/// A view shows a mask if at least this part of the mask's points lie in masks there, as in clustering.
-const VISIBLE_PART: f64 = 0.3;
 /// Ids agree if they do in this part of all cases. Two objects whose ids are swapped at random agree in half of them;
 /// ids of a tracker that loses an object now and then, with some masks of two objects, in nine of ten.
 pub(super) const AGREEMENT: f64 = 0.8;
@@ -43,10 +41,7 @@ fn of_mask(observations: &Observations, mask: usize, counts: &mut [u32], min_poi
         return out;
     }
     let key = observations.masks[mask];
-    let mut others: Vec<u32> = points.iter().flat_map(|&point| observations.masks_of_point(point)).collect();
-    others.iter().for_each(|&other| counts[other as usize] += 1);
-    others.sort_unstable();
-    others.dedup();
+    let others = observations.masks_sharing(mask, counts);
     let key_of = |other: &u32| observations.masks[*other as usize];
     for of_view in others.chunk_by(|a, b| key_of(a).view == key_of(b).view) {
         let total: u32 = of_view.iter().map(|&other| counts[other as usize]).sum();

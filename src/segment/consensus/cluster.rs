@@ -118,11 +118,10 @@ struct Edge {
 /// Joins the pairs that at least `observers` views see; those with the highest rate first.
 fn joined(nodes: Vec<Node>, observations: &Observations, observers: u32, positions: &[[f32; 3]]) -> Vec<Node> {
     let mut edges = edges(&nodes, observations.masks.len(), observers);
-    let rate = |edge: &Edge| u64::from(edge.supporters) << 32 | u64::from(edge.observers);
     // a/b > c/d without rounding: a d > c b.
     let by_rate = |a: &Edge, b: &Edge| -> Ordering {
         let product = |x: &Edge, y: &Edge| u64::from(x.supporters) * u64::from(y.observers);
-        product(b, a).cmp(&product(a, b)).then(rate(b).cmp(&rate(a))).then(a.nodes.cmp(&b.nodes))
+        product(b, a).cmp(&product(a, b)).then(b.supporters.cmp(&a.supporters)).then(a.nodes.cmp(&b.nodes))
     };
     edges.sort_by(by_rate);
     let mut partition = Partition::new(nodes.len());
@@ -183,7 +182,10 @@ fn are_two_objects(a: &Node, b: &Node, observations: &Observations, positions: &
             let in_conflict = other.own_views.contains(observations.masks[mask as usize].view as usize);
             in_conflict.then(|| observations.points_of_mask[mask as usize].as_slice())
         };
-        node.masks.iter().filter_map(of_mask).fold(Vec::new(), |all, points| united(&all, points))
+        let mut all: Vec<u32> = node.masks.iter().filter_map(of_mask).flatten().copied().collect();
+        all.sort_unstable();
+        all.dedup();
+        all
     };
     let [(centre_a, deviation_a), (centre_b, deviation_b)] =
         [points(a, b), points(b, a)].map(|points| spread(&points, positions));

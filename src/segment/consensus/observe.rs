@@ -14,6 +14,8 @@ const MIN_WEIGHT_PX: f64 = 0.5;
 /// A Gaussian whose projected standard deviation is more than this part of the picture's shorter side is haze: it lies
 /// in front of everything. Its diameter, six deviations, is more than half of the picture.
 const HAZE_PART: f64 = 0.1;
+/// A view shows a mask if at least this part of the mask's points lie in masks there (MaskClustering).
+pub(super) const VISIBLE_PART: f64 = 0.3;
 /// Sub-stream of the seed.
 const SAMPLE_STREAM: u64 = 0x0B5;
 
@@ -81,6 +83,20 @@ impl Observations {
         let row = &self.ranks[point as usize * self.view_count..][..self.view_count];
         let mask = |(rank, first): (&u16, &u32)| (*rank > 0).then(|| first + u32::from(*rank) - 1);
         row.iter().zip(&self.first_of_view).filter_map(mask)
+    }
+
+    /// The masks that have points of `mask`, its own among them, ascending; those of too few points left out. Adds to
+    /// `counts`, by mask and zero before, how many points each has; whoever asks sets these to zero again.
+    pub(super) fn masks_sharing(&self, mask: usize, counts: &mut [u32]) -> Vec<u32> {
+        let mut sharing = Vec::new();
+        for other in self.points_of_mask[mask].iter().flat_map(|&point| self.masks_of_point(point)) {
+            if counts[other as usize] == 0 {
+                sharing.push(other);
+            }
+            counts[other as usize] += 1;
+        }
+        sharing.sort_unstable();
+        sharing
     }
 
     /// Bytes of everything.
@@ -184,6 +200,9 @@ mod tests {
         assert_eq!(all.points_of_mask, [vec![0], vec![2, 3], vec![2]]);
         let masks = |observations: &Observations, point| observations.masks_of_point(point).collect::<Vec<_>>();
         assert_eq!([0, 1, 2, 3].map(|p| masks(&all, p)), [vec![0], vec![], vec![1, 2], vec![1]]);
+        let mut counts = vec![0; 3];
+        assert_eq!(all.masks_sharing(1, &mut counts), [1, 2]);
+        assert_eq!(counts, [0, 2, 1]);
         let large = Observations::new((10..16).collect(), &ids, &sightings, 2);
         assert_eq!([0, 1, 2, 3].map(|p| masks(&large, p)), [vec![], vec![], vec![1], vec![1]]);
         assert_eq!(large.points_of_mask, all.points_of_mask, "masks of too few points keep them");

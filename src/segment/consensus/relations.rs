@@ -4,10 +4,8 @@ use rayon::prelude::*;
 
 use super::ConsensusOptions;
 use super::bits::Bits;
-use super::observe::Observations;
+use super::observe::{Observations, VISIBLE_PART};
 
-/// A view shows a mask if at least this part of the mask's points lie in masks there (MaskClustering).
-const VISIBLE_PART: f64 = 0.3;
 /// A mask contains what a view shows of another if it has more than this part of it (MaskClustering).
 const CONTAINED_PART: f64 = 0.8;
 
@@ -68,14 +66,7 @@ impl Relations {
 /// `counts` are zeros by mask, and are left so.
 fn seen(observations: &Observations, mask: u32, counts: &mut [u32], undersegmented_part: f64) -> Seen {
     let points = &observations.points_of_mask[mask as usize];
-    let mut touched = Vec::new();
-    for other in points.iter().flat_map(|&point| observations.masks_of_point(point)) {
-        if counts[other as usize] == 0 {
-            touched.push(other);
-        }
-        counts[other as usize] += 1;
-    }
-    touched.sort_unstable();
+    let touched = observations.masks_sharing(mask as usize, counts);
     let view_of = |mask: &u32| observations.masks[*mask as usize].view;
     let mut out = Seen { visible: Bits::new(observations.view_count), containers: Vec::new(), is_undersegmented: true };
     let (mut shown, mut split) = (0, 0);
