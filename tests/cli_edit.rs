@@ -11,9 +11,9 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 use serde_json::Value;
 
-fn program() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_instgs-vk"))
-}
+#[path = "common/program.rs"]
+mod program;
+use program::{program, skips_gpu};
 
 fn json_of(command: &mut Command) -> Value {
     serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap()
@@ -182,7 +182,7 @@ fn an_edited_scene_becomes_a_glb() {
 
 #[test]
 fn an_edited_scene_renders() {
-    if std::env::var_os("INSTGS_SKIP_GPU").is_some_and(|v| v == "1") {
+    if skips_gpu() {
         return;
     }
     let (_folder, at) = folder();

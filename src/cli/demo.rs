@@ -71,7 +71,6 @@ pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &P
     let comparison = Comparison {
         config: config()?,
         data: data.clone(),
-        masks: None,
         out: args.out.join("compare"),
         seeds: vec![0],
         frames: FRAMES,

@@ -14,8 +14,9 @@ use super::args::create_folder;
 use super::bench::print_report;
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
+use super::inspect_groups::ply_row_bytes;
 use super::printer::Printer;
-use super::train::Session;
+use super::train::{Session, absolute};
 use crate::bench::comparison::{Measure, MeasureError, Row};
 use crate::bench::{self, Subject};
 use crate::eval::Evaluated;
@@ -25,9 +26,6 @@ use crate::scene::{Camera, RepeatedBytes};
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
 use crate::train::eval_options;
 use crate::train::interrupt::Interrupt;
-
-/// Bytes of a Gaussian in a .ply besides its SH: centre, normal, quaternion, scales, opacity.
-const PLY_SHAPE_BYTES: u64 = 56;
 
 /// Compares an instanced scene with plain clouds that had as much time, or may have as many bytes.
 ///
@@ -108,8 +106,6 @@ pub(super) mod names {
 pub(super) struct Comparison {
     /// Dataset folder.
     pub(super) data: PathBuf,
-    /// Folder of masks; `None` = the dataset's.
-    pub(super) masks: Option<PathBuf>,
     /// Folder for runs and results.
     pub(super) out: PathBuf,
     /// Of the instanced runs, the seed apart.
@@ -141,20 +137,24 @@ impl CompareArgs {
             builder = builder.set(assignment)?;
         }
         if let Some(groups) = &self.groups {
-            builder = builder.flag("--groups", "groups", groups.display().to_string())?;
+            builder = builder.flag("--groups", "groups", absolute("--groups", groups)?)?;
         }
         if let Some(masks) = &self.masks {
-            builder = builder.flag("--masks", "masks", masks.display().to_string())?;
+            builder = builder.flag("--masks", "masks", absolute("--masks", masks)?)?;
         }
         // What a configuration takes as a seed is its own matter.
         for &seed in &self.seeds {
             builder = builder.flag("--seeds", "seed", as_i64(seed)?)?;
         }
+        let config = TrainConfig { method: Method::Instanced, seed: 0, ..builder.finish()? };
+        if !config.init_scene.is_empty() {
+            let what = "compare trains its own plain cloud, of which it knows the time: leave out init_scene";
+            return Err(CliError::Other(what.into()));
+        }
         Ok(Comparison {
             data: self.data.clone(),
-            masks: self.masks.clone(),
             out: self.out.clone(),
-            config: TrainConfig { method: Method::Instanced, seed: 0, ..builder.finish()? },
+            config,
             seeds: self.seeds.clone(),
             frames: self.frames,
             more_steps: self.more_steps,
@@ -242,7 +242,7 @@ fn compare_seed(
         ),
     ];
     if comparison.same_bytes {
-        let bytes_each = PLY_SHAPE_BYTES + 12 * instanced.templates.sh_coefficients() as u64;
+        let bytes_each = ply_row_bytes(instanced.templates.sh_degree);
         let most = u32::try_from(file_bytes(&out.join("f16.instgs"))? / bytes_each).unwrap_or(u32::MAX);
         printer.line(format_args!("seed {seed}: 3DGS of the same bytes, at most {most} Gaussians"));
         let capped = TrainConfig { max_gaussians: most, steps: same_time.steps, ..config.cloud_phase() };
@@ -259,8 +259,9 @@ fn compare_seed(
         scenes.push((name, file.into(), seconds, steps));
     }
     let views: Vec<View> = Dataset::split(&read_views(&comparison.data)?, Split::Test).cloned().collect();
-    let folder = comparison.masks.clone().or_else(|| MaskFolder::default_for(&comparison.data));
-    let masks = folder.map(|folder| MaskFolder::open(&folder)).transpose()?;
+    let given = (!config.masks.is_empty()).then(|| PathBuf::from(&config.masks));
+    let masks = given.or_else(|| MaskFolder::default_for(&comparison.data));
+    let masks = masks.map(|folder| MaskFolder::open(&folder)).transpose()?;
     let width = (config.width > 0).then_some(config.width);
     let options = eval_options(config);
     let measure = Measure { gpu: session.gpu, views: &views, width, options, masks: masks.as_ref() };

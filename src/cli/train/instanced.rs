@@ -32,6 +32,9 @@ pub(super) fn run(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, Cl
     let told = check_masks(job)?;
     told.iter().for_each(|text| session.printer.warning(text));
     create_folder(&job.out)?;
+    // The joint phase writes it, too; but a run that is stopped before that must know itself when it goes on.
+    let text = job.config.to_toml()?;
+    crate::io::atomic_write(&job.out.join("config.toml"), |out| out.write_all(text.as_bytes()))?;
     let given = !job.config.init_scene.is_empty();
     let cloud = if given { taken_cloud(session, job)? } else { trained_cloud(session, job)? };
     let prepared = prepared(session, job, &told)?;

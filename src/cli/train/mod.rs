@@ -133,7 +133,7 @@ impl TrainArgs {
     }
 
     fn check_folder(&self) -> Result<(), CliError> {
-        let taken = ["config.toml", "checkpoints", "report.json", "point_cloud.ply"];
+        let taken = ["config.toml", "vanilla", "checkpoints", "report.json", "point_cloud.ply"];
         let Some(found) = taken.iter().find(|name| self.out.join(name).exists()) else { return Ok(()) };
         if self.resume {
             return Ok(());
