@@ -8,7 +8,7 @@
 #include "mask_unit.glsl"
 
 layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };                      // projected splats by slot
-layout(scalar, binding = 1) readonly buffer Footprints { Footprint footprints[]; };          // source of each slot
+layout(scalar, binding = 1) readonly buffer Footprints { Footprint footprints[]; };          // local: the index in the plain cloud
 layout(scalar, binding = 2) readonly buffer IsectValues { uint isect_values[]; };            // slots, sorted by tile then depth
 layout(scalar, binding = 3) readonly buffer TileRanges { uvec2 tile_ranges[]; };             // first and end intersection per tile
 layout(scalar, binding = 4) readonly buffer LiveDepths { vec2 live_depths[]; };              // y: live T after the previous depth slab

@@ -17,7 +17,8 @@ const OUTWARDS: f64 = 0.3;
 
 /// Where an object is seen from.
 pub(super) struct Viewers {
-    cameras: Vec<Camera>,
+    /// Camera centres, world.
+    eyes: Vec<DVec3>,
     /// Middle of the object, world.
     centre: DVec3,
 }
@@ -25,11 +26,12 @@ pub(super) struct Viewers {
 impl Viewers {
     /// The cameras whose picture has the object's centre in it; all if that is none.
     pub(super) fn new(cameras: &[Camera], centre: DVec3) -> Self {
-        let mut seeing: Vec<Camera> = cameras.iter().filter(|c| is_in_picture(c, centre)).cloned().collect();
-        if seeing.is_empty() {
-            seeing = cameras.to_vec();
+        let seeing = cameras.iter().filter(|c| is_in_picture(c, centre));
+        let mut eyes: Vec<DVec3> = seeing.map(Camera::position_world).collect();
+        if eyes.is_empty() {
+            eyes = cameras.iter().map(Camera::position_world).collect();
         }
-        Self { cameras: seeing, centre }
+        Self { eyes, centre }
     }
 
     /// Unit vector from a point of the object (world) to where it is seen from: the mean direction of the cameras on its
@@ -37,11 +39,11 @@ impl Viewers {
     /// are about convex: a camera behind one does not see the point.
     pub(super) fn direction(&self, position: DVec3) -> DVec3 {
         let outwards = (position - self.centre).normalize_or_zero();
-        let towards = |c: &Camera| {
-            let to_eye = (c.position_world() - position).normalize_or_zero();
+        let towards = |eye: &DVec3| {
+            let to_eye = (*eye - position).normalize_or_zero();
             to_eye * outwards.dot(to_eye).max(0.0)
         };
-        let sum: DVec3 = self.cameras.iter().map(towards).sum();
+        let sum: DVec3 = self.eyes.iter().map(towards).sum();
         (sum.normalize_or_zero() + OUTWARDS * outwards).normalize_or_zero()
     }
 }

@@ -154,10 +154,12 @@ fn batches_of_slab(slab: &BlendedSlab<'_>, ids: &[u16], batch_entries: u32) -> R
     let mut batches: Vec<Batch> = Vec::new();
     for (tile, &[first, end]) in (0..).zip(&ranges) {
         let list_len = end - first;
-        for in_tile in 0..if list_len == 0 { 0 } else { blocks_per_tile } {
-            for id in
-                ids_of_block(ids, plan.size_px, block_origin(plan.tiles[0], slab.variant.tile_size, tile, in_tile))
-            {
+        if list_len == 0 {
+            continue;
+        }
+        for in_tile in 0..blocks_per_tile {
+            let origin = block_origin(plan.tiles[0], slab.variant.tile_size, tile, in_tile);
+            for id in ids_of_block(ids, plan.size_px, origin) {
                 let fits = |batch: &Batch| u64::from(batch.entries) + u64::from(list_len) <= u64::from(batch_entries);
                 if !batches.last().is_some_and(fits) {
                     batches.push(Batch::default());

@@ -63,7 +63,7 @@ pub fn srgb(rgb: u32) -> Vec3 {
     shading::albedo(rgb).as_vec3()
 }
 
-/// Wood with its grain along z: `tone` is its middle colour, linear.
+/// Wood with its grain along the unit vector `along` of the object's frame: `tone` is its middle colour, linear.
 pub fn wood(spot: &Spot, along: Vec3, tone: Vec3, seed: u32) -> Surface {
     let p = spot.position;
     let (x, y) = along.any_orthonormal_pair();
@@ -80,11 +80,6 @@ pub fn plaster(spot: &Spot, tone: Vec3, seed: u32) -> Surface {
     let stains = fractal(spot.position, 1.6, 5, spot.footprint, seed);
     let grain = fractal(spot.position, 0.09, 3, spot.footprint, seed + 5);
     Surface::matt(tone * (1.0 + 0.18 * stains + 0.14 * grain))
-}
-
-/// Metres from the z axis, for round things.
-pub fn radius(p: Vec3) -> f32 {
-    p.truncate().length()
 }
 
 /// `a` where `t` is 0, `b` where it is 1.

@@ -66,8 +66,6 @@ pub struct Point {
     pub normal: Vec3,
     /// Unit, of the triangle, towards the viewer.
     pub flat_normal: Vec3,
-    /// Id of the body.
-    pub id: u32,
     /// Number of the body.
     pub body: u32,
     /// Material.
@@ -173,7 +171,7 @@ impl World {
         // Smooth normals follow the side that is seen. Those of leaves point out of the crown, whatever side is seen.
         let turned = normal.dot(flat_normal) < 0.0 && surface.through == 0.0;
         let normal = if turned { -normal } else { normal };
-        Point { position, normal, flat_normal, id: body.id, body: piece.body as u32, surface }
+        Point { position, normal, flat_normal, body: piece.body as u32, surface }
     }
 
     /// Share of the sun's light on a point, times the cosine: `at` is a point of the unit disc.
