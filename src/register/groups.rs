@@ -10,7 +10,7 @@ use super::check::{Agreement, PoseCheck};
 use super::decide::{Decision, decide};
 use super::error::RegisterError;
 use super::hypotheses::{Hypothesis, hypotheses};
-use super::members::{Aligned, settle};
+use super::members::{Aligned, Group};
 use super::normals::up_direction;
 use super::options::RegisterOptions;
 use super::outcome::{posed_group, rejected, reports};
@@ -74,9 +74,12 @@ pub fn register<'a>(
             Err(reason) => run.out.instances.push(rejected((*id, name), 0, reason.clone())),
         }
     }
+    let mut groups = Vec::new();
     for (name, members) in classes {
-        run.class(name, members)?;
+        groups.extend(run.class(name, members)?);
     }
+    let axis = run.up.map(|up| Group::axis_of(&groups, up));
+    groups.into_iter().for_each(|group| run.settle(group, axis));
     run.out.instances.sort_by_key(|i| i.instance);
     Ok(run.out)
 }
@@ -105,7 +108,12 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// Forms groups of the objects of one category, or of those without.
-    fn class(&mut self, name: Option<&String>, mut open: Vec<&ObjectSurface>) -> Result<(), RegisterError> {
+    fn class<'s>(
+        &mut self,
+        name: Option<&'s String>,
+        mut open: Vec<&'s ObjectSurface>,
+    ) -> Result<Vec<Group<'s>>, RegisterError> {
+        let mut groups = Vec::new();
         open.sort_by_key(|s| (std::cmp::Reverse(s.gaussians), s.id));
         let mut reasons: BTreeMap<u32, String> = BTreeMap::new();
         let mut tried = 0;
@@ -127,7 +135,7 @@ impl Run<'_> {
                 let reason = reasons.remove(&reference.id).unwrap_or_else(|| "no other object is like it".into());
                 self.out.instances.push(rejected((reference.id, name), reference.gaussians, reason));
             } else {
-                self.group(name, reference, members);
+                groups.push(Group::new(name, reference, members));
             }
             open = left;
         }
@@ -139,7 +147,7 @@ impl Run<'_> {
             let reason = reasons.remove(&surface.id).unwrap_or_else(alone);
             self.out.instances.push(rejected((surface.id, name), surface.gaussians, reason));
         }
-        Ok(())
+        Ok(groups)
     }
 
     /// The pose of each target, or why it has none.
@@ -183,10 +191,10 @@ impl Run<'_> {
         check.check(reference.id, target.id, &poses)
     }
 
-    /// Adds a group.
-    fn group(&mut self, name: Option<&String>, reference: &ObjectSurface, mut members: Vec<Aligned<'_>>) {
-        members.sort_by_key(|m| m.surface.id);
-        let uncertainties = settle(reference, &mut members, self.up, self.options);
+    /// Adds a group; `axis` is what upright objects are turned about.
+    fn settle(&mut self, mut group: Group<'_>, axis: Option<DVec3>) {
+        let uncertainties = group.settle(axis, self.options);
+        let Group { name, reference, members, .. } = group;
         let template_id = self.out.groups.len() as u32;
         let instances = reports((template_id, name), reference, &members, &uncertainties);
         self.out.groups.push(posed_group((template_id, name), reference, &members));

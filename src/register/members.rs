@@ -9,7 +9,7 @@ use super::options::RegisterOptions;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
 use super::spread::{PoseUncertainty, Spread};
-use super::together::{Member, best_rival, half_turned, refine_together};
+use super::together::{Member, best_rival, common_axis, half_turned, refine_together, stand_upright};
 
 /// From so many members on, all others together say more than the reference alone had.
 const ENOUGH: usize = 3;
@@ -22,46 +22,73 @@ pub(super) struct Aligned<'a> {
     pub decision: Decision,
 }
 
-/// Lays the members on each other, and gives those another pose that fit better so. Says how sure each pose against the
-/// reference is.
-pub(super) fn settle(
-    reference: &ObjectSurface,
-    members: &mut [Aligned<'_>],
-    up: Option<DVec3>,
-    options: &RegisterOptions,
-) -> Vec<Option<PoseUncertainty>> {
-    let (scale, count) = (options.allow_scale, members.len());
-    let mut all = vec![Member { surface: reference, pose: Pose::IDENTITY }];
-    all.extend(members.iter().map(|m| Member { surface: m.surface, pose: m.decision.hypothesis.pose }));
-    let mut axis = refine_together(&mut all, up, scale);
-    let rival = |(k, member): (usize, &Aligned<'_>)| {
-        let turned = up.map(|up| half_turned(&all[k + 1].pose, up));
-        let starts: Vec<Pose> = member.decision.rivals.iter().copied().chain(turned).collect();
-        best_rival(&all, k + 1, &starts, scale)
-    };
-    let rivals: Vec<Option<(Pose, f64)>> = members.par_iter().enumerate().map(rival).collect();
-    let mut any = false;
-    for ((member, place), rival) in members.iter_mut().zip(&mut all[1..]).zip(rivals) {
-        let Some((pose, ratio)) = rival else { continue };
-        if ratio * (1.0 + options.min_margin) < 1.0 {
-            (place.pose, any) = (pose, true);
-        } else if ratio < 1.0 + options.min_margin {
-            doubt(reference, &mut member.decision, &place.pose.inverse().after(&pose), ratio - 1.0);
-        } else if count >= ENOUGH && matches!(member.decision.certainty, Certainty::Ambiguous(_)) {
-            member.decision.certainty = Certainty::Certain;
+/// A group before its poses are final.
+pub(super) struct Group<'a> {
+    /// Its category.
+    pub name: Option<&'a String>,
+    /// The one the others are registered to.
+    pub reference: &'a ObjectSurface,
+    /// The others, at least one; by id.
+    pub members: Vec<Aligned<'a>>,
+    /// The reference and the others, where they stand by what is known so far.
+    placed: Vec<Member<'a>>,
+}
+
+impl<'a> Group<'a> {
+    /// With each member where it was registered to the reference alone.
+    pub(super) fn new(name: Option<&'a String>, reference: &'a ObjectSurface, mut members: Vec<Aligned<'a>>) -> Self {
+        members.sort_by_key(|m| m.surface.id);
+        let mut placed = vec![Member { surface: reference, pose: Pose::IDENTITY }];
+        placed.extend(members.iter().map(|m| Member { surface: m.surface, pose: m.decision.hypothesis.pose }));
+        Self { name, reference, members, placed }
+    }
+
+    /// The axis about which the upright objects of all groups are turned; near `up`.
+    pub(super) fn axis_of(groups: &[Self], up: DVec3) -> DVec3 {
+        common_axis(groups.iter().flat_map(|group| &group.placed[1..]), up)
+    }
+
+    /// Lays the members on each other, those that stand upright turned about `axis` only if most do, and gives them another
+    /// pose where that fits better. Says how sure each pose against the reference is.
+    pub(super) fn settle(&mut self, axis: Option<DVec3>, options: &RegisterOptions) -> Vec<Option<PoseUncertainty>> {
+        let (scale, all) = (options.allow_scale, &mut self.placed);
+        let upright = axis.filter(|axis| stand_upright(all, *axis));
+        refine_together(all, upright, scale);
+        let rival = |(k, member): (usize, &Aligned<'_>)| {
+            let turned = axis.map(|axis| half_turned(&all[k + 1].pose, axis));
+            let starts: Vec<Pose> = member.decision.rivals.iter().copied().chain(turned).collect();
+            best_rival(all, k + 1, &starts, scale)
+        };
+        let rivals: Vec<Option<(Pose, f64)>> = self.members.par_iter().enumerate().map(rival).collect();
+        if self.take_better(rivals, options.min_margin) {
+            refine_together(&mut self.placed, upright, scale);
         }
+        for (member, refined) in self.members.iter_mut().zip(&self.placed[1..]) {
+            let hypothesis = &mut member.decision.hypothesis;
+            hypothesis.pose = refined.pose;
+            hypothesis.fit = fit_at((self.reference, member.surface), &refined.pose, BASE);
+        }
+        let costs: Vec<f64> = self.members.iter().map(|m| m.decision.hypothesis.fit.cost).collect();
+        let RegisterOptions { min_margin, seed, .. } = *options;
+        uncertainties(&self.placed, &costs, Spread { axis: upright, allow_scale: scale, min_margin, seed })
     }
-    if any {
-        axis = refine_together(&mut all, up, scale);
+
+    /// Moves members to rival poses that fit better, by the ratio of costs, and puts those in doubt whose rivals fit about
+    /// as well. True if any was moved.
+    fn take_better(&mut self, rivals: Vec<Option<(Pose, f64)>>, min_margin: f64) -> bool {
+        let (mut any, count) = (false, self.members.len());
+        for ((member, place), rival) in self.members.iter_mut().zip(&mut self.placed[1..]).zip(rivals) {
+            let Some((pose, ratio)) = rival else { continue };
+            if ratio * (1.0 + min_margin) < 1.0 {
+                (place.pose, any) = (pose, true);
+            } else if ratio < 1.0 + min_margin {
+                doubt(self.reference, &mut member.decision, &place.pose.inverse().after(&pose), ratio - 1.0);
+            } else if count >= ENOUGH && matches!(member.decision.certainty, Certainty::Ambiguous(_)) {
+                member.decision.certainty = Certainty::Certain;
+            }
+        }
+        any
     }
-    for (member, refined) in members.iter_mut().zip(&all[1..]) {
-        let hypothesis = &mut member.decision.hypothesis;
-        hypothesis.pose = refined.pose;
-        hypothesis.fit = fit_at((reference, member.surface), &refined.pose, BASE);
-    }
-    let costs: Vec<f64> = members.iter().map(|m| m.decision.hypothesis.fit.cost).collect();
-    let RegisterOptions { min_margin, seed, .. } = *options;
-    uncertainties(&all, &costs, Spread { axis, allow_scale: scale, min_margin, seed })
 }
 
 /// By member besides the reference, the first; `costs` are those of their lying on it.

@@ -17,6 +17,10 @@ const POOR_FIT: f64 = 1.6;
 /// would be farther off than that; of 0.6 it is one in ten at most, and those that are surer less.
 const UNSURE_DEGREES: f64 = 0.6;
 const UNSURE_PART: f64 = 0.006;
+/// Below these the doubt is slight: the pose is the right one, and the joint phase repairs twice as much (poses off by
+/// 2 degrees and 2 % cost it at most 0.1 dB).
+const SLIGHT_DEGREES: f64 = 1.0;
+const SLIGHT_PART: f64 = 0.01;
 
 /// A template's id and its name.
 type Label<'a> = (u32, Option<&'a String>);
@@ -55,7 +59,7 @@ pub(super) fn reports(
     // The lower of the middle two: of two members the worse one may be wrong.
     let median = costs.get(costs.len().saturating_sub(1) / 2).copied().unwrap_or(0.0);
     let report = |(member, &uncertainty): (&Aligned<'_>, &Option<PoseUncertainty>)| {
-        let (verdict, note) = verdict(&member.decision, median, uncertainty);
+        let Said { verdict, slight, note } = said(&member.decision, median, uncertainty);
         let fit = member.decision.hypothesis.fit;
         InstanceRegistration {
             instance: member.surface.id,
@@ -66,6 +70,7 @@ pub(super) fn reports(
             photometric: member.decision.agreement.map(|a| a.photometric),
             uncertainty,
             verdict,
+            slight,
             note,
             ..reference.clone()
         }
@@ -93,27 +98,37 @@ pub(super) fn rejected(
         uncertainty: None,
         accepted: false,
         verdict: Verdict::Rejected,
+        slight: false,
         note,
     }
 }
 
-fn verdict(decision: &Decision, median_cost: f64, uncertainty: Option<PoseUncertainty>) -> (Verdict, String) {
+/// What is said of a member.
+struct Said {
+    verdict: Verdict,
+    slight: bool,
+    note: String,
+}
+
+fn said(decision: &Decision, median_cost: f64, uncertainty: Option<PoseUncertainty>) -> Said {
     let cost = decision.hypothesis.fit.cost_there;
-    match decision.certainty {
-        Certainty::Ambiguous(by) => {
-            (Verdict::Ambiguous, format!("another pose is only {:.1} % less likely", 100.0 * by))
+    let doubt = |note| Said { verdict: Verdict::Ambiguous, slight: false, note };
+    match (decision.certainty, uncertainty) {
+        (Certainty::Ambiguous(by), _) => doubt(format!("another pose is only {:.1} % less likely", 100.0 * by)),
+        _ if cost > POOR_FIT * median_cost => {
+            doubt(format!("it lies {:.1} times as far off as the median of its group", cost / median_cost))
         }
-        _ if cost > POOR_FIT * median_cost => (
-            Verdict::Ambiguous,
-            format!("it lies {:.1} times as far off as the median of its group", cost / median_cost),
-        ),
-        _ if uncertainty.is_some_and(|u| u.degrees > UNSURE_DEGREES || u.part > UNSURE_PART) => {
-            let (degrees, percent) = uncertainty.map_or((0.0, 0.0), |u| (u.degrees, 100.0 * u.part));
-            let what = "halves of its Gaussians stand";
-            (Verdict::Ambiguous, format!("{what} {degrees:.1} degrees and {percent:.1} % of its size apart"))
+        (_, Some(PoseUncertainty { degrees, part })) if degrees > UNSURE_DEGREES || part > UNSURE_PART => {
+            let percent = 100.0 * part;
+            let note =
+                format!("halves of its Gaussians stand {degrees:.1} degrees and {percent:.1} % of its size apart");
+            Said { slight: degrees <= SLIGHT_DEGREES && part <= SLIGHT_PART, ..doubt(note) }
         }
-        Certainty::Symmetric(count) => (Verdict::Symmetric, format!("symmetric: {count} poses are as good")),
-        Certainty::Certain => (Verdict::Accepted, String::new()),
+        (Certainty::Symmetric(count), _) => {
+            let note = format!("symmetric: {count} poses are as good");
+            Said { verdict: Verdict::Symmetric, slight: false, note }
+        }
+        (Certainty::Certain, _) => Said { verdict: Verdict::Accepted, slight: false, note: String::new() },
     }
 }
 

@@ -65,6 +65,10 @@ pub struct InstanceRegistration {
     pub accepted: bool,
     /// What was decided.
     pub verdict: Verdict,
+    /// In doubt for no more than this: halves of its Gaussians stand apart, by less than a degree and 1 % of its size. The
+    /// joint phase refines such a pose.
+    #[serde(default)]
+    pub slight: bool,
     /// Why, one line.
     pub note: String,
 }

@@ -19,6 +19,9 @@ const MOST_MODELS: usize = 8;
 const STEPS: usize = 12;
 /// Largest angle between the up axes of objects that stand on one floor, as registered alone, radians (4 degrees).
 const UPRIGHT: f64 = 0.07;
+/// Objects that are tilted by more than this against what the pictures have as up do not stand, radians (20 degrees): the
+/// pictures' is some degrees off.
+const FAR: f64 = 0.35;
 /// Weight of the pictures' up direction against that of the objects' turns (up to 4 each): it is some degrees off.
 const UP_WEIGHT: f64 = 0.05;
 
@@ -31,10 +34,9 @@ pub(super) struct Member<'a> {
     pub pose: Pose,
 }
 
-/// Refines the poses of `members`, of which the first is the reference and keeps its pose, the identity. `up` is up in the
-/// world. Returns the axis that upright objects were turned about, if most are.
-pub(super) fn refine_together(members: &mut [Member<'_>], up: Option<DVec3>, allow_scale: bool) -> Option<DVec3> {
-    let axis = up.map(|up| common_axis(members, up)).filter(|axis| stand_upright(members, *axis));
+/// Refines the poses of `members`, of which the first is the reference and keeps its pose, the identity. Those that stand
+/// upright are turned about `axis` only.
+pub(super) fn refine_together(members: &mut [Member<'_>], axis: Option<DVec3>, allow_scale: bool) {
     for _ in 0..ROUNDS {
         let refined = |(k, member): (usize, &Member<'_>)| {
             let mut start = member.pose;
@@ -50,7 +52,6 @@ pub(super) fn refine_together(members: &mut [Member<'_>], up: Option<DVec3>, all
         members.iter_mut().zip(poses).for_each(|(member, pose)| member.pose = pose.after(&of_reference));
         members[0].pose = Pose::IDENTITY;
     }
-    axis
 }
 
 /// A pose turned by half about `up` and the object's own middle: front and back of many things are much alike.
@@ -110,17 +111,23 @@ pub(super) fn model_without(
     Some(model)
 }
 
-/// The direction that all turns leave as it is, as far as they say; near `up`.
-fn common_axis(members: &[Member<'_>], up: DVec3) -> DVec3 {
+/// The direction that the turns of all upright objects leave as it is, as far as they say; near `up`. What stands on one
+/// floor has one axis, whatever group it is in: of two objects that hardly turn against each other it would not be known.
+/// Poses that were registered alone tell it best; those that all others of a group have had a part in share their errors.
+pub(super) fn common_axis<'a>(members: impl Iterator<Item = &'a Member<'a>> + Clone, up: DVec3) -> DVec3 {
     let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
-    let mut moved = (DMat3::IDENTITY - outer(up)) * UP_WEIGHT;
-    for member in members {
-        let difference = member.pose.rotation - DMat3::IDENTITY;
-        moved += difference.transpose() * difference;
+    let prior = (DMat3::IDENTITY - outer(up)) * UP_WEIGHT;
+    let mut axis = up;
+    // The first time from all that are not far off, then from those that stand upright by what was found.
+    for limit in [FAR, UPRIGHT, UPRIGHT] {
+        let differences = members.clone().filter(|m| tilt(&m.pose, axis) <= limit);
+        let moved =
+            differences.map(|m| m.pose.rotation - DMat3::IDENTITY).fold(prior, |sum, d| sum + d.transpose() * d);
+        let (_, least) = symmetric_eigen(moved.to_cols_array_2d())[0];
+        let found = DVec3::from_array(least);
+        axis = if found.dot(axis) < 0.0 { -found } else { found };
     }
-    let (_, least) = symmetric_eigen(moved.to_cols_array_2d())[0];
-    let axis = DVec3::from_array(least);
-    if axis.dot(up) < 0.0 { -axis } else { axis }
+    axis
 }
 
 /// True if a pose tilts the axis so little that the object stands upright.
@@ -134,7 +141,7 @@ fn tilt(pose: &Pose, axis: DVec3) -> f64 {
 }
 
 /// True if most objects stand upright.
-fn stand_upright(members: &[Member<'_>], axis: DVec3) -> bool {
+pub(super) fn stand_upright(members: &[Member<'_>], axis: DVec3) -> bool {
     let others = &members[1..];
     let count = others.iter().filter(|m| upright_about(&m.pose, axis)).count();
     3 * count >= 2 * others.len()

@@ -74,7 +74,7 @@ pub fn registered(
 }
 
 /// What the user should know of the objects: a line for each that is left out, and one for all of a group and name whose
-/// poses are in doubt. The joint phase refines poses, so a doubt is no more than a reason to look.
+/// poses are in more than slight doubt. The joint phase refines poses, so that is no more than a reason to look.
 pub fn warnings(registration: &[InstanceRegistration]) -> impl Iterator<Item = String> + '_ {
     let name = |object: &InstanceRegistration| object.name.clone().unwrap_or_else(|| "object".into());
     let mut doubts: BTreeMap<(Option<u32>, String), Vec<&InstanceRegistration>> = BTreeMap::new();
@@ -82,6 +82,7 @@ pub fn warnings(registration: &[InstanceRegistration]) -> impl Iterator<Item = S
     for object in registration {
         match object.verdict {
             Verdict::Reference | Verdict::Accepted | Verdict::Symmetric => (),
+            Verdict::Ambiguous if object.slight => (),
             Verdict::Ambiguous => doubts.entry((object.group, name(object))).or_default().push(object),
             Verdict::Rejected => {
                 left_out.push(format!("{} {} stays in the background: {}", name(object), object.instance, object.note));
@@ -121,6 +122,7 @@ mod tests {
             uncertainty: None,
             accepted: verdict.is_accepted(),
             verdict,
+            slight: instance == 6,
             note: format!("note {instance}"),
         };
         let all = [
@@ -129,6 +131,7 @@ mod tests {
             object(3, None, Verdict::Rejected),
             object(4, Some(0), Verdict::Ambiguous),
             object(5, Some(1), Verdict::Ambiguous),
+            object(6, Some(0), Verdict::Ambiguous),
             object(9, Some(2), Verdict::Symmetric),
             object(10, None, Verdict::Rejected),
         ];

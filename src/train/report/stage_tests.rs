@@ -21,6 +21,7 @@ fn registered(instance: u32, verdict: Verdict, note: &str) -> InstanceRegistrati
         relative_rmse: 0.0064,
         photometric: Some(0.0517),
         uncertainty: None,
+        slight: false,
         accepted: verdict.is_accepted(),
         verdict,
         note: note.into(),

@@ -110,6 +110,7 @@ fn verdict(registered: &InstanceRegistration) -> String {
         Verdict::Reference => "the reference",
         Verdict::Accepted => "accepted",
         Verdict::Symmetric => "accepted, symmetric",
+        Verdict::Ambiguous if registered.slight => "accepted, in slight doubt",
         Verdict::Ambiguous => "<span class=\"warn\">in doubt</span>",
         Verdict::Rejected => "<span class=\"warn\">rejected</span>",
     };

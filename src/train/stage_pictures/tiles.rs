@@ -90,6 +90,7 @@ mod tests {
             relative_rmse: f64::from(id) / 1000.0,
             photometric: None,
             uncertainty: None,
+            slight: false,
             accepted: true,
             verdict: if id == 3 { Verdict::Ambiguous } else { Verdict::Accepted },
             note: String::new(),
