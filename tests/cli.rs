@@ -12,13 +12,14 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 use serde_json::Value;
 
-const COMMANDS: [&str; 11] =
-    ["info", "demo", "synth", "train", "compare", "render", "eval", "bench", "inspect", "export", "edit"];
+#[path = "common/program.rs"]
+mod program;
+use program::{error_of, program, skips_gpu};
 
-/// The program, without a device.
-fn program() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_instgs-vk"))
-}
+const COMMANDS: [&str; 14] = [
+    "info", "demo", "synth", "train", "segment", "register", "merge", "compare", "render", "eval", "bench", "inspect",
+    "export", "edit",
+];
 
 /// The program under the validation layers, whose first message fails it; `None` where the user skips GPU tests aloud.
 fn gpu_program() -> Option<Command> {
@@ -28,14 +29,6 @@ fn gpu_program() -> Option<Command> {
     let mut command = program();
     command.env("INSTGS_VALIDATION", "1");
     Some(command)
-}
-
-fn skips_gpu() -> bool {
-    let skip = std::env::var_os("INSTGS_SKIP_GPU").is_some_and(|v| v == "1");
-    if skip {
-        say("INSTGS_SKIP_GPU=1: A TEST THAT NEEDS A VULKAN DEVICE IS SKIPPED");
-    }
-    skip
 }
 
 #[allow(clippy::print_stderr, reason = "a skipped check must be heard")]
@@ -51,14 +44,6 @@ fn stdout_of(command: &mut Command) -> String {
 /// Runs with `--json` among the arguments, wants exit code 0, returns the report.
 fn json_of(command: &mut Command) -> Value {
     serde_json::from_str(&stdout_of(command)).unwrap()
-}
-
-/// Runs, wants exit code 1 and exactly one line on stderr, which it returns.
-fn error_of(command: &mut Command) -> String {
-    let output = command.assert().code(1).get_output().clone();
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert!(text.starts_with("error: ") && text.ends_with('\n') && text.lines().count() == 1, "{text:?}");
-    text
 }
 
 /// Three round Gaussians, red at the origin, green to its right and blue below it.

@@ -13,17 +13,10 @@ use serde_json::Value;
 
 #[path = "common/program.rs"]
 mod program;
-use program::{program, skips_gpu};
+use program::{error_of, program, skips_gpu};
 
 fn json_of(command: &mut Command) -> Value {
     serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap()
-}
-
-/// Runs, wants exit code 1 and one line on stderr, which it returns.
-fn error_of(command: &mut Command) -> String {
-    let text = String::from_utf8(command.assert().code(1).get_output().stderr.clone()).unwrap();
-    assert!(text.starts_with("error: ") && text.lines().count() == 1, "{text:?}");
-    text
 }
 
 /// Three chairs in a row along x, two with offsets, and a floor of one Gaussian; y is down.

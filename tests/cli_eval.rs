@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use common::dataset::transforms;
-use common::program::skips_gpu;
+use common::program::{error_of, skips_gpu};
 use glam::DVec3;
 use instgs_vk::io::{write_cameras, write_ply};
 use instgs_vk::math::rng::Rng;
@@ -73,14 +73,6 @@ fn eval(at: &Path, scene: &str, more: &[&str]) -> Command {
 fn report_of(command: &mut Command) -> (Value, String) {
     let output = command.arg("--json").assert().success().get_output().clone();
     (serde_json::from_slice(&output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap())
-}
-
-/// Runs, wants exit code 1 and exactly one line on stderr, which it returns.
-fn error_of(command: &mut Command) -> String {
-    let output = command.assert().code(1).get_output().clone();
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert!(text.starts_with("error: ") && text.ends_with('\n') && text.lines().count() == 1, "{text:?}");
-    text
 }
 
 fn mean(report: &Value, metric: &str) -> f64 {

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
-use common::program::{program, skips_gpu};
+use common::program::{error_of, program, skips_gpu};
 use instgs_vk::io::{Mask, load_scene, read_groups, read_mask, write_mask};
 use instgs_vk::scene::InstancedScene;
 use serde_json::Value;
@@ -88,13 +88,6 @@ impl Folder {
     fn report(&self, run: &str) -> Value {
         serde_json::from_slice(&fs::read(self.path(run).join("report.json")).unwrap()).unwrap()
     }
-}
-
-/// Runs, wants exit code 1 and nothing but one line `error: ...` on stderr, which it returns.
-fn error_of(command: &mut Command) -> String {
-    let text = String::from_utf8(command.assert().code(1).get_output().stderr.clone()).unwrap();
-    assert!(text.starts_with("error: ") && text.lines().count() == 1, "{text:?}");
-    text
 }
 
 /// What a command that succeeds warns of.

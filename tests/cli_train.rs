@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
 use common::dataset::{photograph, write_points};
-use common::program::{program, skips_gpu};
+use common::program::{error_of, program, skips_gpu};
 use instgs_vk::io::checkpoint;
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
@@ -46,14 +46,6 @@ fn report(at: &Path, out: &str) -> Value {
 
 fn checkpoint_bytes(at: &Path, out: &str, step: u64) -> Vec<u8> {
     fs::read(at.join(out).join("checkpoints").join(checkpoint::file_name(step))).unwrap()
-}
-
-/// Runs, wants exit code 1 and exactly one line on stderr, which it returns.
-fn error_of(command: &mut Command) -> String {
-    let output = command.assert().code(1).get_output().clone();
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert!(text.starts_with("error: ") && text.ends_with('\n') && text.lines().count() == 1, "{text:?}");
-    text
 }
 
 /// 150 steps under the validation layers reach a quality that is sure: FLOOR is the mean of 12 seeds minus six of their

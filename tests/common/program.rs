@@ -1,10 +1,19 @@
 //! The program as tests run it.
+#![allow(dead_code, reason = "every test binary uses a part of it")]
 
 use assert_cmd::Command;
 
 /// The program under test.
 pub(crate) fn program() -> Command {
     Command::new(env!("CARGO_BIN_EXE_instgs-vk"))
+}
+
+/// Runs, wants exit code 1 and exactly one line on stderr, which it returns.
+pub(crate) fn error_of(command: &mut Command) -> String {
+    let output = command.assert().code(1).get_output().clone();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.starts_with("error: ") && text.ends_with('\n') && text.lines().count() == 1, "{text:?}");
+    text
 }
 
 /// True, and said aloud, if tests that need a Vulkan device are not wanted.
