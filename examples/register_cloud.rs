@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         gpu = Gpu::open(&GpuOptions::default())?;
         let photo_of_view = |i: usize| {
             let view: &View = &views[i];
-            let mask = masks.of_view(&view.camera.name).ok().flatten();
+            let mask = masks.of_view(view).ok().flatten();
             Ok(load_view(view, None).ok().map(|loaded| loaded.image).zip(mask))
         };
         let photos: Option<Box<_>> = if flag("--photos") { Some(Box::new(photo_of_view)) } else { None };

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::eval::{EvalError, Evaluated, PicturePair, evaluate, psnr};
+use crate::eval::{EvalError, Evaluated, PairError, PicturePair, evaluate, psnr};
 use crate::gpu::Gpu;
 use crate::io::{IoError, MaskFolder, View, load_scene};
 use crate::render::{RenderError, RenderOptions, Renderer};
@@ -115,39 +115,16 @@ impl Measure<'_> {
         })
     }
 
-    /// Of the pixels that belong to an object; `None` without a mask or object.
+    /// Of the pixels that belong to an object and count; `None` without a mask, or if there are none.
     fn psnr_in_mask(&self, name: &str, pair: &PicturePair) -> Result<Option<f64>, MeasureError> {
-        let Some(mask) = self.masks.map(|m| m.of_view(name)).transpose()?.flatten() else { return Ok(None) };
-        let size = (pair.width(), pair.height());
-        let within: Vec<bool> = mask.resized(size.0, size.1).ids.iter().map(|&id| id != 0).collect();
-        if !within.contains(&true) {
-            return Ok(None);
+        let view = self.views.iter().find(|view| view.camera.name == name);
+        let (Some(masks), Some(view)) = (self.masks, view) else { return Ok(None) };
+        let Some(mask) = masks.of_view(view)? else { return Ok(None) };
+        let within: Vec<bool> = mask.resized(pair.width(), pair.height()).ids.iter().map(|&id| id != 0).collect();
+        match pair.within(&within) {
+            Ok(masked) => Ok(Some(psnr(&masked))),
+            Err(PairError::NothingToCompare) => Ok(None),
+            Err(error) => Err(EvalError::Pair { view: name.into(), error }.into()),
         }
-        let failed = |error| EvalError::Pair { view: name.into(), error };
-        let masked = PicturePair::new(size, pair.render(), pair.target(), Some(&within)).map_err(failed)?;
-        Ok(Some(psnr(&masked)))
-    }
-}
-
-/// The middle of values, the mean of the two middle ones of an even number; NaN without values.
-pub fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let n = sorted.len();
-    match n {
-        0 => f64::NAN,
-        _ if n.is_multiple_of(2) => 0.5 * (sorted[n / 2 - 1] + sorted[n / 2]),
-        _ => sorted[n / 2],
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn medians_by_hand() {
-        assert_eq!((median(&[3.0, 1.0, 2.0]), median(&[4.0, 1.0])), (2.0, 2.5));
-        assert!(median(&[]).is_nan());
     }
 }

@@ -7,4 +7,4 @@ mod statistics;
 
 pub use measure::{BenchError, Stage, Subject, run};
 pub use report::{Bytes, CameraReport, Counts, Ratio, Report, SceneReport};
-pub use statistics::Percentiles;
+pub use statistics::{Percentiles, median};

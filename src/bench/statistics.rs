@@ -21,7 +21,7 @@ impl Percentiles {
 }
 
 /// The median of values in any order; 0 if there are none.
-pub(super) fn median(values: &[f64]) -> f64 {
+pub fn median(values: &[f64]) -> f64 {
     Percentiles::of(values).median
 }
 

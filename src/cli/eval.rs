@@ -12,6 +12,7 @@ use super::printer::Printer;
 use super::table::Table;
 use crate::eval::lpips::weights::{conversion_command, user_weights_path};
 use crate::eval::{EvalError, EvalReport, InputRange, Lpips, Net, PicturePair, evaluate};
+use crate::io::picture_png::write_png;
 use crate::render::Renderer;
 use crate::scene::camera::MAX_IMAGE_SIDE;
 
@@ -189,5 +190,5 @@ fn write_picture(path: &Path, pair: &PicturePair) -> Result<(), CliError> {
         let both = render.as_flattened().iter().zip(target.as_flattened());
         pixels.extend(both.map(|(r, t)| byte(DIFFERENCE_GAIN * (r - t).abs())));
     }
-    Ok(picture_files::write_png(path, &pixels, (3 * width, height))?)
+    Ok(write_png(path, &pixels, (3 * width, height))?)
 }

@@ -4,11 +4,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use clap::ValueEnum;
-use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 
 use super::error::CliError;
 use crate::io::ktx2::{FloatImage, write_ktx2};
-use crate::io::{IoError, atomic_write};
+use crate::io::picture_png::write_png;
 use crate::render::Picture;
 use crate::scene::Camera;
 
@@ -49,14 +48,6 @@ pub(super) fn write(
         write_ktx2(&folder.join(&files[1]), &float(1, picture.depths.clone()))?;
     }
     Ok(files)
-}
-
-/// Writes 8-bit rgb, row by row from the top.
-pub(super) fn write_png(path: &Path, pixels: &[u8], (width, height): (u32, u32)) -> Result<(), IoError> {
-    atomic_write(path, |out| {
-        let encoder = PngEncoder::new(out);
-        encoder.write_image(pixels, width, height, ExtendedColorType::Rgb8).map_err(std::io::Error::other)
-    })
 }
 
 /// The file name of each camera: its name without an image's ending, with folders joined by `_`; its number if it has

@@ -10,6 +10,8 @@ pub struct PicturePair {
     height: u32,
     render: Vec<[f32; 3]>,
     target: Vec<[f32; 3]>,
+    /// By pixel: it counts.
+    valid: Vec<bool>,
     valid_pixels: usize,
 }
 
@@ -39,7 +41,8 @@ impl PicturePair {
                 return Err(PairError::NotFinite { what, x: i % width as usize, y: i / width as usize });
             }
         }
-        let valid_pixels = (0..pixels).filter(|&i| counts(i)).count();
+        let valid: Vec<bool> = (0..pixels).map(counts).collect();
+        let valid_pixels = valid.iter().filter(|&&counts| counts).count();
         if valid_pixels == 0 {
             return Err(PairError::NothingToCompare);
         }
@@ -48,7 +51,20 @@ impl PicturePair {
         let target: Vec<_> = target.iter().map(clamped).collect();
         let pick = |i: usize| if counts(i) { clamped(&render[i]) } else { target[i] };
         let render = (0..pixels).map(pick).collect();
-        Ok(Self { width, height, render, target, valid_pixels })
+        Ok(Self { width, height, render, target, valid, valid_pixels })
+    }
+
+    /// The same pictures, of which only the pixels count that did before and are `true` in `part`.
+    ///
+    /// # Errors
+    /// A `part` of another length, or no pixel that counts.
+    pub fn within(&self, part: &[bool]) -> Result<Self, PairError> {
+        let (width, height) = (self.width, self.height);
+        if part.len() != self.valid.len() {
+            return Err(PairError::Size { what: "part", len: part.len(), width, height });
+        }
+        let valid: Vec<bool> = self.valid.iter().zip(part).map(|(&counts, &is_in_part)| counts && is_in_part).collect();
+        Self::new((width, height), &self.render, &self.target, Some(&valid))
     }
 
     /// Width in pixels.
@@ -96,6 +112,17 @@ mod tests {
         assert_eq!(error((2, 2), None), Some(PairError::Size { what: "render", len: 2, width: 2, height: 2 }));
         assert!(matches!(error((2, 1), Some(&[true])), Some(PairError::Size { what: "mask", .. })));
         assert_eq!(PicturePair::new((0, 0), &[], &[], None), Err(PairError::NothingToCompare));
+        Ok(())
+    }
+
+    #[test]
+    fn a_part_has_only_pixels_that_counted() -> Result<(), PairError> {
+        let (render, target) = ([[0.0; 3], [0.5; 3], [1.0; 3]], [[1.0; 3]; 3]);
+        let pair = PicturePair::new((3, 1), &render, &target, Some(&[true, true, false]))?;
+        let part = pair.within(&[false, true, true])?;
+        assert_eq!((part.render(), part.valid_pixels()), (&[[1.0; 3], [0.5; 3], [1.0; 3]][..], 1));
+        assert_eq!(pair.within(&[false, false, true]), Err(PairError::NothingToCompare));
+        assert!(matches!(pair.within(&[true; 2]), Err(PairError::Size { what: "part", len: 2, .. })));
         Ok(())
     }
 }

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::io::error::{IoError, Place};
-use crate::io::{atomic_write, read_bytes};
+use crate::io::json::write_json;
+use crate::io::read_bytes;
 use crate::scene::camera::Camera;
 
 /// Reads one camera object or a list of them; every camera is checked.
@@ -32,8 +33,7 @@ pub fn parse_cameras(bytes: &[u8], path: &Path) -> Result<Vec<Camera>, IoError> 
 
 /// Writes a list of cameras.
 pub fn write_cameras(path: &Path, cameras: &[Camera]) -> Result<(), IoError> {
-    let text = serde_json::to_string_pretty(cameras).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
-    atomic_write(path, |out| out.write_all(text.as_bytes()).and_then(|()| out.write_all(b"\n")))
+    write_json(path, cameras)
 }
 
 /// JSON with the line in the error.

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use crate::io::camera_file::parse_json;
 use crate::io::error::{IoError, Place};
+use crate::io::json::write_json;
 use crate::io::mask_png::{mask_bytes, parse_mask};
-use crate::io::{atomic_write, read_bytes};
-use crate::scene::Camera;
+use crate::io::{View, atomic_write, read_bytes, view_resample};
+use crate::math::distortion::Distortion;
 
 /// Name of the file that says what the ids are, beside the masks.
 const CATEGORIES: &str = "categories.json";
@@ -90,9 +91,7 @@ pub fn write_categories(path: &Path, categories: &BTreeMap<u32, String>) -> Resu
     if let Some(id) = categories.keys().find(|id| !(1..=u32::from(u16::MAX)).contains(*id)) {
         return Err(IoError::new(path, format!("cannot write: {id} is no id of a mask, 1 to 65535")));
     }
-    let text =
-        serde_json::to_string_pretty(categories).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
-    atomic_write(path, |out| out.write_all(text.as_bytes()).and_then(|()| out.write_all(b"\n")))
+    write_json(path, categories)
 }
 
 /// The masks of a dataset.
@@ -138,35 +137,29 @@ impl MaskFolder {
         Some(data.join("masks")).filter(|folder| folder.is_dir())
     }
 
-    /// The mask of the view with this name ([`crate::io::View`]'s camera name); `None` if it has none. An error if two
-    /// subfolders have a file of that stem and neither is the view's by its path.
-    pub fn of_view(&self, name: &str) -> Result<Option<Mask>, IoError> {
-        self.path_of(name)?.map(read_mask).transpose()
-    }
-
-    /// The mask of a view, given its camera at the size of its image; `None` if it has none. Errors: as
-    /// [`Self::of_view`], and a mask of another size than the image.
-    pub fn of_camera(&self, camera: &Camera) -> Result<Option<Mask>, IoError> {
-        let mask = self.of_view(&camera.name)?;
-        if let Some(mask) = &mask {
-            self.check_size(&camera.name, mask, camera.width, camera.height)?;
+    /// The mask of a view, as its pinhole camera sees it: masks are drawn over the image, so lens distortion is undone as
+    /// for the image. `None` if it has none.
+    ///
+    /// # Errors
+    /// A mask that is damaged or of another size than the image; two subfolders with a file of the view's stem of which
+    /// neither is the view's by its path.
+    pub fn of_view(&self, view: &View) -> Result<Option<Mask>, IoError> {
+        let camera = &view.camera;
+        let Some(path) = self.path_of(&camera.name)? else { return Ok(None) };
+        let mask = read_mask(path)?;
+        let (size, want) = ((mask.width, mask.height), (camera.width, camera.height));
+        if size != want {
+            let what = format!("the mask has {}x{} pixels, and its view {}x{}", size.0, size.1, want.0, want.1);
+            return Err(IoError::new(path, what).advise("use the masks that were made from the view's image"));
         }
-        Ok(mask)
+        let undistorted = |d: &Distortion| view_resample::undistort_ids(&mask, camera, d);
+        Ok(Some(view.distortion.as_ref().map(undistorted).unwrap_or(mask)))
     }
 
-    /// True if there is a mask for the view with this name. Errors: as [`Self::of_view`], but no file is read.
+    /// True if there is a mask for the view with this name ([`View`]'s camera name). Errors: as [`Self::of_view`], but no
+    /// file is read.
     pub fn has_view(&self, name: &str) -> Result<bool, IoError> {
         Ok(self.path_of(name)?.is_some())
-    }
-
-    /// An error if the mask of the view with this name has another size than the view's `width * height` pixels.
-    pub fn check_size(&self, name: &str, mask: &Mask, width: u32, height: u32) -> Result<(), IoError> {
-        if (mask.width, mask.height) == (width, height) {
-            return Ok(());
-        }
-        let path = self.path_of(name)?.unwrap_or(&self.folder);
-        let what = format!("the mask has {}x{} pixels, and its view {width}x{height}", mask.width, mask.height);
-        Err(IoError::new(path, what).advise("use the masks that were made from the view's image"))
     }
 
     fn path_of(&self, name: &str) -> Result<Option<&Path>, IoError> {
@@ -204,8 +197,18 @@ fn list_pngs(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<()
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::Split;
+    use crate::scene::Camera;
 
     type Outcome = Result<(), Box<dyn std::error::Error>>;
+
+    /// A view of so many pixels in a row.
+    fn view(name: &str, width: u32) -> View {
+        let view_from_world = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+        let (cx, cy) = (0.5 * f64::from(width), 0.5);
+        let camera = Camera { name: name.into(), width, height: 1, fx: 1.0, fy: 1.0, cx, cy, view_from_world };
+        View { camera, image_path: PathBuf::new(), split: Split::Train, distortion: None, mask_path: None }
+    }
 
     fn mask() -> Mask {
         Mask { width: 3, height: 2, ids: vec![0, 1, 65535, 256, 0, 1] }
@@ -246,14 +249,13 @@ mod tests {
         let masks = MaskFolder::open(&root)?;
         assert!(masks.categories.is_empty());
         for (id, name) in [(1, "a.b"), (2, "left_1"), (3, "right_1"), (4, "2"), (4, "right_2")] {
-            assert_eq!(masks.of_view(name)?, Some(of(id)), "{name}");
+            assert_eq!(masks.of_view(&view(name, 1))?, Some(of(id)), "{name}");
         }
-        assert_eq!(masks.of_view("a")?, None);
+        assert_eq!(masks.of_view(&view("a", 1))?, None);
         assert!(masks.has_view("left_1")? && masks.has_view("2")? && !masks.has_view("a")?);
-        assert!(masks.of_view("1").is_err_and(|e| e.to_string().contains("view 1")));
-        masks.check_size("2", &of(4), 1, 1)?;
-        let text = masks.check_size("2", &of(4), 1, 2).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(text.contains("2.png") && text.contains("1x1") && text.contains("1x2"), "{text}");
+        assert!(masks.of_view(&view("1", 1)).is_err_and(|e| e.to_string().contains("view 1")));
+        let text = masks.of_view(&view("2", 3)).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text.contains("2.png") && text.contains("1x1") && text.contains("3x1"), "{text}");
         std::fs::write(root.join("a.b.png"), "")?;
         // Where names differ in more than case, they are two files for one view.
         if std::fs::read_dir(&root)?.count() == 5 {

@@ -1,4 +1,5 @@
 use super::*;
+use crate::io::Mask;
 use crate::io::colmap::Distortion;
 use crate::io::dataset::Split;
 use crate::math::rng::Rng;
@@ -264,6 +265,32 @@ fn undistortion_of_partly_transparent_pictures() {
     let out = view_resample::undistort(&ViewImage { rgba, ..opaque }, &camera, &d).rgba;
     assert!(out.iter().all(|p| p[3] == 1 || *p == [5, 6, 7, p[3]]));
     assert!(out.iter().any(|p| p[3] > 60 && p[3] < 190));
+}
+
+/// A mask and a picture of the same lens stay on top of each other: both say in which column and row they were.
+#[test]
+fn masks_are_undistorted_as_photos_are() {
+    let camera = camera(100, 80);
+    let d = Distortion { k1: 0.15, k2: -0.02, p1: -0.004, p2: 0.001 };
+    let place = |k: u32| (k % 100, k / 100);
+    let rgba = (0..8000).map(|k| [2 * place(k).0 as u8, 2 * place(k).1 as u8, 0, 255]).collect();
+    let photo = view_resample::undistort(&ViewImage { width: 100, height: 80, rgba }, &camera, &d);
+    let mask = Mask { width: 100, height: 80, ids: (1..=8000).collect() };
+    let ids = view_resample::undistort_ids(&mask, &camera, &d).ids;
+    let (mut moved, mut outside) = (0, 0);
+    for (k, (&id, pixel)) in (0..).zip(ids.iter().zip(&photo.rgba)) {
+        assert_eq!(id == 0, pixel[3] == IGNORED, "{k}");
+        if id == 0 {
+            outside += 1;
+            continue;
+        }
+        let (column, row) = place(u32::from(id) - 1);
+        // Half a pixel, and the rounding of the colour.
+        assert!((column as f64 - f64::from(pixel[0]) / 2.0).abs() <= 0.76, "{k}: {column} {pixel:?}");
+        assert!((row as f64 - f64::from(pixel[1]) / 2.0).abs() <= 0.76, "{k}: {row} {pixel:?}");
+        moved += u32::from(u32::from(id) - 1 != k);
+    }
+    assert!(moved > 2000 && outside > 100, "{moved} {outside}");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Undistortion and downscaling of view images. Both average colours weighted by coverage, that is premultiplied, and
 //! leave ignored pixels out; a result more than half of whose weight is ignored is ignored itself.
 
+use crate::io::masks::Mask;
 use crate::io::view_image::{IGNORED, OPAQUE, ViewImage};
 use crate::math::distortion::Distortion;
 use crate::scene::camera::Camera;
@@ -9,21 +10,39 @@ use crate::scene::camera::Camera;
 /// the lens drew it, read bilinearly. A place outside the image, or beyond the radius where the model folds over, gives
 /// an ignored pixel; within half a pixel of the border the outermost pixels count for what is missing.
 pub(crate) fn undistort(image: &ViewImage, camera: &Camera, distortion: &Distortion) -> ViewImage {
-    let (width, height) = (f64::from(image.width), f64::from(image.height));
+    let pixel = |place: Option<[f64; 2]>| place.map_or([0, 0, 0, IGNORED], |[u, v]| bilinear(image, u - 0.5, v - 0.5));
+    ViewImage { rgba: places_in_image(camera, distortion).map(pixel).collect(), ..*image }
+}
+
+/// The same for ids, which have no mean: the id of the pixel that the place is in, 0 where there is none.
+pub(crate) fn undistort_ids(mask: &Mask, camera: &Camera, distortion: &Distortion) -> Mask {
+    let id = |[u, v]: [f64; 2]| {
+        let (i, j) = ((u as usize).min(mask.width as usize - 1), (v as usize).min(mask.height as usize - 1));
+        mask.ids[j * mask.width as usize + i]
+    };
+    let ids = places_in_image(camera, distortion).map(|place| place.map_or(0, id)).collect();
+    Mask { ids, ..*mask }
+}
+
+/// For every pixel of a pinhole camera, row by row: the place in the image, in pixels from its top left corner, where the
+/// lens drew it; `None` outside the image, or beyond the radius where the model folds over.
+fn places_in_image<'a>(
+    camera: &'a Camera,
+    distortion: &'a Distortion,
+) -> impl Iterator<Item = Option<[f64; 2]>> + use<'a> {
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let fold = distortion.fold_radius_squared();
-    let mut rgba = Vec::with_capacity(image.rgba.len());
-    for j in 0..image.height {
+    (0..camera.height).flat_map(move |j| {
         let y = (f64::from(j) + 0.5 - camera.cy) / camera.fy;
-        for i in 0..image.width {
+        (0..camera.width).map(move |i| {
             let x = (f64::from(i) + 0.5 - camera.cx) / camera.fx;
             let [xd, yd] = distortion.distort(x, y);
             let (u, v) = (camera.fx * xd + camera.cx, camera.fy * yd + camera.cy);
             // A NaN is not inside.
             let inside = (0.0..=width).contains(&u) && (0.0..=height).contains(&v) && x * x + y * y < fold;
-            rgba.push(if inside { bilinear(image, u - 0.5, v - 0.5) } else { [0, 0, 0, IGNORED] });
-        }
-    }
-    ViewImage { rgba, ..*image }
+            inside.then_some([u, v])
+        })
+    })
 }
 
 /// The value at (u, v), both at least -0.5, where whole numbers are pixel centres.

@@ -30,7 +30,7 @@ pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, TrainError> {
     let masks = MaskFolder::open(&folder)?;
     let (views, _) = training_views(job)?;
     let has_object = |view: &View| -> Result<bool, IoError> {
-        Ok(masks.of_camera(&view.camera)?.is_some_and(|mask| mask.ids.iter().any(|&id| id != 0)))
+        Ok(masks.of_view(view)?.is_some_and(|mask| mask.ids.iter().any(|&id| id != 0)))
     };
     // Collected, so that of several errors it is always that of the first view.
     let found: Vec<Result<bool, IoError>> = views.par_iter().map(has_object).collect();

@@ -8,7 +8,8 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use crate::gpu::Gpu;
-use crate::io::{IoError, atomic_write, read_bytes, write_scene_file};
+use crate::io::json::{read_json, write_json};
+use crate::io::write_scene_file;
 use crate::register::InstanceRegistration;
 use crate::segment::{ConsensusReport, LabelProgress};
 use crate::template::GroupReport;
@@ -73,8 +74,7 @@ pub fn prepare(
     let report_path = job.out.join(REPORT);
     let initial = job.out.join(INITIAL_SCENE);
     if job.resume && initial.is_file() && report_path.is_file() {
-        let bytes = read_bytes(&report_path)?;
-        return serde_json::from_slice(&bytes).map_err(|e| IoError::new(&report_path, e.to_string()).into());
+        return Ok(read_json(&report_path)?);
     }
     let cloud = read_cloud(&job.out)?;
     let segmented = segmented(gpu, job, &cloud, progress)?;
@@ -91,7 +91,6 @@ pub fn prepare(
         views: segmented.cameras.len(),
         consensus: segmented.consensus,
     };
-    let text = serde_json::to_vec_pretty(&prepared).map_err(|e| IoError::new(&report_path, e.to_string()))?;
-    atomic_write(&report_path, |out| out.write_all(&text))?;
+    write_json(&report_path, &prepared)?;
     Ok(prepared)
 }

@@ -8,10 +8,9 @@ use std::time::Instant;
 
 use crate::gpu::Gpu;
 use crate::io::checkpoint::Checkpoint;
+use crate::io::json::{read_json, write_json};
 use crate::io::view_image::camera_at_width;
-use crate::io::{
-    IoError, MaskFolder, Split, View, atomic_write, load_scene, read_bytes, read_cameras, read_views, write_cameras,
-};
+use crate::io::{IoError, MaskFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
 use crate::scene::{Camera, InstancedScene};
 use crate::segment::{
     Consensus, ConsensusOptions, ConsensusReport, KEPT_BYTES, LabelOptions, LabelProgress, ViewContributions,
@@ -72,17 +71,14 @@ impl Segmented {
             let what = format!("has {} labels, and the cloud {gaussians} Gaussians", labels.len());
             return Err(IoError::new(&path, what).advise("segment the scene again, into another folder").into());
         }
-        let path = folder.join(CONSENSUS);
-        let found: Consensus = serde_json::from_slice(&read_bytes(&path)?).map_err(|e| not_json(&path, &e))?;
+        let found: Consensus = read_json(&folder.join(CONSENSUS))?;
         let cameras = read_cameras(&folder.join(CAMERAS))?;
         Ok(Self { labels, weights_px, consensus: found.report, cameras, stages: Vec::new() })
     }
 
     fn write(&self, found: &Consensus, folder: &Path) -> Result<(), TrainError> {
         write_cameras(&folder.join(CAMERAS), &self.cameras)?;
-        let path = folder.join(CONSENSUS);
-        let text = serde_json::to_vec_pretty(found).map_err(|e| not_json(&path, &e))?;
-        atomic_write(&path, |out| out.write_all(&text))?;
+        write_json(&folder.join(CONSENSUS), found)?;
         let mut file = Checkpoint::default();
         file.put(LABEL_TENSOR, &[self.labels.len()], self.labels.clone());
         file.put(WEIGHT_TENSOR, &[self.weights_px.len()], self.weights_px.clone());
@@ -136,7 +132,7 @@ pub fn segmented(
     let masks = MaskFolder::open(&mask_folder(job)?)?;
     let (views, cameras) = training_views(job)?;
     let options = label_options(job);
-    let mask_of_view = |i: usize| Ok(masks.of_camera(&views[i].camera)?);
+    let mask_of_view = |i: usize| Ok(masks.of_view(&views[i])?);
     let mut sweeps =
         ViewContributions::<TrainError>::new(gpu, cloud, &cameras, mask_of_view, options.render, KEPT_BYTES)?;
     let total = 3 * sweeps.view_count();
@@ -186,8 +182,4 @@ fn label_options(job: &TrainJob) -> LabelOptions {
         drop_strays: segment.drop_strays,
         render: eval_options(&job.config),
     }
-}
-
-fn not_json(path: &Path, error: &serde_json::Error) -> IoError {
-    IoError::new(path, error.to_string())
 }

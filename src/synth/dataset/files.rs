@@ -4,13 +4,12 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
-
 use super::frame::Frame;
 use crate::io::dataset::Split;
 use crate::io::ktx2::{FloatImage, write_ktx2};
 use crate::io::masks::{Mask, write_categories, write_mask};
-use crate::io::{IoError, atomic_write, write_transforms};
+use crate::io::picture_png::write_png;
+use crate::io::{IoError, write_transforms};
 use crate::scene::{Camera, PosedGroup};
 
 /// Says that a folder is ours, and how it came about.
@@ -53,11 +52,7 @@ pub(super) fn prepare(out: &Path) -> Result<(), IoError> {
 /// Writes image, mask and depth of a view.
 pub(super) fn write_view(out: &Path, camera: &Camera, frame: Frame) -> Result<(), IoError> {
     let (width, height, name) = (camera.width, camera.height, &camera.name);
-    let image = out.join("images").join(format!("{name}.png"));
-    atomic_write(&image, |file| {
-        let written = PngEncoder::new(file).write_image(&frame.colors, width, height, ExtendedColorType::Rgb8);
-        written.map_err(std::io::Error::other)
-    })?;
+    write_png(&out.join("images").join(format!("{name}.png")), &frame.colors, (width, height))?;
     write_mask(&out.join("masks").join(format!("{name}.png")), &Mask { width, height, ids: frame.ids })?;
     let depth = FloatImage { width, height, channels: 1, values: frame.depths };
     write_ktx2(&out.join("depth").join(format!("{name}.ktx2")), &depth)

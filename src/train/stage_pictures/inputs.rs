@@ -1,15 +1,14 @@
 //! What the stages left in the run folder, and the views they saw.
 
-use std::path::Path;
-
 use glam::DVec3;
 
 use super::colors::Colors;
 use super::framing::{choose_views, means, middle};
 use super::overlay::Objects;
 use crate::io::checkpoint::Checkpoint;
+use crate::io::json::read_json;
 use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_bytes, read_groups};
+use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
 use crate::scene::{Camera, Gaussians, PosedGroup};
 use crate::segment::{Consensus, IdTable};
 use crate::train::error::TrainError;
@@ -46,7 +45,7 @@ impl Inputs {
     pub(super) fn read(job: &TrainJob) -> Result<Self, TrainError> {
         let (views, cameras) = training_views(job)?;
         let labels = job.out.join(LABELS);
-        let consensus: Consensus = json(&job.out.join(CONSENSUS))?;
+        let consensus: Consensus = read_json(&job.out.join(CONSENSUS))?;
         let groups = job.out.join(GROUPS);
         Ok(Self {
             views,
@@ -73,7 +72,7 @@ impl Inputs {
 
     /// The mask of a training view, if it has one.
     pub(super) fn mask_of(&self, view: usize) -> Result<Option<Mask>, IoError> {
-        self.masks.as_ref().map_or(Ok(None), |masks| masks.of_view(&self.views[view].camera.name))
+        self.masks.as_ref().map_or(Ok(None), |masks| masks.of_view(&self.views[view]))
     }
 
     /// The camera of a training view for a picture of this width, larger or smaller than the photo.
@@ -109,8 +108,4 @@ impl Inputs {
         }
         out
     }
-}
-
-fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, IoError> {
-    serde_json::from_slice(&read_bytes(path)?).map_err(|e| IoError::new(path, e.to_string()))
 }
