@@ -29,7 +29,7 @@ fn train(at: &Path, out: &str, more: &[&str]) -> Command {
     let mut command = program();
     command.args(["train", "--data"]).arg(at.join("data")).arg("--out").arg(at.join(out));
     command.args(["--config", "instgs_quick", "--steps", "120", "--joint-steps", "60", "--groups"]);
-    command.arg(at.join("data/groups.json")).args(more);
+    command.arg(at.join("data/groups_noisy.json")).args(more);
     command
 }
 
@@ -111,7 +111,7 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         .arg("--out")
         .arg(at.join("b"))
         .args(["--config", "instgs_quick", "--steps", "120", "--joint-steps", "60", "--groups"])
-        .arg(at.join("data/groups.json"))
+        .arg(at.join("data/groups_noisy.json"))
         .args(every)
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
@@ -132,6 +132,17 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
     assert_eq!(fs::metadata(at.join("b/vanilla/report.json")).unwrap().modified().unwrap(), vanilla);
     assert!(last_checkpoint(&at, "a") == last_checkpoint(&at, "b"), "after a kill");
     assert!(fs::read(at.join("a/scene.instgs")).unwrap() == fs::read(at.join("b/scene.instgs")).unwrap());
+    // What the objects came from is settled; what the joint phase alone goes by is not.
+    let resume = |more: [&str; 2]| {
+        let mut command = program();
+        command.args(["train", "--resume", "--data"]).arg(at.join("data")).arg("--out").arg(at.join("b")).args(more);
+        command
+    };
+    let text = resume(["--steps", "240"]).assert().code(1).get_output().stderr.clone();
+    let text = String::from_utf8(text).unwrap();
+    assert!(text.contains("steps = 120") && text.contains("240") && text.contains("another folder"), "{text}");
+    resume(["--joint-steps", "70"]).assert().success();
+    assert_eq!(json(at.join("b/report.json"))["steps"], 70);
     // Poses and offsets are in the checkpoint.
     let (path, _) = checkpoint::latest(&at.join("a/checkpoints")).unwrap().found.unwrap();
     let state = Checkpoint::read(&path).unwrap();
@@ -231,7 +242,7 @@ fn the_comparison_has_all_its_rows_and_is_not_done_twice() {
         let mut command = program();
         command.args(["compare", "--json", "--config", "instgs_quick", "--set", "steps=60", "--set", "joint.steps=30"]);
         command.args(["--seeds", "3,4", "--frames", "2", "--more-steps", "30", "--data"]).arg(at.join("data"));
-        command.arg("--groups").arg(at.join("data/groups.json")).arg("--out").arg(at.join("c"));
+        command.arg("--groups").arg(at.join("data/groups_noisy.json")).arg("--out").arg(at.join("c"));
         command
     };
     let compare = || serde_json::from_slice::<Value>(&command().assert().success().get_output().stdout).unwrap();
@@ -247,6 +258,11 @@ fn the_comparison_has_all_its_rows_and_is_not_done_twice() {
         let file = |i: usize| rows[i]["file_bytes"].as_u64().unwrap();
         assert!(file(5) < file(4) && file(4) < file(3));
         assert_eq!(rows[1]["steps"], 90);
+        // The time of a cloud that was trained on is that of all its steps, once.
+        let report = json(at.join(format!("c/seed_{}/same_time/report.json", result["seed"])));
+        let train = report["stages"].as_array().unwrap().iter().find(|stage| stage["name"] == "train").unwrap();
+        assert_eq!(rows[1]["seconds"], train["seconds"]);
+        assert!(rows[1]["seconds"].as_f64() > rows[0]["seconds"].as_f64(), "{rows:?}");
         assert!(rows[2]["host_bytes"].as_u64().unwrap() <= rows[3]["host_bytes"].as_u64().unwrap());
         assert!(result["fps"][0].as_f64().unwrap() > 0.0);
     }

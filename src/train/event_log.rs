@@ -123,7 +123,18 @@ mod tests {
 
     fn step(step: u64) -> Event {
         let (loss, l1, ssim, psnr) = (0.25 / step as f64, 0.125, 0.5, 20.0);
-        Event::Step { step, loss, mean_loss: None, l1, ssim, psnr, gaussians: 7, steps_per_second: 3.5, seconds: 0.1 }
+        Event::Step {
+            step,
+            loss,
+            mean_loss: None,
+            view_losses: vec![(3, 0.25)],
+            l1,
+            ssim,
+            psnr,
+            gaussians: 7,
+            steps_per_second: 3.5,
+            seconds: 0.1,
+        }
     }
 
     fn sample() -> Vec<Event> {

@@ -42,6 +42,10 @@ pub enum Event {
         /// Mean loss of the steps since the one reported before; `None` in logs of versions that did not have it.
         #[serde(default)]
         mean_loss: Option<f64>,
+        /// Of these steps, but those whose loss is not finite: index of the training view, and the loss. Empty in logs of
+        /// versions that did not have it.
+        #[serde(default)]
+        view_losses: Vec<(u32, f32)>,
         /// Mean absolute difference, 0..=1.
         #[serde(deserialize_with = "null_is_nan")]
         l1: f64,

@@ -100,8 +100,8 @@ struct Clock {
     elsewhere: f64,
     /// Finished steps and seconds at the last report.
     reported: (u64, f64),
-    /// Sum and number of the losses since then.
-    losses: (f64, u32),
+    /// View and loss of the steps since then.
+    losses: Vec<(usize, f64)>,
 }
 
 impl Clock {
@@ -233,7 +233,7 @@ impl<'a> Run<'a> {
             runner,
             state,
             times: StepTimes::default(),
-            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses: (0.0, 0) },
+            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses: Vec::new() },
         })
     }
 
@@ -364,17 +364,20 @@ impl<'a> Run<'a> {
         }
         let lambda = self.job.config.lambda_dssim;
         let loss = (1.0 - lambda) * outcome.l1 + lambda * (1.0 - outcome.ssim);
-        self.clock.losses = (self.clock.losses.0 + loss, self.clock.losses.1 + 1);
+        let view = self.order.view_at(outcome.step).unwrap_or_default();
+        self.clock.losses.push((view, loss));
         if !step.is_multiple_of(REPORT_EVERY) && step != self.job.config.steps {
             return Ok(());
         }
-        let (sum, losses) = std::mem::take(&mut self.clock.losses);
+        let losses = std::mem::take(&mut self.clock.losses);
+        let finite = losses.iter().filter(|(_, loss)| loss.is_finite());
         let seconds = self.clock.seconds();
         let (last_step, last_seconds) = std::mem::replace(&mut self.clock.reported, (step, seconds));
         sink.event(&Event::Step {
             step,
             loss,
-            mean_loss: Some(sum / f64::from(losses)),
+            mean_loss: Some(losses.iter().map(|(_, loss)| loss).sum::<f64>() / losses.len() as f64),
+            view_losses: finite.map(|&(view, loss)| (view as u32, loss as f32)).collect(),
             l1: outcome.l1,
             ssim: outcome.ssim,
             psnr: -10.0 * outcome.mse.max(1e-10).log10(),

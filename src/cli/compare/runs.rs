@@ -6,6 +6,7 @@ use crate::cli::args::create_folder;
 use crate::cli::error::CliError;
 use crate::cli::train::{Session, train_job};
 use crate::io::IoError;
+use crate::io::json::read_json;
 use crate::train::TrainJob;
 use crate::train::config::TrainConfig;
 use crate::train::report::RunReport;
@@ -26,8 +27,7 @@ impl Runs<'_> {
     pub(super) fn train(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
         let out = self.out.join(name);
         let report = out.join("report.json");
-        if let Ok(bytes) = std::fs::read(&report)
-            && let Ok(done) = serde_json::from_slice::<RunReport>(&bytes)
+        if let Ok(done) = read_json::<RunReport>(&report)
             && done.config == config
         {
             return Ok(done);

@@ -8,16 +8,34 @@ use super::phase::{Session, counts, run_phase};
 use crate::cli::args::create_folder;
 use crate::cli::error::CliError;
 use crate::cli::stages::{LabelLines, group_lines};
+use crate::io::json::read_json;
 use crate::io::{Dataset, IoError, Split, read_views, write_ply};
 use crate::render::Renderer;
 use crate::scene::InstancedScene;
-use crate::train::config::TrainConfig;
+use crate::train::config::{ConfigBuilder, TrainConfig};
 use crate::train::event_log::read_events;
 use crate::train::events::Event;
 use crate::train::given::{GivenCloud, given_cloud};
 use crate::train::report::{Bytes, JointMatch, Quality, ReportData, RunReport, Stage, StagePictures};
-use crate::train::segmented::CLOUD;
+use crate::train::segmented::{CLOUD, require_segments};
 use crate::train::{Prepared, TrainError, TrainJob, check_masks, eval_options, prepare, stage_pictures};
+
+/// The configuration, in the run folder.
+const CONFIG: &str = "config.toml";
+/// How the keys begin that only the joint phase goes by, or that say nothing of the outcome.
+const OF_JOINT_PHASE: [&str; 11] = [
+    "joint.steps",
+    "joint.final_factor",
+    "joint.prune_opacity",
+    "joint.refine_poses",
+    "template_rates.",
+    "background_rates.",
+    "offset_rates.",
+    "pose_rates.",
+    "eval_every",
+    "checkpoint_every",
+    "device_memory_mb",
+];
 
 /// The plain cloud that the run starts from; its file is in the run folder.
 struct PlainCloud {
@@ -28,21 +46,36 @@ struct PlainCloud {
 
 /// All stages; the report is that of the joint phase, with the plain cloud's in `vanilla`.
 pub(super) fn run(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, CliError> {
+    check_same_stages(job)?;
     // Before hours of training, and before the folder is there.
     let told = check_masks(job)?;
     told.iter().for_each(|text| session.printer.warning(text));
     create_folder(&job.out)?;
     // The joint phase writes it, too; but a run that is stopped before that must know itself when it goes on.
     let text = job.config.to_toml()?;
-    crate::io::atomic_write(&job.out.join("config.toml"), |out| out.write_all(text.as_bytes()))?;
+    crate::io::atomic_write(&job.out.join(CONFIG), |out| out.write_all(text.as_bytes()))?;
     let given = !job.config.init_scene.is_empty();
     let cloud = if given { taken_cloud(session, job)? } else { trained_cloud(session, job)? };
     let prepared = prepared(session, job, &told)?;
     let pictures = Pictures::draw(session, job, &prepared);
-    run_phase(session, job, |data| {
+    run_phase(session, &job.out, job, |data| {
         let pictures = pictures.with_trained_templates(session, job);
         complete(data, cloud, prepared, pictures);
     })
+}
+
+/// A run that goes on keeps the objects and templates that it found: what these came from must be as it was.
+fn check_same_stages(job: &TrainJob) -> Result<(), CliError> {
+    let path = job.out.join(CONFIG);
+    if !job.resume || !path.is_file() || require_segments(&job.out).is_err() {
+        return Ok(());
+    }
+    let earlier = ConfigBuilder::new().file(&path.display().to_string())?.finish()?;
+    let is_free = |key: &str| OF_JOINT_PHASE.iter().any(|free| key.starts_with(free));
+    let changed = earlier.differences(&job.config)?.into_iter().find(|(key, ..)| !is_free(key));
+    let Some((key, was, now)) = changed else { return Ok(()) };
+    let what = format!("its objects were found with {key} = {was}, and it cannot go on with {now}");
+    Err(IoError::new(&job.out, what).advise("leave that value, or train into another folder").into())
 }
 
 /// What the stages did, to be looked at. A run is worth more than its pictures: if they cannot be made it goes on.
@@ -104,12 +137,12 @@ fn trained_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, Cl
     let out = job.out.join("vanilla");
     let path = out.join("report.json");
     let config = job.config.cloud_phase();
-    let done = if job.resume && path.is_file() { Some(read_report(&path)?) } else { None };
+    let done = if job.resume && path.is_file() { Some(read_json::<RunReport>(&path)?) } else { None };
     let report = match done {
         Some(report) if report.steps == config.steps => report,
         _ => {
             session.printer.line("1 of 3: a plain cloud of Gaussians");
-            run_phase(session, &TrainJob { out: out.clone(), config, ..job.clone() }, |_| ())?
+            run_phase(session, &job.out, &TrainJob { out: out.clone(), config, ..job.clone() }, |_| ())?
         }
     };
     let (from, to) = (out.join(CLOUD), job.out.join(CLOUD));
@@ -119,11 +152,6 @@ fn trained_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, Cl
     let log = out.join("events.jsonl");
     let events = if log.is_file() { read_events(&log)? } else { Vec::new() };
     Ok(PlainCloud { report, events })
-}
-
-fn read_report(path: &Path) -> Result<RunReport, CliError> {
-    let bytes = fs::read(path).map_err(|e| IoError::new(path, format!("cannot read: {e}")))?;
-    Ok(serde_json::from_slice(&bytes).map_err(|e| IoError::new(path, e.to_string()))?)
 }
 
 /// Takes over a trained cloud, and looks how good it is.

@@ -172,7 +172,7 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
 /// What is wrong with the input, the device, or that it was interrupted.
 pub(super) fn train_job(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, CliError> {
     match job.config.method {
-        Method::Gaussians => run_phase(session, job, |_| ()),
+        Method::Gaussians => run_phase(session, &job.out, job, |_| ()),
         Method::Instanced => instanced::run(session, job),
     }
 }

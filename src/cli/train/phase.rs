@@ -6,18 +6,20 @@ use std::sync::Arc;
 use crate::cli::args::create_folder;
 use crate::cli::device;
 use crate::cli::error::CliError;
-use crate::cli::picture_files;
 use crate::cli::printer::{Printer, Progress};
 use crate::cli::table::grouped;
 use crate::eval::Evaluated;
 use crate::gpu::Gpu;
 use crate::io::IoError;
+use crate::io::picture_png::write_png;
 use crate::scene::{InstancedScene, RepeatedBytes};
 use crate::train::config::Method;
 use crate::train::event_log::{EventLog, read_events};
 use crate::train::events::{Event, EventSink, Tee};
 use crate::train::interrupt::Interrupt;
-use crate::train::report::{self, Bytes, Counts, Quality, ReportData, Rgb8, RunReport, ViewMetrics, ViewPicture};
+use crate::train::report::{
+    self, Bytes, Counts, Quality, ReportData, Rgb8, RunReport, Stage, ViewMetrics, ViewPicture,
+};
 use crate::train::{TrainJob, Trained, train};
 
 /// Test views whose pictures the page shows.
@@ -30,9 +32,10 @@ pub(in crate::cli) struct Session<'a> {
     pub(in crate::cli) printer: &'a Printer,
 }
 
-/// Trains a phase and writes its report and page; `complete` adds what the phase does not know.
+/// Trains a phase of the run in folder `run` and writes its report and page; `complete` adds what the phase does not know.
 pub(super) fn run_phase(
     session: &Session<'_>,
+    run: &Path,
     job: &TrainJob,
     complete: impl FnOnce(&mut ReportData),
 ) -> Result<RunReport, CliError> {
@@ -51,12 +54,12 @@ pub(super) fn run_phase(
     }
     device::check_validation(gpu)?;
     if trained.interrupted {
-        return Err(interrupted(job, trained.done));
+        return Err(interrupted(&job.data, run, trained.done));
     }
     log.flush()?;
-    let report = run_report(job, &gpu.caps().name, &trained)?;
     write_renders(&job.out, &pictures)?;
     let events = read_events(&job.out.join("events.jsonl"))?;
+    let report = run_report(job, &gpu.caps().name, &trained, &events)?;
     let shown = report::choose(&report.views, PICTURES).into_iter().filter_map(|i| pictures.get(i).cloned()).collect();
     let mut data = ReportData { report, events, pictures: shown, ..ReportData::default() };
     complete(&mut data);
@@ -64,8 +67,8 @@ pub(super) fn run_phase(
     Ok(data.report)
 }
 
-fn interrupted(job: &TrainJob, done: u64) -> CliError {
-    let (data, out) = (job.data.display(), job.out.display());
+fn interrupted(data: &Path, run: &Path, done: u64) -> CliError {
+    let (data, out) = (data.display(), run.display());
     CliError::Other(format!("stopped after {done} steps; continue with --data {data} --out {out} --resume"))
 }
 
@@ -144,7 +147,7 @@ fn write_renders(out: &Path, pictures: &[ViewPicture]) -> Result<(), CliError> {
     create_folder(&folder)?;
     for picture in pictures {
         let Rgb8 { width, height, pixels } = &picture.render;
-        picture_files::write_png(&folder.join(format!("{}.png", picture.name)), pixels, (*width, *height))?;
+        write_png(&folder.join(format!("{}.png", picture.name)), pixels, (*width, *height))?;
     }
     Ok(())
 }
@@ -159,22 +162,28 @@ pub(in crate::cli) fn counts(scene: &InstancedScene) -> Counts {
     }
 }
 
-fn run_report(job: &TrainJob, device: &str, trained: &Trained) -> Result<RunReport, CliError> {
+fn run_report(job: &TrainJob, device: &str, trained: &Trained, events: &[Event]) -> Result<RunReport, CliError> {
     let file = job.out.join(match job.config.method {
         Method::Gaussians => "point_cloud.ply",
         Method::Instanced => "scene.instgs",
     });
     let bytes = std::fs::metadata(&file).map_err(|e| IoError::new(&file, format!("cannot be read: {e}")))?.len();
     let times = &trained.times;
+    let stages = trained.stages.iter().map(|stage| match stage.name.as_str() {
+        // Of a run that was resumed, this process trained the last part only.
+        "train" => Stage { seconds: report::training_seconds(events), ..stage.clone() },
+        _ => stage.clone(),
+    });
+    let stages: Vec<Stage> = stages.collect();
     let quality = |m: &crate::eval::Metrics| Quality { psnr: m.psnr, ssim: m.ssim, lpips: m.lpips };
     let views = trained.eval.as_ref().map(|e| e.views.as_slice()).unwrap_or_default();
     let scene_bytes = trained.memory.iter().find(|m| m.name == "parameters").map_or(0, |m| m.bytes);
     Ok(RunReport {
         method: job.config.method.name().into(),
         steps: trained.done,
-        seconds: trained.stages.iter().map(|s| s.seconds).sum(),
+        seconds: stages.iter().map(|s| s.seconds).sum(),
         steps_per_second: trained.steps_per_second,
-        stages: trained.stages.clone(),
+        stages,
         passes_ms: times.passes_ms.iter().map(|(k, ms)| ((*k).into(), ms / times.steps.max(1) as f64)).collect(),
         eval: trained.eval.as_ref().map(|e| quality(&e.mean)),
         gaussians: counts(&trained.scene),

@@ -248,4 +248,29 @@ impl TrainConfig {
         let body = toml::to_string_pretty(self).map_err(|e| ConfigError::unwritable(&e.to_string()))?;
         Ok(format!("# Resolved configuration. The same run again: instgs-vk train --config FILE\n\n{body}"))
     }
+
+    /// The keys whose values differ from those of `other`, with both values as TOML: own first.
+    ///
+    /// # Errors
+    /// As [`Self::to_toml`].
+    pub fn differences(&self, other: &Self) -> Result<Vec<(String, String, String)>, ConfigError> {
+        let table = |config: &Self| toml::Table::try_from(config).map_err(|e| ConfigError::unwritable(&e.to_string()));
+        let mut out = Vec::new();
+        add_differences("", &table(self)?, &table(other)?, &mut out);
+        Ok(out)
+    }
+}
+
+/// Both tables have the same keys, as they are of the same type.
+fn add_differences(prefix: &str, own: &toml::Table, other: &toml::Table, out: &mut Vec<(String, String, String)>) {
+    for (key, value) in own {
+        let path = format!("{prefix}{key}");
+        match (value, other.get(key)) {
+            (toml::Value::Table(own), Some(toml::Value::Table(other))) => {
+                add_differences(&format!("{path}."), own, other, out);
+            }
+            (own, Some(other)) if own != other => out.push((path, own.to_string(), other.to_string())),
+            _ => (),
+        }
+    }
 }

@@ -20,6 +20,7 @@ pub use joint_match::JointMatch;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
 pub use run_report::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, RunReport, Stage, ViewMetrics};
 pub use stage_pictures::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
+pub use training_clock::training_seconds;
 
 use super::events::Event;
 use crate::io::{IoError, atomic_write};
@@ -69,10 +70,7 @@ pub fn write(run: &Path, data: &ReportData) -> Result<(), IoError> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_json(run: &Path, report: &RunReport) -> Result<(), IoError> {
-    let path = run.join("report.json");
-    let mut bytes = serde_json::to_vec_pretty(report).map_err(|e| IoError::new(&path, e.to_string()))?;
-    bytes.push(b'\n');
-    atomic_write(&path, |out| out.write_all(&bytes))
+    crate::io::json::write_json(&run.join("report.json"), report)
 }
 
 /// The page; `path` is for messages.

@@ -6,7 +6,7 @@ use super::format::{bytes, count, duration, escape, fixed, signed};
 use super::joint_match::final_loss;
 use super::run_report::{Quality, RunReport};
 use super::table::table;
-use super::training_clock::TrainingClock;
+use super::training_clock::training_seconds;
 use super::{RepeatedBytes, ReportData};
 use crate::template::{GroupReport, POOR_MATCH};
 use crate::train::events::Event;
@@ -21,7 +21,7 @@ pub(super) fn steps(vanilla: &RunReport, joint: &str) -> String {
 
 /// Loss and PSNR of both phases over training time.
 pub(super) fn charts(data: &ReportData) -> String {
-    let vanilla_seconds = TrainingClock::total(&data.vanilla_events);
+    let vanilla_seconds = training_seconds(&data.vanilla_events);
     let begin = vanilla_seconds + between_seconds(&data.report);
     let plain = Curves::of(&data.vanilla_events, Over::Time(0.0));
     let joint = Curves::of(&data.events, Over::Time(begin));
@@ -78,7 +78,7 @@ pub(super) fn verdict(data: &ReportData) -> String {
         ),
         None => format!("The joint phase did not reach the plain cloud's final loss ({loss})."),
     };
-    let how = "Losses are compared as running means over whole passes through the training views, at least 50 steps.";
+    let how = "Losses are compared with those of the plain cloud's last look at the same views, over 30 steps.";
     format!("<p>{text} <span class=\"soft\">{how}</span></p>\n")
 }
 
@@ -105,7 +105,7 @@ pub(super) fn beside(data: &ReportData) -> String {
         let shown = [plain, instanced].map(duration);
         rows.push([vec![name.into()], shown.into(), vec![ratio(plain, instanced)]].concat());
     };
-    let trained = |events: &[Event]| if events.is_empty() { f64::NAN } else { TrainingClock::total(events) };
+    let trained = |events: &[Event]| if events.is_empty() { f64::NAN } else { training_seconds(events) };
     times("training, each phase", trained(&data.vanilla_events), trained(&data.events));
     times("all stages until then", plain.seconds, report.seconds);
     table(&["", "plain cloud", "instanced", "instanced against plain"], &rows, None)

@@ -20,7 +20,8 @@ pub struct RunReport {
     pub method: String,
     /// Finished steps.
     pub steps: u64,
-    /// Wall time of all stages; of all its parts, if the run was interrupted.
+    /// Wall time of all stages. Of a run that was interrupted, training counts in all its parts, loading, saving and
+    /// evaluating in the last.
     #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
     /// Over the optimisation alone.

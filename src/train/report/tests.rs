@@ -28,6 +28,11 @@ fn picture(name: &str, noise: f64) -> ViewPicture {
     ViewPicture { name: name.into(), metrics: quality(24.0), ground_truth: rgb(truth), render: rgb(render) }
 }
 
+/// Of the ten steps before one, if all have this loss.
+fn view_losses(step: u64, loss: Option<f64>) -> Vec<(u32, f32)> {
+    (step - 10..step).map(|s| ((s % 43) as u32, loss.unwrap_or_default() as f32)).collect()
+}
+
 fn events(steps: u64) -> Vec<Event> {
     let (mut rng, mut gaussians) = (Rng::new(1), 40_000);
     let mut events = Vec::new();
@@ -36,9 +41,21 @@ fn events(steps: u64) -> Vec<Event> {
         let dip = if (3000..3600).contains(&step) { 4.0 } else { 0.0 };
         let psnr = 12.0 + 13.0 * (1.0 - (-5.0 * t).exp()) - dip + rng.normal();
         let mean_loss = Some(0.25 * (-4.0 * t).exp() + 0.01);
+        let view_losses = view_losses(step, mean_loss);
         let (loss, l1) = (0.25 * (-4.0 * t).exp() + 0.02 * rng.uniform(), 0.05);
         let (ssim, steps_per_second, seconds) = (0.8, 9.0 - 3.0 * t + 0.2 * rng.normal(), step as f64 / 8.0);
-        events.push(Event::Step { step, loss, mean_loss, l1, ssim, psnr, gaussians, steps_per_second, seconds });
+        events.push(Event::Step {
+            step,
+            loss,
+            mean_loss,
+            view_losses,
+            l1,
+            ssim,
+            psnr,
+            gaussians,
+            steps_per_second,
+            seconds,
+        });
         if step % 100 == 0 && step > 500 && step < 5000 {
             gaussians += 1500;
             let (cloned, split, pruned, relocated) = (1000, 600, 700, 0);
@@ -180,8 +197,9 @@ pub(super) fn two_phases() -> ReportData {
     data.vanilla_events = plain.events;
     data.events = events(2000);
     for event in &mut data.events {
-        if let Event::Step { step, mean_loss, .. } = event {
+        if let Event::Step { step, mean_loss, view_losses: losses, .. } = event {
             *mean_loss = Some(0.05 * (-(*step as f64) / 600.0).exp() + 0.005);
+            *losses = view_losses(*step, *mean_loss);
         }
     }
     let stage = |name: &str, seconds| Stage { name: name.into(), seconds };
@@ -267,7 +285,8 @@ fn a_given_cloud_has_no_curves() {
 fn bad_numbers_and_empty_lists_of_two_phases_make_a_page() {
     let mut data = two_phases();
     for event in data.events.iter_mut().chain(&mut data.vanilla_events) {
-        if let Event::Step { loss, mean_loss, psnr, seconds, .. } = event {
+        if let Event::Step { loss, mean_loss, view_losses, psnr, seconds, .. } = event {
+            view_losses.clear();
             (*loss, *mean_loss, *psnr, *seconds) = (f64::NAN, Some(f64::INFINITY), f64::NAN, f64::NAN);
         }
     }

@@ -23,12 +23,12 @@ impl TrainingClock {
         }
         self.now
     }
+}
 
-    /// Of a whole log, seconds.
-    pub(super) fn total(events: &[Event]) -> f64 {
-        let mut clock = Self::default();
-        events.iter().fold(0.0, |_, event| clock.at(event))
-    }
+/// Training time of a whole log, of all parts of a run that was resumed: seconds without evaluations and checkpoints.
+pub fn training_seconds(events: &[Event]) -> f64 {
+    let mut clock = TrainingClock::default();
+    events.iter().fold(0.0, |_, event| clock.at(event))
 }
 
 #[cfg(test)]
@@ -51,6 +51,6 @@ mod tests {
         let events = [started(0), finished(4.0), started(5), finished(f64::NAN), finished(2.5)];
         let mut clock = TrainingClock::default();
         assert_eq!(events.each_ref().map(|event| clock.at(event)), [0.0, 4.0, 4.0, 4.0, 6.5]);
-        assert_eq!((TrainingClock::total(&events), TrainingClock::total(&[])), (6.5, 0.0));
+        assert_eq!((training_seconds(&events), training_seconds(&[])), (6.5, 0.0));
     }
 }
