@@ -33,6 +33,22 @@ fn defaults_table_and_struct_have_the_same_keys() -> Test {
     Ok(())
 }
 
+#[test]
+fn differences_have_both_values() -> Test {
+    let config = TrainConfig::default();
+    assert!(config.differences(&config.clone())?.is_empty());
+    let mut other = TrainConfig { steps: 7, ..config.clone() };
+    other.joint.refine_poses = !config.joint.refine_poses;
+    let want = [
+        ("steps", config.steps.to_string(), "7".to_owned()),
+        ("joint.refine_poses", config.joint.refine_poses.to_string(), other.joint.refine_poses.to_string()),
+    ];
+    let mut found = config.differences(&other)?;
+    found.sort_by_key(|(key, ..)| std::cmp::Reverse(key.clone()));
+    assert_eq!(found, want.map(|(key, own, other)| (key.to_owned(), own, other)));
+    Ok(())
+}
+
 /// A comment stands above each key, or above the group of keys that it speaks of.
 #[test]
 fn every_default_is_explained() {
