@@ -3,6 +3,7 @@
 // Grid: one thread per four values: on a CPU driver every access to a buffer is a loop over lanes, whatever its width.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "gradient_limit.glsl"
 #include "train_status.glsl"
 
 layout(scalar, binding = 0) readonly buffer Gradients { vec4 gradients[]; };  // gradient of the loss
@@ -18,8 +19,6 @@ layout(scalar, push_constant) uniform AdamParams {
     float second_scale;    // one over the bias correction of the second moment
     float epsilon;         // added to the root of the second moment
 };
-
-const float GRADIENT_LIMIT = 1e15;
 
 void main() {
     uint i = thread_index();

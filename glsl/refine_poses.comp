@@ -3,6 +3,7 @@
 // a buffer has overflowed. Grid: one thread per instance besides the background.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "gradient_limit.glsl"
 #include "scene.glsl"
 #include "gradients.glsl"
 #include "train_status.glsl"
@@ -22,12 +23,10 @@ layout(scalar, push_constant) uniform RefinePosesParams {
     float epsilon;           // added to the root of the second moment
 };
 
-const float POSE_GRADIENT_LIMIT = 1e15;
-
 // As `adam`: updates moment `i` and returns how far its value moves.
 float adam_step(uint i, float gradient, float rate) {
     // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
-    float g = abs(gradient) < POSE_GRADIENT_LIMIT ? gradient : 0.0;
+    float g = abs(gradient) < GRADIENT_LIMIT ? gradient : 0.0;
     vec2 moments = pose_moments[i];
     moments = vec2(beta1 * moments.x + (1.0 - beta1) * g, beta2 * moments.y + (1.0 - beta2) * g * g);
     pose_moments[i] = moments;

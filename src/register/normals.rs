@@ -49,10 +49,7 @@ impl Viewers {
 }
 
 fn is_in_picture(camera: &Camera, point: DVec3) -> bool {
-    let view = camera.rotation() * point + camera.translation();
-    let x = camera.fx * view.x / view.z + camera.cx;
-    let y = camera.fy * view.y / view.z + camera.cy;
-    view.z > 0.0 && (0.0..f64::from(camera.width)).contains(&x) && (0.0..f64::from(camera.height)).contains(&y)
+    camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at))
 }
 
 /// The direction that is up in the pictures, world frame: the mean of the cameras' up, if they agree on it at all.

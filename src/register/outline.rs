@@ -50,16 +50,11 @@ pub(super) fn best_crops(cameras: &[Camera], points: &[DVec3]) -> Vec<Crop> {
 
 /// The part of the view with the points in it, and how much of the object it shows at what size.
 fn crop_of(view: usize, camera: &Camera, points: &[DVec3]) -> Option<(f64, Crop)> {
-    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut inside = 0;
     for &p in points {
-        let v = camera.rotation() * p + camera.translation();
-        if v.z <= 0.0 {
-            return None;
-        }
-        let at = [camera.fx * v.x / v.z + camera.cx, camera.fy * v.y / v.z + camera.cy];
-        inside += usize::from((0.0..width).contains(&at[0]) && (0.0..height).contains(&at[1]));
+        let at = camera.pixel_of(p)?;
+        inside += usize::from(camera.has_pixel(at));
         for axis in 0..2 {
             (low[axis], high[axis]) = (low[axis].min(at[axis]), high[axis].max(at[axis]));
         }
@@ -68,7 +63,7 @@ fn crop_of(view: usize, camera: &Camera, points: &[DVec3]) -> Option<(f64, Crop)
     if share < MIN_SHARE {
         return None;
     }
-    let limits = [width, height];
+    let limits = [f64::from(camera.width), f64::from(camera.height)];
     let reach = [0, 1].map(|axis| {
         let room = MARGIN * (high[axis] - low[axis]) + 1.0;
         ((low[axis] - room).max(0.0).floor(), (high[axis] + room).min(limits[axis]).ceil())
@@ -119,10 +114,7 @@ mod tests {
         let view = camera(0.3, 3.0);
         let crop = best_crops(std::slice::from_ref(&view), &points()).remove(0);
         assert!(crop.shrink > 1.0 && crop.camera.width.max(crop.camera.height) == MOST_PX as u32, "{crop:?}");
-        let draw = |c: &Camera, p: DVec3| {
-            let v = c.rotation() * p + c.translation();
-            [c.fx * v.x / v.z + c.cx, c.fy * v.y / v.z + c.cy]
-        };
+        let draw = |c: &Camera, p: DVec3| c.pixel_of(p).unwrap();
         for p in points() {
             let (whole, part) = (draw(&view, p), draw(&crop.camera, p));
             for axis in 0..2 {

@@ -62,21 +62,25 @@ pub(super) fn half_turned(pose: &Pose, up: DVec3) -> Pose {
 }
 
 /// The best of other poses of the k-th object, refined on what all other objects show, and its cost there as a part of
-/// that of the present pose. One other object seen in part may not tell poses apart that all together do. `None`
-/// if there is no other object or pose.
+/// that of the present pose. One other object seen in part may not tell poses apart that all together do. Rivals are refined
+/// to the last step, as all poses are: costs differ by less than what that step gains. `None` if there is no other object or
+/// pose.
 pub(super) fn best_rival(members: &[Member<'_>], k: usize, starts: &[Pose], allow_scale: bool) -> Option<(Pose, f64)> {
     let model = model_without(members, k, |i| all_of(&members[i]))?;
     let Member { surface, pose } = members[k];
     let cost = |pose: &Pose| mean_distance(&model, &surface.levels[BASE], pose);
-    let own = cost(&pose);
     let refined = |start: &Pose| {
         let mut pose = *start;
         for level in [BASE - 1, BASE] {
             pose = icp(&model, &surface.levels[level], pose, IcpOptions { steps: STEPS, allow_scale });
         }
-        (pose, cost(&pose) / own)
+        pose = slide(&model, &surface.levels[FINE], pose, Slide { steps: STEPS, allow_scale, axis: None });
+        (pose, cost(&pose))
     };
-    let rivals = starts.iter().map(refined).filter(|(_, ratio)| ratio.is_finite());
+    // Refined as the rivals are: a pose that must be upright may lie farther off than one that need not.
+    let own = cost(&pose).min(refined(&pose).1);
+    let rivals = starts.iter().map(refined).map(|(pose, cost)| (pose, cost / own));
+    let rivals = rivals.filter(|(_, ratio)| ratio.is_finite());
     rivals.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 

@@ -48,6 +48,22 @@ impl Camera {
         -(self.rotation().transpose() * self.translation())
     }
 
+    /// A point of the world in view space (x right, y down, z forward), scene units.
+    pub fn view_from_point(&self, point_world: DVec3) -> DVec3 {
+        self.rotation() * point_world + self.translation()
+    }
+
+    /// Where a point of the world is in the picture, or would be beyond its border, pixels; `None` behind the camera.
+    pub fn pixel_of(&self, point_world: DVec3) -> Option<[f64; 2]> {
+        let v = self.view_from_point(point_world);
+        (v.z > 0.0).then(|| [self.fx * v.x / v.z + self.cx, self.fy * v.y / v.z + self.cy])
+    }
+
+    /// True if a place, in pixels, is in the picture.
+    pub fn has_pixel(&self, [x, y]: [f64; 2]) -> bool {
+        (0.0..f64::from(self.width)).contains(&x) && (0.0..f64::from(self.height)).contains(&y)
+    }
+
     /// A camera at `eye` that looks at `target`, `up` roughly upwards in the picture, with the vertical field of view
     /// `fov_y` in radians and a centred principal point. `eye` must differ from `target` and `up` not be parallel to the view.
     pub fn look_at(name: &str, eye: DVec3, target: DVec3, up: DVec3, fov_y: f64, size: (u32, u32)) -> Self {
@@ -109,5 +125,23 @@ impl Camera {
             return Err(format!("camera {name}: view_from_world is not a rigid transform"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_are_where_the_picture_shows_them() {
+        let camera = Camera::look_at("", DVec3::new(0.0, -2.0, 0.0), DVec3::ZERO, DVec3::Z, 0.5, (64, 48));
+        let near =
+            |at: Option<[f64; 2]>, want: [f64; 2]| at.is_some_and(|at| (0..2).all(|k| (at[k] - want[k]).abs() < 1e-9));
+        assert!(near(camera.pixel_of(DVec3::ZERO), [32.0, 24.0]));
+        // To the right by 0.1 in distance 2, and up by as much.
+        let pixels = 0.05 * 24.0 / 0.25f64.tan();
+        assert!(near(camera.pixel_of(DVec3::new(0.1, 0.0, 0.1)), [32.0 + pixels, 24.0 - pixels]));
+        assert_eq!(camera.pixel_of(DVec3::new(0.0, -3.0, 0.0)), None, "behind");
+        assert!(camera.has_pixel([0.0, 47.9]) && !camera.has_pixel([64.0, 3.0]) && !camera.has_pixel([3.0, -0.1]));
     }
 }

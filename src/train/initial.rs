@@ -122,18 +122,12 @@ fn focus(cameras: &[Camera]) -> Option<DVec3> {
     (per_camera > 1e-4).then(|| matrix.inverse() * right)
 }
 
-fn view_space(camera: &Camera, place: DVec3) -> DVec3 {
-    camera.rotation() * place + camera.translation()
-}
-
 fn depth(camera: &Camera, place: DVec3) -> f64 {
-    view_space(camera, place).z
+    camera.view_from_point(place).z
 }
 
 fn sees(camera: &Camera, place: DVec3, min_depth: f64) -> bool {
-    let v = view_space(camera, place);
-    let (x, y) = (camera.fx * v.x / v.z + camera.cx, camera.fy * v.y / v.z + camera.cy);
-    v.z > min_depth && (0.0..f64::from(camera.width)).contains(&x) && (0.0..f64::from(camera.height)).contains(&y)
+    depth(camera, place) > min_depth && camera.pixel_of(place).is_some_and(|at| camera.has_pixel(at))
 }
 
 /// The mean of the camera centres, and the largest distance of one from it; scene units.

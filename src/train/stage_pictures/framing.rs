@@ -20,22 +20,12 @@ const DISTANCE: f64 = 4.0;
 /// Its vertical field of view, radians; close-ups choose their own.
 const FIELD_OF_VIEW: f64 = 0.5;
 
-/// Where a point of the world is in the picture, pixels; `None` behind the camera.
-fn projected(camera: &Camera, point: DVec3) -> Option<[f64; 2]> {
-    let v = camera.rotation() * point + camera.translation();
-    (v.z > 0.0).then(|| [camera.fx * v.x / v.z + camera.cx, camera.fy * v.y / v.z + camera.cy])
-}
-
-fn is_inside(camera: &Camera, [x, y]: [f64; 2]) -> bool {
-    (0.0..f64::from(camera.width)).contains(&x) && (0.0..f64::from(camera.height)).contains(&y)
-}
-
 /// At most `most` of the `candidates` (indices of cameras), in ascending order: each next one shows the most objects
 /// that no chosen one does; of equals, one that shows many, then the one farthest from all chosen. Objects are given by
 /// their middles, world units.
 pub(super) fn choose_views(cameras: &[Camera], candidates: &[usize], objects: &[DVec3], most: usize) -> Vec<usize> {
     let shows = |view: usize, object: usize| {
-        projected(&cameras[view], objects[object]).is_some_and(|at| is_inside(&cameras[view], at))
+        cameras[view].pixel_of(objects[object]).is_some_and(|at| cameras[view].has_pixel(at))
     };
     let shown: Vec<Vec<usize>> =
         candidates.iter().map(|&view| (0..objects.len()).filter(|&o| shows(view, o)).collect()).collect();
@@ -65,8 +55,8 @@ pub(super) fn choose_views(cameras: &[Camera], candidates: &[usize], objects: &[
 /// The camera that shows the points (world) largest, of those that show most of them; `None` if no camera does.
 pub(super) fn best_camera<'a>(cameras: &'a [Camera], points: &[DVec3]) -> Option<&'a Camera> {
     let size = |camera: &Camera| {
-        let at: Vec<[f64; 2]> = points.iter().filter_map(|&p| projected(camera, p)).collect();
-        let inside = at.iter().filter(|at| is_inside(camera, **at)).count();
+        let at: Vec<[f64; 2]> = points.iter().filter_map(|&p| camera.pixel_of(p)).collect();
+        let inside = at.iter().filter(|at| camera.has_pixel(**at)).count();
         let shows = at.len() == points.len() && inside as f64 >= MIN_SHARE * points.len() as f64;
         // As a part of the picture: cameras may differ in resolution.
         let pixels = f64::from(camera.width) * f64::from(camera.height);
@@ -100,7 +90,7 @@ pub(super) fn up_or_guess(cameras: &[Camera]) -> DVec3 {
 /// A camera in the place of `camera` whose picture of `size_px` shows the points with some room around them; the camera
 /// itself, resized, if a point lies behind it.
 pub(super) fn close_up(camera: &Camera, points: &[DVec3], size_px: (u32, u32)) -> Camera {
-    let at: Option<Vec<[f64; 2]>> = points.iter().map(|&p| projected(camera, p)).collect();
+    let at: Option<Vec<[f64; 2]>> = points.iter().map(|&p| camera.pixel_of(p)).collect();
     let Some(reach) = at.and_then(|at| boxed(&at)) else { return camera.resized(size_px.0, size_px.1) };
     let size = [f64::from(size_px.0), f64::from(size_px.1)];
     let zoom = [0, 1].map(|axis| {
@@ -187,8 +177,8 @@ mod tests {
         // An object behind the first camera, which the opposite ones see far away.
         let behind = DVec3::new(9.0, 0.0, 2.7);
         let chosen = choose_views(&cameras, &all, &[DVec3::ZERO, behind], 1);
-        let seen = projected(&cameras[chosen[0]], behind);
-        assert!(seen.is_some_and(|at| is_inside(&cameras[chosen[0]], at)), "{chosen:?}");
+        let seen = cameras[chosen[0]].pixel_of(behind);
+        assert!(seen.is_some_and(|at| cameras[chosen[0]].has_pixel(at)), "{chosen:?}");
         assert!(choose_views(&[], &[], &[DVec3::ZERO], 3).is_empty());
         // Two cameras see the same two objects, the third sees one that nobody else does.
         let above = |x: f64, at: f64| {
@@ -214,9 +204,9 @@ mod tests {
         let turned = carried_around(&camera, DVec3::splat(0.5), DVec3::Z, PI);
         for camera in [&camera, &turned] {
             assert_eq!(camera.validate(), Ok(()));
-            assert!(points.iter().all(|&p| is_inside(camera, projected(camera, p).unwrap())));
+            assert!(points.iter().all(|&p| camera.has_pixel(camera.pixel_of(p).unwrap())));
         }
-        let middle = projected(&camera, DVec3::splat(0.5)).unwrap();
+        let middle = camera.pixel_of(DVec3::splat(0.5)).unwrap();
         assert!((middle[0] - 40.0).abs() < 8.0 && (middle[1] - 30.0).abs() < 8.0, "{middle:?}");
         let (from, to) = (camera.position_world() - 0.5, turned.position_world() - 0.5);
         assert!((from + DVec3::new(to.x, to.y, -to.z)).length() < 1e-9, "{from} {to}");
@@ -225,7 +215,7 @@ mod tests {
         for points in [vec![DVec3::new(40.0, 3.0, 2.0)], behind.to_vec()] {
             let unseen = portrait(&[], &points, (80, 60)).unwrap();
             assert_eq!(unseen.validate(), Ok(()));
-            assert!(points.iter().all(|&p| is_inside(&unseen, projected(&unseen, p).unwrap())), "no camera needed");
+            assert!(points.iter().all(|&p| unseen.has_pixel(unseen.pixel_of(p).unwrap())), "no camera needed");
         }
         assert_eq!(close_up(best, &behind, (80, 60)).fx, best.resized(80, 60).fx);
     }
