@@ -56,9 +56,9 @@
 //! 400               10    0      0    0                                                               16    6      4    0
 //! ```
 //!
-//! With doubt from 1 degree on, and no rivals, ten were silent (1.0 to 1.6 degrees; and chairs on whose cushion another's seat
-//! lies, 4 % off). Of the dense surfaces above no car, chair or table is in doubt; vases, nearly round, are: their turn is known
-//! to 0.7 to 1 degree only. It doubles the time of registration.
+//! (Measured before rivals were refined to the last step.) With doubt from 1 degree on, and no rivals, ten were silent: 1.0 to
+//! 1.6 degrees, and chairs on whose cushion another's seat lies, 4 % off. Of the dense surfaces above no car, chair or table is
+//! in doubt; vases, nearly round, are: their turn is known to 0.7 to 1 degree only. It doubles the time of registration.
 
 mod alike;
 pub mod check;

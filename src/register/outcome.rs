@@ -17,8 +17,8 @@ const POOR_FIT: f64 = 1.6;
 /// would be farther off than that; of 0.6 it is one in ten at most, and those that are surer less.
 const UNSURE_DEGREES: f64 = 0.6;
 const UNSURE_PART: f64 = 0.006;
-/// Below these the doubt is slight: the pose is the right one, and the joint phase repairs twice as much (poses off by
-/// 2 degrees and 2 % cost it at most 0.1 dB).
+/// Below these the doubt is slight: the joint phase repairs twice as much. Poses off by 2 degrees and 2 % cost it 0.05 dB in
+/// the median and 0.11 dB at most, on cars, orchard and hall.
 const SLIGHT_DEGREES: f64 = 1.0;
 const SLIGHT_PART: f64 = 0.01;
 
