@@ -17,8 +17,8 @@ mod program;
 use program::{error_of, program, skips_gpu};
 
 const COMMANDS: [&str; 14] = [
-    "info", "demo", "synth", "train", "segment", "register", "merge", "compare", "render", "eval", "bench", "inspect",
-    "export", "edit",
+    "info", "demo", "synth", "train", "segment", "register", "merge", "compare", "tables", "render", "eval", "bench",
+    "inspect", "export", "edit",
 ];
 
 /// The program under the validation layers, whose first message fails it; `None` where the user skips GPU tests aloud.

@@ -277,3 +277,90 @@ fn the_comparison_has_all_its_rows_and_is_not_done_twice() {
     let text = error_of(command().args(["--set", "offset_rates.means=1e-5"]));
     assert!(text.contains("another comparison") && text.contains("--out"), "{text}");
 }
+
+/// Every method is a row, every table a file, and a second call measures nothing again.
+#[test]
+fn the_evidence_is_written_for_people_pages_and_scripts() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    let list = r#"
+config = "instgs_quick"
+[sizes.ci]
+views = 16
+pixels = [96, 54]
+set = ["steps=40", "joint.steps=20"]
+more_steps = 20
+frames = 2
+[[scenes]]
+data = "data"
+true_groups = true
+ablations = true
+[[scenes]]
+data = "data_of_somebody_else"
+[[ablations]]
+table = "init"
+name = "difference"
+[[ablations]]
+table = "init"
+name = "zero"
+set = ["offsets.init=zero"]
+"#;
+    fs::write(at.join("list.toml"), list).unwrap();
+    let command = |more: &[&str]| {
+        let mut command = program();
+        command.arg("tables").arg(at.join("list.toml")).arg("--out").arg(at.join("t"));
+        command.args(["--note", "Here, today."]).args(more);
+        command
+    };
+    let output = command(&["--json"]).assert().success().get_output().clone();
+    assert!(String::from_utf8_lossy(&output.stderr).contains("data_of_somebody_else"), "it is named");
+    let results: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let scene = &results[0];
+    let names: Vec<&str> =
+        scene["seeds"][0]["rows"].as_array().unwrap().iter().map(|r| r["name"].as_str().unwrap()).collect();
+    let wanted = [
+        "3DGS, the start",
+        "3DGS, same time",
+        "3DGS, same time at once",
+        "3DGS-MCMC, same time",
+        "3DGS, same bytes",
+        "3DGS, same time, .spz",
+        "rigid copies",
+        "InstGS",
+        "InstGS, f16",
+        "InstGS, q8",
+    ];
+    assert_eq!(names, wanted);
+    let row = |name: &str| {
+        let rows = scene["seeds"][0]["rows"].as_array().unwrap().iter();
+        rows.into_iter().find(|r| r["name"] == name).unwrap().clone()
+    };
+    let psnr = |row: &Value| row["psnr"].as_f64().unwrap();
+    // A rigid copy has no offsets to store, and cannot look as right.
+    assert!(row("rigid copies")["file_bytes"].as_u64() < row("InstGS")["file_bytes"].as_u64());
+    assert!(psnr(&row("rigid copies")) < psnr(&row("InstGS")));
+    assert!(row("3DGS, same time, .spz")["file_bytes"].as_u64() < row("3DGS, same time")["file_bytes"].as_u64());
+    assert_eq!(row("3DGS, same time at once")["steps"], 60);
+    assert_eq!(row("rigid copies")["steps"], 60);
+    assert!(scene["segmentation"]["mean_accuracy"].as_f64().unwrap() > 0.7, "{}", scene["segmentation"]);
+    // The first setting is the scene itself: not trained again, and just as good.
+    let ablations = scene["ablations"].as_array().unwrap();
+    assert_eq!(psnr(&ablations[0]["row"]), psnr(&row("InstGS")));
+    assert_ne!(psnr(&ablations[1]["row"]), psnr(&row("InstGS")));
+    let page = fs::read_to_string(at.join("t/tables.md")).unwrap();
+    assert!(page.contains("Here, today.") && page.contains("| rigid copies |") && page.contains("### Figure 8"));
+    let csv = fs::read_to_string(at.join("t/tables/methods_real.csv")).unwrap();
+    assert!(csv.contains("\"3DGS, same time\","), "{csv}");
+    assert!(at.join("t/scenes/data/pictures.png").is_file());
+    let report = at.join("t/scenes/data/seed_0/same_time/report.json");
+    let before = fs::metadata(&report).unwrap().modified().unwrap();
+    let text = String::from_utf8(command(&[]).assert().success().get_output().stdout.clone()).unwrap();
+    assert!(text.contains("as measured before") && text.contains("rigid copies"), "{text}");
+    assert_eq!(fs::metadata(&report).unwrap().modified().unwrap(), before);
+    let text = error_of(&mut command(&["--only", "boat"]));
+    assert!(text.contains("boat") && text.contains("data"), "{text}");
+    let text = error_of(&mut command(&["--size", "huge"]));
+    assert!(text.contains("huge") && text.contains("ci"), "{text}");
+}

@@ -6,10 +6,64 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::eval::{EvalError, Evaluated, PairError, PicturePair, evaluate, psnr};
+use crate::eval::{EvalError, Evaluated, Lpips, PairError, PicturePair, evaluate, psnr};
 use crate::gpu::Gpu;
 use crate::io::{IoError, MaskFolder, View, load_scene};
 use crate::render::{RenderError, RenderOptions, Renderer};
+use crate::scene::RepeatedBytes;
+
+/// Names of rows, which are also those of tables.
+pub mod names {
+    /// The plain cloud that the instanced scene is made of.
+    pub const START: &str = "3DGS, the start";
+    /// It, trained on for as long as the instanced scene took.
+    pub const SAME_TIME: &str = "3DGS, same time";
+    /// A plain cloud trained for as many steps as that, but in one piece: its rates decay once.
+    pub const AT_ONCE: &str = "3DGS, same time at once";
+    /// A plain cloud whose .ply is not larger than the packed instanced scene.
+    pub const SAME_BYTES: &str = "3DGS, same bytes";
+    /// As many Gaussians, placed by 3DGS-MCMC.
+    pub const MCMC: &str = "3DGS-MCMC, same time";
+    /// The cloud that had the same time, quantised per Gaussian.
+    pub const SPZ: &str = "3DGS, same time, .spz";
+    /// Templates and poses without offsets: every instance looks the same.
+    pub const RIGID: &str = "rigid copies";
+    /// The instanced scene, as trained.
+    pub const OURS: &str = "InstGS";
+    /// With half floats.
+    pub const OURS_F16: &str = "InstGS, f16";
+    /// With offsets of 8 bits.
+    pub const OURS_Q8: &str = "InstGS, q8";
+}
+
+/// All scenes of one data set and seed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SeedResult {
+    /// Of all training.
+    pub seed: u64,
+    /// See [`names`].
+    pub rows: Vec<Row>,
+    /// Frames per second of the instanced scene, and of the cloud that had the same time; measured in turn.
+    pub fps: Option<[f64; 2]>,
+    /// (splat, tile) pairs of the same two, mean over the views.
+    pub intersections: Option<[u64; 2]>,
+    /// Milliseconds a frame by pass of the same two.
+    pub passes_ms: Vec<(String, f64, f64)>,
+    /// The repeated part of the scene.
+    pub repeated: RepeatedBytes,
+    /// Steps for which the plain cloud would have been trained on by the clock.
+    #[serde(default)]
+    pub more_steps_by_clock: u64,
+    /// Warnings about groups and objects.
+    pub warnings: Vec<String>,
+}
+
+impl SeedResult {
+    /// The row of that name.
+    pub fn row(&self, name: &str) -> Option<&Row> {
+        self.rows.iter().find(|row| row.name == name)
+    }
+}
 
 /// One scene of a comparison.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -22,6 +76,9 @@ pub struct Row {
     pub psnr: f64,
     /// Mean over the test views.
     pub ssim: f64,
+    /// Mean over the test views; `None` without weights to compute it with.
+    #[serde(default)]
+    pub lpips: Option<f64>,
     /// Mean over the test views that show objects, of the pixels in masks, dB.
     pub psnr_in_masks: Option<f64>,
     /// By view.
@@ -61,6 +118,8 @@ pub struct Measure<'a> {
     pub options: RenderOptions,
     /// Masks of the objects.
     pub masks: Option<&'a MaskFolder>,
+    /// The network of LPIPS.
+    pub lpips: Option<&'a Lpips>,
 }
 
 /// Why a row could not be measured.
@@ -92,19 +151,27 @@ impl Measure<'_> {
         let mut renderer = Renderer::new(self.gpu)?;
         let scene = renderer.upload(&loaded.scene)?;
         let mut views = Vec::new();
-        let report =
-            evaluate::<MeasureError>(&mut renderer, &scene, self.views, self.width, &self.options, None, |view| {
+        let report = evaluate::<MeasureError>(
+            &mut renderer,
+            &scene,
+            self.views,
+            self.width,
+            &self.options,
+            self.lpips,
+            |view| {
                 on_picture(&view);
                 let psnr_in_masks = self.psnr_in_mask(view.name, view.pair)?;
                 views.push(RowView { name: view.name.into(), psnr: view.metrics.psnr, psnr_in_masks });
                 Ok(())
-            })?;
+            },
+        )?;
         let within: Vec<f64> = views.iter().filter_map(|v| v.psnr_in_masks).collect();
         Ok(Row {
             name: name.into(),
             path: path.into(),
             psnr: report.mean.psnr,
             ssim: report.mean.ssim,
+            lpips: report.mean.lpips,
             psnr_in_masks: (!within.is_empty()).then(|| within.iter().sum::<f64>() / within.len() as f64),
             views,
             seconds: 0.0,

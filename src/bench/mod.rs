@@ -1,6 +1,7 @@
 //! L6: measurements of rendering, and the report they make. Parsing flags and printing is `cli/bench.rs`.
 
 pub mod comparison;
+pub mod evidence;
 mod measure;
 mod report;
 mod statistics;

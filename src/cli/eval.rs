@@ -59,7 +59,7 @@ pub(super) struct EvalArgs {
 }
 
 #[derive(Args)]
-struct LpipsArgs {
+pub(super) struct LpipsArgs {
     /// Network of LPIPS
     #[arg(long, value_enum, default_value = "alex", value_name = "NET")]
     lpips_net: NetArg,
@@ -95,7 +95,7 @@ impl EvalArgs {
 
 impl LpipsArgs {
     /// The network; else, if the user named no weights and has none in the data folder, why there is none.
-    fn open(&self) -> Result<Result<Lpips, String>, CliError> {
+    pub(super) fn open(&self) -> Result<Result<Lpips, String>, CliError> {
         let net = match self.lpips_net {
             NetArg::Alex => Net::Alex,
             NetArg::Vgg => Net::Vgg,

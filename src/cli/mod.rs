@@ -17,11 +17,13 @@ mod inspect_file;
 mod inspect_groups;
 mod lavapipe;
 mod picture_files;
+mod picture_grid;
 mod printer;
 mod render;
 mod stages;
 mod synth;
 mod table;
+mod tables;
 mod train;
 
 use std::process::ExitCode;
@@ -55,6 +57,7 @@ enum Command {
     Synth(synth::SynthArgs),
     Train(train::TrainArgs),
     Compare(compare::CompareArgs),
+    Tables(tables::TablesArgs),
     Segment(stages::segment::SegmentArgs),
     Register(stages::register::RegisterArgs),
     Merge(stages::merge::MergeArgs),
@@ -99,6 +102,7 @@ impl Command {
             Self::Synth(args) => args.json,
             Self::Train(args) => args.json,
             Self::Compare(args) => args.json,
+            Self::Tables(args) => args.json,
             Self::Segment(args) => args.json,
             Self::Register(args) => args.json,
             Self::Merge(args) => args.json,
@@ -119,6 +123,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Synth(args) => synth::run(args, printer),
         Command::Train(args) => train::run(args, &cli.device, printer),
         Command::Compare(args) => compare::run(args, &cli.device, printer),
+        Command::Tables(args) => tables::run(args, &cli.device, printer),
         Command::Segment(args) => stages::segment::run(args, &cli.device, printer),
         Command::Register(args) => stages::register::run(args, &cli.device, printer),
         Command::Merge(args) => stages::merge::run(args, printer),

@@ -12,19 +12,19 @@ use crate::train::config::TrainConfig;
 use crate::train::report::RunReport;
 
 /// What one seed's runs share.
-pub(super) struct Runs<'a> {
-    pub(super) session: &'a Session<'a>,
+pub(in crate::cli) struct Runs<'a> {
+    pub(in crate::cli) session: &'a Session<'a>,
     /// Dataset folder.
-    pub(super) data: &'a Path,
+    pub(in crate::cli) data: &'a Path,
     /// Folder that holds the run folders.
-    pub(super) out: PathBuf,
+    pub(in crate::cli) out: PathBuf,
     /// Of the instanced run.
-    pub(super) config: TrainConfig,
+    pub(in crate::cli) config: TrainConfig,
 }
 
 impl Runs<'_> {
     /// Trains in a folder of its own, or goes on with what is there.
-    pub(super) fn train(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
+    pub(in crate::cli) fn train(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
         let out = self.out.join(name);
         let report = out.join("report.json");
         if let Ok(done) = read_json::<RunReport>(&report)
@@ -36,13 +36,22 @@ impl Runs<'_> {
     }
 
     /// The plain cloud of the instanced run, trained on for `more` steps.
-    pub(super) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
+    pub(in crate::cli) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
         let (from, to) = (self.out.join("instgs/vanilla"), self.out.join(name));
         if !to.join("config.toml").exists() {
             copy_run(&from, &to)?;
         }
         let steps = self.config.steps + more;
         self.train(name, TrainConfig { steps, ..self.config.cloud_phase() })
+    }
+
+    /// An instanced run of other settings that starts from the same plain cloud.
+    pub(in crate::cli) fn variant(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
+        let (from, to) = (self.out.join("instgs/vanilla"), self.out.join(name).join("vanilla"));
+        create_folder(&to)?;
+        // The report last: with it the cloud counts as trained.
+        copy_files(&from, &to, ["point_cloud.ply", "events.jsonl", "report.json"].map(String::from))?;
+        self.train(name, config)
     }
 }
 
@@ -52,6 +61,10 @@ fn copy_run(from: &Path, to: &Path) -> Result<(), CliError> {
     let mut files = vec!["events.jsonl".to_owned(), "config.toml".into()];
     let newest = crate::io::checkpoint::latest(&from.join("checkpoints"))?.found;
     files.extend(newest.and_then(|(path, _)| Some(format!("checkpoints/{}", path.file_name()?.to_str()?))));
+    copy_files(from, to, files)
+}
+
+fn copy_files(from: &Path, to: &Path, files: impl IntoIterator<Item = String>) -> Result<(), CliError> {
     for file in files {
         let path = from.join(&file);
         std::fs::copy(&path, to.join(&file)).map_err(|e| IoError::new(&path, format!("cannot be copied: {e}")))?;
@@ -60,6 +73,6 @@ fn copy_run(from: &Path, to: &Path) -> Result<(), CliError> {
 }
 
 /// Seconds of training and of what stands between its phases.
-pub(super) fn work_seconds(report: &RunReport) -> f64 {
+pub(in crate::cli) fn work_seconds(report: &RunReport) -> f64 {
     report.stages.iter().filter(|s| s.name.ends_with("train") || s.is_preparation()).map(|s| s.seconds).sum()
 }

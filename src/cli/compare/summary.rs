@@ -1,7 +1,6 @@
 //! What a comparison says: medians over the seeds as a table, and what stands below it.
 
-use super::{SeedResult, names};
-use crate::bench::comparison::Row;
+use crate::bench::comparison::{Row, SeedResult, names};
 use crate::bench::median;
 use crate::cli::printer::Printer;
 use crate::cli::table::{Table, grouped};

@@ -11,33 +11,42 @@ const TOP: f64 = 12.0;
 const BOTTOM: f64 = 40.0;
 /// More points than this the drawing does not resolve.
 const MOST_POINTS: usize = 400;
+/// In a file of its own: room for the title, and for each key, user units.
+const ABOVE: f64 = 30.0;
+const KEY_LINE: f64 = 18.0;
+/// The page's light colours, for a file of its own.
+const FILE_STYLE: &str = "text{font:12px system-ui,'DejaVu Sans',sans-serif;fill:#5b6470}text.x{text-anchor:middle}\
+    text.y{text-anchor:end}.grid{stroke:#dfe3e8}.axis{stroke:#5b6470}.level{stroke:#1b1f24;stroke-width:1.5;\
+    stroke-dasharray:1.5 3}polyline{fill:none;stroke-linejoin:round}polyline.line{stroke-width:2}\
+    polyline.faint{opacity:.3}polyline.c1{stroke:#1f6feb}polyline.c2{stroke:#c4570b}polyline.c3{stroke:#18805a}\
+    circle.c1{fill:#1f6feb}circle.c2{fill:#c4570b}circle.c3{fill:#18805a}";
 /// Part of a curve that smoothing averages over.
 const SMOOTH: f64 = 0.04;
 
 /// A chart over steps or training time.
-pub(super) struct Chart<'a> {
-    pub(super) title: &'a str,
+pub(crate) struct Chart<'a> {
+    pub(crate) title: &'a str,
     /// Of the horizontal axis.
-    pub(super) over: &'a str,
-    pub(super) series: Vec<Series<'a>>,
+    pub(crate) over: &'a str,
+    pub(crate) series: Vec<Series<'a>>,
     /// Vertical marks and what they mean.
-    pub(super) marks: (&'a [f64], &'a str),
+    pub(crate) marks: (&'a [f64], &'a str),
     /// A value to compare with, and what it is.
-    pub(super) level: Option<(f64, &'a str)>,
+    pub(crate) level: Option<(f64, &'a str)>,
     /// True if the vertical axis begins at 0.
-    pub(super) from_zero: bool,
+    pub(crate) from_zero: bool,
 }
 
 /// A curve.
-pub(super) struct Series<'a> {
-    pub(super) name: &'a str,
-    pub(super) points: &'a Points,
-    pub(super) look: Look,
+pub(crate) struct Series<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) points: &'a Points,
+    pub(crate) look: Look,
 }
 
 /// How a curve is drawn.
 #[derive(Clone, Copy, PartialEq)]
-pub(super) enum Look {
+pub(crate) enum Look {
     /// A line.
     Line,
     /// Noisy values, faint, and their running mean.
@@ -48,29 +57,10 @@ pub(super) enum Look {
 
 impl Chart<'_> {
     /// A `figure` with title, legend and drawing; empty if there is nothing to draw.
-    pub(super) fn html(&self) -> String {
-        let drawn: Vec<(Points, Look, usize)> = (self.series.iter().enumerate())
-            .map(|(i, s)| (thinned(s.points, MOST_POINTS), s.look, i + 1))
-            .filter(|(points, ..)| !points.is_empty())
-            .collect();
-        let level = self.level.filter(|(value, _)| value.is_finite());
-        let values = drawn.iter().flat_map(|(points, ..)| points);
-        let Some(frame) = Frame::around(values, level.map(|(value, _)| value), self.from_zero) else {
-            return String::new();
-        };
-        let label = format!("{} over {}", self.title, self.over);
-        let mut svg = format!(
-            "<svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{}\">\n{}",
-            SIZE.0,
-            SIZE.1,
-            escape(&label),
-            frame.axes(self.over)
-        );
+    pub(crate) fn html(&self) -> String {
+        let Some((frame, drawn, level)) = self.drawn() else { return String::new() };
         let marks: Vec<f64> = self.marks.0.iter().copied().filter(|m| (frame.x.0..=frame.x.1).contains(m)).collect();
-        marks.iter().for_each(|&mark| svg += &frame.mark(mark, self.marks.1));
-        drawn.iter().for_each(|(points, look, color)| svg += &frame.curve(points, *look, *color));
-        level.iter().for_each(|&(value, name)| svg += &frame.level(value, name));
-        svg += "</svg>";
+        let svg = format!("<svg {}\n{}</svg>", self.opening(0.0), self.body(&frame, &drawn, &marks, level));
         let mut keys: String = (drawn.iter())
             .map(|(_, _, color)| format!("<span class=\"key c{color}\">{}</span>", escape(self.series[color - 1].name)))
             .collect();
@@ -81,6 +71,64 @@ impl Chart<'_> {
             keys += &format!("<span class=\"key level\">{}</span>", escape(name));
         }
         format!("<figure class=\"chart\"><figcaption><b>{}</b>{keys}</figcaption>{svg}</figure>\n", escape(self.title))
+    }
+}
+
+/// Thinned curves, how each is drawn, and the number of its colour.
+type Drawn = Vec<(Points, Look, usize)>;
+
+impl<'a> Chart<'a> {
+    /// What there is to draw; nothing without points.
+    fn drawn(&self) -> Option<(Frame, Drawn, Option<(f64, &'a str)>)> {
+        let drawn: Drawn = (self.series.iter().enumerate())
+            .map(|(i, s)| (thinned(s.points, MOST_POINTS), s.look, i + 1))
+            .filter(|(points, ..)| !points.is_empty())
+            .collect();
+        let level = self.level.filter(|(value, _)| value.is_finite());
+        let values = drawn.iter().flat_map(|(points, ..)| points);
+        let frame = Frame::around(values, level.map(|(value, _)| value), self.from_zero)?;
+        Some((frame, drawn, level))
+    }
+
+    /// Attributes of the drawing, with so much room above the frame.
+    fn opening(&self, above: f64) -> String {
+        let label = escape(&format!("{} over {}", self.title, self.over));
+        let (width, height) = (SIZE.0, SIZE.1 + above);
+        format!("viewBox=\"0 {} {width} {height}\" role=\"img\" aria-label=\"{label}\">", 0.0 - above)
+    }
+
+    /// Axes and curves.
+    fn body(&self, frame: &Frame, drawn: &Drawn, marks: &[f64], level: Option<(f64, &str)>) -> String {
+        let mut svg = frame.axes(self.over);
+        marks.iter().for_each(|&mark| svg += &frame.mark(mark, self.marks.1));
+        drawn.iter().for_each(|(points, look, color)| svg += &frame.curve(points, *look, *color));
+        level.iter().for_each(|&(value, name)| svg += &frame.level(value, name));
+        svg
+    }
+
+    /// A file of its own, with title and legend, readable on light and dark pages; `None` if there is nothing to draw.
+    pub(crate) fn svg_file(&self) -> Option<String> {
+        let (frame, drawn, level) = self.drawn()?;
+        let above = ABOVE + KEY_LINE * (drawn.len() + usize::from(level.is_some())) as f64;
+        let mut head = format!(
+            "<rect x=\"0\" y=\"{}\" width=\"100%\" height=\"100%\" fill=\"#ffffff\"/>\n\
+             <text x=\"{LEFT}\" y=\"{}\" style=\"font-weight:600;fill:#1b1f24\">{}</text>\n",
+            -above,
+            ABOVE - above - 12.0,
+            escape(self.title)
+        );
+        let keys = drawn.iter().map(|(_, _, color)| (format!("line c{color}"), self.series[color - 1].name));
+        for (i, (class, name)) in keys.chain(level.map(|(_, name)| ("level".into(), name))).enumerate() {
+            let y = ABOVE - above + KEY_LINE * i as f64;
+            let (end, text) = (LEFT + 22.0, LEFT + 30.0);
+            head += &format!("<polyline class=\"{class}\" points=\"{LEFT},{y} {end},{y}\"/>");
+            head += &format!("<text x=\"{text}\" y=\"{}\">{}</text>\n", y + 4.0, escape(name));
+        }
+        let body = self.body(&frame, &drawn, &[], level);
+        let (opening, style) = (self.opening(above), FILE_STYLE);
+        Some(format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" {opening}\n<style>{style}</style>\n{head}{body}</svg>\n"
+        ))
     }
 }
 

@@ -1,7 +1,7 @@
 //! What came out of a training run: `RUN/report.json` (DESIGN section 5) and `RUN/report.html`, a page without scripts
 //! or anything from elsewhere. Plain data in, text out. Of a run in two phases both show the plain cloud, too.
 
-mod chart;
+pub(crate) mod chart;
 mod curves;
 mod format;
 mod joint_match;

@@ -1,0 +1,459 @@
+//! The paper's tables, of scenes that have been measured.
+
+use super::sheet::{Cell, Sheet};
+use super::{Part, SceneResult};
+use crate::bench::comparison::{Row, SeedResult, names};
+use crate::bench::median;
+
+/// Rows of a table of methods, in their order.
+const METHODS: [&str; 10] = [
+    names::START,
+    names::SAME_TIME,
+    names::AT_ONCE,
+    names::MCMC,
+    names::SAME_BYTES,
+    names::SPZ,
+    names::RIGID,
+    names::OURS,
+    names::OURS_F16,
+    names::OURS_Q8,
+];
+/// Published figures, on Mip-NeRF 360: name, source, PSNR, SSIM, LPIPS, file in MB.
+const PUBLISHED: [(&str, &str, [f64; 4]); 3] = [
+    ("Instant-NGP (big)", "3DGS paper, 2023, table 1", [25.59, 0.699, 0.331, 48.0]),
+    ("3DGS, 30,000 steps", "3DGS paper, 2023, table 1", [27.21, 0.815, 0.214, 734.0]),
+    ("Compact 3DGS", "Lee et al. 2024, table 1", [27.08, 0.798, 0.247, 48.8]),
+];
+const MEGABYTE: f64 = 1e6;
+
+/// Every table that the measured scenes have something for.
+pub fn all(scenes: &[SceneResult]) -> Vec<Sheet> {
+    let counted: Vec<&SceneResult> = of_part(scenes, Part::Scene);
+    let mut out = Vec::new();
+    for (synthetic, key, title) in
+        [(true, "methods_synthetic", "Synthetic scenes"), (false, "methods_real", "Real and foreign scenes")]
+    {
+        let of_kind: Vec<&SceneResult> = counted.iter().copied().filter(|s| s.synthetic == synthetic).collect();
+        if !of_kind.is_empty() {
+            out.push(methods(key, title, &of_kind));
+        }
+    }
+    out.extend(differences(&counted));
+    out.extend(sizes(&counted));
+    out.extend(passes(&counted));
+    out.extend(segmentation(&counted));
+    out.extend(ablations(scenes));
+    out.extend(failure(&of_part(scenes, Part::Failure)));
+    out.extend(scaling(&of_part(scenes, Part::Scaling)));
+    out.push(published());
+    out
+}
+
+fn of_part(scenes: &[SceneResult], part: Part) -> Vec<&SceneResult> {
+    scenes.iter().filter(|scene| scene.part == part).collect()
+}
+
+/// Median over the seeds of a figure of a row; `None` if a seed lacks it.
+fn of_row(scene: &SceneResult, name: &str, figure: impl Fn(&Row) -> Option<f64>) -> Option<f64> {
+    of_seed(scene, |seed| figure(seed.row(name)?))
+}
+
+/// Median over the seeds of a figure; `None` if a seed lacks it, or if there is none.
+fn of_seed(scene: &SceneResult, figure: impl Fn(&SeedResult) -> Option<f64>) -> Option<f64> {
+    let values: Option<Vec<f64>> = scene.seeds.iter().map(figure).collect();
+    values.filter(|v| !v.is_empty()).map(|v| median(&v))
+}
+
+/// How far the instanced scene is above a row, dB, seed by seed.
+pub(super) fn gain(scene: &SceneResult, other: &str, figure: fn(&Row) -> Option<f64>) -> Option<f64> {
+    of_seed(scene, |seed| Some(figure(seed.row(names::OURS)?)? - figure(seed.row(other)?)?))
+}
+
+/// PSNR of a row, for [`gain`].
+pub(super) fn psnr(row: &Row) -> Option<f64> {
+    Some(row.psnr)
+}
+
+/// Frames per second of the instanced scene over those of the cloud that had the same time.
+pub(super) fn frame_ratio(scene: &SceneResult) -> Option<f64> {
+    of_seed(scene, |seed| seed.fps.map(|[ours, theirs]| ours / theirs))
+}
+
+fn mean(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
+    let values: Option<Vec<f64>> = values.collect();
+    values.filter(|v| !v.is_empty()).map(|v| v.iter().sum::<f64>() / v.len() as f64)
+}
+
+/// Table 1 of the paper: every method, mean over the scenes.
+fn methods(key: &'static str, title: &str, scenes: &[&SceneResult]) -> Sheet {
+    let mut rows = Vec::new();
+    for method in METHODS {
+        let of = |figure: fn(&Row) -> Option<f64>| mean(scenes.iter().map(|scene| of_row(scene, method, figure)));
+        if of(psnr).is_none() {
+            continue;
+        }
+        let place = [names::OURS, names::SAME_TIME].iter().position(|name| *name == method);
+        let fps = |scene: &&SceneResult| of_seed(scene, |seed| Some(seed.fps?[place?]));
+        rows.push(vec![
+            method.into(),
+            Cell::maybe(of(psnr), 2),
+            Cell::maybe(of(|row| row.psnr_in_masks), 2),
+            Cell::maybe(of(|row| Some(row.ssim)), 4),
+            Cell::maybe(of(|row| row.lpips), 4),
+            Cell::maybe(of(|row| Some(row.host_bytes as f64 / MEGABYTE)), 2),
+            Cell::maybe(of(|row| Some(row.file_bytes as f64 / MEGABYTE)), 2),
+            Cell::maybe(mean(scenes.iter().map(fps)), 2),
+            Cell::maybe(of(|row| Some(row.seconds)), 0),
+        ]);
+    }
+    Sheet {
+        key,
+        title: format!("{title}, means over {}", scenes.len()),
+        note:
+            "Test views. Host MB are the tensors handed to the device; frames per second are measured in turn for the \
+               two scenes that had the same training time. A cell is empty where a scene lacks the figure."
+                .into(),
+        head: vec!["", "PSNR", "in masks", "SSIM", "LPIPS", "host MB", "file MB", "frames/s", "train s"],
+        rows,
+    }
+}
+
+/// Table 2 of the paper: every scene.
+fn differences(scenes: &[&SceneResult]) -> Option<Sheet> {
+    let row = |scene: &&SceneResult| {
+        let against = |name: &str| Cell::maybe(gain(scene, name, psnr), 2);
+        vec![
+            scene.name.clone().into(),
+            Cell::maybe(of_row(scene, names::OURS, psnr), 2),
+            against(names::SAME_TIME),
+            Cell::maybe(gain(scene, names::SAME_TIME, |row| row.psnr_in_masks), 2),
+            against(names::AT_ONCE),
+            against(names::MCMC),
+            against(names::SAME_BYTES),
+            against(names::SPZ),
+            against(names::RIGID),
+            Cell::maybe(gain(scene, names::OURS_F16, psnr), 3),
+            Cell::maybe(gain(scene, names::OURS_Q8, psnr), 3),
+            Cell::maybe(frame_ratio(scene), 2),
+        ]
+    };
+    let mut rows: Vec<Vec<Cell>> = scenes.iter().map(row).collect();
+    if scenes.len() > 2 {
+        rows.push(medians("median", &rows));
+    }
+    (!scenes.is_empty()).then(|| Sheet {
+        key: "scenes",
+        title: "Scene by scene: how far InstGS is above the others".into(),
+        note: "Test PSNR of InstGS, then by how many dB it is above each of the others (below where negative; medians over \
+               the seeds of training), then frames per second over those of 3DGS of the same time."
+            .into(),
+        head: vec![
+            "scene",
+            "InstGS",
+            "same time",
+            "same, in masks",
+            "at once",
+            "MCMC",
+            "same bytes",
+            ".spz",
+            "rigid",
+            "f16",
+            "q8",
+            "x frames/s",
+        ],
+        rows,
+    })
+}
+
+/// A row of the medians of columns of numbers.
+fn medians(name: &str, rows: &[Vec<Cell>]) -> Vec<Cell> {
+    let columns = rows.first().map_or(0, Vec::len);
+    let of = |column: usize| {
+        let mut decimals = 0;
+        let values: Option<Vec<f64>> = (rows.iter())
+            .map(|row| match row[column] {
+                Cell::Number(value, d) => {
+                    decimals = d;
+                    Some(value)
+                }
+                _ => None,
+            })
+            .collect();
+        Cell::maybe(values.map(|v| median(&v)), decimals)
+    };
+    std::iter::once(name.into()).chain((1..columns).map(of)).collect()
+}
+
+fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
+    let row = |scene: &&SceneResult| {
+        let of = |figure: fn(&SeedResult) -> f64| of_seed(scene, |seed| Some(figure(seed)));
+        let host = |name: &str| of_row(scene, name, |row| Some(row.host_bytes as f64));
+        let file = |name: &str| of_row(scene, name, |row| Some(row.file_bytes as f64));
+        let ratio = |a: Option<f64>, b: Option<f64>| a.zip(b).map(|(a, b)| a / b);
+        vec![
+            scene.name.clone().into(),
+            Cell::Count(scene.instances),
+            Cell::maybe(of(|s| s.repeated.ply as f64 / MEGABYTE), 2),
+            Cell::maybe(of(|s| s.repeated.ply as f64 / s.repeated.f32.max(1) as f64), 2),
+            Cell::maybe(of(|s| s.repeated.ply as f64 / s.repeated.f16.max(1) as f64), 2),
+            Cell::maybe(of(|s| s.repeated.ply as f64 / s.repeated.q8.max(1) as f64), 2),
+            Cell::maybe(ratio(host(names::SAME_TIME), host(names::OURS)), 2),
+            Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_F16)), 2),
+            Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_Q8)), 2),
+        ]
+    };
+    (!scenes.is_empty()).then(|| Sheet {
+        key: "sizes",
+        title: "How much smaller".into(),
+        note: "The repeated part beside the same objects as .ply (the analytic bound is 248K/(124+14K) for K instances \
+               with f16, 248K/(124+7K) with q8), then the whole scene beside 3DGS of the same time: as the device gets it, \
+               and as files."
+            .into(),
+        head: vec![
+            "scene",
+            "instances",
+            "repeated, .ply MB",
+            "x f32",
+            "x f16",
+            "x q8",
+            "scene x host",
+            "scene x f16",
+            "scene x q8",
+        ],
+        rows: scenes.iter().map(row).collect(),
+    })
+}
+
+/// Where the time of a frame goes, mean over the scenes.
+fn passes(scenes: &[&SceneResult]) -> Option<Sheet> {
+    let seeds: Vec<&SeedResult> = scenes.iter().flat_map(|scene| &scene.seeds).collect();
+    let first = seeds.iter().find(|seed| !seed.passes_ms.is_empty())?;
+    let over = |figure: &dyn Fn(&SeedResult) -> Option<f64>| mean(seeds.iter().map(|seed| figure(seed)));
+    let mut rows = Vec::new();
+    for (pass, ..) in &first.passes_ms {
+        let of = |seed: &SeedResult| seed.passes_ms.iter().find(|(name, ..)| name == pass).map(|p| (p.1, p.2));
+        rows.push(vec![
+            pass.clone().into(),
+            Cell::maybe(over(&|seed| Some(of(seed)?.0)), 3),
+            Cell::maybe(over(&|seed| Some(of(seed)?.1)), 3),
+        ]);
+    }
+    let pairs = |i: usize| over(&|seed| Some(seed.intersections?[i] as f64));
+    rows.push(vec!["(splat, tile) pairs".into(), Cell::maybe(pairs(0), 0), Cell::maybe(pairs(1), 0)]);
+    Some(Sheet {
+        key: "passes",
+        title: "Where the time of a frame goes".into(),
+        note: "Milliseconds by pass, means over scenes and seeds; the last row counts what is blended.".into(),
+        head: vec!["pass", "InstGS", "3DGS, same time"],
+        rows,
+    })
+}
+
+/// The table of the paper's supplement.
+fn segmentation(scenes: &[&SceneResult]) -> Option<Sheet> {
+    let row = |scene: &&SceneResult| {
+        let s = &scene.segmentation;
+        let second = |i: usize| Cell::Number(s.seconds[i], 2);
+        vec![
+            scene.name.clone().into(),
+            Cell::Count(s.gaussians),
+            Cell::Count(s.objects),
+            Cell::maybe(s.mean_accuracy, 4),
+            Cell::Number(s.bytes as f64 / MEGABYTE, 2),
+            second(0),
+            second(1),
+            second(2),
+            second(3),
+        ]
+    };
+    (!scenes.is_empty()).then(|| Sheet {
+        key: "segmentation",
+        title: "From masks to instances".into(),
+        note: "mAcc: mean over the true objects of the part of their Gaussians that has their label; the truth is the object \
+               of the nearest surface point. MB: what Gaussians add to the masks, kept in memory."
+            .into(),
+        head: vec!["scene", "Gaussians", "objects", "mAcc", "MB", "consensus s", "labels s", "register s", "merge s"],
+        rows: scenes.iter().map(row).collect(),
+    })
+}
+
+/// Figures 5 and 8 of the paper: one table for each kind of setting; all runs of a scene start from one plain cloud.
+fn ablations(scenes: &[SceneResult]) -> Vec<Sheet> {
+    const TABLES: [(&str, &str, &str); 4] = [
+        ("offsets", "ablation_offsets", "Figure 5: what instances have of their own"),
+        ("template", "ablation_template", "Figure 5: where the template comes from"),
+        ("init", "ablation_init", "Figure 8: what offsets start from"),
+        ("poses", "ablation_poses", "Whether poses are refined"),
+    ];
+    let mut out = Vec::new();
+    for (table, key, title) in TABLES {
+        let mut rows = Vec::new();
+        for scene in scenes {
+            for of_table in scene.ablations.iter().filter(|a| a.table == table) {
+                let row = &of_table.row;
+                rows.push(vec![
+                    scene.name.clone().into(),
+                    of_table.name.clone().into(),
+                    Cell::Number(row.psnr, 2),
+                    Cell::maybe(row.psnr_in_masks, 2),
+                    Cell::Number(row.ssim, 4),
+                    Cell::Number(row.host_bytes as f64 / MEGABYTE, 2),
+                ]);
+            }
+        }
+        if !rows.is_empty() {
+            let (title, note) = (title.into(), String::new());
+            out.push(Sheet {
+                key,
+                title,
+                note,
+                head: vec!["scene", "setting", "PSNR", "in masks", "SSIM", "host MB"],
+                rows,
+            });
+        }
+    }
+    out
+}
+
+/// Figure 10 of the paper: objects that are not alike.
+fn failure(scenes: &[&SceneResult]) -> Option<Sheet> {
+    let row = |scene: &&SceneResult| {
+        let warning = scene.seeds.first().and_then(|seed| seed.warnings.first()).cloned().unwrap_or_default();
+        vec![
+            scene.name.clone().into(),
+            Cell::maybe(of_row(scene, names::OURS, psnr), 2),
+            Cell::maybe(gain(scene, names::SAME_TIME, psnr), 2),
+            Cell::maybe(gain(scene, names::SAME_TIME, |row| row.psnr_in_masks), 2),
+            warning.into(),
+        ]
+    };
+    (!scenes.is_empty()).then(|| Sheet {
+        key: "failure",
+        title: "Figure 10: objects that are not alike".into(),
+        note: "Groups are given, so that unlike objects have to share a template; the last column is what the user is told."
+            .into(),
+        head: vec!["scene", "PSNR", "against same time", "in masks", "warning"],
+        rows: scenes.iter().map(row).collect(),
+    })
+}
+
+/// Over the number of instances.
+fn scaling(scenes: &[&SceneResult]) -> Option<Sheet> {
+    let row = |scene: &&SceneResult| {
+        let megabytes = |name: &str| Cell::maybe(of_row(scene, name, |row| Some(row.file_bytes as f64 / MEGABYTE)), 2);
+        vec![
+            scene.name.clone().into(),
+            Cell::Count(scene.instances),
+            Cell::maybe(of_row(scene, names::OURS, psnr), 2),
+            Cell::maybe(gain(scene, names::SAME_TIME, psnr), 2),
+            megabytes(names::SAME_TIME),
+            megabytes(names::OURS_F16),
+            Cell::maybe(of_seed(scene, |s| Some(s.repeated.ply as f64 / s.repeated.f16.max(1) as f64)), 2),
+            Cell::maybe(frame_ratio(scene), 2),
+        ]
+    };
+    (!scenes.is_empty()).then(|| Sheet {
+        key: "scaling",
+        title: "Over the number of instances".into(),
+        note: "The views and the budget of Gaussians stay, so that each object gets fewer pixels and Gaussians.".into(),
+        head: vec![
+            "scene",
+            "instances",
+            "PSNR",
+            "against same time",
+            "3DGS file MB",
+            "f16 file MB",
+            "repeated x f16",
+            "x frames/s",
+        ],
+        rows: scenes.iter().map(row).collect(),
+    })
+}
+
+/// What others have published; on other data, so that only their order of magnitude says something here.
+fn published() -> Sheet {
+    let row = |&(name, source, [psnr, ssim, lpips, megabytes]): &(&str, &str, [f64; 4])| {
+        vec![
+            name.into(),
+            Cell::Number(psnr, 2),
+            Cell::Number(ssim, 3),
+            Cell::Number(lpips, 3),
+            Cell::Number(megabytes, 0),
+            source.into(),
+        ]
+    };
+    Sheet {
+        key: "published",
+        title: "Published by others, on other data (Mip-NeRF 360, LPIPS of VGG)".into(),
+        note: "Not measured here, and not comparable with the tables above.".into(),
+        head: vec!["", "PSNR", "SSIM", "LPIPS", "file MB", "source"],
+        rows: PUBLISHED.iter().map(row).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bench::evidence::{Ablation, Segmentation};
+    use crate::scene::RepeatedBytes;
+
+    /// Ours 30 dB and more by `more`, all others 29 dB.
+    fn scene(name: &str, part: Part, more: &[f64]) -> SceneResult {
+        let row = |name: &str, psnr: f64| Row { name: name.into(), psnr, host_bytes: 2_000_000, ..Row::default() };
+        let seed = |(seed, more): (u64, &f64)| SeedResult {
+            seed,
+            rows: vec![row(names::SAME_TIME, 29.0), row(names::OURS, 30.0 + more)],
+            fps: Some([3.0, 2.0]),
+            repeated: RepeatedBytes { ply: 800, f32: 400, f16: 100, q8: 50 },
+            warnings: vec!["not alike".into()],
+            ..SeedResult::default()
+        };
+        SceneResult {
+            name: name.into(),
+            synthetic: true,
+            part,
+            seeds: (0..).zip(more).map(seed).collect(),
+            segmentation: Segmentation { mean_accuracy: Some(0.95), ..Segmentation::default() },
+            ..SceneResult::default()
+        }
+    }
+
+    fn sheet<'a>(sheets: &'a [Sheet], key: &str) -> Option<&'a Sheet> {
+        sheets.iter().find(|s| s.key == key)
+    }
+
+    #[test]
+    fn medians_over_seeds_then_means_over_scenes() {
+        let scenes = [scene("a", Part::Scene, &[0.0, 0.1, 5.0]), scene("b", Part::Scene, &[0.3]), {
+            let mut failed = scene("c", Part::Failure, &[-9.0]);
+            let ablation = Ablation { table: "init".into(), name: "zero".into(), row: Row::default() };
+            failed.ablations.push(ablation);
+            failed
+        }];
+        let sheets = all(&scenes);
+        let methods = sheet(&sheets, "methods_synthetic").map(|s| &s.rows);
+        // (30.1 + 30.3) / 2; rows that no scene has are left out.
+        assert_eq!(methods.map(|rows| (rows.len(), rows[1][1].clone())), Some((2, Cell::Number(30.2, 2))));
+        assert!(sheet(&sheets, "methods_real").is_none() && sheet(&sheets, "scaling").is_none());
+        let lines = sheet(&sheets, "scenes").map(Sheet::lines).unwrap_or_default();
+        assert_eq!(lines[1][..3], ["a", "30.10", "1.10"]);
+        assert_eq!((lines.len(), lines[1][11].as_str()), (3, "1.50"));
+        let failure = sheet(&sheets, "failure").map(Sheet::lines).unwrap_or_default();
+        assert_eq!(failure[1], ["c", "21.00", "-8.00", "", "not alike"]);
+        assert_eq!(sheet(&sheets, "ablation_init").map(|s| s.rows.len()), Some(1));
+        assert_eq!(sheet(&sheets, "sizes").map(|s| s.rows[0][4].clone()), Some(Cell::Number(8.0, 2)));
+    }
+
+    #[test]
+    fn a_figure_that_one_scene_lacks_is_left_empty() {
+        let mut scenes = vec![scene("a", Part::Scene, &[0.0]), scene("b", Part::Scene, &[0.0])];
+        scenes.push(scene("d", Part::Scene, &[0.3]));
+        scenes[1].seeds[0].rows[1].psnr_in_masks = Some(20.0);
+        let sheets = all(&scenes);
+        let methods = sheet(&sheets, "methods_synthetic").map(|s| &s.rows[1][2]);
+        assert_eq!(methods, Some(&Cell::Empty));
+        // With three scenes there is a row of medians.
+        let lines = sheet(&sheets, "scenes").map(Sheet::lines).unwrap_or_default();
+        assert_eq!(lines[4][..3], ["median", "30.00", "1.00"]);
+    }
+}

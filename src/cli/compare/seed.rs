@@ -1,0 +1,174 @@
+//! One seed of a comparison: what is trained, and the rows that are measured.
+
+use std::path::{Path, PathBuf};
+
+use super::runs::{Runs, work_seconds};
+use super::timing::time;
+use super::{Comparison, Rival};
+use crate::bench::comparison::{Measure, MeasureError, Row, SeedResult, names};
+use crate::cli::error::CliError;
+use crate::cli::inspect_groups::ply_row_bytes;
+use crate::cli::train::Session;
+use crate::eval::Evaluated;
+use crate::io::view_image::camera_at_width;
+use crate::io::{
+    Dataset, IoError, MaskFolder, Pack, Split, View, load_scene, read_views, write_scene_file_packed, write_spz,
+};
+use crate::scene::{Camera, InstancedScene, RepeatedBytes};
+use crate::train::config::{Strategy, TrainConfig};
+use crate::train::eval_options;
+use crate::train::report::RunReport;
+
+/// A scene that becomes a row.
+struct Subject {
+    name: &'static str,
+    /// Its file, below the seed's folder.
+    file: String,
+    seconds: f64,
+    steps: u64,
+}
+
+/// Trains what is not there yet, and measures.
+pub(super) fn compare_seed(
+    session: &Session<'_>,
+    comparison: &Comparison,
+    seed: u64,
+    on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
+) -> Result<SeedResult, CliError> {
+    let printer = session.printer;
+    let out = comparison.out.join(format!("seed_{seed}"));
+    let config = TrainConfig { seed, ..comparison.config.clone() };
+    let runs = Runs { session, data: &comparison.data, out, config };
+    printer.line(format_args!("seed {seed}: the instanced scene"));
+    let ours = runs.train("instgs", runs.config.clone())?;
+    let vanilla = ours.vanilla.clone().unwrap_or_default();
+    let vanilla_seconds = work_seconds(&vanilla);
+    let more_seconds = work_seconds(&ours) - vanilla_seconds;
+    let more_steps_by_clock = (more_seconds * vanilla.steps_per_second).ceil() as u64;
+    let more = comparison.more_steps.unwrap_or(more_steps_by_clock).max(1);
+    printer.line(format_args!("seed {seed}: 3DGS for the same time, {more} more steps"));
+    let same_time = runs.continued("same_time", more)?;
+
+    let instanced = load_scene(&runs.out.join("instgs/scene.instgs"))?.scene;
+    let packed = [("f16", Pack::F16), ("q8", Pack::Q8)];
+    for (name, pack) in packed {
+        write_scene_file_packed(&runs.out.join(format!("{name}.instgs")), &instanced, pack)?;
+    }
+    let mut subjects = vec![
+        Subject {
+            name: names::START,
+            file: "instgs/vanilla/point_cloud.ply".into(),
+            seconds: vanilla_seconds,
+            steps: vanilla.steps,
+        },
+        of_cloud(names::SAME_TIME, "same_time", &same_time),
+    ];
+    for &rival in &comparison.rivals {
+        subjects.push(runs.rival(rival, &same_time, &instanced)?);
+    }
+    let (seconds, steps) = (work_seconds(&ours), vanilla.steps + ours.steps);
+    for (name, file) in
+        [(names::OURS, "instgs/scene.instgs"), (names::OURS_F16, "f16.instgs"), (names::OURS_Q8, "q8.instgs")]
+    {
+        subjects.push(Subject { name, file: file.into(), seconds, steps });
+    }
+    let mut result = SeedResult {
+        seed,
+        repeated: RepeatedBytes::of(&instanced),
+        more_steps_by_clock,
+        warnings: ours.warnings,
+        ..SeedResult::default()
+    };
+    measure(session, comparison, &runs, &subjects, &mut result, on_picture)?;
+    Ok(result)
+}
+
+fn of_cloud(name: &'static str, folder: &str, report: &RunReport) -> Subject {
+    let (seconds, steps) = (work_seconds(report), report.steps);
+    Subject { name, file: format!("{folder}/point_cloud.ply"), seconds, steps }
+}
+
+impl Runs<'_> {
+    /// Trains or writes what is measured besides.
+    fn rival(&self, rival: Rival, same_time: &RunReport, instanced: &InstancedScene) -> Result<Subject, CliError> {
+        let (seed, printer) = (self.config.seed, self.session.printer);
+        let as_long = TrainConfig { steps: same_time.steps, ..self.config.cloud_phase() };
+        match rival {
+            Rival::SameBytes => {
+                let bytes_each = ply_row_bytes(instanced.templates.sh_degree);
+                let most = u32::try_from(file_bytes(&self.out.join("f16.instgs"))? / bytes_each).unwrap_or(u32::MAX);
+                printer.line(format_args!("seed {seed}: 3DGS of the same bytes, at most {most} Gaussians"));
+                // Of another limit it is another run.
+                let folder = format!("same_bytes_{most}");
+                let report = self.train(&folder, TrainConfig { max_gaussians: most, ..as_long })?;
+                Ok(of_cloud(names::SAME_BYTES, &folder, &report))
+            }
+            Rival::AtOnce => {
+                printer.line(format_args!("seed {seed}: 3DGS for the same time, in one piece"));
+                Ok(of_cloud(names::AT_ONCE, "at_once", &self.train("at_once", as_long)?))
+            }
+            Rival::Mcmc => {
+                printer.line(format_args!("seed {seed}: 3DGS-MCMC for the same time"));
+                let report = self.train("mcmc", TrainConfig { strategy: Strategy::Mcmc, ..as_long })?;
+                Ok(of_cloud(names::MCMC, "mcmc", &report))
+            }
+            Rival::Spz => {
+                let cloud = load_scene(&self.out.join("same_time/point_cloud.ply"))?.scene;
+                write_spz(&self.out.join("same_time.spz"), &cloud.background, cloud.antialias)?;
+                Ok(Subject { file: "same_time.spz".into(), ..of_cloud(names::SPZ, "", same_time) })
+            }
+            Rival::Rigid => {
+                printer.line(format_args!("seed {seed}: copies without offsets"));
+                let mut config = self.config.clone();
+                let offsets = &mut config.offsets;
+                (offsets.position, offsets.sh_dc, offsets.opacity) = (false, false, false);
+                (offsets.sh_rest, offsets.covariance) = (false, false);
+                let report = self.variant("rigid", config)?;
+                let steps = self.config.steps + report.steps;
+                Ok(Subject {
+                    name: names::RIGID,
+                    file: "rigid/scene.instgs".into(),
+                    seconds: work_seconds(&report),
+                    steps,
+                })
+            }
+        }
+    }
+}
+
+/// Renders the test views of every subject, and times two of them.
+fn measure(
+    session: &Session<'_>,
+    comparison: &Comparison,
+    runs: &Runs<'_>,
+    subjects: &[Subject],
+    result: &mut SeedResult,
+    on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
+) -> Result<(), CliError> {
+    let views: Vec<View> = Dataset::split(&read_views(&comparison.data)?, Split::Test).cloned().collect();
+    let given = (!runs.config.masks.is_empty()).then(|| PathBuf::from(&runs.config.masks));
+    let masks = given.or_else(|| MaskFolder::default_for(&comparison.data));
+    let masks = masks.map(|folder| MaskFolder::open(&folder)).transpose()?;
+    let width = (runs.config.width > 0).then_some(runs.config.width);
+    let options = eval_options(&runs.config);
+    let (masks, lpips) = (masks.as_ref(), comparison.lpips.as_ref());
+    let measure = Measure { gpu: session.gpu, views: &views, width, options, masks, lpips };
+    for Subject { name, file, seconds, steps } in subjects {
+        let row =
+            measure.row(name, &runs.out.join(file), &mut |view| on_picture(name, view)).map_err(measure_failed)?;
+        result.rows.push(Row { seconds: *seconds, steps: *steps, ..row });
+    }
+    if comparison.frames > 0 {
+        let cameras: Vec<Camera> = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();
+        time(session, comparison, &runs.out, &cameras, &runs.config, result)?;
+    }
+    Ok(())
+}
+
+fn file_bytes(path: &Path) -> Result<u64, CliError> {
+    Ok(std::fs::metadata(path).map_err(|e| IoError::new(path, format!("cannot be read: {e}")))?.len())
+}
+
+fn measure_failed(error: MeasureError) -> CliError {
+    CliError::Other(error.to_string())
+}

@@ -1,0 +1,220 @@
+//! One scene of the evidence: its data set, its comparison, its ablations.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::bench::comparison::{Measure, Row};
+use crate::bench::evidence::label_truth::label_accuracy;
+use crate::bench::evidence::scene_list::{Size, Source};
+use crate::bench::evidence::{Ablation, Part, SceneJob, SceneList, SceneResult, Segmentation};
+use crate::cli::args::create_folder;
+use crate::cli::compare::{Comparison, Rival, Runs, compare, work_seconds};
+use crate::cli::demo::make_data;
+use crate::cli::error::CliError;
+use crate::cli::picture_grid::Grid;
+use crate::cli::train::{Session, absolute};
+use crate::eval::Lpips;
+use crate::io::json::{read_json, write_json};
+use crate::io::{MaskFolder, Split, View, load_scene, read_views};
+use crate::synth::dataset;
+use crate::train::config::{ConfigBuilder, Method, TrainConfig};
+use crate::train::eval_options;
+use crate::train::report::{RunReport, Stage};
+use crate::train::segmented::Segmented;
+
+/// What all scenes share.
+pub(super) struct Evidence<'a> {
+    pub(super) session: Session<'a>,
+    pub(super) list: &'a SceneList,
+    pub(super) size: &'a Size,
+    /// Of training.
+    pub(super) seeds: &'a [u64],
+    pub(super) out: &'a Path,
+    pub(super) lpips: Option<Lpips>,
+}
+
+/// A result with what it was made by.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    /// Everything that it depends on, as text.
+    made_by: String,
+    result: SceneResult,
+}
+
+/// Measures a scene, unless that is done.
+pub(super) fn run_scene(evidence: &Evidence<'_>, job: &SceneJob) -> Result<SceneResult, CliError> {
+    let out = evidence.out.join("scenes").join(&job.name);
+    create_folder(&out)?;
+    let data = data_of(evidence, job)?;
+    let config = config_of(evidence.list, job, &data)?;
+    let ablations = if job.ablations { evidence.list.ablations.as_slice() } else { &[] };
+    let (seeds, lpips) = (evidence.seeds, evidence.lpips.is_some());
+    let made_by = format!("{job:?} {:?} {seeds:?} {lpips} {ablations:?} {}", evidence.size, config.to_toml()?);
+    let path = out.join("result.json");
+    if let Ok(kept) = read_json::<Kept>(&path)
+        && kept.made_by == made_by
+    {
+        evidence.session.printer.line(format_args!("{}: as measured before", job.name));
+        return Ok(kept.result);
+    }
+    let result = measured(evidence, job, &data, config, &out)?;
+    let kept = Kept { made_by, result };
+    write_json(&path, &kept)?;
+    Ok(kept.result)
+}
+
+/// The data set's folder; rendered if it is not there.
+fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError> {
+    match &job.source {
+        Source::Folder(folder) => Ok(folder.clone()),
+        Source::Synth { recipe, seed, instances } => {
+            let [width, height] = evidence.size.pixels;
+            let folder = evidence.out.join("data").join(format!("{}_{width}x{height}", job.name));
+            let options = dataset::Options {
+                views: evidence.size.views,
+                size: (width, height),
+                seed: *seed,
+                instances: *instances,
+                pose_noise: None,
+            };
+            make_data(recipe, &folder, &options, evidence.session.printer)?;
+            Ok(folder)
+        }
+    }
+}
+
+/// The list's configuration with the job's settings.
+fn config_of(list: &SceneList, job: &SceneJob, data: &Path) -> Result<TrainConfig, CliError> {
+    let mut builder = ConfigBuilder::new().file(&list.config)?;
+    for assignment in &job.set {
+        builder = builder.set(assignment)?;
+    }
+    if job.true_groups {
+        builder = builder.flag("true_groups", "groups", absolute("true_groups", &data.join("groups.json"))?)?;
+    }
+    Ok(TrainConfig { method: Method::Instanced, seed: 0, ..builder.finish()? })
+}
+
+fn measured(
+    evidence: &Evidence<'_>,
+    job: &SceneJob,
+    data: &Path,
+    config: TrainConfig,
+    out: &Path,
+) -> Result<SceneResult, CliError> {
+    let session = &evidence.session;
+    let rivals = match job.part {
+        Part::Scene => vec![Rival::AtOnce, Rival::Mcmc, Rival::SameBytes, Rival::Spz, Rival::Rigid],
+        Part::Scaling => vec![Rival::SameBytes],
+        Part::Failure => Vec::new(),
+    };
+    let comparison = Comparison {
+        data: data.into(),
+        out: out.into(),
+        config,
+        seeds: evidence.seeds.to_vec(),
+        frames: evidence.size.frames,
+        more_steps: job.more_steps,
+        rivals,
+        lpips: evidence.lpips.clone(),
+    };
+    let mut grid = Grid::default();
+    let seeds = compare(session, &comparison, &mut |name, view| grid.add(name, view))?;
+    grid.write(&out.join("pictures.png"))?;
+    let first = evidence.seeds.first().copied().unwrap_or_default();
+    let at = out.join(format!("seed_{first}"));
+    let report: RunReport = read_json(&at.join("instgs/report.json"))?;
+    let runs = Runs { session, data, out: at, config: TrainConfig { seed: first, ..comparison.config.clone() } };
+    let views = read_views(data)?.views;
+    Ok(SceneResult {
+        name: job.name.clone(),
+        synthetic: matches!(job.source, Source::Synth { .. }),
+        part: job.part,
+        seeds,
+        segmentation: segmentation(&runs, &report, &views)?,
+        instances: report.groups.iter().map(|group| group.instances.len() as u64).sum(),
+        ablations: if job.ablations { ablations(evidence, &comparison, &runs, &views)? } else { Vec::new() },
+        device: session.gpu.caps().name.clone(),
+    })
+}
+
+/// How objects were found.
+fn segmentation(runs: &Runs<'_>, report: &RunReport, views: &[View]) -> Result<Segmentation, CliError> {
+    let folder = runs.out.join("instgs");
+    let cloud = load_scene(&folder.join("point_cloud.ply"))?.scene.background;
+    let segmented = Segmented::read(&folder, cloud.len())?;
+    let seconds = |name: &str| report.stages.iter().filter(|s: &&Stage| s.name == name).map(|s| s.seconds).sum();
+    let consensus = &segmented.consensus;
+    let masks = MaskFolder::default_for(runs.data).filter(|_| runs.config.masks.is_empty() && runs.config.width == 0);
+    let mean_accuracy = match masks {
+        Some(folder) => {
+            let masks = MaskFolder::open(&folder)?;
+            label_accuracy(runs.data, views, &masks, &cloud.means, &segmented)?
+        }
+        None => None,
+    };
+    Ok(Segmentation {
+        gaussians: cloud.len() as u64,
+        objects: consensus.objects.len() as u64,
+        seconds: ["consensus", "segment", "register", "merge"].map(seconds),
+        bytes: consensus.contribution_bytes + consensus.point_bytes,
+        mean_accuracy,
+    })
+}
+
+/// Runs with other settings from the same plain cloud.
+fn ablations(
+    evidence: &Evidence<'_>,
+    comparison: &Comparison,
+    runs: &Runs<'_>,
+    views: &[View],
+) -> Result<Vec<Ablation>, CliError> {
+    let test: Vec<View> = views.iter().filter(|view| view.split == Split::Test).cloned().collect();
+    let given = (!runs.config.masks.is_empty()).then(|| PathBuf::from(&runs.config.masks));
+    let masks = given.or_else(|| MaskFolder::default_for(runs.data));
+    let masks = masks.map(|folder| MaskFolder::open(&folder)).transpose()?;
+    let measure = Measure {
+        gpu: evidence.session.gpu,
+        views: &test,
+        width: (runs.config.width > 0).then_some(runs.config.width),
+        options: eval_options(&comparison.config),
+        masks: masks.as_ref(),
+        lpips: evidence.lpips.as_ref(),
+    };
+    let mut out = Vec::new();
+    for setting in &evidence.list.ablations {
+        let mut builder = ConfigBuilder::new().text(&runs.config.to_toml()?, "the scene's configuration")?;
+        for assignment in &setting.set {
+            builder = builder.set(assignment)?;
+        }
+        let config = builder.finish()?;
+        let (table, name) = (setting.table.clone(), setting.name.clone());
+        evidence.session.printer.line(format_args!("ablation, {table}: {name}"));
+        // Settings of nothing are the scene itself.
+        let is_itself = config == runs.config;
+        let folder = if is_itself { "instgs".into() } else { folder_of(&table, &name) };
+        let report = if is_itself { runs.train(&folder, config)? } else { runs.variant(&folder, config)? };
+        let scene = runs.out.join(&folder).join("scene.instgs");
+        let row = measure.row(&name, &scene, &mut |_| ()).map_err(|e| CliError::Other(e.to_string()))?;
+        let steps = runs.config.steps + report.steps;
+        out.push(Ablation { table, name, row: Row { seconds: work_seconds(&report), steps, ..row } });
+    }
+    Ok(out)
+}
+
+/// A folder name of letters, digits and underscores.
+fn folder_of(table: &str, name: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+    format!("ablation_{table}_{name}").chars().map(plain).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_have_plain_names() {
+        assert_eq!(folder_of("offsets", "position + dc"), "ablation_offsets_position___dc");
+    }
+}
