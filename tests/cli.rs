@@ -16,7 +16,7 @@ use serde_json::Value;
 mod program;
 use program::{error_of, program, skips_gpu};
 
-const COMMANDS: [&str; 14] = [
+const COMMANDS: [&str; 15] = [
     "info", "demo", "synth", "train", "segment", "register", "merge", "compare", "tables", "render", "eval", "bench",
     "inspect", "export", "edit",
 ];

@@ -102,7 +102,8 @@ pub(super) fn make_data(
     options: &dataset::Options,
     printer: &Printer,
 ) -> Result<(), CliError> {
-    if folder.join("groups.json").is_file() {
+    // Cameras are written last.
+    if folder.join("transforms_test.json").is_file() {
         return Ok(());
     }
     printer.line(format_args!("photos of the scene {recipe}, ray-traced"));

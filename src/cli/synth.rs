@@ -34,6 +34,9 @@ pub(super) struct SynthArgs {
     /// Number of objects [default: see below]
     #[arg(long, value_name = "K")]
     instances: Option<u32>,
+    /// How much of what objects of a kind differ by is shown: 0 = all look as the first of them, 1 = all of it
+    #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
+    differences: f64,
     /// Also writes groups_noisy.json: every pose turned by DEGREES and shifted by PART of the object's size; scales that
     /// differ change by half of PART
     #[arg(long, value_name = "DEGREES:PART", value_parser = parse_pose_noise)]
@@ -86,6 +89,7 @@ pub(super) fn run(args: &SynthArgs, printer: &Printer) -> Result<(), CliError> {
         size: args.size,
         seed: args.seed,
         instances: args.instances,
+        differences: args.differences,
         pose_noise: args.pose_noise,
     };
     let start = Instant::now();

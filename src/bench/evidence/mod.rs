@@ -30,6 +30,8 @@ pub struct SceneResult {
     pub segmentation: Segmentation,
     /// Instances of the trained scene, of the first seed.
     pub instances: u64,
+    /// How much of what its objects differ by is shown, 0..=1.
+    pub differences: f64,
     /// The same plain cloud with other settings, of the first seed.
     pub ablations: Vec<Ablation>,
     /// Device name.

@@ -2,7 +2,8 @@
 
 use super::tables::{frame_ratio, gain, psnr};
 use super::{Part, SceneResult};
-use crate::bench::comparison::names;
+use crate::bench::comparison::{SeedResult, names};
+use crate::scene::RepeatedBytes;
 use crate::train::report::chart::{Chart, Look, Series};
 
 /// Width of the longest bar, characters.
@@ -13,46 +14,65 @@ pub type Plot = (&'static str, String);
 
 /// Every plot that the measured scenes have something for.
 pub fn all(scenes: &[SceneResult]) -> Vec<Plot> {
-    let mut points: Vec<(&SceneResult, f64)> =
-        scenes.iter().filter(|s| s.part == Part::Scaling).map(|s| (s, s.instances as f64)).collect();
-    points.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let of = |figure: &dyn Fn(&SceneResult) -> Option<f64>| -> Vec<(f64, f64)> {
-        points.iter().filter_map(|&(scene, instances)| Some((instances, figure(scene)?))).collect()
-    };
-    let mean_over_seeds = |scene: &SceneResult, figure: &dyn Fn(&crate::bench::comparison::SeedResult) -> f64| {
-        (!scene.seeds.is_empty()).then(|| scene.seeds.iter().map(figure).sum::<f64>() / scene.seeds.len() as f64)
-    };
-    let ratio = |bytes: fn(&crate::scene::RepeatedBytes) -> u64| {
-        of(&|scene| mean_over_seeds(scene, &|s| s.repeated.ply as f64 / bytes(&s.repeated).max(1) as f64))
-    };
-    let (f16, q8) = (ratio(|r| r.f16), ratio(|r| r.q8));
-    let (time, bytes) = (of(&|s| gain(s, names::SAME_TIME, psnr)), of(&|s| gain(s, names::SAME_BYTES, psnr)));
-    let frames = of(&frame_ratio);
-    let chart = |title: &'static str, series: Vec<Series<'_>>, level: Option<(f64, &'static str)>| {
-        Chart { title, over: "instances", series, marks: (&[], ""), level, from_zero: false }.svg_file()
-    };
-    let series = |name: &'static str, points| Series { name, points, look: Look::Dots };
+    let scaling = Axis::of(scenes, Part::Scaling, "instances", |scene| scene.instances as f64);
+    let differences = Axis::of(scenes, Part::Differences, "share of the differences", |scene| scene.differences);
+    let time = |scene: &SceneResult| gain(scene, names::SAME_TIME, psnr);
+    let bytes = |scene: &SceneResult| gain(scene, names::SAME_BYTES, psnr);
+    let (f16, q8) = (|s: &SceneResult| times_smaller(s, |r| r.f16), |s: &SceneResult| times_smaller(s, |r| r.q8));
+    let above: [Line<'_>; 2] = [("of the same time", &time), ("of the same bytes", &bytes)];
+    let as_good = Some((0.0, "as good"));
     [
-        (
-            "scaling_bytes",
-            chart("Repeated part: times smaller than .ply", vec![series("f16", &f16), series("q8", &q8)], None),
-        ),
-        (
-            "scaling_psnr",
-            chart(
-                "dB above 3DGS",
-                vec![series("of the same time", &time), series("of the same bytes", &bytes)],
-                Some((0.0, "as good")),
-            ),
-        ),
+        ("scaling_bytes", scaling.drawn("Repeated part: times smaller than .ply", &[("f16", &f16), ("q8", &q8)], None)),
+        ("scaling_psnr", scaling.drawn("dB above 3DGS", &above, as_good)),
         (
             "scaling_fps",
-            chart("Frames per second over those of 3DGS", vec![series("same time", &frames)], Some((1.0, "as fast"))),
+            scaling.drawn(
+                "Frames per second over those of 3DGS",
+                &[("same time", &frame_ratio)],
+                Some((1.0, "as fast")),
+            ),
         ),
+        ("differences_psnr", differences.drawn("dB above 3DGS", &above, as_good)),
     ]
     .into_iter()
     .filter_map(|(name, svg)| Some((name, svg?)))
     .collect()
+}
+
+/// Name of a curve, and its figure of a scene.
+type Line<'a> = (&'static str, &'a dyn Fn(&SceneResult) -> Option<f64>);
+
+/// Scenes along a quantity.
+struct Axis<'a> {
+    name: &'static str,
+    /// In order of the quantity.
+    points: Vec<(&'a SceneResult, f64)>,
+}
+
+impl<'a> Axis<'a> {
+    fn of(scenes: &'a [SceneResult], part: Part, name: &'static str, at: fn(&SceneResult) -> f64) -> Self {
+        let of_part = scenes.iter().filter(|scene| scene.part == part);
+        let mut points: Vec<(&SceneResult, f64)> = of_part.map(|scene| (scene, at(scene))).collect();
+        points.sort_by(|a, b| a.1.total_cmp(&b.1));
+        Self { name, points }
+    }
+
+    /// `None` without points.
+    fn drawn(&self, title: &str, lines: &[Line<'_>], level: Option<(f64, &str)>) -> Option<String> {
+        let curve = |figure: &dyn Fn(&SceneResult) -> Option<f64>| -> Vec<(f64, f64)> {
+            self.points.iter().filter_map(|&(scene, at)| Some((at, figure(scene)?))).collect()
+        };
+        let curves: Vec<_> = lines.iter().map(|(name, figure)| (*name, curve(figure))).collect();
+        let series = curves.iter().map(|(name, points)| Series { name, points, look: Look::Dots }).collect();
+        Chart { title, over: self.name, series, marks: (&[], ""), level, from_zero: false }.svg_file()
+    }
+}
+
+/// The repeated part as .ply over its packed bytes, mean over the seeds.
+fn times_smaller(scene: &SceneResult, bytes: fn(&RepeatedBytes) -> u64) -> Option<f64> {
+    let ratio = |seed: &SeedResult| seed.repeated.ply as f64 / bytes(&seed.repeated).max(1) as f64;
+    let seeds = &scene.seeds;
+    (!seeds.is_empty()).then(|| seeds.iter().map(ratio).sum::<f64>() / seeds.len() as f64)
 }
 
 /// A line for each scene, with a bar from zero: how far InstGS is above 3DGS of the same time, dB.
@@ -74,8 +94,7 @@ pub fn bars(scenes: &[SceneResult]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::comparison::{Row, SeedResult};
-    use crate::scene::RepeatedBytes;
+    use crate::bench::comparison::Row;
 
     fn scene(name: &str, instances: u64, above: f64) -> SceneResult {
         let row = |name: &str, psnr| Row { name: name.into(), psnr, ..Row::default() };

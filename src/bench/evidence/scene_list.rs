@@ -62,6 +62,8 @@ pub struct Scene {
     pub seeds: Vec<u64>,
     /// Number of objects of the generator.
     pub instances: Option<u32>,
+    /// How much of what objects of a kind differ by is shown, 0..=1; 1 if not given.
+    pub differences: Option<f64>,
     /// Folder of a data set that exists, from where the list is.
     pub data: Option<PathBuf>,
     /// Known groups instead of found ones: `groups.json` of the data set.
@@ -91,6 +93,8 @@ pub enum Part {
     Failure,
     /// A point of the plots over the number of instances.
     Scaling,
+    /// A point of the plot over how much instances differ.
+    Differences,
 }
 
 /// A setting to compare with.
@@ -136,6 +140,8 @@ pub enum Source {
         seed: u64,
         /// Number of objects; `None` = the generator's own.
         instances: Option<u32>,
+        /// How much of their differences is shown, 0..=1.
+        differences: f64,
     },
     /// It exists.
     Folder(PathBuf),
@@ -171,12 +177,15 @@ impl SceneList {
                     if let Some(k) = scene.instances.filter(|k| !(least..=most).contains(k)) {
                         return at(format!("{name} makes {least} to {most} objects, not {k}"));
                     }
+                    if let Some(d) = scene.differences.filter(|d| !(0.0..=1.0).contains(d)) {
+                        return at(format!("differences are 0 to 1, not {d}"));
+                    }
                     if scene.seeds.is_empty() {
                         return at("needs seeds, for instance seeds = [1]".into());
                     }
                 }
-                (None, Some(_)) if scene.instances.is_some() || !scene.seeds.is_empty() => {
-                    return at("instances and seeds are for synth, not for data".into());
+                (None, Some(_)) if scene.is_made() => {
+                    return at("instances, differences and seeds are for synth, not for data".into());
                 }
                 (None, Some(data)) if data.file_name().is_none() => return at("data names no folder".into()),
                 (None, Some(_)) => {}
@@ -212,6 +221,11 @@ impl Size {
 }
 
 impl Scene {
+    /// True if it has what only a data set that is made can have.
+    fn is_made(&self) -> bool {
+        self.instances.is_some() || self.differences.is_some() || !self.seeds.is_empty()
+    }
+
     fn jobs(&self, folder: &Path, size: &Size) -> Vec<SceneJob> {
         let job = |name: String, source: Source, ablations: bool, of_size: &[String]| SceneJob {
             name,
@@ -229,8 +243,10 @@ impl Scene {
         let recipe = self.synth.clone().unwrap_or_default();
         let of_seed = |(i, &seed): (usize, &u64)| {
             let count = self.instances.map_or(String::new(), |k| format!("_of_{k}"));
-            let source = Source::Synth { recipe: recipe.clone(), seed, instances: self.instances };
-            job(format!("{recipe}{count}_{seed}"), source, self.ablations && i == 0, &[])
+            let alike = self.differences.map_or(String::new(), |d| format!("_differing_{d}"));
+            let differences = self.differences.unwrap_or(1.0);
+            let source = Source::Synth { recipe: recipe.clone(), seed, instances: self.instances, differences };
+            job(format!("{recipe}{count}{alike}_{seed}"), source, self.ablations && i == 0, &[])
         };
         self.seeds.iter().enumerate().map(of_seed).collect()
     }
@@ -295,6 +311,7 @@ name = "none"
         for (from, to, words) in [
             ("\"cars\"", "\"boats\"", "no generator boats"),
             ("instances = 4", "instances = 4000", "4000"),
+            ("instances = 4", "differences = 1.5", "differences are 0 to 1"),
             ("seeds = [1, 2]", "", "needs seeds"),
             ("seeds = [1, 2]", "seeds = [1, 1]", "cars_1 is listed twice"),
             ("data = \"../room\"", "data = \"../room\"\nsynth = \"cars\"", "either synth or data"),
@@ -312,7 +329,8 @@ name = "none"
         let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
         let list = SceneList::read(&configs.join("rescene.toml"))?;
         let jobs = list.jobs(&configs, list.size("ci")?);
-        let counted = jobs.iter().filter(|j| j.part != Part::Scaling && matches!(j.source, Source::Synth { .. }));
+        let counts = |job: &&SceneJob| matches!(job.part, Part::Scene | Part::Failure);
+        let counted = jobs.iter().filter(counts).filter(|j| matches!(j.source, Source::Synth { .. }));
         assert_eq!(counted.count(), 20, "the five generators with four seeds");
         let small = SceneList::read(&configs.join("bench/ci.toml"))?;
         assert!(!small.jobs(&configs, small.size("ci")?).is_empty());

@@ -45,6 +45,7 @@ pub fn all(scenes: &[SceneResult]) -> Vec<Sheet> {
     out.extend(ablations(scenes));
     out.extend(failure(&of_part(scenes, Part::Failure)));
     out.extend(scaling(&of_part(scenes, Part::Scaling)));
+    out.extend(alike(&of_part(scenes, Part::Differences)));
     out.push(published());
     out
 }
@@ -366,6 +367,28 @@ fn scaling(scenes: &[&SceneResult]) -> Option<Sheet> {
             "repeated x f16",
             "x frames/s",
         ],
+        rows: scenes.iter().map(row).collect(),
+    })
+}
+
+/// Over how much instances differ.
+fn alike(scenes: &[&SceneResult]) -> Option<Sheet> {
+    let row = |scene: &&SceneResult| {
+        vec![
+            scene.name.clone().into(),
+            Cell::Number(scene.differences, 2),
+            Cell::maybe(of_row(scene, names::OURS, psnr), 2),
+            Cell::maybe(gain(scene, names::SAME_TIME, psnr), 2),
+            Cell::maybe(gain(scene, names::SAME_TIME, |row| row.psnr_in_masks), 2),
+            Cell::maybe(gain(scene, names::SAME_BYTES, psnr), 2),
+            Cell::maybe(frame_ratio(scene), 2),
+        ]
+    };
+    (!scenes.is_empty()).then(|| Sheet {
+        key: "differences",
+        title: "Over how much instances differ".into(),
+        note: "0 = all objects look as the first, 1 = paint, parts and all; dB above 3DGS.".into(),
+        head: vec!["scene", "differences", "PSNR", "same time", "same, in masks", "same bytes", "x frames/s"],
         rows: scenes.iter().map(row).collect(),
     })
 }

@@ -68,7 +68,7 @@ pub(super) fn run_scene(evidence: &Evidence<'_>, job: &SceneJob) -> Result<Scene
 fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError> {
     match &job.source {
         Source::Folder(folder) => Ok(folder.clone()),
-        Source::Synth { recipe, seed, instances } => {
+        Source::Synth { recipe, seed, instances, differences } => {
             let [width, height] = evidence.size.pixels;
             let folder = evidence.out.join("data").join(format!("{}_{width}x{height}", job.name));
             let options = dataset::Options {
@@ -76,6 +76,7 @@ fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError>
                 size: (width, height),
                 seed: *seed,
                 instances: *instances,
+                differences: *differences,
                 pose_noise: None,
             };
             make_data(recipe, &folder, &options, evidence.session.printer)?;
@@ -106,7 +107,7 @@ fn measured(
     let session = &evidence.session;
     let rivals = match job.part {
         Part::Scene => vec![Rival::AtOnce, Rival::Mcmc, Rival::SameBytes, Rival::Spz, Rival::Rigid],
-        Part::Scaling => vec![Rival::SameBytes],
+        Part::Scaling | Part::Differences => vec![Rival::SameBytes],
         Part::Failure => Vec::new(),
     };
     let comparison = Comparison {
@@ -134,6 +135,10 @@ fn measured(
         seeds,
         segmentation: segmentation(&runs, &report, &views)?,
         instances: report.groups.iter().map(|group| group.instances.len() as u64).sum(),
+        differences: match job.source {
+            Source::Synth { differences, .. } => differences,
+            Source::Folder(_) => 1.0,
+        },
         ablations: if job.ablations { ablations(evidence, &comparison, &runs, &views)? } else { Vec::new() },
         device: session.gpu.caps().name.clone(),
     })

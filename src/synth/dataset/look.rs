@@ -1,5 +1,7 @@
 //! What surfaces are made of.
 
+use std::sync::Arc;
+
 use glam::Vec3;
 
 use super::noise::{fractal, smooth_step};
@@ -55,6 +57,26 @@ pub trait Look: Send + Sync {
 impl<F: Fn(&Spot) -> Surface + Send + Sync> Look for F {
     fn surface(&self, spot: &Spot) -> Surface {
         self(spot)
+    }
+}
+
+/// The way from one look to another.
+pub struct Between {
+    /// From and to.
+    pub looks: [Arc<dyn Look>; 2],
+    /// How far, 0..=1.
+    pub share: f32,
+}
+
+impl Look for Between {
+    fn surface(&self, spot: &Spot) -> Surface {
+        let [a, b] = [&self.looks[0], &self.looks[1]].map(|look| look.surface(spot));
+        let mix = |a: f32, b: f32| a + (b - a) * self.share;
+        Surface {
+            albedo: a.albedo.lerp(b.albedo, self.share),
+            coat: mix(a.coat, b.coat),
+            through: mix(a.through, b.through),
+        }
     }
 }
 

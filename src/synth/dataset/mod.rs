@@ -48,13 +48,16 @@ pub struct Options {
     pub seed: u64,
     /// Number of objects, `None` = the scene's own; see [`Recipe::instances`].
     pub instances: Option<u32>,
+    /// How much of what objects of a kind differ by is shown, 0..=1: at 0 all look as the first of them, and from 0.5 on
+    /// each has its own parts. Sizes stay.
+    pub differences: f64,
     /// Also writes `groups_noisy.json`, with poses that are off by this much.
     pub pose_noise: Option<PoseNoise>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { views: 48, size: (320, 180), seed: 1, instances: None, pose_noise: None }
+        Self { views: 48, size: (320, 180), seed: 1, instances: None, differences: 1.0, pose_noise: None }
     }
 }
 
@@ -112,7 +115,7 @@ pub fn build(name: &str, options: &Options) -> Result<Scene, SynthError> {
         });
     }
     check(options)?;
-    Ok((recipe.build)(options.seed, count))
+    Ok((recipe.build)(options.seed, count).with_differences(options.differences as f32))
 }
 
 fn check(options: &Options) -> Result<(), SynthError> {
@@ -123,6 +126,9 @@ fn check(options: &Options) -> Result<(), SynthError> {
     }
     if !(2..=MAX_VIEWS).contains(&options.views) {
         return fail("views", format!("{} is not within 2 to {MAX_VIEWS}", options.views));
+    }
+    if !(0.0..=1.0).contains(&options.differences) {
+        return fail("differences", format!("{} is not within 0 to 1", options.differences));
     }
     let sound = |n: PoseNoise| (0.0..=180.0).contains(&n.degrees) && (0.0..=1.0).contains(&n.part);
     if options.pose_noise.is_some_and(|n| !sound(n)) {

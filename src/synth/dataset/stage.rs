@@ -1,5 +1,7 @@
 //! What a scene is put together on.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec3, Vec3};
 
 use super::light::Daylight;
@@ -25,6 +27,12 @@ pub struct Scene {
 }
 
 impl Scene {
+    /// The same scene, with so much of the differences between objects of a kind; see [`World::with_differences`].
+    pub fn with_differences(self, share: f32) -> Self {
+        let world = if share < 1.0 { self.world.with_differences(&self.kinds, share) } else { self.world };
+        Self { world, ..self }
+    }
+
     /// How much computed light counts at a place of the world: 1 in the core, 0 outside, smooth between.
     pub fn core_share(&self, position: Vec3) -> f32 {
         let distance = position.distance(self.rig.target.as_vec3());
@@ -55,7 +63,7 @@ impl Stage {
 
     /// Adds something of the background.
     pub fn prop(&mut self, mesh: usize, place: Similarity, look: impl Look + 'static) {
-        self.bodies.push(Body { meshes: vec![mesh], world_from_object: place, look: Box::new(look), id: 0 });
+        self.bodies.push(Body { meshes: vec![mesh], world_from_object: place, look: Arc::new(look), id: 0 });
     }
 
     /// Adds an object to the group of this name.
@@ -66,7 +74,7 @@ impl Stage {
             Some(kind) => kind.ids.push(id),
             None => self.kinds.push(Kind { name: kind.into(), ids: vec![id] }),
         }
-        self.bodies.push(Body { meshes, world_from_object: place, look: Box::new(look), id });
+        self.bodies.push(Body { meshes, world_from_object: place, look: Arc::new(look), id });
     }
 
     /// The scene.

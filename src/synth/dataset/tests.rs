@@ -6,7 +6,8 @@ use crate::io::groups::read_groups;
 use crate::io::masks::{read_categories, read_mask};
 use crate::math::similarity::Similarity;
 
-const TINY: Options = Options { views: 9, size: (25, 17), seed: 3, instances: None, pose_noise: None };
+const TINY: Options =
+    Options { views: 9, size: (25, 17), seed: 3, instances: None, differences: 1.0, pose_noise: None };
 
 fn bytes_below(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut out = BTreeMap::new();
@@ -41,6 +42,32 @@ fn the_same_options_give_the_same_bytes() {
 fn bytes_of(out: &Path, options: &Options) -> BTreeMap<String, Vec<u8>> {
     write("unrelated", out, options, &mut |_| {}).unwrap();
     bytes_below(out)
+}
+
+/// With all differences nothing changes; with none, every car has the meshes and the paint of the first.
+#[test]
+fn differences_shrink_to_none() {
+    use super::look::Spot;
+    let scene = |differences: f64| build("cars", &Options { differences, ..TINY }).unwrap();
+    let meshes = |scene: &Scene| -> Vec<Vec<usize>> {
+        scene.world.bodies().iter().filter(|b| b.id > 0).map(|b| b.meshes.clone()).collect()
+    };
+    let [none, some, all] = [0.0, 0.5, 1.0].map(scene);
+    assert!(meshes(&none).iter().all(|m| *m == meshes(&all)[0]));
+    assert_eq!(meshes(&some), meshes(&all));
+    assert!(meshes(&all).iter().any(|m| *m != meshes(&all)[0]));
+    let door = Spot { part: 0, position: glam::Vec3::new(0.7, 0.85, 0.5), normal: glam::Vec3::Y, footprint: 0.01 };
+    let paint = |scene: &Scene, id: u32| {
+        let body = scene.world.bodies().iter().find(|b| b.id == id).unwrap();
+        body.look.surface(&door).albedo
+    };
+    for id in 2..=8 {
+        assert_eq!(paint(&none, id), paint(&all, 1));
+        let middle = 0.5 * (paint(&all, 1) + paint(&all, id));
+        assert!((paint(&some, id) - middle).length() < 1e-6);
+    }
+    assert_ne!(paint(&all, 2), paint(&all, 1));
+    assert!(build("cars", &Options { differences: 1.5, ..TINY }).is_err_and(|e| e.to_string().contains("differences")));
 }
 
 /// What is written is read back by the program's own readers, and agrees.

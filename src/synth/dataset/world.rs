@@ -1,10 +1,12 @@
 //! A world of placed meshes, and what rays meet there.
 
+use std::sync::Arc;
+
 use glam::{Affine3A, Vec3, Vec3A};
 
 use super::bvh::{Bounds, Bvh, Ray};
 use super::light::Daylight;
-use super::look::{Look, Spot, Surface};
+use super::look::{Between, Look, Spot, Surface};
 use super::mesh::{Mesh, MeshHit};
 use crate::math::similarity::Similarity;
 
@@ -15,7 +17,7 @@ pub struct Body {
     /// Where it is.
     pub world_from_object: Similarity,
     /// Its materials.
-    pub look: Box<dyn Look>,
+    pub look: Arc<dyn Look>,
     /// Id in the masks; 0 = background.
     pub id: u32,
 }
@@ -96,6 +98,22 @@ impl World {
         let (bvh, leaves) = Bvh::build(&boxes, 1);
         let pieces = leaves.iter().flatten().map(|&i| pieces[i as usize]).collect();
         Self { meshes, bodies, pieces, bvh, light }
+    }
+
+    /// The same world, in which the objects of a kind differ by the part `share` of what they differ by: materials lie that
+    /// far from the reference's to their own, and from a half on each has its own meshes.
+    pub fn with_differences(mut self, kinds: &[Kind], share: f32) -> Self {
+        for kind in kinds {
+            let Some(reference) = self.bodies.iter().find(|body| kind.ids.first() == Some(&body.id)) else { continue };
+            let (look, meshes) = (reference.look.clone(), reference.meshes.clone());
+            for body in self.bodies.iter_mut().filter(|body| kind.ids[1..].contains(&body.id)) {
+                if share < 0.5 {
+                    body.meshes.clone_from(&meshes);
+                }
+                body.look = Arc::new(Between { looks: [look.clone(), body.look.clone()], share });
+            }
+        }
+        Self::new(self.meshes, self.bodies, self.light)
     }
 
     /// The bodies.

@@ -32,7 +32,7 @@ pub(crate) struct Chart<'a> {
     /// Vertical marks and what they mean.
     pub(crate) marks: (&'a [f64], &'a str),
     /// A value to compare with, and what it is.
-    pub(crate) level: Option<(f64, &'a str)>,
+    pub(crate) level: Level<'a>,
     /// True if the vertical axis begins at 0.
     pub(crate) from_zero: bool,
 }
@@ -77,9 +77,12 @@ impl Chart<'_> {
 /// Thinned curves, how each is drawn, and the number of its colour.
 type Drawn = Vec<(Points, Look, usize)>;
 
+/// A value to compare with, and what it is.
+type Level<'a> = Option<(f64, &'a str)>;
+
 impl<'a> Chart<'a> {
     /// What there is to draw; nothing without points.
-    fn drawn(&self) -> Option<(Frame, Drawn, Option<(f64, &'a str)>)> {
+    fn drawn(&self) -> Option<(Frame, Drawn, Level<'a>)> {
         let drawn: Drawn = (self.series.iter().enumerate())
             .map(|(i, s)| (thinned(s.points, MOST_POINTS), s.look, i + 1))
             .filter(|(points, ..)| !points.is_empty())
@@ -98,7 +101,7 @@ impl<'a> Chart<'a> {
     }
 
     /// Axes and curves.
-    fn body(&self, frame: &Frame, drawn: &Drawn, marks: &[f64], level: Option<(f64, &str)>) -> String {
+    fn body(&self, frame: &Frame, drawn: &Drawn, marks: &[f64], level: Level<'_>) -> String {
         let mut svg = frame.axes(self.over);
         marks.iter().for_each(|&mark| svg += &frame.mark(mark, self.marks.1));
         drawn.iter().for_each(|(points, look, color)| svg += &frame.curve(points, *look, *color));
