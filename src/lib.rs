@@ -101,7 +101,7 @@
 //! - L4 `template`: templates, instances and first offsets from a labelled cloud and posed groups; pruning.
 //! - L5 `synth`: procedural scenes, and ray-traced data sets with known poses, among them that of `instgs-vk demo`.
 //! - L5 `train`: configuration, start, steps, densification, checkpoints, events, report.
-//! - L6 `bench`: measurements and their report.
+//! - L6 `bench`: measurements and their report; `evidence` makes the tables and plots of many of them.
 //! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
 //!
 //! # Conventions

@@ -291,18 +291,22 @@ fn template_plus_offset_is_an_own_gaussian() {
     }
 }
 
-/// Offsets not wanted are zero, or empty.
+/// Offsets not wanted are zero, or empty; without any, instances have no records.
 #[test]
 fn only_wanted_kinds_differ() {
     let input = lumps(2, &[200, 200]);
     let none = OffsetKinds { position: false, sh_dc: false, opacity: false, sh_rest: false, covariance: false };
     for kind in 0..4 {
         let kinds = OffsetKinds { position: kind == 1, sh_dc: kind == 2, opacity: kind == 3, ..none };
-        let offsets = build_one(&input, &TemplateOptions { kinds, ..TemplateOptions::default() }).scene.offsets;
+        let scene = build_one(&input, &TemplateOptions { kinds, ..TemplateOptions::default() }).scene;
+        let offsets = scene.offsets;
         assert_eq!(offsets.means.iter().flatten().any(|&v| v != 0.0), kinds.position);
         assert_eq!(offsets.sh_dc.iter().flatten().any(|&v| v != 0.0), kinds.sh_dc);
         assert_eq!(offsets.opacity_logits.iter().any(|&v| v != 0.0), kinds.opacity);
-        assert!(offsets.len() == 400 && offsets.sh_rest.is_empty() && offsets.quats.is_empty());
+        assert!(scene.instances.iter().all(|i| i.first_offset.is_some() == kinds.any()));
+        assert!(
+            offsets.len() == if kind == 0 { 0 } else { 400 } && offsets.sh_rest.is_empty() && offsets.quats.is_empty()
+        );
     }
     let zero = build_one(&input, &TemplateOptions { offsets: OffsetInit::Zero, ..TemplateOptions::default() });
     assert!(zero.scene.offsets.means.iter().flatten().all(|&v| v == 0.0) && zero.scene.offsets.len() == 400);

@@ -31,7 +31,7 @@ pub struct Built {
 ///
 /// Gaussians of an instance that are not finite are left out and counted in the report. A group without a usable instance
 /// is left out, and its Gaussians stay in the background. Otherwise all its instances become instances of the scene, in
-/// the groups' order, each with its own offset records; `scene.groups` numbers templates as the scene does.
+/// the groups' order, each with its own offset records (none if no kind of offset is asked for); `scene.groups` numbers templates as the scene does.
 ///
 /// The same input gives the same bits. Time grows as N log N with the Gaussians of a group.
 pub fn build(
@@ -82,9 +82,11 @@ fn add_group(
         scene.instances.push(Instance {
             template: scene.template_ranges.len() as u32,
             world_from_template: group.instances[k].world_from_template,
-            first_offset: Some(scene.offsets.len() as u32),
+            first_offset: options.kinds.any().then_some(scene.offsets.len() as u32),
         });
-        report.instances[k].lacking = push_offsets(&template, cloud, own, options, &mut scene.offsets);
+        if options.kinds.any() {
+            report.instances[k].lacking = push_offsets(&template, cloud, own, options, &mut scene.offsets);
+        }
         report.instances[k].match_distance = distances[k];
     }
     let instance_ids = group.instances.iter().map(|i| i.id).collect();

@@ -68,6 +68,13 @@ pub struct OffsetKinds {
     pub covariance: bool,
 }
 
+impl OffsetKinds {
+    /// False if instances have nothing of their own but their place.
+    pub fn any(&self) -> bool {
+        self.position || self.sh_dc || self.opacity || self.sh_rest || self.covariance
+    }
+}
+
 impl Default for OffsetKinds {
     /// The paper's: position, base colour, opacity.
     fn default() -> Self {
