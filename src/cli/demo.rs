@@ -20,7 +20,7 @@ use crate::train::config::{ConfigBuilder, TrainConfig};
 use crate::train::interrupt::Interrupt;
 
 /// Steps of the plain cloud, of the joint phase, and the most Gaussians: a few minutes on two CPU cores.
-const QUICK: [&str; 3] = ["steps=700", "joint.steps=400", "max_gaussians=40000"];
+const QUICK: [&str; 3] = ["steps=400", "joint.steps=700", "max_gaussians=40000"];
 /// Timed frames of each scene.
 const FRAMES: u32 = 18;
 

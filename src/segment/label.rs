@@ -61,6 +61,8 @@ pub struct Labels {
     pub instance_of_gaussian: Vec<u32>,
     /// By Gaussian: sum of alpha T over all pixels of all views, in pixels; 0 = never seen.
     pub weights_px: Vec<f64>,
+    /// By Gaussian: views in which it adds to a pixel.
+    pub views_seen: Vec<u32>,
     /// By object, every one that has a mask.
     pub instances: BTreeMap<u32, InstanceStats>,
     /// Gaussians that were never seen and got the label of their neighbours.
@@ -165,6 +167,7 @@ fn decide(means: &[[f32; 3]], votes: &Votes, objects_of_view: &[Vec<u16>], optio
     Labels {
         instance_of_gaussian: labels.into_iter().map(u32::from).collect(),
         weights_px: votes.weights().iter().map(|&weight| weight as f64 / one).collect(),
+        views_seen: votes.views().to_vec(),
         instances,
         filled,
         strays,

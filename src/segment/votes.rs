@@ -36,12 +36,14 @@ pub struct Votes {
     votes: Vec<Vote>,
     /// By Gaussian: weight in all pixels of all views.
     weights: Vec<u64>,
+    /// By Gaussian: views in which it adds to a pixel.
+    views: Vec<u32>,
 }
 
 impl Votes {
     /// No votes for `gaussians` Gaussians.
     pub fn new(gaussians: usize) -> Self {
-        Self { votes: Vec::new(), weights: vec![0; gaussians] }
+        Self { votes: Vec::new(), weights: vec![0; gaussians], views: vec![0; gaussians] }
     }
 
     /// By Gaussian: weight in all pixels of all views; 0 = never seen.
@@ -49,10 +51,18 @@ impl Votes {
         &self.weights
     }
 
-    /// What a view shows of each Gaussian, whatever its mask says.
+    /// By Gaussian: views in which it adds to a pixel.
+    pub fn views(&self) -> &[u32] {
+        &self.views
+    }
+
+    /// What a view shows of each Gaussian, whatever its mask says; `contributions` by Gaussian.
     pub fn add_weights(&mut self, contributions: &[Contribution]) {
-        for c in contributions {
-            self.weights[c.gaussian as usize] += c.weight;
+        for of_gaussian in contributions.chunk_by(|a, b| a.gaussian == b.gaussian) {
+            let gaussian = of_gaussian[0].gaussian as usize;
+            let weight: u64 = of_gaussian.iter().map(|c| c.weight).sum();
+            self.weights[gaussian] += weight;
+            self.views[gaussian] += u32::from(weight > 0);
         }
     }
 
@@ -134,6 +144,7 @@ mod tests {
         let vote = |gaussian, id, inside, shown| Vote { gaussian, id, inside, shown };
         assert_eq!(votes.votes, [vote(0, 4, 40, 47), vote(0, 9, 37, 87), vote(2, 9, 5, 5)]);
         assert_eq!(votes.weights(), [187, 8, 6, 0]);
+        assert_eq!(votes.views(), [3, 1, 2, 0]);
     }
 
     #[test]

@@ -34,6 +34,8 @@ pub const LABELS: &str = "labels.safetensors";
 pub(super) const LABEL_TENSOR: &str = "instance_of_gaussian";
 /// The tensor of what Gaussians add to the pictures.
 const WEIGHT_TENSOR: &str = "weight_px";
+/// The tensor of how many views show them.
+const VIEWS_TENSOR: &str = "views_seen";
 
 /// The objects of a cloud.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,6 +44,8 @@ pub struct Segmented {
     pub labels: Vec<u32>,
     /// By Gaussian: sum of alpha T over all pixels of all training views.
     pub weights_px: Vec<f32>,
+    /// By Gaussian: training views in which it adds to a pixel.
+    pub views_seen: Vec<u32>,
     /// How objects were found.
     pub consensus: ConsensusReport,
     /// The training views' cameras, at the width that is trained at.
@@ -51,10 +55,13 @@ pub struct Segmented {
 }
 
 impl Segmented {
-    /// By Gaussian: true if its weight is at least this part of the mean.
+    /// By Gaussian: true if its weight per view that shows it is at least this part of the mean. Per view, because what
+    /// only a few pictures show, at their borders, may be all that there is in other pictures.
     pub fn well_seen(&self, part_of_mean: f64) -> Vec<bool> {
-        let mean = self.weights_px.iter().map(|&w| f64::from(w)).sum::<f64>() / self.weights_px.len().max(1) as f64;
-        self.weights_px.iter().map(|&w| f64::from(w) >= part_of_mean * mean).collect()
+        let per_view = |(&weight, &views): (&f32, &u32)| f64::from(weight) / f64::from(views.max(1));
+        let weights: Vec<f64> = self.weights_px.iter().zip(&self.views_seen).map(per_view).collect();
+        let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
+        weights.into_iter().map(|weight| weight >= part_of_mean * mean).collect()
     }
 
     /// Reads what [`segmented`] left in a folder for a cloud of so many Gaussians.
@@ -67,13 +74,14 @@ impl Segmented {
         let mut file = Checkpoint::read(&path)?;
         let labels: Vec<u32> = file.take(LABEL_TENSOR, &[], &path)?;
         let weights_px: Vec<f32> = file.take(WEIGHT_TENSOR, &[], &path)?;
-        if [labels.len(), weights_px.len()] != [gaussians; 2] {
+        let views_seen: Vec<u32> = file.take(VIEWS_TENSOR, &[], &path)?;
+        if [labels.len(), weights_px.len(), views_seen.len()] != [gaussians; 3] {
             let what = format!("has {} labels, and the cloud {gaussians} Gaussians", labels.len());
             return Err(IoError::new(&path, what).advise("segment the scene again, into another folder").into());
         }
         let found: Consensus = read_json(&folder.join(CONSENSUS))?;
         let cameras = read_cameras(&folder.join(CAMERAS))?;
-        Ok(Self { labels, weights_px, consensus: found.report, cameras, stages: Vec::new() })
+        Ok(Self { labels, weights_px, views_seen, consensus: found.report, cameras, stages: Vec::new() })
     }
 
     fn write(&self, found: &Consensus, folder: &Path) -> Result<(), TrainError> {
@@ -82,6 +90,7 @@ impl Segmented {
         let mut file = Checkpoint::default();
         file.put(LABEL_TENSOR, &[self.labels.len()], self.labels.clone());
         file.put(WEIGHT_TENSOR, &[self.weights_px.len()], self.weights_px.clone());
+        file.put(VIEWS_TENSOR, &[self.views_seen.len()], self.views_seen.clone());
         Ok(file.write(&folder.join(LABELS))?)
     }
 }
@@ -153,6 +162,7 @@ pub fn segmented(
     let out = Segmented {
         labels: labels.instance_of_gaussian,
         weights_px: labels.weights_px.iter().map(|&weight| weight as f32).collect(),
+        views_seen: labels.views_seen,
         consensus: found.report.clone(),
         cameras,
         stages: vec![consensus_stage, stage("segment", labelling)],
