@@ -265,6 +265,13 @@ fn the_comparison_has_all_its_rows_and_is_not_done_twice() {
         assert!(rows[1]["seconds"].as_f64() > rows[0]["seconds"].as_f64(), "{rows:?}");
         assert!(rows[2]["host_bytes"].as_u64().unwrap() <= rows[3]["host_bytes"].as_u64().unwrap());
         assert!(result["fps"][0].as_f64().unwrap() > 0.0);
+        // 62 numbers a Gaussian, for as many as the merge says it took from the plain cloud.
+        let merged = json(at.join(format!("c/seed_{}/instgs/report.json", result["seed"])));
+        let groups = merged["groups"].as_array().unwrap();
+        let gaussians = |i: &Value| i["gaussians"].as_u64().unwrap();
+        let of_group = |g: &Value| -> u64 { g["instances"].as_array().unwrap().iter().map(gaussians).sum() };
+        let taken: u64 = groups.iter().map(of_group).sum();
+        assert!(taken > 0 && result["replaced_ply"] == 248 * taken, "{result}");
     }
     assert!(fs::read_to_string(at.join("c/compare.md")).unwrap().contains("| InstGS |"));
     let written = |name: &str| fs::metadata(at.join("c/seed_3").join(name)).unwrap().modified().unwrap();

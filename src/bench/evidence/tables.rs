@@ -198,6 +198,8 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
             Cell::maybe(of(|s| s.repeated.ply as f64 / s.repeated.f32.max(1) as f64), 2),
             Cell::maybe(of(|s| s.repeated.ply as f64 / s.repeated.f16.max(1) as f64), 2),
             Cell::maybe(of(|s| s.repeated.ply as f64 / s.repeated.q8.max(1) as f64), 2),
+            Cell::maybe(of(|s| s.replaced_ply as f64 / s.repeated.f16.max(1) as f64), 2),
+            Cell::maybe(of(|s| s.replaced_ply as f64 / s.repeated.q8.max(1) as f64), 2),
             Cell::maybe(ratio(host(names::SAME_TIME), host(names::OURS)), 2),
             Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_F16)), 2),
             Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_Q8)), 2),
@@ -207,7 +209,8 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
         key: "sizes",
         title: "How much smaller".into(),
         note: "The repeated part beside the same objects as .ply (the analytic bound is 248K/(124+14K) for K instances \
-               with f16, 248K/(124+7K) with q8), then the whole scene beside 3DGS of the same time: as the device gets it, \
+               with f16, 248K/(124+7K) with q8); beside the plain cloud's own Gaussians of the objects (templates may \
+               have more than an object had); then the whole scene beside 3DGS of the same time: as the device gets it, \
                and as files."
             .into(),
         head: vec![
@@ -217,6 +220,8 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
             "x f32",
             "x f16",
             "x q8",
+            "own x f16",
+            "own x q8",
             "scene x host",
             "scene x f16",
             "scene x q8",

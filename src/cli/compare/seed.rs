@@ -75,12 +75,19 @@ pub(super) fn compare_seed(
     let mut result = SeedResult {
         seed,
         repeated: RepeatedBytes::of(&instanced),
+        replaced_ply: replaced_gaussians(&ours) * ply_row_bytes(instanced.templates.sh_degree),
         more_steps_by_clock,
         warnings: ours.warnings,
         ..SeedResult::default()
     };
     measure(session, comparison, &runs, &subjects, &mut result, on_picture)?;
     Ok(result)
+}
+
+/// Gaussians of the plain cloud that became instances.
+fn replaced_gaussians(report: &RunReport) -> u64 {
+    let shared = report.groups.iter().filter(|group| group.template.is_some());
+    shared.flat_map(|group| &group.instances).map(|instance| instance.gaussians as u64).sum()
 }
 
 fn of_cloud(name: &'static str, folder: &str, report: &RunReport) -> Subject {

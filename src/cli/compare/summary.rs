@@ -79,6 +79,13 @@ pub(super) fn print_summary(table: &[[String; 9]], results: &[SeedResult], print
             grouped(repeated.q8),
             ratio(repeated.q8)
         ));
+        let ratio = |bytes: u64| result.replaced_ply as f64 / bytes.max(1) as f64;
+        printer.line(format_args!(
+            "the plain cloud's own Gaussians of these objects: {} bytes as .ply ({:.1}x those as f16, {:.1}x as q8)",
+            grouped(result.replaced_ply),
+            ratio(repeated.f16),
+            ratio(repeated.q8)
+        ));
     }
     let fps: Vec<f64> = results.iter().filter_map(|r| r.fps.map(|f| f[0] / f[1])).collect();
     if !fps.is_empty() {
