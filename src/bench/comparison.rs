@@ -51,8 +51,8 @@ pub struct SeedResult {
     pub passes_ms: Vec<(String, f64, f64)>,
     /// The repeated part of the scene.
     pub repeated: RepeatedBytes,
-    /// Bytes as .ply of the plain cloud's own Gaussians that the instances stand for. Less than those of `repeated` where
-    /// templates have more Gaussians than an object had.
+    /// Bytes as .ply of the plain cloud's own Gaussians that became instances, those left out as hardly seen not
+    /// counted. Less than that of `repeated` where templates have more Gaussians than an object had.
     #[serde(default)]
     pub replaced_ply: u64,
     /// Steps for which the plain cloud would have been trained on by the clock.

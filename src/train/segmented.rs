@@ -193,3 +193,24 @@ fn label_options(job: &TrainJob) -> LabelOptions {
         render: eval_options(&job.config),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The first two add as much to all pictures, the first in one of them, the second in 40 and hardly in any. By sums the
+    /// two would share their fate.
+    #[test]
+    fn what_one_picture_shows_well_stays_and_what_many_hardly_show_goes() {
+        let segmented = Segmented {
+            weights_px: vec![3.0, 3.0, 100.0, 0.0],
+            views_seen: vec![1, 40, 20, 0],
+            ..Segmented::default()
+        };
+        // Per view 3, 0.075, 5, 0: the mean is 2.02.
+        assert_eq!(segmented.well_seen(0.1), [true, false, true, false]);
+        assert_eq!(segmented.well_seen(0.03), [true, true, true, false]);
+        assert_eq!(segmented.well_seen(0.0), [true; 4]);
+        assert!(Segmented::default().well_seen(0.1).is_empty());
+    }
+}

@@ -84,7 +84,7 @@ pub(super) fn compare_seed(
     Ok(result)
 }
 
-/// Gaussians of the plain cloud that became instances.
+/// Gaussians of the plain cloud that became instances, those left out as hardly seen not counted.
 fn replaced_gaussians(report: &RunReport) -> u64 {
     let shared = report.groups.iter().filter(|group| group.template.is_some());
     shared.flat_map(|group| &group.instances).map(|instance| instance.gaussians as u64).sum()
