@@ -82,7 +82,7 @@ fn every_kernel_has_its_wrapper_twin_and_test() {
 }
 
 /// Layer of each module; a module may use its own layer's siblings only where listed, and any lower layer.
-const LAYERS: [(&str, u32); 16] = [
+const LAYERS: [(&str, u32); 17] = [
     ("math", 0),
     ("gpu", 1),
     ("scene", 1),
@@ -98,6 +98,7 @@ const LAYERS: [(&str, u32); 16] = [
     ("synth", 5),
     ("train", 5),
     ("bench", 6),
+    ("player", 6),
     ("cli", 7),
 ];
 

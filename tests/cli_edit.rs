@@ -4,56 +4,25 @@ use std::fs;
 use std::path::PathBuf;
 
 use assert_cmd::Command;
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use instgs_vk::io::{load_scene, save_scene};
-use instgs_vk::math::sh::SH_C0;
-use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 use serde_json::Value;
 
+#[path = "common/chairs.rs"]
+mod chairs;
 #[path = "common/program.rs"]
 mod program;
+use chairs::chairs;
 use program::{error_of, program, skips_gpu};
 
 fn json_of(command: &mut Command) -> Value {
     serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap()
 }
 
-/// Three chairs in a row along x, two with offsets, and a floor of one Gaussian; y is down.
-fn scene() -> InstancedScene {
-    let mut chair = Gaussians::with_capacity(0, 4);
-    for (k, mean) in [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0], [0.0, -0.2, 0.1], [0.0, -0.4, -0.1]].into_iter().enumerate() {
-        chair.means.push(mean);
-        chair.quats.push([1.0, 0.0, 0.2 * k as f32, 0.0]);
-        chair.log_scales.push([0.1f32.ln(); 3]);
-        chair.opacity_logits.push(3.0);
-        chair.sh.push([1.0, 0.0, 0.2 * k as f32].map(|c| (c - 0.5) / SH_C0 as f32));
-    }
-    let instance = |k: u32| Instance {
-        template: 0,
-        world_from_template: Similarity::from_parts(DMat3::IDENTITY, 1.0, DVec3::new(f64::from(k), 0.0, 0.0)),
-        first_offset: (k < 2).then_some(4 * k),
-    };
-    InstancedScene {
-        background: chair.filtered(|i| i == 0),
-        templates: chair,
-        template_ranges: vec![TemplateRange { first: 0, count: 4 }],
-        instances: (0..3).map(instance).collect(),
-        offsets: Offsets {
-            means: vec![[0.0, 0.01, 0.0]; 8],
-            sh_dc: vec![[0.1, 0.0, 0.0]; 8],
-            opacity_logits: vec![0.5; 8],
-            ..Offsets::default()
-        },
-        groups: vec![Group { template_id: 0, name: Some("chair".into()), instance_ids: vec![3, 7, 11] }],
-        ..InstancedScene::default()
-    }
-}
-
 fn folder() -> (tempfile::TempDir, impl Fn(&str) -> PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().to_path_buf();
-    save_scene(&root.join("room.instgs"), &scene()).unwrap();
+    save_scene(&root.join("room.instgs"), &chairs()).unwrap();
     (folder, move |name: &str| root.join(name))
 }
 
@@ -89,7 +58,7 @@ fn edits_are_done_in_order_and_the_result_loads() {
     edited.validate().unwrap();
     assert_eq!((edited.offsets.len(), edited.groups[0].instance_ids.as_slice()), (8, [7, 11, 12, 13, 14].as_slice()));
     assert_eq!(edited.instances[0].world_from_template.translation(), DVec3::new(1.0, 0.0, 5.0));
-    assert_eq!(load_scene(&at("room.instgs")).unwrap().scene, scene(), "the original is left alone");
+    assert_eq!(load_scene(&at("room.instgs")).unwrap().scene, chairs(), "the original is left alone");
     let inspected = json_of(program().arg("inspect").arg(at("new.instgs")).arg("--json"));
     assert_eq!(inspected["gaussians"]["instances"], 5);
 }

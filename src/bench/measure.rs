@@ -10,9 +10,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::report::{Bytes, CameraReport, Counts, Ratio, Report, SceneReport};
-use super::statistics::{Percentiles, median};
 use crate::gpu::Gpu;
 use crate::kernels::Variant;
+use crate::math::statistics::{Percentiles, median};
 use crate::render::{DeviceScene, FrameStats, RenderError, RenderOptions, Renderer};
 use crate::scene::{Camera, InstancedScene};
 

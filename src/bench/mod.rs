@@ -4,8 +4,7 @@ pub mod comparison;
 pub mod evidence;
 mod measure;
 mod report;
-mod statistics;
 
 pub use measure::{BenchError, Stage, Subject, run};
+pub(crate) use report::as_map;
 pub use report::{Bytes, CameraReport, Counts, Ratio, Report, SceneReport};
-pub use statistics::{Percentiles, median};

@@ -2,8 +2,8 @@
 
 use serde::{Serialize, Serializer};
 
-use super::statistics::Percentiles;
 use crate::kernels::Variant;
+use crate::math::statistics::Percentiles;
 
 /// One scene, or two measured side by side.
 #[derive(Clone, Debug, Serialize)]
@@ -129,6 +129,6 @@ impl Ratio {
 }
 
 /// A JSON object in the order of the list.
-fn as_map<S: Serializer>(pairs: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+pub(crate) fn as_map<S: Serializer>(pairs: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(pairs.iter().copied())
 }

@@ -31,10 +31,14 @@ impl DeviceArgs {
     }
 }
 
+/// True if the user wants the validation layers to watch.
+pub(super) fn validation() -> bool {
+    std::env::var_os(VALIDATION_VARIABLE).is_some_and(|value| value == "1")
+}
+
 /// Opens the device.
 pub(super) fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
-    let validation = std::env::var_os(VALIDATION_VARIABLE).is_some_and(|value| value == "1");
-    Ok(Gpu::open(&GpuOptions { device: choice, validation })?)
+    Ok(Gpu::open(&GpuOptions { device: choice, validation: validation(), display: None })?)
 }
 
 /// Fails if the validation layers had anything to say; without them there is nothing to check.

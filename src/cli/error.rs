@@ -4,6 +4,7 @@ use crate::bench::BenchError;
 use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
+use crate::player::PlayerError;
 use crate::render::RenderError;
 use crate::synth::dataset::SynthError;
 use crate::train::TrainError;
@@ -38,6 +39,9 @@ pub enum CliError {
     /// A configuration.
     #[error(transparent)]
     Config(#[from] ConfigError),
+    /// The player.
+    #[error(transparent)]
+    Player(#[from] PlayerError),
     /// A synthetic data set.
     #[error(transparent)]
     Synth(#[from] SynthError),

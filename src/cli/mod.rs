@@ -18,6 +18,7 @@ mod inspect_groups;
 mod lavapipe;
 mod picture_files;
 mod picture_grid;
+mod player;
 mod printer;
 mod render;
 mod stages;
@@ -32,6 +33,7 @@ use clap::{Parser, Subcommand};
 
 pub use error::CliError;
 pub use lavapipe::choose_lavapipe_width;
+pub use player::player_main;
 pub use printer::Printer;
 
 /// Shared-template Gaussian instancing on raw Vulkan: small, fast, editable 3D Gaussian scenes.

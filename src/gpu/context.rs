@@ -3,7 +3,8 @@
 use std::ffi::{CStr, CString};
 use std::sync::{Arc, Mutex};
 
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
+use raw_window_handle::RawDisplayHandle;
 
 use super::caps::DeviceCaps;
 use super::error::GpuError;
@@ -39,6 +40,8 @@ pub struct GpuOptions {
     pub device: DeviceChoice,
     /// Load the validation layers with synchronization validation; an error if they are not installed.
     pub validation: bool,
+    /// The display whose windows the device is to draw into; without one it draws into buffers only.
+    pub display: Option<RawDisplayHandle>,
 }
 
 /// The open device. Shared by everything that allocates or submits.
@@ -52,12 +55,12 @@ pub struct Gpu {
     pub(crate) timeline: Timeline,
     pub(crate) debug_names: Option<ext::debug_utils::Device>,
     caps: DeviceCaps,
-    instance: ash::Instance,
+    pub(super) instance: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     messages: ValidationMessages,
-    physical: vk::PhysicalDevice,
+    pub(super) physical: vk::PhysicalDevice,
     /// Keeps the loader library loaded.
-    _entry: ash::Entry,
+    pub(super) entry: ash::Entry,
 }
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
@@ -69,10 +72,11 @@ impl Gpu {
     /// No loader, no matching device, a missing feature, or no validation layer where it was asked for.
     pub fn open(options: &GpuOptions) -> Result<Arc<Self>, GpuError> {
         let messages = ValidationMessages::default();
-        let (entry, instance) = create_instance(options.validation, &messages)?;
+        let (entry, instance) = create_instance(options, &messages)?;
         let messenger = options.validation.then(|| create_messenger(&entry, &instance, &messages)).transpose()?;
         let (physical, caps) = choose_device(&instance, &options.device)?;
-        let (device, queue_family, timestamp_bits) = create_device(&instance, physical, &caps)?;
+        let (device, queue_family, timestamp_bits) =
+            create_device(&instance, physical, &caps, options.display.is_some())?;
         // SAFETY: the family was requested with one queue at device creation.
         let queue = unsafe { device.get_device_queue(queue_family, 0) };
         let debug_names = options.validation.then(|| ext::debug_utils::Device::new(&instance, &device));
@@ -91,13 +95,13 @@ impl Gpu {
             messenger,
             messages,
             physical,
-            _entry: entry,
+            entry,
         }))
     }
 
     /// What all devices of this machine offer, in the order of `DeviceChoice::Index`.
     pub fn list() -> Result<Vec<DeviceCaps>, GpuError> {
-        let (_entry, instance) = create_instance(false, &ValidationMessages::default())?;
+        let (_entry, instance) = create_instance(&GpuOptions::default(), &ValidationMessages::default())?;
         let devices = enumerate(&instance);
         // SAFETY: nothing was created from the instance.
         unsafe { instance.destroy_instance(None) };
@@ -181,28 +185,39 @@ impl Drop for Gpu {
     }
 }
 
-fn create_instance(validation: bool, messages: &ValidationMessages) -> Result<(ash::Entry, ash::Instance), GpuError> {
+fn create_instance(
+    options: &GpuOptions,
+    messages: &ValidationMessages,
+) -> Result<(ash::Entry, ash::Instance), GpuError> {
     // SAFETY: loading the system's Vulkan loader runs its initialisers; it is kept loaded for the life of `Entry`.
     let entry = unsafe { ash::Entry::load() }.map_err(|e| GpuError::NoLoader(e.to_string()))?;
     let app = vk::ApplicationInfo::default().application_name(c"instgs-vk").api_version(vk::API_VERSION_1_3);
     let layers = [VALIDATION_LAYER.as_ptr()];
-    let extensions = [ext::debug_utils::NAME.as_ptr()];
+    let mut extensions = match options.display {
+        Some(display) => ash_window::enumerate_required_extensions(display)
+            .map_err(GpuError::vulkan("extensions for windows of this display"))?
+            .to_vec(),
+        None => Vec::new(),
+    };
+    if options.validation {
+        extensions.push(ext::debug_utils::NAME.as_ptr());
+    }
     let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
     let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
     let mut messenger = messages.messenger_info();
-    let mut info = vk::InstanceCreateInfo::default().application_info(&app);
-    if validation {
-        info = info
-            .enabled_layer_names(&layers)
-            .enabled_extension_names(&extensions)
-            .push_next(&mut features)
-            .push_next(&mut messenger);
+    let mut info = vk::InstanceCreateInfo::default().application_info(&app).enabled_extension_names(&extensions);
+    if options.validation {
+        info = info.enabled_layer_names(&layers).push_next(&mut features).push_next(&mut messenger);
     }
     // SAFETY: all pointers in `info` live through the call.
     let instance = unsafe { entry.create_instance(&info, None) }.map_err(|result| match result {
         vk::Result::ERROR_LAYER_NOT_PRESENT => GpuError::MissingFeature {
             device: "Vulkan loader".into(),
             feature: "the validation layer VK_LAYER_KHRONOS_validation (package vulkan-validationlayers)".into(),
+        },
+        vk::Result::ERROR_EXTENSION_NOT_PRESENT if options.display.is_some() => GpuError::MissingFeature {
+            device: "Vulkan loader".into(),
+            feature: "the extensions that show pictures in a window of this display".into(),
         },
         vk::Result::ERROR_INCOMPATIBLE_DRIVER => GpuError::NoDevice {
             wanted: "with any driver (install one, for instance mesa-vulkan-drivers)".into(),
@@ -267,11 +282,17 @@ fn create_device(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,
     caps: &DeviceCaps,
+    shows: bool,
 ) -> Result<(ash::Device, u32, u32), GpuError> {
     check_features(instance, physical, caps)?;
+    if shows {
+        check_shows(instance, physical, caps)?;
+    }
     // SAFETY: `physical` comes from `instance`.
     let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
-    let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE));
+    // The user interface is drawn by a graphics pipeline.
+    let graphics = if shows { vk::QueueFlags::GRAPHICS } else { vk::QueueFlags::empty() };
+    let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE | graphics));
     let timestamp_bits = family.map_or(0, |f| families[f].timestamp_valid_bits);
     let family = family
         .ok_or_else(|| GpuError::MissingFeature { device: caps.name.clone(), feature: "a compute queue".into() })?
@@ -286,11 +307,33 @@ fn create_device(
         .synchronization2(true)
         .maintenance4(true)
         .subgroup_size_control(true)
-        .compute_full_subgroups(true);
-    let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut v12).push_next(&mut v13);
+        .compute_full_subgroups(true)
+        .dynamic_rendering(shows);
+    let extensions = [khr::swapchain::NAME.as_ptr()];
+    let info = vk::DeviceCreateInfo::default()
+        .queue_create_infos(&queues)
+        .enabled_extension_names(if shows { &extensions } else { &[] })
+        .push_next(&mut v12)
+        .push_next(&mut v13);
     // SAFETY: features were checked, pointers live through the call.
     let device = unsafe { instance.create_device(physical, &info, None) }.map_err(GpuError::vulkan("device"))?;
     Ok((device, family, timestamp_bits))
+}
+
+/// Fails if the device cannot show pictures in windows.
+fn check_shows(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &DeviceCaps) -> Result<(), GpuError> {
+    // SAFETY: `physical` comes from `instance`.
+    let extensions = unsafe { instance.enumerate_device_extension_properties(physical) };
+    let extensions = extensions.map_err(GpuError::vulkan("listing device extensions"))?;
+    let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut v13);
+    // SAFETY: as above; the chain holds a Vulkan 1.3 struct.
+    unsafe { instance.get_physical_device_features2(physical, &mut features) };
+    let missing = |feature: &str| Err(GpuError::MissingFeature { device: caps.name.clone(), feature: feature.into() });
+    if !extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(khr::swapchain::NAME)) {
+        return missing("VK_KHR_swapchain (pictures in windows)");
+    }
+    if v13.dynamic_rendering == 0 { missing("dynamicRendering") } else { Ok(()) }
 }
 
 /// Fails with the name of the first required feature that is missing.

@@ -15,7 +15,9 @@ pub mod pipeline;
 pub mod profiler;
 pub mod recorder;
 pub mod staging;
+pub mod swapchain;
 pub mod timeline;
+pub mod ui_painter;
 pub mod validation;
 
 pub use buffer::Buffer;
@@ -24,4 +26,6 @@ pub use context::{DeviceChoice, Gpu, GpuOptions};
 pub use error::GpuError;
 pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
+pub use swapchain::{PresentMode, Swapchain, Target};
 pub use timeline::Ticket;
+pub use ui_painter::{UiFrame, UiPainter};

@@ -260,8 +260,29 @@ impl Recorder {
         Ok(())
     }
 
+    /// Starts a command that is recorded by hand and reads the whole of `buffer` by a copy.
+    pub(super) fn raw_copy<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+    ) -> Result<vk::CommandBuffer, GpuError> {
+        self.begin()?;
+        if let Some(barrier) = self.hazards.next(&[(source.handle(), Access::COPY_READ)]) {
+            self.barrier(barrier);
+        }
+        Ok(self.commands)
+    }
+
     /// Ends the command buffer and submits it.
     pub fn submit(&mut self) -> Result<Ticket, GpuError> {
+        self.submit_between(None, None)
+    }
+
+    /// As [`Recorder::submit`]; copies wait for a binary semaphore, and another one is signalled at the end.
+    pub(super) fn submit_between(
+        &mut self,
+        copies_after: Option<vk::Semaphore>,
+        signalled: Option<vk::Semaphore>,
+    ) -> Result<Ticket, GpuError> {
         self.begin()?;
         // Downloads are read by the host after the wait.
         self.barrier(Barrier {
@@ -276,11 +297,17 @@ impl Recorder {
         let queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         let ticket = self.gpu.timeline.next();
         let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
-        let signals = [vk::SemaphoreSubmitInfo::default()
-            .semaphore(self.gpu.timeline.semaphore)
-            .value(ticket.0)
-            .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
-        let info = [vk::SubmitInfo2::default().command_buffer_infos(&commands).signal_semaphore_infos(&signals)];
+        let whole = |semaphore| {
+            vk::SemaphoreSubmitInfo::default().semaphore(semaphore).stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+        };
+        let signals: Vec<_> =
+            [whole(self.gpu.timeline.semaphore).value(ticket.0)].into_iter().chain(signalled.map(whole)).collect();
+        let waits: Vec<_> =
+            copies_after.map(|s| whole(s).stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER)).into_iter().collect();
+        let info = [vk::SubmitInfo2::default()
+            .wait_semaphore_infos(&waits)
+            .command_buffer_infos(&commands)
+            .signal_semaphore_infos(&signals)];
         // SAFETY: the queue is locked; the command buffer is complete; the arrays live through the call.
         unsafe { self.gpu.device.queue_submit2(*queue, &info, vk::Fence::null()) }.map_err(|e| self.explain(e))?;
         self.gpu.timeline.submitted(ticket);

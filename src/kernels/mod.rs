@@ -29,6 +29,7 @@ pub mod pipelines;
 pub mod plan_slab;
 pub mod preprocess_instance_expand;
 pub mod preprocess_instance_expand_backward;
+pub mod present;
 pub mod radix_sort_count;
 pub mod radix_sort_scatter;
 pub mod refine_poses;
@@ -43,6 +44,8 @@ pub mod tile_ranges;
 pub mod train_status;
 pub mod variant;
 
-pub use pipelines::{BackwardPipelines, DensifyPipelines, McmcStepPipelines, Pipelines, Primitives, SegmentPipelines};
+pub use pipelines::{
+    BackwardPipelines, DensifyPipelines, McmcStepPipelines, Pipelines, PresentPipelines, Primitives, SegmentPipelines,
+};
 pub use scene_traits::SceneTraits;
 pub use variant::Variant;

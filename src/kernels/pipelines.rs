@@ -73,6 +73,12 @@ pub struct SegmentPipelines {
     pub mask_contribution: Pipeline<mask_contribution::MaskContribution>,
 }
 
+/// The kernel that shows pictures in windows.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct PresentPipelines {
+    pub present: Pipeline<present::Present>,
+}
+
 /// The three scan passes; `*_gather` read their values through an index list.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct ScanPipelines {
@@ -242,6 +248,14 @@ impl SegmentPipelines {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
         Ok(Self { variant, mask_contribution: compiler.compile(variant.blend_workgroup_size, &sizes)? })
+    }
+}
+
+impl PresentPipelines {
+    /// Compiles it.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        Ok(Self { present: compiler.compile(variant.workgroup_size, &[])? })
     }
 }
 

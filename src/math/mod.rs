@@ -1,5 +1,5 @@
 //! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens distortion,
-//! nearest points, seeded random numbers.
+//! nearest points, seeded random numbers, order statistics.
 
 pub mod covariance;
 pub mod distortion;
@@ -8,3 +8,4 @@ pub mod nearest;
 pub mod rng;
 pub mod sh;
 pub mod similarity;
+pub mod statistics;

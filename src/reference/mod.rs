@@ -15,6 +15,7 @@ pub mod plan_slab;
 pub mod poses;
 pub mod preprocess_instance_expand;
 pub mod preprocess_instance_expand_backward;
+pub mod present;
 pub mod radix_sort;
 pub mod random;
 pub mod scan;

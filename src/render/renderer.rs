@@ -93,13 +93,22 @@ impl Renderer {
     /// A renderer with the variant picked for the device: the first subgroup size, the preferred one first, whose scan
     /// and sort pass the self-test. Drivers exist that miscompile some sizes.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
+        Self::with_first_sound_variant(gpu, false)
+    }
+
+    /// As [`Renderer::new`]; every pass is timed.
+    pub fn profiled(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
+        Self::with_first_sound_variant(gpu, true)
+    }
+
+    fn with_first_sound_variant(gpu: &Arc<Gpu>, profile: bool) -> Result<Self, RenderError> {
         let preferred = Variant::for_device(gpu.caps());
         let mut sizes = gpu.caps().subgroup_sizes();
         sizes.retain(|&size| size != preferred.subgroup_size);
-        let mut result = Self::with_variant(gpu, preferred, false);
+        let mut result = Self::with_variant(gpu, preferred, profile);
         for size in sizes {
             let Err(RenderError::Gpu(GpuError::SelfTest { .. })) = &result else { break };
-            result = Self::with_variant(gpu, Variant::for_subgroup_size(gpu.caps(), size), false);
+            result = Self::with_variant(gpu, Variant::for_subgroup_size(gpu.caps(), size), profile);
         }
         result
     }

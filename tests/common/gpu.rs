@@ -13,7 +13,7 @@ pub(crate) fn gpu() -> Option<Arc<Gpu>> {
     static GPU: OnceLock<Option<Arc<Gpu>>> = OnceLock::new();
     GPU.get_or_init(|| {
         let device = std::env::var("INSTGS_TEST_DEVICE").map_or(DeviceChoice::Best, |name| name.parse().unwrap());
-        match Gpu::open(&GpuOptions { device, validation: true }) {
+        match Gpu::open(&GpuOptions { device, validation: true, ..Default::default() }) {
             Ok(gpu) => Some(gpu),
             Err(error) if std::env::var("INSTGS_SKIP_GPU").as_deref() == Ok("1") => {
                 #[allow(clippy::print_stderr, reason = "a skipped check must be heard")]

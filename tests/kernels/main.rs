@@ -21,6 +21,7 @@ mod poison;
 mod poison_backward;
 mod poses;
 mod preprocess_instance_expand;
+mod present;
 mod radix_sort;
 mod scale;
 mod scan;

@@ -3,7 +3,7 @@
 use super::sheet::{Cell, Sheet};
 use super::{Part, SceneResult};
 use crate::bench::comparison::{Row, SeedResult, names};
-use crate::bench::median;
+use crate::math::statistics::median;
 
 /// Rows of a table of methods, in their order.
 const METHODS: [&str; 10] = [

@@ -25,6 +25,13 @@ pub fn median(values: &[f64]) -> f64 {
     Percentiles::of(values).median
 }
 
+/// The value below which a fraction of values in any order lies, linear between the two nearest ranks; 0 if there are none.
+pub fn percentile(values: &[f64], fraction: f64) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    interpolated(&sorted, fraction)
+}
+
 /// Linear between the two nearest ranks.
 fn interpolated(sorted: &[f64], fraction: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
@@ -44,5 +51,6 @@ mod tests {
         let values: Vec<f64> = (0..=10).rev().map(f64::from).collect();
         assert_eq!(Percentiles::of(&values), Percentiles { median: 5.0, p10: 1.0, p90: 9.0 });
         assert_eq!(median(&[1.0, 2.0]), 1.5);
+        assert!((percentile(&values, 0.99) - 9.9).abs() < 1e-12);
     }
 }

@@ -1,0 +1,282 @@
+//! `instgs-player`: a window on a scene; or pictures without one.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, ValueEnum};
+
+use super::args::{LookArgs, Triple, parse_size, parse_up};
+use super::device::{self, DeviceArgs};
+use super::error::CliError;
+use super::printer::Printer;
+use super::{FAILURE, SUCCESS, USAGE};
+use crate::bench::as_map;
+use crate::gpu::PresentMode;
+use crate::io::{LoadedScene, load_scene, read_views};
+use crate::math::statistics::{Percentiles, median};
+use crate::player::headless::{FrameTime, play};
+use crate::player::window::{self, WindowJob};
+use crate::player::{PlayerError, Stage, StageOptions};
+use crate::render::Show;
+use crate::scene::trajectory::Orbit;
+use crate::scene::{Camera, InstancedScene};
+
+/// Shows a scene in a window: turn it, fly through it, look at depth and at what it costs. H lists the keys.
+#[derive(Parser)]
+#[command(
+    name = "instgs-player",
+    version,
+    max_term_width = 110,
+    after_help = "Examples:\n  \
+    instgs-player room.instgs\n  \
+    instgs-player room.instgs --data room          (Page Down steps through the data set's views)\n  \
+    instgs-player room.instgs --headless --frames 120 --size 1920x1080 --screenshot last.png --json -"
+)]
+struct PlayerArgs {
+    /// Scene: .instgs, .ply, .spz or .splat; or drop one on the window
+    #[arg(value_name = "S")]
+    scene: PathBuf,
+    /// Start at, and step through, the views of this data set
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Size of the window
+    #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1280x720")]
+    size: (u32, u32),
+    /// Draw so many pictures without a pause and end: the views of --data in turn, else a circle around the scene
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    frames: Option<u64>,
+    /// Where the last picture goes, as PNG, without what is written over it
+    #[arg(long, value_name = "PNG")]
+    screenshot: Option<PathBuf>,
+    /// Draw without a window; also done where there is no display and --frames is given
+    #[arg(long, requires = "frames")]
+    headless: bool,
+    /// Report on --frames as JSON, to a file or - for stdout
+    #[arg(long, value_name = "F", requires = "frames")]
+    json: Option<PathBuf>,
+    /// When a picture replaces the one on the screen: with its refresh in order, with its refresh the newest, at once
+    #[arg(long, value_enum, default_value = "fifo")]
+    present: PresentArg,
+    /// What is shown
+    #[arg(long, value_enum, default_value = "color")]
+    show: ShowArg,
+    /// Vertical of the scene [default: across a scene that is a plate, as -y, +z or +x; else -y]
+    #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
+    up: Option<Triple>,
+    #[command(flatten)]
+    look: LookArgs,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PresentArg {
+    Fifo,
+    Mailbox,
+    Immediate,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ShowArg {
+    Color,
+    Alpha,
+    Depth,
+}
+
+#[derive(serde::Serialize)]
+struct Played {
+    scene: String,
+    device: String,
+    /// Of the pictures.
+    resolution: [u32; 2],
+    window: bool,
+    frames: u64,
+    ms: Percentiles,
+    fps: f64,
+    /// Medians over the pictures.
+    #[serde(serialize_with = "as_map")]
+    passes_ms: Vec<(&'static str, f64)>,
+    present_ms: Option<f64>,
+    gaussians: PlayedGaussians,
+}
+
+#[derive(serde::Serialize)]
+struct PlayedGaussians {
+    stored: u64,
+    expanded: u64,
+    /// Mean.
+    visible: u64,
+    /// Mean.
+    intersections: u64,
+}
+
+/// Runs the player with the process's arguments.
+pub fn player_main() -> ExitCode {
+    let args = match PlayerArgs::try_parse() {
+        Ok(args) => args,
+        Err(error) => {
+            // Help goes to stdout and is no failure. A closed stream is nobody's to tell.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { USAGE } else { SUCCESS });
+        }
+    };
+    let printer = Printer::new(args.json.as_ref().is_some_and(|path| path.as_os_str() == "-"));
+    match run(&args, &printer) {
+        Ok(()) => ExitCode::from(SUCCESS),
+        Err(error) => {
+            printer.error(&error);
+            ExitCode::from(FAILURE)
+        }
+    }
+}
+
+fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
+    let loaded = load_scene(&args.scene);
+    if let Err(error) = &loaded {
+        // A window can say it; a batch cannot.
+        if args.frames.is_some() {
+            return Err(CliError::Other(error.to_string()));
+        }
+        printer.warning(error);
+    }
+    let cameras = match &args.data {
+        Some(folder) => read_views(folder)?.views.into_iter().map(|view| view.camera).collect(),
+        None => Vec::new(),
+    };
+    if args.headless {
+        return headless(args, &loaded?, &cameras, printer);
+    }
+    let job = window_job(args, &loaded, &cameras);
+    match window::run(job) {
+        Err(PlayerError::Window(reason)) if args.frames.is_some() => {
+            printer.warning(format_args!("{reason}; drawing without a window"));
+            headless(args, &loaded?, &cameras, printer)
+        }
+        Err(error) => Err(error.into()),
+        Ok(report) => {
+            if let Some(message) = report.validation_message {
+                return Err(CliError::Other(format!("validation layers: {message}")));
+            }
+            let Some(loaded) = loaded.ok().filter(|_| args.frames.is_some()) else { return Ok(()) };
+            let played = played(args, &loaded.scene, (report.device, report.size_px, true), &report.times);
+            print(args, &played, printer)
+        }
+    }
+}
+
+fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> StageOptions {
+    let show = match args.show {
+        ShowArg::Color => Show::Color,
+        ShowArg::Alpha => Show::Alpha,
+        ShowArg::Depth => {
+            Show::Depth([0.0, 3.0 * Orbit::around(scene, args.up.map(Triple::direction)).distance as f32])
+        }
+    };
+    StageOptions { render: args.look.options(scene), show }
+}
+
+/// The cameras of `--frames`.
+fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -> Vec<Camera> {
+    let frames = args.frames.unwrap_or(0);
+    if cameras.is_empty() {
+        return Orbit::around(scene, args.up.map(Triple::direction)).cameras(frames.min(100_000) as u32, args.size);
+    }
+    cameras.iter().map(|camera| camera.resized(args.size.0, args.size.1)).collect()
+}
+
+fn window_job(args: &PlayerArgs, loaded: &Result<LoadedScene, crate::io::IoError>, cameras: &[Camera]) -> WindowJob {
+    let empty = InstancedScene::default();
+    let scene = loaded.as_ref().map_or(&empty, |loaded| &loaded.scene);
+    WindowJob {
+        path: args.scene.clone(),
+        scene: loaded.as_ref().map(|l| (l.scene.clone(), l.file_bytes)).map_err(ToString::to_string),
+        options: stage_options(args, scene),
+        cameras: cameras.to_vec(),
+        up: args.up.map(Triple::direction),
+        size_px: args.size,
+        mode: match args.present {
+            PresentArg::Fifo => PresentMode::Fifo,
+            PresentArg::Mailbox => PresentMode::Mailbox,
+            PresentArg::Immediate => PresentMode::Immediate,
+        },
+        device: args.device.choice(),
+        validation: device::validation(),
+        frames: args.frames,
+        path_cameras: path_cameras(args, scene, cameras),
+        screenshot: args.screenshot.clone(),
+    }
+}
+
+fn headless(args: &PlayerArgs, loaded: &LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
+    let gpu = device::open(args.device.choice())?;
+    let mut stage = Stage::new(&gpu, loaded.scene.clone(), stage_options(args, &loaded.scene))?;
+    let times = play(&mut stage, &path_cameras(args, &loaded.scene, cameras), args.frames.unwrap_or(1))?;
+    if let Some(path) = &args.screenshot {
+        stage.screenshot(path)?;
+    }
+    device::check_validation(&gpu)?;
+    let size = stage.size_px().unwrap_or_default();
+    print(args, &played(args, &loaded.scene, (gpu.caps().name.clone(), size, false), &times), printer)
+}
+
+fn played(
+    args: &PlayerArgs,
+    scene: &InstancedScene,
+    (device, resolution, window): (String, [u32; 2], bool),
+    times: &[FrameTime],
+) -> Played {
+    let ms = Percentiles::of(&times.iter().map(|t| t.ms).collect::<Vec<f64>>());
+    let mut passes: Vec<(&'static str, Vec<f64>)> = Vec::new();
+    for time in times {
+        let mut sums: Vec<(&'static str, f64)> = Vec::new();
+        for &(pass, ms) in &time.stats.passes_ms {
+            match sums.iter_mut().find(|(name, _)| *name == pass) {
+                Some((_, sum)) => *sum += ms,
+                None => sums.push((pass, ms)),
+            }
+        }
+        for (pass, ms) in sums {
+            match passes.iter_mut().find(|(name, _)| *name == pass) {
+                Some((_, all)) => all.push(ms),
+                None => passes.push((pass, vec![ms])),
+            }
+        }
+    }
+    let mean = |of: fn(&FrameTime) -> u64| times.iter().map(of).sum::<u64>() / (times.len() as u64).max(1);
+    let present: Vec<f64> = times.iter().filter_map(|t| t.present_ms).collect();
+    Played {
+        scene: args.scene.display().to_string(),
+        device,
+        resolution,
+        window,
+        frames: times.len() as u64,
+        fps: 1e3 / ms.median.max(1e-9),
+        ms,
+        passes_ms: passes.into_iter().map(|(pass, all)| (pass, median(&all))).collect(),
+        present_ms: (!present.is_empty()).then(|| median(&present)),
+        gaussians: PlayedGaussians {
+            stored: (scene.templates.len() + scene.background.len()) as u64,
+            expanded: scene.expanded_len(),
+            visible: mean(|t| t.stats.visible),
+            intersections: mean(|t| t.stats.intersections),
+        },
+    }
+}
+
+fn print(args: &PlayerArgs, played: &Played, printer: &Printer) -> Result<(), CliError> {
+    match &args.json {
+        Some(path) if path.as_os_str() == "-" => return printer.json(played),
+        Some(path) => printer.json_file(path, played)?,
+        None => {}
+    }
+    let [width, height] = played.resolution;
+    let how = if played.window { "in a window" } else { "without a window" };
+    printer.line(format_args!(
+        "{}: {} pictures of {width}x{height} {how}, {:.1} FPS ({:.2} ms)",
+        played.device, played.frames, played.fps, played.ms.median
+    ));
+    if let Some(path) = &args.screenshot {
+        printer.line(path.display());
+    }
+    Ok(())
+}

@@ -1,0 +1,390 @@
+//! Pictures in a window: the surface, its images, and how one of them is filled and shown.
+//!
+//! A picture comes as a buffer of packed pixels (kernel `present`) and is copied into the image: that needs nothing of an
+//! image but that it can be the target of a copy. The user interface is drawn over it.
+
+use std::sync::Arc;
+
+use ash::{khr, vk};
+use raw_window_handle::{RawDisplayHandle, RawWindowHandle};
+
+use super::buffer::Buffer;
+use super::context::Gpu;
+use super::error::GpuError;
+use super::recorder::Recorder;
+use super::ui_painter::{UiFrame, UiPainter};
+
+/// When a new picture replaces the one on the screen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PresentMode {
+    /// With the screen's refresh, in order: no tearing, never faster than the screen.
+    #[default]
+    Fifo,
+    /// With the screen's refresh, the newest there is: no tearing, as fast as can be drawn.
+    Mailbox,
+    /// At once: may tear.
+    Immediate,
+}
+
+impl PresentMode {
+    const fn vulkan(self) -> vk::PresentModeKHR {
+        match self {
+            Self::Fifo => vk::PresentModeKHR::FIFO,
+            Self::Mailbox => vk::PresentModeKHR::MAILBOX,
+            Self::Immediate => vk::PresentModeKHR::IMMEDIATE,
+        }
+    }
+}
+
+/// The images of a window. Drop it before the window.
+pub struct Swapchain {
+    gpu: Arc<Gpu>,
+    surface_calls: khr::surface::Instance,
+    surface: vk::SurfaceKHR,
+    calls: khr::swapchain::Device,
+    handle: vk::SwapchainKHR,
+    format: vk::SurfaceFormatKHR,
+    images: Vec<SwapImage>,
+    size_px: [u32; 2],
+    mode: PresentMode,
+    /// Signalled when an image may be written; one more than images, used in turn.
+    free: Vec<vk::Semaphore>,
+    next_free: usize,
+}
+
+struct SwapImage {
+    image: vk::Image,
+    view: vk::ImageView,
+    /// Signalled when the picture is complete. By image: the presentation of an image is over when it is acquired again.
+    complete: vk::Semaphore,
+}
+
+/// An image that may be filled.
+#[derive(Clone, Copy, Debug)]
+pub struct Target {
+    index: u32,
+    free: vk::Semaphore,
+    /// Width and height, pixels.
+    pub size_px: [u32; 2],
+    /// Bytes of a pixel are blue, green, red, alpha instead of red first.
+    pub blue_first: bool,
+}
+
+impl Swapchain {
+    /// For a window of `size_px`. Modes that the window does not offer become FIFO, which all do.
+    ///
+    /// # Errors
+    /// The device cannot draw into this window, or there is no format with 8 bits per colour.
+    ///
+    /// # Safety
+    /// The handles are of an existing display and window, the display the one that `gpu` was opened for, and the window lives
+    /// until this is dropped.
+    pub unsafe fn new(
+        gpu: &Arc<Gpu>,
+        (display, window): (RawDisplayHandle, RawWindowHandle),
+        size_px: [u32; 2],
+        mode: PresentMode,
+    ) -> Result<Self, GpuError> {
+        // SAFETY: the caller vouches for the handles; the extensions of this display are enabled.
+        let surface = unsafe { ash_window::create_surface(&gpu.entry, &gpu.instance, display, window, None) }
+            .map_err(GpuError::vulkan("surface of the window"))?;
+        let surface_calls = khr::surface::Instance::new(&gpu.entry, &gpu.instance);
+        let mut swapchain = Self {
+            gpu: gpu.clone(),
+            surface_calls,
+            surface,
+            calls: khr::swapchain::Device::new(&gpu.instance, &gpu.device),
+            handle: vk::SwapchainKHR::null(),
+            format: vk::SurfaceFormatKHR::default(),
+            images: Vec::new(),
+            size_px,
+            mode,
+            free: Vec::new(),
+            next_free: 0,
+        };
+        // SAFETY: family and surface are valid.
+        let presents = unsafe {
+            swapchain.surface_calls.get_physical_device_surface_support(gpu.physical, gpu.queue_family, surface)
+        };
+        if !presents.map_err(GpuError::vulkan("surface support"))? {
+            let feature = "pictures in windows of this display".into();
+            return Err(GpuError::MissingFeature { device: gpu.caps().name.clone(), feature });
+        }
+        swapchain.format = swapchain.choose_format()?;
+        swapchain.resize(size_px)?;
+        Ok(swapchain)
+    }
+
+    /// The format of the images.
+    pub(super) fn image_format(&self) -> vk::Format {
+        self.format.format
+    }
+
+    /// Width and height of the images, pixels; zeros while the window is minimised.
+    pub fn size_px(&self) -> [u32; 2] {
+        self.size_px
+    }
+
+    /// When pictures replace each other.
+    pub fn mode(&self) -> PresentMode {
+        self.mode
+    }
+
+    /// Changes when pictures replace each other.
+    pub fn set_mode(&mut self, mode: PresentMode) -> Result<(), GpuError> {
+        self.mode = mode;
+        self.resize(self.size_px)
+    }
+
+    /// New images for a window that is `size_px` now, or of the size that the window system insists on.
+    pub fn resize(&mut self, size_px: [u32; 2]) -> Result<(), GpuError> {
+        self.wait_idle()?;
+        // SAFETY: device and surface are valid.
+        let abilities =
+            unsafe { self.surface_calls.get_physical_device_surface_capabilities(self.gpu.physical, self.surface) };
+        let abilities = abilities.map_err(GpuError::vulkan("surface"))?;
+        let insisted = abilities.current_extent;
+        self.size_px = if insisted.width == u32::MAX { size_px } else { [insisted.width, insisted.height] };
+        let old = std::mem::replace(&mut self.handle, vk::SwapchainKHR::null());
+        self.destroy_images();
+        let created =
+            if self.size_px.contains(&0) { Ok(vk::SwapchainKHR::null()) } else { self.create(&abilities, old) };
+        if old != vk::SwapchainKHR::null() {
+            // SAFETY: the device is idle and nothing refers to the old images any more.
+            unsafe { self.calls.destroy_swapchain(old, None) };
+        }
+        self.handle = created?;
+        self.create_images()
+    }
+
+    /// An image to fill; `None` if there is none now: the window is minimised or has changed, so that [`Swapchain::resize`]
+    /// must come first.
+    pub fn acquire(&mut self) -> Result<Option<Target>, GpuError> {
+        if self.handle == vk::SwapchainKHR::null() {
+            return Ok(None);
+        }
+        let free = self.free[self.next_free];
+        // SAFETY: the semaphore is unsignalled: of the images plus one in turn, at most the number of images wait.
+        match unsafe { self.calls.acquire_next_image(self.handle, u64::MAX, free, vk::Fence::null()) } {
+            Ok((index, _)) => {
+                self.next_free = (self.next_free + 1) % self.free.len();
+                Ok(Some(Target { index, free, size_px: self.size_px, blue_first: is_blue_first(self.format.format) }))
+            }
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(None),
+            Err(vk::Result::ERROR_DEVICE_LOST) => Err(GpuError::DeviceLost { last_pass: "acquiring an image".into() }),
+            Err(result) => Err(GpuError::Vulkan { what: "acquiring an image".into(), result }),
+        }
+    }
+
+    /// Fills an image with `pixels` (one u32 each, row by row from the top, bytes in the target's order), draws the user
+    /// interface over it, submits everything that `recorder` holds, and shows it. False if the window has changed, so
+    /// that [`Swapchain::resize`] should come before the next picture.
+    ///
+    /// # Panics
+    /// If `pixels` has fewer than the image.
+    pub fn present(
+        &mut self,
+        recorder: &mut Recorder,
+        target: Target,
+        pixels: &Buffer<u32>,
+        ui: Option<(&mut UiPainter, &UiFrame)>,
+    ) -> Result<bool, GpuError> {
+        let [width, height] = target.size_px;
+        assert!(pixels.len() as u64 >= u64::from(width) * u64::from(height), "too few pixels");
+        let image = &self.images[target.index as usize];
+        let commands = recorder.raw_copy(pixels)?;
+        self.move_to(commands, image.image, vk::ImageLayout::UNDEFINED, vk::ImageLayout::TRANSFER_DST_OPTIMAL);
+        let region = [vk::BufferImageCopy::default()
+            .image_subresource(
+                vk::ImageSubresourceLayers::default().aspect_mask(vk::ImageAspectFlags::COLOR).layer_count(1),
+            )
+            .image_extent(vk::Extent3D { width, height, depth: 1 })];
+        let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
+        // SAFETY: recording; the buffer holds all pixels (asserted), the image is in this layout, and barriers precede.
+        unsafe { self.gpu.device.cmd_copy_buffer_to_image(commands, pixels.handle(), image.image, layout, &region) };
+        let mut drawn = layout;
+        if let Some((painter, frame)) = ui {
+            drawn = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
+            self.move_to(commands, image.image, layout, drawn);
+            painter.record(commands, image.view, target.size_px, frame)?;
+        }
+        self.move_to(commands, image.image, drawn, vk::ImageLayout::PRESENT_SRC_KHR);
+        recorder.submit_between(Some(target.free), Some(image.complete))?;
+        self.show(target)
+    }
+
+    fn show(&self, target: Target) -> Result<bool, GpuError> {
+        let complete = [self.images[target.index as usize].complete];
+        let (handles, indices) = ([self.handle], [target.index]);
+        let info =
+            vk::PresentInfoKHR::default().wait_semaphores(&complete).swapchains(&handles).image_indices(&indices);
+        let queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        // SAFETY: the queue is locked; the image was acquired, and `complete` is signalled by the submission before.
+        match unsafe { self.calls.queue_present(*queue, &info) } {
+            Ok(suboptimal) => Ok(!suboptimal),
+            Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(false),
+            Err(vk::Result::ERROR_DEVICE_LOST) => Err(GpuError::DeviceLost { last_pass: "showing an image".into() }),
+            Err(result) => Err(GpuError::Vulkan { what: "showing an image".into(), result }),
+        }
+    }
+
+    /// A barrier between two uses of an image.
+    fn move_to(&self, commands: vk::CommandBuffer, image: vk::Image, from: vk::ImageLayout, to: vk::ImageLayout) {
+        let ((src_stage, src_access), (dst_stage, dst_access)) = (use_in(from), use_in(to));
+        let barrier = [vk::ImageMemoryBarrier2::default()
+            .src_stage_mask(src_stage)
+            .src_access_mask(src_access)
+            .dst_stage_mask(dst_stage)
+            .dst_access_mask(dst_access)
+            .old_layout(from)
+            .new_layout(to)
+            .image(image)
+            .subresource_range(whole_image())];
+        let info = vk::DependencyInfo::default().image_memory_barriers(&barrier);
+        // SAFETY: the command buffer is recording and the array lives through the call.
+        unsafe { self.gpu.device.cmd_pipeline_barrier2(commands, &info) };
+    }
+
+    /// A format with 8 bits per colour whose values are what pictures hold: sRGB values, which the device must not
+    /// convert.
+    fn choose_format(&self) -> Result<vk::SurfaceFormatKHR, GpuError> {
+        // SAFETY: device and surface are valid.
+        let formats =
+            unsafe { self.surface_calls.get_physical_device_surface_formats(self.gpu.physical, self.surface) };
+        let formats = formats.map_err(GpuError::vulkan("surface formats"))?;
+        let wanted = [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::A8B8G8R8_UNORM_PACK32];
+        let srgb = |f: &&vk::SurfaceFormatKHR| f.color_space == vk::ColorSpaceKHR::SRGB_NONLINEAR;
+        let found = wanted.iter().find_map(|&want| formats.iter().filter(srgb).find(|f| f.format == want));
+        found.copied().ok_or_else(|| GpuError::MissingFeature {
+            device: self.gpu.caps().name.clone(),
+            feature: "a window format with 8 bits per colour (R8G8B8A8 or B8G8R8A8)".into(),
+        })
+    }
+
+    fn create(
+        &self,
+        abilities: &vk::SurfaceCapabilitiesKHR,
+        old: vk::SwapchainKHR,
+    ) -> Result<vk::SwapchainKHR, GpuError> {
+        // SAFETY: device and surface are valid.
+        let modes =
+            unsafe { self.surface_calls.get_physical_device_surface_present_modes(self.gpu.physical, self.surface) };
+        let modes = modes.map_err(GpuError::vulkan("present modes"))?;
+        let wanted = self.mode.vulkan();
+        let mode = if modes.contains(&wanted) { wanted } else { vk::PresentModeKHR::FIFO };
+        // One to draw into while one is shown and one waits.
+        let most = if abilities.max_image_count == 0 { u32::MAX } else { abilities.max_image_count };
+        let [width, height] = self.size_px;
+        let opaque = vk::CompositeAlphaFlagsKHR::OPAQUE;
+        let alpha = if abilities.supported_composite_alpha.contains(opaque) {
+            opaque
+        } else {
+            vk::CompositeAlphaFlagsKHR::INHERIT
+        };
+        let info = vk::SwapchainCreateInfoKHR::default()
+            .surface(self.surface)
+            .min_image_count((abilities.min_image_count + 1).min(most))
+            .image_format(self.format.format)
+            .image_color_space(self.format.color_space)
+            .image_extent(vk::Extent2D { width, height })
+            .image_array_layers(1)
+            .image_usage(vk::ImageUsageFlags::TRANSFER_DST | vk::ImageUsageFlags::COLOR_ATTACHMENT)
+            .pre_transform(abilities.current_transform)
+            .composite_alpha(alpha)
+            .present_mode(mode)
+            .clipped(true)
+            .old_swapchain(old);
+        // SAFETY: a valid create-info; the old swapchain is of the same surface.
+        unsafe { self.calls.create_swapchain(&info, None) }.map_err(GpuError::vulkan("images of the window"))
+    }
+
+    fn create_images(&mut self) -> Result<(), GpuError> {
+        if self.handle == vk::SwapchainKHR::null() {
+            return Ok(());
+        }
+        let device = &self.gpu.device;
+        // SAFETY: the swapchain is valid.
+        let images = unsafe { self.calls.get_swapchain_images(self.handle) };
+        let images = images.map_err(GpuError::vulkan("images of the window"))?;
+        // SAFETY: valid create-infos; everything is destroyed by `destroy_images`.
+        let semaphore = || unsafe { device.create_semaphore(&vk::SemaphoreCreateInfo::default(), None) };
+        for image in images {
+            let info = vk::ImageViewCreateInfo::default()
+                .image(image)
+                .view_type(vk::ImageViewType::TYPE_2D)
+                .format(self.format.format)
+                .subresource_range(whole_image());
+            // SAFETY: as above.
+            let view =
+                unsafe { device.create_image_view(&info, None) }.map_err(GpuError::vulkan("view of an image"))?;
+            let mut swap_image = SwapImage { image, view, complete: vk::Semaphore::null() };
+            let complete = semaphore();
+            swap_image.complete = complete.as_ref().copied().unwrap_or_default();
+            self.images.push(swap_image);
+            complete.map_err(GpuError::vulkan("semaphore"))?;
+        }
+        for _ in 0..=self.images.len() {
+            self.free.push(semaphore().map_err(GpuError::vulkan("semaphore"))?);
+        }
+        self.next_free = 0;
+        Ok(())
+    }
+
+    /// Waits for the device, presentation included.
+    fn wait_idle(&self) -> Result<(), GpuError> {
+        let _queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        // SAFETY: the queue is locked.
+        unsafe { self.gpu.device.device_wait_idle() }.map_err(GpuError::vulkan("waiting for the window"))
+    }
+
+    /// The device must be idle.
+    fn destroy_images(&mut self) {
+        let device = &self.gpu.device;
+        // SAFETY: the device is idle or lost, and each object is destroyed once; null handles are ignored.
+        unsafe {
+            for image in self.images.drain(..) {
+                device.destroy_image_view(image.view, None);
+                device.destroy_semaphore(image.complete, None);
+            }
+            self.free.drain(..).for_each(|semaphore| device.destroy_semaphore(semaphore, None));
+        }
+    }
+}
+
+impl Drop for Swapchain {
+    fn drop(&mut self) {
+        // A lost device returns an error here; destruction is then allowed as well.
+        let _ = self.wait_idle();
+        self.destroy_images();
+        // SAFETY: nothing uses images or surface any more; children go before parents.
+        unsafe {
+            if self.handle != vk::SwapchainKHR::null() {
+                self.calls.destroy_swapchain(self.handle, None);
+            }
+            self.surface_calls.destroy_surface(self.surface, None);
+        }
+    }
+}
+
+fn is_blue_first(format: vk::Format) -> bool {
+    format == vk::Format::B8G8R8A8_UNORM
+}
+
+fn whole_image() -> vk::ImageSubresourceRange {
+    vk::ImageSubresourceRange::default().aspect_mask(vk::ImageAspectFlags::COLOR).level_count(1).layer_count(1)
+}
+
+/// Stage and access of an image in a layout. An image that comes from the window system waits for its semaphore at copies.
+fn use_in(layout: vk::ImageLayout) -> (vk::PipelineStageFlags2, vk::AccessFlags2) {
+    match layout {
+        vk::ImageLayout::UNDEFINED => (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::NONE),
+        vk::ImageLayout::TRANSFER_DST_OPTIMAL => {
+            (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE)
+        }
+        vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL => (
+            vk::PipelineStageFlags2::COLOR_ATTACHMENT_OUTPUT,
+            vk::AccessFlags2::COLOR_ATTACHMENT_READ | vk::AccessFlags2::COLOR_ATTACHMENT_WRITE,
+        ),
+        _ => (vk::PipelineStageFlags2::NONE, vk::AccessFlags2::NONE),
+    }
+}

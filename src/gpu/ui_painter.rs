@@ -1,0 +1,110 @@
+//! Draws a user interface made with egui over a picture.
+
+use std::sync::Arc;
+
+use ash::vk;
+use egui_ash_renderer::{DynamicRendering, Options, Renderer, RendererError};
+
+use super::context::Gpu;
+use super::error::GpuError;
+use super::swapchain::Swapchain;
+
+/// Frames that the device may still be drawing while one is recorded: none, see [`UiPainter::prepare`].
+const IN_FLIGHT: usize = 1;
+
+/// What to draw: egui's output of one frame.
+#[derive(Default)]
+pub struct UiFrame {
+    /// Textures to set before drawing and to free after it.
+    pub textures: egui::TexturesDelta,
+    /// Triangles.
+    pub primitives: Vec<egui::ClippedPrimitive>,
+    /// Pixels of the window per point of the interface.
+    pub pixels_per_point: f32,
+}
+
+/// Pipeline, textures and meshes of the interface.
+pub struct UiPainter {
+    gpu: Arc<Gpu>,
+    renderer: Option<Renderer>,
+    pool: vk::CommandPool,
+    /// Textures that the last frame used and the next one does not.
+    to_free: Vec<egui::TextureId>,
+}
+
+impl UiPainter {
+    /// For images of a window.
+    pub fn new(gpu: &Arc<Gpu>, swapchain: &Swapchain) -> Result<Self, GpuError> {
+        let info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.queue_family);
+        // SAFETY: a valid family; destroyed in drop.
+        let pool = unsafe { gpu.device.create_command_pool(&info, None) }.map_err(GpuError::vulkan("command pool"))?;
+        let mut painter = Self { gpu: gpu.clone(), renderer: None, pool, to_free: Vec::new() };
+        let format =
+            DynamicRendering { color_attachment_format: swapchain.image_format(), depth_attachment_format: None };
+        let options = Options { in_flight_frames: IN_FLIGHT, ..Options::default() };
+        let renderer =
+            Renderer::with_default_allocator(&gpu.instance, gpu.physical, gpu.device.clone(), format, options);
+        painter.renderer = Some(renderer.map_err(explain)?);
+        Ok(painter)
+    }
+
+    /// Sets the textures of a frame, and frees those that earlier frames are done with. Waits for the
+    /// device, which may still be drawing the last frame.
+    pub fn prepare(&mut self, frame: &UiFrame) -> Result<(), GpuError> {
+        self.gpu.wait_all()?;
+        let Some(renderer) = &mut self.renderer else { return Ok(()) };
+        renderer.free_textures(&std::mem::take(&mut self.to_free)).map_err(explain)?;
+        if !frame.textures.set.is_empty() {
+            let queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            renderer.set_textures(*queue, self.pool, &frame.textures.set).map_err(explain)?;
+        }
+        self.to_free.extend(&frame.textures.free);
+        Ok(())
+    }
+
+    /// Records the interface onto an image that is a colour attachment.
+    pub(super) fn record(
+        &mut self,
+        commands: vk::CommandBuffer,
+        view: vk::ImageView,
+        [width, height]: [u32; 2],
+        frame: &UiFrame,
+    ) -> Result<(), GpuError> {
+        let Some(renderer) = &mut self.renderer else { return Ok(()) };
+        let extent = vk::Extent2D { width, height };
+        let attachment = [vk::RenderingAttachmentInfo::default()
+            .image_view(view)
+            .image_layout(vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL)
+            .load_op(vk::AttachmentLoadOp::LOAD)
+            .store_op(vk::AttachmentStoreOp::STORE)];
+        let info = vk::RenderingInfo::default()
+            .render_area(vk::Rect2D { extent, ..Default::default() })
+            .layer_count(1)
+            .color_attachments(&attachment);
+        // SAFETY: recording; the view is of an image in this layout, and the array lives through the call.
+        unsafe { self.gpu.device.cmd_begin_rendering(commands, &info) };
+        let drawn = renderer.cmd_draw(commands, extent, frame.pixels_per_point, &frame.primitives);
+        // SAFETY: begun above.
+        unsafe { self.gpu.device.cmd_end_rendering(commands) };
+        drawn.map_err(explain)
+    }
+}
+
+impl Drop for UiPainter {
+    fn drop(&mut self) {
+        let _ = self.gpu.wait_all();
+        drop(self.renderer.take());
+        // SAFETY: the device is done with everything of the pool.
+        unsafe { self.gpu.device.destroy_command_pool(self.pool, None) };
+    }
+}
+
+fn explain(error: RendererError) -> GpuError {
+    match error {
+        RendererError::Vulkan(vk::Result::ERROR_DEVICE_LOST) => {
+            GpuError::DeviceLost { last_pass: "user interface".into() }
+        }
+        RendererError::Vulkan(result) => GpuError::Vulkan { what: "user interface".into(), result },
+        other => GpuError::Kernel { kernel: "user interface".into(), reason: other.to_string() },
+    }
+}

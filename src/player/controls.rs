@@ -1,0 +1,216 @@
+//! What a person does with mouse and keyboard, as changes of the view. Knows no window system: tests play it by hand.
+
+use super::navigation::{Flight, Navigator};
+
+/// A second click within this time and distance of the first one makes a double click.
+const DOUBLE_CLICK: (f64, f64) = (0.4, 5.0);
+/// A button that is let go within so many pixels of where it was pressed was a click, not a drag.
+const CLICK_PX: f64 = 3.0;
+
+/// Buttons of the mouse that do something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Button {
+    /// Turns the scene; with shift, moves it.
+    Left,
+    /// Looks around, for flying.
+    Right,
+    /// Moves the scene.
+    Middle,
+}
+
+/// Keys that fly while they are held.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FlightKey {
+    /// W.
+    Forward,
+    /// S.
+    Back,
+    /// A.
+    Left,
+    /// D.
+    Right,
+    /// E.
+    Up,
+    /// Q.
+    Down,
+}
+
+/// A click that was no drag.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Click {
+    /// Where, pixels.
+    pub at_px: [f64; 2],
+    /// The second one at the same place.
+    pub double: bool,
+}
+
+struct Press {
+    button: Button,
+    at_px: [f64; 2],
+    dragged: bool,
+}
+
+/// What is held down at the moment.
+#[derive(Default)]
+pub struct Controls {
+    pointer_px: [f64; 2],
+    press: Option<Press>,
+    held: [bool; 6],
+    /// Shift is held.
+    pub shift: bool,
+    last_click: Option<(f64, [f64; 2])>,
+}
+
+impl Controls {
+    /// Where the pointer is, pixels.
+    pub fn pointer_px(&self) -> [f64; 2] {
+        self.pointer_px
+    }
+
+    /// The pointer is somewhere else; true if that changed the view of a picture of `height_px`.
+    pub fn pointer_moved(&mut self, to_px: [f64; 2], navigator: &mut Navigator, height_px: f64) -> bool {
+        let by = [to_px[0] - self.pointer_px[0], to_px[1] - self.pointer_px[1]];
+        self.pointer_px = to_px;
+        let Some(press) = &mut self.press else { return false };
+        if !press.dragged && distance(to_px, press.at_px) <= CLICK_PX {
+            return false;
+        }
+        // What the threshold held back is made good.
+        let by = if press.dragged { by } else { [to_px[0] - press.at_px[0], to_px[1] - press.at_px[1]] };
+        press.dragged = true;
+        match (press.button, self.shift) {
+            (Button::Left, false) => navigator.orbit(by, height_px),
+            (Button::Left, true) | (Button::Middle, _) => navigator.pan(by, height_px),
+            (Button::Right, _) => navigator.look(by, height_px),
+        }
+        true
+    }
+
+    /// A button goes down. While one is held, others count for nothing.
+    pub fn pressed(&mut self, button: Button) {
+        if self.press.is_none() {
+            self.press = Some(Press { button, at_px: self.pointer_px, dragged: false });
+        }
+    }
+
+    /// A button goes up, `seconds` after some moment; a click if the left one was not dragged.
+    pub fn released(&mut self, button: Button, seconds: f64) -> Option<Click> {
+        let press = self.press.take_if(|press| press.button == button)?;
+        if press.dragged || button != Button::Left {
+            return None;
+        }
+        let at_px = press.at_px;
+        let (time, reach) = DOUBLE_CLICK;
+        let double = self.last_click.is_some_and(|(then, at)| seconds - then < time && distance(at, at_px) < reach);
+        // A third click is the first of a new pair.
+        self.last_click = (!double).then_some((seconds, at_px));
+        Some(Click { at_px, double })
+    }
+
+    /// A flight key goes down or up.
+    pub fn flight_key(&mut self, key: FlightKey, down: bool) {
+        self.held[key as usize] = down;
+    }
+
+    /// Nothing is held any more: the window lost the keyboard.
+    pub fn let_go(&mut self) {
+        (self.held, self.press, self.shift) = ([false; 6], None, false);
+    }
+
+    /// Where the held keys lead.
+    pub fn flight(&self) -> Flight {
+        let axis = |plus: FlightKey, minus: FlightKey| {
+            f64::from(i8::from(self.held[plus as usize]) - i8::from(self.held[minus as usize]))
+        };
+        Flight {
+            right: axis(FlightKey::Right, FlightKey::Left),
+            up: axis(FlightKey::Up, FlightKey::Down),
+            forward: axis(FlightKey::Forward, FlightKey::Back),
+            fast: self.shift,
+        }
+    }
+}
+
+fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::trajectory::Orbit;
+    use glam::DVec3;
+
+    fn start() -> (Controls, Navigator) {
+        let orbit = Orbit { center: DVec3::ZERO, distance: 3.0, up: DVec3::Z };
+        (Controls::default(), Navigator::around(&orbit))
+    }
+
+    #[test]
+    fn each_button_does_its_own() {
+        for (button, shift, want) in [
+            (Button::Left, false, "orbit"),
+            (Button::Left, true, "pan"),
+            (Button::Middle, false, "pan"),
+            (Button::Right, false, "look"),
+        ] {
+            let (mut controls, mut n) = start();
+            let mut expected = n.clone();
+            controls.shift = shift;
+            controls.pointer_moved([50.0, 50.0], &mut n, 180.0);
+            assert_eq!(n, expected, "no button, no change");
+            controls.pressed(button);
+            assert!(controls.pointer_moved([60.0, 53.0], &mut n, 180.0));
+            controls.released(button, 0.0);
+            assert!(!controls.pointer_moved([90.0, 90.0], &mut n, 180.0));
+            match want {
+                "orbit" => expected.orbit([10.0, 3.0], 180.0),
+                "pan" => expected.pan([10.0, 3.0], 180.0),
+                _ => expected.look([10.0, 3.0], 180.0),
+            }
+            assert_eq!(n, expected, "{want}");
+        }
+    }
+
+    #[test]
+    fn clicks_are_told_from_drags_and_double_clicks_from_clicks() {
+        let (mut controls, mut n) = start();
+        let here = n.clone();
+        let mut click = |to: [f64; 2], drag: f64, seconds: f64| {
+            controls.pointer_moved(to, &mut n, 180.0);
+            controls.pressed(Button::Left);
+            controls.pressed(Button::Right);
+            controls.pointer_moved([to[0] + drag, to[1]], &mut n, 180.0);
+            assert_eq!(controls.released(Button::Right, seconds), None);
+            controls.released(Button::Left, seconds).map(|c| c.double)
+        };
+        assert_eq!(click([10.0, 10.0], 2.0, 1.0), Some(false));
+        assert_eq!(click([12.0, 10.0], 0.0, 1.2), Some(true));
+        assert_eq!(click([12.0, 10.0], 0.0, 1.4), Some(false), "the third is a first again");
+        assert_eq!(click([30.0, 10.0], 0.0, 1.5), Some(false), "elsewhere");
+        assert_eq!(click([30.0, 10.0], 0.0, 2.5), Some(false), "too late");
+        assert_eq!(n, here, "clicks change nothing");
+    }
+
+    #[test]
+    fn a_drag_is_no_click_even_if_it_returns() {
+        let (mut controls, mut n) = start();
+        controls.pressed(Button::Left);
+        controls.pointer_moved([40.0, 0.0], &mut n, 180.0);
+        controls.pointer_moved([0.0, 0.0], &mut n, 180.0);
+        assert_eq!(controls.released(Button::Left, 0.0), None);
+    }
+
+    #[test]
+    fn held_keys_add_up_until_the_window_loses_them() {
+        let (mut controls, _) = start();
+        controls.flight_key(FlightKey::Forward, true);
+        controls.flight_key(FlightKey::Left, true);
+        controls.shift = true;
+        assert_eq!(controls.flight(), Flight { right: -1.0, up: 0.0, forward: 1.0, fast: true });
+        controls.flight_key(FlightKey::Back, true);
+        assert_eq!(controls.flight().forward, 0.0);
+        controls.let_go();
+        assert!(controls.flight().is_still() && !controls.flight().fast);
+    }
+}

@@ -1,0 +1,22 @@
+//! What can go wrong in the player, one line each.
+
+use crate::gpu::GpuError;
+use crate::io::IoError;
+use crate::render::RenderError;
+
+/// Why the player stopped, or could not do what was asked for.
+#[derive(Debug, thiserror::Error)]
+pub enum PlayerError {
+    /// The device.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// Rendering.
+    #[error(transparent)]
+    Render(#[from] RenderError),
+    /// A file.
+    #[error(transparent)]
+    Io(#[from] IoError),
+    /// The window system.
+    #[error("window: {0}; without a display, --headless with --frames and --screenshot draws pictures")]
+    Window(String),
+}

@@ -1,0 +1,198 @@
+//! What is written over the picture: frame times, counts, bytes, and the few things that can be set.
+
+use crate::gpu::PresentMode;
+use crate::render::{FrameStats, Show};
+
+use super::clock::FrameClock;
+use super::navigation::Navigator;
+
+/// What the keys do, for the help at the bottom.
+const KEYS: [(&str, &str); 10] = [
+    ("drag left", "turn the scene; with Shift or the middle button: move it"),
+    ("drag right", "look around"),
+    ("W A S D, E Q", "fly, up and down; Shift: five times as fast; [ ]: slower, faster"),
+    ("wheel", "nearer to what is under the pointer, or farther"),
+    ("double click", "look at that point and turn about it"),
+    ("R, Page Up/Down", "back to the start; through the data set's cameras"),
+    ("C, V", "keep this camera; through the kept ones"),
+    ("1 2 3", "colour, coverage, depth"),
+    ("F12", "write the picture as PNG"),
+    ("F11, H, Esc", "full screen; this text; quit"),
+];
+
+/// What there is to say.
+pub(super) struct Facts<'a> {
+    pub(super) scene: &'a str,
+    pub(super) device: &'a str,
+    pub(super) size_px: [u32; 2],
+    pub(super) clock: &'a FrameClock,
+    pub(super) stats: &'a FrameStats,
+    pub(super) present_ms: Option<f64>,
+    /// Stored and expanded Gaussians.
+    pub(super) gaussians: [u64; 2],
+    /// Bytes of the file, and of the scene on the device.
+    pub(super) bytes: [u64; 2],
+}
+
+/// What can be set.
+pub(super) struct Settings<'a> {
+    pub(super) navigator: &'a mut Navigator,
+    pub(super) show: &'a mut Show,
+    pub(super) mode: &'a mut PresentMode,
+}
+
+/// The state of the interface itself.
+#[derive(Default)]
+pub(super) struct Hud {
+    /// Whether the panel is there.
+    pub(super) visible: bool,
+    /// Said until the next key: what was written where, or what went wrong.
+    pub(super) message: Option<String>,
+}
+
+impl Hud {
+    /// Lays out the interface.
+    pub(super) fn lay_out(&self, ctx: &egui::Context, facts: Facts<'_>, settings: Settings<'_>) {
+        if let Some(message) = &self.message {
+            egui::Area::new("message".into()).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -12.0]).show(ctx, |ui| {
+                egui::Frame::popup(ui.style()).show(ui, |ui| ui.label(message));
+            });
+        }
+        if !self.visible {
+            return;
+        }
+        egui::Window::new(facts.scene).resizable(false).default_pos([8.0, 8.0]).show(ctx, |ui| {
+            rate(ui, &facts);
+            counts(ui, &facts);
+            set(ui, settings);
+            ui.collapsing("Passes", |ui| passes(ui, &facts));
+            ui.collapsing("Keys", keys);
+        });
+    }
+}
+
+fn rate(ui: &mut egui::Ui, facts: &Facts<'_>) {
+    let [width, height] = facts.size_px;
+    ui.label(format!("{}, {width}x{height}", facts.device));
+    match facts.clock.rate() {
+        Some(rate) => {
+            let fps = 1e3 / rate.median_ms;
+            ui.label(format!("{fps:.1} FPS ({:.2} ms; slowest percent {:.2} ms)", rate.median_ms, rate.slow_ms));
+        }
+        None => {
+            ui.label("idle");
+        }
+    }
+    graph(ui, &facts.clock.times_ms().collect::<Vec<f64>>());
+}
+
+/// A line of the frame times, from 0 to the longest.
+fn graph(ui: &mut egui::Ui, times_ms: &[f64]) {
+    let (rect, _) = ui.allocate_exact_size([240.0, 36.0].into(), egui::Sense::hover());
+    let painter = ui.painter_at(rect);
+    painter.rect_filled(rect, 2.0, ui.visuals().extreme_bg_color);
+    let most = times_ms.iter().copied().fold(1e-3, f64::max);
+    let place = |(k, ms): (usize, &f64)| {
+        let part = k as f32 / times_ms.len().max(2) as f32;
+        egui::pos2(rect.left() + part * rect.width(), rect.bottom() - (ms / most) as f32 * (rect.height() - 2.0))
+    };
+    let points: Vec<egui::Pos2> = times_ms.iter().enumerate().map(place).collect();
+    painter.line(points, egui::Stroke::new(1.0, ui.visuals().selection.bg_fill));
+}
+
+fn counts(ui: &mut egui::Ui, facts: &Facts<'_>) {
+    let stats = facts.stats;
+    egui::Grid::new("counts").num_columns(2).show(ui, |ui| {
+        let mut row = |name: &str, value: String| {
+            ui.label(name);
+            ui.label(value);
+            ui.end_row();
+        };
+        row("Gaussians stored", grouped(facts.gaussians[0]));
+        row("expanded", grouped(facts.gaussians[1]));
+        row("visible", grouped(stats.visible));
+        row("(splat, tile) pairs", grouped(stats.intersections));
+        row("bytes, file", grouped(facts.bytes[0]));
+        row("bytes, scene on device", grouped(facts.bytes[1]));
+    });
+}
+
+fn set(ui: &mut egui::Ui, settings: Settings<'_>) {
+    let Settings { navigator, show, mode } = settings;
+    let mut degrees = navigator.fov_y().to_degrees();
+    if ui.add(egui::Slider::new(&mut degrees, 5.0..=150.0).text("field of view")).changed() {
+        navigator.set_fov_y(degrees.to_radians());
+    }
+    let range = [0.0, 3.0 * navigator.distance() as f32];
+    ui.horizontal(|ui| {
+        for (name, value) in [("colour", Show::Color), ("coverage", Show::Alpha), ("depth", Show::Depth(range))] {
+            let is = std::mem::discriminant(show) == std::mem::discriminant(&value);
+            if ui.selectable_label(is, name).clicked() {
+                *show = value;
+            }
+        }
+    });
+    ui.horizontal(|ui| {
+        for (name, value) in
+            [("fifo", PresentMode::Fifo), ("mailbox", PresentMode::Mailbox), ("immediate", PresentMode::Immediate)]
+        {
+            ui.selectable_value(mode, value, name);
+        }
+    });
+}
+
+fn passes(ui: &mut egui::Ui, facts: &Facts<'_>) {
+    let mut sums: Vec<(&str, f64)> = Vec::new();
+    for &(pass, ms) in &facts.stats.passes_ms {
+        match sums.iter_mut().find(|(name, _)| *name == pass) {
+            Some((_, sum)) => *sum += ms,
+            None => sums.push((pass, ms)),
+        }
+    }
+    let all: f64 = sums.iter().map(|(_, ms)| ms).sum();
+    egui::Grid::new("passes").num_columns(2).striped(true).show(ui, |ui| {
+        let mut row = |name: &str, ms: f64| {
+            ui.label(name);
+            ui.label(format!("{ms:.3} ms"));
+            ui.end_row();
+        };
+        sums.iter().for_each(|&(name, ms)| row(name, ms));
+        row("all of the scene", all);
+        if let Some(ms) = facts.present_ms {
+            row("present", ms);
+        }
+    });
+}
+
+fn keys(ui: &mut egui::Ui) {
+    egui::Grid::new("keys").num_columns(2).show(ui, |ui| {
+        for (key, what) in KEYS {
+            ui.strong(key);
+            ui.label(what);
+            ui.end_row();
+        }
+    });
+}
+
+/// Digits in groups of three.
+fn grouped(n: u64) -> String {
+    let digits = n.to_string();
+    let mut out = String::new();
+    for (k, digit) in digits.chars().enumerate() {
+        if k > 0 && (digits.len() - k).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::grouped;
+
+    #[test]
+    fn digits_in_groups() {
+        assert_eq!([0, 12, 123, 1234, 1_234_567].map(grouped), ["0", "12", "123", "1,234", "1,234,567"]);
+    }
+}

@@ -1,0 +1,26 @@
+//! L6: the standalone player: a window on a scene, at the speed of the device.
+//!
+//! ```text
+//!   window.rs      winit's events, one picture after another, only while something changes
+//!     controls.rs  what a person does -> what changes            (knows no window system)
+//!     navigation.rs   where the camera is                        (pure)
+//!     hud.rs       what is written over the picture              (egui)
+//!   stage.rs       scene on the device, render passes, kernel `present`
+//!     -> gpu::Swapchain   copy into the window's image, interface over it, show
+//!   headless.rs    the same pictures without a window
+//! ```
+//!
+//! A picture goes from the blend pass to the screen without a copy on the host: kernel `present` packs it into the pixels of
+//! the window, which are copied into one of the window's images.
+
+pub mod clock;
+pub mod controls;
+pub mod error;
+pub mod headless;
+mod hud;
+pub mod navigation;
+pub mod stage;
+pub mod window;
+
+pub use error::PlayerError;
+pub use stage::{Stage, StageOptions};

@@ -1,0 +1,367 @@
+//! Where the camera is, and how it moves. Lengths are scene units, angles radians, places in the picture pixels.
+
+use glam::{DMat3, DVec3};
+
+use crate::scene::Camera;
+use crate::scene::trajectory::Orbit;
+
+/// Orbiting stops at this angle from straight up and straight down: beyond it left and right would change sides.
+const POLE: f64 = 2.0 * std::f64::consts::PI / 180.0;
+/// A drag over the height of the picture turns by half a circle.
+const TURN_PER_HEIGHT: f64 = std::f64::consts::PI;
+/// One step of the wheel brings the target nearer by a tenth.
+const ZOOM_PER_STEP: f64 = 0.9;
+/// Vertical fields of view that still look like pictures: 5 to 150 degrees.
+const FIELDS_OF_VIEW: [f64; 2] = [0.0873, 2.618];
+/// Distances per second from target that one may fly: from looking at a detail to crossing a town.
+const SPEEDS: [f64; 2] = [1e-3, 1e3];
+/// What shift does to the speed.
+const FAST: f64 = 5.0;
+
+/// The vertical of a data set: cameras are held upright on average. `None` without cameras, or if they are held in all
+/// ways.
+pub fn vertical_of(cameras: &[Camera]) -> Option<DVec3> {
+    let sum: DVec3 = cameras.iter().map(|camera| -camera.rotation().row(1)).sum();
+    // Of random directions the mean is about 1 / sqrt(n) long.
+    let mean = sum / cameras.len().max(1) as f64;
+    (mean.length() > 0.3).then(|| mean.normalize())
+}
+
+/// A camera that a person moves. It looks at a target that it is turned about and comes nearer to.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Navigator {
+    eye: DVec3,
+    /// Columns: right, down, forward, in the world.
+    world_from_view: DMat3,
+    /// From the eye to the target.
+    distance: f64,
+    /// Axis of turns to the left and right; a unit vector.
+    up: DVec3,
+    /// Vertical field of view.
+    fov_y: f64,
+    /// Of flying, distances to the target at the start per second.
+    speed: f64,
+    /// What one distance is when flying: a scene's size does not change as one gets nearer.
+    unit: f64,
+}
+
+/// A direction of flight in the camera's axes, each from -1 to 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Flight {
+    /// To the right.
+    pub right: f64,
+    /// Upwards, along the scene's vertical.
+    pub up: f64,
+    /// Ahead.
+    pub forward: f64,
+    /// Five times as fast.
+    pub fast: bool,
+}
+
+impl Flight {
+    /// True if it leads nowhere.
+    pub fn is_still(&self) -> bool {
+        self.right == 0.0 && self.up == 0.0 && self.forward == 0.0
+    }
+}
+
+impl Navigator {
+    /// The first camera of the circle that `render --orbit` takes.
+    pub fn around(orbit: &Orbit) -> Self {
+        let camera = orbit.cameras(1, (16, 9)).remove(0);
+        let mut navigator = Self {
+            eye: DVec3::ZERO,
+            world_from_view: DMat3::IDENTITY,
+            distance: orbit.distance,
+            up: orbit.up,
+            fov_y: 1.0,
+            speed: 1.0,
+            unit: orbit.distance,
+        };
+        navigator.stand_at(&camera);
+        navigator
+    }
+
+    /// Takes place and field of view of a camera. The target stays as far away as it was.
+    pub fn stand_at(&mut self, camera: &Camera) {
+        self.eye = camera.position_world();
+        self.world_from_view = camera.rotation().transpose();
+        self.set_fov_y(2.0 * (0.5 * f64::from(camera.height) / camera.fy).atan());
+    }
+
+    /// The camera for a picture of `size_px`.
+    pub fn camera(&self, size_px: [u32; 2]) -> Camera {
+        let focal = 0.5 * f64::from(size_px[1]) / (0.5 * self.fov_y).tan();
+        let row = |axis: DVec3| [axis.x, axis.y, axis.z, -axis.dot(self.eye)];
+        let axes = self.world_from_view;
+        Camera {
+            name: "view".into(),
+            width: size_px[0],
+            height: size_px[1],
+            fx: focal,
+            fy: focal,
+            cx: 0.5 * f64::from(size_px[0]),
+            cy: 0.5 * f64::from(size_px[1]),
+            view_from_world: [row(axes.x_axis), row(axes.y_axis), row(axes.z_axis), [0.0, 0.0, 0.0, 1.0]],
+        }
+    }
+
+    /// Where the eye is.
+    pub fn eye(&self) -> DVec3 {
+        self.eye
+    }
+
+    /// What the camera is turned about.
+    pub fn target(&self) -> DVec3 {
+        self.eye + self.distance * self.world_from_view.z_axis
+    }
+
+    /// From the eye to the target.
+    pub fn distance(&self) -> f64 {
+        self.distance
+    }
+
+    /// Vertical field of view.
+    pub fn fov_y(&self) -> f64 {
+        self.fov_y
+    }
+
+    /// Changes the vertical field of view, within 5 to 150 degrees; what is no number changes nothing.
+    pub fn set_fov_y(&mut self, fov_y: f64) {
+        if fov_y.is_finite() {
+            self.fov_y = fov_y.clamp(FIELDS_OF_VIEW[0], FIELDS_OF_VIEW[1]);
+        }
+    }
+
+    /// Speed of flight, in distances to the target at the start per second.
+    pub fn speed(&self) -> f64 {
+        self.speed
+    }
+
+    /// Changes the speed of flight by a factor.
+    pub fn change_speed(&mut self, factor: f64) {
+        self.speed = (self.speed * factor).clamp(SPEEDS[0], SPEEDS[1]);
+    }
+
+    /// Turns about the target as a drag by `by_px` in a picture `height_px` high does: what is in front follows.
+    pub fn orbit(&mut self, by_px: [f64; 2], height_px: f64) {
+        let target = self.target();
+        self.turn(by_px, height_px);
+        self.eye = target - self.distance * self.world_from_view.z_axis;
+    }
+
+    /// Looks elsewhere from where it stands: what is far away follows the pointer.
+    pub fn look(&mut self, by_px: [f64; 2], height_px: f64) {
+        // A pixel is a pixel in the middle of the picture.
+        let scale = 2.0 * (0.5 * self.fov_y).tan() / TURN_PER_HEIGHT;
+        self.turn([-by_px[0] * scale, -by_px[1] * scale], height_px);
+    }
+
+    /// To the right and down, in pixels of a picture `height_px` high.
+    fn turn(&mut self, by_px: [f64; 2], height_px: f64) {
+        let [right, down] = by_px.map(|px| px / height_px.max(1.0) * TURN_PER_HEIGHT);
+        // A camera that is upside down turns the other way about the vertical.
+        let upright = if self.world_from_view.y_axis.dot(self.up) > 0.0 { -1.0 } else { 1.0 };
+        let yaw = DMat3::from_axis_angle(self.up, -right * upright);
+        let from_up = self.world_from_view.z_axis.dot(self.up).clamp(-1.0, 1.0).acos();
+        let wanted = from_up + down * upright;
+        // A camera given beyond the limit may stay there, but goes no farther.
+        let limits = [POLE.min(from_up), (std::f64::consts::PI - POLE).max(from_up)];
+        let pitch = (wanted.clamp(limits[0], limits[1]) - from_up) * upright;
+        let tilted = DMat3::from_axis_angle(self.world_from_view.x_axis, -pitch) * self.world_from_view;
+        self.world_from_view = orthonormal(yaw * tilted);
+    }
+
+    /// Moves with the picture: what is at the target's distance follows the pointer.
+    pub fn pan(&mut self, by_px: [f64; 2], height_px: f64) {
+        let per_px = 2.0 * self.distance * (0.5 * self.fov_y).tan() / height_px.max(1.0);
+        self.eye -= per_px * (by_px[0] * self.world_from_view.x_axis + by_px[1] * self.world_from_view.y_axis);
+    }
+
+    /// Comes nearer by `steps` of the wheel (negative: goes away); what is under the pointer at the target's distance stays
+    /// there.
+    pub fn zoom(&mut self, steps: f64, pointer_px: [f64; 2], size_px: [u32; 2]) {
+        let camera = self.camera(size_px);
+        let ray = [(pointer_px[0] - camera.cx) / camera.fx, (pointer_px[1] - camera.cy) / camera.fy];
+        let under = self.eye + self.distance * (self.world_from_view * DVec3::new(ray[0], ray[1], 1.0));
+        // 1e-6 of the scene is beyond what f32 on the device tells apart.
+        let factor = ZOOM_PER_STEP.powf(steps).clamp(1e-6 * self.unit / self.distance, 1e6 * self.unit / self.distance);
+        self.eye = under + (self.eye - under) * factor;
+        self.distance *= factor;
+    }
+
+    /// Flies for `seconds`.
+    pub fn fly(&mut self, flight: Flight, seconds: f64) {
+        let axes = self.world_from_view;
+        let direction = flight.right * axes.x_axis + flight.up * self.up + flight.forward * axes.z_axis;
+        let speed = self.speed * self.unit * if flight.fast { FAST } else { 1.0 };
+        self.eye += direction.normalize_or_zero() * speed * seconds;
+    }
+
+    /// Turns about what is in the middle of the picture as far away as a point, from now on.
+    pub fn aim_at(&mut self, point_world: DVec3) {
+        let depth = (point_world - self.eye).dot(self.world_from_view.z_axis);
+        if depth > 0.0 && point_world.is_finite() {
+            self.distance = depth;
+        }
+    }
+
+    /// Makes a point the target: it is in the middle of the picture then, as far away as before.
+    pub fn focus(&mut self, point_world: DVec3) {
+        let depth = (point_world - self.eye).dot(self.world_from_view.z_axis);
+        if depth > 0.0 && point_world.is_finite() {
+            self.aim_at(point_world);
+            self.eye = point_world - depth * self.world_from_view.z_axis;
+        }
+    }
+}
+
+/// Rounding adds up over thousands of turns.
+fn orthonormal(m: DMat3) -> DMat3 {
+    let forward = m.z_axis.normalize();
+    let right = m.y_axis.cross(forward).normalize();
+    DMat3::from_cols(right, forward.cross(right), forward)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: [u32; 2] = [320, 180];
+
+    fn navigator() -> Navigator {
+        Navigator::around(&Orbit { center: DVec3::new(1.0, -2.0, 0.5), distance: 4.0, up: DVec3::Z })
+    }
+
+    fn near(a: DVec3, b: DVec3) -> bool {
+        a.distance(b) < 1e-9
+    }
+
+    #[test]
+    fn it_starts_where_the_orbit_does_and_its_camera_is_sound() {
+        let n = navigator();
+        assert!(near(n.target(), DVec3::new(1.0, -2.0, 0.5)) && (n.distance() - 4.0).abs() < 1e-12);
+        let camera = n.camera(SIZE);
+        camera.validate().unwrap();
+        let orbit = Orbit { center: n.target(), distance: 4.0, up: DVec3::Z }.cameras(1, (320, 180)).remove(0);
+        assert!(near(camera.position_world(), orbit.position_world()) && (camera.fy - orbit.fy).abs() < 1e-9);
+        assert!(camera.pixel_of(n.target()).is_some_and(|at| (at[0] - 160.0).hypot(at[1] - 90.0) < 1e-9));
+    }
+
+    #[test]
+    fn orbiting_keeps_the_target_and_the_horizon_and_stops_at_the_poles() {
+        let mut n = navigator();
+        let (target, before) = (n.target(), n.eye());
+        n.orbit([180.0, 0.0], 180.0);
+        assert!(near(n.target(), target));
+        // Half a circle about the vertical: the other side, at the same height.
+        let want = DVec3::new(2.0 * target.x - before.x, 2.0 * target.y - before.y, before.z);
+        assert!(near(n.eye(), want), "{} {want}", n.eye());
+        for k in 0..5000 {
+            n.orbit([f64::from(k % 7), f64::from(k % 5) - 1.0], 180.0);
+            let camera = n.camera(SIZE);
+            camera.validate().unwrap();
+            assert!(camera.rotation().row(0).z.abs() < 1e-9, "the horizon is level");
+            assert!(near(n.target(), target) || n.target().distance(target) < 1e-6);
+        }
+        n.orbit([0.0, 1e6], 180.0);
+        let forward = n.camera(SIZE).rotation().row(2);
+        assert!((forward.dot(-DVec3::Z).acos() - POLE).abs() < 1e-6, "looks down from above: {forward}");
+        n.orbit([0.0, -1e6], 180.0);
+        let forward = n.camera(SIZE).rotation().row(2);
+        assert!((forward.dot(DVec3::Z).acos() - POLE).abs() < 1e-6, "looks up from below: {forward}");
+    }
+
+    #[test]
+    fn a_drag_turns_the_front_of_things_with_the_pointer() {
+        let mut n = navigator();
+        let front = n.target() + 0.5 * (n.eye() - n.target()).normalize();
+        n.orbit([10.0, 0.0], 180.0);
+        assert!(n.camera(SIZE).pixel_of(front).unwrap()[0] > 160.5);
+        let mut n = navigator();
+        n.orbit([0.0, 10.0], 180.0);
+        assert!(n.camera(SIZE).pixel_of(front).unwrap()[1] > 90.5);
+        // Looking: the picture moves with the pointer, about as far (to the side by the cosine of 20 degrees less).
+        let mut n = navigator();
+        let target = n.target();
+        n.look([9.0, 4.0], 180.0);
+        let [x, y] = n.camera(SIZE).pixel_of(target).unwrap();
+        assert!((x - 169.0).abs() < 1.0 && (y - 94.0).abs() < 0.5, "{x} {y}");
+    }
+
+    #[test]
+    fn panning_and_zooming_keep_what_is_under_the_pointer() {
+        let mut n = navigator();
+        let target = n.target();
+        n.pan([30.0, -12.0], 180.0);
+        let [x, y] = n.camera(SIZE).pixel_of(target).unwrap();
+        assert!((x - 190.0).abs() < 1e-9 && (y - 78.0).abs() < 1e-9);
+        n.zoom(3.0, [190.0, 78.0], SIZE);
+        let [x, y] = n.camera(SIZE).pixel_of(target).unwrap();
+        assert!((x - 190.0).abs() < 1e-9 && (y - 78.0).abs() < 1e-9);
+        assert!((n.distance() - 4.0 * 0.729).abs() < 1e-9);
+        for steps in [1e9, -1e9] {
+            n.zoom(steps, [0.0, 0.0], SIZE);
+            n.camera(SIZE).validate().unwrap();
+            assert!(n.distance() > 0.0 && n.distance().is_finite());
+        }
+    }
+
+    #[test]
+    fn flying_goes_where_the_camera_looks_at_the_speed_set() {
+        let mut n = navigator();
+        let (eye, forward) = (n.eye(), n.camera(SIZE).rotation().row(2));
+        n.fly(Flight { forward: 1.0, ..Default::default() }, 0.5);
+        assert!(near(n.eye(), eye + 2.0 * forward));
+        n.change_speed(0.5);
+        n.fly(Flight { up: -1.0, fast: true, ..Default::default() }, 1.0);
+        assert!(near(n.eye(), eye + 2.0 * forward - 10.0 * DVec3::Z));
+        let here = n.clone();
+        n.fly(Flight::default(), 1.0);
+        assert_eq!(n, here);
+        assert!(Flight::default().is_still() && !Flight { right: 0.1, ..Default::default() }.is_still());
+    }
+
+    #[test]
+    fn focus_centres_a_point_and_what_is_behind_changes_nothing() {
+        let mut n = navigator();
+        let point = n.target() + DVec3::new(0.3, -0.2, 0.4);
+        n.focus(point);
+        assert!(near(n.target(), point));
+        let here = n.clone();
+        let behind = n.eye() - n.camera(SIZE).rotation().row(2);
+        n.focus(behind);
+        n.focus(DVec3::NAN);
+        n.set_fov_y(f64::NAN);
+        assert_eq!(n, here);
+        n.set_fov_y(10.0);
+        assert_eq!(n.fov_y(), FIELDS_OF_VIEW[1]);
+    }
+
+    #[test]
+    fn the_vertical_is_that_of_upright_cameras() {
+        let around = |up: DVec3| Orbit { center: DVec3::ZERO, distance: 3.0, up }.cameras(7, (64, 48));
+        for up in [DVec3::Z, -DVec3::Y, DVec3::new(0.6, 0.0, 0.8)] {
+            assert!(vertical_of(&around(up)).is_some_and(|found| found.distance(up) < 1e-9));
+        }
+        let both = [around(DVec3::X), around(-DVec3::X)].concat();
+        assert_eq!((vertical_of(&both), vertical_of(&[])), (None, None));
+    }
+
+    #[test]
+    fn a_rolled_camera_is_taken_as_it_is() {
+        let mut n = navigator();
+        let mut camera = n.camera(SIZE);
+        let roll = DMat3::from_rotation_z(0.4) * camera.rotation();
+        let at = camera.position_world();
+        for k in 0..3 {
+            let row = roll.row(k);
+            camera.view_from_world[k] = [row.x, row.y, row.z, -row.dot(at)];
+        }
+        n.stand_at(&camera);
+        let got = n.camera(SIZE);
+        assert!(
+            (0..3).all(|k| got.rotation().row(k).distance(roll.row(k)) < 1e-9) && (got.fy - camera.fy).abs() < 1e-9
+        );
+    }
+}

@@ -1,0 +1,530 @@
+//! The window: winit's events in, pictures out. Pictures are drawn only while something changes.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle, RawWindowHandle};
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
+use winit::keyboard::{KeyCode, PhysicalKey};
+use winit::window::{Fullscreen, Window, WindowId};
+
+use crate::gpu::{DeviceChoice, Gpu, GpuOptions, PresentMode, Swapchain, UiFrame, UiPainter};
+use crate::io::{load_scene, read_cameras, write_cameras};
+use crate::render::{FrameStats, Show};
+use crate::scene::trajectory::Orbit;
+use crate::scene::{Camera, InstancedScene};
+
+use super::clock::FrameClock;
+use super::controls::{Button, Controls, FlightKey};
+use super::error::PlayerError;
+use super::headless::FrameTime;
+use super::hud::{Facts, Hud, Settings};
+use super::navigation::{Navigator, vertical_of};
+use super::stage::{Stage, StageOptions};
+
+/// Pixels of a touch pad's scroll that count as one step of a wheel.
+const PIXELS_PER_STEP: f64 = 40.0;
+/// A pause that is longer is not flown through: the window was hidden, or the device busy.
+const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
+/// What one press of a speed key does.
+const SPEED_STEP: f64 = 1.5;
+
+/// What to open.
+pub struct WindowJob {
+    /// File of the scene.
+    pub path: PathBuf,
+    /// What was in it, and its length in bytes; else what is wrong with it, to be said in the window.
+    pub scene: Result<(InstancedScene, u64), String>,
+    /// How it looks.
+    pub options: StageOptions,
+    /// Views of a data set to step through; the first is where the player starts. May be empty.
+    pub cameras: Vec<Camera>,
+    /// The scene's vertical, if the user knows better.
+    pub up: Option<glam::DVec3>,
+    /// Width and height of the window, pixels.
+    pub size_px: (u32, u32),
+    /// When pictures replace each other.
+    pub mode: PresentMode,
+    /// Which device.
+    pub device: DeviceChoice,
+    /// With the validation layers.
+    pub validation: bool,
+    /// Close after so many pictures, drawn without pause through `path_cameras`; `None` = when the user closes it.
+    pub frames: Option<u64>,
+    /// Cameras of these pictures, in turn.
+    pub path_cameras: Vec<Camera>,
+    /// Where the last picture goes.
+    pub screenshot: Option<PathBuf>,
+}
+
+/// What the window did.
+#[derive(Default)]
+pub struct WindowReport {
+    /// Of each picture, if their number was given.
+    pub times: Vec<FrameTime>,
+    /// The device's name.
+    pub device: String,
+    /// Size of the last picture.
+    pub size_px: [u32; 2],
+    /// First message of the validation layers.
+    pub validation_message: Option<String>,
+}
+
+/// Opens the window and returns when it is closed.
+///
+/// # Errors
+/// No display, no device that draws into its windows, or a failure while drawing.
+pub fn run(job: WindowJob) -> Result<WindowReport, PlayerError> {
+    let event_loop = EventLoop::new().map_err(window_error)?;
+    event_loop.set_control_flow(ControlFlow::Wait);
+    let mut player = Player { job, live: None, outcome: Ok(WindowReport::default()) };
+    event_loop.run_app(&mut player).map_err(window_error)?;
+    // Device objects before the event loop's display.
+    player.live = None;
+    player.outcome
+}
+
+fn window_error(error: impl std::fmt::Display) -> PlayerError {
+    PlayerError::Window(error.to_string())
+}
+
+struct Player {
+    job: WindowJob,
+    live: Option<Live>,
+    outcome: Result<WindowReport, PlayerError>,
+}
+
+/// Everything that exists while the window does. Fields are dropped in this order: images before the window.
+struct Live {
+    painter: UiPainter,
+    stage: Stage,
+    swapchain: Swapchain,
+    gpu: Arc<Gpu>,
+    ui: egui_winit::State,
+    window: Arc<Window>,
+    path: PathBuf,
+    title: String,
+    file_bytes: u64,
+    navigator: Navigator,
+    home: Navigator,
+    controls: Controls,
+    hud: Hud,
+    clock: FrameClock,
+    stats: FrameStats,
+    present_ms: Option<f64>,
+    /// Views of the data set, and which one is next.
+    cameras: (Vec<Camera>, usize),
+    /// Cameras that the user kept, and which one is next.
+    kept: (Vec<Camera>, usize),
+    opened: Instant,
+    /// When the last picture was shown, if the one to come follows it without a pause.
+    last_shown: Option<Instant>,
+    /// Chosen, but not yet in use.
+    next_mode: Option<PresentMode>,
+}
+
+impl ApplicationHandler for Player {
+    fn resumed(&mut self, event_loop: &ActiveEventLoop) {
+        if self.live.is_some() {
+            return;
+        }
+        match Live::open(event_loop, &mut self.job) {
+            Ok(live) => {
+                live.window.request_redraw();
+                self.live = Some(live);
+            }
+            Err(error) => self.end(event_loop, Err(error)),
+        }
+    }
+
+    fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        let Some(live) = &mut self.live else { return };
+        match event {
+            WindowEvent::CloseRequested => self.end(event_loop, Ok(())),
+            WindowEvent::RedrawRequested => {
+                if let Err(error) = self.redraw(event_loop) {
+                    self.end(event_loop, Err(error));
+                }
+            }
+            event => match live.event(&event, &self.job) {
+                Ok(After::Nothing) => {}
+                Ok(After::Redraw) => live.window.request_redraw(),
+                Ok(After::Quit) => self.end(event_loop, Ok(())),
+                Err(error) => self.end(event_loop, Err(error)),
+            },
+        }
+    }
+}
+
+/// What an event leads to.
+enum After {
+    Nothing,
+    Redraw,
+    Quit,
+}
+
+impl Player {
+    fn redraw(&mut self, event_loop: &ActiveEventLoop) -> Result<(), PlayerError> {
+        let Some(live) = &mut self.live else { return Ok(()) };
+        let done = self.outcome.as_ref().map_or(0, |report| report.times.len() as u64);
+        if self.job.frames.is_some() && !self.job.path_cameras.is_empty() {
+            let cameras = &self.job.path_cameras;
+            live.navigator.stand_at(&cameras[(done % cameras.len() as u64) as usize]);
+        }
+        let shown = live.picture(self.job.frames.is_some())?;
+        let Some(frames) = self.job.frames else { return Ok(()) };
+        if let (Some(ms), Ok(report)) = (shown, &mut self.outcome) {
+            report.times.push(FrameTime { ms, present_ms: live.present_ms, stats: live.stats.clone() });
+        }
+        if done + u64::from(shown.is_some()) >= frames {
+            self.end(event_loop, Ok(()));
+        }
+        Ok(())
+    }
+
+    /// Notes how it ended and leaves the event loop.
+    fn end(&mut self, event_loop: &ActiveEventLoop, result: Result<(), PlayerError>) {
+        event_loop.exit();
+        let closing = result.and_then(|()| self.closing());
+        if let Err(error) = closing {
+            self.outcome = Err(error);
+        }
+    }
+
+    fn closing(&mut self) -> Result<(), PlayerError> {
+        let (Some(live), Ok(report)) = (&mut self.live, &mut self.outcome) else { return Ok(()) };
+        report.device = live.gpu.caps().name.clone();
+        report.size_px = live.swapchain.size_px();
+        if let Some(path) = &self.job.screenshot {
+            live.stage.screenshot(path)?;
+        }
+        live.gpu.wait_all()?;
+        report.validation_message = live.gpu.validation_messages().take().into_iter().next();
+        Ok(())
+    }
+}
+
+impl Live {
+    fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
+        let title = job.path.file_name().map_or("instgs".into(), |name| name.to_string_lossy().into_owned());
+        let attributes = Window::default_attributes()
+            .with_title(format!("{title} - instgs-player"))
+            .with_inner_size(PhysicalSize::new(job.size_px.0, job.size_px.1));
+        let window = Arc::new(event_loop.create_window(attributes).map_err(window_error)?);
+        let (display, handle) = handles(&window)?;
+        let options = GpuOptions { device: job.device.clone(), validation: job.validation, display: Some(display) };
+        let gpu = Gpu::open(&options)?;
+        let size = window.inner_size();
+        // SAFETY: the window is kept in `Live` behind the swapchain, which is dropped first; the device was opened for its
+        // display.
+        let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], job.mode) }?;
+        let painter = UiPainter::new(&gpu, &swapchain)?;
+        let ctx = egui::Context::default();
+        let scale = window.scale_factor() as f32;
+        let ui = egui_winit::State::new(ctx, egui::ViewportId::ROOT, &window, Some(scale), None, None);
+        let navigator = Navigator::around(&Orbit::around(&InstancedScene::default(), job.up));
+        let mut live = Self {
+            painter,
+            stage: Stage::new(&gpu, InstancedScene::default(), job.options)?,
+            swapchain,
+            gpu,
+            ui,
+            window,
+            title,
+            file_bytes: 0,
+            home: navigator.clone(),
+            navigator,
+            controls: Controls::default(),
+            hud: Hud { visible: job.frames.is_none(), message: None },
+            clock: FrameClock::default(),
+            stats: FrameStats::default(),
+            present_ms: None,
+            cameras: (std::mem::take(&mut job.cameras), 0),
+            kept: (kept_cameras(&job.path), 0),
+            opened: Instant::now(),
+            last_shown: None,
+            next_mode: None,
+            path: job.path.clone(),
+        };
+        let scene = std::mem::replace(&mut job.scene, Err(String::new()));
+        live.take_scene(scene, job)?;
+        Ok(live)
+    }
+
+    /// Shows a scene, or says why there is none.
+    fn take_scene(&mut self, scene: Result<(InstancedScene, u64), String>, job: &WindowJob) -> Result<(), PlayerError> {
+        let (scene, bytes) = match scene {
+            Ok(scene) => scene,
+            Err(reason) => {
+                self.hud.message = Some(reason);
+                return Ok(());
+            }
+        };
+        let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.cameras.0)));
+        self.home = Navigator::around(&orbit);
+        if let Some(camera) = self.cameras.0.first() {
+            self.home.stand_at(camera);
+            self.home.aim_at(orbit.center);
+        }
+        self.navigator = self.home.clone();
+        let mut options = job.options;
+        options.render.antialias |= scene.antialias;
+        // The old scene's memory first.
+        self.stage = Stage::new(&self.gpu, InstancedScene::default(), options)?;
+        self.stage = Stage::new(&self.gpu, scene, options)?;
+        self.file_bytes = bytes;
+        self.clock.clear();
+        Ok(())
+    }
+
+    /// Draws and shows a picture; milliseconds since the one before, or of this one alone after a pause. `None` if there is
+    /// nowhere to show it now. `goes_on` says that another one follows at once.
+    fn picture(&mut self, goes_on: bool) -> Result<Option<f64>, PlayerError> {
+        let start = Instant::now();
+        if let Some(mode) = self.next_mode.take() {
+            self.swapchain.set_mode(mode)?;
+        }
+        let mut target = self.swapchain.acquire()?;
+        if target.is_none() {
+            self.resize()?;
+            target = self.swapchain.acquire()?;
+        }
+        let Some(target) = target else { return Ok(None) };
+        let since = self.last_shown.map(|then| start.duration_since(then).as_secs_f64());
+        let flight = self.controls.flight();
+        self.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
+        let (frame, animated) = self.lay_out()?;
+        self.painter.prepare(&frame)?;
+        self.present_ms = self.stage.present_ms()?;
+        self.stats = self.stage.draw(&self.navigator.camera(target.size_px))?;
+        let (recorder, pixels) = self.stage.record_pixels(target.size_px, target.blue_first)?;
+        let fits = self.swapchain.present(recorder, target, pixels, Some((&mut self.painter, &frame)))?;
+        if !fits {
+            self.resize()?;
+        }
+        let ms = 1e3 * since.unwrap_or_else(|| start.elapsed().as_secs_f64());
+        self.clock.push(ms);
+        let goes_on = goes_on || !flight.is_still();
+        self.last_shown = goes_on.then_some(start);
+        if goes_on || animated || !fits {
+            self.window.request_redraw();
+        }
+        Ok(Some(ms))
+    }
+
+    fn resize(&mut self) -> Result<(), PlayerError> {
+        let size = self.window.inner_size();
+        Ok(self.swapchain.resize([size.width, size.height])?)
+    }
+
+    /// The interface of the next picture, and whether it moves by itself.
+    fn lay_out(&mut self) -> Result<(UiFrame, bool), PlayerError> {
+        let input = self.ui.take_egui_input(&self.window);
+        let mut mode = self.swapchain.mode();
+        let scene = self.stage.scene();
+        let gaussians = [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()];
+        let bytes = [self.file_bytes, self.stage.device_bytes()];
+        let ctx = self.ui.egui_ctx().clone();
+        let output = ctx.run(input, |ctx| {
+            let facts = Facts {
+                scene: &self.title,
+                device: &self.gpu.caps().name,
+                size_px: self.swapchain.size_px(),
+                clock: &self.clock,
+                stats: &self.stats,
+                present_ms: self.present_ms,
+                gaussians,
+                bytes,
+            };
+            let settings =
+                Settings { navigator: &mut self.navigator, show: &mut self.stage.options.show, mode: &mut mode };
+            self.hud.lay_out(ctx, facts, settings);
+        });
+        if mode != self.swapchain.mode() {
+            // The image at hand belongs to the old mode: the next picture has the new one.
+            self.next_mode = Some(mode);
+        }
+        self.ui.handle_platform_output(&self.window, output.platform_output);
+        let primitives = ctx.tessellate(output.shapes, output.pixels_per_point);
+        let animated = output.viewport_output.values().any(|viewport| viewport.repaint_delay.is_zero());
+        let frame = UiFrame { textures: output.textures_delta, primitives, pixels_per_point: output.pixels_per_point };
+        Ok((frame, animated || self.next_mode.is_some()))
+    }
+
+    fn event(&mut self, event: &WindowEvent, job: &WindowJob) -> Result<After, PlayerError> {
+        let response = self.ui.on_window_event(&self.window, event);
+        let height = f64::from(self.swapchain.size_px()[1]);
+        let changed = match event {
+            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
+                self.resize()?;
+                true
+            }
+            WindowEvent::Focused(false) => {
+                self.controls.let_go();
+                false
+            }
+            WindowEvent::ModifiersChanged(modifiers) => {
+                self.controls.shift = modifiers.state().shift_key();
+                false
+            }
+            WindowEvent::CursorMoved { position, .. } => {
+                self.controls.pointer_moved([position.x, position.y], &mut self.navigator, height)
+            }
+            WindowEvent::MouseInput { state, button, .. } => self.button(*state, *button, response.consumed)?,
+            WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
+                let steps = match delta {
+                    MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
+                    MouseScrollDelta::PixelDelta(by) => by.y / PIXELS_PER_STEP,
+                };
+                self.navigator.zoom(steps, self.controls.pointer_px(), self.swapchain.size_px());
+                steps != 0.0
+            }
+            WindowEvent::KeyboardInput { event, .. } => {
+                let PhysicalKey::Code(code) = event.physical_key else { return Ok(After::Nothing) };
+                let down = event.state == ElementState::Pressed;
+                if let Some(key) = flight_key(code) {
+                    self.controls.flight_key(key, down && !response.consumed);
+                    down
+                } else if down && !event.repeat && !response.consumed {
+                    return self.key(code);
+                } else {
+                    false
+                }
+            }
+            WindowEvent::DroppedFile(path) => {
+                self.open_file(path, job)?;
+                true
+            }
+            _ => false,
+        };
+        Ok(if changed || response.repaint { After::Redraw } else { After::Nothing })
+    }
+
+    fn button(&mut self, state: ElementState, button: MouseButton, consumed: bool) -> Result<bool, PlayerError> {
+        let button = match button {
+            MouseButton::Left => Button::Left,
+            MouseButton::Right => Button::Right,
+            MouseButton::Middle => Button::Middle,
+            _ => return Ok(false),
+        };
+        if state == ElementState::Pressed {
+            if !consumed {
+                self.controls.pressed(button);
+            }
+            return Ok(false);
+        }
+        let click = self.controls.released(button, self.opened.elapsed().as_secs_f64());
+        let Some(click) = click.filter(|click| click.double) else { return Ok(false) };
+        let point = self.stage.point_at(click.at_px)?;
+        if let Some(point) = point {
+            self.navigator.focus(point);
+        }
+        Ok(point.is_some())
+    }
+
+    fn key(&mut self, code: KeyCode) -> Result<After, PlayerError> {
+        self.hud.message = None;
+        match code {
+            KeyCode::Escape => return Ok(After::Quit),
+            KeyCode::KeyH => self.hud.visible = !self.hud.visible,
+            KeyCode::KeyR => self.navigator = self.home.clone(),
+            KeyCode::BracketLeft => self.navigator.change_speed(1.0 / SPEED_STEP),
+            KeyCode::BracketRight => self.navigator.change_speed(SPEED_STEP),
+            KeyCode::Digit1 => self.stage.options.show = Show::Color,
+            KeyCode::Digit2 => self.stage.options.show = Show::Alpha,
+            KeyCode::Digit3 => self.stage.options.show = Show::Depth([0.0, 3.0 * self.navigator.distance() as f32]),
+            KeyCode::PageDown => step(&mut self.cameras, 1, &mut self.navigator, &mut self.hud),
+            KeyCode::PageUp => step(&mut self.cameras, -1, &mut self.navigator, &mut self.hud),
+            KeyCode::KeyV => step(&mut self.kept, 1, &mut self.navigator, &mut self.hud),
+            KeyCode::KeyC => self.keep_camera(),
+            KeyCode::F11 => {
+                let full = self.window.fullscreen().is_none();
+                self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+            }
+            KeyCode::F12 => self.write_picture(),
+            _ => return Ok(After::Nothing),
+        }
+        Ok(After::Redraw)
+    }
+
+    /// Opens a file that was dropped on the window; what is wrong with it is said in the window.
+    fn open_file(&mut self, path: &Path, job: &WindowJob) -> Result<(), PlayerError> {
+        let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes)).map_err(|e| e.to_string());
+        if loaded.is_ok() {
+            self.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+            self.path = path.to_path_buf();
+            self.window.set_title(&format!("{} - instgs-player", self.title));
+            self.cameras = (Vec::new(), 0);
+            self.kept = (kept_cameras(path), 0);
+            self.hud.message = None;
+        }
+        self.take_scene(loaded, job)
+    }
+
+    /// Keeps the camera, in memory and in a camera file beside the scene.
+    fn keep_camera(&mut self) {
+        let mut camera = self.navigator.camera(self.swapchain.size_px());
+        camera.name = format!("{:03}", self.kept.0.len());
+        self.kept.0.push(camera);
+        self.kept.1 = 0;
+        let path = cameras_path(&self.path);
+        self.hud.message = Some(match write_cameras(&path, &self.kept.0) {
+            Ok(()) => format!("camera {} is in {}", self.kept.0.len(), path.display()),
+            Err(error) => error.to_string(),
+        });
+    }
+
+    /// Writes the last picture beside the scene, under the first name that is free.
+    fn write_picture(&mut self) {
+        let free = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.png"))).find(|path| !path.exists());
+        let path = free.unwrap_or_default();
+        self.hud.message = Some(match self.stage.screenshot(&path) {
+            Ok(()) => path.display().to_string(),
+            Err(error) => error.to_string(),
+        });
+    }
+}
+
+/// The next or previous of some cameras, all round.
+fn step((cameras, at): &mut (Vec<Camera>, usize), by: isize, navigator: &mut Navigator, hud: &mut Hud) {
+    let Some(last) = cameras.len().checked_sub(1) else {
+        hud.message = Some("there are no cameras to step through (--data DIR, or C keeps one)".into());
+        return;
+    };
+    let camera = &cameras[(*at).min(last)];
+    navigator.stand_at(camera);
+    hud.message = Some(format!("camera {} of {}: {}", *at + 1, cameras.len(), camera.name));
+    *at = (*at as isize + by).rem_euclid(cameras.len() as isize) as usize;
+}
+
+/// Where kept cameras of a scene are; `render --camera` takes them too.
+fn cameras_path(scene: &Path) -> PathBuf {
+    scene.with_extension("cameras.json")
+}
+
+/// The cameras kept earlier; none if there is no such file, or another program's.
+fn kept_cameras(scene: &Path) -> Vec<Camera> {
+    read_cameras(&cameras_path(scene)).unwrap_or_default()
+}
+
+fn flight_key(code: KeyCode) -> Option<FlightKey> {
+    Some(match code {
+        KeyCode::KeyW => FlightKey::Forward,
+        KeyCode::KeyS => FlightKey::Back,
+        KeyCode::KeyA => FlightKey::Left,
+        KeyCode::KeyD => FlightKey::Right,
+        KeyCode::KeyE => FlightKey::Up,
+        KeyCode::KeyQ => FlightKey::Down,
+        _ => return None,
+    })
+}
+
+/// The handles of a window.
+fn handles(window: &Window) -> Result<(RawDisplayHandle, RawWindowHandle), PlayerError> {
+    let display = window.display_handle().map_err(window_error)?.as_raw();
+    Ok((display, window.window_handle().map_err(window_error)?.as_raw()))
+}
