@@ -14,8 +14,8 @@ use crate::scene::InstancedScene;
 use crate::scene::edit::{EditOutcome, apply, template_centres};
 use crate::scene::trajectory::Orbit;
 
-/// Changes the instances of a scene and writes it to a new file. An instance K is named by its index (--list shows them),
-/// as id:N (mask id), group:NAME or template:N; the latter two name all of a kind.
+/// Changes the instances of a scene and writes it to a new file. An instance K is named by its index (--list shows them;
+/// 0,3,4 are several), as id:N (mask id), group:NAME or template:N; the latter two name all of a kind.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk edit room.instgs --list\n  \

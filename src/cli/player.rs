@@ -81,6 +81,7 @@ enum ShowArg {
     Color,
     Alpha,
     Depth,
+    Instances,
 }
 
 #[derive(serde::Serialize)]
@@ -168,6 +169,7 @@ fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> StageOptions {
     let show = match args.show {
         ShowArg::Color => Show::Color,
         ShowArg::Alpha => Show::Alpha,
+        ShowArg::Instances => Show::Instances,
         ShowArg::Depth => {
             Show::Depth([0.0, 3.0 * Orbit::around(scene, args.up.map(Triple::direction)).distance as f32])
         }

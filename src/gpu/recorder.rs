@@ -248,13 +248,28 @@ impl Recorder {
         target: &mut Buffer<T>,
         bytes: u64,
     ) -> Result<(), GpuError> {
-        assert!(bytes <= source.bytes().min(target.bytes()), "{} to {}: {bytes} bytes", source.name(), target.name());
+        self.copy_to(source, (target, 0), bytes)
+    }
+
+    /// Copies the first `bytes` bytes to where element `first` of the target begins.
+    ///
+    /// # Panics
+    /// If either buffer is shorter.
+    pub fn copy_to<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+        (target, first): (&mut Buffer<T>, usize),
+        bytes: u64,
+    ) -> Result<(), GpuError> {
+        let offset = (first * size_of::<T>()) as u64;
+        let fits = bytes <= source.bytes() && offset + bytes <= target.bytes();
+        assert!(fits, "{} to {} from {first}: {bytes} bytes", source.name(), target.name());
         self.begin()?;
         let accesses = [(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)];
         if let Some(barrier) = self.hazards.next(&accesses) {
             self.barrier(barrier);
         }
-        let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
+        let regions = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: bytes }];
         // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted).
         unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
         Ok(())

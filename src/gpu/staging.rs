@@ -19,7 +19,20 @@ pub fn upload<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, name: &str, data: &[T]) -> 
 /// # Panics
 /// If `data` is longer than the buffer.
 pub fn write<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, buffer: &mut Buffer<T>, data: &[T]) -> Result<(), GpuError> {
-    assert!(data.len() <= buffer.len(), "{}: {} elements into {}", buffer.name(), data.len(), buffer.len());
+    write_at(gpu, (buffer, 0), data)
+}
+
+/// Writes `data` to `buffer` from element `first` on.
+///
+/// # Panics
+/// If `data` goes beyond the buffer.
+pub fn write_at<T: bytemuck::NoUninit>(
+    gpu: &Arc<Gpu>,
+    (buffer, first): (&mut Buffer<T>, usize),
+    data: &[T],
+) -> Result<(), GpuError> {
+    let end = first + data.len();
+    assert!(end <= buffer.len(), "{}: {} elements from {first} into {}", buffer.name(), data.len(), buffer.len());
     if data.is_empty() {
         return Ok(());
     }
@@ -28,7 +41,7 @@ pub fn write<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, buffer: &mut Buffer<T>, data
     let mapped = staging.mapped_mut().ok_or_else(|| not_mapped("staging"))?;
     mapped.copy_from_slice(bytes);
     let mut recorder = Recorder::new(gpu)?;
-    recorder.copy(&staging, buffer, bytes.len() as u64)?;
+    recorder.copy_to(&staging, (buffer, first), bytes.len() as u64)?;
     let ticket = recorder.submit()?;
     recorder.wait(ticket)
 }

@@ -73,6 +73,13 @@ pub struct SegmentPipelines {
     pub mask_contribution: Pipeline<mask_contribution::MaskContribution>,
 }
 
+/// The kernel that says whose surface a pixel shows.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct SurfacePipelines {
+    pub variant: Variant,
+    pub tile_surface: Pipeline<tile_surface::TileSurface>,
+}
+
 /// The kernel that shows pictures in windows.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct PresentPipelines {
@@ -248,6 +255,15 @@ impl SegmentPipelines {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
         Ok(Self { variant, mask_contribution: compiler.compile(variant.blend_workgroup_size, &sizes)? })
+    }
+}
+
+impl SurfacePipelines {
+    /// Compiles it for the variant's tile size.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
+        Ok(Self { variant, tile_surface: compiler.compile(variant.blend_workgroup_size, &sizes)? })
     }
 }
 

@@ -58,6 +58,8 @@ pub struct Controls {
     held: [bool; 6],
     /// Shift is held.
     pub shift: bool,
+    /// Ctrl (or Cmd) is held.
+    pub control: bool,
     last_click: Option<(f64, [f64; 2])>,
 }
 
@@ -114,7 +116,8 @@ impl Controls {
 
     /// Nothing is held any more: the window lost the keyboard.
     pub fn let_go(&mut self) {
-        (self.held, self.press, self.shift) = ([false; 6], None, false);
+        (self.held, self.press) = ([false; 6], None);
+        (self.shift, self.control) = (false, false);
     }
 
     /// Where the held keys lead.

@@ -7,7 +7,7 @@ use super::clock::FrameClock;
 use super::navigation::Navigator;
 
 /// What the keys do, for the help at the bottom.
-const KEYS: [(&str, &str); 10] = [
+const KEYS: [(&str, &str); 15] = [
     ("drag left", "turn the scene; with Shift or the middle button: move it"),
     ("drag right", "look around"),
     ("W A S D, E Q", "fly, up and down; Shift: five times as fast; [ ]: slower, faster"),
@@ -15,7 +15,12 @@ const KEYS: [(&str, &str); 10] = [
     ("double click", "look at that point and turn about it"),
     ("R, Page Up/Down", "back to the start; through the data set's cameras"),
     ("C, V", "keep this camera; through the kept ones"),
-    ("1 2 3", "colour, coverage, depth"),
+    ("1 2 3 4", "colour, coverage, depth, instances"),
+    ("click", "choose an object; with Shift: one more, or one less; G: all alike"),
+    ("arrows, Home End", "move it level, up and down; with Shift a tenth as far"),
+    (", .  + -", "turn it; larger, smaller"),
+    ("Ctrl+D, Delete", "a copy beside it; remove it"),
+    ("Ctrl+Z, Ctrl+Y, Ctrl+S", "take back, do again, save"),
     ("F12", "write the picture as PNG"),
     ("F11, H, Esc", "full screen; this text; quit"),
 ];
@@ -32,6 +37,11 @@ pub(super) struct Facts<'a> {
     pub(super) gaussians: [u64; 2],
     /// Bytes of the file, and of the scene on the device.
     pub(super) bytes: [u64; 2],
+    /// Indices of what is chosen, and how many instances there are.
+    pub(super) chosen: Vec<usize>,
+    pub(super) instances: usize,
+    /// Changes that can be taken back, and done again.
+    pub(super) steps: [usize; 2],
 }
 
 /// What can be set.
@@ -64,6 +74,7 @@ impl Hud {
         egui::Window::new(facts.scene).resizable(false).default_pos([8.0, 8.0]).show(ctx, |ui| {
             rate(ui, &facts);
             counts(ui, &facts);
+            chosen(ui, &facts);
             set(ui, settings);
             ui.collapsing("Passes", |ui| passes(ui, &facts));
             ui.collapsing("Keys", keys);
@@ -117,6 +128,16 @@ fn counts(ui: &mut egui::Ui, facts: &Facts<'_>) {
     });
 }
 
+fn chosen(ui: &mut egui::Ui, facts: &Facts<'_>) {
+    let what = match facts.chosen.as_slice() {
+        [] => "nothing chosen".into(),
+        [one] => format!("instance {one} chosen"),
+        several => format!("{} chosen", several.len()),
+    };
+    let [undo, redo] = facts.steps;
+    ui.label(format!("{} instances, {what}; {undo} changes, {redo} taken back", grouped(facts.instances as u64)));
+}
+
 fn set(ui: &mut egui::Ui, settings: Settings<'_>) {
     let Settings { navigator, show, mode } = settings;
     let mut degrees = navigator.fov_y().to_degrees();
@@ -125,7 +146,12 @@ fn set(ui: &mut egui::Ui, settings: Settings<'_>) {
     }
     let range = [0.0, 3.0 * navigator.distance() as f32];
     ui.horizontal(|ui| {
-        for (name, value) in [("colour", Show::Color), ("coverage", Show::Alpha), ("depth", Show::Depth(range))] {
+        for (name, value) in [
+            ("colour", Show::Color),
+            ("coverage", Show::Alpha),
+            ("depth", Show::Depth(range)),
+            ("instances", Show::Instances),
+        ] {
             let is = std::mem::discriminant(show) == std::mem::discriminant(&value);
             if ui.selectable_label(is, name).clicked() {
                 *show = value;

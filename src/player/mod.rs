@@ -4,6 +4,7 @@
 //!   window.rs      winit's events, one picture after another, only while something changes
 //!     controls.rs  what a person does -> what changes            (knows no window system)
 //!     navigation.rs   where the camera is                        (pure)
+//!     editor.rs    what is chosen, changed and taken back         (pure; scene::edit)
 //!     hud.rs       what is written over the picture              (egui)
 //!   stage.rs       scene on the device, render passes, kernel `present`
 //!     -> gpu::Swapchain   copy into the window's image, interface over it, show
@@ -15,6 +16,7 @@
 
 pub mod clock;
 pub mod controls;
+pub mod editor;
 pub mod error;
 pub mod headless;
 mod hud;

@@ -111,6 +111,13 @@ impl Navigator {
         self.eye
     }
 
+    /// Level directions to the right and ahead as seen from here, and the vertical; unit vectors.
+    pub fn level_axes(&self) -> [DVec3; 3] {
+        let right = self.world_from_view.x_axis.reject_from_normalized(self.up);
+        let right = right.try_normalize().unwrap_or_else(|| self.up.any_orthonormal_vector());
+        [right, self.up.cross(right), self.up]
+    }
+
     /// What the camera is turned about.
     pub fn target(&self) -> DVec3 {
         self.eye + self.distance * self.world_from_view.z_axis

@@ -8,9 +8,12 @@ use glam::DVec3;
 use crate::gpu::staging::download;
 use crate::gpu::{Buffer, Gpu, Recorder};
 use crate::io::picture_png::write_png;
-use crate::render::{DeviceScene, FrameStats, Presenter, RenderOptions, Renderer, Show};
+use crate::io::save_scene;
+use crate::render::{DeviceScene, FrameStats, Presenter, RenderOptions, Renderer, Show, Surfaces};
+use crate::scene::edit::{Edit, EditOutcome};
 use crate::scene::{Camera, InstancedScene};
 
+use super::editor::{Changed, Editor};
 use super::error::PlayerError;
 
 /// How pictures look.
@@ -27,6 +30,7 @@ pub struct Stage {
     gpu: Arc<Gpu>,
     renderer: Renderer,
     presenter: Presenter,
+    surfaces: Surfaces,
     recorder: Recorder,
     scene: InstancedScene,
     device_scene: DeviceScene,
@@ -34,6 +38,9 @@ pub struct Stage {
     pub options: StageOptions,
     /// Of the last picture.
     camera: Option<Camera>,
+    /// The surfaces are the last picture's.
+    has_surfaces: bool,
+    editor: Editor,
 }
 
 impl Stage {
@@ -46,12 +53,15 @@ impl Stage {
         Ok(Self {
             gpu: gpu.clone(),
             presenter: Presenter::new(gpu, &renderer)?,
+            surfaces: Surfaces::new(gpu)?,
             recorder: Recorder::with_profiler(gpu)?,
             device_scene: renderer.upload(&scene)?,
             scene,
             renderer,
             options,
             camera: None,
+            has_surfaces: false,
+            editor: Editor::default(),
         })
     }
 
@@ -67,7 +77,14 @@ impl Stage {
 
     /// Draws a picture and leaves it on the device.
     pub fn draw(&mut self, camera: &Camera) -> Result<FrameStats, PlayerError> {
-        let stats = self.renderer.render(&self.device_scene, camera, &self.options.render)?;
+        let (scene, options) = (&self.device_scene, &self.options.render);
+        self.has_surfaces = self.options.show == Show::Instances || !self.editor.chosen().is_empty();
+        let stats = if self.has_surfaces {
+            self.presenter.set_chosen(&self.editor.chosen_flags(&self.scene))?;
+            self.renderer.render_with_surfaces(scene, camera, options, &mut self.surfaces)?
+        } else {
+            self.renderer.render(scene, camera, options)?
+        };
         self.camera = Some(camera.clone());
         Ok(stats)
     }
@@ -78,7 +95,9 @@ impl Stage {
         shown_px: [u32; 2],
         blue_first: bool,
     ) -> Result<(&mut Recorder, &Buffer<u32>), PlayerError> {
-        self.presenter.record(&mut self.recorder, &self.renderer, self.options.show, (shown_px, blue_first))?;
+        let surfaces = self.has_surfaces.then_some(&self.surfaces);
+        let show = (self.options.show, surfaces);
+        self.presenter.record(&mut self.recorder, &self.renderer, show, (shown_px, blue_first))?;
         Ok((&mut self.recorder, self.presenter.pixels()))
     }
 
@@ -121,5 +140,75 @@ impl Stage {
         let ray = DVec3::new((at_px[0] - camera.cx) / camera.fx, (at_px[1] - camera.cy) / camera.fy, 1.0);
         let point = camera.position_world() + camera.rotation().transpose() * (ray * depth);
         Ok((depth > 0.0).then_some(point))
+    }
+
+    /// The instance that a pixel of the last picture shows; `None` for the background and where nothing is.
+    pub fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
+        let Some(camera) = self.camera.clone().filter(|camera| camera.has_pixel(at_px)) else { return Ok(None) };
+        if !self.has_surfaces {
+            let options = &self.options.render;
+            self.renderer.render_with_surfaces(&self.device_scene, &camera, options, &mut self.surfaces)?;
+        }
+        let instance = self.surfaces.instance_at(at_px.map(|v| v as u32))?.map(|k| k as usize);
+        Ok(instance.filter(|&k| k < self.scene.instances.len()))
+    }
+
+    /// What is chosen and what can be taken back.
+    pub fn editor(&self) -> &Editor {
+        &self.editor
+    }
+
+    /// See [`Editor::click`].
+    pub fn click(&mut self, instance: Option<usize>, more: bool) {
+        self.editor.click(instance, more);
+    }
+
+    /// See [`Editor::choose_alike`].
+    pub fn choose_alike(&mut self) {
+        self.editor.choose_alike(&self.scene);
+    }
+
+    /// Does an edit, in the scene and on the device; the words say why it cannot be done.
+    pub fn edit(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
+        match self.editor.apply(&mut self.scene, edit) {
+            Ok((outcome, changed)) => {
+                self.follow(&changed)?;
+                Ok(Ok(outcome))
+            }
+            Err(error) => Ok(Err(error.to_string())),
+        }
+    }
+
+    /// Takes the last edit back; false if there is none.
+    pub fn undo(&mut self) -> Result<bool, PlayerError> {
+        let done = self.editor.undo(&mut self.scene);
+        done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
+    }
+
+    /// Does again what was taken back last; false if there is nothing.
+    pub fn redo(&mut self) -> Result<bool, PlayerError> {
+        let done = self.editor.redo(&mut self.scene);
+        done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
+    }
+
+    /// Writes the scene as `.instgs`.
+    pub fn save(&mut self, path: &Path) -> Result<(), PlayerError> {
+        save_scene(path, &self.scene)?;
+        self.editor.saved();
+        Ok(())
+    }
+
+    /// Makes the device's scene that of the host.
+    fn follow(&mut self, changed: &Changed) -> Result<(), PlayerError> {
+        match changed {
+            Changed::Places(instances) => {
+                for &k in instances {
+                    let place = &self.scene.instances[k].world_from_template;
+                    self.device_scene.place_instance(&self.gpu, k, place)?;
+                }
+            }
+            Changed::Everything => self.device_scene = self.renderer.upload(&self.scene)?,
+        }
+        Ok(())
     }
 }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::DVec3;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle, RawWindowHandle};
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
@@ -15,6 +16,7 @@ use winit::window::{Fullscreen, Window, WindowId};
 use crate::gpu::{DeviceChoice, Gpu, GpuOptions, PresentMode, Swapchain, UiFrame, UiPainter};
 use crate::io::{load_scene, read_cameras, write_cameras};
 use crate::render::{FrameStats, Show};
+use crate::scene::edit::{Edit, Turn};
 use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
 
@@ -32,6 +34,15 @@ const PIXELS_PER_STEP: f64 = 40.0;
 const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
 /// What one press of a speed key does.
 const SPEED_STEP: f64 = 1.5;
+/// What an arrow key moves things by, in distances to the target; with shift a tenth of it.
+const STEP_OF_DISTANCE: f64 = 0.01;
+const FINE: f64 = 0.1;
+/// A copy stands so many steps beside its original.
+const DUPLICATE_STEPS: f64 = 10.0;
+/// What `,` and `.` turn things by: 5 degrees.
+const TURN_STEP: f64 = std::f64::consts::PI / 36.0;
+/// What `+` and `-` scale things by.
+const SCALE_STEP: f64 = 1.05;
 
 /// What to open.
 pub struct WindowJob {
@@ -125,6 +136,8 @@ struct Live {
     last_shown: Option<Instant>,
     /// Chosen, but not yet in use.
     next_mode: Option<PresentMode>,
+    /// The user knows that changes are not saved.
+    warned: bool,
 }
 
 impl ApplicationHandler for Player {
@@ -248,6 +261,7 @@ impl Live {
             opened: Instant::now(),
             last_shown: None,
             next_mode: None,
+            warned: false,
             path: job.path.clone(),
         };
         let scene = std::mem::replace(&mut job.scene, Err(String::new()));
@@ -339,6 +353,9 @@ impl Live {
                 present_ms: self.present_ms,
                 gaussians,
                 bytes,
+                chosen: self.stage.editor().chosen().iter().copied().collect(),
+                instances: self.stage.scene().instances.len(),
+                steps: self.stage.editor().steps(),
             };
             let settings =
                 Settings { navigator: &mut self.navigator, show: &mut self.stage.options.show, mode: &mut mode };
@@ -368,7 +385,9 @@ impl Live {
                 false
             }
             WindowEvent::ModifiersChanged(modifiers) => {
-                self.controls.shift = modifiers.state().shift_key();
+                let state = modifiers.state();
+                (self.controls.shift, self.controls.control) =
+                    (state.shift_key(), state.control_key() || state.super_key());
                 false
             }
             WindowEvent::CursorMoved { position, .. } => {
@@ -386,11 +405,12 @@ impl Live {
             WindowEvent::KeyboardInput { event, .. } => {
                 let PhysicalKey::Code(code) = event.physical_key else { return Ok(After::Nothing) };
                 let down = event.state == ElementState::Pressed;
-                if let Some(key) = flight_key(code) {
+                let flight = flight_key(code).filter(|_| !self.controls.control || !down);
+                if let Some(key) = flight {
                     self.controls.flight_key(key, down && !response.consumed);
                     down
-                } else if down && !event.repeat && !response.consumed {
-                    return self.key(code);
+                } else if down && !response.consumed {
+                    return self.key(code, event.repeat);
                 } else {
                     false
                 }
@@ -418,7 +438,13 @@ impl Live {
             return Ok(false);
         }
         let click = self.controls.released(button, self.opened.elapsed().as_secs_f64());
-        let Some(click) = click.filter(|click| click.double) else { return Ok(false) };
+        let Some(click) = click else { return Ok(false) };
+        if !click.double {
+            let instance = self.stage.instance_at(click.at_px)?;
+            self.stage.click(instance, self.controls.shift);
+            self.hud.message = None;
+            return Ok(true);
+        }
         let point = self.stage.point_at(click.at_px)?;
         if let Some(point) = point {
             self.navigator.focus(point);
@@ -426,10 +452,23 @@ impl Live {
         Ok(point.is_some())
     }
 
-    fn key(&mut self, code: KeyCode) -> Result<After, PlayerError> {
+    fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
         self.hud.message = None;
+        if self.edit_key(code)? {
+            return Ok(After::Redraw);
+        }
+        if repeats {
+            return Ok(After::Nothing);
+        }
         match code {
+            KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
+            KeyCode::Escape if self.stage.editor().is_unsaved() && !self.warned => {
+                self.warned = true;
+                self.hud.message = Some("the changes are not saved: Ctrl+S saves, Escape once more leaves".into());
+            }
             KeyCode::Escape => return Ok(After::Quit),
+            KeyCode::KeyG => self.stage.choose_alike(),
+            KeyCode::Digit4 => self.stage.options.show = Show::Instances,
             KeyCode::KeyH => self.hud.visible = !self.hud.visible,
             KeyCode::KeyR => self.navigator = self.home.clone(),
             KeyCode::BracketLeft => self.navigator.change_speed(1.0 / SPEED_STEP),
@@ -449,6 +488,68 @@ impl Live {
             _ => return Ok(After::Nothing),
         }
         Ok(After::Redraw)
+    }
+
+    /// Keys that change the scene; false for others.
+    fn edit_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
+        if self.controls.control {
+            let done = match code {
+                KeyCode::KeyZ if self.controls.shift => self.stage.redo()?,
+                KeyCode::KeyZ => self.stage.undo()?,
+                KeyCode::KeyY => self.stage.redo()?,
+                KeyCode::KeyS => {
+                    self.save();
+                    true
+                }
+                KeyCode::KeyD => true,
+                _ => return Ok(false),
+            };
+            if !done {
+                self.hud.message = Some("there is nothing to take back or to do again".into());
+            }
+            if code != KeyCode::KeyD {
+                return Ok(true);
+            }
+        }
+        let Some(which) = self.stage.editor().selector() else { return Ok(false) };
+        // Steps that show, from wherever one looks.
+        let step = STEP_OF_DISTANCE * self.navigator.distance() * if self.controls.shift { FINE } else { 1.0 };
+        let [right, ahead, up] = self.navigator.level_axes();
+        let by = |by: DVec3, which| Edit::MoveBy { which, by: step * by };
+        let turn = |angle: f64, which| Edit::Rotate { which, turn: Turn { axis: up, angle } };
+        let angle = TURN_STEP * if self.controls.shift { FINE } else { 1.0 };
+        let edit = match code {
+            KeyCode::KeyD if self.controls.control => {
+                Edit::Duplicate { which, by: DUPLICATE_STEPS * step * right, turn: None }
+            }
+            KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
+            KeyCode::ArrowLeft => by(-right, which),
+            KeyCode::ArrowRight => by(right, which),
+            KeyCode::ArrowUp => by(ahead, which),
+            KeyCode::ArrowDown => by(-ahead, which),
+            KeyCode::Home => by(up, which),
+            KeyCode::End => by(-up, which),
+            KeyCode::Comma => turn(angle, which),
+            KeyCode::Period => turn(-angle, which),
+            KeyCode::Equal | KeyCode::NumpadAdd => Edit::Scale { which, by: SCALE_STEP },
+            KeyCode::Minus | KeyCode::NumpadSubtract => Edit::Scale { which, by: 1.0 / SCALE_STEP },
+            _ => return Ok(false),
+        };
+        match self.stage.edit(&edit)? {
+            Ok(outcome) => self.hud.message = outcome.warnings.into_iter().next(),
+            Err(reason) => self.hud.message = Some(reason),
+        }
+        self.warned = false;
+        Ok(true)
+    }
+
+    /// Saves under the scene's own name, as `.instgs`.
+    fn save(&mut self) {
+        let path = self.path.with_extension("instgs");
+        self.hud.message = Some(match self.stage.save(&path) {
+            Ok(()) => format!("saved to {}", path.display()),
+            Err(error) => error.to_string(),
+        });
     }
 
     /// Opens a file that was dropped on the window; what is wrong with it is said in the window.

@@ -22,6 +22,7 @@ pub mod scan;
 pub mod tile_blend;
 pub mod tile_blend_backward;
 pub mod tile_ranges;
+pub mod tile_surface;
 pub mod view;
 
 use rayon::prelude::*;

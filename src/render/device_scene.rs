@@ -4,14 +4,15 @@
 use std::sync::Arc;
 
 use crate::gpu::interface::types;
-use crate::gpu::staging::upload;
+use crate::gpu::staging::{download, upload, write_at};
 use crate::gpu::{Buffer, Gpu};
 use crate::kernels::SceneTraits;
+use crate::math::similarity::Similarity;
 use crate::scene::gaussians::sh_coefficients;
 use crate::scene::{Gaussians, InstancedScene};
 
 use super::error::RenderError;
-use super::scene_tables::{build_tables, cloud_tables};
+use super::scene_tables::{build_tables, cloud_tables, scale_bound};
 
 /// Gaussians of the clouds of a scene, their SH degrees, and its offset records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -169,6 +170,24 @@ impl DeviceScene {
         self.expanded_len = tables.flat;
         self.counts.background = count;
         Ok(())
+    }
+
+    /// Moves one instance: its entry of the instance table goes to the device, and nothing else.
+    ///
+    /// # Panics
+    /// If there is no such instance.
+    pub fn place_instance(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        instance: usize,
+        world_from_template: &Similarity,
+    ) -> Result<(), RenderError> {
+        assert!(instance < self.posed_instances() as usize, "there is no instance {instance}");
+        let entries = download(gpu, &self.instances, instance + 1)?;
+        let Some(mut entry) = entries.last().copied() else { return Ok(()) };
+        entry.world_from_template = world_from_template.rows();
+        entry.scale = scale_bound(world_from_template);
+        Ok(write_at(gpu, (&mut self.instances, instance), &[entry])?)
     }
 
     /// What decides on the code of kernels that use SH bands up to `sh_degree`.

@@ -20,6 +20,7 @@ pub mod scene_download;
 mod scene_tables;
 pub mod self_test;
 pub mod sort;
+pub mod surfaces;
 pub mod train_frame;
 
 pub use contributions::{CONTRIBUTION_ONE, Contribution, ContributionRenderer};
@@ -31,4 +32,5 @@ pub use picture::Picture;
 pub use plan::{Capacities, FramePlan};
 pub use presenter::{Presenter, Show};
 pub use renderer::{FrameStats, RenderOptions, Renderer};
+pub use surfaces::Surfaces;
 pub use train_frame::{TrainFrame, TrainView};

@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
-use crate::gpu::interface::constants::{SHOW_ALPHA, SHOW_COLOR, SHOW_DEPTH};
-use crate::gpu::staging::download;
+use crate::gpu::interface::constants::{SHOW_ALPHA, SHOW_COLOR, SHOW_DEPTH, SHOW_INSTANCES};
+use crate::gpu::staging::{download, upload};
 use crate::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{PresentPipelines, present};
 
 use super::error::RenderError;
 use super::renderer::Renderer;
+use super::surfaces::Surfaces;
 
 /// What a window shows of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -20,6 +21,8 @@ pub enum Show {
     Alpha,
     /// View depth as grey, from white at the first of these depths to black at the second; scene units.
     Depth([f32; 2]),
+    /// A colour for each instance, black where there is none; needs surfaces.
+    Instances,
 }
 
 /// Makes pixels of pictures.
@@ -29,6 +32,10 @@ pub struct Presenter {
     workgroup_size: u32,
     pixels: Buffer<u32>,
     shown_px: [u32; 2],
+    /// 1 for chosen instances.
+    chosen: Buffer<u32>,
+    instance_count: u32,
+    no_surfaces: Buffer<[u32; 2]>,
 }
 
 impl Presenter {
@@ -41,10 +48,22 @@ impl Presenter {
             workgroup_size: renderer.variant().workgroup_size,
             pixels: Buffer::new(gpu, "pixels", 1)?,
             shown_px: [0; 2],
+            chosen: Buffer::new(gpu, "chosen", 1)?,
+            instance_count: 0,
+            no_surfaces: Buffer::new(gpu, "no surfaces", 1)?,
         })
     }
 
-    /// Records the renderer's last picture as pixels of a window of `shown_px`; black if there is no picture.
+    /// Says by instance which ones are chosen: a line is drawn around them.
+    pub fn set_chosen(&mut self, chosen: &[bool]) -> Result<(), RenderError> {
+        let flags: Vec<u32> = chosen.iter().map(|&is| u32::from(is)).collect();
+        self.chosen = upload(&self.gpu, "chosen", &flags)?;
+        self.instance_count = flags.len() as u32;
+        Ok(())
+    }
+
+    /// Records the renderer's last picture as pixels of a window of `shown_px`; black if there is no picture. `surfaces` are
+    /// that picture's, for lines around what is chosen and for [`Show::Instances`].
     ///
     /// # Errors
     /// A window larger than the device's buffers.
@@ -52,7 +71,7 @@ impl Presenter {
         &mut self,
         recorder: &mut Recorder,
         renderer: &Renderer,
-        show: Show,
+        (show, surfaces): (Show, Option<&Surfaces>),
         (shown_px, blue_first): ([u32; 2], bool),
     ) -> Result<(), RenderError> {
         if self.shown_px != shown_px {
@@ -66,10 +85,19 @@ impl Presenter {
             Show::Color => (SHOW_COLOR, [0.0; 2]),
             Show::Alpha => (SHOW_ALPHA, [0.0; 2]),
             Show::Depth(range) => (SHOW_DEPTH, range),
+            Show::Instances => (SHOW_INSTANCES, [0.0; 2]),
         };
         let size_px = frame.plan.size_px;
-        let params = present::Params { size_px, shown_px, show, blue_first: u32::from(blue_first), depth_range };
-        let bindings = present::Bindings { colors: &frame.colors, depths: &frame.depths, pixels: &mut self.pixels };
+        let instance_count = if surfaces.is_some() { self.instance_count } else { 0 };
+        let blue_first = u32::from(blue_first);
+        let params = present::Params { size_px, shown_px, show, blue_first, depth_range, instance_count };
+        let bindings = present::Bindings {
+            colors: &frame.colors,
+            depths: &frame.depths,
+            surfaces: surfaces.map_or(&self.no_surfaces, |s| &s.by_pixel),
+            chosen: &self.chosen,
+            pixels: &mut self.pixels,
+        };
         let grid = Grid::threads(shown_px[0] * shown_px[1], self.workgroup_size);
         Ok(recorder.dispatch(&self.pipelines.present, grid, &params, bindings)?)
     }

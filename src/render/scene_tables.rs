@@ -162,7 +162,7 @@ impl Tables {
             sigma_max: round_up(bound.sigma_max),
             max_offset: round_up(place.max_offset),
             sigma_growth: round_up(place.log_growth.exp()),
-            scale: round_up(place.world_from_template.scale()),
+            scale: scale_bound(place.world_from_template),
             first_source: source.first,
             source_count: source.count,
             first_offset: place.first_offset,
@@ -182,6 +182,11 @@ impl Tables {
 
 fn dvec(v: [f32; 3]) -> DVec3 {
     glam::Vec3::from(v).as_dvec3()
+}
+
+/// The scale of a placement, for bounds.
+pub(super) fn scale_bound(world_from_template: &Similarity) -> f32 {
+    round_up(world_from_template.scale())
 }
 
 /// To f32 and a little more, so that a bound stays a bound.

@@ -25,4 +25,5 @@ mod present;
 mod radix_sort;
 mod scale;
 mod scan;
+mod tile_surface;
 mod train_steps;

@@ -14,6 +14,8 @@ const LISTED: usize = 20;
 pub enum Selector {
     /// By place in the scene's list, from 0.
     Index(usize),
+    /// Several by place: `0,3,4`.
+    Indices(Vec<usize>),
     /// By mask id, as in `groups`: `id:7`.
     Id(u32),
     /// All of the groups of that name: `group:chair`.
@@ -32,9 +34,15 @@ impl FromStr for Selector {
             Some(("template", template)) => number(template).map(Self::Template),
             Some(("group", name)) if !name.is_empty() => Some(Self::Group(name.to_owned())),
             Some(_) => None,
+            None if text.contains(',') => {
+                let several: Option<Vec<usize>> = text.split(',').map(|n| number(n).map(|n| n as usize)).collect();
+                several.map(Self::Indices)
+            }
             None => number(text).map(|index| Self::Index(index as usize)),
         };
-        parsed.ok_or_else(|| format!("\"{text}\" names no instance: want an index, id:N, group:NAME or template:N"))
+        parsed.ok_or_else(|| {
+            format!("\"{text}\" names no instance: want an index, several (0,3,4), id:N, group:NAME or template:N")
+        })
     }
 }
 
@@ -42,6 +50,10 @@ impl fmt::Display for Selector {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Index(index) => write!(f, "{index}"),
+            Self::Indices(several) => {
+                let several: Vec<String> = several.iter().map(usize::to_string).collect();
+                f.write_str(&several.join(","))
+            }
             Self::Id(id) => write!(f, "id:{id}"),
             Self::Group(name) => write!(f, "group:{name}"),
             Self::Template(template) => write!(f, "template:{template}"),
@@ -60,6 +72,13 @@ impl Selector {
         let count = scene.instances.len();
         let found: Vec<usize> = match self {
             Self::Index(index) => (*index < count).then_some(*index).into_iter().collect(),
+            Self::Indices(several) => {
+                let mut all = several.clone();
+                all.sort_unstable();
+                all.dedup();
+                // All or none.
+                if all.last().is_some_and(|&last| last < count) { all } else { Vec::new() }
+            }
             Self::Id(id) => matching(scene, |label_id, _| label_id == Some(*id)),
             Self::Group(name) => matching(scene, |_, group| group == Some(name.as_str())),
             Self::Template(template) => {
@@ -91,6 +110,7 @@ impl Selector {
         };
         match self {
             Self::Index(index) => format!("there is no instance {index}: there are 0 to {}", count - 1),
+            Self::Indices(_) => format!("not all of the instances {self} are there: there are 0 to {}", count - 1),
             Self::Template(template) => format!("template {template} has no instances"),
             Self::Id(id) => {
                 let ids = scene.groups.iter().flat_map(|g| &g.instance_ids).map(u32::to_string).collect();

@@ -1,0 +1,3 @@
+// Whose surface a pixel shows.
+
+const uint NO_INSTANCE = 0xFFFFFFFF;  // nobody's: the pixel lets half of the light through

@@ -1,0 +1,82 @@
+#version 460
+// Replays tile_blend front to back until more than half of a pixel's light is taken, and notes whose splat took it: the
+// instance at the surface of the pixel. Grid: one subgroup per 8x8 block of every tile.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "scene.glsl"
+#include "splat.glsl"
+#include "surface.glsl"
+#include "blend.glsl"
+
+layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };              // projected splats by slot
+layout(scalar, binding = 1) readonly buffer IsectValues { uint isect_values[]; };    // slots, sorted by tile then depth
+layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };     // first and end intersection per tile
+layout(scalar, binding = 3) readonly buffer WorkItems { WorkItem work_items[]; };    // visible chunks
+layout(scalar, binding = 4) buffer Surfaces { uvec2 surfaces[]; };                   // instance or NO_INSTANCE, and bits of T so far, by pixel
+layout(scalar, push_constant) uniform TileSurfaceParams {
+    uvec2 size_px;    // image width and height
+    uvec2 tiles;      // tile columns and rows
+    uint chunk_size;  // slots of a work item
+    uint first_slab;  // 1 = nothing lies in front, surfaces are not read
+};
+
+// A pixel's surface is where its transmittance falls below this.
+const float T_SURFACE = 0.5;
+const uint NO_SLOT = 0xFFFFFFFF;
+
+void main() {
+    Block block = block_of_subgroup();
+    if (block.tile >= tiles.x * tiles.y) return;
+    uint lane = gl_SubgroupInvocationID;
+    uvec2 corner = block_corner(block, tiles.x);
+    uvec2 range = tile_ranges[block.tile];
+
+    float t[PIXELS_PER_LANE];
+    uint found[PIXELS_PER_LANE];
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        uvec2 at = corner + pixel_step(p);
+        bool inside = all(lessThan(at, size_px));
+        uint i = inside ? at.y * size_px.x + at.x : 0;
+        // Pixels outside the image are done.
+        t[p] = !inside ? 0.0 : first_slab != 0 ? 1.0 : uintBitsToFloat(surfaces[i].y);
+        found[p] = NO_SLOT;
+    }
+
+    vec2 center = vec2(corner) + 0.5;
+    for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
+        uint slot = isect_values[min(base + lane, range.y - 1)];
+        Splat mine = splats[slot];
+        // As in tile_blend, bit for bit.
+        mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
+        mine.b.x *= -0.5 * LOG2_E;
+        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
+            vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
+            float opacity = subgroupShuffle(mine.b.y, j);
+            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
+            uint slot_j = subgroupShuffle(slot, j);
+            [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+                vec2 d = delta + vec2(pixel_step(p));
+                float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
+                float alpha = min(ALPHA_MAX, opacity * exp2(q));
+                bool hit = alpha >= ALPHA_MIN && q <= 0.0 && t[p] >= T_SURFACE;
+                float t_next = t[p] * (1.0 - alpha);
+                found[p] = hit && t_next < T_SURFACE ? slot_j : found[p];
+                t[p] = hit ? t_next : t[p];
+            }
+        }
+        float live = 0.0;
+        [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live = max(live, t[p]);
+        if (!subgroupAny(live >= T_SURFACE)) break;
+    }
+
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        uvec2 at = corner + pixel_step(p);
+        if (all(lessThan(at, size_px))) {
+            uint i = at.y * size_px.x + at.x;
+            uint before = first_slab != 0 ? NO_INSTANCE : surfaces[i].x;
+            uint instance = found[p] == NO_SLOT ? before : work_items[found[p] / chunk_size].instance;
+            surfaces[i] = uvec2(instance, floatBitsToUint(t[p]));
+        }
+    }
+}

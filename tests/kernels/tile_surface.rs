@@ -1,0 +1,47 @@
+//! Kernel `tile_surface` against its twin: random scenes, in one piece and in depth slabs.
+
+use instgs_vk::reference::preprocess_instance_expand::sources;
+use instgs_vk::reference::tile_blend::relaxed_limits;
+use instgs_vk::reference::tile_surface::surfaces;
+use instgs_vk::reference::{View, splats_in_depth_order};
+use instgs_vk::render::{RenderOptions, Renderer, Surfaces};
+
+use crate::common::gpu::{assert_silent, device_options, gpu};
+use crate::common::random_scene::random_case;
+
+#[test]
+fn surfaces_are_what_the_twin_says_and_slabs_change_nothing() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let mut on_device = Surfaces::new(&gpu).unwrap();
+    let (mut compared, mut fragile, mut slabs, mut kinds) = (0, 0, 0, std::collections::BTreeSet::new());
+    for seed in 0..24 {
+        let case = random_case(seed);
+        let view = View::device(&case.camera, &case.options);
+        let splats = splats_in_depth_order(&sources(&case.scene), &view, &relaxed_limits(&view));
+        let want = surfaces(&view, &splats, &case.scene);
+        let device = renderer.upload(&case.scene).unwrap();
+        let options = device_options(&case.options);
+        renderer.render_with_surfaces(&device, &case.camera, &options, &mut on_device).unwrap();
+        let got = on_device.download().unwrap();
+        assert_eq!(got.len(), want.len());
+        for (i, (got, want)) in got.iter().zip(&want).enumerate() {
+            fragile += u32::from(!want.robust);
+            if want.robust {
+                assert_eq!(*got, want.instance, "seed {seed}, pixel {i}");
+                compared += 1;
+                kinds.insert(want.instance.map(|k| (k as usize).min(case.scene.instances.len())));
+            }
+        }
+        let [x, y] = [case.camera.width / 2, case.camera.height / 2];
+        assert_eq!(on_device.instance_at([x, y]).unwrap(), got[(y * case.camera.width + x) as usize]);
+        assert_eq!(on_device.instance_at([case.camera.width, y]).unwrap(), None);
+        let few = RenderOptions { max_intersections: Some(1), ..options };
+        let stats = renderer.render_with_surfaces(&device, &case.camera, &few, &mut on_device).unwrap();
+        assert!(on_device.download().unwrap() == got, "seed {seed}: {} slabs", stats.slabs);
+        slabs = slabs.max(stats.slabs);
+    }
+    println!("{compared} pixels, {fragile} fragile, up to {slabs} slabs, {} kinds of surface", kinds.len());
+    assert!(compared > 20_000 && fragile * 20 < compared && slabs > 2 && kinds.len() > 3 && kinds.contains(&None));
+    assert_silent(&gpu);
+}
