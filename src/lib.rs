@@ -189,6 +189,7 @@ pub mod io;
 pub mod kernels;
 pub mod math;
 pub mod optim;
+#[cfg(feature = "player")]
 pub mod player;
 pub mod reference;
 pub mod register;

@@ -21,7 +21,7 @@ fn edited_scenes_look_as_if_opened_so() {
     let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
     let navigator = Navigator::around(&Orbit::around(&chairs(), None));
     let camera = navigator.camera([96, 64]);
-    let mut picture = |stage: &mut Stage| {
+    let picture = |stage: &mut Stage| {
         stage.draw(&camera).unwrap();
         let got = stage.rgb8().unwrap();
         let mut fresh = Stage::new(&gpu, stage.scene().clone(), StageOptions::default()).unwrap();

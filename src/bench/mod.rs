@@ -6,5 +6,6 @@ mod measure;
 mod report;
 
 pub use measure::{BenchError, Stage, Subject, run};
+#[cfg(feature = "player")]
 pub(crate) use report::as_map;
 pub use report::{Bytes, CameraReport, Counts, Ratio, Report, SceneReport};

@@ -4,6 +4,7 @@ use crate::bench::BenchError;
 use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
+#[cfg(feature = "player")]
 use crate::player::PlayerError;
 use crate::render::RenderError;
 use crate::synth::dataset::SynthError;
@@ -40,6 +41,7 @@ pub enum CliError {
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// The player.
+    #[cfg(feature = "player")]
     #[error(transparent)]
     Player(#[from] PlayerError),
     /// A synthetic data set.

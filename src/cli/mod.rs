@@ -18,6 +18,7 @@ mod inspect_groups;
 mod lavapipe;
 mod picture_files;
 mod picture_grid;
+#[cfg(feature = "player")]
 mod player;
 mod printer;
 mod render;
@@ -33,6 +34,7 @@ use clap::{Parser, Subcommand};
 
 pub use error::CliError;
 pub use lavapipe::choose_lavapipe_width;
+#[cfg(feature = "player")]
 pub use player::player_main;
 pub use printer::Printer;
 

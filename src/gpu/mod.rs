@@ -15,8 +15,10 @@ pub mod pipeline;
 pub mod profiler;
 pub mod recorder;
 pub mod staging;
+#[cfg(feature = "player")]
 pub mod swapchain;
 pub mod timeline;
+#[cfg(feature = "player")]
 pub mod ui_painter;
 pub mod validation;
 
@@ -26,6 +28,8 @@ pub use context::{DeviceChoice, Gpu, GpuOptions};
 pub use error::GpuError;
 pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
+#[cfg(feature = "player")]
 pub use swapchain::{PresentMode, Swapchain, Target};
 pub use timeline::Ticket;
+#[cfg(feature = "player")]
 pub use ui_painter::{UiFrame, UiPainter};

@@ -275,7 +275,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Starts a command that is recorded by hand and reads the whole of `buffer` by a copy.
+    /// Starts a command that is recorded by hand and reads the whole of `source` by a copy.
+    #[cfg(feature = "player")]
     pub(super) fn raw_copy<T: bytemuck::NoUninit>(
         &mut self,
         source: &Buffer<T>,
