@@ -82,7 +82,7 @@
 //!
 //! # Layers
 //!
-//! A module uses only modules of lower layers; `tests/architecture.rs` checks it.
+//! A module uses only modules of lower layers; `tests/suite/architecture.rs` checks it.
 //!
 //! - L0 `math`: spherical harmonics, covariances, similarities, lens distortion, nearest points, seeded random numbers.
 //! - L1 `gpu`: the only module that speaks Vulkan: device, buffers, pipelines, recorder with derived barriers,
@@ -153,22 +153,22 @@
 //! are `kernels/mod.rs`, `kernels/pipelines.rs`, `reference/mod.rs` and `tests/kernels/main.rs`. `build.rs` compiles
 //! and reflects the shader and generates `Params` and `Bindings`; a `readonly` buffer is a `&` field, any other a
 //! `&mut` field, and the recorder derives barriers from that. Kernels that are steps of one algorithm may share a twin
-//! and a test: `tests/architecture.rs` lists them and fails if a file is missing.
+//! and a test: `tests/suite/architecture.rs` lists them and fails if a file is missing.
 //!
 //! # Tests and tolerances
 //!
-//! - `tests/golden_reference.rs`: the twins against golden files of an independent implementation: 1e-12 in f64, 1e-6
+//! - `tests/suite/golden_reference.rs`: the twins against golden files of an independent implementation: 1e-12 in f64, 1e-6
 //!   for scenes rounded to f32.
-//! - `tests/golden_gradients.rs`, `tests/gradients.rs`: the twins' gradients against those files (1e-11) and against central
+//! - `tests/suite/golden_gradients.rs`, `tests/suite/gradients.rs`: the twins' gradients against those files (1e-11) and against central
 //!   differences of the twins themselves (1e-4), for every kind of parameter, transforms of instances included.
-//! - `tests/cli_train.rs`: whole runs as a user starts them: a floor of quality, the same bytes twice, after kills too, and
+//! - `tests/suite/cli_train.rs`: whole runs as a user starts them: a floor of quality, the same bytes twice, after kills too, and
 //!   every kind of bad input.
-//! - `tests/cli_instanced.rs`: the joint phase on a small ray-traced data set: quality, the same bytes twice and after a kill,
-//!   and the comparison's rows. `tests/segment.rs`, `tests/consensus.rs`, `tests/template.rs`: labels, objects and
+//! - `tests/suite/cli_instanced.rs`: the joint phase on a small ray-traced data set: quality, the same bytes twice and after a kill,
+//!   and the comparison's rows. `tests/suite/segment.rs`, `tests/suite/consensus.rs`, `tests/suite/template.rs`: labels, objects and
 //!   templates against known truth.
-//! - `tests/cli_stages.rs`: `segment`, `register` and `merge` give what `train` starts from, byte for byte; bad masks are named
+//! - `tests/suite/cli_stages.rs`: `segment`, `register` and `merge` give what `train` starts from, byte for byte; bad masks are named
 //!   before anything is trained, and of what cannot be shared the rest comes out.
-//! - `tests/stage_pictures.rs`: colours of objects, and wrong poses, in the report's pictures.
+//! - `tests/suite/stage_pictures.rs`: colours of objects, and wrong poses, in the report's pictures.
 //! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
 //!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
 //!   one, and repeated frames identical. `tests/common/` holds the comparison.

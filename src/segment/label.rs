@@ -6,7 +6,7 @@
 //! ([`super::sweep`]).
 //!
 //! Large faint Gaussians (haze) need no rule of their own at alpha = 0.8: most of their weight is outside of any one
-//! object. `tests/segment.rs` has some.
+//! object. `tests/suite/segment.rs` has some.
 
 use std::collections::BTreeMap;
 use std::num::NonZero;

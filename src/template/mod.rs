@@ -10,7 +10,7 @@
 //! # What was measured
 //!
 //! Six or eight procedural cars of 11,000 Gaussians, each with its own points on the surface, noise in every parameter,
-//! 1 % strays, its own livery, some without a wing, poses off by two degrees and 2 % (as in `tests/template.rs`). *Cover*:
+//! 1 % strays, its own livery, some without a wing, poses off by two degrees and 2 % (as in `tests/suite/template.rs`). *Cover*:
 //! mean distance from an instance's Gaussian to the nearest that the built scene shows, in metres; the template's spacing
 //! is about 0.04. *Colour*: relative L1 difference of opacity times area times colour in voxels of 0.15 m. *Mass*: opacity
 //! times area, built per original.

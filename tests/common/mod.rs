@@ -1,6 +1,7 @@
 //! Shared by the integration tests: golden files, random scenes, and the comparators of images and tensors.
 #![allow(dead_code, reason = "every test binary uses a part of it")]
 
+pub(crate) mod chairs;
 pub(crate) mod dataset;
 pub(crate) mod golden;
 pub(crate) mod gpu;

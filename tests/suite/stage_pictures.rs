@@ -1,9 +1,5 @@
 //! Pictures of the stages, on the device: colours that stay with their objects, and poses that are seen to be wrong.
 
-#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
-
-mod common;
-
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 use std::fs;
@@ -27,9 +23,9 @@ use instgs_vk::train::stage_pictures::painter::Painter;
 use instgs_vk::train::stage_pictures::{add_trained_templates, draw};
 use instgs_vk::train::{Prepared, TrainJob};
 
-use common::dataset::photograph;
-use common::gpu::{assert_silent, gpu, render_picture};
-use common::program::program;
+use crate::common::dataset::photograph;
+use crate::common::gpu::{assert_silent, gpu, render_picture};
+use crate::common::program::program;
 
 /// Gaussians of an object.
 const OWN: usize = 900;

@@ -1,9 +1,7 @@
 //! The f64 backward twins against central differences of the f64 renderer, over random instanced scenes, and proof that
 //! this can fail.
 
-mod common;
-
-use common::random_scene::{RandomCase, rare_case};
+use crate::common::random_scene::{RandomCase, rare_case};
 use glam::{DVec2, DVec3};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::reference::finite_diff::{Cloud, FiniteDifferences, Tensor};

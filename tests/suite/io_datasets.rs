@@ -1,6 +1,4 @@
 //! The real datasets of `../shared/data` as training takes them; each test says so and passes where the folder is absent.
-#![allow(clippy::print_stderr, reason = "a skipped test says so, and what is measured is shown")]
-
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 

@@ -7,13 +7,8 @@ use instgs_vk::player::{Stage, StageOptions};
 use instgs_vk::scene::edit::{Edit, Selector, Turn};
 use instgs_vk::scene::trajectory::Orbit;
 
-#[path = "common/chairs.rs"]
-mod chairs;
-#[path = "common/gpu.rs"]
-#[allow(dead_code, reason = "every test binary uses a part of it")]
-mod gpu;
-use chairs::chairs;
-use gpu::{assert_silent, gpu};
+use crate::common::chairs::chairs;
+use crate::common::gpu::{assert_silent, gpu};
 
 #[test]
 fn edited_scenes_look_as_if_opened_so() {

@@ -12,9 +12,7 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 use serde_json::Value;
 
-#[path = "common/program.rs"]
-mod program;
-use program::{error_of, program, skips_gpu};
+use crate::common::program::{error_of, program, skips_gpu};
 
 const COMMANDS: [&str; 15] = [
     "info", "demo", "synth", "train", "segment", "register", "merge", "compare", "tables", "render", "eval", "bench",

@@ -1,6 +1,4 @@
 //! Readers on real files of `../shared/data`; each test says so and passes where that folder is absent.
-#![allow(clippy::print_stderr, reason = "a skipped test says so")]
-
 use std::path::{Path, PathBuf};
 
 use instgs_vk::io::colmap::{colmap_folder, read_colmap};

@@ -1,9 +1,7 @@
 //! The f64 backward twins against the golden files of an independent implementation, and proof that this can fail.
 
-mod common;
-
-use common::golden::{GoldenCase, GoldenView, golden_cases, golden_losses};
-use common::tensor::TensorComparison;
+use crate::common::golden::{GoldenCase, GoldenView, golden_cases, golden_losses};
+use crate::common::tensor::TensorComparison;
 use glam::Vec3Swizzles;
 use instgs_vk::reference::View;
 use instgs_vk::reference::gather_gradients::{CloudGradient, gather_gradients, source_gradients, splat_gradients};

@@ -1,10 +1,6 @@
 //! Labels from masks on a synthetic cloud whose labels are known: three balls on a ground, something that
 //! floats in front of them, and haze.
 
-#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
-
-mod common;
-
 use std::f64::consts::TAU;
 
 use glam::DVec3;
@@ -17,7 +13,7 @@ use instgs_vk::reference::{RenderOptions, View, splats_in_depth_order};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 use instgs_vk::segment::{IdTable, LabelOptions, Labels, SegmentError, ViewContributions, label, label_views};
 
-use common::gpu::{assert_silent, gpu};
+use crate::common::gpu::{assert_silent, gpu};
 
 /// Mask ids of the balls: sparse, and not in order.
 const BALLS: [u16; 3] = [300, 5, 65_535];

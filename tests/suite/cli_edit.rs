@@ -8,12 +8,8 @@ use glam::DVec3;
 use instgs_vk::io::{load_scene, save_scene};
 use serde_json::Value;
 
-#[path = "common/chairs.rs"]
-mod chairs;
-#[path = "common/program.rs"]
-mod program;
-use chairs::chairs;
-use program::{error_of, program, skips_gpu};
+use crate::common::chairs::chairs;
+use crate::common::program::{error_of, program, skips_gpu};
 
 fn json_of(command: &mut Command) -> Value {
     serde_json::from_slice(&command.assert().success().get_output().stdout).unwrap()

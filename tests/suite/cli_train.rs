@@ -1,16 +1,12 @@
 //! `instgs-vk train` as a user runs it, on photos that the program itself rendered.
 
-#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
-
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::common::dataset::{photograph, write_points};
+use crate::common::program::{error_of, program, skips_gpu};
 use assert_cmd::Command;
-use common::dataset::{photograph, write_points};
-use common::program::{error_of, program, skips_gpu};
 use instgs_vk::io::checkpoint;
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;

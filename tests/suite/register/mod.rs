@@ -1,7 +1,5 @@
 //! Poses found on clouds of known scenes: points of the true surfaces that cameras see stand in for a trained cloud.
 
-#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
-
 mod coarse;
 mod labelled;
 mod score;
@@ -16,9 +14,9 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::register::{RegisterInput, RegisterOptions, Registered, Verdict, register};
 use instgs_vk::scene::{Gaussians, PosedGroup};
 
-use coarse::{Coarse, of_coarse};
-use labelled::{Labelled, Recipe, recipe};
-use score::{Score, measured, score};
+use self::coarse::{Coarse, of_coarse};
+use self::labelled::{Labelled, Recipe, recipe};
+use self::score::{Score, measured, score};
 
 /// Objects of 15 to 25 Gaussians are up to 20 degrees off, and all that are off are in doubt. Measured: without the spread
 /// of halves 32 of 45 would not be, which is the planted error.

@@ -1,11 +1,9 @@
 //! The f64 twin against the golden files, against itself on flattened scenes, its passes against each other, and proof
 //! that these comparisons can fail.
 
-mod common;
-
-use common::golden::{GoldenCase, GoldenView, golden_cases};
-use common::random_scene::{RandomCase, random_case};
-use common::{ImageComparison, both_robust, single_channel};
+use crate::common::golden::{GoldenCase, GoldenView, golden_cases};
+use crate::common::random_scene::{RandomCase, random_case};
+use crate::common::{ImageComparison, both_robust, single_channel};
 use glam::{DMat3, DVec3};
 use instgs_vk::math::covariance::{quat_from_rotation, quat_multiply};
 use instgs_vk::math::sh::ShRotation;

@@ -1,9 +1,5 @@
 //! Poses judged by pictures on the device: the true pose of a small object beats others, by colour and by outline.
 
-#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
-
-mod common;
-
 use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DVec3};
@@ -14,7 +10,7 @@ use instgs_vk::register::{Agreement, PoseCheck, RenderCheck};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{Camera, Gaussians};
 
-use common::gpu::{assert_silent, gpu};
+use crate::common::gpu::{assert_silent, gpu};
 
 const REFERENCE: u32 = 3;
 const TARGET: u32 = 8;

@@ -1,15 +1,11 @@
 //! `train --method instgs` and `compare` as a user runs them, on a small ray-traced data set.
 
-#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
-
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use crate::common::program::{program, skips_gpu};
 use assert_cmd::Command;
-use common::program::{program, skips_gpu};
 use instgs_vk::io::checkpoint::{self, Checkpoint};
 use instgs_vk::io::{load_scene, read_groups, write_groups};
 use instgs_vk::scene::PosedGroup;

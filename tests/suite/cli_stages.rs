@@ -1,12 +1,10 @@
 //! `segment`, `register` and `merge` as a user runs them; and what `train --method instgs` and they say of bad input.
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::common::program::{error_of, program, skips_gpu};
 use assert_cmd::Command;
-use common::program::{error_of, program, skips_gpu};
 use instgs_vk::io::{Mask, load_scene, read_groups, read_mask, write_mask};
 use instgs_vk::scene::InstancedScene;
 use serde_json::Value;

@@ -1,13 +1,11 @@
 //! `instgs-vk eval` as a user runs it, on photos that the program itself rendered.
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::common::dataset::transforms;
+use crate::common::program::{error_of, skips_gpu};
 use assert_cmd::Command;
-use common::dataset::transforms;
-use common::program::{error_of, skips_gpu};
 use glam::DVec3;
 use instgs_vk::io::{write_cameras, write_ply};
 use instgs_vk::math::rng::Rng;

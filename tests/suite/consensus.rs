@@ -1,9 +1,5 @@
 //! Objects from masks whose ids differ from view to view, on clouds sampled from the true surfaces of synthetic scenes.
 
-#![allow(clippy::print_stdout, reason = "tests report what they measured with --nocapture")]
-
-mod common;
-
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Quat, Vec3};
@@ -19,8 +15,8 @@ use instgs_vk::synth::dataset::frame::Lens;
 use instgs_vk::synth::dataset::world::Point;
 use instgs_vk::synth::dataset::{Options, build};
 
-use common::gpu::{assert_silent, gpu};
-use common::scramble::{Scramble, Scrambled, scrambled};
+use crate::common::gpu::{assert_silent, gpu};
+use crate::common::scramble::{Scramble, Scrambled, scrambled};
 
 const SIZE: (u32, u32) = (240, 135);
 const VIEWS: u32 = 24;

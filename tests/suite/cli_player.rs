@@ -8,12 +8,8 @@ use assert_cmd::Command;
 use instgs_vk::io::save_scene;
 use serde_json::Value;
 
-#[path = "common/chairs.rs"]
-mod chairs;
-#[path = "common/program.rs"]
-mod program;
-use chairs::chairs;
-use program::{error_of, program, skips_gpu};
+use crate::common::chairs::chairs;
+use crate::common::program::{error_of, program, skips_gpu};
 
 fn player() -> Command {
     let mut player = Command::new(env!("CARGO_BIN_EXE_instgs-player"));

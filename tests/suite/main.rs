@@ -1,0 +1,37 @@
+//! Everything but the kernels' own tests (`tests/kernels/`, which run once per subgroup size). One program, since each would
+//! link the whole library: 23 of them took 2.4 GB and a minute of linking.
+
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "tests say what they measured, and that they were skipped"
+)]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod architecture;
+mod cli;
+mod cli_edit;
+mod cli_eval;
+mod cli_instanced;
+#[cfg(feature = "player")]
+mod cli_player;
+mod cli_stages;
+mod cli_synth;
+mod cli_train;
+mod consensus;
+mod golden_gradients;
+mod golden_reference;
+mod gradients;
+mod interface;
+mod io_bad_input;
+mod io_datasets;
+mod io_glb;
+mod io_real_files;
+mod player;
+mod register;
+mod register_render;
+mod segment;
+mod stage_pictures;
+mod template;
