@@ -1,8 +1,10 @@
 #version 460
-// Packs a picture into the pixels of a window, which may have another size, and draws a line around what is chosen.
+// Packs a picture into the pixels of a window, which may have another size, and draws a line around what is chosen. Pixels
+// stay as they are if the picture is not complete: the host may learn later than this that a buffer was too small for it.
 // Grid: one thread per pixel of the window.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "counters.glsl"
 #include "show.glsl"
 
 layout(scalar, binding = 0) readonly buffer Colors { vec4 colors[]; };       // rgb over the background, and alpha, by pixel of the picture
@@ -10,6 +12,7 @@ layout(scalar, binding = 1) readonly buffer Depths { vec2 depths[]; };       // 
 layout(scalar, binding = 2) readonly buffer Surfaces { uvec2 surfaces[]; };  // x: instance at the surface, by pixel of the picture; read if instance_count > 0
 layout(scalar, binding = 3) readonly buffer Chosen { uint chosen[]; };       // 1 if the instance is chosen
 layout(scalar, binding = 4) writeonly buffer Pixels { uint pixels[]; };      // bytes red, green, blue (or the reverse), 255, by pixel of the window
+layout(scalar, binding = 5) readonly buffer Counters { uint counters[]; };   // COUNTER_* of the picture
 layout(scalar, push_constant) uniform PresentParams {
     uvec2 size_px;        // width and height of the picture
     uvec2 shown_px;       // width and height of the window
@@ -17,6 +20,7 @@ layout(scalar, push_constant) uniform PresentParams {
     uint blue_first;      // 1 = blue in the lowest byte
     vec2 depth_range;     // view depths that are white and black, scene units
     uint instance_count;  // elements of chosen; 0 = surfaces hold nothing
+    uvec2 capacities;     // candidates and work items that the picture's buffers held
 };
 
 const vec3 LINE_COLOR = vec3(1.0, 0.72, 0.0);
@@ -68,9 +72,14 @@ vec3 sampled(vec2 position) {
     return mix(above, below, part.y);
 }
 
+bool is_complete() {
+    uvec2 needed = uvec2(counters[COUNTER_CANDIDATES_NEEDED], counters[COUNTER_WORK_ITEMS_NEEDED]);
+    return all(lessThanEqual(needed, capacities)) && counters[COUNTER_SLAB_END] >= counters[COUNTER_VISIBLE];
+}
+
 void main() {
     uint i = thread_index();
-    if (i >= shown_px.x * shown_px.y) return;
+    if (i >= shown_px.x * shown_px.y || !is_complete()) return;
     uvec2 at = uvec2(i % shown_px.x, i / shown_px.x);
     vec3 value = shown_px == size_px ? shown_at(at) : sampled((vec2(at) + 0.5) * vec2(size_px) / vec2(shown_px));
     // To the nearest of 256 levels.

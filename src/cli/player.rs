@@ -1,6 +1,7 @@
 //! `instgs-player`: a window on a scene; or pictures without one.
 
-use std::path::PathBuf;
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
@@ -12,12 +13,13 @@ use super::printer::Printer;
 use super::{FAILURE, SUCCESS, USAGE};
 use crate::bench::as_map;
 use crate::gpu::PresentMode;
-use crate::io::{LoadedScene, load_scene, read_views};
+use crate::io::{IoError, LoadedScene, load_scene, read_views};
 use crate::math::statistics::{Percentiles, median};
-use crate::player::headless::{FrameTime, play};
+use crate::player::headless::{Timings, play};
+use crate::player::script::{self, Step};
 use crate::player::window::{self, WindowJob};
 use crate::player::{PlayerError, Stage, StageOptions};
-use crate::render::Show;
+use crate::render::{FrameStats, Show};
 use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
 
@@ -54,6 +56,12 @@ struct PlayerArgs {
     /// Report on --frames as JSON, to a file or - for stdout
     #[arg(long, value_name = "F", requires = "frames")]
     json: Option<PathBuf>,
+    /// Draw fewer pixels while things move if a picture takes the device longer than this; what stands still has all
+    #[arg(long, value_name = "MS", value_parser = parse_budget, conflicts_with = "headless")]
+    budget_ms: Option<f64>,
+    /// Play what a person does from a text file, one line a picture (see src/player/script.rs)
+    #[arg(long, value_name = "F", conflicts_with = "headless")]
+    script: Option<PathBuf>,
     /// When a picture replaces the one on the screen: with its refresh in order, with its refresh the newest, at once
     #[arg(long, value_enum, default_value = "fifo")]
     present: PresentArg,
@@ -82,6 +90,20 @@ enum ShowArg {
     Alpha,
     Depth,
     Instances,
+}
+
+fn parse_budget(text: &str) -> Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|ms| (0.1..=1e6).contains(ms))
+        .ok_or_else(|| "not a number of milliseconds from 0.1".into())
+}
+
+/// The steps of a script file; none without one.
+fn script(path: Option<&Path>) -> Result<VecDeque<Step>, CliError> {
+    let Some(path) = path else { return Ok(VecDeque::new()) };
+    let text = std::fs::read_to_string(path).map_err(|e| IoError::new(path, e.to_string()))?;
+    script::parse(&text, path.parent().unwrap_or(Path::new(""))).map_err(|e| IoError::new(path, e).into())
 }
 
 #[derive(serde::Serialize)]
@@ -147,7 +169,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     if args.headless {
         return headless(args, &loaded?, &cameras, printer);
     }
-    let job = window_job(args, &loaded, &cameras);
+    let job = WindowJob { script: script(args.script.as_deref())?, ..window_job(args, &loaded, &cameras) };
     match window::run(job) {
         Err(PlayerError::Window(reason)) if args.frames.is_some() => {
             printer.warning(format_args!("{reason}; drawing without a window"));
@@ -159,7 +181,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
                 return Err(CliError::Other(format!("validation layers: {message}")));
             }
             let Some(loaded) = loaded.ok().filter(|_| args.frames.is_some()) else { return Ok(()) };
-            let played = played(args, &loaded.scene, (report.device, report.size_px, true), &report.times);
+            let played = played(args, &loaded.scene, (report.device, report.size_px, true), &report.timings);
             print(args, &played, printer)
         }
     }
@@ -186,7 +208,7 @@ fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -
     cameras.iter().map(|camera| camera.resized(args.size.0, args.size.1)).collect()
 }
 
-fn window_job(args: &PlayerArgs, loaded: &Result<LoadedScene, crate::io::IoError>, cameras: &[Camera]) -> WindowJob {
+fn window_job(args: &PlayerArgs, loaded: &Result<LoadedScene, IoError>, cameras: &[Camera]) -> WindowJob {
     let empty = InstancedScene::default();
     let scene = loaded.as_ref().map_or(&empty, |loaded| &loaded.scene);
     WindowJob {
@@ -206,32 +228,34 @@ fn window_job(args: &PlayerArgs, loaded: &Result<LoadedScene, crate::io::IoError
         frames: args.frames,
         path_cameras: path_cameras(args, scene, cameras),
         screenshot: args.screenshot.clone(),
+        script: VecDeque::new(),
+        budget_ms: args.budget_ms,
     }
 }
 
 fn headless(args: &PlayerArgs, loaded: &LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
     let gpu = device::open(args.device.choice())?;
     let mut stage = Stage::new(&gpu, loaded.scene.clone(), stage_options(args, &loaded.scene))?;
-    let times = play(&mut stage, &path_cameras(args, &loaded.scene, cameras), args.frames.unwrap_or(1))?;
+    let timings = play(&mut stage, &path_cameras(args, &loaded.scene, cameras), args.frames.unwrap_or(1))?;
     if let Some(path) = &args.screenshot {
         stage.screenshot(path)?;
     }
     device::check_validation(&gpu)?;
     let size = stage.size_px().unwrap_or_default();
-    print(args, &played(args, &loaded.scene, (gpu.caps().name.clone(), size, false), &times), printer)
+    print(args, &played(args, &loaded.scene, (gpu.caps().name.clone(), size, false), &timings), printer)
 }
 
 fn played(
     args: &PlayerArgs,
     scene: &InstancedScene,
     (device, resolution, window): (String, [u32; 2], bool),
-    times: &[FrameTime],
+    timings: &Timings,
 ) -> Played {
-    let ms = Percentiles::of(&times.iter().map(|t| t.ms).collect::<Vec<f64>>());
+    let ms = Percentiles::of(&timings.ms);
     let mut passes: Vec<(&'static str, Vec<f64>)> = Vec::new();
-    for time in times {
+    for stats in &timings.stats {
         let mut sums: Vec<(&'static str, f64)> = Vec::new();
-        for &(pass, ms) in &time.stats.passes_ms {
+        for &(pass, ms) in &stats.passes_ms {
             match sums.iter_mut().find(|(name, _)| *name == pass) {
                 Some((_, sum)) => *sum += ms,
                 None => sums.push((pass, ms)),
@@ -244,23 +268,24 @@ fn played(
             }
         }
     }
-    let mean = |of: fn(&FrameTime) -> u64| times.iter().map(of).sum::<u64>() / (times.len() as u64).max(1);
-    let present: Vec<f64> = times.iter().filter_map(|t| t.present_ms).collect();
+    let pictures = (timings.stats.len() as u64).max(1);
+    let mean = |of: fn(&FrameStats) -> u64| timings.stats.iter().map(of).sum::<u64>() / pictures;
+    let present = &timings.present_ms;
     Played {
         scene: args.scene.display().to_string(),
         device,
         resolution,
         window,
-        frames: times.len() as u64,
+        frames: timings.ms.len() as u64,
         fps: 1e3 / ms.median.max(1e-9),
         ms,
         passes_ms: passes.into_iter().map(|(pass, all)| (pass, median(&all))).collect(),
-        present_ms: (!present.is_empty()).then(|| median(&present)),
+        present_ms: (!present.is_empty()).then(|| median(present)),
         gaussians: PlayedGaussians {
             stored: (scene.templates.len() + scene.background.len()) as u64,
             expanded: scene.expanded_len(),
-            visible: mean(|t| t.stats.visible),
-            intersections: mean(|t| t.stats.intersections),
+            visible: mean(|s| s.visible),
+            intersections: mean(|s| s.intersections),
         },
     }
 }

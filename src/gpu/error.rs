@@ -88,4 +88,10 @@ impl GpuError {
     pub(crate) fn vulkan(what: &str) -> impl FnOnce(vk::Result) -> GpuError {
         move |result| GpuError::Vulkan { what: what.into(), result }
     }
+
+    /// The device, or the surface of a window, is gone for good.
+    pub fn is_lost(&self) -> bool {
+        let surface = vk::Result::ERROR_SURFACE_LOST_KHR;
+        matches!(self, Self::DeviceLost { .. }) || matches!(self, Self::Vulkan { result, .. } if *result == surface)
+    }
 }

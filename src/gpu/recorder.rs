@@ -343,6 +343,11 @@ impl Recorder {
         self.gpu.timeline.wait(&self.gpu.device, ticket).map_err(|result| self.explain(result))
     }
 
+    /// Waits for the last submission of this recorder, if there is one.
+    pub fn wait_for_last(&self) -> Result<(), GpuError> {
+        self.submitted.map_or(Ok(()), |ticket| self.wait(ticket))
+    }
+
     /// Milliseconds per pass of the last submission, in order; call after `wait`. Empty without a profiler.
     pub fn passes_ms(&self) -> Result<Vec<(&'static str, f64)>, GpuError> {
         self.profiler.as_ref().map_or(Ok(Vec::new()), Profiler::read)

@@ -9,8 +9,8 @@ use super::context::Gpu;
 use super::error::GpuError;
 use super::swapchain::Swapchain;
 
-/// Frames that the device may still be drawing while one is recorded: none, see [`UiPainter::prepare`].
-const IN_FLIGHT: usize = 1;
+/// Sets of meshes, used in turn: one that is recorded and one that the device may still be drawing.
+const IN_FLIGHT: usize = 2;
 
 /// What to draw: egui's output of one frame.
 #[derive(Default)]
@@ -48,11 +48,14 @@ impl UiPainter {
         Ok(painter)
     }
 
-    /// Sets the textures of a frame, and frees those that earlier frames are done with. Waits for the
+    /// Sets the textures of a frame, and frees those that earlier frames are done with; both are rare, and wait for the
     /// device, which may still be drawing the last frame.
     pub fn prepare(&mut self, frame: &UiFrame) -> Result<(), GpuError> {
-        self.gpu.wait_all()?;
         let Some(renderer) = &mut self.renderer else { return Ok(()) };
+        if self.to_free.is_empty() && frame.textures.set.is_empty() && frame.textures.free.is_empty() {
+            return Ok(());
+        }
+        self.gpu.wait_all()?;
         renderer.free_textures(&std::mem::take(&mut self.to_free)).map_err(explain)?;
         if !frame.textures.set.is_empty() {
             let queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -62,7 +65,7 @@ impl UiPainter {
         Ok(())
     }
 
-    /// Records the interface onto an image that is a colour attachment.
+    /// Records the interface onto an image that is a colour attachment. The frame before the last must be over.
     pub(super) fn record(
         &mut self,
         commands: vk::CommandBuffer,

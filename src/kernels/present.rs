@@ -3,6 +3,7 @@
 //!
 //! - Reads `colors` or, for `SHOW_DEPTH`, `depths`, by pixel of the picture; if something is chosen or instances are shown,
 //!   `surfaces` of the pixel and, on what is chosen, of its 24 neighbours.
+//! - Reads `counters`: a picture that a buffer was too small for, or that a depth slab is missing of, is not shown.
 //! - Writes `pixels`, by pixel of the window.
 //! - Grid: one thread per pixel of the window. Bytes per pixel at equal sizes: 16 (depth: 8) read, 4 written.
 //!

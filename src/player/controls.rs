@@ -88,6 +88,11 @@ impl Controls {
         true
     }
 
+    /// True while a drag changes the view.
+    pub fn is_dragging(&self) -> bool {
+        self.press.as_ref().is_some_and(|press| press.dragged)
+    }
+
     /// A button goes down. While one is held, others count for nothing.
     pub fn pressed(&mut self, button: Button) {
         if self.press.is_none() {

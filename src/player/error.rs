@@ -20,3 +20,10 @@ pub enum PlayerError {
     #[error("window: {0}; without a display, --headless with --frames and --screenshot draws pictures")]
     Window(String),
 }
+
+impl PlayerError {
+    /// The device or the window's surface is lost; what was on it can be made anew on another.
+    pub fn is_lost(&self) -> bool {
+        matches!(self, Self::Gpu(gpu) | Self::Render(RenderError::Gpu(gpu)) if gpu.is_lost())
+    }
+}

@@ -8,29 +8,32 @@ use crate::scene::Camera;
 use super::error::PlayerError;
 use super::stage::Stage;
 
-/// What a picture took.
+/// What a run of pictures took.
 #[derive(Clone, Debug, Default)]
-pub struct FrameTime {
-    /// From one picture to the next, milliseconds.
-    pub ms: f64,
-    /// Of it, kernel `present` on the device; `None` if the device has no clock.
-    pub present_ms: Option<f64>,
-    /// What the render passes did.
-    pub stats: FrameStats,
+pub struct Timings {
+    /// From one picture to the next, milliseconds, by picture.
+    pub ms: Vec<f64>,
+    /// Kernel `present` on the device, milliseconds; of fewer pictures, since it is known later, and empty if the device has
+    /// no clock.
+    pub present_ms: Vec<f64>,
+    /// What the render passes did, by complete picture.
+    pub stats: Vec<FrameStats>,
 }
 
-/// Draws `frames` pictures, the cameras in turn, and makes each into pixels.
-pub fn play(stage: &mut Stage, cameras: &[Camera], frames: u64) -> Result<Vec<FrameTime>, PlayerError> {
-    let mut times = Vec::new();
+/// Draws `frames` pictures, the cameras in turn, and makes each into pixels. Nobody waits for a picture but the last.
+pub fn play(stage: &mut Stage, cameras: &[Camera], frames: u64) -> Result<Timings, PlayerError> {
+    let mut timings = Timings::default();
     let turns = cameras.iter().cycle().take(frames as usize);
     for camera in turns {
         let start = Instant::now();
-        let stats = stage.draw(camera)?;
+        stage.draw_ahead(camera)?;
         let (recorder, _) = stage.record_pixels([camera.width, camera.height], false)?;
-        let ticket = recorder.submit()?;
-        recorder.wait(ticket)?;
-        let ms = 1e3 * start.elapsed().as_secs_f64();
-        times.push(FrameTime { ms, present_ms: stage.present_ms()?, stats });
+        recorder.submit()?;
+        timings.ms.push(1e3 * start.elapsed().as_secs_f64());
+        timings.present_ms.extend(stage.present_ms());
+        timings.stats.extend(stage.take_arrived());
     }
-    Ok(times)
+    stage.settle()?;
+    timings.stats.extend(stage.take_arrived());
+    Ok(timings)
 }

@@ -7,7 +7,7 @@ use super::clock::FrameClock;
 use super::navigation::Navigator;
 
 /// What the keys do, for the help at the bottom.
-const KEYS: [(&str, &str); 15] = [
+const KEYS: [(&str, &str); 16] = [
     ("drag left", "turn the scene; with Shift or the middle button: move it"),
     ("drag right", "look around"),
     ("W A S D, E Q", "fly, up and down; Shift: five times as fast; [ ]: slower, faster"),
@@ -21,9 +21,13 @@ const KEYS: [(&str, &str); 15] = [
     (", .  + -", "turn it; larger, smaller"),
     ("Ctrl+D, Delete", "a copy beside it; remove it"),
     ("Ctrl+Z, Ctrl+Y, Ctrl+S", "take back, do again, save"),
+    ("P", "record the camera path; P again ends and writes it"),
     ("F12", "write the picture as PNG"),
     ("F11, H, Esc", "full screen; this text; quit"),
 ];
+
+/// What a picture may take, if somebody wants a limit: 60 pictures a second.
+const USUAL_BUDGET_MS: f64 = 16.0;
 
 /// What there is to say.
 pub(super) struct Facts<'a> {
@@ -42,6 +46,8 @@ pub(super) struct Facts<'a> {
     pub(super) instances: usize,
     /// Changes that can be taken back, and done again.
     pub(super) steps: [usize; 2],
+    /// Part of width and height that pictures have while things move.
+    pub(super) scale: f64,
 }
 
 /// What can be set.
@@ -49,6 +55,8 @@ pub(super) struct Settings<'a> {
     pub(super) navigator: &'a mut Navigator,
     pub(super) show: &'a mut Show,
     pub(super) mode: &'a mut PresentMode,
+    /// Milliseconds that a picture may take on the device while things move.
+    pub(super) budget_ms: &'a mut Option<f64>,
 }
 
 /// The state of the interface itself.
@@ -93,6 +101,12 @@ fn rate(ui: &mut egui::Ui, facts: &Facts<'_>) {
         None => {
             ui.label("idle");
         }
+    }
+    if facts.scale < 1.0 {
+        ui.colored_label(
+            ui.visuals().warn_fg_color,
+            format!("while moving: {:.0} % of the pixels", 100.0 * facts.scale.powi(2)),
+        );
     }
     graph(ui, &facts.clock.times_ms().collect::<Vec<f64>>());
 }
@@ -139,7 +153,7 @@ fn chosen(ui: &mut egui::Ui, facts: &Facts<'_>) {
 }
 
 fn set(ui: &mut egui::Ui, settings: Settings<'_>) {
-    let Settings { navigator, show, mode } = settings;
+    let Settings { navigator, show, mode, budget_ms } = settings;
     let mut degrees = navigator.fov_y().to_degrees();
     if ui.add(egui::Slider::new(&mut degrees, 5.0..=150.0).text("field of view")).changed() {
         navigator.set_fov_y(degrees.to_radians());
@@ -157,6 +171,13 @@ fn set(ui: &mut egui::Ui, settings: Settings<'_>) {
                 *show = value;
             }
         }
+    });
+    let mut limited = budget_ms.is_some();
+    ui.horizontal(|ui| {
+        ui.checkbox(&mut limited, "fewer pixels while moving beyond");
+        let mut ms = budget_ms.unwrap_or(USUAL_BUDGET_MS);
+        ui.add_enabled(limited, egui::DragValue::new(&mut ms).range(1.0..=1000.0).suffix(" ms"));
+        *budget_ms = limited.then_some(ms);
     });
     ui.horizontal(|ui| {
         for (name, value) in

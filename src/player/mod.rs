@@ -6,6 +6,9 @@
 //!     navigation.rs   where the camera is                        (pure)
 //!     editor.rs    what is chosen, changed and taken back         (pure; scene::edit)
 //!     hud.rs       what is written over the picture              (egui)
+//!     resolution.rs   smaller pictures while things move         (pure)
+//!     recording.rs    a camera path as it was flown              (pure)
+//!     script.rs    what a person does, from a text file
 //!   stage.rs       scene on the device, render passes, kernel `present`
 //!     -> gpu::Swapchain   copy into the window's image, interface over it, show
 //!   headless.rs    the same pictures without a window
@@ -21,6 +24,9 @@ pub mod error;
 pub mod headless;
 mod hud;
 pub mod navigation;
+pub mod recording;
+pub mod resolution;
+pub mod script;
 pub mod stage;
 pub mod window;
 

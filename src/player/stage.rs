@@ -9,7 +9,9 @@ use crate::gpu::staging::download;
 use crate::gpu::{Buffer, Gpu, Recorder};
 use crate::io::picture_png::write_png;
 use crate::io::save_scene;
-use crate::render::{DeviceScene, FrameStats, Presenter, RenderOptions, Renderer, Show, Surfaces};
+use crate::render::{
+    Ahead, Arrived, DeviceScene, FRAMES_IN_FLIGHT, FrameStats, Presenter, RenderOptions, Renderer, Show, Surfaces,
+};
 use crate::scene::edit::{Edit, EditOutcome};
 use crate::scene::{Camera, InstancedScene};
 
@@ -31,13 +33,23 @@ pub struct Stage {
     renderer: Renderer,
     presenter: Presenter,
     surfaces: Surfaces,
-    recorder: Recorder,
+    /// Pictures that the device may still be drawing.
+    ahead: Ahead,
+    /// For making pixels, in turn: one for each picture on its way.
+    recorders: [Recorder; FRAMES_IN_FLIGHT],
+    turn: usize,
+    /// Of the pixels that `recorders[turn]` made last.
+    present_ms: Option<f64>,
     scene: InstancedScene,
     device_scene: DeviceScene,
     /// How pictures look; may change between pictures.
     pub options: StageOptions,
     /// Of the last picture.
     camera: Option<Camera>,
+    /// Depth slabs that the last complete picture took.
+    slabs: u32,
+    /// Of pictures that are complete, until they are asked for.
+    arrived: Vec<FrameStats>,
     /// The surfaces are the last picture's.
     has_surfaces: bool,
     editor: Editor,
@@ -54,15 +66,29 @@ impl Stage {
             gpu: gpu.clone(),
             presenter: Presenter::new(gpu, &renderer)?,
             surfaces: Surfaces::new(gpu)?,
-            recorder: Recorder::with_profiler(gpu)?,
+            ahead: Ahead::new(gpu)?,
+            recorders: [Recorder::with_profiler(gpu)?, Recorder::with_profiler(gpu)?],
+            turn: 0,
+            present_ms: None,
             device_scene: renderer.upload(&scene)?,
             scene,
             renderer,
             options,
             camera: None,
+            slabs: 0,
+            arrived: Vec::new(),
             has_surfaces: false,
             editor: Editor::default(),
         })
+    }
+
+    /// The same scene, with what is chosen and can be taken back, on another device.
+    ///
+    /// # Errors
+    /// The device refuses it.
+    pub fn reopened(gpu: &Arc<Gpu>, old: Self) -> Result<Self, PlayerError> {
+        let Self { scene, options, editor, .. } = old;
+        Ok(Self { editor, ..Self::new(gpu, scene, options)? })
     }
 
     /// The scene.
@@ -76,17 +102,69 @@ impl Stage {
     }
 
     /// Draws a picture and leaves it on the device.
-    pub fn draw(&mut self, camera: &Camera) -> Result<FrameStats, PlayerError> {
+    pub fn draw(&mut self, camera: &Camera) -> Result<(), PlayerError> {
+        while let Some(arrived) = self.ahead.arrive()? {
+            self.note(arrived);
+        }
         let (scene, options) = (&self.device_scene, &self.options.render);
-        self.has_surfaces = self.options.show == Show::Instances || !self.editor.chosen().is_empty();
+        self.has_surfaces = self.needs_surfaces();
         let stats = if self.has_surfaces {
             self.presenter.set_chosen(&self.editor.chosen_flags(&self.scene))?;
             self.renderer.render_with_surfaces(scene, camera, options, &mut self.surfaces)?
         } else {
             self.renderer.render(scene, camera, options)?
         };
+        self.note(Arrived::Complete(stats));
         self.camera = Some(camera.clone());
-        Ok(stats)
+        Ok(())
+    }
+
+    /// What the passes did for the pictures that have been completed since this was asked last, in order.
+    pub fn take_arrived(&mut self) -> Vec<FrameStats> {
+        std::mem::take(&mut self.arrived)
+    }
+
+    /// True if the picture is complete.
+    fn note(&mut self, arrived: Arrived) -> bool {
+        let Arrived::Complete(stats) = arrived else { return false };
+        self.slabs = stats.slabs;
+        self.arrived.push(stats);
+        true
+    }
+
+    /// As [`Stage::draw`], but does not wait for the picture if it is like the ones before: of their size, in one depth slab,
+    /// and without surfaces. After the last picture comes [`Stage::settle`].
+    pub fn draw_ahead(&mut self, camera: &Camera) -> Result<(), PlayerError> {
+        let alike = self.size_px() == Some([camera.width, camera.height]) && self.slabs == 1;
+        if !alike || self.needs_surfaces() {
+            return self.draw(camera);
+        }
+        while self.ahead.is_full() {
+            if !self.ahead.arrive()?.is_some_and(|arrived| self.note(arrived)) {
+                return self.draw(camera);
+            }
+        }
+        self.has_surfaces = false;
+        self.renderer.submit_ahead(&mut self.ahead, &self.device_scene, camera, &self.options.render)?;
+        self.camera = Some(camera.clone());
+        Ok(())
+    }
+
+    /// Waits for the last picture. False if it had to be drawn again, since a buffer was too small for it: what was shown
+    /// is an older one.
+    pub fn settle(&mut self) -> Result<bool, PlayerError> {
+        let mut complete = true;
+        while let Some(arrived) = self.ahead.arrive()? {
+            complete = self.note(arrived);
+        }
+        if let Some(camera) = self.camera.clone().filter(|_| !complete) {
+            self.draw(&camera)?;
+        }
+        Ok(complete)
+    }
+
+    fn needs_surfaces(&self) -> bool {
+        self.options.show == Show::Instances || !self.editor.chosen().is_empty()
     }
 
     /// Records the last picture as pixels of a window of `shown_px`; to be submitted with the recorder that comes back.
@@ -95,16 +173,20 @@ impl Stage {
         shown_px: [u32; 2],
         blue_first: bool,
     ) -> Result<(&mut Recorder, &Buffer<u32>), PlayerError> {
+        self.turn = (self.turn + 1) % FRAMES_IN_FLIGHT;
+        let recorder = &mut self.recorders[self.turn];
+        recorder.wait_for_last()?;
+        let passes = recorder.passes_ms()?;
+        self.present_ms = (!passes.is_empty()).then(|| passes.iter().map(|(_, ms)| ms).sum());
         let surfaces = self.has_surfaces.then_some(&self.surfaces);
         let show = (self.options.show, surfaces);
-        self.presenter.record(&mut self.recorder, &self.renderer, show, (shown_px, blue_first))?;
-        Ok((&mut self.recorder, self.presenter.pixels()))
+        self.presenter.record(recorder, &self.renderer, show, (shown_px, blue_first))?;
+        Ok((recorder, self.presenter.pixels()))
     }
 
-    /// Milliseconds that the device took for the pixels submitted last, once it is done; `None` if it has no clock.
-    pub fn present_ms(&self) -> Result<Option<f64>, PlayerError> {
-        let passes = self.recorder.passes_ms()?;
-        Ok((!passes.is_empty()).then(|| passes.iter().map(|(_, ms)| ms).sum()))
+    /// Milliseconds that the device took for the pixels of an earlier picture; `None` before it, or if it has no clock.
+    pub fn present_ms(&self) -> Option<f64> {
+        self.present_ms
     }
 
     /// Width and height of the last picture; `None` before it.
@@ -114,10 +196,11 @@ impl Stage {
 
     /// The last picture, as it is shown and at its own size, as bytes red, green, blue.
     pub fn rgb8(&mut self) -> Result<Vec<u8>, PlayerError> {
+        self.settle()?;
         let size = self.size_px().unwrap_or([1, 1]);
-        self.record_pixels(size, false)?;
-        let ticket = self.recorder.submit()?;
-        self.recorder.wait(ticket)?;
+        let (recorder, _) = self.record_pixels(size, false)?;
+        let ticket = recorder.submit()?;
+        recorder.wait(ticket)?;
         Ok(self.presenter.rgb8()?)
     }
 
@@ -129,7 +212,8 @@ impl Stage {
     }
 
     /// The point of the world that a pixel of the last picture shows; `None` where nothing is.
-    pub fn point_at(&self, at_px: [f64; 2]) -> Result<Option<DVec3>, PlayerError> {
+    pub fn point_at(&mut self, at_px: [f64; 2]) -> Result<Option<DVec3>, PlayerError> {
+        self.settle()?;
         let (Some(frame), Some(camera)) = (self.renderer.frame(), &self.camera) else { return Ok(None) };
         if !camera.has_pixel(at_px) {
             return Ok(None);
@@ -146,6 +230,7 @@ impl Stage {
     pub fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
         let Some(camera) = self.camera.clone().filter(|camera| camera.has_pixel(at_px)) else { return Ok(None) };
         if !self.has_surfaces {
+            self.settle()?;
             let options = &self.options.render;
             self.renderer.render_with_surfaces(&self.device_scene, &camera, options, &mut self.surfaces)?;
         }

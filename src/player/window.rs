@@ -1,19 +1,20 @@
 //! The window: winit's events in, pictures out. Pictures are drawn only while something changes.
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle, RawWindowHandle};
 use winit::application::ApplicationHandler;
-use winit::dpi::PhysicalSize;
-use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::dpi::{PhysicalPosition, PhysicalSize};
+use winit::event::{DeviceId, ElementState, MouseButton, MouseScrollDelta, StartCause, TouchPhase, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::{Fullscreen, Window, WindowId};
 
-use crate::gpu::{DeviceChoice, Gpu, GpuOptions, PresentMode, Swapchain, UiFrame, UiPainter};
+use crate::gpu::{DeviceChoice, Gpu, GpuError, GpuOptions, PresentMode, Swapchain, UiFrame, UiPainter};
 use crate::io::{load_scene, read_cameras, write_cameras};
 use crate::render::{FrameStats, Show};
 use crate::scene::edit::{Edit, Turn};
@@ -23,9 +24,12 @@ use crate::scene::{Camera, InstancedScene};
 use super::clock::FrameClock;
 use super::controls::{Button, Controls, FlightKey};
 use super::error::PlayerError;
-use super::headless::FrameTime;
+use super::headless::Timings;
 use super::hud::{Facts, Hud, Settings};
 use super::navigation::{Navigator, vertical_of};
+use super::recording::{PATH_FPS, Recording};
+use super::resolution::Resolution;
+use super::script::Step;
 use super::stage::{Stage, StageOptions};
 
 /// Pixels of a touch pad's scroll that count as one step of a wheel.
@@ -43,6 +47,13 @@ const DUPLICATE_STEPS: f64 = 10.0;
 const TURN_STEP: f64 = std::f64::consts::PI / 36.0;
 /// What `+` and `-` scale things by.
 const SCALE_STEP: f64 = 1.05;
+
+/// A picture of fewer pixels is drawn again with all of them when nothing has moved for so long.
+const REFINE_AFTER: Duration = Duration::from_millis(150);
+/// A device that is lost again so soon is not opened a third time.
+const LOST_FOR_GOOD: Duration = Duration::from_secs(10);
+/// Pictures that a script waits for the window to take a size.
+const RESIZE_PICTURES: u32 = 100;
 
 /// What to open.
 pub struct WindowJob {
@@ -70,13 +81,17 @@ pub struct WindowJob {
     pub path_cameras: Vec<Camera>,
     /// Where the last picture goes.
     pub screenshot: Option<PathBuf>,
+    /// What is done before each of the first pictures; then the user goes on.
+    pub script: VecDeque<Step>,
+    /// Milliseconds that a picture may take on the device while things move; else it has fewer pixels.
+    pub budget_ms: Option<f64>,
 }
 
 /// What the window did.
 #[derive(Default)]
 pub struct WindowReport {
     /// Of each picture, if their number was given.
-    pub times: Vec<FrameTime>,
+    pub timings: Timings,
     /// The device's name.
     pub device: String,
     /// Size of the last picture.
@@ -125,7 +140,9 @@ struct Live {
     controls: Controls,
     hud: Hud,
     clock: FrameClock,
+    /// Of the last picture that is known to be complete, and of those before it that the report wants.
     stats: FrameStats,
+    arrived: Vec<FrameStats>,
     present_ms: Option<f64>,
     /// Views of the data set, and which one is next.
     cameras: (Vec<Camera>, usize),
@@ -138,6 +155,17 @@ struct Live {
     next_mode: Option<PresentMode>,
     /// The user knows that changes are not saved.
     warned: bool,
+    script: VecDeque<Step>,
+    /// Pictures that the first step of the script has waited.
+    waited: u32,
+    resolution: Resolution,
+    /// When a picture of fewer pixels is drawn again with all of them.
+    refine_at: Option<Instant>,
+    /// The camera path that is being recorded.
+    recording: Option<Recording>,
+    /// When the device was opened anew, and what validation layers said of the one before.
+    reopened: Option<Instant>,
+    validation_message: Option<String>,
 }
 
 impl ApplicationHandler for Player {
@@ -154,21 +182,29 @@ impl ApplicationHandler for Player {
         }
     }
 
+    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
+        if let (StartCause::ResumeTimeReached { .. }, Some(live)) = (cause, &self.live) {
+            live.window.request_redraw();
+        }
+    }
+
+    fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
+        let refine_at = self.live.as_ref().and_then(|live| live.refine_at);
+        event_loop.set_control_flow(refine_at.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
+    }
+
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         let Some(live) = &mut self.live else { return };
-        match event {
-            WindowEvent::CloseRequested => self.end(event_loop, Ok(())),
-            WindowEvent::RedrawRequested => {
-                if let Err(error) = self.redraw(event_loop) {
-                    self.end(event_loop, Err(error));
-                }
-            }
-            event => match live.event(&event, &self.job) {
-                Ok(After::Nothing) => {}
-                Ok(After::Redraw) => live.window.request_redraw(),
-                Ok(After::Quit) => self.end(event_loop, Ok(())),
-                Err(error) => self.end(event_loop, Err(error)),
-            },
+        let after = match event {
+            WindowEvent::CloseRequested => Ok(After::Quit),
+            WindowEvent::RedrawRequested => self.redraw(),
+            event => live.event(&event, &self.job),
+        };
+        match after {
+            Ok(After::Nothing) => {}
+            Ok(After::Redraw) => self.request_redraw(),
+            Ok(After::Quit) => self.end(event_loop, Ok(())),
+            Err(error) => self.failed(event_loop, error),
         }
     }
 }
@@ -181,22 +217,44 @@ enum After {
 }
 
 impl Player {
-    fn redraw(&mut self, event_loop: &ActiveEventLoop) -> Result<(), PlayerError> {
-        let Some(live) = &mut self.live else { return Ok(()) };
-        let done = self.outcome.as_ref().map_or(0, |report| report.times.len() as u64);
+    fn request_redraw(&self) {
+        if let Some(live) = &self.live {
+            live.window.request_redraw();
+        }
+    }
+
+    fn redraw(&mut self) -> Result<After, PlayerError> {
+        let Some(live) = &mut self.live else { return Ok(After::Nothing) };
+        let done = self.outcome.as_ref().map_or(0, |report| report.timings.ms.len() as u64);
         if self.job.frames.is_some() && !self.job.path_cameras.is_empty() {
             let cameras = &self.job.path_cameras;
             live.navigator.stand_at(&cameras[(done % cameras.len() as u64) as usize]);
         }
-        let shown = live.picture(self.job.frames.is_some())?;
-        let Some(frames) = self.job.frames else { return Ok(()) };
+        if let After::Quit = live.play_step(&self.job)? {
+            return Ok(After::Quit);
+        }
+        let shown = live.picture(self.job.frames.is_some() || !live.script.is_empty())?;
+        let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
         if let (Some(ms), Ok(report)) = (shown, &mut self.outcome) {
-            report.times.push(FrameTime { ms, present_ms: live.present_ms, stats: live.stats.clone() });
+            report.timings.ms.push(ms);
+            report.timings.present_ms.extend(live.present_ms);
+            report.timings.stats.append(&mut live.arrived);
         }
-        if done + u64::from(shown.is_some()) >= frames {
-            self.end(event_loop, Ok(()));
+        Ok(if done + u64::from(shown.is_some()) >= frames { After::Quit } else { After::Nothing })
+    }
+
+    /// After the loss of the device, goes on with one that is opened anew; ends else, and if it is lost again soon.
+    fn failed(&mut self, event_loop: &ActiveEventLoop, error: PlayerError) {
+        let again = |live: &Live| live.reopened.is_none_or(|then| then.elapsed() > LOST_FOR_GOOD);
+        if !error.is_lost() || !self.live.as_ref().is_some_and(again) {
+            return self.end(event_loop, Err(error));
         }
-        Ok(())
+        let Some(live) = self.live.take() else { return };
+        match live.reopen(&self.job, &error) {
+            Ok(live) => self.live = Some(live),
+            Err(error) => self.end(event_loop, Err(error)),
+        }
+        self.request_redraw();
     }
 
     /// Notes how it ended and leaves the event loop.
@@ -212,11 +270,14 @@ impl Player {
         let (Some(live), Ok(report)) = (&mut self.live, &mut self.outcome) else { return Ok(()) };
         report.device = live.gpu.caps().name.clone();
         report.size_px = live.swapchain.size_px();
+        live.stage.settle()?;
+        report.timings.stats.extend(live.stage.take_arrived());
         if let Some(path) = &self.job.screenshot {
             live.stage.screenshot(path)?;
         }
         live.gpu.wait_all()?;
-        report.validation_message = live.gpu.validation_messages().take().into_iter().next();
+        let last = live.gpu.validation_messages().take().into_iter().next();
+        report.validation_message = live.validation_message.take().or(last);
         Ok(())
     }
 }
@@ -228,17 +289,7 @@ impl Live {
             .with_title(format!("{title} - instgs-player"))
             .with_inner_size(PhysicalSize::new(job.size_px.0, job.size_px.1));
         let window = Arc::new(event_loop.create_window(attributes).map_err(window_error)?);
-        let (display, handle) = handles(&window)?;
-        let options = GpuOptions { device: job.device.clone(), validation: job.validation, display: Some(display) };
-        let gpu = Gpu::open(&options)?;
-        let size = window.inner_size();
-        // SAFETY: the window is kept in `Live` behind the swapchain, which is dropped first; the device was opened for its
-        // display.
-        let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], job.mode) }?;
-        let painter = UiPainter::new(&gpu, &swapchain)?;
-        let ctx = egui::Context::default();
-        let scale = window.scale_factor() as f32;
-        let ui = egui_winit::State::new(ctx, egui::ViewportId::ROOT, &window, Some(scale), None, None);
+        let (gpu, swapchain, painter, ui) = open_device(&window, job, job.mode)?;
         let navigator = Navigator::around(&Orbit::around(&InstancedScene::default(), job.up));
         let mut live = Self {
             painter,
@@ -255,6 +306,7 @@ impl Live {
             hud: Hud { visible: job.frames.is_none(), message: None },
             clock: FrameClock::default(),
             stats: FrameStats::default(),
+            arrived: Vec::new(),
             present_ms: None,
             cameras: (std::mem::take(&mut job.cameras), 0),
             kept: (kept_cameras(&job.path), 0),
@@ -262,11 +314,41 @@ impl Live {
             last_shown: None,
             next_mode: None,
             warned: false,
+            script: std::mem::take(&mut job.script),
+            waited: 0,
+            resolution: Resolution::with_budget(job.budget_ms),
+            refine_at: None,
+            recording: None,
+            reopened: None,
+            validation_message: None,
             path: job.path.clone(),
         };
         let scene = std::mem::replace(&mut job.scene, Err(String::new()));
         live.take_scene(scene, job)?;
         Ok(live)
+    }
+
+    /// The same on a device that is opened anew, since the one that there was is lost.
+    fn reopen(self, job: &WindowJob, reason: &PlayerError) -> Result<Self, PlayerError> {
+        let mode = self.swapchain.mode();
+        let last = self.gpu.validation_messages().take().into_iter().next();
+        // All that is of the old device, the window's images before those of the new one.
+        drop((self.painter, self.swapchain));
+        let (gpu, swapchain, painter, ui) = open_device(&self.window, job, mode)?;
+        let stage = Stage::reopened(&gpu, self.stage)?;
+        let hud = Hud { message: Some(format!("{reason}; drawing goes on with a device opened anew")), ..self.hud };
+        Ok(Self {
+            painter,
+            stage,
+            swapchain,
+            gpu,
+            ui,
+            hud,
+            last_shown: None,
+            reopened: Some(Instant::now()),
+            validation_message: self.validation_message.or(last),
+            ..self
+        })
     }
 
     /// Shows a scene, or says why there is none.
@@ -313,8 +395,11 @@ impl Live {
         self.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
         let (frame, animated) = self.lay_out()?;
         self.painter.prepare(&frame)?;
-        self.present_ms = self.stage.present_ms()?;
-        self.stats = self.stage.draw(&self.navigator.camera(target.size_px))?;
+        // All pixels when nothing moves: then there is time.
+        let moves = goes_on || !flight.is_still() || self.controls.is_dragging();
+        let scale = if moves { self.resolution.scale() } else { 1.0 };
+        let size_px = Resolution::of(target.size_px, scale);
+        self.stage.draw_ahead(&self.navigator.camera(size_px))?;
         let (recorder, pixels) = self.stage.record_pixels(target.size_px, target.blue_first)?;
         let fits = self.swapchain.present(recorder, target, pixels, Some((&mut self.painter, &frame)))?;
         if !fits {
@@ -324,7 +409,18 @@ impl Live {
         self.clock.push(ms);
         let goes_on = goes_on || !flight.is_still();
         self.last_shown = goes_on.then_some(start);
-        if goes_on || animated || !fits {
+        self.present_ms = self.stage.present_ms();
+        let is_shown = goes_on || self.stage.settle()?;
+        self.arrived = self.stage.take_arrived();
+        self.stats = self.arrived.last().unwrap_or(&self.stats).clone();
+        if moves {
+            self.arrived.iter().for_each(|stats| self.resolution.took(stats.total_ms().unwrap_or(ms)));
+        }
+        self.refine_at = (!goes_on && scale < 1.0).then(|| Instant::now() + REFINE_AFTER);
+        if let Some(recording) = &mut self.recording {
+            recording.push(self.opened.elapsed().as_secs_f64(), self.navigator.camera(target.size_px));
+        }
+        if goes_on || animated || !fits || !is_shown {
             self.window.request_redraw();
         }
         Ok(Some(ms))
@@ -356,9 +452,14 @@ impl Live {
                 chosen: self.stage.editor().chosen().iter().copied().collect(),
                 instances: self.stage.scene().instances.len(),
                 steps: self.stage.editor().steps(),
+                scale: self.resolution.scale(),
             };
-            let settings =
-                Settings { navigator: &mut self.navigator, show: &mut self.stage.options.show, mode: &mut mode };
+            let settings = Settings {
+                navigator: &mut self.navigator,
+                show: &mut self.stage.options.show,
+                mode: &mut mode,
+                budget_ms: &mut self.resolution.budget_ms,
+            };
             self.hud.lay_out(ctx, facts, settings);
         });
         if mode != self.swapchain.mode() {
@@ -405,14 +506,9 @@ impl Live {
             WindowEvent::KeyboardInput { event, .. } => {
                 let PhysicalKey::Code(code) = event.physical_key else { return Ok(After::Nothing) };
                 let down = event.state == ElementState::Pressed;
-                let flight = flight_key(code).filter(|_| !self.controls.control || !down);
-                if let Some(key) = flight {
-                    self.controls.flight_key(key, down && !response.consumed);
-                    down
-                } else if down && !response.consumed {
-                    return self.key(code, event.repeat);
-                } else {
-                    false
+                match self.key_event(code, down, event.repeat, response.consumed)? {
+                    After::Nothing => false,
+                    after => return Ok(after),
                 }
             }
             WindowEvent::DroppedFile(path) => {
@@ -440,16 +536,80 @@ impl Live {
         let click = self.controls.released(button, self.opened.elapsed().as_secs_f64());
         let Some(click) = click else { return Ok(false) };
         if !click.double {
-            let instance = self.stage.instance_at(click.at_px)?;
+            let instance = self.stage.instance_at(self.in_picture(click.at_px))?;
             self.stage.click(instance, self.controls.shift);
             self.hud.message = None;
             return Ok(true);
         }
-        let point = self.stage.point_at(click.at_px)?;
+        let point = self.stage.point_at(self.in_picture(click.at_px))?;
         if let Some(point) = point {
             self.navigator.focus(point);
         }
         Ok(point.is_some())
+    }
+
+    /// A place in the window as one in the last picture, which may have fewer pixels.
+    fn in_picture(&self, at_px: [f64; 2]) -> [f64; 2] {
+        let shown = self.swapchain.size_px();
+        let picture = self.stage.size_px().unwrap_or(shown);
+        [0, 1].map(|axis| at_px[axis] * f64::from(picture[axis]) / f64::from(shown[axis].max(1)))
+    }
+
+    /// Does the next step of the script.
+    fn play_step(&mut self, job: &WindowJob) -> Result<After, PlayerError> {
+        let Some(step) = self.script.pop_front() else { return Ok(After::Nothing) };
+        match step {
+            Step::Size([width, height]) => {
+                let wanted = PhysicalSize::new(width, height);
+                if self.waited == 0 {
+                    let _ = self.window.request_inner_size(wanted);
+                }
+                self.waited = if self.window.inner_size() == wanted { 0 } else { (self.waited + 1) % RESIZE_PICTURES };
+                if self.waited > 0 {
+                    self.script.push_front(step);
+                }
+            }
+            Step::Pointer([x, y]) => {
+                let position = PhysicalPosition::new(x, y);
+                let device_id = DeviceId::dummy();
+                self.event(&WindowEvent::CursorMoved { device_id, position }, job)?;
+            }
+            Step::Button(button, down) => {
+                let (device_id, button) = (DeviceId::dummy(), mouse_button(button));
+                let state = if down { ElementState::Pressed } else { ElementState::Released };
+                self.event(&WindowEvent::MouseInput { device_id, state, button }, job)?;
+            }
+            Step::Wheel(steps) => {
+                let (device_id, phase) = (DeviceId::dummy(), TouchPhase::Moved);
+                let delta = MouseScrollDelta::LineDelta(0.0, steps as f32);
+                self.event(&WindowEvent::MouseWheel { device_id, delta, phase }, job)?;
+            }
+            Step::Key { code, control, shift } => {
+                (self.controls.control, self.controls.shift) = (control, shift);
+                let after = self.key_event(code, true, false, false)?;
+                self.key_event(code, false, false, false)?;
+                (self.controls.control, self.controls.shift) = (false, false);
+                return Ok(after);
+            }
+            Step::Hold(code, down) => {
+                self.key_event(code, down, false, false)?;
+            }
+            Step::Wait => {}
+            Step::Shot(path) => self.stage.screenshot(&path)?,
+            Step::Lose => return Err(GpuError::DeviceLost { last_pass: "a script's lose".into() }.into()),
+            Step::Quit => return Ok(After::Quit),
+        }
+        Ok(After::Redraw)
+    }
+
+    /// A key goes down or up; `consumed` by the interface.
+    fn key_event(&mut self, code: KeyCode, down: bool, repeats: bool, consumed: bool) -> Result<After, PlayerError> {
+        let flight = flight_key(code).filter(|_| !self.controls.control || !down);
+        if let Some(key) = flight {
+            self.controls.flight_key(key, down && !consumed);
+            return Ok(if down { After::Redraw } else { After::Nothing });
+        }
+        if down && !consumed { self.key(code, repeats) } else { Ok(After::Nothing) }
     }
 
     fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
@@ -480,6 +640,7 @@ impl Live {
             KeyCode::PageUp => step(&mut self.cameras, -1, &mut self.navigator, &mut self.hud),
             KeyCode::KeyV => step(&mut self.kept, 1, &mut self.navigator, &mut self.hud),
             KeyCode::KeyC => self.keep_camera(),
+            KeyCode::KeyP => self.record_path(),
             KeyCode::F11 => {
                 let full = self.window.fullscreen().is_none();
                 self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
@@ -579,10 +740,33 @@ impl Live {
         });
     }
 
-    /// Writes the last picture beside the scene, under the first name that is free.
+    /// Begins to record the camera path, or ends it and writes it beside the scene.
+    fn record_path(&mut self) {
+        let Some(recording) = self.recording.take() else {
+            self.recording = Some(Recording::default());
+            self.hud.message = Some("the camera path is recorded: P ends it".into());
+            return;
+        };
+        let (path, cameras) = (self.free_name("path.json"), recording.cameras());
+        self.hud.message = Some(match write_cameras(&path, &cameras) {
+            Ok(()) => format!(
+                "{} cameras, {PATH_FPS} per second: instgs-vk render --camera {}",
+                cameras.len(),
+                path.display()
+            ),
+            Err(error) => error.to_string(),
+        });
+    }
+
+    /// Beside the scene, the first name with this ending that is free.
+    fn free_name(&self, ending: &str) -> PathBuf {
+        let mut names = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.{ending}")));
+        names.find(|path| !path.exists()).unwrap_or_default()
+    }
+
+    /// Writes the last picture beside the scene.
     fn write_picture(&mut self) {
-        let free = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.png"))).find(|path| !path.exists());
-        let path = free.unwrap_or_default();
+        let path = self.free_name("png");
         self.hud.message = Some(match self.stage.screenshot(&path) {
             Ok(()) => path.display().to_string(),
             Err(error) => error.to_string(),
@@ -622,6 +806,32 @@ fn flight_key(code: KeyCode) -> Option<FlightKey> {
         KeyCode::KeyQ => FlightKey::Down,
         _ => return None,
     })
+}
+
+fn mouse_button(button: Button) -> MouseButton {
+    match button {
+        Button::Left => MouseButton::Left,
+        Button::Right => MouseButton::Right,
+        Button::Middle => MouseButton::Middle,
+    }
+}
+
+/// A device for a window, the window's images, and the interface over them.
+fn open_device(
+    window: &Window,
+    job: &WindowJob,
+    mode: PresentMode,
+) -> Result<(Arc<Gpu>, Swapchain, UiPainter, egui_winit::State), PlayerError> {
+    let (display, handle) = handles(window)?;
+    let options = GpuOptions { device: job.device.clone(), validation: job.validation, display: Some(display) };
+    let gpu = Gpu::open(&options)?;
+    let size = window.inner_size();
+    // SAFETY: `Live` keeps the window behind the swapchain, which is dropped first; the device was opened for its display.
+    let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], mode) }?;
+    let painter = UiPainter::new(&gpu, &swapchain)?;
+    let scale = window.scale_factor() as f32;
+    let ui = egui_winit::State::new(egui::Context::default(), egui::ViewportId::ROOT, window, Some(scale), None, None);
+    Ok((gpu, swapchain, painter, ui))
 }
 
 /// The handles of a window.

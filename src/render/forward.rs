@@ -266,8 +266,13 @@ fn record_blend(recorder: &mut Recorder, inputs: &ForwardInputs<'_>, frame: &mut
 
 /// Reads the counters of a finished frame.
 pub fn read_counters(frame: &FrameBuffers) -> [u32; COUNTER_COUNT as usize] {
+    counters_of(&frame.counters_end)
+}
+
+/// The counters in a buffer that the host reads.
+pub fn counters_of(buffer: &Buffer<u32>) -> [u32; COUNTER_COUNT as usize] {
     let mut out = [0; COUNTER_COUNT as usize];
-    if let Some(bytes) = frame.counters_end.mapped() {
+    if let Some(bytes) = buffer.mapped() {
         for (value, word) in out.iter_mut().zip(bytes.chunks_exact(4)) {
             *value = bytemuck::pod_read_unaligned(word);
         }

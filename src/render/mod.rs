@@ -4,6 +4,7 @@
 //! what one frame needs besides; [`Renderer`] records the passes in order and decides what to do when a buffer was too
 //! small: grow and redo, or go on with the next depth slab. Nothing is ever dropped.
 
+pub mod ahead;
 pub mod backward;
 pub mod contributions;
 pub mod device_scene;
@@ -23,6 +24,7 @@ pub mod sort;
 pub mod surfaces;
 pub mod train_frame;
 
+pub use ahead::{Ahead, Arrived, FRAMES_IN_FLIGHT};
 pub use contributions::{CONTRIBUTION_ONE, Contribution, ContributionRenderer};
 pub use device_scene::{DeviceScene, SceneCounts};
 pub use error::RenderError;

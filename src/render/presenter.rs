@@ -25,6 +25,8 @@ pub enum Show {
     Instances,
 }
 
+const BLACK: u32 = 0xFF00_0000;
+
 /// Makes pixels of pictures.
 pub struct Presenter {
     gpu: Arc<Gpu>,
@@ -63,7 +65,8 @@ impl Presenter {
     }
 
     /// Records the renderer's last picture as pixels of a window of `shown_px`; black if there is no picture. `surfaces` are
-    /// that picture's, for lines around what is chosen and for [`Show::Instances`].
+    /// that picture's, for lines around what is chosen and for [`Show::Instances`]. A picture on its way that will not be
+    /// complete (see [`Ahead`](super::Ahead)) leaves the pixels as they are, or black if the window has a new size.
     ///
     /// # Errors
     /// A window larger than the device's buffers.
@@ -77,9 +80,10 @@ impl Presenter {
         if self.shown_px != shown_px {
             self.pixels = Buffer::new(&self.gpu, "pixels", shown_px[0] as usize * shown_px[1] as usize)?;
             self.shown_px = shown_px;
+            recorder.fill(&mut self.pixels, BLACK)?;
         }
         let Some(frame) = renderer.frame() else {
-            return Ok(recorder.fill(&mut self.pixels, 0xFF00_0000)?);
+            return Ok(recorder.fill(&mut self.pixels, BLACK)?);
         };
         let (show, depth_range) = match show {
             Show::Color => (SHOW_COLOR, [0.0; 2]),
@@ -90,12 +94,14 @@ impl Presenter {
         let size_px = frame.plan.size_px;
         let instance_count = if surfaces.is_some() { self.instance_count } else { 0 };
         let blue_first = u32::from(blue_first);
-        let params = present::Params { size_px, shown_px, show, blue_first, depth_range, instance_count };
+        let capacities = [frame.plan.capacities.candidates, frame.plan.capacities.work_items];
+        let params = present::Params { size_px, shown_px, show, blue_first, depth_range, instance_count, capacities };
         let bindings = present::Bindings {
             colors: &frame.colors,
             depths: &frame.depths,
             surfaces: surfaces.map_or(&self.no_surfaces, |s| &s.by_pixel),
             chosen: &self.chosen,
+            counters: &frame.scratch.counters,
             pixels: &mut self.pixels,
         };
         let grid = Grid::threads(shown_px[0] * shown_px[1], self.workgroup_size);

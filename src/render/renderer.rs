@@ -58,6 +58,13 @@ pub struct FrameStats {
     pub passes_ms: Vec<(&'static str, f64)>,
 }
 
+impl FrameStats {
+    /// Milliseconds of all passes; `None` without profiling.
+    pub fn total_ms(&self) -> Option<f64> {
+        (!self.passes_ms.is_empty()).then(|| self.passes_ms.iter().map(|(_, ms)| ms).sum())
+    }
+}
+
 /// A depth slab that has just been blended: for passes that look at the same lists as the blend.
 pub(super) struct BlendedSlab<'a> {
     /// The device.
@@ -170,6 +177,21 @@ impl Renderer {
         options: &RenderOptions,
         after_slab: &mut AfterSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
+        self.prepare(scene, camera, options)?;
+        let stats = self.render_prepared(scene, camera, options, after_slab);
+        if stats.is_err() {
+            self.recorder.abandon();
+        }
+        stats
+    }
+
+    /// Checks what is asked for, and makes pipelines and buffers for it.
+    pub(super) fn prepare(
+        &mut self,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Result<(), RenderError> {
         camera.validate().map_err(RenderError::Camera)?;
         check_options(options)?;
         if scene.chunk_size != self.variant.workgroup_size {
@@ -177,11 +199,19 @@ impl Renderer {
             return Err(RenderError::Option { option: "the scene's chunks", reason });
         }
         self.prepare_pipelines(scene.traits(scene.sh_degree), [camera.width, camera.height])?;
-        let stats = self.render_prepared(scene, camera, options, after_slab);
-        if stats.is_err() {
-            self.recorder.abandon();
-        }
-        stats
+        self.prepare_frame(scene, camera, options)
+    }
+
+    /// What the passes need, after [`Renderer::prepare`].
+    pub(super) fn passes<'a>(
+        &'a mut self,
+        scene: &'a DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> (ForwardInputs<'a>, &'a mut FrameBuffers) {
+        let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
+        let view = view_of(camera, options);
+        (Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options), frame)
     }
 
     fn render_prepared(

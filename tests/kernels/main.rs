@@ -7,6 +7,7 @@
 mod common;
 
 mod adam;
+mod ahead;
 mod backward;
 mod cull_chunks;
 mod densify;

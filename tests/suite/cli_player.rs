@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 
 use assert_cmd::Command;
-use instgs_vk::io::save_scene;
+use instgs_vk::io::{load_scene, read_cameras, save_scene};
+use instgs_vk::player::navigation::Navigator;
+use instgs_vk::scene::edit::template_centres;
+use instgs_vk::scene::trajectory::Orbit;
 use serde_json::Value;
 
 use crate::common::chairs::chairs;
@@ -123,4 +126,149 @@ fn bad_files_and_flags_end_in_one_line() {
     for usage in [&["--headless"][..], &["--json", "-"], &["--frames", "0"], &["--size", "0x1", "--frames", "1"]] {
         player().arg(&bad).args(usage).assert().code(2);
     }
+}
+
+/// Runs a script in a window of 320x240; the picture files and the scene are in `folder`.
+fn play_script(display: &VirtualDisplay, scene: &Path, text: &str) -> std::process::Output {
+    let script = scene.with_file_name("script.txt");
+    std::fs::write(&script, text).unwrap();
+    let mut player = player();
+    player.env("DISPLAY", &display.1).arg(scene).args(["--size", "320x240", "--script"]).arg(&script);
+    player.timeout(std::time::Duration::from_secs(300)).output().unwrap()
+}
+
+/// Where one of the chairs is in the window at the start, pixels.
+fn chair_px(scene: &instgs_vk::scene::InstancedScene) -> [f64; 2] {
+    let camera = Navigator::around(&Orbit::around(scene, None)).camera([320, 240]);
+    let centre = template_centres(scene)[scene.instances[0].template as usize];
+    let view =
+        camera.rotation() * (scene.instances[0].world_from_template.transform_point(centre) - camera.position_world());
+    [camera.fx * view.x / view.z + camera.cx, camera.fy * view.y / view.z + camera.cy]
+}
+
+/// Open, orbit, choose, move, duplicate, take back, save, reopen: each as events of the window, with validation on.
+#[test]
+fn a_scene_is_edited_in_a_window() {
+    if skips_gpu() {
+        return;
+    }
+    let Some(display) = VirtualDisplay::open() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = scene(folder.path());
+    let before = chairs();
+    let [x, y] = chair_px(&before);
+    let text = format!(
+        "key KeyH\n shot start.png\n click {x} {y}\n shot chosen.png\n key ArrowRight\n key ArrowRight\n shot moved.png\n \
+         key ctrl+KeyD\n shot copied.png\n key ctrl+KeyZ\n shot undone.png\n key ctrl+KeyY\n key Escape\n \
+         drag left 10 200 60 190\n shot orbited.png\n key KeyR\n shot edited.png\n key ctrl+KeyS\n quit\n"
+    );
+    let output = play_script(&display, &file, &text);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let shot = |name: &str| pixels(&folder.path().join(name)).2;
+    let steps = ["start", "chosen", "moved", "copied"].map(|name| shot(&format!("{name}.png")));
+    assert!(steps.windows(2).all(|two| two[0] != two[1]), "each step shows");
+    assert_eq!(shot("undone.png"), steps[2], "taken back");
+    assert_ne!(shot("orbited.png"), shot("edited.png"));
+
+    let after = load_scene(&file).unwrap().scene;
+    assert_eq!(after.instances.len(), before.instances.len() + 1);
+    // The chair in front may be another than the first.
+    let moved: Vec<usize> =
+        (0..before.instances.len()).filter(|&k| after.instances[k] != before.instances[k]).collect();
+    assert_eq!(moved.len(), 1);
+    assert_eq!(after.instances.last().unwrap().template, before.instances[moved[0]].template);
+    // Opened again, it is what was saved.
+    let output = play_script(&display, &file, "frames 2\n shot reopened.png\n quit");
+    assert!(output.status.success());
+    // The start of the view depends on the scene, which has one chair more.
+    let camera = Navigator::around(&Orbit::around(&after, None)).camera([320, 240]);
+    assert_eq!((pixels(&folder.path().join("reopened.png")).0, camera.width), (320, 320));
+    assert_ne!(shot("reopened.png"), steps[0]);
+}
+
+/// Windows that change their size all the time neither leak nor offend the validation layers; 10,000 pictures with 100 sizes
+/// are in `a_long_session`.
+#[test]
+fn sizes_change_all_the_time() {
+    long_session(20, 5);
+}
+
+#[test]
+#[ignore = "10,000 pictures take minutes"]
+fn a_long_session() {
+    long_session(100, 100);
+}
+
+fn long_session(sizes: usize, pictures: usize) {
+    if skips_gpu() {
+        return;
+    }
+    let Some(display) = VirtualDisplay::open() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = scene(folder.path());
+    let mut text = String::from("hold KeyA 20\n");
+    for k in 0..sizes {
+        let size = [[96, 64], [33, 70], [160, 90], [1, 1]][k % 4];
+        text += &format!("size {} {}\n hold KeyA {pictures}\n", size[0], size[1]);
+    }
+    text += "size 64 48\n frames 3\n shot last.png\n quit\n";
+    let output = play_script(&display, &file, &text);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(pixels(&folder.path().join("last.png")).0, 64);
+}
+
+/// After the loss of the device the scene, what was changed and what can be taken back are still there; a second loss at once
+/// is the end, in words.
+#[test]
+fn a_lost_device_is_opened_anew() {
+    if skips_gpu() {
+        return;
+    }
+    let Some(display) = VirtualDisplay::open() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = scene(folder.path());
+    let [x, y] = chair_px(&chairs());
+    let text = format!(
+        "key KeyH\n click {x} {y}\n shot first.png\n key ArrowRight\n shot before.png\n lose\n frames 2\n shot after.png\n \
+         key ctrl+KeyZ\n shot undone.png\n key ctrl+KeyS\n"
+    );
+    let output = play_script(&display, &file, &(text.clone() + "quit"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let shot = |name: &str| pixels(&folder.path().join(name)).2;
+    assert_ne!(shot("first.png"), shot("before.png"));
+    assert_eq!(shot("before.png"), shot("after.png"));
+    assert_eq!(shot("undone.png"), shot("first.png"));
+    let output = play_script(&display, &file, &(text + "lose\n quit"));
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(!output.status.success() && words.contains("the device was lost"), "{words}");
+}
+
+/// A recorded path is a camera file that `render` takes.
+#[test]
+fn a_recorded_path_can_be_rendered() {
+    if skips_gpu() {
+        return;
+    }
+    let Some(display) = VirtualDisplay::open() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = scene(folder.path());
+    let output = play_script(&display, &file, "frames 1\n key KeyP\n hold KeyA 12\n key KeyP\n quit");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let path = folder.path().join("scene.000.path.json");
+    let cameras = read_cameras(&path).unwrap();
+    assert!(cameras.len() > 1 && cameras[0].view_from_world != cameras.last().unwrap().view_from_world);
+    let out = folder.path().join("frames");
+    let mut render = program();
+    render.arg("render").arg("--scene").arg(&file).arg("--camera").arg(&path).arg("--out").arg(&out).assert().success();
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), cameras.len());
+}
+
+#[test]
+fn scripts_are_checked_before_a_window_opens() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = scene(folder.path());
+    let script = folder.path().join("bad.txt");
+    std::fs::write(&script, "frames 1\njump 2\n").unwrap();
+    let text = error_of(player().arg(&file).arg("--script").arg(&script));
+    assert!(text.contains("bad.txt") && text.contains("line 2") && text.contains("jump 2"), "{text}");
 }

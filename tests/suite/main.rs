@@ -29,6 +29,7 @@ mod io_bad_input;
 mod io_datasets;
 mod io_glb;
 mod io_real_files;
+#[cfg(feature = "player")]
 mod player;
 mod register;
 mod register_render;

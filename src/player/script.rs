@@ -1,0 +1,200 @@
+//! What a person does, as lines of a text file, played in a real window: for tests, pictures of tutorials, and reports of what
+//! went wrong. One line is done for each picture.
+//!
+//! ```text
+//! size 640 480          the window has this size from now on
+//! pointer 120 80        the pointer goes there, pixels
+//! press left            left, right or middle; release alike
+//! click 120 80          pointer, press and release
+//! drag left 10 10 90 60 pointer, press, pointer in eight steps, release
+//! wheel 2               steps towards the scene
+//! key ctrl+shift+KeyZ   a key with what is held, by the name of its place on a US keyboard; keys that fly only tap
+//! hold KeyW 12          a key that is held while so many pictures are drawn
+//! frames 5              so many pictures without doing anything
+//! shot a.png            the picture, without what is written over it; paths are relative to the script
+//! lose                  the device counts as lost: what follows is drawn by one opened anew
+//! quit                  the window closes
+//! # and the rest of a line is a comment
+//! ```
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize as _;
+use serde::de::IntoDeserializer as _;
+use serde::de::value::{Error, StrDeserializer};
+use winit::keyboard::KeyCode;
+
+use super::controls::Button;
+
+/// Pictures that a drag takes from its beginning to its end.
+const DRAG_STEPS: u32 = 8;
+
+/// One thing that is done before a picture.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// Width and height of the window, pixels.
+    Size([u32; 2]),
+    /// The pointer moves, pixels.
+    Pointer([f64; 2]),
+    /// A button goes down (true) or up.
+    Button(Button, bool),
+    /// Steps of the wheel.
+    Wheel(f64),
+    /// A key is pressed and released.
+    Key {
+        /// Which.
+        code: KeyCode,
+        /// Ctrl is held.
+        control: bool,
+        /// Shift is held.
+        shift: bool,
+    },
+    /// A key goes down (true) or up.
+    Hold(KeyCode, bool),
+    /// Nothing.
+    Wait,
+    /// The picture goes to a file.
+    Shot(PathBuf),
+    /// The device counts as lost.
+    Lose,
+    /// The window closes.
+    Quit,
+}
+
+/// Reads a script; paths in it are relative to `folder`.
+///
+/// # Errors
+/// One line: which line is wrong, and how.
+pub fn parse(text: &str, folder: &Path) -> Result<VecDeque<Step>, String> {
+    let mut steps = VecDeque::new();
+    for (k, line) in text.lines().enumerate() {
+        let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
+        let Some((&what, rest)) = words.split_first() else { continue };
+        let of_line = of_line(what, rest, folder).map_err(|reason| format!("line {}: {reason}", k + 1))?;
+        steps.extend(of_line);
+    }
+    Ok(steps)
+}
+
+fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, String> {
+    Ok(match (what, rest) {
+        ("size", [width, height]) => vec![Step::Size([side(width)?, side(height)?])],
+        ("pointer", [x, y]) => vec![Step::Pointer([number(x)?, number(y)?])],
+        ("press", [button]) => vec![Step::Button(button_of(button)?, true)],
+        ("release", [button]) => vec![Step::Button(button_of(button)?, false)],
+        ("click", [x, y]) => {
+            let at = Step::Pointer([number(x)?, number(y)?]);
+            vec![at, Step::Button(Button::Left, true), Step::Button(Button::Left, false)]
+        }
+        ("drag", [button, x0, y0, x1, y1]) => {
+            drag(button_of(button)?, [number(x0)?, number(y0)?], [number(x1)?, number(y1)?])
+        }
+        ("wheel", [steps]) => vec![Step::Wheel(number(steps)?)],
+        ("key", [keys]) => vec![key(keys)?],
+        ("hold", [code, pictures]) => {
+            let code = key_code(code)?;
+            let mut steps = vec![Step::Hold(code, true)];
+            steps.extend(vec![Step::Wait; count(pictures)?]);
+            steps.push(Step::Hold(code, false));
+            steps
+        }
+        ("frames", [pictures]) => vec![Step::Wait; count(pictures)?],
+        ("shot", [path]) => vec![Step::Shot(folder.join(path))],
+        ("lose", []) => vec![Step::Lose],
+        ("quit", []) => vec![Step::Quit],
+        _ => return Err(format!("{:?} is no step of a script", [&[what], rest].concat().join(" "))),
+    })
+}
+
+fn drag(button: Button, from: [f64; 2], to: [f64; 2]) -> Vec<Step> {
+    let mut steps = vec![Step::Pointer(from), Step::Button(button, true)];
+    steps.extend((1..=DRAG_STEPS).map(|k| {
+        let part = f64::from(k) / f64::from(DRAG_STEPS);
+        Step::Pointer([0, 1].map(|axis| from[axis] + part * (to[axis] - from[axis])))
+    }));
+    steps.push(Step::Button(button, false));
+    steps
+}
+
+fn key(keys: &str) -> Result<Step, String> {
+    let mut held: Vec<&str> = keys.split('+').collect();
+    let code = key_code(held.pop().unwrap_or_default())?;
+    if let Some(other) = held.iter().find(|&&h| h != "ctrl" && h != "shift") {
+        return Err(format!("{other:?} is neither ctrl nor shift"));
+    }
+    Ok(Step::Key { code, control: held.contains(&"ctrl"), shift: held.contains(&"shift") })
+}
+
+fn key_code(name: &str) -> Result<KeyCode, String> {
+    let name_only: StrDeserializer<'_, Error> = name.into_deserializer();
+    KeyCode::deserialize(name_only)
+        .map_err(|_| format!("{name:?} is no key: for instance KeyW, Digit1, ArrowLeft, F12"))
+}
+
+fn button_of(name: &str) -> Result<Button, String> {
+    Ok(match name {
+        "left" => Button::Left,
+        "right" => Button::Right,
+        "middle" => Button::Middle,
+        _ => return Err(format!("{name:?} is no button: left, right or middle")),
+    })
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("{text:?} is no number"))
+}
+
+/// At most a million, as `--frames`.
+fn count(text: &str) -> Result<usize, String> {
+    text.parse().ok().filter(|n| *n <= 1_000_000).ok_or_else(|| format!("{text:?} is no number from 0 to 1000000"))
+}
+
+/// At most 16384, which every device can draw.
+fn side(text: &str) -> Result<u32, String> {
+    text.parse().ok().filter(|n| (1..=16384).contains(n)).ok_or_else(|| format!("{text:?} is no size from 1 to 16384"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_become_steps() {
+        let text = "# a comment\n size 640 480\n\nclick 3 4.5 # there\nkey ctrl+shift+KeyZ\nhold KeyW 2\nshot a.png\n";
+        let steps = parse(text, Path::new("there")).unwrap();
+        let want = [
+            Step::Size([640, 480]),
+            Step::Pointer([3.0, 4.5]),
+            Step::Button(Button::Left, true),
+            Step::Button(Button::Left, false),
+            Step::Key { code: KeyCode::KeyZ, control: true, shift: true },
+            Step::Hold(KeyCode::KeyW, true),
+            Step::Wait,
+            Step::Wait,
+            Step::Hold(KeyCode::KeyW, false),
+            Step::Shot("there/a.png".into()),
+        ];
+        assert_eq!(Vec::from(steps), want);
+        let drag = Vec::from(parse("drag middle 0 0 16 8", Path::new("")).unwrap());
+        assert_eq!(drag.len(), 3 + DRAG_STEPS as usize);
+        assert_eq!((&drag[2], &drag[9]), (&Step::Pointer([2.0, 1.0]), &Step::Pointer([16.0, 8.0])));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_line() {
+        for (text, words) in [
+            ("frames 2\njump 3", ["line 2", "jump 3"]),
+            ("key ctrl+Foo", ["line 1", "Foo"]),
+            ("key alt+KeyA", ["line 1", "alt"]),
+            ("pointer 1", ["line 1", "pointer 1"]),
+            ("pointer nan 1", ["line 1", "nan"]),
+            ("press top", ["line 1", "top"]),
+            ("frames -1", ["line 1", "-1"]),
+            ("size 0 4", ["line 1", "\"0\""]),
+        ] {
+            let error = parse(text, Path::new("")).unwrap_err();
+            assert!(words.iter().all(|word| error.contains(word)), "{error}");
+        }
+    }
+}
