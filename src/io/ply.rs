@@ -5,6 +5,8 @@
 
 use std::path::Path;
 
+use rayon::prelude::*;
+
 use crate::io::error::IoError;
 use crate::io::ply_table::{Element, PlyTable};
 use crate::io::{atomic_write, ply_packed, read_bytes};
@@ -39,6 +41,19 @@ pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<Gaussians, IoError> {
     let quats = [column("rot_0")?, column("rot_1")?, column("rot_2")?, column("rot_3")?];
     let (sh_degree, rest) = rest_columns(vertex, path)?;
     let per_channel = sh_coefficients(sh_degree) - 1;
+    if let Some((bytes, columns)) = table.float_rows("vertex") {
+        let sh: Vec<[usize; 3]> =
+            (0..per_channel).map(|k| [rest[k], rest[per_channel + k], rest[2 * per_channel + k]]).collect();
+        let rows = FloatRows { bytes, columns };
+        return Ok(Gaussians {
+            sh_degree,
+            means: rows.values(means),
+            quats: rows.values(quats),
+            log_scales: rows.values(scales),
+            opacity_logits: rows.values([opacity]).into_iter().map(|[logit]| logit).collect(),
+            sh: rows.runs(&[&[dc], sh.as_slice()].concat()),
+        });
+    }
 
     // Grows with what is really there: the walk checks the count against the file's length first.
     let mut out = Gaussians { sh_degree, ..Gaussians::default() };
@@ -54,6 +69,36 @@ pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<Gaussians, IoError> {
         }
     })])?;
     Ok(out)
+}
+
+/// Rows of little-endian floats, read by all cores: a file of 100 MB takes a tenth of the second that walking takes.
+struct FloatRows<'a> {
+    bytes: &'a [u8],
+    columns: usize,
+}
+
+impl FloatRows<'_> {
+    fn rows(&self) -> rayon::slice::ChunksExact<'_, u8> {
+        self.bytes.par_chunks_exact(4 * self.columns)
+    }
+
+    /// These columns of every row.
+    fn values<const N: usize>(&self, columns: [usize; N]) -> Vec<[f32; N]> {
+        self.rows().map(|row| columns.map(|c| float_at(row, c))).collect()
+    }
+
+    /// A run of triples for every row.
+    fn runs(&self, columns: &[[usize; 3]]) -> Vec<[f32; 3]> {
+        let mut out = vec![[0.0; 3]; self.rows().len() * columns.len()];
+        out.par_chunks_exact_mut(columns.len()).zip(self.rows()).for_each(|(run, row)| {
+            run.iter_mut().zip(columns).for_each(|(value, triple)| *value = triple.map(|c| float_at(row, c)));
+        });
+        out
+    }
+}
+
+fn float_at(row: &[u8], column: usize) -> f32 {
+    row[4 * column..].first_chunk().map_or(0.0, |&bytes| f32::from_le_bytes(bytes))
 }
 
 /// The SH degree that the `f_rest_*` properties of `element` call for, and their columns by number.
@@ -141,6 +186,20 @@ pub(crate) mod tests {
             assert_eq!(parse(&ply_bytes(&cloud)), Ok(cloud));
         }
         assert_eq!(parse(&ply_bytes(&Gaussians::default())), Ok(Gaussians::default()));
+    }
+
+    /// Rows of floats are read by all cores; the same in the other byte order is walked.
+    #[test]
+    fn both_ways_of_reading_agree() {
+        let cloud = sample(3, 300);
+        let mut bytes = ply_bytes(&cloud);
+        assert_eq!(parse(&bytes[..bytes.len() - 1]).map_err(|e| e.to_string().contains("ends early")), Err(true));
+        let end = b"end_header\n";
+        let body = bytes.windows(end.len()).position(|w| w == end).unwrap_or(0) + end.len();
+        bytes[body..].chunks_exact_mut(4).for_each(<[u8]>::reverse);
+        let header = String::from_utf8_lossy(&bytes[..body]).replace("little", "big");
+        let big = [header.as_bytes(), &bytes[body..]].concat();
+        assert_eq!(parse(&big), Ok(cloud));
     }
 
     const HEADER_TAIL: &str = "element pre 1\nproperty list uchar int ids\nproperty short q\nelement vertex 2\nproperty double rot_3\n\

@@ -213,6 +213,18 @@ impl<'a> PlyTable<'a> {
         element.count.checked_mul(least).is_some_and(|need| need <= remaining + slack)
     }
 
+    /// The bytes of an element that comes first and has nothing but little-endian floats, and how many a row has: what
+    /// trainers write. `None` for all else, and if the file ends early; [`PlyTable::walk`] reads, or refuses, that.
+    pub(crate) fn float_rows(&self, name: &str) -> Option<(&'a [u8], usize)> {
+        let element = self.elements.first().filter(|e| e.name == name && self.encoding == Encoding::Little)?;
+        let floats = element.properties.iter().all(|p| p.kind == Scalar::F32 && p.list_count.is_none());
+        if !floats || element.properties.is_empty() || !self.fits(element, self.body) {
+            return None;
+        }
+        let columns = element.properties.len();
+        Some((&self.bytes[self.body..self.body + 4 * columns * element.count as usize], columns))
+    }
+
     /// Walks the body once, in file order. `sinks` are (element name, callback); callbacks get (row, values in property
     /// order). Elements with a callback must have no lists; elements without one are skipped.
     pub(crate) fn walk(&self, sinks: &mut [(&str, &mut RowSink<'_>)]) -> Result<(), IoError> {

@@ -39,8 +39,8 @@ pub(super) struct Facts<'a> {
     pub(super) present_ms: Option<f64>,
     /// Stored and expanded Gaussians.
     pub(super) gaussians: [u64; 2],
-    /// Bytes of the file, and of the scene on the device.
-    pub(super) bytes: [u64; 2],
+    /// Bytes by kind.
+    pub(super) bytes: [(&'static str, u64); 5],
     /// Indices of what is chosen, and how many instances there are.
     pub(super) chosen: Vec<usize>,
     pub(super) instances: usize,
@@ -137,8 +137,9 @@ fn counts(ui: &mut egui::Ui, facts: &Facts<'_>) {
         row("expanded", grouped(facts.gaussians[1]));
         row("visible", grouped(stats.visible));
         row("(splat, tile) pairs", grouped(stats.intersections));
-        row("bytes, file", grouped(facts.bytes[0]));
-        row("bytes, scene on device", grouped(facts.bytes[1]));
+        for (kind, bytes) in facts.bytes {
+            row(&format!("bytes, {kind}"), grouped(bytes));
+        }
     });
 }
 

@@ -40,7 +40,8 @@ impl Recording {
     /// directions on great circles. All have the size of the first. Empty if nothing was shown.
     pub fn cameras(&self) -> Vec<Camera> {
         let Some((start, first)) = self.shown.first() else { return Vec::new() };
-        let pictures = (self.seconds() * PATH_FPS).ceil() as usize + 1;
+        // A rounding error is no picture.
+        let pictures = (self.seconds() * PATH_FPS - 1e-6).ceil() as usize + 1;
         let size = (first.width, first.height);
         let at = |k: usize| {
             let camera = self.at(start + (k as f64 / PATH_FPS).min(self.seconds()));

@@ -437,7 +437,13 @@ impl Live {
         let mut mode = self.swapchain.mode();
         let scene = self.stage.scene();
         let gaussians = [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()];
-        let bytes = [self.file_bytes, self.stage.device_bytes()];
+        let bytes = [
+            ("file", self.file_bytes),
+            ("scene on the device", self.stage.device_bytes()),
+            ("of it templates", scene.templates.tensor_bytes()),
+            ("offsets", scene.offsets.tensor_bytes()),
+            ("background", scene.background.tensor_bytes()),
+        ];
         let ctx = self.ui.egui_ctx().clone();
         let output = ctx.run(input, |ctx| {
             let facts = Facts {
