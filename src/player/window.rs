@@ -1,24 +1,20 @@
 //! The window: winit's events in, pictures out. Pictures are drawn only while something changes.
 
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use glam::DVec3;
-use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle, RawWindowHandle};
 use winit::application::ApplicationHandler;
-use winit::dpi::{PhysicalPosition, PhysicalSize};
-use winit::event::{DeviceId, ElementState, MouseButton, MouseScrollDelta, StartCause, TouchPhase, WindowEvent};
+use winit::event::{ElementState, MouseButton, MouseScrollDelta, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::{Fullscreen, Window, WindowId};
 
-use crate::gpu::{DeviceChoice, Gpu, GpuError, GpuOptions, PresentMode, Swapchain, UiFrame, UiPainter};
-use crate::io::{load_scene, read_cameras, write_cameras};
+use crate::gpu::{DeviceChoice, Gpu, PresentMode, Swapchain, UiFrame, UiPainter};
 use crate::render::{FrameStats, Show};
 use crate::scene::edit::{Edit, Turn};
-use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
 
 use super::clock::FrameClock;
@@ -26,11 +22,17 @@ use super::controls::{Button, Controls, FlightKey};
 use super::error::PlayerError;
 use super::headless::Timings;
 use super::hud::{Facts, Hud, Settings};
-use super::navigation::{Navigator, vertical_of};
-use super::recording::{PATH_FPS, Recording};
+use super::navigation::Navigator;
+use super::recording::Recording;
 use super::resolution::Resolution;
 use super::script::Step;
 use super::stage::{Stage, StageOptions};
+
+mod keeping;
+mod opening;
+mod playing;
+
+use keeping::step;
 
 /// Pixels of a touch pad's scroll that count as one step of a wheel.
 const PIXELS_PER_STEP: f64 = 40.0;
@@ -52,8 +54,6 @@ const SCALE_STEP: f64 = 1.05;
 const REFINE_AFTER: Duration = Duration::from_millis(150);
 /// A device that is lost again so soon is not opened a third time.
 const LOST_FOR_GOOD: Duration = Duration::from_secs(10);
-/// Pictures that a script waits for the window to take a size.
-const RESIZE_PICTURES: u32 = 100;
 
 /// What to open.
 pub struct WindowJob {
@@ -283,100 +283,6 @@ impl Player {
 }
 
 impl Live {
-    fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
-        let title = job.path.file_name().map_or("instgs".into(), |name| name.to_string_lossy().into_owned());
-        let attributes = Window::default_attributes()
-            .with_title(format!("{title} - instgs-player"))
-            .with_inner_size(PhysicalSize::new(job.size_px.0, job.size_px.1));
-        let window = Arc::new(event_loop.create_window(attributes).map_err(window_error)?);
-        let (gpu, swapchain, painter, ui) = open_device(&window, job, job.mode)?;
-        let navigator = Navigator::around(&Orbit::around(&InstancedScene::default(), job.up));
-        let mut live = Self {
-            painter,
-            stage: Stage::new(&gpu, InstancedScene::default(), job.options)?,
-            swapchain,
-            gpu,
-            ui,
-            window,
-            title,
-            file_bytes: 0,
-            home: navigator.clone(),
-            navigator,
-            controls: Controls::default(),
-            hud: Hud { visible: job.frames.is_none(), message: None },
-            clock: FrameClock::default(),
-            stats: FrameStats::default(),
-            arrived: Vec::new(),
-            present_ms: None,
-            cameras: (std::mem::take(&mut job.cameras), 0),
-            kept: (kept_cameras(&job.path), 0),
-            opened: Instant::now(),
-            last_shown: None,
-            next_mode: None,
-            warned: false,
-            script: std::mem::take(&mut job.script),
-            waited: 0,
-            resolution: Resolution::with_budget(job.budget_ms),
-            refine_at: None,
-            recording: None,
-            reopened: None,
-            validation_message: None,
-            path: job.path.clone(),
-        };
-        let scene = std::mem::replace(&mut job.scene, Err(String::new()));
-        live.take_scene(scene, job)?;
-        Ok(live)
-    }
-
-    /// The same on a device that is opened anew, since the one that there was is lost.
-    fn reopen(self, job: &WindowJob, reason: &PlayerError) -> Result<Self, PlayerError> {
-        let mode = self.swapchain.mode();
-        let last = self.gpu.validation_messages().take().into_iter().next();
-        // All that is of the old device, the window's images before those of the new one.
-        drop((self.painter, self.swapchain));
-        let (gpu, swapchain, painter, ui) = open_device(&self.window, job, mode)?;
-        let stage = Stage::reopened(&gpu, self.stage)?;
-        let hud = Hud { message: Some(format!("{reason}; drawing goes on with a device opened anew")), ..self.hud };
-        Ok(Self {
-            painter,
-            stage,
-            swapchain,
-            gpu,
-            ui,
-            hud,
-            last_shown: None,
-            reopened: Some(Instant::now()),
-            validation_message: self.validation_message.or(last),
-            ..self
-        })
-    }
-
-    /// Shows a scene, or says why there is none.
-    fn take_scene(&mut self, scene: Result<(InstancedScene, u64), String>, job: &WindowJob) -> Result<(), PlayerError> {
-        let (scene, bytes) = match scene {
-            Ok(scene) => scene,
-            Err(reason) => {
-                self.hud.message = Some(reason);
-                return Ok(());
-            }
-        };
-        let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.cameras.0)));
-        self.home = Navigator::around(&orbit);
-        if let Some(camera) = self.cameras.0.first() {
-            self.home.stand_at(camera);
-            self.home.aim_at(orbit.center);
-        }
-        self.navigator = self.home.clone();
-        let mut options = job.options;
-        options.render.antialias |= scene.antialias;
-        // The old scene's memory first.
-        self.stage = Stage::new(&self.gpu, InstancedScene::default(), options)?;
-        self.stage = Stage::new(&self.gpu, scene, options)?;
-        self.file_bytes = bytes;
-        self.clock.clear();
-        Ok(())
-    }
-
     /// Draws and shows a picture; milliseconds since the one before, or of this one alone after a pause. `None` if there is
     /// nowhere to show it now. `goes_on` says that another one follows at once.
     fn picture(&mut self, goes_on: bool) -> Result<Option<f64>, PlayerError> {
@@ -561,53 +467,6 @@ impl Live {
         [0, 1].map(|axis| at_px[axis] * f64::from(picture[axis]) / f64::from(shown[axis].max(1)))
     }
 
-    /// Does the next step of the script.
-    fn play_step(&mut self, job: &WindowJob) -> Result<After, PlayerError> {
-        let Some(step) = self.script.pop_front() else { return Ok(After::Nothing) };
-        match step {
-            Step::Size([width, height]) => {
-                let wanted = PhysicalSize::new(width, height);
-                if self.waited == 0 {
-                    let _ = self.window.request_inner_size(wanted);
-                }
-                self.waited = if self.window.inner_size() == wanted { 0 } else { (self.waited + 1) % RESIZE_PICTURES };
-                if self.waited > 0 {
-                    self.script.push_front(step);
-                }
-            }
-            Step::Pointer([x, y]) => {
-                let position = PhysicalPosition::new(x, y);
-                let device_id = DeviceId::dummy();
-                self.event(&WindowEvent::CursorMoved { device_id, position }, job)?;
-            }
-            Step::Button(button, down) => {
-                let (device_id, button) = (DeviceId::dummy(), mouse_button(button));
-                let state = if down { ElementState::Pressed } else { ElementState::Released };
-                self.event(&WindowEvent::MouseInput { device_id, state, button }, job)?;
-            }
-            Step::Wheel(steps) => {
-                let (device_id, phase) = (DeviceId::dummy(), TouchPhase::Moved);
-                let delta = MouseScrollDelta::LineDelta(0.0, steps as f32);
-                self.event(&WindowEvent::MouseWheel { device_id, delta, phase }, job)?;
-            }
-            Step::Key { code, control, shift } => {
-                (self.controls.control, self.controls.shift) = (control, shift);
-                let after = self.key_event(code, true, false, false)?;
-                self.key_event(code, false, false, false)?;
-                (self.controls.control, self.controls.shift) = (false, false);
-                return Ok(after);
-            }
-            Step::Hold(code, down) => {
-                self.key_event(code, down, false, false)?;
-            }
-            Step::Wait => {}
-            Step::Shot(path) => self.stage.screenshot(&path)?,
-            Step::Lose => return Err(GpuError::DeviceLost { last_pass: "a script's lose".into() }.into()),
-            Step::Quit => return Ok(After::Quit),
-        }
-        Ok(After::Redraw)
-    }
-
     /// A key goes down or up; `consumed` by the interface.
     fn key_event(&mut self, code: KeyCode, down: bool, repeats: bool, consumed: bool) -> Result<After, PlayerError> {
         let flight = flight_key(code).filter(|_| !self.controls.control || !down);
@@ -718,88 +577,6 @@ impl Live {
             Err(error) => error.to_string(),
         });
     }
-
-    /// Opens a file that was dropped on the window; what is wrong with it is said in the window.
-    fn open_file(&mut self, path: &Path, job: &WindowJob) -> Result<(), PlayerError> {
-        let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes)).map_err(|e| e.to_string());
-        if loaded.is_ok() {
-            self.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-            self.path = path.to_path_buf();
-            self.window.set_title(&format!("{} - instgs-player", self.title));
-            self.cameras = (Vec::new(), 0);
-            self.kept = (kept_cameras(path), 0);
-            self.hud.message = None;
-        }
-        self.take_scene(loaded, job)
-    }
-
-    /// Keeps the camera, in memory and in a camera file beside the scene.
-    fn keep_camera(&mut self) {
-        let mut camera = self.navigator.camera(self.swapchain.size_px());
-        camera.name = format!("{:03}", self.kept.0.len());
-        self.kept.0.push(camera);
-        self.kept.1 = 0;
-        let path = cameras_path(&self.path);
-        self.hud.message = Some(match write_cameras(&path, &self.kept.0) {
-            Ok(()) => format!("camera {} is in {}", self.kept.0.len(), path.display()),
-            Err(error) => error.to_string(),
-        });
-    }
-
-    /// Begins to record the camera path, or ends it and writes it beside the scene.
-    fn record_path(&mut self) {
-        let Some(recording) = self.recording.take() else {
-            self.recording = Some(Recording::default());
-            self.hud.message = Some("the camera path is recorded: P ends it".into());
-            return;
-        };
-        let (path, cameras) = (self.free_name("path.json"), recording.cameras());
-        self.hud.message = Some(match write_cameras(&path, &cameras) {
-            Ok(()) => format!(
-                "{} cameras, {PATH_FPS} per second: instgs-vk render --camera {}",
-                cameras.len(),
-                path.display()
-            ),
-            Err(error) => error.to_string(),
-        });
-    }
-
-    /// Beside the scene, the first name with this ending that is free.
-    fn free_name(&self, ending: &str) -> PathBuf {
-        let mut names = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.{ending}")));
-        names.find(|path| !path.exists()).unwrap_or_default()
-    }
-
-    /// Writes the last picture beside the scene.
-    fn write_picture(&mut self) {
-        let path = self.free_name("png");
-        self.hud.message = Some(match self.stage.screenshot(&path) {
-            Ok(()) => path.display().to_string(),
-            Err(error) => error.to_string(),
-        });
-    }
-}
-
-/// The next or previous of some cameras, all round.
-fn step((cameras, at): &mut (Vec<Camera>, usize), by: isize, navigator: &mut Navigator, hud: &mut Hud) {
-    let Some(last) = cameras.len().checked_sub(1) else {
-        hud.message = Some("there are no cameras to step through (--data DIR, or C keeps one)".into());
-        return;
-    };
-    let camera = &cameras[(*at).min(last)];
-    navigator.stand_at(camera);
-    hud.message = Some(format!("camera {} of {}: {}", *at + 1, cameras.len(), camera.name));
-    *at = (*at as isize + by).rem_euclid(cameras.len() as isize) as usize;
-}
-
-/// Where kept cameras of a scene are; `render --camera` takes them too.
-fn cameras_path(scene: &Path) -> PathBuf {
-    scene.with_extension("cameras.json")
-}
-
-/// The cameras kept earlier; none if there is no such file, or another program's.
-fn kept_cameras(scene: &Path) -> Vec<Camera> {
-    read_cameras(&cameras_path(scene)).unwrap_or_default()
 }
 
 fn flight_key(code: KeyCode) -> Option<FlightKey> {
@@ -812,36 +589,4 @@ fn flight_key(code: KeyCode) -> Option<FlightKey> {
         KeyCode::KeyQ => FlightKey::Down,
         _ => return None,
     })
-}
-
-fn mouse_button(button: Button) -> MouseButton {
-    match button {
-        Button::Left => MouseButton::Left,
-        Button::Right => MouseButton::Right,
-        Button::Middle => MouseButton::Middle,
-    }
-}
-
-/// A device for a window, the window's images, and the interface over them.
-fn open_device(
-    window: &Window,
-    job: &WindowJob,
-    mode: PresentMode,
-) -> Result<(Arc<Gpu>, Swapchain, UiPainter, egui_winit::State), PlayerError> {
-    let (display, handle) = handles(window)?;
-    let options = GpuOptions { device: job.device.clone(), validation: job.validation, display: Some(display) };
-    let gpu = Gpu::open(&options)?;
-    let size = window.inner_size();
-    // SAFETY: `Live` keeps the window behind the swapchain, which is dropped first; the device was opened for its display.
-    let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], mode) }?;
-    let painter = UiPainter::new(&gpu, &swapchain)?;
-    let scale = window.scale_factor() as f32;
-    let ui = egui_winit::State::new(egui::Context::default(), egui::ViewportId::ROOT, window, Some(scale), None, None);
-    Ok((gpu, swapchain, painter, ui))
-}
-
-/// The handles of a window.
-fn handles(window: &Window) -> Result<(RawDisplayHandle, RawWindowHandle), PlayerError> {
-    let display = window.display_handle().map_err(window_error)?.as_raw();
-    Ok((display, window.window_handle().map_err(window_error)?.as_raw()))
 }
