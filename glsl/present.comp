@@ -5,29 +5,38 @@
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"
+#include "scene.glsl"
 #include "show.glsl"
+#include "surface.glsl"
 
 layout(scalar, binding = 0) readonly buffer Colors { vec4 colors[]; };       // rgb over the background, and alpha, by pixel of the picture
 layout(scalar, binding = 1) readonly buffer Depths { vec2 depths[]; };       // expected view depth, and T, by pixel of the picture
-layout(scalar, binding = 2) readonly buffer Surfaces { uvec2 surfaces[]; };  // x: instance at the surface, by pixel of the picture; read if instance_count > 0
-layout(scalar, binding = 3) readonly buffer Chosen { uint chosen[]; };       // 1 if the instance is chosen
+layout(scalar, binding = 2) readonly buffer Surfaces { uvec2 surfaces[]; };  // instance and local index at the surface, by pixel of the picture; read for an outline and the views that need it
+layout(scalar, binding = 3) readonly buffer Looks { uint looks[]; };         // by instance: 1 if it is chosen, plus twice its template
 layout(scalar, binding = 4) writeonly buffer Pixels { uint pixels[]; };      // bytes red, green, blue (or the reverse), 255, by pixel of the window
 layout(scalar, binding = 5) readonly buffer Counters { uint counters[]; };   // COUNTER_* of the picture
+layout(scalar, binding = 6) readonly buffer TileRanges { uvec2 tile_ranges[]; };  // first and end intersection per tile
+layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };  // instances, background last
+layout(scalar, binding = 8) readonly buffer OffsetMeans { vec3 offset_means[]; };  // mean offsets, template frame
+layout(scalar, binding = 9) readonly buffer Marks { uint marks[]; };              // red, green and blue from the lowest byte, by pixel of the picture
 layout(scalar, push_constant) uniform PresentParams {
     uvec2 size_px;        // width and height of the picture
     uvec2 shown_px;       // width and height of the window
     uint show;            // SHOW_*
     uint blue_first;      // 1 = blue in the lowest byte
-    vec2 depth_range;     // view depths that are white and black, scene units
-    uint instance_count;  // elements of chosen; 0 = surfaces hold nothing
+    vec2 range;           // SHOW_DEPTH: view depths that are white and black, scene units; heat: y is the hottest value
+    uint instance_count;  // elements of looks; instances from here on are the background's own
+    uint outline;         // 1 = something is chosen, and surfaces are known
+    uint tile_size;       // side of a tile of the picture, pixels
     uvec2 capacities;     // candidates and work items that the picture's buffers held
 };
 
 const vec3 LINE_COLOR = vec3(1.0, 0.72, 0.0);
+const vec3 BACKGROUND_GREY = vec3(0.2);
 
 // Neighbours in number far apart in hue: steps of the golden angle around the colour circle.
-vec3 color_of(uint instance) {
-    float turn = fract(float(instance) * 0.618034);
+vec3 color_of(uint number) {
+    float turn = fract(float(number) * 0.618034);
     return 0.15 + 0.85 * clamp(abs(fract(turn + vec3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0, 0.0, 1.0);
 }
 
@@ -37,7 +46,7 @@ uint instance_at(uvec2 at) {
 
 bool is_chosen(ivec2 at) {
     uint instance = instance_at(uvec2(clamp(at, ivec2(0), ivec2(size_px) - 1)));
-    return instance < instance_count && chosen[instance] != 0;
+    return instance < instance_count && (looks[instance] & 1) != 0;
 }
 
 // On the inner side of the outline of what is chosen, two pixels wide.
@@ -51,15 +60,47 @@ bool is_line(ivec2 at) {
     return false;
 }
 
+vec3 depth_grey(float depth) {
+    float grey = depth > 0.0 ? (range.y - depth) / (range.y - range.x) : 0.0;
+    return vec3(clamp(grey, 0.0, 1.0));
+}
+
+vec3 load_heat(uvec2 at) {
+    uvec2 tile = at / tile_size;
+    uvec2 pairs = tile_ranges[tile.y * ((size_px.x + tile_size - 1) / tile_size) + tile.x];
+    return heat(float(pairs.y - pairs.x) / range.y);
+}
+
+vec3 surface_color(uint instance) {
+    bool templates = show == SHOW_TEMPLATES;
+    if (instance < instance_count) return color_of(templates ? looks[instance] >> 1 : instance);
+    return templates && instance != NO_INSTANCE ? BACKGROUND_GREY : vec3(0.0);
+}
+
+// Of the offset's length over the radius of the ball around the template's centres.
+vec3 offset_heat(uvec2 point) {
+    if (point.x >= instance_count) return vec3(0.0);
+    Instance instance = instances[point.x];
+    if (instance.first_offset == NO_OFFSET) return vec3(0.0);
+    // Surfaces may be of the scene before an edit.
+    vec3 offset = offset_means[min(instance.first_offset + point.y, uint(offset_means.length()) - 1)];
+    float moved = length(offset), hottest = range.y * instance.bound_radius;
+    return heat(moved < hottest ? moved / hottest : moved > 0.0 ? 1.0 : 0.0);
+}
+
 vec3 shown_at(uvec2 at) {
     uint i = at.y * size_px.x + at.x;
-    if (instance_count > 0 && is_line(ivec2(at))) return LINE_COLOR;
-    if (show == SHOW_COLOR) return colors[i].rgb;
-    if (show == SHOW_ALPHA) return colors[i].aaa;
-    if (show == SHOW_INSTANCES) return instance_count > 0 && instance_at(at) < instance_count ? color_of(instance_at(at)) : vec3(0.0);
-    float depth = depths[i].x;
-    float grey = depth > 0.0 ? (depth_range.y - depth) / (depth_range.y - depth_range.x) : 0.0;
-    return vec3(clamp(grey, 0.0, 1.0));
+    if (outline != 0 && is_line(ivec2(at))) return LINE_COLOR;
+    switch (show) {
+        case SHOW_COLOR: return colors[i].rgb;
+        case SHOW_ALPHA: return colors[i].aaa;
+        case SHOW_DEPTH: return depth_grey(depths[i].x);
+        case SHOW_INSTANCES: case SHOW_TEMPLATES: return surface_color(instance_at(at));
+        case SHOW_TILE_LOAD: return load_heat(at);
+        case SHOW_OFFSETS: return offset_heat(surfaces[i]);
+        case SHOW_MARKS: return unpackUnorm4x8(marks[i]).rgb;
+    }
+    return vec3(0.0);
 }
 
 // Between the centres of four pixels; exact where the sizes are the same.

@@ -1,8 +1,9 @@
 #version 460
 // Replays tile_blend front to back until more than half of a pixel's light is taken, and notes whose splat took it: the
-// instance at the surface of the pixel. Grid: one subgroup per 8x8 block of every tile.
+// Gaussian at the surface of the pixel. Grid: one subgroup per 8x8 block of every tile.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "counters.glsl"
 #include "scene.glsl"
 #include "splat.glsl"
 #include "surface.glsl"
@@ -12,17 +13,24 @@ layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };         
 layout(scalar, binding = 1) readonly buffer IsectValues { uint isect_values[]; };    // slots, sorted by tile then depth
 layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };     // first and end intersection per tile
 layout(scalar, binding = 3) readonly buffer WorkItems { WorkItem work_items[]; };    // visible chunks
-layout(scalar, binding = 4) buffer Surfaces { uvec2 surfaces[]; };                   // instance or NO_INSTANCE, and bits of T so far, by pixel
+layout(scalar, binding = 4) buffer Surfaces { uvec2 surfaces[]; };                   // by pixel: instance or NO_INSTANCE, and local index; between slabs slot and bits of T
+layout(scalar, binding = 5) readonly buffer Footprints { Footprint footprints[]; };  // extents by slot, for local indices
+layout(scalar, binding = 6) readonly buffer Counters { uint counters[]; };           // COUNTER_*
 layout(scalar, push_constant) uniform TileSurfaceParams {
     uvec2 size_px;    // image width and height
     uvec2 tiles;      // tile columns and rows
     uint chunk_size;  // slots of a work item
-    uint first_slab;  // 1 = nothing lies in front, surfaces are not read
 };
 
 // A pixel's surface is where its transmittance falls below this.
 const float T_SURFACE = 0.5;
 const uint NO_SLOT = 0xFFFFFFFF;
+
+// Instance and local index.
+uvec2 point_of(uint slot) {
+    if (slot == NO_SLOT) return uvec2(NO_INSTANCE, 0);
+    return uvec2(work_items[slot / chunk_size].instance, footprints[slot].local);
+}
 
 void main() {
     Block block = block_of_subgroup();
@@ -30,6 +38,8 @@ void main() {
     uint lane = gl_SubgroupInvocationID;
     uvec2 corner = block_corner(block, tiles.x);
     uvec2 range = tile_ranges[block.tile];
+    bool first_slab = counters[COUNTER_SLAB_BEGIN] == 0;
+    bool last_slab = counters[COUNTER_SLAB_END] == counters[COUNTER_VISIBLE];
 
     float t[PIXELS_PER_LANE];
     uint found[PIXELS_PER_LANE];
@@ -38,8 +48,8 @@ void main() {
         bool inside = all(lessThan(at, size_px));
         uint i = inside ? at.y * size_px.x + at.x : 0;
         // Pixels outside the image are done.
-        t[p] = !inside ? 0.0 : first_slab != 0 ? 1.0 : uintBitsToFloat(surfaces[i].y);
-        found[p] = NO_SLOT;
+        t[p] = !inside ? 0.0 : first_slab ? 1.0 : uintBitsToFloat(surfaces[i].y);
+        found[p] = inside && !first_slab ? surfaces[i].x : NO_SLOT;
     }
 
     vec2 center = vec2(corner) + 0.5;
@@ -74,9 +84,7 @@ void main() {
         uvec2 at = corner + pixel_step(p);
         if (all(lessThan(at, size_px))) {
             uint i = at.y * size_px.x + at.x;
-            uint before = first_slab != 0 ? NO_INSTANCE : surfaces[i].x;
-            uint instance = found[p] == NO_SLOT ? before : work_items[found[p] / chunk_size].instance;
-            surfaces[i] = uvec2(instance, floatBitsToUint(t[p]));
+            surfaces[i] = last_slab ? point_of(found[p]) : uvec2(found[p], floatBitsToUint(t[p]));
         }
     }
 }

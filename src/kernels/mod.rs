@@ -40,14 +40,15 @@ pub mod scan_spine;
 pub mod scene_traits;
 pub mod tile_blend;
 pub mod tile_blend_backward;
+pub mod tile_marks;
 pub mod tile_ranges;
 pub mod tile_surface;
 pub mod train_status;
 pub mod variant;
 
 pub use pipelines::{
-    BackwardPipelines, DensifyPipelines, McmcStepPipelines, Pipelines, PresentPipelines, Primitives, SegmentPipelines,
-    SurfacePipelines,
+    BackwardPipelines, DensifyPipelines, MarkPipelines, McmcStepPipelines, Pipelines, PresentPipelines, Primitives,
+    SegmentPipelines, SurfacePipelines,
 };
 pub use scene_traits::SceneTraits;
 pub use variant::Variant;

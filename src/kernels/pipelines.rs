@@ -80,6 +80,13 @@ pub struct SurfacePipelines {
     pub tile_surface: Pipeline<tile_surface::TileSurface>,
 }
 
+/// The kernel that marks single splats.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct MarkPipelines {
+    pub variant: Variant,
+    pub tile_marks: Pipeline<tile_marks::TileMarks>,
+}
+
 /// The kernel that shows pictures in windows.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct PresentPipelines {
@@ -264,6 +271,15 @@ impl SurfacePipelines {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
         Ok(Self { variant, tile_surface: compiler.compile(variant.blend_workgroup_size, &sizes)? })
+    }
+}
+
+impl MarkPipelines {
+    /// Compiles it for the variant's tile size.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
+        Ok(Self { variant, tile_marks: compiler.compile(variant.blend_workgroup_size, &sizes)? })
     }
 }
 

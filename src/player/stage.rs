@@ -10,7 +10,8 @@ use crate::gpu::{Buffer, Gpu, Recorder};
 use crate::io::picture_png::write_png;
 use crate::io::save_scene;
 use crate::render::{
-    Ahead, Arrived, DeviceScene, FRAMES_IN_FLIGHT, FrameStats, Presenter, RenderOptions, Renderer, Show, Surfaces,
+    Ahead, Arrived, DeviceScene, FRAMES_IN_FLIGHT, FrameStats, InstanceLook, MarkShape, Marks, Presenter,
+    RenderOptions, Renderer, ShownPicture, Surfaces,
 };
 use crate::scene::edit::{Edit, EditOutcome};
 use crate::scene::{Camera, InstancedScene};
@@ -33,6 +34,7 @@ pub struct Stage {
     renderer: Renderer,
     presenter: Presenter,
     surfaces: Surfaces,
+    marks: Marks,
     /// Pictures that the device may still be drawing.
     ahead: Ahead,
     /// For making pixels, in turn: one for each picture on its way.
@@ -52,6 +54,8 @@ pub struct Stage {
     arrived: Vec<FrameStats>,
     /// The surfaces are the last picture's.
     has_surfaces: bool,
+    /// The marks are the last picture's, in this shape.
+    has_marks: Option<MarkShape>,
     editor: Editor,
 }
 
@@ -66,6 +70,7 @@ impl Stage {
             gpu: gpu.clone(),
             presenter: Presenter::new(gpu, &renderer)?,
             surfaces: Surfaces::new(gpu)?,
+            marks: Marks::new(gpu)?,
             ahead: Ahead::new(gpu)?,
             recorders: [Recorder::with_profiler(gpu)?, Recorder::with_profiler(gpu)?],
             turn: 0,
@@ -78,6 +83,7 @@ impl Stage {
             slabs: 0,
             arrived: Vec::new(),
             has_surfaces: false,
+            has_marks: None,
             editor: Editor::default(),
         })
     }
@@ -108,11 +114,18 @@ impl Stage {
         }
         let (scene, options) = (&self.device_scene, &self.options.render);
         self.has_surfaces = self.needs_surfaces();
-        let stats = if self.has_surfaces {
-            self.presenter.set_chosen(&self.editor.chosen_flags(&self.scene))?;
-            self.renderer.render_with_surfaces(scene, camera, options, &mut self.surfaces)?
-        } else {
-            self.renderer.render(scene, camera, options)?
+        if self.has_surfaces {
+            self.presenter.set_instances(&self.looks())?;
+        }
+        self.has_marks = self.options.show.marks();
+        let surfaces = self.has_surfaces.then_some(&mut self.surfaces);
+        let stats = match (self.has_marks, surfaces) {
+            (Some(shape), surfaces) => {
+                let marks = (&mut self.marks, shape);
+                self.renderer.render_with_marks(scene, camera, options, marks, surfaces)?
+            }
+            (None, Some(surfaces)) => self.renderer.render_with_surfaces(scene, camera, options, surfaces)?,
+            (None, None) => self.renderer.render(scene, camera, options)?,
         };
         self.note(Arrived::Complete(stats));
         self.camera = Some(camera.clone());
@@ -133,10 +146,10 @@ impl Stage {
     }
 
     /// As [`Stage::draw`], but does not wait for the picture if it is like the ones before: of their size, in one depth slab,
-    /// and without surfaces. After the last picture comes [`Stage::settle`].
+    /// and without surfaces or marks. After the last picture comes [`Stage::settle`].
     pub fn draw_ahead(&mut self, camera: &Camera) -> Result<(), PlayerError> {
         let alike = self.size_px() == Some([camera.width, camera.height]) && self.slabs == 1;
-        if !alike || self.needs_surfaces() {
+        if !alike || self.needs_surfaces() || self.options.show.marks().is_some() {
             return self.draw(camera);
         }
         while self.ahead.is_full() {
@@ -144,7 +157,7 @@ impl Stage {
                 return self.draw(camera);
             }
         }
-        self.has_surfaces = false;
+        (self.has_surfaces, self.has_marks) = (false, None);
         self.renderer.submit_ahead(&mut self.ahead, &self.device_scene, camera, &self.options.render)?;
         self.camera = Some(camera.clone());
         Ok(())
@@ -164,7 +177,13 @@ impl Stage {
     }
 
     fn needs_surfaces(&self) -> bool {
-        self.options.show == Show::Instances || !self.editor.chosen().is_empty()
+        self.options.show.needs_surfaces() || !self.editor.chosen().is_empty()
+    }
+
+    fn looks(&self) -> Vec<InstanceLook> {
+        let chosen = self.editor.chosen_flags(&self.scene);
+        let templates = self.scene.instances.iter().map(|instance| instance.template);
+        chosen.into_iter().zip(templates).map(|(chosen, template)| InstanceLook { chosen, template }).collect()
     }
 
     /// Records the last picture as pixels of a window of `shown_px`; to be submitted with the recorder that comes back.
@@ -178,9 +197,14 @@ impl Stage {
         recorder.wait_for_last()?;
         let passes = recorder.passes_ms()?;
         self.present_ms = (!passes.is_empty()).then(|| passes.iter().map(|(_, ms)| ms).sum());
-        let surfaces = self.has_surfaces.then_some(&self.surfaces);
-        let show = (self.options.show, surfaces);
-        self.presenter.record(recorder, &self.renderer, show, (shown_px, blue_first))?;
+        let show = self.options.show;
+        let picture = ShownPicture {
+            renderer: &self.renderer,
+            scene: &self.device_scene,
+            surfaces: self.has_surfaces.then_some(&self.surfaces),
+            marks: show.marks().filter(|_| self.has_marks == show.marks()).map(|_| &self.marks),
+        };
+        self.presenter.record(recorder, show, picture, (shown_px, blue_first))?;
         Ok((recorder, self.presenter.pixels()))
     }
 
@@ -234,7 +258,7 @@ impl Stage {
             let options = &self.options.render;
             self.renderer.render_with_surfaces(&self.device_scene, &camera, options, &mut self.surfaces)?;
         }
-        let instance = self.surfaces.instance_at(at_px.map(|v| v as u32))?.map(|k| k as usize);
+        let instance = self.surfaces.at(at_px.map(|v| v as u32))?.map(|point| point.instance as usize);
         Ok(instance.filter(|&k| k < self.scene.instances.len()))
     }
 

@@ -21,6 +21,7 @@ pub mod random;
 pub mod scan;
 pub mod tile_blend;
 pub mod tile_blend_backward;
+pub mod tile_marks;
 pub mod tile_ranges;
 pub mod tile_surface;
 pub mod view;

@@ -63,12 +63,12 @@ pub fn relaxed_limits(view: &View) -> CullLimits {
 }
 
 /// True if f32 may place the splat on the other side of the near plane.
-fn near_at_risk(splat: &ProjectedSplat, near: f64) -> bool {
+pub(super) fn near_at_risk(splat: &ProjectedSplat, near: f64) -> bool {
     (splat.depth - near).abs() <= (NEAR_MARGIN * near).max(DEPTH_ROUNDING * splat.depth_terms)
 }
 
 /// True if f32 may order the two splats otherwise. Equal inputs give equal depths, then the flat index decides.
-fn order_at_risk(a: &ProjectedSplat, b: &ProjectedSplat) -> bool {
+pub(super) fn order_at_risk(a: &ProjectedSplat, b: &ProjectedSplat) -> bool {
     let rounding = DEPTH_ROUNDING * a.depth_terms.max(b.depth_terms);
     a.depth_origin != b.depth_origin && (a.depth - b.depth).abs() <= (DEPTH_GAP_MIN * a.depth).max(rounding)
 }

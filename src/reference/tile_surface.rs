@@ -1,4 +1,4 @@
-//! Twin of kernel `tile_surface`: the instance at the surface of every pixel, in f64.
+//! Twin of kernel `tile_surface`: the Gaussian at the surface of every pixel, in f64.
 
 use crate::reference::preprocess_instance_expand::ProjectedSplat;
 use crate::reference::tile_blend::{ALPHA_MAX, BlendedPair, BlendedPixel, blend_row_with_pairs, candidate_boxes};
@@ -10,11 +10,20 @@ const T_SURFACE: f64 = 0.5;
 /// Not robust: a transmittance within this part of [`T_SURFACE`]: f32 products of some dozen factors are off by 1e-6.
 const MARGIN: f64 = 1e-4;
 
+/// The Gaussian at a pixel's surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SurfacePoint {
+    /// The instance, the background's own being one more than the last.
+    pub instance: u32,
+    /// Index of the Gaussian in its template, or in the background.
+    pub local: u32,
+}
+
 /// What a pixel shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Surface {
-    /// The instance, the background's own being one more than the last; `None` where half of the light passes.
-    pub instance: Option<u32>,
+    /// `None` where half of the light passes.
+    pub point: Option<SurfacePoint>,
     /// No decision is so close that f32 may take another.
     pub robust: bool,
 }
@@ -24,14 +33,15 @@ pub fn surfaces(view: &View, splats: &[ProjectedSplat], scene: &InstancedScene) 
     let firsts = first_flat(scene);
     let boxes = candidate_boxes(view, splats);
     let surface_of = |(pixel, pairs): &(BlendedPixel, Vec<BlendedPair>)| {
-        let mut out = Surface { instance: None, robust: pixel.robust };
+        let mut out = Surface { point: None, robust: pixel.robust };
         let mut transmittance = 1.0;
         for pair in pairs {
             transmittance *= 1.0 - pair.alpha_raw.min(ALPHA_MAX);
             out.robust &= (transmittance / T_SURFACE - 1.0).abs() > MARGIN;
             if transmittance < T_SURFACE {
                 let flat = splats[pair.splat].flat_index;
-                out.instance = Some(firsts.partition_point(|&first| first <= flat) as u32 - 1);
+                let instance = firsts.partition_point(|&first| first <= flat) - 1;
+                out.point = Some(SurfacePoint { instance: instance as u32, local: flat - firsts[instance] });
                 break;
             }
         }
@@ -81,9 +91,9 @@ mod tests {
             surfaces(&view, &splats, scene)
         };
         let both = surface_of(&InstancedScene::from_cloud(cloud.clone()));
-        assert_eq!(both[40], Surface { instance: Some(0), robust: true });
-        assert_eq!(both[0].instance, None, "the corner");
+        assert_eq!(both[40], Surface { point: Some(SurfacePoint { instance: 0, local: 1 }), robust: true });
+        assert_eq!(both[0].point, None, "the corner");
         let front = surface_of(&InstancedScene::from_cloud(cloud.filtered(|i| i == 0)));
-        assert!(front.iter().all(|s| s.instance.is_none()));
+        assert!(front.iter().all(|s| s.point.is_none()));
     }
 }

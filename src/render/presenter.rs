@@ -2,27 +2,38 @@
 
 use std::sync::Arc;
 
-use crate::gpu::interface::constants::{SHOW_ALPHA, SHOW_COLOR, SHOW_DEPTH, SHOW_INSTANCES};
+use crate::gpu::interface::constants::SHOW_NOTHING;
 use crate::gpu::staging::{download, upload};
 use crate::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{PresentPipelines, present};
 
+use super::device_scene::DeviceScene;
 use super::error::RenderError;
-use super::renderer::Renderer;
+use super::marks::Marks;
+use super::renderer::{Renderer, tile_size_for};
+use super::show::Show;
 use super::surfaces::Surfaces;
 
-/// What a window shows of a picture.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Show {
-    /// Colour over the background.
-    #[default]
-    Color,
-    /// Coverage, 1 - T, as grey.
-    Alpha,
-    /// View depth as grey, from white at the first of these depths to black at the second; scene units.
-    Depth([f32; 2]),
-    /// A colour for each instance, black where there is none; needs surfaces.
-    Instances,
+/// A picture and what goes with it.
+#[derive(Clone, Copy)]
+pub struct ShownPicture<'a> {
+    /// Its last picture is meant.
+    pub renderer: &'a Renderer,
+    /// What that picture was made from.
+    pub scene: &'a DeviceScene,
+    /// That picture's, for lines around what is chosen and for the views that need them.
+    pub surfaces: Option<&'a Surfaces>,
+    /// That picture's, in the shape that the view asks for.
+    pub marks: Option<&'a Marks>,
+}
+
+/// What a window says of an instance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct InstanceLook {
+    /// A line is drawn around it.
+    pub chosen: bool,
+    /// Its template's index.
+    pub template: u32,
 }
 
 const BLACK: u32 = 0xFF00_0000;
@@ -34,10 +45,10 @@ pub struct Presenter {
     workgroup_size: u32,
     pixels: Buffer<u32>,
     shown_px: [u32; 2],
-    /// 1 for chosen instances.
-    chosen: Buffer<u32>,
-    instance_count: u32,
+    /// By instance: 1 if it is chosen, plus twice its template; on the host as well.
+    looks: (Buffer<u32>, Vec<u32>),
     no_surfaces: Buffer<[u32; 2]>,
+    no_marks: Buffer<u32>,
 }
 
 impl Presenter {
@@ -50,31 +61,32 @@ impl Presenter {
             workgroup_size: renderer.variant().workgroup_size,
             pixels: Buffer::new(gpu, "pixels", 1)?,
             shown_px: [0; 2],
-            chosen: Buffer::new(gpu, "chosen", 1)?,
-            instance_count: 0,
+            looks: (Buffer::new(gpu, "looks", 1)?, Vec::new()),
             no_surfaces: Buffer::new(gpu, "no surfaces", 1)?,
+            no_marks: Buffer::new(gpu, "no marks", 1)?,
         })
     }
 
-    /// Says by instance which ones are chosen: a line is drawn around them.
-    pub fn set_chosen(&mut self, chosen: &[bool]) -> Result<(), RenderError> {
-        let flags: Vec<u32> = chosen.iter().map(|&is| u32::from(is)).collect();
-        self.chosen = upload(&self.gpu, "chosen", &flags)?;
-        self.instance_count = flags.len() as u32;
+    /// Says what the instances are and which ones are chosen; the background has no entry.
+    pub fn set_instances(&mut self, looks: &[InstanceLook]) -> Result<(), RenderError> {
+        let packed: Vec<u32> = looks.iter().map(|look| u32::from(look.chosen) | look.template << 1).collect();
+        if packed != self.looks.1 {
+            self.looks = (upload(&self.gpu, "looks", &packed)?, packed);
+        }
         Ok(())
     }
 
-    /// Records the renderer's last picture as pixels of a window of `shown_px`; black if there is no picture. `surfaces` are
-    /// that picture's, for lines around what is chosen and for [`Show::Instances`]. A picture on its way that will not be
-    /// complete (see [`Ahead`](super::Ahead)) leaves the pixels as they are, or black if the window has a new size.
+    /// Records the picture as pixels of a window of `shown_px`; black if there is none, or not what the view needs. A picture
+    /// on its way that will not be complete (see [`Ahead`](super::Ahead)) leaves the pixels as they are, or black if the window
+    /// has a new size.
     ///
     /// # Errors
     /// A window larger than the device's buffers.
     pub fn record(
         &mut self,
         recorder: &mut Recorder,
-        renderer: &Renderer,
-        (show, surfaces): (Show, Option<&Surfaces>),
+        show: Show,
+        picture: ShownPicture<'_>,
         (shown_px, blue_first): ([u32; 2], bool),
     ) -> Result<(), RenderError> {
         if self.shown_px != shown_px {
@@ -82,30 +94,44 @@ impl Presenter {
             self.shown_px = shown_px;
             recorder.fill(&mut self.pixels, BLACK)?;
         }
-        let Some(frame) = renderer.frame() else {
+        let Some(frame) = picture.renderer.frame() else {
             return Ok(recorder.fill(&mut self.pixels, BLACK)?);
         };
-        let (show, depth_range) = match show {
-            Show::Color => (SHOW_COLOR, [0.0; 2]),
-            Show::Alpha => (SHOW_ALPHA, [0.0; 2]),
-            Show::Depth(range) => (SHOW_DEPTH, range),
-            Show::Instances => (SHOW_INSTANCES, [0.0; 2]),
-        };
-        let size_px = frame.plan.size_px;
-        let instance_count = if surfaces.is_some() { self.instance_count } else { 0 };
-        let blue_first = u32::from(blue_first);
         let capacities = [frame.plan.capacities.candidates, frame.plan.capacities.work_items];
-        let params = present::Params { size_px, shown_px, show, blue_first, depth_range, instance_count, capacities };
+        let blue_first = u32::from(blue_first);
+        let params = present::Params { shown_px, blue_first, capacities, ..self.params(show, picture) };
         let bindings = present::Bindings {
             colors: &frame.colors,
             depths: &frame.depths,
-            surfaces: surfaces.map_or(&self.no_surfaces, |s| &s.by_pixel),
-            chosen: &self.chosen,
+            surfaces: picture.surfaces.map_or(&self.no_surfaces, |s| &s.by_pixel),
+            looks: &self.looks.0,
             counters: &frame.scratch.counters,
             pixels: &mut self.pixels,
+            tile_ranges: &frame.tile_ranges,
+            instances: &picture.scene.instances,
+            offset_means: &picture.scene.offset_means,
+            marks: picture.marks.map_or(&self.no_marks, |m| &m.by_pixel),
         };
         let grid = Grid::threads(shown_px[0] * shown_px[1], self.workgroup_size);
         Ok(recorder.dispatch(&self.pipelines.present, grid, &params, bindings)?)
+    }
+
+    /// All but what concerns the window.
+    fn params(&self, show: Show, picture: ShownPicture<'_>) -> present::Params {
+        let size_px = picture.renderer.frame().map_or([1, 1], |frame| frame.plan.size_px);
+        let (code, range) = show.code();
+        let surfaces = picture.surfaces.is_some() || !show.needs_surfaces();
+        let marks = picture.marks.is_some() || show.marks().is_none();
+        let chosen = self.looks.1.iter().any(|look| look & 1 != 0);
+        present::Params {
+            size_px,
+            show: if surfaces && marks { code } else { SHOW_NOTHING },
+            range,
+            instance_count: (self.looks.1.len() as u32).min(picture.scene.posed_instances()),
+            outline: u32::from(chosen && picture.surfaces.is_some()),
+            tile_size: tile_size_for(&self.gpu, picture.renderer.variant(), size_px),
+            ..present::Params::default()
+        }
     }
 
     /// The pixels recorded last: one u32 each, row by row from the top.

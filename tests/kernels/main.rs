@@ -26,5 +26,6 @@ mod present;
 mod radix_sort;
 mod scale;
 mod scan;
+mod tile_marks;
 mod tile_surface;
 mod train_steps;

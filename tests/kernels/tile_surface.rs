@@ -28,14 +28,15 @@ fn surfaces_are_what_the_twin_says_and_slabs_change_nothing() {
         for (i, (got, want)) in got.iter().zip(&want).enumerate() {
             fragile += u32::from(!want.robust);
             if want.robust {
-                assert_eq!(*got, want.instance, "seed {seed}, pixel {i}");
+                let want = want.point.map(|point| [point.instance, point.local]);
+                assert_eq!(got.map(|point| [point.instance, point.local]), want, "seed {seed}, pixel {i}");
                 compared += 1;
-                kinds.insert(want.instance.map(|k| (k as usize).min(case.scene.instances.len())));
+                kinds.insert(want.map(|[k, _]| (k as usize).min(case.scene.instances.len())));
             }
         }
         let [x, y] = [case.camera.width / 2, case.camera.height / 2];
-        assert_eq!(on_device.instance_at([x, y]).unwrap(), got[(y * case.camera.width + x) as usize]);
-        assert_eq!(on_device.instance_at([case.camera.width, y]).unwrap(), None);
+        assert_eq!(on_device.at([x, y]).unwrap(), got[(y * case.camera.width + x) as usize]);
+        assert_eq!(on_device.at([case.camera.width, y]).unwrap(), None);
         let few = RenderOptions { max_intersections: Some(1), ..options };
         let stats = renderer.render_with_surfaces(&device, &case.camera, &few, &mut on_device).unwrap();
         assert!(on_device.download().unwrap() == got, "seed {seed}: {} slabs", stats.slabs);

@@ -25,13 +25,14 @@ fn without_workgroup_size(spirv: &[u8]) -> Vec<u8> {
 }
 
 /// Arrays whose length is, or follows from, a spec constant are beyond spirv-reflect 0.2.3.
-const BEYOND_SPIRV_REFLECT: [&str; 8] = [
+const BEYOND_SPIRV_REFLECT: [&str; 9] = [
     "gather_pose_gradients",
     "mask_contribution",
     "preprocess_instance_expand",
     "radix_sort_scatter",
     "tile_blend",
     "tile_blend_backward",
+    "tile_marks",
     "tile_surface",
     "train_status",
 ];

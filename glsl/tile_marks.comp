@@ -1,0 +1,86 @@
+#version 460
+// Marks splats: every pixel gets the colour of the nearest splat whose mark covers it, darker towards the mark's rim. A mark
+// ends where its splat does, at alpha 1/255, since the tiles' lists end there. Grid: one subgroup per 8x8 block of every tile.
+#extension GL_GOOGLE_include_directive : require
+#include "common.glsl"
+#include "counters.glsl"
+#include "splat.glsl"
+#include "blend.glsl"
+#include "mark.glsl"
+
+layout(scalar, binding = 0) readonly buffer Splats { Splat splats[]; };            // projected splats by slot
+layout(scalar, binding = 1) readonly buffer IsectValues { uint isect_values[]; };  // slots, sorted by tile then depth
+layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };   // first and end intersection per tile
+layout(scalar, binding = 3) readonly buffer Counters { uint counters[]; };         // COUNTER_*
+layout(scalar, binding = 4) buffer Marks { uint marks[]; };                        // by pixel: red, green, blue and 255 from the lowest byte; 0 = no mark
+layout(scalar, push_constant) uniform TileMarksParams {
+    uvec2 size_px;  // image width and height
+    uvec2 tiles;    // tile columns and rows
+    uint shape;     // MARK_*
+};
+
+const uint NO_SLOT = 0xFFFFFFFF;
+
+uint color_of(uint slot, float part) {
+    Splat splat = splats[slot];
+    vec3 color = clamp(vec3(splat.b.zw, splat.c.x), 0.0, 1.0) * (1.0 - (1.0 - RIM) * part);
+    uvec3 level = uvec3(color * 255.0 + 0.5);
+    return level.r | level.g << 8 | level.b << 16 | 0xFF000000;
+}
+
+void main() {
+    Block block = block_of_subgroup();
+    if (block.tile >= tiles.x * tiles.y) return;
+    uint lane = gl_SubgroupInvocationID;
+    uvec2 corner = block_corner(block, tiles.x);
+    uvec2 range = tile_ranges[block.tile];
+    bool first_slab = counters[COUNTER_SLAB_BEGIN] == 0;
+
+    bool open[PIXELS_PER_LANE];   // inside the image and without a mark
+    uint found[PIXELS_PER_LANE];  // slot of the mark
+    float part[PIXELS_PER_LANE];  // square of the distance from its centre; 1 at the rim
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        uvec2 at = corner + pixel_step(p);
+        bool inside = all(lessThan(at, size_px));
+        open[p] = inside && (first_slab || marks[inside ? at.y * size_px.x + at.x : 0] == 0);
+        found[p] = NO_SLOT;
+        part[p] = 0.0;
+    }
+
+    vec2 center = vec2(corner) + 0.5;
+    for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
+        uint slot = isect_values[min(base + lane, range.y - 1)];
+        Splat mine = splats[slot];
+        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
+            vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
+            float opacity = subgroupShuffle(mine.b.y, j);
+            float xx = subgroupShuffle(mine.a.z, j), xy = subgroupShuffle(mine.a.w, j), yy = subgroupShuffle(mine.b.x, j);
+            uint slot_j = subgroupShuffle(slot, j);
+            [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+                vec2 d = delta + vec2(pixel_step(p));
+                float square = d.x * (xx * d.x + 2.0 * xy * d.y) + yy * d.y * d.y;
+                bool there = square >= 0.0 && opacity * exp2(-0.5 * LOG2_E * square) >= ALPHA_MIN;
+                float reach = shape == MARK_POINTS ? dot(d, d) / (POINT_RADIUS_PX * POINT_RADIUS_PX) : square;
+                bool hit = open[p] && there && reach <= 1.0;
+                found[p] = hit ? slot_j : found[p];
+                part[p] = hit ? reach : part[p];
+                open[p] = open[p] && !hit;
+            }
+        }
+        bool any_open = false;
+        [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) any_open = any_open || open[p];
+        if (!subgroupAny(any_open)) break;
+    }
+
+    [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
+        uvec2 at = corner + pixel_step(p);
+        uint i = at.y * size_px.x + at.x;
+        if (!all(lessThan(at, size_px))) continue;
+        if (found[p] != NO_SLOT) {
+            marks[i] = color_of(found[p], part[p]);
+        } else if (first_slab) {
+            marks[i] = 0;
+        }
+    }
+}
