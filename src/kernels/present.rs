@@ -2,7 +2,7 @@
 //! centres of pixels if the sizes differ.
 //!
 //! - Reads by pixel of the picture, for the view that is shown: `colors`, `depths`, `tile_ranges`, `marks`, or `surfaces` and
-//!   what they point into. If something is chosen, also `surfaces` of the pixel and, on what is chosen, of its 24 neighbours.
+//!   what they point into. If something is chosen, also `surfaces` of the pixel and its 24 neighbours.
 //! - Reads `counters`: a picture that a buffer was too small for, or that a depth slab is missing of, is not shown.
 //! - Writes `pixels`, by pixel of the window.
 //! - Grid: one thread per pixel of the window. Bytes per pixel at equal sizes: 16 (depth: 8) read, 4 written.

@@ -53,6 +53,8 @@ pub struct Shown<'a> {
 
 /// Of the line around what is chosen.
 const LINE_COLOR: [f64; 3] = [1.0, 0.72, 0.0];
+/// Of 25 pixels.
+const LINE_COUNTS: std::ops::RangeInclusive<usize> = 8..=17;
 /// Of the background among templates.
 const BACKGROUND_GREY: [f64; 3] = [0.2; 3];
 
@@ -63,10 +65,10 @@ impl Shown<'_> {
         surface.is_some_and(|s| self.chosen.get(s.instance as usize) == Some(&true))
     }
 
-    /// On the inner side of the outline of what is chosen, two pixels wide.
+    /// On the outline of what is chosen: of the 5x5 pixels around, a third to two thirds are.
     fn is_line(&self, x: i64, y: i64) -> bool {
         let around = (-2..=2).flat_map(|dy| (-2..=2).map(move |dx| (x + dx, y + dy)));
-        !self.surfaces.is_empty() && self.is_chosen(x, y) && around.into_iter().any(|(x, y)| !self.is_chosen(x, y))
+        !self.surfaces.is_empty() && LINE_COUNTS.contains(&around.filter(|&(x, y)| self.is_chosen(x, y)).count())
     }
 
     fn at(&self, x: usize, y: usize) -> [f64; 3] {
@@ -202,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_runs_inside_what_is_chosen() {
+    fn a_line_runs_along_the_edge_of_what_is_chosen() {
         let surfaces: Vec<_> = (0..7).map(|x| surface(u32::from(x == 6)).filter(|_| x > 0)).collect();
         let scene = scene_of(&[0, 0]);
         let shown = Shown {
@@ -214,8 +216,26 @@ mod tests {
             ..Shown::default()
         };
         let line = levels(LINE_COLOR);
-        let [none, first, second] = [[0.0; 3], levels(color_of(0)), levels(color_of(1))];
-        assert_eq!(shown.levels([7, 1]), [none, line, line, first, line, line, second]);
+        let first = levels(color_of(0));
+        assert_eq!(shown.levels([7, 1]), [line, line, first, first, first, line, line]);
+    }
+
+    /// Single pixels of what is chosen, and single ones of others within it, have no line of their own.
+    #[test]
+    fn speckles_have_no_line() {
+        for (rest, speckle) in [(0, 1), (1, 0)] {
+            let surfaces: Vec<_> = (0..49).map(|i| surface(if i == 24 { speckle } else { rest })).collect();
+            let scene = scene_of(&[0, 0]);
+            let shown = Shown {
+                size_px: [7, 7],
+                show: Show::Instances,
+                surfaces: &surfaces,
+                chosen: &[true, false],
+                scene: Some(&scene),
+                ..Shown::default()
+            };
+            assert!(!shown.levels([7, 7]).contains(&levels(LINE_COLOR)));
+        }
     }
 
     #[test]
