@@ -1,6 +1,6 @@
 #version 460
-// Marks splats: every pixel gets the colour of the nearest splat whose mark covers it, darker towards the mark's rim. A mark
-// ends where its splat does, at alpha 1/255, since the tiles' lists end there. Grid: one subgroup per 8x8 block of every tile.
+// Marks splats: every pixel gets the colour of the nearest splat whose mark covers it, darker towards the mark's rim.
+// Grid: one subgroup per 8x8 block of every tile.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"
@@ -14,9 +14,10 @@ layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };
 layout(scalar, binding = 3) readonly buffer Counters { uint counters[]; };         // COUNTER_*
 layout(scalar, binding = 4) buffer Marks { uint marks[]; };                        // by pixel: red, green, blue and 255 from the lowest byte; 0 = no mark
 layout(scalar, push_constant) uniform TileMarksParams {
-    uvec2 size_px;  // image width and height
-    uvec2 tiles;    // tile columns and rows
-    uint shape;     // MARK_*
+    uvec2 size_px;    // image width and height
+    uvec2 tiles;      // tile columns and rows
+    uint shape;       // MARK_*
+    float alpha_min;  // marks end where their splat's alpha falls below this; at least 1/255, where the tiles' lists end
 };
 
 const uint NO_SLOT = 0xFFFFFFFF;
@@ -60,7 +61,7 @@ void main() {
             [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
                 vec2 d = delta + vec2(pixel_step(p));
                 float square = d.x * (xx * d.x + 2.0 * xy * d.y) + yy * d.y * d.y;
-                bool there = square >= 0.0 && opacity * exp2(-0.5 * LOG2_E * square) >= ALPHA_MIN;
+                bool there = square >= 0.0 && opacity * exp2(-0.5 * LOG2_E * square) >= alpha_min;
                 float reach = shape == MARK_POINTS ? dot(d, d) / (POINT_RADIUS_PX * POINT_RADIUS_PX) : square;
                 bool hit = open[p] && there && reach <= 1.0;
                 found[p] = hit ? slot_j : found[p];

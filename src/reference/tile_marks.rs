@@ -1,16 +1,16 @@
 //! Twin of kernel `tile_marks`: the nearest splat whose mark covers a pixel, in f64.
 
-use crate::reference::preprocess_instance_expand::{ALPHA_MIN, ProjectedSplat, pixel_center};
-use crate::reference::tile_blend::{ALPHA_MIN_MARGIN, candidate_boxes, near_at_risk, order_at_risk};
+use crate::reference::preprocess_instance_expand::{ALPHA_MIN as LEAST_ALPHA, ProjectedSplat, pixel_center};
+use crate::reference::tile_blend::{ALPHA_MIN_MARGIN as ALPHA_MARGIN, candidate_boxes, near_at_risk, order_at_risk};
 use crate::reference::view::View;
 
 /// What marks a splat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MarkShape {
     /// A disc of 1.5 pixels around the centre.
     Points,
-    /// The ellipse of one standard deviation.
-    Ellipses,
+    /// The ellipse of one standard deviation, as far as alpha is at least this.
+    Ellipses(f64),
 }
 
 /// Of a point's disc, pixels.
@@ -39,14 +39,19 @@ pub fn marks(view: &View, splats: &[ProjectedSplat], shape: MarkShape) -> Vec<Ma
 
 fn mark_at(view: &View, splats: &[ProjectedSplat], boxes: &[[u32; 4]], shape: MarkShape, [x, y]: [u32; 2]) -> Mark {
     let mut out = Mark { levels: None, robust: true };
+    let alpha_min = match shape {
+        MarkShape::Points => LEAST_ALPHA,
+        MarkShape::Ellipses(alpha) => alpha.max(LEAST_ALPHA),
+    };
     let mut taken: Option<&ProjectedSplat> = None;
     for (splat, &[x0, x1, y0, y1]) in splats.iter().zip(boxes) {
         if !((x0..x1).contains(&x) && (y0..y1).contains(&y)) {
             continue;
         }
         let at = pixel_center(x, y);
-        let (reach, alpha) = (reach(splat, shape, at), splat.alpha_at(at));
-        if reach > 1.0 + RIM_MARGIN || 255.0 * alpha < 1.0 - ALPHA_MIN_MARGIN {
+        // The alpha in parts of the least.
+        let (reach, alpha) = (reach(splat, shape, at), splat.alpha_at(at) / alpha_min);
+        if reach > 1.0 + RIM_MARGIN || alpha < 1.0 - ALPHA_MARGIN {
             continue;
         }
         if let Some(taken) = taken {
@@ -57,9 +62,9 @@ fn mark_at(view: &View, splats: &[ProjectedSplat], boxes: &[[u32; 4]], shape: Ma
             }
             return out;
         }
-        let close = (reach - 1.0).abs() <= RIM_MARGIN || (255.0 * alpha - 1.0).abs() <= ALPHA_MIN_MARGIN;
+        let close = (reach - 1.0).abs() <= RIM_MARGIN || (alpha - 1.0).abs() <= ALPHA_MARGIN;
         out.robust &= !close && !near_at_risk(splat, view.options.near);
-        if splat.depth > view.options.near && reach <= 1.0 && alpha >= ALPHA_MIN {
+        if splat.depth > view.options.near && reach <= 1.0 && alpha >= 1.0 {
             let shade = 1.0 - (1.0 - RIM) * reach;
             out.levels = Some(splat.color.to_array().map(|c| 255.0 * c.min(1.0) * shade));
             taken = Some(splat);
@@ -72,7 +77,7 @@ fn mark_at(view: &View, splats: &[ProjectedSplat], boxes: &[[u32; 4]], shape: Ma
 fn reach(splat: &ProjectedSplat, shape: MarkShape, at: glam::DVec2) -> f64 {
     match shape {
         MarkShape::Points => at.distance_squared(splat.mean_px) / (POINT_RADIUS_PX * POINT_RADIUS_PX),
-        MarkShape::Ellipses => 2.0 * splat.sigma_at(at),
+        MarkShape::Ellipses(_) => 2.0 * splat.sigma_at(at),
     }
 }
 
@@ -86,14 +91,15 @@ mod tests {
     use crate::reference::{RenderOptions, splats_in_depth_order};
     use crate::scene::{Camera, Gaussians, InstancedScene};
 
-    /// A faint red Gaussian in front of a green one that is twice as wide on the screen: standard deviations of 2 and 4 px, the
-    /// dilation aside.
+    /// A red Gaussian in front of a green one that is twice as wide on the screen, standard deviations of 2 and 4 px, the
+    /// dilation aside; and a white one before both, which is too faint for an ellipse.
     fn marks_of(shape: MarkShape) -> Vec<Mark> {
-        let mut cloud = Gaussians::with_capacity(0, 2);
+        let mut cloud = Gaussians::with_capacity(0, 3);
         let camera = Camera::look_at("view", DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, (15, 15));
-        let red = (1.0, 2.0, [1.0, -5.0, -5.0], -2.0);
+        let red = (1.0, 2.0, [1.0, -5.0, -5.0], 0.0);
         let green = (4.0, 4.0, [-5.0, 1.0, -5.0], 3.0);
-        for (z, sigma_px, sh, logit) in [red, green] {
+        let faint = (0.5, 6.0, [2.0; 3], -2.5);
+        for (z, sigma_px, sh, logit) in [faint, red, green] {
             cloud.means.push([0.0, 0.0, z]);
             cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
             cloud.log_scales.push([(sigma_px * z / camera.fx as f32).ln(); 3]);
@@ -103,20 +109,21 @@ mod tests {
         let scene = InstancedScene::from_cloud(cloud);
         let view = View::device(&camera, &RenderOptions::default());
         let splats = splats_in_depth_order(&sources(&scene), &view, &relaxed_limits(&view));
-        assert_eq!(splats.len(), 2);
+        assert_eq!(splats.len(), 3);
         marks(&view, &splats, shape)
     }
 
     #[test]
     fn the_nearest_mark_wins_and_darkens_towards_its_rim() {
         let row = |marks: Vec<Mark>| marks[7 * 15..8 * 15].to_vec();
-        let ellipses = row(marks_of(MarkShape::Ellipses));
+        let ellipses = row(marks_of(MarkShape::Ellipses(0.1)));
         let points = row(marks_of(MarkShape::Points));
         let is_red = |mark: &Mark| mark.levels.is_some_and(|[r, g, _]| r > 60.0 && g == 0.0);
         let is_green = |mark: &Mark| mark.levels.is_some_and(|[r, g, _]| g > 60.0 && r == 0.0);
         assert!(ellipses[5..10].iter().all(is_red) && ellipses[3..5].iter().all(is_green), "{ellipses:?}");
         assert!(ellipses[..3].iter().all(|mark| mark.levels.is_none()));
         assert!(ellipses[7].levels.unwrap()[0] > 2.0 * ellipses[5].levels.unwrap()[0]);
-        assert!(points[6..9].iter().all(is_red) && points[5].levels.is_none() && points[7].robust);
+        let is_white = |mark: &Mark| mark.levels.is_some_and(|[r, g, b]| r > 60.0 && r == g && g == b);
+        assert!(points[6..9].iter().all(is_white) && points[5].levels.is_none() && points[7].robust);
     }
 }

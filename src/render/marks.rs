@@ -14,13 +14,16 @@ use super::renderer::{BlendedSlab, FrameStats, RenderOptions, Renderer};
 use super::surfaces::{Surfaces, block_grid};
 
 /// What marks a splat.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MarkShape {
     /// A disc of 1.5 pixels around the centre.
     Points,
-    /// The ellipse of one standard deviation.
-    Ellipses,
+    /// The ellipse of one standard deviation, as far as alpha is at least this.
+    Ellipses(f32),
 }
+
+/// Splats are skipped, and left out of tiles, where their alpha is smaller.
+const LEAST_ALPHA: f32 = 1.0 / 255.0;
 
 /// The nearest mark of each pixel.
 pub struct Marks {
@@ -71,11 +74,11 @@ impl Marks {
             counters: &slab.frame.scratch.counters,
             marks: &mut self.by_pixel,
         };
-        let shape = match shape {
-            MarkShape::Points => MARK_POINTS,
-            MarkShape::Ellipses => MARK_ELLIPSES,
+        let (shape, alpha_min) = match shape {
+            MarkShape::Points => (MARK_POINTS, LEAST_ALPHA),
+            MarkShape::Ellipses(alpha) => (MARK_ELLIPSES, alpha.max(LEAST_ALPHA)),
         };
-        let params = tile_marks::Params { size_px: plan.size_px, tiles: plan.tiles, shape };
+        let params = tile_marks::Params { size_px: plan.size_px, tiles: plan.tiles, shape, alpha_min };
         self.recorder.dispatch(&pipelines.tile_marks, block_grid(slab), &params, bindings)?;
         let ticket = self.recorder.submit()?;
         Ok(self.recorder.wait(ticket)?)

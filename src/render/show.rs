@@ -6,13 +6,18 @@ use crate::gpu::interface::constants::{
 
 use super::marks::MarkShape;
 
-/// Hottest colour of [`Show::TileLoad`] unless the user says otherwise, (splat, tile) pairs: four per pixel of a tile of 8x8.
-/// Trained scenes have some ten to two hundred pairs a tile where they are well behaved.
-pub const TILE_LOAD_TOP: f32 = 256.0;
+/// Hottest colour of [`Show::TileLoad`] unless the user says otherwise, (splat, tile) pairs: eight per pixel of a tile of 8x8.
+/// Trained halls, orchards and car parks have about 90 a tile on average from where the player starts, and go beyond this where
+/// objects are small.
+pub const TILE_LOAD_TOP: f32 = 512.0;
 
 /// Hottest colour of [`Show::Offsets`] unless the user says otherwise, in radii of the template: 99 of 100 offsets of trained
 /// cars, chairs and trees are shorter than 0.11 to 0.22, half of them than 0.05.
 pub const OFFSET_TOP: f32 = 0.2;
+
+/// Least alpha in [`Show::Ellipses`] unless the user says otherwise. Large splats close to the camera, which haze a picture by up
+/// to a quarter where it was not trained, are fainter, and surfaces are made of splats that are not.
+pub const ELLIPSE_ALPHA: f32 = 0.3;
 
 /// What a window shows of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -36,8 +41,9 @@ pub enum Show {
     Offsets(f32),
     /// A small disc on the centre of every splat, in its colour, nearest first; needs marks.
     Points,
-    /// The ellipse of one standard deviation of every splat, in its colour, nearest first; needs marks.
-    Ellipses,
+    /// The ellipse of one standard deviation of every splat, as far as its alpha is at least this, in its colour, nearest first;
+    /// needs marks.
+    Ellipses(f32),
 }
 
 impl Show {
@@ -50,7 +56,7 @@ impl Show {
     pub fn marks(self) -> Option<MarkShape> {
         match self {
             Self::Points => Some(MarkShape::Points),
-            Self::Ellipses => Some(MarkShape::Ellipses),
+            Self::Ellipses(alpha) => Some(MarkShape::Ellipses(alpha)),
             _ => None,
         }
     }
@@ -65,7 +71,7 @@ impl Show {
             Self::Templates => (SHOW_TEMPLATES, [0.0; 2]),
             Self::TileLoad(top) => (SHOW_TILE_LOAD, [0.0, top]),
             Self::Offsets(top) => (SHOW_OFFSETS, [0.0, top]),
-            Self::Points | Self::Ellipses => (SHOW_MARKS, [0.0; 2]),
+            Self::Points | Self::Ellipses(_) => (SHOW_MARKS, [0.0; 2]),
         }
     }
 }

@@ -44,7 +44,7 @@ impl Bench {
 
     /// Draws a picture with all that views need; the depth slabs it took.
     fn draw(&mut self, scene: &DeviceScene, camera: &Camera, options: &RenderOptions) -> u32 {
-        let (marks, surfaces) = ((&mut self.marks, MarkShape::Ellipses), Some(&mut self.surfaces));
+        let (marks, surfaces) = ((&mut self.marks, MarkShape::Ellipses(0.1)), Some(&mut self.surfaces));
         self.renderer.render_with_marks(scene, camera, options, marks, surfaces).unwrap().slabs
     }
 
@@ -120,7 +120,7 @@ fn views(far: f32) -> Vec<(Show, twin::Show)> {
         (Show::Templates, twin::Show::Templates),
         (Show::TileLoad(100.0), twin::Show::TileLoad(100.0)),
         (Show::Offsets(0.125), twin::Show::Offsets(0.125)),
-        (Show::Ellipses, twin::Show::Marks),
+        (Show::Ellipses(0.1), twin::Show::Marks),
     ]
 }
 
@@ -228,6 +228,39 @@ fn clouds_and_empty_scenes_have_their_views() {
         for (show, twin_show) in views(5.0) {
             let want = inputs.shown(&scene, &[], twin_show).levels([40, 30]);
             assert!(error(&bench.pixels(&device, (show, true), ([40, 30], false)), &want) < TOLERANCE, "{show:?}");
+        }
+    }
+    assert_silent(&gpu);
+}
+
+/// Offsets and colours that are no numbers, or too large for their squares: all views are as the twin has them.
+#[test]
+fn poison_offsets_do_not_spread() {
+    let Some(gpu) = gpu() else { return };
+    let mut bench = Bench::new(&gpu);
+    let case = random_case(4);
+    let camera = case.camera.resized(40, 30);
+    let chosen = vec![true; case.scene.instances.len()];
+    for (p, value) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1e-42, 1e25].into_iter().enumerate() {
+        let mut scene = case.scene.clone();
+        assert!(scene.offsets.len() > 50);
+        for i in (0..scene.offsets.len()).step_by(3) {
+            match (i / 3 + p) % 3 {
+                0 => scene.offsets.means[i][i % 3] = value,
+                1 => scene.offsets.sh_dc[i][i % 3] = value,
+                _ => scene.offsets.opacity_logits[i] = value,
+            }
+        }
+        let device = bench.renderer.upload(&scene).unwrap();
+        bench.presenter.set_instances(&looks(&scene, &chosen)).unwrap();
+        bench.draw(&device, &camera, &RenderOptions::default());
+        let inputs = bench.read();
+        for (show, twin_show) in views(5.0) {
+            let want = inputs.shown(&scene, &chosen, twin_show).levels([40, 30]);
+            assert!(
+                error(&bench.pixels(&device, (show, true), ([40, 30], false)), &want) < TOLERANCE,
+                "{value}, {show:?}"
+            );
         }
     }
     assert_silent(&gpu);
