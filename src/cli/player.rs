@@ -17,9 +17,10 @@ use crate::io::{IoError, LoadedScene, load_scene, read_views};
 use crate::math::statistics::{Percentiles, median};
 use crate::player::headless::{Timings, play};
 use crate::player::script::{self, Step};
+use crate::player::views::View;
 use crate::player::window::{self, WindowJob};
 use crate::player::{PlayerError, Stage, StageOptions};
-use crate::render::{FrameStats, Show};
+use crate::render::FrameStats;
 use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
 
@@ -68,6 +69,10 @@ struct PlayerArgs {
     /// What is shown
     #[arg(long, value_enum, default_value = "color")]
     show: ShowArg,
+    /// What --show tile-load (pairs a tile, 512 unless given) and offsets (part of the template's radius, 0.2) show palest; the
+    /// least alpha of ellipses (0.3)
+    #[arg(long, value_name = "X", value_parser = parse_level)]
+    level: Option<f32>,
     /// Vertical of the scene [default: across a scene that is a plate, as -y, +z or +x; else -y]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     up: Option<Triple>,
@@ -90,6 +95,32 @@ enum ShowArg {
     Alpha,
     Depth,
     Instances,
+    Templates,
+    TileLoad,
+    Offsets,
+    Points,
+    Ellipses,
+}
+
+impl ShowArg {
+    fn view(self) -> View {
+        match self {
+            Self::Color => View::Color,
+            Self::Alpha => View::Alpha,
+            Self::Depth => View::Depth,
+            Self::Instances => View::Instances,
+            Self::Templates => View::Templates,
+            Self::TileLoad => View::TileLoad,
+            Self::Offsets => View::Offsets,
+            Self::Points => View::Points,
+            Self::Ellipses => View::Ellipses,
+        }
+    }
+}
+
+fn parse_level(text: &str) -> Result<f32, String> {
+    let level = text.parse::<f32>().ok().filter(|level| level.is_finite() && *level > 0.0);
+    level.ok_or_else(|| "a number above 0 is wanted".into())
 }
 
 fn parse_budget(text: &str) -> Result<f64, String> {
@@ -169,7 +200,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     if args.headless {
         return headless(args, &loaded?, &cameras, printer);
     }
-    let job = WindowJob { script: script(args.script.as_deref())?, ..window_job(args, &loaded, &cameras) };
+    let job = WindowJob { script: script(args.script.as_deref())?, ..window_job(args, &loaded, &cameras)? };
     match window::run(job) {
         Err(PlayerError::Window(reason)) if args.frames.is_some() => {
             printer.warning(format_args!("{reason}; drawing without a window"));
@@ -187,16 +218,16 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     }
 }
 
-fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> StageOptions {
-    let show = match args.show {
-        ShowArg::Color => Show::Color,
-        ShowArg::Alpha => Show::Alpha,
-        ShowArg::Instances => Show::Instances,
-        ShowArg::Depth => {
-            Show::Depth([0.0, 3.0 * Orbit::around(scene, args.up.map(Triple::direction)).distance as f32])
-        }
+fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<StageOptions, CliError> {
+    let distance = Orbit::around(scene, args.up.map(Triple::direction)).distance;
+    let view = args.show.view();
+    let show = match args.level {
+        None => Some(view.show(distance)),
+        Some(level) => view.show_at(distance, level),
     };
-    StageOptions { render: args.look.options(scene), show }
+    let words = "--level is for --show tile-load, offsets and ellipses";
+    let show = show.ok_or_else(|| CliError::Other(words.into()))?;
+    Ok(StageOptions { render: args.look.options(scene), show })
 }
 
 /// The cameras of `--frames`.
@@ -208,13 +239,17 @@ fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -
     cameras.iter().map(|camera| camera.resized(args.size.0, args.size.1)).collect()
 }
 
-fn window_job(args: &PlayerArgs, loaded: &Result<LoadedScene, IoError>, cameras: &[Camera]) -> WindowJob {
+fn window_job(
+    args: &PlayerArgs,
+    loaded: &Result<LoadedScene, IoError>,
+    cameras: &[Camera],
+) -> Result<WindowJob, CliError> {
     let empty = InstancedScene::default();
     let scene = loaded.as_ref().map_or(&empty, |loaded| &loaded.scene);
-    WindowJob {
+    Ok(WindowJob {
         path: args.scene.clone(),
         scene: loaded.as_ref().map(|l| (l.scene.clone(), l.file_bytes)).map_err(ToString::to_string),
-        options: stage_options(args, scene),
+        options: stage_options(args, scene)?,
         cameras: cameras.to_vec(),
         up: args.up.map(Triple::direction),
         size_px: args.size,
@@ -230,12 +265,13 @@ fn window_job(args: &PlayerArgs, loaded: &Result<LoadedScene, IoError>, cameras:
         screenshot: args.screenshot.clone(),
         script: VecDeque::new(),
         budget_ms: args.budget_ms,
-    }
+    })
 }
 
 fn headless(args: &PlayerArgs, loaded: &LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
+    let options = stage_options(args, &loaded.scene)?;
     let gpu = device::open(args.device.choice())?;
-    let mut stage = Stage::new(&gpu, loaded.scene.clone(), stage_options(args, &loaded.scene))?;
+    let mut stage = Stage::new(&gpu, loaded.scene.clone(), options)?;
     let timings = play(&mut stage, &path_cameras(args, &loaded.scene, cameras), args.frames.unwrap_or(1))?;
     if let Some(path) = &args.screenshot {
         stage.screenshot(path)?;

@@ -5,6 +5,7 @@ use crate::render::{FrameStats, Show};
 
 use super::clock::FrameClock;
 use super::navigation::Navigator;
+use super::views;
 
 /// What the keys do, for the help at the bottom.
 const KEYS: [(&str, &str); 16] = [
@@ -15,7 +16,7 @@ const KEYS: [(&str, &str); 16] = [
     ("double click", "look at that point and turn about it"),
     ("R, Page Up/Down", "back to the start; through the data set's cameras"),
     ("C, V", "keep this camera; through the kept ones"),
-    ("1 2 3 4", "colour, coverage, depth, instances"),
+    ("1 to 9", "colour, coverage, depth, instances, templates, tile load, offsets, points, ellipses"),
     ("click", "choose an object; with Shift: one more, or one less; G: all alike"),
     ("arrows, Home End", "move it level, up and down; with Shift a tenth as far"),
     (", .  + -", "turn it; larger, smaller"),
@@ -83,7 +84,7 @@ impl Hud {
             rate(ui, &facts);
             counts(ui, &facts);
             chosen(ui, &facts);
-            set(ui, settings);
+            set(ui, settings, facts.stats.slabs);
             ui.collapsing("Passes", |ui| passes(ui, &facts));
             ui.collapsing("Keys", keys);
         });
@@ -153,26 +154,13 @@ fn chosen(ui: &mut egui::Ui, facts: &Facts<'_>) {
     ui.label(format!("{} instances, {what}; {undo} changes, {redo} taken back", grouped(facts.instances as u64)));
 }
 
-fn set(ui: &mut egui::Ui, settings: Settings<'_>) {
+fn set(ui: &mut egui::Ui, settings: Settings<'_>, slabs: u32) {
     let Settings { navigator, show, mode, budget_ms } = settings;
     let mut degrees = navigator.fov_y().to_degrees();
     if ui.add(egui::Slider::new(&mut degrees, 5.0..=150.0).text("field of view")).changed() {
         navigator.set_fov_y(degrees.to_radians());
     }
-    let range = [0.0, 3.0 * navigator.distance() as f32];
-    ui.horizontal(|ui| {
-        for (name, value) in [
-            ("colour", Show::Color),
-            ("coverage", Show::Alpha),
-            ("depth", Show::Depth(range)),
-            ("instances", Show::Instances),
-        ] {
-            let is = std::mem::discriminant(show) == std::mem::discriminant(&value);
-            if ui.selectable_label(is, name).clicked() {
-                *show = value;
-            }
-        }
-    });
+    views::choose(ui, show, navigator.distance(), slabs);
     let mut limited = budget_ms.is_some();
     ui.horizontal(|ui| {
         ui.checkbox(&mut limited, "fewer pixels while moving beyond");

@@ -6,6 +6,7 @@
 //!     navigation.rs   where the camera is                        (pure)
 //!     editor.rs    what is chosen, changed and taken back         (pure; scene::edit)
 //!     hud.rs       what is written over the picture              (egui)
+//!       views.rs   what can be shown of a picture                (egui)
 //!     resolution.rs   smaller pictures while things move         (pure)
 //!     recording.rs    a camera path as it was flown              (pure)
 //!     script.rs    what a person does, from a text file
@@ -28,6 +29,7 @@ pub mod recording;
 pub mod resolution;
 pub mod script;
 pub mod stage;
+pub mod views;
 pub mod window;
 
 pub use error::PlayerError;

@@ -11,7 +11,7 @@ use crate::io::picture_png::write_png;
 use crate::io::save_scene;
 use crate::render::{
     Ahead, Arrived, DeviceScene, FRAMES_IN_FLIGHT, FrameStats, InstanceLook, MarkShape, Marks, Presenter,
-    RenderOptions, Renderer, ShownPicture, Surfaces,
+    RenderOptions, Renderer, Show, ShownPicture, Surfaces,
 };
 use crate::scene::edit::{Edit, EditOutcome};
 use crate::scene::{Camera, InstancedScene};
@@ -112,6 +112,17 @@ impl Stage {
         while let Some(arrived) = self.ahead.arrive()? {
             self.note(arrived);
         }
+        let mut stats = self.render(camera)?;
+        if stats.slabs > 1 && matches!(self.options.show, Show::TileLoad(_)) {
+            // The load is that of the last depth slab: a picture that overflowed its buffers is drawn with those that it grew.
+            stats = self.render(camera)?;
+        }
+        self.note(Arrived::Complete(stats));
+        self.camera = Some(camera.clone());
+        Ok(())
+    }
+
+    fn render(&mut self, camera: &Camera) -> Result<FrameStats, PlayerError> {
         let (scene, options) = (&self.device_scene, &self.options.render);
         self.has_surfaces = self.needs_surfaces();
         if self.has_surfaces {
@@ -119,17 +130,14 @@ impl Stage {
         }
         self.has_marks = self.options.show.marks();
         let surfaces = self.has_surfaces.then_some(&mut self.surfaces);
-        let stats = match (self.has_marks, surfaces) {
+        Ok(match (self.has_marks, surfaces) {
             (Some(shape), surfaces) => {
                 let marks = (&mut self.marks, shape);
                 self.renderer.render_with_marks(scene, camera, options, marks, surfaces)?
             }
             (None, Some(surfaces)) => self.renderer.render_with_surfaces(scene, camera, options, surfaces)?,
             (None, None) => self.renderer.render(scene, camera, options)?,
-        };
-        self.note(Arrived::Complete(stats));
-        self.camera = Some(camera.clone());
-        Ok(())
+        })
     }
 
     /// What the passes did for the pictures that have been completed since this was asked last, in order.

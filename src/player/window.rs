@@ -13,7 +13,7 @@ use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::{Fullscreen, Window, WindowId};
 
 use crate::gpu::{DeviceChoice, Gpu, PresentMode, Swapchain, UiFrame, UiPainter};
-use crate::render::{FrameStats, Show};
+use crate::render::FrameStats;
 use crate::scene::edit::{Edit, Turn};
 use crate::scene::{Camera, InstancedScene};
 
@@ -27,6 +27,7 @@ use super::recording::Recording;
 use super::resolution::Resolution;
 use super::script::Step;
 use super::stage::{Stage, StageOptions};
+use super::views::View;
 
 mod keeping;
 mod opening;
@@ -485,7 +486,13 @@ impl Live {
         if repeats {
             return Ok(After::Nothing);
         }
+        if let Some(view) = view_key(code) {
+            self.stage.options.show = view.show(self.navigator.distance());
+            return Ok(After::Redraw);
+        }
         match code {
+            // Closes the list of views.
+            KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
             KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
             KeyCode::Escape if self.stage.editor().is_unsaved() && !self.warned => {
                 self.warned = true;
@@ -493,14 +500,10 @@ impl Live {
             }
             KeyCode::Escape => return Ok(After::Quit),
             KeyCode::KeyG => self.stage.choose_alike(),
-            KeyCode::Digit4 => self.stage.options.show = Show::Instances,
             KeyCode::KeyH => self.hud.visible = !self.hud.visible,
             KeyCode::KeyR => self.navigator = self.home.clone(),
             KeyCode::BracketLeft => self.navigator.change_speed(1.0 / SPEED_STEP),
             KeyCode::BracketRight => self.navigator.change_speed(SPEED_STEP),
-            KeyCode::Digit1 => self.stage.options.show = Show::Color,
-            KeyCode::Digit2 => self.stage.options.show = Show::Alpha,
-            KeyCode::Digit3 => self.stage.options.show = Show::Depth([0.0, 3.0 * self.navigator.distance() as f32]),
             KeyCode::PageDown => step(&mut self.cameras, 1, &mut self.navigator, &mut self.hud),
             KeyCode::PageUp => step(&mut self.cameras, -1, &mut self.navigator, &mut self.hud),
             KeyCode::KeyV => step(&mut self.kept, 1, &mut self.navigator, &mut self.hud),
@@ -577,6 +580,13 @@ impl Live {
             Err(error) => error.to_string(),
         });
     }
+}
+
+/// The view that a digit chooses.
+fn view_key(code: KeyCode) -> Option<View> {
+    use KeyCode::{Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9};
+    let digits = [Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9];
+    digits.iter().position(|&digit| digit == code).map(|k| View::ALL[k])
 }
 
 fn flight_key(code: KeyCode) -> Option<FlightKey> {

@@ -1,7 +1,9 @@
 //! Pictures that nobody waits for are those of `render`; one that will not be complete leaves the window as it was.
 
 use instgs_vk::gpu::{Gpu, Recorder};
-use instgs_vk::render::{Ahead, Arrived, Capacities, FRAMES_IN_FLIGHT, Presenter, RenderOptions, Renderer, Show};
+use instgs_vk::render::{
+    Ahead, Arrived, Capacities, DeviceScene, FRAMES_IN_FLIGHT, Presenter, RenderOptions, Renderer, Show, ShownPicture,
+};
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
 
@@ -9,10 +11,16 @@ use crate::common::gpu::{assert_silent, gpu};
 use crate::common::random_scene::random_case;
 
 /// The last picture in a window of its size.
-fn window(gpu: &std::sync::Arc<Gpu>, presenter: &mut Presenter, renderer: &Renderer, camera: &Camera) -> Vec<u8> {
+fn window(
+    gpu: &std::sync::Arc<Gpu>,
+    presenter: &mut Presenter,
+    (renderer, scene): (&Renderer, &DeviceScene),
+    camera: &Camera,
+) -> Vec<u8> {
     let mut recorder = Recorder::new(gpu).unwrap();
     let size = [camera.width, camera.height];
-    presenter.record(&mut recorder, renderer, (Show::Color, None), (size, false)).unwrap();
+    let picture = ShownPicture { renderer, scene, surfaces: None, marks: None };
+    presenter.record(&mut recorder, Show::Color, picture, (size, false)).unwrap();
     let ticket = recorder.submit().unwrap();
     recorder.wait(ticket).unwrap();
     presenter.rgb8().unwrap()
@@ -80,11 +88,11 @@ fn incomplete_pictures_are_not_shown() {
         let camera = case.camera.resized(64, 48);
         let away = Camera { view_from_world: turned_round(&camera), ..camera.clone() };
         renderer.render(&device, &away, &options).unwrap();
-        let before = window(&gpu, &mut presenter, &renderer, &away);
+        let before = window(&gpu, &mut presenter, (&renderer, &device), &away);
         renderer.set_capacities(capacities);
         for _ in 0..FRAMES_IN_FLIGHT {
             renderer.submit_ahead(&mut ahead, &device, &camera, &options).unwrap();
-            let after = window(&gpu, &mut presenter, &renderer, &camera);
+            let after = window(&gpu, &mut presenter, (&renderer, &device), &camera);
             assert_eq!(before != after, complete, "{capacities:?}");
         }
         for _ in 0..FRAMES_IN_FLIGHT {
@@ -93,7 +101,7 @@ fn incomplete_pictures_are_not_shown() {
         }
         // Drawn again, it is right.
         renderer.render(&device, &camera, &options).unwrap();
-        assert_ne!(window(&gpu, &mut presenter, &renderer, &camera), before);
+        assert_ne!(window(&gpu, &mut presenter, (&renderer, &device), &camera), before);
     }
     assert_silent(&gpu);
 }

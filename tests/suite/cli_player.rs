@@ -117,6 +117,45 @@ fn without_a_display_it_says_what_to_do() {
 }
 
 #[test]
+fn every_view_can_be_asked_for() {
+    if skips_gpu() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let scene = scene(folder.path());
+    let shot = folder.path().join("shot.png");
+    let look = |flags: &[&str]| {
+        let mut player = player();
+        player.arg(&scene).args(["--headless", "--frames", "1", "--size", "96x54", "--show"]).args(flags);
+        player.arg("--screenshot").arg(&shot);
+        player
+    };
+    let mut pictures = Vec::new();
+    for flags in [
+        &["color"][..],
+        &["alpha"],
+        &["depth"],
+        &["instances"],
+        &["templates"],
+        &["tile-load"],
+        &["tile-load", "--level", "3"],
+        &["offsets"],
+        &["offsets", "--level", "0.01"],
+        &["points"],
+        &["ellipses"],
+        &["ellipses", "--level", "0.9"],
+    ] {
+        look(flags).assert().success();
+        let picture = pixels(&shot).2;
+        assert!(!pictures.contains(&picture), "{flags:?}: as another");
+        pictures.push(picture);
+    }
+    let text = error_of(&mut look(&["depth", "--level", "3"]));
+    assert!(text.contains("--level") && text.contains("tile-load"), "{text}");
+    look(&["offsets", "--level", "0"]).assert().code(2);
+}
+
+#[test]
 fn bad_files_and_flags_end_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let bad = folder.path().join("bad.instgs");

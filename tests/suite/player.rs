@@ -3,6 +3,7 @@
 use glam::DVec3;
 use instgs_vk::io::load_scene;
 use instgs_vk::player::navigation::Navigator;
+use instgs_vk::player::views::View;
 use instgs_vk::player::{Stage, StageOptions};
 use instgs_vk::scene::edit::{Edit, Selector, Turn};
 use instgs_vk::scene::trajectory::Orbit;
@@ -82,5 +83,31 @@ fn clicks_find_instances_and_draw_a_line_around_them() {
     assert!(line.len() > 20 && line.iter().all(|rgb| *rgb == [255, 184, 0]), "{} pixels", line.len());
     stage.choose_alike();
     assert_eq!(stage.editor().chosen().len(), 3);
+    assert_silent(&gpu);
+}
+
+/// A click picks the instance at the surface whatever is shown and chosen; every view has a picture of its own.
+#[test]
+fn every_view_looks_its_own_way_and_picks_the_same() {
+    let Some(gpu) = gpu() else { return };
+    let scene = chairs();
+    let mut stage = Stage::new(&gpu, scene.clone(), StageOptions::default()).unwrap();
+    let navigator = Navigator::around(&Orbit::around(&scene, None));
+    let camera = navigator.camera([192, 128]);
+    let mean = DVec3::from_array(scene.templates.means[2].map(f64::from));
+    let at = camera.pixel_of(scene.instances[1].world_from_template.transform_point(mean)).unwrap();
+    let mut pictures = Vec::new();
+    for chosen in [None, Some(2)] {
+        stage.click(chosen, false);
+        for view in View::ALL {
+            stage.options.show = view.show(navigator.distance());
+            stage.draw(&camera).unwrap();
+            let picture = stage.rgb8().unwrap();
+            assert_eq!(stage.instance_at(at).unwrap(), Some(1), "{view:?}, {chosen:?} chosen");
+            assert!(stage.rgb8().unwrap() == picture, "{view:?}: picking changes the picture");
+            assert!(!pictures.contains(&picture), "{view:?}, {chosen:?} chosen: as another");
+            pictures.push(picture);
+        }
+    }
     assert_silent(&gpu);
 }

@@ -1,0 +1,181 @@
+//! The views of a picture: their names, their keys, what is said of them, and how one of them is chosen.
+
+use crate::reference::present::heat;
+use crate::render::Show;
+use crate::render::show::{ELLIPSE_ALPHA, OFFSET_TOP, TILE_LOAD_TOP};
+
+/// Of the picture of a scene that is far away, this many distances to the target are black in the view of depth.
+const DEPTH_OF_DISTANCE: f32 = 3.0;
+/// Width and height of the bar of heat colours, points.
+const BAR: [f32; 2] = [240.0, 10.0];
+/// Patches of the bar: more than its width in points shows.
+const PATCHES: u16 = 120;
+
+/// A view, without the values that it may be set to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum View {
+    /// See [`Show::Color`].
+    Color,
+    /// See [`Show::Alpha`].
+    Alpha,
+    /// See [`Show::Depth`].
+    Depth,
+    /// See [`Show::Instances`].
+    Instances,
+    /// See [`Show::Templates`].
+    Templates,
+    /// See [`Show::TileLoad`].
+    TileLoad,
+    /// See [`Show::Offsets`].
+    Offsets,
+    /// See [`Show::Points`].
+    Points,
+    /// See [`Show::Ellipses`].
+    Ellipses,
+}
+
+impl View {
+    /// All of them: the keys 1 to 9 choose them in this order.
+    pub const ALL: [Self; 9] = [
+        Self::Color,
+        Self::Alpha,
+        Self::Depth,
+        Self::Instances,
+        Self::Templates,
+        Self::TileLoad,
+        Self::Offsets,
+        Self::Points,
+        Self::Ellipses,
+    ];
+
+    /// The view that is shown.
+    pub fn of(show: Show) -> Self {
+        match show {
+            Show::Color => Self::Color,
+            Show::Alpha => Self::Alpha,
+            Show::Depth(_) => Self::Depth,
+            Show::Instances => Self::Instances,
+            Show::Templates => Self::Templates,
+            Show::TileLoad(_) => Self::TileLoad,
+            Show::Offsets(_) => Self::Offsets,
+            Show::Points => Self::Points,
+            Show::Ellipses(_) => Self::Ellipses,
+        }
+    }
+
+    /// As [`View::show`], at a level of one's own; `None` if the view has none.
+    pub fn show_at(self, distance: f64, value: f32) -> Option<Show> {
+        let mut show = self.show(distance);
+        level(&mut show).map(|(level, ..)| *level = value)?;
+        Some(show)
+    }
+
+    /// Shows it with the usual values, `distance` from what one looks at (scene units).
+    pub fn show(self, distance: f64) -> Show {
+        match self {
+            Self::Color => Show::Color,
+            Self::Alpha => Show::Alpha,
+            Self::Depth => Show::Depth([0.0, DEPTH_OF_DISTANCE * distance as f32]),
+            Self::Instances => Show::Instances,
+            Self::Templates => Show::Templates,
+            Self::TileLoad => Show::TileLoad(TILE_LOAD_TOP),
+            Self::Offsets => Show::Offsets(OFFSET_TOP),
+            Self::Points => Show::Points,
+            Self::Ellipses => Show::Ellipses(ELLIPSE_ALPHA),
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Color => "colour",
+            Self::Alpha => "coverage",
+            Self::Depth => "depth",
+            Self::Instances => "instances",
+            Self::Templates => "templates",
+            Self::TileLoad => "tile load",
+            Self::Offsets => "offsets",
+            Self::Points => "points",
+            Self::Ellipses => "ellipses",
+        }
+    }
+}
+
+/// What the colours of a view mean; `slabs` are the depth slabs of the picture.
+fn legend(show: Show, slabs: u32) -> String {
+    match show {
+        Show::Color => "as it is".into(),
+        Show::Alpha => "white: nothing shines through".into(),
+        Show::Depth([white, black]) => format!("white at {white:.3}, black from {black:.3} on"),
+        Show::Instances => "a colour for each; black: background".into(),
+        Show::Templates => "a colour for each; grey: background".into(),
+        Show::TileLoad(top) if slabs > 1 => format!("0 to {top:.0} pairs a tile, in the last of {slabs} slabs"),
+        Show::TileLoad(top) => format!("0 to {top:.0} (splat, tile) pairs a tile"),
+        Show::Offsets(top) => format!("moved by 0 to {:.1} % of the template's radius", 100.0 * top),
+        Show::Points => "a disc of 1.5 pixels on each centre".into(),
+        Show::Ellipses(alpha) => format!("one standard deviation of each, from alpha {alpha:.2} on"),
+    }
+}
+
+/// Lets the user choose a view, and says what it means. `distance` as in [`View::show`], `slabs` as of the last picture.
+pub(super) fn choose(ui: &mut egui::Ui, show: &mut Show, distance: f64, slabs: u32) {
+    let chosen = View::of(*show);
+    ui.horizontal(|ui| {
+        egui::ComboBox::from_id_salt("view").selected_text(chosen.name()).show_ui(ui, |ui| {
+            for (key, view) in (1..).zip(View::ALL) {
+                if ui.selectable_label(view == chosen, format!("{key}  {}", view.name())).clicked() {
+                    *show = view.show(distance);
+                }
+            }
+        });
+        ui.label("view");
+    });
+    if matches!(show, Show::TileLoad(_) | Show::Offsets(_)) {
+        bar(ui);
+    }
+    if let Some((level, range, name)) = level(show) {
+        let slider = egui::Slider::new(level, range).logarithmic(true).clamping(egui::SliderClamping::Never);
+        ui.add(slider.text(name));
+    }
+    ui.label(legend(*show, slabs));
+}
+
+/// The value that a view can be set to, the range of its slider, and its name.
+fn level(show: &mut Show) -> Option<(&mut f32, std::ops::RangeInclusive<f32>, &'static str)> {
+    match show {
+        Show::TileLoad(top) => Some((top, 1.0..=65536.0, "palest")),
+        Show::Offsets(top) => Some((top, 0.001..=10.0, "palest")),
+        Show::Ellipses(alpha) => Some((alpha, 0.004..=1.0, "least alpha")),
+        _ => None,
+    }
+}
+
+/// All heat colours.
+fn bar(ui: &mut egui::Ui) {
+    let (rect, _) = ui.allocate_exact_size(BAR.into(), egui::Sense::hover());
+    let width = rect.width() / f32::from(PATCHES);
+    for k in 0..PATCHES {
+        let [r, g, b] = heat(f64::from(k) / f64::from(PATCHES - 1)).map(|v| (255.0 * v) as u8);
+        let left = rect.left() + f32::from(k) * width;
+        let patch = egui::Rect::from_min_size(egui::pos2(left, rect.top()), egui::vec2(width + 0.5, rect.height()));
+        ui.painter().rect_filled(patch, 0.0, egui::Color32::from_rgb(r, g, b));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_view_has_its_own_name_and_legend_and_is_found_again() {
+        let told = |view: &View| (view.name(), legend(view.show(2.0), 1));
+        let mut all: Vec<_> = View::ALL.iter().map(told).collect();
+        all.sort();
+        all.dedup_by(|a, b| a.0 == b.0);
+        assert!(all.len() == View::ALL.len() && all.iter().all(|(_, legend)| legend.len() > 5), "{all:?}");
+        assert!(View::ALL.iter().all(|view| View::of(view.show(2.0)) == *view));
+        assert_eq!(View::Depth.show(2.0), Show::Depth([0.0, 6.0]));
+        assert!(legend(Show::TileLoad(64.0), 3).contains("last of 3"));
+        assert_eq!(View::Offsets.show_at(2.0, 0.5), Some(Show::Offsets(0.5)));
+        assert_eq!(View::Points.show_at(2.0, 0.5), None);
+    }
+}
