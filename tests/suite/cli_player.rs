@@ -225,6 +225,28 @@ fn a_scene_is_edited_in_a_window() {
     assert_ne!(shot("reopened.png"), steps[0]);
 }
 
+/// The digits show nine pictures, and a click among ellipses chooses what is there.
+#[test]
+fn digits_choose_views() {
+    if skips_gpu() {
+        return;
+    }
+    let Some(display) = VirtualDisplay::open() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = scene(folder.path());
+    let [x, y] = chair_px(&chairs());
+    let views: String = (1..=9).map(|k| format!("key Digit{k}\n shot {k}.png\n")).collect();
+    let click = format!("click {x} {y}\n shot among_ellipses.png\n key Digit1\n shot chosen.png\n");
+    let output = play_script(&display, &file, &format!("key KeyH\n{views}{click}quit\n"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let shot = |name: &str| pixels(&folder.path().join(format!("{name}.png"))).2;
+    let mut views: Vec<Vec<u8>> = (1..=9).map(|k| shot(&k.to_string())).collect();
+    assert!(shot("chosen") != views[0] && shot("among_ellipses") != views[8]);
+    views.sort();
+    views.dedup();
+    assert_eq!(views.len(), 9);
+}
+
 /// Windows that change their size all the time neither leak nor offend the validation layers; 10,000 pictures with 100 sizes
 /// are in `a_long_session`.
 #[test]
