@@ -91,16 +91,17 @@ fn clicks_find_instances_and_draw_a_line_around_them() {
 fn every_view_looks_its_own_way_and_picks_the_same() {
     let Some(gpu) = gpu() else { return };
     let scene = chairs();
-    let mut stage = Stage::new(&gpu, scene.clone(), StageOptions::default()).unwrap();
     let navigator = Navigator::around(&Orbit::around(&scene, None));
     let camera = navigator.camera([192, 128]);
     let mean = DVec3::from_array(scene.templates.means[2].map(f64::from));
     let at = camera.pixel_of(scene.instances[1].world_from_template.transform_point(mean)).unwrap();
     let mut pictures = Vec::new();
     for chosen in [None, Some(2)] {
-        stage.click(chosen, false);
         for view in View::ALL {
-            stage.options.show = view.show(navigator.distance());
+            // Nothing is left of another view.
+            let options = StageOptions { show: view.show(navigator.distance()), ..StageOptions::default() };
+            let mut stage = Stage::new(&gpu, scene.clone(), options).unwrap();
+            stage.click(chosen, false);
             stage.draw(&camera).unwrap();
             let picture = stage.rgb8().unwrap();
             assert_eq!(stage.instance_at(at).unwrap(), Some(1), "{view:?}, {chosen:?} chosen");
