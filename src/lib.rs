@@ -102,7 +102,7 @@
 //! - L5 `synth`: procedural scenes, and ray-traced data sets with known poses, among them that of `instgs-vk demo`.
 //! - L5 `train`: configuration, start, steps, densification, checkpoints, events, report.
 //! - L6 `bench`: measurements and their report; `evidence` makes the tables and plots of many of them.
-//! - L6 `player`: a window on a scene: navigation, what is written over the picture, pictures without a window.
+//! - L6 `player`: a window on a scene: navigation, editing, what is written over the picture, pictures without a window.
 //! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
 //!
 //! # Conventions

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use glam::DVec3;
 
-use crate::scene::edit::{Edit, OffsetSource, Scatter, ScatterOver, Selector, Turn};
+use crate::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Selector, Turn};
 
 /// Most instances of one `--scatter`: a million is far more than a scene shows, and typing errors end here.
 const MOST_SCATTERED: usize = 1_000_000;
@@ -22,7 +22,7 @@ struct Operation {
 pub(super) struct Operations(Vec<Operation>);
 
 /// Flag, names of its values, help.
-const FLAGS: [(&str, &[&str], &str); 8] = [
+const FLAGS: [(&str, &[&str], &str); 10] = [
     (
         "duplicate",
         &["K", "by=DX,DY,DZ", "yaw=DEG"],
@@ -45,8 +45,19 @@ const FLAGS: [(&str, &[&str], &str); 8] = [
     (
         "scatter",
         &["template=G", "count=N", "..."],
-        "Add instances: over a plane with point=X,Y,Z extent=W,H [normal=X,Y,Z] [distance=D] [seed=S], or along \
-         path=X,Y,Z/X,Y,Z/... [yaw=DEG]; offsets=shared:K or offsets=copied:K gives them those of K [default: none]",
+        "Add instances: over a plane with point=X,Y,Z extent=W,H [normal=X,Y,Z] [distance=D] [turn=DEG] [seed=S], or \
+         along path=X,Y,Z/X,Y,Z/... [yaw=DEG]; offsets=shared:K or offsets=copied:K gives them those of K [default: none]",
+    ),
+    (
+        "crop",
+        &["template=G", "box=X,Y,Z/X,Y,Z", "keep=inside|outside"],
+        "Keep of a template, for all of its instances, what is in a box of its frame [default] or outside of it; a side \
+         may be inf or -inf",
+    ),
+    (
+        "erase",
+        &["template=G", "at=X,Y,Z/...", "radius=R"],
+        "Remove from a template what is within a radius of points of its frame",
     ),
 ];
 
@@ -132,8 +143,14 @@ impl<'a> Words<'a> {
     }
 
     fn edit(&mut self, flag: &str, up: DVec3) -> Result<Edit, String> {
-        if flag == "scatter" {
-            return self.scatter(up).map(Edit::Scatter);
+        match flag {
+            "scatter" => return self.scatter(up).map(Edit::Scatter),
+            "crop" => return self.crop(),
+            "erase" => {
+                let (template, centres) = (self.needed("template", whole)?, self.needed("at", path)?);
+                return Ok(Edit::Erase { template, centres, radius: self.needed("radius", number)? });
+            }
+            _ => {}
         }
         let which = self.selector()?;
         Ok(match flag {
@@ -179,11 +196,18 @@ impl<'a> Words<'a> {
                 normal: self.parsed("normal", vector)?.unwrap_or(up),
                 extent: self.needed("extent", numbers)?,
                 min_distance: self.parsed("distance", number)?.unwrap_or(0.0),
+                turn: self.parsed("turn", radians)?.unwrap_or(std::f64::consts::TAU),
                 seed: self.parsed("seed", whole)?.unwrap_or(0),
             },
         };
         let offsets = self.parsed("offsets", offset_source)?.unwrap_or(OffsetSource::None);
         Ok(Scatter { template, count, over, offsets })
+    }
+
+    fn crop(&mut self) -> Result<Edit, String> {
+        let template = self.needed("template", whole)?;
+        let corners = self.needed("box", corners)?;
+        Ok(Edit::Crop { template, corners, keep: self.parsed("keep", kept_side)?.unwrap_or_default() })
     }
 
     fn selector(&mut self) -> Result<Selector, String> {
@@ -241,6 +265,25 @@ fn path(text: &str) -> Result<Vec<DVec3>, String> {
     text.split('/').map(vector).collect()
 }
 
+/// Two corners of a box; sides may be infinite.
+fn corners(text: &str) -> Result<[DVec3; 2], String> {
+    let corner = |text: &str| -> Option<DVec3> {
+        let values: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
+        let corner = <[f64; 3]>::try_from(values?).ok().map(DVec3::from_array)?;
+        (!corner.is_nan()).then_some(corner)
+    };
+    let both = text.split_once('/').and_then(|(low, high)| Some([corner(low)?, corner(high)?]));
+    both.ok_or_else(|| "want the lower and the upper corner, X,Y,Z/X,Y,Z".into())
+}
+
+fn kept_side(text: &str) -> Result<Keep, String> {
+    match text {
+        "inside" => Ok(Keep::Inside),
+        "outside" => Ok(Keep::Outside),
+        _ => Err("want inside or outside".into()),
+    }
+}
+
 fn offset_source(text: &str) -> Result<OffsetSource, String> {
     match text.split_once(':') {
         Some(("shared", which)) => which.parse().map(OffsetSource::Shared),
@@ -285,10 +328,27 @@ mod tests {
             normal: DVec3::NEG_Y,
             extent: [4.0, 5.0],
             min_distance: 0.0,
+            turn: std::f64::consts::TAU,
             seed: 0,
         };
         let offsets = OffsetSource::Copied(Selector::Id(3));
         assert_eq!(plane, [Edit::Scatter(Scatter { template: 1, count: 5, over, offsets })]);
+        let line = "--crop template=1 box=-1,-inf,0/1,2,inf --erase template=0 at=1,2,3/4,5,6 radius=0.5 --crop template=0 \
+                    box=0,0,0/1,1,1 keep=outside";
+        let open = [DVec3::new(-1.0, f64::NEG_INFINITY, 0.0), DVec3::new(1.0, 2.0, f64::INFINITY)];
+        let centres = vec![DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)];
+        let want = [
+            Edit::Crop { template: 1, corners: open, keep: Keep::Inside },
+            Edit::Erase { template: 0, centres, radius: 0.5 },
+            Edit::Crop { template: 0, corners: [DVec3::ZERO, DVec3::ONE], keep: Keep::Outside },
+        ];
+        assert_eq!(edits(&line.split_whitespace().collect::<Vec<_>>()).unwrap(), want);
+        let turned = ["--scatter", "template=1", "count=5", "point=0,1,2", "extent=4,5", "turn=90"];
+        let Edit::Scatter(Scatter { over: ScatterOver::Plane { turn, .. }, .. }) = edits(&turned).unwrap().remove(0)
+        else {
+            panic!("over a plane")
+        };
+        assert_eq!(turn, std::f64::consts::FRAC_PI_2);
         let path = edits(&["--scatter", "template=0", "count=2", "path=0,0,0/1,0,0", "yaw=90"]).unwrap();
         assert!(
             matches!(&path[0], Edit::Scatter(Scatter { over: ScatterOver::Path { points, .. }, .. }) if points.len() == 2)
@@ -312,6 +372,13 @@ mod tests {
             ("--rotate 3 axis=0,1,0", "want either yaw=DEG, or axis"),
             ("--recolour 3 rgb=red", "want 3 numbers"),
             ("--swap 3 template=-1", "want a whole number"),
+            ("--crop template=0", "box=... is missing"),
+            ("--crop template=0 box=0,0,0", "want the lower and the upper corner"),
+            ("--crop template=0 box=0,nan,0/1,1,1", "want the lower and the upper corner"),
+            ("--crop template=0 box=0,0,0/1,1,1 keep=both", "want inside or outside"),
+            ("--crop 0 box=0,0,0/1,1,1", "template=... is missing"),
+            ("--erase template=0 at=1,2,3", "radius=... is missing"),
+            ("--erase template=0 at=1,2 radius=1", "want 3 numbers"),
             ("--scatter template=0 count=9999999 point=0,0,0 extent=1,1", "too many"),
             ("--scatter template=0 count=9 extent=1,1", "point=... is missing"),
             ("--scatter template=0 count=9 path=1,2,3/4", "want 3 numbers"),

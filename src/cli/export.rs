@@ -8,10 +8,7 @@ use super::args::{Triple, open_scene, parse_up};
 use super::error::CliError;
 use super::printer::Printer;
 use super::table::grouped;
-use crate::io::glb::glb_data_bytes;
-use crate::io::{IoError, Pack, write_glb, write_ply, write_scene_file_packed, write_spz};
-use crate::scene::InstancedScene;
-use crate::scene::gaussians::sh_coefficients;
+use crate::io::{ExportFormat, Pack, export_scene};
 use crate::scene::trajectory::Orbit;
 
 /// Writes a scene as .ply or .spz (every instance expanded into Gaussians of its own), as .glb (glTF with
@@ -58,30 +55,32 @@ struct Exported {
     bytes: u64,
 }
 
-#[derive(Clone, Copy)]
-enum Target {
-    Ply,
-    Spz,
-    Instgs(Pack),
-    Glb,
+impl From<PackArg> for Pack {
+    fn from(pack: PackArg) -> Self {
+        match pack {
+            PackArg::F32 => Self::F32,
+            PackArg::F16 => Self::F16,
+            PackArg::Q8 => Self::Q8,
+        }
+    }
 }
 
 pub(super) fn run(args: &ExportArgs, printer: &Printer) -> Result<(), CliError> {
     let to = args.to.as_path();
-    let target = target(args)?;
-    if args.up.is_some() && !matches!(target, Target::Glb) {
+    let format = ExportFormat::of(to, args.pack.map(Pack::from))?;
+    if args.up.is_some() && format != ExportFormat::Glb {
         printer.warning("--up is for .glb: other formats keep the scene's axes");
     }
     let scene = open_scene(&args.scene, printer)?.scene;
-    let gaussians = write(args, target, &scene)?;
-    if matches!(target, Target::Ply | Target::Glb) && scene.antialias {
-        let ending = if matches!(target, Target::Ply) { ".ply" } else { ".glb" };
+    let gaussians = export_scene(to, &scene, format, Orbit::around(&scene, args.up.map(Triple::direction)).up)?;
+    if matches!(format, ExportFormat::Ply | ExportFormat::Glb) && scene.antialias {
+        let ending = if format == ExportFormat::Ply { ".ply" } else { ".glb" };
         printer.warning(format_args!(
             "{}: {ending} has no place for the scene's antialias flag; render it with --antialias",
             to.display()
         ));
     }
-    let flattened_instances = if matches!(target, Target::Ply | Target::Spz) { scene.instances.len() } else { 0 };
+    let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };
     let bytes = std::fs::metadata(to).map_or(0, |m| m.len());
     let report = Exported {
         scene: args.scene.display().to_string(),
@@ -97,73 +96,4 @@ pub(super) fn run(args: &ExportArgs, printer: &Printer) -> Result<(), CliError> 
         if flattened_instances > 0 { format!(", {flattened_instances} instances expanded") } else { String::new() };
     printer.line(format_args!("{}: {} Gaussians{how}, {} bytes", report.to, grouped(gaussians), grouped(bytes)));
     Ok(())
-}
-
-/// Writes the file; returns how many Gaussians it holds.
-fn write(args: &ExportArgs, target: Target, scene: &InstancedScene) -> Result<u64, CliError> {
-    let to = args.to.as_path();
-    let stored = (scene.templates.len() + scene.background.len()) as u64;
-    match target {
-        Target::Instgs(pack) => write_scene_file_packed(to, scene, pack)?,
-        Target::Glb => {
-            check_memory(args, "its Gaussians take", glb_data_bytes(scene))?;
-            write_glb(to, scene, Orbit::around(scene, args.up.map(Triple::direction)).up)?;
-        }
-        Target::Ply | Target::Spz => {
-            check_expanded_memory(args, scene)?;
-            let cloud = scene.flatten();
-            match target {
-                Target::Spz => write_spz(to, &cloud, scene.antialias)?,
-                _ => write_ply(to, &cloud)?,
-            }
-            return Ok(cloud.len() as u64);
-        }
-    }
-    Ok(stored)
-}
-
-fn target(args: &ExportArgs) -> Result<Target, CliError> {
-    let ending = args.to.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
-    let fail = |what: String| Err(IoError::new(&args.to, what).advise("export to .ply, .spz, .glb or .instgs").into());
-    let pack = match args.pack {
-        None | Some(PackArg::F32) => Pack::F32,
-        Some(PackArg::F16) => Pack::F16,
-        Some(PackArg::Q8) => Pack::Q8,
-    };
-    match ending.as_str() {
-        "instgs" => Ok(Target::Instgs(pack)),
-        _ if args.pack.is_some() => Err(IoError::new(&args.to, "--pack is for .instgs files")
-            .advise("leave it out, or export to .instgs")
-            .into()),
-        "ply" => Ok(Target::Ply),
-        "spz" => Ok(Target::Spz),
-        "glb" => Ok(Target::Glb),
-        other => fail(format!("unknown format \".{other}\"")),
-    }
-}
-
-/// Flattening holds the cloud and the file's bytes at once.
-fn check_expanded_memory(args: &ExportArgs, scene: &InstancedScene) -> Result<(), CliError> {
-    let bytes_per_gaussian = 2 * 4 * (14 + 3 * sh_coefficients(scene.sh_degree()) as u64);
-    let need = scene.expanded_len().saturating_mul(bytes_per_gaussian);
-    check_memory(args, &format!("its {} expanded Gaussians take", grouped(scene.expanded_len())), need)
-}
-
-/// Refuses what the machine cannot hold, where that is known.
-fn check_memory(args: &ExportArgs, what: &str, need: u64) -> Result<(), CliError> {
-    match available_bytes() {
-        Some(have) if need > have => {
-            let (need, have) = (need >> 20, have >> 20);
-            let error = IoError::new(&args.scene, format!("{what} {need} MiB to write, {have} MiB are available"));
-            Err(error.advise("keep it as .instgs, or use a machine with more memory").into())
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Memory that can be had without swapping; Linux only.
-fn available_bytes() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
 }

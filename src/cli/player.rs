@@ -33,7 +33,10 @@ use crate::scene::{Camera, InstancedScene};
     after_help = "Examples:\n  \
     instgs-player room.instgs\n  \
     instgs-player room.instgs --data room          (Page Down steps through the data set's views)\n  \
-    instgs-player room.instgs --headless --frames 120 --size 1920x1080 --screenshot last.png --json -"
+    instgs-player room.instgs --headless --frames 120 --size 1920x1080 --screenshot last.png --json -\n\n\
+Editing: click an object (Shift: more, G: all alike); M, T, X, N: arrows to move it, rings to turn it, a circle to\n\
+scale it, none; Esc: puts back what is dragged; Ctrl+D, Delete, Ctrl+H: copy, remove, hide it; Ctrl+Shift+H: show all;\n\
+Ctrl+Z, Ctrl+Y, Ctrl+S: take back, do again, save. The panel has numbers, colours, scattering, crop and eraser."
 )]
 struct PlayerArgs {
     /// Scene: .instgs, .ply, .spz or .splat; or drop one on the window

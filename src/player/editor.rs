@@ -1,45 +1,34 @@
 //! Choosing and changing instances: what is chosen, and what was there before each change.
+//!
+//! Hidden instances are a matter of the session: they are not drawn and cannot be chosen, but they stay in the scene, and
+//! in what is saved of it. Hiding can be taken back like a change.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
-use crate::scene::edit::{Edit, EditError, EditOutcome, Selector, apply};
-use crate::scene::instanced_scene::ForeignTensor;
-use crate::scene::{Group, Instance, InstancedScene, Offsets};
+use glam::DVec3;
+
+use crate::math::similarity::Similarity;
+use crate::scene::InstancedScene;
+use crate::scene::edit::{Edit, EditError, EditOutcome, Selector, apply, instance_centres};
+
+pub use super::steps::Changed;
+use super::steps::{Parts, Step};
 
 /// Changes that can be taken back.
 const MOST_STEPS: usize = 200;
-
-/// What of a scene must go to the device again.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Changed {
-    /// The places of these instances.
-    Places(Vec<usize>),
-    /// All of it.
-    Everything,
-}
-
-/// What edits change of a scene, as it was at a moment. Parts that an edit left alone are absent.
-#[derive(Default)]
-struct Parts {
-    instances: Option<Vec<Instance>>,
-    groups: Option<Vec<Group>>,
-    offsets: Option<Offsets>,
-    template_sh: Option<Vec<[f32; 3]>>,
-    foreign_tensors: Option<BTreeMap<String, ForeignTensor>>,
-}
-
-/// One change: what was there, and what was chosen.
-struct Step {
-    parts: Parts,
-    chosen: BTreeSet<usize>,
-}
+/// Bytes that steps may take before the oldest are forgotten: changes of large templates keep the templates. The last step
+/// is kept whatever it takes.
+const MOST_BYTES: u64 = 1 << 30;
 
 /// The state of editing one scene.
 #[derive(Default)]
 pub struct Editor {
     chosen: BTreeSet<usize>,
+    hidden: BTreeSet<usize>,
     undo: Vec<Step>,
     redo: Vec<Step>,
+    /// A change that goes on: what was there before it began.
+    in_progress: Option<Step>,
     unsaved: bool,
 }
 
@@ -54,13 +43,20 @@ impl Editor {
         (0..scene.instances.len()).map(|k| self.chosen.contains(&k)).collect()
     }
 
-    /// True if something was changed since the scene was opened or saved.
-    pub fn is_unsaved(&self) -> bool {
-        self.unsaved
+    /// The middle of what is chosen: the mean of the instances' centres, world units; `None` if nothing is.
+    pub fn chosen_centre(&self, scene: &InstancedScene) -> Option<DVec3> {
+        let centres = instance_centres(scene, self.chosen.iter().copied());
+        (!centres.is_empty()).then(|| centres.iter().sum::<DVec3>() / centres.len() as f64)
     }
 
-    /// The scene was saved as it is.
+    /// True if something was changed since the scene was opened or saved.
+    pub fn is_unsaved(&self) -> bool {
+        self.unsaved || self.in_progress.is_some()
+    }
+
+    /// The scene was saved as it is; a change that goes on ends with it.
     pub fn saved(&mut self) {
+        self.finish();
         self.unsaved = false;
     }
 
@@ -71,6 +67,7 @@ impl Editor {
 
     /// A click on an instance (`None`: beside all of them) chooses it alone; with `more` it adds it, or takes it out again.
     pub fn click(&mut self, instance: Option<usize>, more: bool) {
+        self.finish();
         if !more {
             self.chosen.clear();
         }
@@ -81,11 +78,53 @@ impl Editor {
         }
     }
 
-    /// Chooses all instances of the templates of what is chosen.
+    /// Chooses all instances of the templates of what is chosen, hidden ones aside.
     pub fn choose_alike(&mut self, scene: &InstancedScene) {
-        let templates: BTreeSet<u32> = self.chosen.iter().map(|&k| scene.instances[k].template).collect();
-        let alike = |k: &usize| templates.contains(&scene.instances[*k].template);
-        self.chosen = (0..scene.instances.len()).filter(alike).collect();
+        self.choose_same(|k| scene.instances[k].template, scene.instances.len());
+    }
+
+    /// Chooses all instances of the groups of what is chosen, hidden ones aside; what has no group stays chosen.
+    pub fn choose_group(&mut self, scene: &InstancedScene) {
+        let labels = scene.instance_labels();
+        // One without a group is only like itself.
+        self.choose_same(|k| labels[k].group.ok_or(k), labels.len());
+    }
+
+    fn choose_same<T: Ord>(&mut self, kind_of: impl Fn(usize) -> T, instances: usize) {
+        self.finish();
+        let kinds: BTreeSet<T> = self.chosen.iter().map(|&k| kind_of(k)).collect();
+        let wanted = |k: &usize| !self.hidden.contains(k) && kinds.contains(&kind_of(*k));
+        self.chosen = (0..instances).filter(wanted).collect();
+    }
+
+    /// Indices of the instances that are not drawn.
+    pub fn hidden(&self) -> &BTreeSet<usize> {
+        &self.hidden
+    }
+
+    /// Hides what is chosen, which is not chosen then; `None` if nothing is.
+    pub fn hide_chosen(&mut self) -> Option<Changed> {
+        self.finish();
+        if self.chosen.is_empty() {
+            return None;
+        }
+        let step = self.here(Parts::default());
+        let chosen = std::mem::take(&mut self.chosen);
+        self.hidden.extend(&chosen);
+        self.push(step);
+        Some(Changed::Shown(chosen.into_iter().collect()))
+    }
+
+    /// Shows all that is hidden and chooses it; `None` if nothing is.
+    pub fn show_all(&mut self) -> Option<Changed> {
+        self.finish();
+        if self.hidden.is_empty() {
+            return None;
+        }
+        let step = self.here(Parts::default());
+        self.chosen = std::mem::take(&mut self.hidden);
+        self.push(step);
+        Some(Changed::Shown(self.chosen.iter().copied().collect()))
     }
 
     /// Names what is chosen; `None` if nothing is.
@@ -98,178 +137,137 @@ impl Editor {
     /// # Errors
     /// The edit cannot be done: the scene is as it was.
     pub fn apply(&mut self, scene: &mut InstancedScene, edit: &Edit) -> Result<(EditOutcome, Changed), EditError> {
-        let before = Parts {
-            instances: Some(scene.instances.clone()),
-            groups: Some(scene.groups.clone()),
-            offsets: Some(scene.offsets.clone()),
-            template_sh: Some(scene.templates.sh.clone()),
-            foreign_tensors: Some(scene.foreign_tensors.clone()),
-        };
-        let outcome = apply(scene, edit)?;
-        let parts = before.that_differ_from(scene);
-        let changed = parts.changed(scene);
-        self.undo.push(Step { parts, chosen: self.chosen.clone() });
-        if self.undo.len() > MOST_STEPS {
-            self.undo.remove(0);
-        }
-        self.redo.clear();
-        self.unsaved = true;
-        if !outcome.added.is_empty() {
-            self.chosen = outcome.added.iter().copied().collect();
-        } else if !outcome.removed.is_empty() {
-            self.chosen.clear();
-        }
+        self.finish();
+        let (step, outcome, changed) = self.change(scene, edit)?;
+        self.push(step);
         Ok((outcome, changed))
+    }
+
+    /// Does an edit in place of the one before: both begin with the scene as it was when the first of them came, so that
+    /// all that a drag does is one change, of which [`Editor::finish`] makes a step to take back. If it cannot be done, the
+    /// scene is as it was then.
+    pub fn apply_live(&mut self, scene: &mut InstancedScene, edit: &Edit) -> (Result<EditOutcome, EditError>, Changed) {
+        let back = self.cancel(scene);
+        match self.change(scene, edit) {
+            Ok((step, outcome, changed)) => {
+                self.in_progress = Some(step);
+                (Ok(outcome), back.and(changed))
+            }
+            Err(error) => (Err(error), back),
+        }
+    }
+
+    /// Where an instance stood before the change that goes on, or stands without one.
+    ///
+    /// # Panics
+    /// If there is no such instance.
+    pub fn place_before(&self, scene: &InstancedScene, k: usize) -> Similarity {
+        let before = self.in_progress.as_ref().and_then(|step| step.parts.place_of(k));
+        before.unwrap_or(scene.instances[k].world_from_template)
+    }
+
+    /// True while edits take each other's place.
+    pub fn is_live(&self) -> bool {
+        self.in_progress.is_some()
+    }
+
+    /// Ends a change that goes on; from now on it is one step. Without one it does nothing.
+    pub fn finish(&mut self) {
+        // A thing that was put back where it stood is no change.
+        if let Some(step) = self.in_progress.take().filter(|step| !step.parts.is_empty()) {
+            self.push(step);
+        }
+    }
+
+    /// Takes a change that goes on back, and forgets it. Without one it does nothing.
+    pub fn cancel(&mut self, scene: &mut InstancedScene) -> Changed {
+        match self.in_progress.take() {
+            Some(step) => self.exchange(scene, step).1,
+            None => Changed::Places(Vec::new()),
+        }
     }
 
     /// Takes the last change back; `None` if there is none.
     pub fn undo(&mut self, scene: &mut InstancedScene) -> Option<Changed> {
+        self.finish();
         let step = self.undo.pop()?;
         let (back, changed) = self.exchange(scene, step);
+        self.unsaved |= !back.parts.is_empty();
         self.redo.push(back);
         Some(changed)
     }
 
     /// Does again what was taken back last; `None` if there is nothing.
     pub fn redo(&mut self, scene: &mut InstancedScene) -> Option<Changed> {
+        self.finish();
         let step = self.redo.pop()?;
         let (back, changed) = self.exchange(scene, step);
+        self.unsaved |= !back.parts.is_empty();
         self.undo.push(back);
         Some(changed)
     }
 
+    /// Changes the scene and what is chosen; the step holds what was there.
+    fn change(&mut self, scene: &mut InstancedScene, edit: &Edit) -> Result<(Step, EditOutcome, Changed), EditError> {
+        let before = Parts::before(scene, edit);
+        let outcome = apply(scene, edit)?;
+        let parts = before.that_differ_from(scene);
+        let changed = parts.changed(scene);
+        let step = self.here(parts);
+        if !outcome.removed.is_empty() {
+            self.hidden = renumbered(&self.hidden, &outcome.removed);
+        }
+        if !outcome.added.is_empty() {
+            self.chosen = outcome.added.iter().copied().collect();
+        } else if !outcome.removed.is_empty() {
+            self.chosen.clear();
+        }
+        Ok((step, outcome, changed))
+    }
+
+    /// A step back to what is chosen and hidden now.
+    fn here(&self, parts: Parts) -> Step {
+        Step { parts, chosen: self.chosen.clone(), hidden: self.hidden.clone() }
+    }
+
+    /// A step that can be taken back from now on.
+    fn push(&mut self, step: Step) {
+        self.unsaved |= !step.parts.is_empty();
+        self.undo.push(step);
+        self.redo.clear();
+        self.forget_oldest(MOST_STEPS, MOST_BYTES);
+    }
+
+    fn forget_oldest(&mut self, most_steps: usize, most_bytes: u64) {
+        let mut bytes: u64 = self.undo.iter().map(|step| step.parts.bytes()).sum();
+        let mut gone = 0;
+        while self.undo.len() - gone > 1 && (self.undo.len() - gone > most_steps || bytes > most_bytes) {
+            bytes -= self.undo[gone].parts.bytes();
+            gone += 1;
+        }
+        self.undo.drain(..gone);
+    }
+
     /// Puts a step's parts into the scene and returns those that were there.
     fn exchange(&mut self, scene: &mut InstancedScene, mut step: Step) -> (Step, Changed) {
-        let changed = step.parts.changed(scene);
-        let parts = &mut step.parts;
-        swap(&mut parts.instances, &mut scene.instances);
-        swap(&mut parts.groups, &mut scene.groups);
-        swap(&mut parts.offsets, &mut scene.offsets);
-        swap(&mut parts.template_sh, &mut scene.templates.sh);
-        swap(&mut parts.foreign_tensors, &mut scene.foreign_tensors);
+        // What removes instances changes everything, so that lists of different numbering are never compared.
+        let changed = if step.parts.is_empty() {
+            Changed::Shown(step.hidden.symmetric_difference(&self.hidden).copied().collect())
+        } else {
+            step.parts.changed(scene)
+        };
+        step.parts.exchange(scene);
         std::mem::swap(&mut step.chosen, &mut self.chosen);
-        self.unsaved = true;
+        std::mem::swap(&mut step.hidden, &mut self.hidden);
         (step, changed)
     }
 }
 
-impl Parts {
-    /// What is different in a scene now.
-    fn that_differ_from(self, scene: &InstancedScene) -> Self {
-        Self {
-            instances: self.instances.filter(|was| *was != scene.instances),
-            groups: self.groups.filter(|was| *was != scene.groups),
-            offsets: self.offsets.filter(|was| *was != scene.offsets),
-            template_sh: self.template_sh.filter(|was| *was != scene.templates.sh),
-            foreign_tensors: self.foreign_tensors.filter(|was| *was != scene.foreign_tensors),
-        }
-    }
-
-    /// What goes to the device when a scene changes from one to the other.
-    fn changed(&self, scene: &InstancedScene) -> Changed {
-        let Some(instances) = &self.instances else { return Changed::Everything };
-        let elsewhere = |(k, (a, b)): (usize, (&Instance, &Instance))| (a != b).then_some(k);
-        let same_list = instances.len() == scene.instances.len()
-            && instances
-                .iter()
-                .zip(&scene.instances)
-                .all(|(a, b)| (a.template, a.first_offset) == (b.template, b.first_offset));
-        if same_list && self.offsets.is_none() && self.template_sh.is_none() {
-            Changed::Places(instances.iter().zip(&scene.instances).enumerate().filter_map(elsewhere).collect())
-        } else {
-            Changed::Everything
-        }
-    }
-}
-
-fn swap<T>(part: &mut Option<T>, value: &mut T) {
-    if let Some(part) = part {
-        std::mem::swap(part, value);
-    }
+/// Indices after some instances went, given in ascending order.
+fn renumbered(indices: &BTreeSet<usize>, removed: &[usize]) -> BTreeSet<usize> {
+    let kept = indices.iter().filter(|k| removed.binary_search(k).is_err());
+    kept.map(|&k| k - removed.partition_point(|&r| r < k)).collect()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::io::scene_file::tests::sample_scene;
-    use glam::DVec3;
-
-    fn move_by(editor: &Editor, by: DVec3) -> Edit {
-        Edit::MoveBy { which: editor.selector().unwrap(), by }
-    }
-
-    #[test]
-    fn clicks_choose_one_or_more_and_alike_all_of_a_kind() {
-        let scene = sample_scene();
-        let mut editor = Editor::default();
-        assert!(editor.selector().is_none());
-        editor.click(Some(0), false);
-        editor.click(Some(1), true);
-        assert_eq!(editor.chosen_flags(&scene)[..2], [true, true]);
-        editor.click(Some(0), true);
-        assert_eq!(editor.selector(), Some(Selector::Indices(vec![1])));
-        editor.choose_alike(&scene);
-        let template = scene.instances[1].template;
-        assert!(editor.chosen().iter().all(|&k| scene.instances[k].template == template));
-        assert_eq!(editor.chosen().len(), scene.instances.iter().filter(|i| i.template == template).count());
-        editor.click(None, true);
-        assert!(!editor.chosen().is_empty(), "beside, with shift: no change");
-        editor.click(None, false);
-        assert!(editor.chosen().is_empty());
-    }
-
-    /// Every kind of change, all taken back and done again: the same scenes, bit for bit, at every step.
-    #[test]
-    fn changes_are_taken_back_and_done_again() {
-        let mut scene = sample_scene();
-        let mut editor = Editor::default();
-        let which = || Selector::Indices(vec![0, 1]);
-        let edits = [
-            Edit::MoveBy { which: which(), by: DVec3::X },
-            Edit::Duplicate { which: which(), by: DVec3::Y, turn: None },
-            Edit::Recolour { which: Selector::Index(0), rgb: [0.1, 0.0, 0.0] },
-            Edit::Recolour { which: Selector::Template(0), rgb: [0.0, 0.1, 0.0] },
-            Edit::Scale { which: Selector::Index(1), by: 1.5 },
-            Edit::Delete { which: which() },
-        ];
-        let mut states = vec![scene.clone()];
-        for edit in &edits {
-            let (outcome, changed) = editor.apply(&mut scene, edit).unwrap();
-            let places = matches!(edit, Edit::MoveBy { .. } | Edit::Scale { .. });
-            assert_eq!(matches!(changed, Changed::Places(_)), places, "{edit:?}");
-            if !outcome.added.is_empty() {
-                assert_eq!(editor.chosen().iter().copied().collect::<Vec<_>>(), outcome.added);
-            }
-            scene.validate().unwrap();
-            states.push(scene.clone());
-        }
-        assert_eq!(editor.steps(), [edits.len(), 0]);
-        for want in states.iter().rev().skip(1) {
-            assert!(editor.undo(&mut scene).is_some() && scene == *want);
-        }
-        assert!(editor.undo(&mut scene).is_none());
-        for want in states.iter().skip(1) {
-            assert!(editor.redo(&mut scene).is_some() && scene == *want);
-        }
-        assert!(editor.redo(&mut scene).is_none() && editor.is_unsaved());
-        editor.saved();
-        assert!(!editor.is_unsaved());
-        // A new change forgets what was taken back.
-        editor.undo(&mut scene);
-        editor.click(Some(0), false);
-        let edit = move_by(&editor, DVec3::Z);
-        editor.apply(&mut scene, &edit).unwrap();
-        assert!(editor.redo(&mut scene).is_none());
-    }
-
-    #[test]
-    fn an_edit_that_fails_leaves_no_step() {
-        let mut scene = sample_scene();
-        let before = scene.clone();
-        let mut editor = Editor::default();
-        editor.click(Some(0), false);
-        let edit = move_by(&editor, DVec3::splat(f64::INFINITY));
-        assert!(editor.apply(&mut scene, &edit).is_err());
-        assert!(scene == before && editor.steps() == [0, 0] && !editor.is_unsaved());
-    }
-}
+mod tests;

@@ -8,7 +8,7 @@ use super::navigation::Navigator;
 use super::views;
 
 /// What the keys do, for the help at the bottom.
-const KEYS: [(&str, &str); 16] = [
+const KEYS: [(&str, &str); 18] = [
     ("drag left", "turn the scene; with Shift or the middle button: move it"),
     ("drag right", "look around"),
     ("W A S D, E Q", "fly, up and down; Shift: five times as fast; [ ]: slower, faster"),
@@ -18,9 +18,11 @@ const KEYS: [(&str, &str); 16] = [
     ("C, V", "keep this camera; through the kept ones"),
     ("1 to 9", "colour, coverage, depth, instances, templates, tile load, offsets, points, ellipses"),
     ("click", "choose an object; with Shift: one more, or one less; G: all alike"),
+    ("M T X N", "drag arrows to move it, rings to turn it, a circle to scale it; none of these; Esc: back"),
     ("arrows, Home End", "move it level, up and down; with Shift a tenth as far"),
     (", .  + -", "turn it; larger, smaller"),
     ("Ctrl+D, Delete", "a copy beside it; remove it"),
+    ("Ctrl+H, Ctrl+Shift+H", "hide it, which leaves it in the scene; show and choose all that is hidden"),
     ("Ctrl+Z, Ctrl+Y, Ctrl+S", "take back, do again, save"),
     ("P", "record the camera path; P again ends and writes it"),
     ("F12", "write the picture as PNG"),

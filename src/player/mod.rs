@@ -4,8 +4,10 @@
 //!   window.rs      winit's events, one picture after another, only while something changes
 //!     controls.rs  what a person does -> what changes            (knows no window system)
 //!     navigation.rs   where the camera is                        (pure)
-//!     editor.rs    what is chosen, changed and taken back         (pure; scene::edit)
-//!     hud.rs       what is written over the picture              (egui)
+//!     window/editing.rs   what is dragged and typed -> edits
+//!     editor.rs    what is chosen, changed and taken back         (pure; scene::edit), steps.rs what was there
+//!     gizmo.rs     arrows, rings and circle on what is chosen     (pure)
+//!     hud.rs       what is written over the picture              (egui), hud_gizmo.rs handles, hud_edit.rs the panel
 //!       views.rs   what can be shown of a picture                (egui)
 //!     resolution.rs   smaller pictures while things move         (pure)
 //!     recording.rs    a camera path as it was flown              (pure)
@@ -22,13 +24,17 @@ pub mod clock;
 pub mod controls;
 pub mod editor;
 pub mod error;
+pub mod gizmo;
 pub mod headless;
 mod hud;
+mod hud_edit;
+mod hud_gizmo;
 pub mod navigation;
 pub mod recording;
 pub mod resolution;
 pub mod script;
 pub mod stage;
+mod steps;
 pub mod views;
 pub mod window;
 

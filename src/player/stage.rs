@@ -8,13 +8,13 @@ use glam::DVec3;
 use crate::gpu::staging::download;
 use crate::gpu::{Buffer, Gpu, Recorder};
 use crate::io::picture_png::write_png;
-use crate::io::save_scene;
+use crate::io::{ExportFormat, export_scene, save_scene};
 use crate::render::{
     Ahead, Arrived, DeviceScene, FRAMES_IN_FLIGHT, FrameStats, InstanceLook, MarkShape, Marks, Presenter,
     RenderOptions, Renderer, Show, ShownPicture, Surfaces,
 };
 use crate::scene::edit::{Edit, EditOutcome};
-use crate::scene::{Camera, InstancedScene};
+use crate::scene::{Camera, Instance, InstancedScene};
 
 use super::editor::{Changed, Editor};
 use super::error::PlayerError;
@@ -94,7 +94,9 @@ impl Stage {
     /// The device refuses it.
     pub fn reopened(gpu: &Arc<Gpu>, old: Self) -> Result<Self, PlayerError> {
         let Self { scene, options, editor, .. } = old;
-        Ok(Self { editor, ..Self::new(gpu, scene, options)? })
+        let mut stage = Self { editor, ..Self::new(gpu, scene, options)? };
+        stage.show(stage.editor.hidden().clone())?;
+        Ok(stage)
     }
 
     /// The scene.
@@ -270,6 +272,15 @@ impl Stage {
         Ok(instance.filter(|&k| k < self.scene.instances.len()))
     }
 
+    /// The template of the instance that a pixel of the last picture shows, and the point it shows, in the template's frame;
+    /// `None` for the background and where nothing is.
+    pub fn template_point_at(&mut self, at_px: [f64; 2]) -> Result<Option<(u32, DVec3)>, PlayerError> {
+        let (Some(instance), Some(point)) = (self.instance_at(at_px)?, self.point_at(at_px)?) else { return Ok(None) };
+        let Instance { template, world_from_template, .. } = &self.scene.instances[instance];
+        let from_origin = point - world_from_template.translation();
+        Ok(Some((*template, world_from_template.linear().inverse() * from_origin)))
+    }
+
     /// What is chosen and what can be taken back.
     pub fn editor(&self) -> &Editor {
         &self.editor
@@ -285,6 +296,23 @@ impl Stage {
         self.editor.choose_alike(&self.scene);
     }
 
+    /// See [`Editor::choose_group`].
+    pub fn choose_group(&mut self) {
+        self.editor.choose_group(&self.scene);
+    }
+
+    /// See [`Editor::hide_chosen`]; false if nothing is chosen.
+    pub fn hide_chosen(&mut self) -> Result<bool, PlayerError> {
+        let done = self.editor.hide_chosen();
+        done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
+    }
+
+    /// See [`Editor::show_all`]; false if nothing is hidden.
+    pub fn show_all(&mut self) -> Result<bool, PlayerError> {
+        let done = self.editor.show_all();
+        done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
+    }
+
     /// Does an edit, in the scene and on the device; the words say why it cannot be done.
     pub fn edit(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
         match self.editor.apply(&mut self.scene, edit) {
@@ -294,6 +322,24 @@ impl Stage {
             }
             Err(error) => Ok(Err(error.to_string())),
         }
+    }
+
+    /// Does an edit in place of the one before, as a drag does; see [`Editor::apply_live`].
+    pub fn edit_live(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
+        let (outcome, changed) = self.editor.apply_live(&mut self.scene, edit);
+        self.follow(&changed)?;
+        Ok(outcome.map_err(|error| error.to_string()))
+    }
+
+    /// See [`Editor::finish`].
+    pub fn finish_live(&mut self) {
+        self.editor.finish();
+    }
+
+    /// See [`Editor::cancel`].
+    pub fn cancel_live(&mut self) -> Result<(), PlayerError> {
+        let changed = self.editor.cancel(&mut self.scene);
+        self.follow(&changed)
     }
 
     /// Takes the last edit back; false if there is none.
@@ -315,6 +361,12 @@ impl Stage {
         Ok(())
     }
 
+    /// Writes the scene, hidden instances included, in the format that the file's ending names; see [`export_scene`].
+    pub fn export(&self, path: &Path, up: DVec3) -> Result<(), PlayerError> {
+        export_scene(path, &self.scene, ExportFormat::of(path, None)?, up)?;
+        Ok(())
+    }
+
     /// Makes the device's scene that of the host.
     fn follow(&mut self, changed: &Changed) -> Result<(), PlayerError> {
         match changed {
@@ -324,8 +376,20 @@ impl Stage {
                     self.device_scene.place_instance(&self.gpu, k, place)?;
                 }
             }
-            Changed::Everything => self.device_scene = self.renderer.upload(&self.scene)?,
+            Changed::Shown(instances) => self.show(instances.iter().copied())?,
+            Changed::Everything => {
+                self.device_scene = self.renderer.upload(&self.scene)?;
+                self.show(self.editor.hidden().clone())?;
+            }
         }
         Ok(())
+    }
+
+    /// Makes the device draw these instances, or leave them out, as the editor says.
+    fn show(&mut self, instances: impl IntoIterator<Item = usize>) -> Result<(), PlayerError> {
+        let template_of = |k: usize| self.scene.template_ranges[self.scene.instances[k].template as usize];
+        let count = |k: usize| if self.editor.hidden().contains(&k) { 0 } else { template_of(k).count };
+        let counts: Vec<(usize, u32)> = instances.into_iter().map(|k| (k, count(k))).collect();
+        Ok(self.device_scene.set_source_counts(&self.gpu, &counts)?)
     }
 }

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use glam::DVec3;
 use winit::application::ApplicationHandler;
 use winit::event::{ElementState, MouseButton, MouseScrollDelta, StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
@@ -14,7 +13,6 @@ use winit::window::{Fullscreen, Window, WindowId};
 
 use crate::gpu::{DeviceChoice, Gpu, PresentMode, Swapchain, UiFrame, UiPainter};
 use crate::render::FrameStats;
-use crate::scene::edit::{Edit, Turn};
 use crate::scene::{Camera, InstancedScene};
 
 use super::clock::FrameClock;
@@ -22,6 +20,7 @@ use super::controls::{Button, Controls, FlightKey};
 use super::error::PlayerError;
 use super::headless::Timings;
 use super::hud::{Facts, Hud, Settings};
+use super::hud_gizmo::{paint_brush, paint_gizmo};
 use super::navigation::Navigator;
 use super::recording::Recording;
 use super::resolution::Resolution;
@@ -29,10 +28,12 @@ use super::script::Step;
 use super::stage::{Stage, StageOptions};
 use super::views::View;
 
+mod editing;
 mod keeping;
 mod opening;
 mod playing;
 
+use editing::Editing;
 use keeping::step;
 
 /// Pixels of a touch pad's scroll that count as one step of a wheel.
@@ -41,16 +42,6 @@ const PIXELS_PER_STEP: f64 = 40.0;
 const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
 /// What one press of a speed key does.
 const SPEED_STEP: f64 = 1.5;
-/// What an arrow key moves things by, in distances to the target; with shift a tenth of it.
-const STEP_OF_DISTANCE: f64 = 0.01;
-const FINE: f64 = 0.1;
-/// A copy stands so many steps beside its original.
-const DUPLICATE_STEPS: f64 = 10.0;
-/// What `,` and `.` turn things by: 5 degrees.
-const TURN_STEP: f64 = std::f64::consts::PI / 36.0;
-/// What `+` and `-` scale things by.
-const SCALE_STEP: f64 = 1.05;
-
 /// A picture of fewer pixels is drawn again with all of them when nothing has moved for so long.
 const REFINE_AFTER: Duration = Duration::from_millis(150);
 /// A device that is lost again so soon is not opened a third time.
@@ -167,6 +158,7 @@ struct Live {
     /// When the device was opened anew, and what validation layers said of the one before.
     reopened: Option<Instant>,
     validation_message: Option<String>,
+    editing: Editing,
 }
 
 impl ApplicationHandler for Player {
@@ -300,10 +292,11 @@ impl Live {
         let since = self.last_shown.map(|then| start.duration_since(then).as_secs_f64());
         let flight = self.controls.flight();
         self.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
+        self.follow_grip()?;
         let (frame, animated) = self.lay_out()?;
         self.painter.prepare(&frame)?;
         // All pixels when nothing moves: then there is time.
-        let moves = goes_on || !flight.is_still() || self.controls.is_dragging();
+        let moves = goes_on || !flight.is_still() || self.controls.is_dragging() || self.editing.is_held();
         let scale = if moves { self.resolution.scale() } else { 1.0 };
         let size_px = Resolution::of(target.size_px, scale);
         self.stage.draw_ahead(&self.navigator.camera(size_px))?;
@@ -352,6 +345,8 @@ impl Live {
             ("background", scene.background.tensor_bytes()),
         ];
         let ctx = self.ui.egui_ctx().clone();
+        let (gizmo, hot, brush_px) = (self.gizmo(), self.editing.hot(), self.brush_px());
+        let mut actions = Vec::new();
         let output = ctx.run(input, |ctx| {
             let facts = Facts {
                 scene: &self.title,
@@ -374,7 +369,12 @@ impl Live {
                 budget_ms: &mut self.resolution.budget_ms,
             };
             self.hud.lay_out(ctx, facts, settings);
+            paint_gizmo(ctx, gizmo.as_ref(), hot);
+            paint_brush(ctx, brush_px);
+            actions.extend(self.lay_out_panel(ctx));
         });
+        let acts = !actions.is_empty();
+        self.act(actions)?;
         if mode != self.swapchain.mode() {
             // The image at hand belongs to the old mode: the next picture has the new one.
             self.next_mode = Some(mode);
@@ -383,7 +383,7 @@ impl Live {
         let primitives = ctx.tessellate(output.shapes, output.pixels_per_point);
         let animated = output.viewport_output.values().any(|viewport| viewport.repaint_delay.is_zero());
         let frame = UiFrame { textures: output.textures_delta, primitives, pixels_per_point: output.pixels_per_point };
-        Ok((frame, animated || self.next_mode.is_some()))
+        Ok((frame, animated || acts || self.next_mode.is_some()))
     }
 
     fn event(&mut self, event: &WindowEvent, job: &WindowJob) -> Result<After, PlayerError> {
@@ -396,7 +396,7 @@ impl Live {
             }
             WindowEvent::Focused(false) => {
                 self.controls.let_go();
-                false
+                self.let_go()?
             }
             WindowEvent::ModifiersChanged(modifiers) => {
                 let state = modifiers.state();
@@ -405,7 +405,8 @@ impl Live {
                 false
             }
             WindowEvent::CursorMoved { position, .. } => {
-                self.controls.pointer_moved([position.x, position.y], &mut self.navigator, height)
+                let moved = self.controls.pointer_moved([position.x, position.y], &mut self.navigator, height);
+                moved | self.hover(response.consumed)
             }
             WindowEvent::MouseInput { state, button, .. } => self.button(*state, *button, response.consumed)?,
             WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
@@ -441,10 +442,13 @@ impl Live {
             _ => return Ok(false),
         };
         if state == ElementState::Pressed {
-            if !consumed {
+            if !consumed && !(button == Button::Left && self.grab()?) {
                 self.controls.pressed(button);
             }
             return Ok(false);
+        }
+        if button == Button::Left && self.let_go()? {
+            return Ok(true);
         }
         let click = self.controls.released(button, self.opened.elapsed().as_secs_f64());
         let Some(click) = click else { return Ok(false) };
@@ -493,6 +497,7 @@ impl Live {
         match code {
             // Closes the list of views.
             KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
+            KeyCode::Escape if self.drop_grip()? => {}
             KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
             KeyCode::Escape if self.stage.editor().is_unsaved() && !self.warned => {
                 self.warned = true;
@@ -517,68 +522,6 @@ impl Live {
             _ => return Ok(After::Nothing),
         }
         Ok(After::Redraw)
-    }
-
-    /// Keys that change the scene; false for others.
-    fn edit_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
-        if self.controls.control {
-            let done = match code {
-                KeyCode::KeyZ if self.controls.shift => self.stage.redo()?,
-                KeyCode::KeyZ => self.stage.undo()?,
-                KeyCode::KeyY => self.stage.redo()?,
-                KeyCode::KeyS => {
-                    self.save();
-                    true
-                }
-                KeyCode::KeyD => true,
-                _ => return Ok(false),
-            };
-            if !done {
-                self.hud.message = Some("there is nothing to take back or to do again".into());
-            }
-            if code != KeyCode::KeyD {
-                return Ok(true);
-            }
-        }
-        let Some(which) = self.stage.editor().selector() else { return Ok(false) };
-        // Steps that show, from wherever one looks.
-        let step = STEP_OF_DISTANCE * self.navigator.distance() * if self.controls.shift { FINE } else { 1.0 };
-        let [right, ahead, up] = self.navigator.level_axes();
-        let by = |by: DVec3, which| Edit::MoveBy { which, by: step * by };
-        let turn = |angle: f64, which| Edit::Rotate { which, turn: Turn { axis: up, angle } };
-        let angle = TURN_STEP * if self.controls.shift { FINE } else { 1.0 };
-        let edit = match code {
-            KeyCode::KeyD if self.controls.control => {
-                Edit::Duplicate { which, by: DUPLICATE_STEPS * step * right, turn: None }
-            }
-            KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
-            KeyCode::ArrowLeft => by(-right, which),
-            KeyCode::ArrowRight => by(right, which),
-            KeyCode::ArrowUp => by(ahead, which),
-            KeyCode::ArrowDown => by(-ahead, which),
-            KeyCode::Home => by(up, which),
-            KeyCode::End => by(-up, which),
-            KeyCode::Comma => turn(angle, which),
-            KeyCode::Period => turn(-angle, which),
-            KeyCode::Equal | KeyCode::NumpadAdd => Edit::Scale { which, by: SCALE_STEP },
-            KeyCode::Minus | KeyCode::NumpadSubtract => Edit::Scale { which, by: 1.0 / SCALE_STEP },
-            _ => return Ok(false),
-        };
-        match self.stage.edit(&edit)? {
-            Ok(outcome) => self.hud.message = outcome.warnings.into_iter().next(),
-            Err(reason) => self.hud.message = Some(reason),
-        }
-        self.warned = false;
-        Ok(true)
-    }
-
-    /// Saves under the scene's own name, as `.instgs`.
-    fn save(&mut self) {
-        let path = self.path.with_extension("instgs");
-        self.hud.message = Some(match self.stage.save(&path) {
-            Ok(()) => format!("saved to {}", path.display()),
-            Err(error) => error.to_string(),
-        });
     }
 }
 

@@ -190,6 +190,22 @@ impl DeviceScene {
         Ok(write_at(gpu, (&mut self.instances, instance), &[entry])?)
     }
 
+    /// Gives instances other numbers of Gaussians, none above their template's: with 0 culling passes nothing of them on,
+    /// which hides them. Their entries of the instance table go to the device, and nothing else.
+    ///
+    /// # Panics
+    /// If there is no such instance.
+    pub fn set_source_counts(&mut self, gpu: &Arc<Gpu>, counts: &[(usize, u32)]) -> Result<(), RenderError> {
+        let Some(last) = counts.iter().map(|&(k, _)| k).max() else { return Ok(()) };
+        assert!(last < self.posed_instances() as usize, "there is no instance {last}");
+        let entries = download(gpu, &self.instances, last + 1)?;
+        for &(k, source_count) in counts {
+            let entry = types::Instance { source_count, ..entries[k] };
+            write_at(gpu, (&mut self.instances, k), &[entry])?;
+        }
+        Ok(())
+    }
+
     /// What decides on the code of kernels that use SH bands up to `sh_degree`.
     pub fn traits(&self, sh_degree: u32) -> SceneTraits {
         SceneTraits {

@@ -55,7 +55,7 @@ impl InstancedScene {
     fn keep_templates(&mut self, keep: &[bool], dropped_background: usize) -> usize {
         let dropped = keep.iter().filter(|&&k| !k).count();
         if dropped > 0 {
-            compact_templates(self, keep);
+            self.compact_templates(keep);
         }
         if dropped + dropped_background > 0 {
             let follows = |name: &str| ["offset.", "template.", "background."].iter().any(|p| name.starts_with(p));
@@ -63,37 +63,37 @@ impl InstancedScene {
         }
         dropped + dropped_background
     }
-}
 
-/// Removes the template Gaussians that are not kept, with their offset records.
-fn compact_templates(scene: &mut InstancedScene, keep: &[bool]) {
-    let mut kept_before = Vec::with_capacity(keep.len() + 1);
-    let mut count = 0u32;
-    for &k in keep {
+    /// Removes the template Gaussians that are not kept, with their offset records.
+    pub(super) fn compact_templates(&mut self, keep: &[bool]) {
+        let mut kept_before = Vec::with_capacity(keep.len() + 1);
+        let mut count = 0u32;
+        for &k in keep {
+            kept_before.push(count);
+            count += u32::from(k);
+        }
         kept_before.push(count);
-        count += u32::from(k);
+        let mut offsets = Offsets::default();
+        // Instances may share a run of records.
+        let mut moved = BTreeMap::new();
+        for instance in &mut self.instances {
+            let TemplateRange { first: range_first, count } = self.template_ranges[instance.template as usize];
+            let Some(first) = instance.first_offset else { continue };
+            let new_first = *moved.entry((first, range_first, count)).or_insert_with(|| {
+                let new_first = offsets.len() as u32;
+                let kept = (0..count as usize).filter(|j| keep[range_first as usize + j]);
+                kept.for_each(|j| offsets.push_from(&self.offsets, first as usize + j));
+                new_first
+            });
+            instance.first_offset = Some(new_first);
+        }
+        self.offsets = offsets;
+        for range in &mut self.template_ranges {
+            let (first, end) = (range.first as usize, (range.first + range.count) as usize);
+            *range = TemplateRange { first: kept_before[first], count: kept_before[end] - kept_before[first] };
+        }
+        self.templates = self.templates.filtered(|i| keep[i]);
     }
-    kept_before.push(count);
-    let mut offsets = Offsets::default();
-    // Instances may share a run of records.
-    let mut moved = BTreeMap::new();
-    for instance in &mut scene.instances {
-        let TemplateRange { first: range_first, count } = scene.template_ranges[instance.template as usize];
-        let Some(first) = instance.first_offset else { continue };
-        let new_first = *moved.entry((first, range_first, count)).or_insert_with(|| {
-            let new_first = offsets.len() as u32;
-            let kept = (0..count as usize).filter(|j| keep[range_first as usize + j]);
-            kept.for_each(|j| offsets.push_from(&scene.offsets, first as usize + j));
-            new_first
-        });
-        instance.first_offset = Some(new_first);
-    }
-    scene.offsets = offsets;
-    for range in &mut scene.template_ranges {
-        let (first, end) = (range.first as usize, (range.first + range.count) as usize);
-        *range = TemplateRange { first: kept_before[first], count: kept_before[end] - kept_before[first] };
-    }
-    scene.templates = scene.templates.filtered(|i| keep[i]);
 }
 
 #[cfg(test)]

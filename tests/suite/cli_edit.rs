@@ -59,6 +59,56 @@ fn edits_are_done_in_order_and_the_result_loads() {
     assert_eq!(inspected["gaussians"]["instances"], 5);
 }
 
+/// The template loses the same Gaussians in all instances, offsets follow, and what cannot be done is said.
+#[test]
+fn templates_are_cropped_and_erased_once_for_all() {
+    let (_folder, at) = folder();
+    let mut command = program();
+    command.arg("edit").arg(at("room.instgs")).arg("--json").arg("--out").arg(at("new.instgs"));
+    // Means: (0.1, 0, 0), (-0.1, 0, 0), (0, -0.2, 0.1), (0, -0.4, -0.1).
+    command.args(["--crop", "template=0", "box=-inf,-0.3,-1/inf,1,1"]);
+    command.args(["--erase", "template=0", "at=5,5,5/-0.1,0.02,0", "radius=0.05"]);
+    let report = json_of(&mut command);
+    assert_eq!((report["instances"].as_u64(), report["gaussians"].as_u64()), (Some(3), Some(3 * 2 + 1)));
+    for (k, name) in ["crop", "erase"].into_iter().enumerate() {
+        let done = &report["operations"][k];
+        assert_eq!((&done["operation"], &done["changed"]), (&name.into(), &serde_json::json!([0, 1, 2])));
+    }
+    let (before, edited) = (chairs(), load_scene(&at("new.instgs")).unwrap().scene);
+    edited.validate().unwrap();
+    assert_eq!(edited.templates.means, [before.templates.means[0], before.templates.means[2]]);
+    assert_eq!((edited.offsets.len(), edited.instances[1].first_offset), (4, Some(2)));
+    // What is left looks as it did.
+    let (was, is) = (before.flatten(), edited.flatten());
+    assert_eq!(is, was.filtered(|i| i == 12 || [0, 2].contains(&(i % 4))));
+
+    let error = |arguments: &[&str]| {
+        let mut command = program();
+        command.arg("edit").arg(at("room.instgs")).args(arguments).arg("--out").arg(at("no.instgs"));
+        let text = error_of(&mut command);
+        assert!(!at("no.instgs").exists());
+        text
+    };
+    for (arguments, want) in [
+        (["--crop", "template=0", "box=5,5,5/6,6,6"], "--crop: all 4 Gaussians of template 0 would go"),
+        (["--crop", "template=3", "box=0,0,0/1,1,1"], "--crop: there is no template 3: the only one is 0"),
+        (["--crop", "template=0", "box=1,0,0/0,1,1"], "--crop: no box reaches from"),
+        (["--crop", "template=0", "box=0,0,0"], "--crop: box=0,0,0: want the lower and the upper corner"),
+        (["--erase", "template=0", "at=0,0,0"], "--erase: radius=... is missing"),
+    ] {
+        let text = error(&arguments);
+        assert!(text.contains(want), "{text}");
+    }
+    let text = error(&["--erase", "template=0", "at=0,0,0", "radius=-1"]);
+    assert!(text.contains("--erase: -1 is no radius"), "{text}");
+    let mut command = program();
+    command.arg("edit").arg(at("room.instgs")).args(["--erase", "template=0", "at=9,9,9", "radius=1", "--out"]);
+    let output = command.arg(at("same.instgs")).assert().success().get_output().clone();
+    let warning = String::from_utf8(output.stderr).unwrap();
+    assert!(warning.contains("--erase: nothing of template 0 is there to be removed"), "{warning}");
+    assert_eq!(load_scene(&at("same.instgs")).unwrap().scene, before);
+}
+
 #[test]
 fn lists_and_reports_in_words() {
     let (_folder, at) = folder();

@@ -5,8 +5,11 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 
 use assert_cmd::Command;
+use glam::DVec3;
 use instgs_vk::io::{load_scene, read_cameras, save_scene};
+use instgs_vk::player::gizmo::{Gizmo, GizmoMode, Handle};
 use instgs_vk::player::navigation::Navigator;
+use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::template_centres;
 use instgs_vk::scene::trajectory::Orbit;
 use serde_json::Value;
@@ -245,6 +248,49 @@ fn digits_choose_views() {
     views.sort();
     views.dedup();
     assert_eq!(views.len(), 9);
+}
+
+/// An arrow is dragged: the chair goes along it and nowhere else, as one change. Escape puts it back.
+#[test]
+fn a_chair_is_dragged_by_its_handle() {
+    if skips_gpu() {
+        return;
+    }
+    let Some(display) = VirtualDisplay::open() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let file = scene(folder.path());
+    let before = chairs();
+    let place = before.instances[1].world_from_template;
+    let camera = Navigator::around(&Orbit::around(&before, None)).camera([320, 240]);
+    let px = |point: DVec3| camera.pixel_of(place.transform_point(point)).unwrap();
+    let [x, y] = px(DVec3::from_array(before.templates.means[2].map(f64::from)));
+    let centre = template_centres(&before)[0];
+    let gizmo = Gizmo::new(GizmoMode::Move, place.transform_point(centre), &camera).unwrap();
+    let arrows = gizmo.lines().into_iter().filter_map(|line| match line.handle {
+        Handle::Arrow(axis) => Some((axis, line.points_px[1])),
+        _ => None,
+    });
+    let (axis, [tip_x, tip_y]) = arrows.last().unwrap();
+    let [to_x, to_y] = [tip_x + 0.3 * (tip_x - px(centre)[0]), tip_y + 0.3 * (tip_y - px(centre)[1])];
+    let text = format!(
+        "key KeyH\n click {x} {y}\n shot chosen.png\n drag left {tip_x} {tip_y} {to_x} {to_y}\n frames 1\n shot dragged.png\n \
+         key ctrl+KeyS\n key ctrl+KeyZ\n shot undone.png\n pointer {tip_x} {tip_y}\n press left\n pointer {to_x} {to_y}\n \
+         frames 1\n shot held.png\n key Escape\n shot back.png\n release left\n frames 1\n quit\n"
+    );
+    let output = play_script(&display, &file, &text);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let shot = |name: &str| pixels(&folder.path().join(name)).2;
+    assert_ne!(shot("chosen.png"), shot("dragged.png"));
+    assert_eq!(shot("undone.png"), shot("chosen.png"), "one step");
+    assert_eq!(shot("held.png"), shot("dragged.png"), "seen while it is held");
+    assert_eq!(shot("back.png"), shot("chosen.png"), "put back");
+    let after = load_scene(&file).unwrap().scene;
+    let by = |k: usize| {
+        let translation = |scene: &InstancedScene| scene.instances[k].world_from_template.translation();
+        translation(&after) - translation(&before)
+    };
+    assert!(by(1)[axis] > 0.05 && (by(1) - by(1)[axis] * DVec3::AXES[axis]).length() < 1e-6, "{}", by(1));
+    assert!(by(0) == DVec3::ZERO && by(2) == DVec3::ZERO);
 }
 
 /// Windows that change their size all the time neither leak nor offend the validation layers; 10,000 pictures with 100 sizes

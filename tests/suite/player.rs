@@ -5,7 +5,8 @@ use instgs_vk::io::load_scene;
 use instgs_vk::player::navigation::Navigator;
 use instgs_vk::player::views::View;
 use instgs_vk::player::{Stage, StageOptions};
-use instgs_vk::scene::edit::{Edit, Selector, Turn};
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::edit::{Edit, Keep, Selector, Turn, apply};
 use instgs_vk::scene::trajectory::Orbit;
 
 use crate::common::chairs::chairs;
@@ -33,6 +34,8 @@ fn edited_scenes_look_as_if_opened_so() {
         Edit::Scale { which: Selector::Index(1), by: 2.0 },
         Edit::Duplicate { which: which(), by: DVec3::new(0.0, -0.5, 0.0), turn: None },
         Edit::Recolour { which: Selector::Index(0), rgb: [0.3, 0.0, -0.3] },
+        Edit::Crop { template: 0, corners: [DVec3::new(-1.0, -0.3, -1.0), DVec3::INFINITY], keep: Keep::Inside },
+        Edit::Erase { template: 0, centres: vec![DVec3::new(-0.1, 0.0, 0.0)], radius: 0.05 },
         Edit::Delete { which: which() },
     ] {
         stage.edit(&edit).unwrap().unwrap();
@@ -52,6 +55,117 @@ fn edited_scenes_look_as_if_opened_so() {
     let path = folder.path().join("edited.instgs");
     stage.save(&path).unwrap();
     assert!(!stage.editor().is_unsaved() && load_scene(&path).unwrap().scene == *stage.scene());
+    assert_silent(&gpu);
+}
+
+/// A drag is on the device what it is on the host at each of its edits, and one step; given up, it leaves nothing.
+#[test]
+fn what_is_dragged_is_seen_at_once() {
+    let Some(gpu) = gpu() else { return };
+    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
+    let camera = Navigator::around(&Orbit::around(&chairs(), None)).camera([96, 64]);
+    let picture = |stage: &mut Stage| {
+        stage.draw(&camera).unwrap();
+        stage.rgb8().unwrap()
+    };
+    let fresh =
+        |scene: &InstancedScene| picture(&mut Stage::new(&gpu, scene.clone(), StageOptions::default()).unwrap());
+    let at_first = picture(&mut stage);
+    let which = || Selector::Index(1);
+    let drags: [Vec<Edit>; 3] = [
+        [0.2, -0.3, 0.5].map(|x| Edit::MoveBy { which: which(), by: DVec3::new(x, 0.1, 0.0) }).into(),
+        [0.1, 0.4].map(|r| Edit::Recolour { which: which(), rgb: [-r, r, r] }).into(),
+        [0.3, 0.1]
+            .map(|y| Edit::Crop {
+                template: 0,
+                corners: [DVec3::new(-1.0, -y, -1.0), DVec3::INFINITY],
+                keep: Keep::Inside,
+            })
+            .into(),
+    ];
+    for drag in drags {
+        let mut seen = vec![at_first.clone()];
+        for edit in &drag {
+            stage.edit_live(edit).unwrap().unwrap();
+            let mut want = chairs();
+            apply(&mut want, edit).unwrap();
+            assert!(*stage.scene() == want, "each begins where the drag began");
+            let now = picture(&mut stage);
+            assert!(now == fresh(&want) && !seen.contains(&now), "{edit:?}");
+            seen.push(now);
+        }
+        stage.cancel_live().unwrap();
+        assert!(picture(&mut stage) == at_first && stage.editor().steps()[0] == 0);
+        drag.iter().for_each(|edit| drop(stage.edit_live(edit).unwrap().unwrap()));
+        stage.finish_live();
+        assert!(stage.editor().steps() == [1, 0] && picture(&mut stage) == *seen.last().unwrap());
+        assert!(stage.undo().unwrap() && picture(&mut stage) == at_first && !stage.undo().unwrap());
+    }
+    assert_silent(&gpu);
+}
+
+/// A hidden chair is not seen and not hit, whatever else is edited, and is there again when it is shown.
+#[test]
+fn hidden_instances_are_as_if_they_were_not_there() {
+    let Some(gpu) = gpu() else { return };
+    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
+    let camera = Navigator::around(&Orbit::around(&chairs(), None)).camera([192, 128]);
+    let picture = |stage: &mut Stage| {
+        stage.click(None, false);
+        stage.draw(&camera).unwrap();
+        stage.rgb8().unwrap()
+    };
+    let without = |scene: &InstancedScene| {
+        let mut scene = scene.clone();
+        apply(&mut scene, &Edit::Delete { which: Selector::Index(1) }).unwrap();
+        picture(&mut Stage::new(&gpu, scene, StageOptions::default()).unwrap())
+    };
+    let at_first = picture(&mut stage);
+    let mean = DVec3::from_array(chairs().templates.means[2].map(f64::from));
+    let at = camera.pixel_of(chairs().instances[1].world_from_template.transform_point(mean)).unwrap();
+    assert_eq!(stage.instance_at(at).unwrap(), Some(1));
+    let (template, touched) = stage.template_point_at(at).unwrap().unwrap();
+    let back = camera.pixel_of(chairs().instances[1].world_from_template.transform_point(touched)).unwrap();
+    assert!(template == 0 && (back[0] - at[0]).hypot(back[1] - at[1]) < 1e-3, "{back:?}");
+    assert!(touched.distance(mean) < 0.4, "on the chair: {touched}");
+    assert!(!stage.hide_chosen().unwrap() && !stage.show_all().unwrap());
+    stage.click(Some(1), false);
+    assert!(stage.hide_chosen().unwrap());
+    let hidden = picture(&mut stage);
+    assert!(hidden == without(&chairs()) && hidden != at_first);
+    assert_ne!(stage.instance_at(at).unwrap(), Some(1));
+    assert!(*stage.scene() == chairs() && !stage.editor().is_unsaved());
+    // One that only places, one that uploads everything again.
+    stage.edit(&Edit::MoveBy { which: Selector::Index(2), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
+    assert!(picture(&mut stage) == without(stage.scene()));
+    stage.edit(&Edit::Recolour { which: Selector::Index(0), rgb: [0.3, 0.0, -0.3] }).unwrap().unwrap();
+    assert!(picture(&mut stage) == without(stage.scene()));
+    // Moved while it is hidden, and the table's entry read back: still hidden.
+    stage.edit(&Edit::MoveBy { which: Selector::Index(1), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
+    assert!(picture(&mut stage) == without(stage.scene()));
+    (0..3).for_each(|_| assert!(stage.undo().unwrap()));
+    assert!(picture(&mut stage) == hidden);
+    assert!(stage.show_all().unwrap() && picture(&mut stage) == at_first);
+    assert!(stage.undo().unwrap() && picture(&mut stage) == hidden);
+    assert!(stage.undo().unwrap() && picture(&mut stage) == at_first);
+    assert_silent(&gpu);
+}
+
+/// Files of the scene as it is, in other formats.
+#[test]
+fn edited_scenes_are_exported() {
+    let Some(gpu) = gpu() else { return };
+    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
+    stage.edit(&Edit::Delete { which: Selector::Index(0) }).unwrap().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["x.ply", "x.spz", "x.glb"] {
+        stage.export(&folder.path().join(name), DVec3::NEG_Y).unwrap();
+    }
+    let cloud = load_scene(&folder.path().join("x.ply")).unwrap().scene;
+    assert!(cloud.background == stage.scene().flatten());
+    assert_eq!(load_scene(&folder.path().join("x.spz")).unwrap().scene.background.len(), cloud.background.len());
+    let error = stage.export(&folder.path().join("x.obj"), DVec3::NEG_Y).unwrap_err().to_string();
+    assert!(error.contains("unknown format \".obj\""), "{error}");
     assert_silent(&gpu);
 }
 

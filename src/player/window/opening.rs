@@ -9,6 +9,7 @@ use winit::dpi::PhysicalSize;
 use winit::event_loop::ActiveEventLoop;
 use winit::window::Window;
 
+use super::editing::Editing;
 use super::keeping::kept_cameras;
 use super::{Live, WindowJob, window_error};
 use crate::gpu::{Gpu, GpuOptions, PresentMode, Swapchain, UiPainter};
@@ -63,6 +64,7 @@ impl Live {
             recording: None,
             reopened: None,
             validation_message: None,
+            editing: Editing::default(),
             path: job.path.clone(),
         };
         let scene = std::mem::replace(&mut job.scene, Err(String::new()));
@@ -118,6 +120,7 @@ impl Live {
         // The old scene's memory first.
         self.stage = Stage::new(&self.gpu, InstancedScene::default(), options)?;
         self.stage = Stage::new(&self.gpu, scene, options)?;
+        self.editing = Editing::default();
         self.file_bytes = bytes;
         self.clock.clear();
         Ok(())

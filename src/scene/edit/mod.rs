@@ -1,8 +1,9 @@
 //! Changing what a scene shows: instances come, go, move and change colour. One implementation for the command line and
 //! for interactive programs.
 //!
-//! Every edit is a small value, applied as a whole or not at all, and touches only instances, groups and offsets (and the
-//! base colour of a template whose instances are all recoloured), so a program can undo it by keeping what it was before.
+//! Every edit is a small value, applied as a whole or not at all, so a program can undo it by keeping what was there before.
+//! Most touch only instances, groups and offsets; recolouring all instances of a template touches its base colour, and
+//! cropping and erasing take Gaussians out of a template, once for all of its instances.
 //!
 //! Offsets are copy-on-write: a duplicate shares its original's run, and an edit that changes the offsets of an instance
 //! whose run others use too copies the run first. Runs that nobody uses any more are removed. Mask ids in `groups` follow
@@ -14,12 +15,14 @@ mod placement;
 mod recolour;
 mod scatter;
 mod select;
+mod thin;
 
 use glam::DVec3;
 
-pub use placement::template_centres;
-pub use scatter::{OffsetSource, Scatter, ScatterOver};
+pub use placement::{instance_centres, template_centres};
+pub use scatter::{Footprint, OffsetSource, Scatter, ScatterOver, footprint};
 pub use select::Selector;
+pub use thin::Keep;
 
 use crate::math::similarity::Similarity;
 use crate::scene::instanced_scene::InstancedScene;
@@ -97,6 +100,25 @@ pub enum Edit {
     },
     /// Adds instances of a template over a plane or along a path.
     Scatter(Scatter),
+    /// Takes the Gaussians out of a template whose means are outside, or inside, a box along the axes of its frame; some
+    /// must stay.
+    Crop {
+        /// Which.
+        template: u32,
+        /// Lower and upper corner, template units; infinite numbers leave a side open.
+        corners: [DVec3; 2],
+        /// What stays.
+        keep: Keep,
+    },
+    /// Takes the Gaussians out of a template whose means are in one of some balls of the same radius; some must stay.
+    Erase {
+        /// Which.
+        template: u32,
+        /// Of the balls, in the template's frame.
+        centres: Vec<DVec3>,
+        /// More than 0, template units.
+        radius: f64,
+    },
 }
 
 /// What an edit did.
@@ -134,6 +156,8 @@ impl Edit {
             Self::Recolour { .. } => "recolour",
             Self::Swap { .. } => "swap",
             Self::Scatter(_) => "scatter",
+            Self::Crop { .. } => "crop",
+            Self::Erase { .. } => "erase",
         }
     }
 }
@@ -150,6 +174,8 @@ pub fn apply(scene: &mut InstancedScene, edit: &Edit) -> Result<EditOutcome, Edi
         Edit::Recolour { which, rgb } => recolour::recolour(scene, which, *rgb),
         Edit::Swap { which, template } => membership::swap(scene, which, *template),
         Edit::Scatter(scatter) => scatter::scatter(scene, scatter),
+        Edit::Crop { template, corners, keep } => thin::crop(scene, *template, *corners, *keep),
+        Edit::Erase { template, centres, radius } => thin::erase(scene, *template, centres, *radius),
     };
     done.map_err(|reason| EditError { operation: edit.name(), reason })
 }

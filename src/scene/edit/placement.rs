@@ -1,19 +1,39 @@
 //! Moving, turning and scaling instances.
 
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec3};
 
 use crate::math::sh::widened;
 use crate::math::similarity::Similarity;
 use crate::scene::edit::{EditOutcome, Selector, Turn, checked};
-use crate::scene::instanced_scene::InstancedScene;
+use crate::scene::instanced_scene::{Instance, InstancedScene};
 
 /// The centre of every template, in its frame: the mean of its Gaussians' means, the origin for one without Gaussians.
 pub fn template_centres(scene: &InstancedScene) -> Vec<DVec3> {
-    let centre = |first: usize, count: usize| {
-        let sum: DVec3 = scene.templates.means[first..first + count].iter().map(|&mean| widened(mean)).sum();
-        if count > 0 { sum / count as f64 } else { DVec3::ZERO }
+    (0..scene.template_ranges.len()).map(|template| template_centre(scene, template)).collect()
+}
+
+/// The centre of one template, in its frame.
+fn template_centre(scene: &InstancedScene, template: usize) -> DVec3 {
+    let range = scene.template_ranges[template];
+    let means = &scene.templates.means[range.first as usize..(range.first + range.count) as usize];
+    let sum: DVec3 = means.iter().map(|&mean| widened(mean)).sum();
+    if means.is_empty() { DVec3::ZERO } else { sum / means.len() as f64 }
+}
+
+/// The centres of some instances, in the world: those of their templates, placed. Looks at these templates only.
+///
+/// # Panics
+/// If there is no such instance.
+pub fn instance_centres(scene: &InstancedScene, instances: impl IntoIterator<Item = usize>) -> Vec<DVec3> {
+    let mut centres = BTreeMap::new();
+    let mut centre = |k: usize| {
+        let Instance { template, world_from_template, .. } = &scene.instances[k];
+        let centre = centres.entry(*template).or_insert_with(|| template_centre(scene, *template as usize));
+        world_from_template.transform_point(*centre)
     };
-    scene.template_ranges.iter().map(|range| centre(range.first as usize, range.count as usize)).collect()
+    instances.into_iter().map(&mut centre).collect()
 }
 
 /// The transform moved by a world vector; its linear part keeps every bit.

@@ -51,6 +51,8 @@ pub enum ScatterOver {
         extent: [f64; 2],
         /// Least distance between the instances' centres, along the plane.
         min_distance: f64,
+        /// Each is turned by a random angle from 0 to this one, radians; [`TAU`] = any way round, 0 = all alike.
+        turn: f64,
         /// The same seed gives the same places.
         seed: u64,
     },
@@ -134,8 +136,13 @@ fn placements(scene: &InstancedScene, scatter: &Scatter) -> Result<Vec<Similarit
     let up = up.try_normalize().ok_or_else(|| format!("the {what} has no direction"))?;
     let stance = stance(scene, scatter.template, up);
     let spots = match &scatter.over {
-        ScatterOver::Plane { point, extent, min_distance, seed, .. } => {
-            plane_spots(*point, up, *extent, *min_distance, scatter.count, &mut Rng::new(*seed))?
+        ScatterOver::Plane { point, extent, min_distance, turn, seed, .. } => {
+            if !turn.is_finite() {
+                return Err("the turn is not finite".into());
+            }
+            let mut spots = plane_spots(*point, up, *extent, *min_distance, scatter.count, &mut Rng::new(*seed))?;
+            spots.iter_mut().for_each(|(_, yaw)| *yaw *= turn / TAU);
+            spots
         }
         ScatterOver::Path { points, yaw, .. } => path_spots(points, *yaw, scatter.count, &stance)?,
     };
@@ -147,12 +154,52 @@ fn placements(scene: &InstancedScene, scatter: &Scatter) -> Result<Vec<Similarit
 fn stance(scene: &InstancedScene, template: u32, up: DVec3) -> Stance {
     let reference = scene.instances.iter().find(|i| i.template == template);
     let linear = reference.map_or(DMat3::IDENTITY, |i| i.world_from_template.linear());
+    let [ground, _] = span(scene, template, linear, up);
+    Stance { linear, centre: linear * template_centres(scene)[template as usize], up, ground }
+}
+
+/// From where to where a template reaches along a direction once it is turned, but for strays at either end.
+fn span(scene: &InstancedScene, template: u32, linear: DMat3, direction: DVec3) -> [f64; 2] {
     let range = scene.template_ranges[template as usize];
     let means = &scene.templates.means[range.first as usize..(range.first + range.count) as usize];
-    let mut heights: Vec<f64> = means.iter().map(|&mean| up.dot(linear * widened(mean))).collect();
-    heights.sort_by(f64::total_cmp);
-    let ground = heights.get((BELOW_GROUND * heights.len() as f64) as usize).copied().unwrap_or(0.0);
-    Stance { linear, centre: linear * template_centres(scene)[template as usize], up, ground }
+    let mut places: Vec<f64> = means.iter().map(|&mean| direction.dot(linear * widened(mean))).collect();
+    places.sort_by(f64::total_cmp);
+    let strays = (BELOW_GROUND * places.len() as f64) as usize;
+    let at = |place: Option<&f64>| place.copied().unwrap_or(0.0);
+    [at(places.get(strays)), at(places.iter().rev().nth(strays))]
+}
+
+/// The rectangle of the ground that an instance covers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footprint {
+    /// Its centre, world units.
+    pub point: DVec3,
+    /// Lengths of its sides, world units; the sides are those of [`ScatterOver::Plane`].
+    pub extent: [f64; 2],
+}
+
+/// Where an instance stands if a direction, of any length but zero, is up; strays among its Gaussians do not count.
+///
+/// # Panics
+/// If there is no such instance.
+pub fn footprint(scene: &InstancedScene, instance: usize, up: DVec3) -> Footprint {
+    let Instance { template, world_from_template, .. } = &scene.instances[instance];
+    let up = up.normalize_or(DVec3::Z);
+    let span = |direction| span(scene, *template, world_from_template.linear(), direction);
+    let sides = sides(up);
+    let spans = sides.map(span);
+    let mut point = world_from_template.translation() + up * span(up)[0];
+    for (side, [low, high]) in sides.iter().zip(spans) {
+        point += *side * (low + high) / 2.0;
+    }
+    Footprint { point, extent: spans.map(|[low, high]| high - low) }
+}
+
+/// Directions of the sides of a rectangle with a unit normal.
+fn sides(normal: DVec3) -> [DVec3; 2] {
+    let side = if normal.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
+    let along = (side - side.dot(normal) * normal).normalize();
+    [along, normal.cross(along)]
 }
 
 impl Stance {
@@ -186,9 +233,7 @@ fn plane_spots(
     if !extent.iter().chain([&min_distance]).all(|v| v.is_finite() && *v >= 0.0) {
         return Err("extent and distance are lengths: want finite numbers from 0 on".into());
     }
-    let side = if normal.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
-    let along = (side - side.dot(normal) * normal).normalize();
-    let across = normal.cross(along);
+    let [along, across] = sides(normal);
     let mut taken = Taken { min_distance, spots_of_cell: BTreeMap::new() };
     let mut spots = Vec::new();
     for _ in 0..count {

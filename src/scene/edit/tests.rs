@@ -1,6 +1,8 @@
 //! Every edit against the flattened scene: what changes, and that nothing else does.
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+mod thin;
 
 use super::*;
 use crate::math::sh::{SH_C0, widened};
@@ -290,6 +292,7 @@ fn plane(count: usize, min_distance: f64, seed: u64, offsets: OffsetSource) -> E
         normal: DVec3::new(0.0, -3.0, 0.0),
         extent: [20.0, 10.0],
         min_distance,
+        turn: TAU,
         seed,
     };
     Edit::Scatter(Scatter { template: 0, count, over, offsets })
@@ -319,6 +322,53 @@ fn scattering_over_a_plane_keeps_distances_and_stands_on_it() {
     }
     let full = apply(&mut before.clone(), &plane(500, 2.0, 1, OffsetSource::None)).unwrap_err().to_string();
     assert!(full.contains("of 500 fit"), "{full}");
+}
+
+#[test]
+fn scattered_instances_are_turned_as_far_as_asked_for() {
+    let turned = |turn: f64| {
+        let mut edit = plane(30, 0.0, 7, OffsetSource::None);
+        let Edit::Scatter(Scatter { over: ScatterOver::Plane { turn: field, .. }, .. }) = &mut edit else {
+            return Vec::new();
+        };
+        *field = turn;
+        let mut after = scene();
+        run(&mut after, edit);
+        // Up is -y, and the first chair is not turned.
+        let angle = |k: usize| {
+            let x = after.instances[k].world_from_template.linear() * DVec3::X;
+            x.z.atan2(x.x).rem_euclid(TAU)
+        };
+        (5..35).map(angle).collect::<Vec<_>>()
+    };
+    assert!(turned(0.0).iter().all(|a| a.min(TAU - a) < 1e-6));
+    let some = turned(0.5);
+    assert!(some.iter().all(|a| *a < 0.5 + 1e-6) && some.iter().any(|a| *a > 0.4) && some.iter().any(|a| *a < 0.1));
+    assert!(turned(TAU).iter().any(|a| *a > 4.0));
+    assert!(turned(-0.5).iter().all(|a| *a > TAU - 0.5 - 1e-6));
+}
+
+/// The rectangle that a chair covers, and its ground, however it is turned.
+#[test]
+fn the_footprint_is_where_an_instance_stands() {
+    let scene = scene();
+    let mut bare = scene.clone();
+    bare.instances.iter_mut().for_each(|instance| instance.first_offset = None);
+    for k in [0, 2] {
+        let (up, look) = (DVec3::NEG_Y, &looks(&bare)[k]);
+        let foot = footprint(&scene, k, 3.0 * up);
+        let of = |axis: usize| look.means.iter().map(move |m| f64::from(m[axis]));
+        let (low, high) = (
+            [0, 2].map(|a| of(a).fold(f64::INFINITY, f64::min)),
+            [0, 2].map(|a| of(a).fold(f64::NEG_INFINITY, f64::max)),
+        );
+        for i in 0..2 {
+            assert!((foot.extent[i] - (high[i] - low[i])).abs() < 1e-5, "{k} {foot:?}");
+        }
+        let ground = of(1).fold(f64::NEG_INFINITY, f64::max);
+        let want = DVec3::new((low[0] + high[0]) / 2.0, ground, (low[1] + high[1]) / 2.0);
+        assert!(foot.point.distance(want) < 1e-5, "{k} {foot:?} {want}");
+    }
 }
 
 #[test]

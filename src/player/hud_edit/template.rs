@@ -1,0 +1,176 @@
+//! Colour, and what is changed in a template once for all of its instances.
+
+use egui::{ComboBox, DragValue, Id, Slider, Ui};
+use glam::DVec3;
+
+use super::{Action, EditFacts, EditPanel, selector};
+use crate::math::sh::widened;
+use crate::scene::InstancedScene;
+use crate::scene::edit::{Edit, Keep};
+
+/// A brush is at first as large as this part of the template.
+const BRUSH_PART: f64 = 0.03;
+
+/// The grey of the colour button that stands for no shift.
+const MIDDLE: f32 = 128.0;
+
+/// A shift of base colours, in units of colour.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Shift {
+    rgb: [f32; 3],
+    /// What of it is done, and can be taken back as a step.
+    done: [f32; 3],
+    whole_template: bool,
+}
+
+impl Shift {
+    #[cfg(test)]
+    pub(super) fn red(&self) -> f32 {
+        self.rgb[0]
+    }
+
+    /// What goes on is done.
+    pub(super) fn finish(&mut self) {
+        self.done = self.rgb;
+    }
+}
+
+/// A crop that goes on.
+pub(super) struct CropFields {
+    /// Of its widgets.
+    pub(super) id: Id,
+    template: u32,
+    /// Of the template before it.
+    bounds: [DVec3; 2],
+    corners: [DVec3; 2],
+    keep: Keep,
+}
+
+impl EditPanel {
+    /// Shift of base colours, and the choice of another template.
+    pub(super) fn recolour_and_swap(
+        &mut self,
+        ui: &mut Ui,
+        facts: &EditFacts<'_>,
+        first: usize,
+        actions: &mut Vec<Action>,
+    ) {
+        let template = facts.scene.instances[first].template;
+        let shift = &mut self.shift;
+        let mut colour = shift.rgb.map(|v| (MIDDLE + 255.0 * v).round() as u8);
+        let changed = ui.horizontal(|ui| {
+            ui.label("colour shift");
+            let mut changed = ui.color_edit_button_srgb(&mut colour).changed();
+            if changed {
+                shift.rgb = colour.map(|v| (f32::from(v) - MIDDLE) / 255.0);
+            }
+            for value in &mut shift.rgb {
+                changed |= ui.add(DragValue::new(value).speed(0.005).range(-1.0..=1.0).max_decimals(3)).changed();
+            }
+            changed
+        });
+        ui.checkbox(&mut shift.whole_template, format!("all of template {template}"));
+        if changed.inner {
+            let which = selector(facts, shift.whole_template.then_some(template));
+            // The edits of a drag begin with what was done before it.
+            let rgb = [0, 1, 2].map(|k| shift.rgb[k] - shift.done[k]);
+            self.change(ui.id().with("shift"), Edit::Recolour { which, rgb }, actions);
+        }
+        let mut wanted = template;
+        ComboBox::from_label("template").selected_text(template.to_string()).show_ui(ui, |ui| {
+            for other in 0..facts.scene.template_ranges.len() as u32 {
+                ui.selectable_value(&mut wanted, other, other.to_string());
+            }
+        });
+        if wanted != template {
+            actions.push(Action::Edit(Edit::Swap { which: selector(facts, None), template: wanted }));
+        }
+    }
+
+    /// A box and a brush that take Gaussians out of the template.
+    pub(super) fn crop_and_brush(
+        &mut self,
+        ui: &mut Ui,
+        facts: &EditFacts<'_>,
+        first: usize,
+        actions: &mut Vec<Action>,
+    ) {
+        let template = facts.scene.instances[first].template;
+        let Some(bounds) = bounds(facts.scene, template) else {
+            ui.label(format!("template {template} has no Gaussians"));
+            return;
+        };
+        ui.label(format!("All instances of template {template} change; its own frame counts."));
+        match self.crop.take() {
+            None => {
+                if ui.button("crop with a box").clicked() {
+                    let id = ui.id().with("crop");
+                    self.crop = Some(CropFields { id, template, bounds, corners: bounds, keep: Keep::Inside });
+                }
+            }
+            Some(crop) => self.crop = self.go_on_cropping(ui, crop, actions),
+        }
+        ui.separator();
+        let size = bounds[0].distance(bounds[1]);
+        if self.brush.radius <= 0.0 {
+            self.brush.radius = BRUSH_PART * size;
+        }
+        ui.checkbox(&mut self.brush.on, "erase by clicking and dragging");
+        ui.horizontal(|ui| {
+            ui.label("radius");
+            let least = 1e-6 * size.max(1e-6);
+            let radius = DragValue::new(&mut self.brush.radius).speed(2e-3 * size).range(least..=10.0 * size);
+            ui.add(radius.max_decimals(4));
+        });
+    }
+
+    /// The sliders of a crop; `None` once it is applied or given up.
+    fn go_on_cropping(&mut self, ui: &mut Ui, mut crop: CropFields, actions: &mut Vec<Action>) -> Option<CropFields> {
+        let mut changed = false;
+        let [low, high] = &mut crop.corners;
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            let range = crop.bounds[0][axis]..=crop.bounds[1][axis];
+            let mut slider = |value: &mut f64, end: &str| {
+                ui.add(Slider::new(value, range.clone()).text(format!("{name} {end}"))).changed()
+            };
+            if slider(&mut low[axis], "from") {
+                high[axis] = high[axis].max(low[axis]);
+                changed = true;
+            }
+            if slider(&mut high[axis], "to") {
+                low[axis] = low[axis].min(high[axis]);
+                changed = true;
+            }
+        }
+        ui.horizontal(|ui| {
+            changed |= ui.selectable_value(&mut crop.keep, Keep::Inside, "keep inside").changed();
+            changed |= ui.selectable_value(&mut crop.keep, Keep::Outside, "remove inside").changed();
+        });
+        if changed {
+            let CropFields { id, template, corners, keep, .. } = crop;
+            self.change(id, Edit::Crop { template, corners, keep }, actions);
+        }
+        let done = ui.horizontal(|ui| {
+            let action = match (ui.button("apply").clicked(), ui.button("give up").clicked()) {
+                (true, _) => Action::Finish,
+                (_, true) => Action::Cancel,
+                _ => return false,
+            };
+            // What another widget began is not this one's to end.
+            if self.live == Some(crop.id) {
+                actions.push(action);
+                self.live = None;
+            }
+            true
+        });
+        (!done.inner).then_some(crop)
+    }
+}
+
+/// The corners of the box around a template's means, in its frame; `None` without Gaussians.
+fn bounds(scene: &InstancedScene, template: u32) -> Option<[DVec3; 2]> {
+    let range = scene.template_ranges[template as usize];
+    let means = &scene.templates.means[range.first as usize..(range.first + range.count) as usize];
+    let grow = |[low, high]: [DVec3; 2], mean: DVec3| [low.min(mean), high.max(mean)];
+    means.iter().map(|&mean| widened(mean)).map(|mean| [mean; 2]).reduce(|a, b| grow(a, b[0]))
+}

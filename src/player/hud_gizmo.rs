@@ -1,0 +1,53 @@
+//! The handles on what is chosen, as lines over the picture.
+
+use egui::{Color32, Pos2, Stroke};
+
+use super::gizmo::{Gizmo, Handle};
+
+/// Of lines, points of the interface.
+const WIDTH: f32 = 2.0;
+/// Of the line under the pointer.
+const HOT_WIDTH: f32 = 3.5;
+/// Behind each line, so that it is seen on any picture.
+const SHADOW: Color32 = Color32::from_black_alpha(140);
+/// Of the line under the pointer.
+const HOT: Color32 = Color32::from_rgb(255, 230, 80);
+
+/// Draws the handles; `hot` is held or under the pointer.
+pub(super) fn paint_gizmo(ctx: &egui::Context, gizmo: Option<&Gizmo>, hot: Option<Handle>) {
+    let Some(gizmo) = gizmo else { return };
+    let painter = ctx.layer_painter(egui::LayerId::background());
+    let per_point = ctx.pixels_per_point();
+    let mut lines = gizmo.lines();
+    // The bright one over the others.
+    lines.sort_by_key(|line| Some(line.handle) == hot);
+    for line in lines {
+        let points: Vec<Pos2> =
+            line.points_px.iter().map(|&[x, y]| egui::pos2(x as f32 / per_point, y as f32 / per_point)).collect();
+        let is_hot = Some(line.handle) == hot;
+        let (colour, width) = if is_hot { (HOT, HOT_WIDTH) } else { (colour_of(line.handle), WIDTH) };
+        painter.line(points.clone(), Stroke::new(width + 2.0, SHADOW));
+        painter.line(points, Stroke::new(width, colour));
+    }
+}
+
+/// Draws how far a brush at a place of the picture reaches, both in its pixels.
+pub(super) fn paint_brush(ctx: &egui::Context, brush: Option<([f64; 2], f64)>) {
+    let Some(([x, y], radius)) = brush else { return };
+    let per_point = ctx.pixels_per_point();
+    let painter = ctx.layer_painter(egui::LayerId::background());
+    let centre = egui::pos2(x as f32 / per_point, y as f32 / per_point);
+    for stroke in [Stroke::new(WIDTH + 2.0, SHADOW), Stroke::new(WIDTH, HOT)] {
+        painter.circle_stroke(centre, radius as f32 / per_point, stroke);
+    }
+}
+
+/// Red, green and blue for x, y and z, as everywhere.
+fn colour_of(handle: Handle) -> Color32 {
+    match handle {
+        Handle::Arrow(0) | Handle::Ring(0) => Color32::from_rgb(235, 70, 70),
+        Handle::Arrow(1) | Handle::Ring(1) => Color32::from_rgb(90, 205, 90),
+        Handle::Arrow(_) | Handle::Ring(_) => Color32::from_rgb(90, 140, 255),
+        Handle::Square | Handle::Circle => Color32::from_gray(240),
+    }
+}

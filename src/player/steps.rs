@@ -1,0 +1,143 @@
+//! What was there before a change of a scene, and what of the device's copy follows from it.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::math::similarity::Similarity;
+use crate::scene::edit::Edit;
+use crate::scene::instanced_scene::ForeignTensor;
+use crate::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
+
+/// What of a scene must go to the device again.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Changed {
+    /// The places of these instances.
+    Places(Vec<usize>),
+    /// Whether these instances are drawn.
+    Shown(Vec<usize>),
+    /// All of it.
+    Everything,
+}
+
+impl Changed {
+    /// What follows from one change after another.
+    pub(super) fn and(self, then: Self) -> Self {
+        match (self, then) {
+            (Self::Places(first), Self::Places(then)) => {
+                let both: BTreeSet<usize> = first.into_iter().chain(then).collect();
+                Self::Places(both.into_iter().collect())
+            }
+            _ => Self::Everything,
+        }
+    }
+}
+
+/// What edits change of a scene, as it was at a moment. Parts that an edit left alone are absent.
+#[derive(Default)]
+pub(super) struct Parts {
+    instances: Option<Vec<Instance>>,
+    groups: Option<Vec<Group>>,
+    offsets: Option<Offsets>,
+    template_sh: Option<Vec<[f32; 3]>>,
+    /// All of the pool, with its colours: only where Gaussians were taken out of it.
+    templates: Option<(Gaussians, Vec<TemplateRange>)>,
+    foreign_tensors: Option<BTreeMap<String, ForeignTensor>>,
+}
+
+/// One change: what was there, what was chosen, and what was hidden.
+pub(super) struct Step {
+    pub(super) parts: Parts,
+    pub(super) chosen: BTreeSet<usize>,
+    pub(super) hidden: BTreeSet<usize>,
+}
+
+impl Parts {
+    /// The parts that an edit may change. Placing things is done many times a second while they are dragged, and copies
+    /// the list of instances only.
+    pub(super) fn before(scene: &InstancedScene, edit: &Edit) -> Self {
+        let places = Self { instances: Some(scene.instances.clone()), ..Self::default() };
+        let lists = |parts: Self| Self {
+            groups: Some(scene.groups.clone()),
+            offsets: Some(scene.offsets.clone()),
+            foreign_tensors: Some(scene.foreign_tensors.clone()),
+            ..parts
+        };
+        match edit {
+            Edit::MoveBy { .. } | Edit::MoveTo { .. } | Edit::Rotate { .. } | Edit::Scale { .. } => places,
+            Edit::Duplicate { .. } | Edit::Delete { .. } | Edit::Swap { .. } | Edit::Scatter(_) => lists(places),
+            Edit::Recolour { .. } => Self { template_sh: Some(scene.templates.sh.clone()), ..lists(places) },
+            Edit::Crop { .. } | Edit::Erase { .. } => {
+                Self { templates: Some((scene.templates.clone(), scene.template_ranges.clone())), ..lists(places) }
+            }
+        }
+    }
+
+    /// What is different in a scene now.
+    pub(super) fn that_differ_from(self, scene: &InstancedScene) -> Self {
+        Self {
+            instances: self.instances.filter(|was| *was != scene.instances),
+            groups: self.groups.filter(|was| *was != scene.groups),
+            offsets: self.offsets.filter(|was| *was != scene.offsets),
+            template_sh: self.template_sh.filter(|was| *was != scene.templates.sh),
+            templates: self.templates.filter(|was| was.0 != scene.templates || was.1 != scene.template_ranges),
+            foreign_tensors: self.foreign_tensors.filter(|was| *was != scene.foreign_tensors),
+        }
+    }
+
+    /// Where an instance stood, if that is among the parts.
+    pub(super) fn place_of(&self, k: usize) -> Option<Similarity> {
+        Some(self.instances.as_ref()?.get(k)?.world_from_template)
+    }
+
+    /// True if nothing of the scene was different.
+    pub(super) fn is_empty(&self) -> bool {
+        let Self { instances, groups, offsets, template_sh, templates, foreign_tensors } = self;
+        let lists = groups.is_none() && offsets.is_none() && foreign_tensors.is_none();
+        lists && instances.is_none() && template_sh.is_none() && templates.is_none()
+    }
+
+    /// Memory that the parts take, but for names.
+    pub(super) fn bytes(&self) -> u64 {
+        let instances = self.instances.as_ref().map_or(0, |instances| 56 * instances.len() as u64);
+        let offsets = self.offsets.as_ref().map_or(0, Offsets::tensor_bytes);
+        let sh = self.template_sh.as_ref().map_or(0, |sh| 12 * sh.len() as u64);
+        let templates = self.templates.as_ref().map_or(0, |(templates, _)| templates.tensor_bytes());
+        let foreign = self.foreign_tensors.as_ref();
+        let foreign = foreign.map_or(0, |all| all.values().map(|tensor| tensor.bytes.len() as u64).sum());
+        instances + offsets + sh + templates + foreign
+    }
+
+    /// What goes to the device when a scene changes from one to the other.
+    pub(super) fn changed(&self, scene: &InstancedScene) -> Changed {
+        let pools = self.offsets.is_some() || self.template_sh.is_some() || self.templates.is_some();
+        let none = Vec::new();
+        let (was, is) = match &self.instances {
+            Some(instances) => (instances, &scene.instances),
+            None => (&none, &none),
+        };
+        let alike = |(a, b): (&Instance, &Instance)| (a.template, a.first_offset) == (b.template, b.first_offset);
+        if pools || was.len() != is.len() || !was.iter().zip(is).all(alike) {
+            return Changed::Everything;
+        }
+        let elsewhere = |(k, (a, b)): (usize, (&Instance, &Instance))| (a != b).then_some(k);
+        Changed::Places(was.iter().zip(is).enumerate().filter_map(elsewhere).collect())
+    }
+
+    /// Puts the parts into the scene and keeps those that were there.
+    pub(super) fn exchange(&mut self, scene: &mut InstancedScene) {
+        swap(&mut self.instances, &mut scene.instances);
+        swap(&mut self.groups, &mut scene.groups);
+        swap(&mut self.offsets, &mut scene.offsets);
+        swap(&mut self.template_sh, &mut scene.templates.sh);
+        if let Some((templates, ranges)) = &mut self.templates {
+            std::mem::swap(templates, &mut scene.templates);
+            std::mem::swap(ranges, &mut scene.template_ranges);
+        }
+        swap(&mut self.foreign_tensors, &mut scene.foreign_tensors);
+    }
+}
+
+fn swap<T>(part: &mut Option<T>, value: &mut T) {
+    if let Some(part) = part {
+        std::mem::swap(part, value);
+    }
+}

@@ -1,0 +1,348 @@
+//! Editing in the window: handles and a brush that are dragged, the panel, and keys.
+
+use std::path::Path;
+
+use glam::DVec3;
+use winit::keyboard::KeyCode;
+
+use super::Live;
+use crate::player::error::PlayerError;
+use crate::player::gizmo::{Drag, Gizmo, GizmoMode, Handle};
+use crate::player::hud_edit::{Action, EditFacts, EditPanel};
+use crate::scene::edit::{Edit, EditOutcome, Turn};
+
+/// What an arrow key moves things by, in distances to the target; with shift a tenth of it.
+const STEP_OF_DISTANCE: f64 = 0.01;
+const FINE: f64 = 0.1;
+/// A copy stands so many steps beside its original.
+const DUPLICATE_STEPS: f64 = 10.0;
+/// What `,` and `.` turn things by: 5 degrees.
+const TURN_STEP: f64 = std::f64::consts::PI / 36.0;
+/// What `+` and `-` scale things by.
+const SCALE_STEP: f64 = 1.05;
+
+/// Points of a brush's stroke are so many pixels apart.
+const BRUSH_STEP_PX: f64 = 3.0;
+
+/// What the pointer does besides turning the view, and the panel.
+#[derive(Default)]
+pub(super) struct Editing {
+    /// Which handles there are.
+    pub(super) mode: GizmoMode,
+    /// What is held.
+    grip: Option<Grip>,
+    /// The handle under the pointer.
+    hovered: Option<Handle>,
+    /// Fields and tools.
+    pub(super) panel: EditPanel,
+}
+
+/// Something that is held.
+enum Grip {
+    Handle(Drag),
+    Brush(Stroke),
+}
+
+/// What a brush has touched since it was put down.
+struct Stroke {
+    template: u32,
+    /// In the template's frame.
+    centres: Vec<DVec3>,
+    /// Where the pointer was since the last picture.
+    pending_px: Vec<[f64; 2]>,
+    last_px: [f64; 2],
+}
+
+impl Editing {
+    /// True while something is dragged.
+    pub(super) fn is_held(&self) -> bool {
+        self.grip.is_some()
+    }
+
+    /// The handle that is drawn bright.
+    pub(super) fn hot(&self) -> Option<Handle> {
+        match &self.grip {
+            Some(Grip::Handle(drag)) => Some(drag.handle()),
+            Some(Grip::Brush(_)) => None,
+            None => self.hovered,
+        }
+    }
+}
+
+impl Live {
+    /// The handles of what is chosen, as the camera sees them now.
+    pub(super) fn gizmo(&self) -> Option<Gizmo> {
+        if self.editing.panel.brush.on {
+            return None;
+        }
+        let centre = self.stage.editor().chosen_centre(self.stage.scene())?;
+        Gizmo::new(self.editing.mode, centre, &self.navigator.camera(self.swapchain.size_px()))
+    }
+
+    /// Where the brush is, and how far it reaches on what is chosen, pixels; `None` if it is put away.
+    pub(super) fn brush_px(&self) -> Option<([f64; 2], f64)> {
+        let (brush, scene, editor) = (self.editing.panel.brush, self.stage.scene(), self.stage.editor());
+        let centre = editor.chosen_centre(scene).filter(|_| brush.on)?;
+        let scale = scene.instances[*editor.chosen().first()?].world_from_template.scale();
+        let camera = self.navigator.camera(self.swapchain.size_px());
+        let depth = camera.view_from_point(centre).z;
+        (depth > 0.0).then(|| (self.controls.pointer_px(), brush.radius * scale * camera.fy / depth))
+    }
+
+    /// The pointer is somewhere else, maybe over the interface; true if the picture changes with it.
+    pub(super) fn hover(&mut self, over_interface: bool) -> bool {
+        let at = self.controls.pointer_px();
+        match &mut self.editing.grip {
+            Some(Grip::Handle(_)) => return true,
+            Some(Grip::Brush(stroke)) => {
+                let far = (at[0] - stroke.last_px[0]).hypot(at[1] - stroke.last_px[1]) >= BRUSH_STEP_PX;
+                if far {
+                    stroke.last_px = at;
+                    stroke.pending_px.push(at);
+                }
+                return true;
+            }
+            // Its circle goes with the pointer.
+            None if self.editing.panel.brush.on => return true,
+            None => {}
+        }
+        let hovered = self.gizmo().filter(|_| !over_interface).and_then(|gizmo| gizmo.handle_at(at));
+        std::mem::replace(&mut self.editing.hovered, hovered) != hovered
+    }
+
+    /// The left button goes down over the picture; true if it takes hold of something.
+    pub(super) fn grab(&mut self) -> Result<bool, PlayerError> {
+        self.let_go()?;
+        if self.controls.shift {
+            // A click chooses one more, a drag moves the view.
+            return Ok(false);
+        }
+        let at = self.controls.pointer_px();
+        self.editing.grip = if self.editing.panel.brush.on {
+            let touched = self.stage.instance_at(self.in_picture(at))?;
+            let template = touched.map(|k| self.stage.scene().instances[k].template);
+            template.map(|template| {
+                Grip::Brush(Stroke { template, centres: Vec::new(), pending_px: vec![at], last_px: at })
+            })
+        } else {
+            let gizmo = self.gizmo();
+            let drag = gizmo.and_then(|gizmo| gizmo.handle_at(at).and_then(|handle| gizmo.grab(handle, at)));
+            drag.map(Grip::Handle)
+        };
+        Ok(self.editing.grip.is_some())
+    }
+
+    /// What is held goes where the pointer is. Done once for a picture, however many events came before it.
+    pub(super) fn follow_grip(&mut self) -> Result<(), PlayerError> {
+        match self.editing.grip.take() {
+            Some(Grip::Handle(drag)) => {
+                let camera = self.navigator.camera(self.swapchain.size_px());
+                let motion = drag.motion(&camera, self.controls.pointer_px());
+                if let (Some(motion), Some(which)) = (motion, self.stage.editor().selector()) {
+                    let done = self.stage.edit_live(&motion.edit(which))?;
+                    self.said(done);
+                }
+                self.editing.grip = Some(Grip::Handle(drag));
+            }
+            Some(Grip::Brush(mut stroke)) => {
+                self.stroke(&mut stroke)?;
+                self.editing.grip = Some(Grip::Brush(stroke));
+            }
+            None => {}
+        }
+        Ok(())
+    }
+
+    /// Erases where the brush went since the last picture.
+    fn stroke(&mut self, stroke: &mut Stroke) -> Result<(), PlayerError> {
+        let before = stroke.centres.len();
+        for at in std::mem::take(&mut stroke.pending_px) {
+            let touched = self.stage.template_point_at(self.in_picture(at))?;
+            stroke.centres.extend(touched.filter(|touched| touched.0 == stroke.template).map(|touched| touched.1));
+        }
+        if stroke.centres.len() == before {
+            return Ok(());
+        }
+        let (template, radius) = (stroke.template, self.editing.panel.brush.radius);
+        let erase = |centres: &[DVec3]| Edit::Erase { template, centres: centres.to_vec(), radius };
+        let done = self.stage.edit_live(&erase(&stroke.centres))?;
+        if done.is_err() {
+            // Nothing would be left: what was erased before stays so.
+            stroke.centres.truncate(before);
+            if before > 0 {
+                self.stage.edit_live(&erase(&stroke.centres))?.ok();
+            }
+        }
+        self.said(done);
+        Ok(())
+    }
+
+    /// What was held stays where it is now: one change. False if nothing was held.
+    pub(super) fn let_go(&mut self) -> Result<bool, PlayerError> {
+        self.follow_grip()?;
+        let held = self.editing.grip.take().is_some();
+        if held {
+            self.stage.finish_live();
+        }
+        Ok(held)
+    }
+
+    /// What was held goes back to where it was, or the brush is put away. False if there was neither.
+    pub(super) fn drop_grip(&mut self) -> Result<bool, PlayerError> {
+        if self.editing.grip.take().is_some() {
+            self.stage.cancel_live()?;
+            return Ok(true);
+        }
+        Ok(std::mem::take(&mut self.editing.panel.brush.on))
+    }
+
+    /// Does what the panel asks for.
+    pub(super) fn act(&mut self, actions: Vec<Action>) -> Result<(), PlayerError> {
+        for action in actions {
+            match action {
+                Action::Edit(edit) => {
+                    let done = self.stage.edit(&edit)?;
+                    self.said(done);
+                }
+                Action::Live(edit) => {
+                    let done = self.stage.edit_live(&edit)?;
+                    self.said(done);
+                }
+                Action::Finish => self.stage.finish_live(),
+                Action::Cancel => self.stage.cancel_live()?,
+                Action::Undo => drop(self.stage.undo()?),
+                Action::Redo => drop(self.stage.redo()?),
+                Action::Hide => drop(self.stage.hide_chosen()?),
+                Action::ShowAll => drop(self.stage.show_all()?),
+                Action::ChooseAlike => self.stage.choose_alike(),
+                Action::ChooseGroup => self.stage.choose_group(),
+                Action::Mode(mode) => self.editing.mode = mode,
+                Action::Write(path) => self.write(&path),
+            }
+        }
+        Ok(())
+    }
+
+    /// Lays out the panel, where the interface is shown; what its user wants done.
+    pub(super) fn lay_out_panel(&mut self, ctx: &egui::Context) -> Vec<Action> {
+        if !self.hud.visible || self.stage.scene().instances.is_empty() {
+            return Vec::new();
+        }
+        let step = STEP_OF_DISTANCE * self.navigator.distance();
+        let [right, _, up] = self.navigator.level_axes();
+        let facts = EditFacts {
+            scene: self.stage.scene(),
+            editor: self.stage.editor(),
+            up,
+            step: FINE * step,
+            beside: DUPLICATE_STEPS * step * right,
+            mode: self.editing.mode,
+            file: self.path.with_extension("instgs").display().to_string(),
+        };
+        self.editing.panel.lay_out(ctx, &facts)
+    }
+
+    /// Saves under another name, from now on the scene's, or exports.
+    fn write(&mut self, path: &Path) {
+        self.stage.finish_live();
+        let saves = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
+        if saves {
+            self.path = path.to_path_buf();
+            return self.save();
+        }
+        let [_, _, up] = self.navigator.level_axes();
+        self.hud.message = Some(match self.stage.export(path, up) {
+            Ok(()) => format!("exported to {}", path.display()),
+            Err(error) => error.to_string(),
+        });
+    }
+
+    /// What there is to say of an edit.
+    fn said(&mut self, done: Result<EditOutcome, String>) {
+        match done {
+            Ok(outcome) => self.hud.message = outcome.warnings.into_iter().next(),
+            Err(reason) => self.hud.message = Some(reason),
+        }
+        self.warned = false;
+    }
+
+    /// Keys that change the scene; false for others.
+    pub(super) fn edit_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
+        if self.controls.control {
+            if matches!(code, KeyCode::KeyZ | KeyCode::KeyY | KeyCode::KeyS) {
+                self.let_go()?;
+            }
+            let done = match code {
+                KeyCode::KeyZ if self.controls.shift => self.stage.redo()?,
+                KeyCode::KeyZ => self.stage.undo()?,
+                KeyCode::KeyY => self.stage.redo()?,
+                KeyCode::KeyS => {
+                    self.save();
+                    true
+                }
+                KeyCode::KeyH => {
+                    self.let_go()?;
+                    if self.controls.shift { self.stage.show_all()? } else { self.stage.hide_chosen()? }
+                }
+                KeyCode::KeyD => true,
+                _ => return Ok(false),
+            };
+            if !done {
+                let nothing = if code == KeyCode::KeyH { "hide or to show" } else { "take back or to do again" };
+                self.hud.message = Some(format!("there is nothing to {nothing}"));
+            }
+            if code != KeyCode::KeyD {
+                return Ok(true);
+            }
+        }
+        let mode = match code {
+            KeyCode::KeyM => Some(GizmoMode::Move),
+            KeyCode::KeyT => Some(GizmoMode::Turn),
+            KeyCode::KeyX => Some(GizmoMode::Scale),
+            KeyCode::KeyN => Some(GizmoMode::Off),
+            _ => None,
+        };
+        if let Some(mode) = mode {
+            self.let_go()?;
+            self.editing.mode = mode;
+            return Ok(true);
+        }
+        let Some(which) = self.stage.editor().selector() else { return Ok(false) };
+        // Steps that show, from wherever one looks.
+        let step = STEP_OF_DISTANCE * self.navigator.distance() * if self.controls.shift { FINE } else { 1.0 };
+        let [right, ahead, up] = self.navigator.level_axes();
+        let by = |by: DVec3, which| Edit::MoveBy { which, by: step * by };
+        let turn = |angle: f64, which| Edit::Rotate { which, turn: Turn { axis: up, angle } };
+        let angle = TURN_STEP * if self.controls.shift { FINE } else { 1.0 };
+        let edit = match code {
+            KeyCode::KeyD if self.controls.control => {
+                Edit::Duplicate { which, by: DUPLICATE_STEPS * step * right, turn: None }
+            }
+            KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
+            KeyCode::ArrowLeft => by(-right, which),
+            KeyCode::ArrowRight => by(right, which),
+            KeyCode::ArrowUp => by(ahead, which),
+            KeyCode::ArrowDown => by(-ahead, which),
+            KeyCode::Home => by(up, which),
+            KeyCode::End => by(-up, which),
+            KeyCode::Comma => turn(angle, which),
+            KeyCode::Period => turn(-angle, which),
+            KeyCode::Equal | KeyCode::NumpadAdd => Edit::Scale { which, by: SCALE_STEP },
+            KeyCode::Minus | KeyCode::NumpadSubtract => Edit::Scale { which, by: 1.0 / SCALE_STEP },
+            _ => return Ok(false),
+        };
+        self.let_go()?;
+        let done = self.stage.edit(&edit)?;
+        self.said(done);
+        Ok(true)
+    }
+
+    /// Saves under the scene's own name, as `.instgs`.
+    fn save(&mut self) {
+        let path = self.path.with_extension("instgs");
+        self.hud.message = Some(match self.stage.save(&path) {
+            Ok(()) => format!("saved to {}", path.display()),
+            Err(error) => error.to_string(),
+        });
+    }
+}

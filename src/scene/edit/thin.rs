@@ -1,0 +1,91 @@
+//! Taking Gaussians out of a template: its instances all lose them, and the offsets that belong to them.
+//!
+//! What goes is decided by the template's means, in its frame: offsets, which differ from instance to instance, do not count.
+
+use glam::DVec3;
+
+use crate::math::sh::widened;
+use crate::scene::edit::membership::drop_foreign;
+use crate::scene::edit::{EditOutcome, existing_template};
+use crate::scene::instanced_scene::InstancedScene;
+
+/// Which side of a box stays.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Keep {
+    /// What is in it, its faces included.
+    #[default]
+    Inside,
+    /// What is not.
+    Outside,
+}
+
+pub(super) fn crop(
+    scene: &mut InstancedScene,
+    template: u32,
+    [min, max]: [DVec3; 2],
+    keep: Keep,
+) -> Result<EditOutcome, String> {
+    // Nor NaN.
+    if !min.cmple(max).all() {
+        return Err(format!("no box reaches from {min} to {max}: want the lower corner first"));
+    }
+    let inside = |mean: DVec3| mean.cmpge(min).all() && mean.cmple(max).all();
+    thin(scene, template, |mean| inside(mean) == (keep == Keep::Inside))
+}
+
+pub(super) fn erase(
+    scene: &mut InstancedScene,
+    template: u32,
+    centres: &[DVec3],
+    radius: f64,
+) -> Result<EditOutcome, String> {
+    if !(radius.is_finite() && radius > 0.0) {
+        return Err(format!("{radius} is no radius: want a number above 0"));
+    }
+    if centres.is_empty() || !centres.iter().all(|centre| centre.is_finite()) {
+        return Err("want one or more points of finite numbers".into());
+    }
+    let touched = |mean: DVec3| centres.iter().any(|centre| centre.distance_squared(mean) <= radius * radius);
+    thin(scene, template, |mean| !touched(mean))
+}
+
+/// Keeps the Gaussians of a template whose mean, in its frame, satisfies a condition.
+fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool) -> Result<EditOutcome, String> {
+    existing_template(scene, template)?;
+    check_alone(scene, template)?;
+    let range = scene.template_ranges[template as usize];
+    let run = range.first as usize..(range.first + range.count) as usize;
+    let mut keep = vec![true; scene.templates.len()];
+    for i in run.clone() {
+        keep[i] = stays(widened(scene.templates.means[i]));
+    }
+    let kept = keep[run.clone()].iter().filter(|&&kept| kept).count();
+    let mut outcome = EditOutcome::default();
+    if kept == run.len() {
+        outcome.warnings.push(format!("nothing of template {template} is there to be removed"));
+        return Ok(outcome);
+    }
+    if kept == 0 {
+        let count = run.len();
+        return Err(format!("all {count} Gaussians of template {template} would go; delete its instances instead"));
+    }
+    drop_foreign(scene, "template.", &mut outcome);
+    if !scene.offsets.is_empty() {
+        drop_foreign(scene, "offset.", &mut outcome);
+    }
+    scene.compact_templates(&keep);
+    outcome.changed = (0..scene.instances.len()).filter(|&k| scene.instances[k].template == template).collect();
+    Ok(outcome)
+}
+
+/// An error if another template has some of the same Gaussians: it would lose them too.
+fn check_alone(scene: &InstancedScene, template: u32) -> Result<(), String> {
+    let range = scene.template_ranges[template as usize];
+    let shares = |(other, r): (usize, &crate::scene::TemplateRange)| {
+        other != template as usize && r.first < range.first + range.count && range.first < r.first + r.count
+    };
+    match scene.template_ranges.iter().enumerate().position(shares) {
+        Some(other) => Err(format!("template {other} has some of the same Gaussians as template {template}")),
+        None => Ok(()),
+    }
+}
