@@ -9,6 +9,11 @@
 #include "show.glsl"
 #include "surface.glsl"
 
+// One pipeline for each: a driver without jumps around code that is not needed would do all of it for every pixel.
+layout(constant_id = 2) const uint SHOW = 0;     // SHOW_*
+layout(constant_id = 3) const uint OUTLINE = 0;  // 1 = something is chosen, and surfaces are known
+layout(constant_id = 4) const uint SCALED = 0;   // 1 = picture and window have different sizes
+
 layout(scalar, binding = 0) readonly buffer Colors { vec4 colors[]; };       // rgb over the background, and alpha, by pixel of the picture
 layout(scalar, binding = 1) readonly buffer Depths { vec2 depths[]; };       // expected view depth, and T, by pixel of the picture
 layout(scalar, binding = 2) readonly buffer Surfaces { uvec2 surfaces[]; };  // instance and local index at the surface, by pixel of the picture; read for an outline and the views that need it
@@ -22,11 +27,9 @@ layout(scalar, binding = 9) readonly buffer Marks { uint marks[]; };            
 layout(scalar, push_constant) uniform PresentParams {
     uvec2 size_px;        // width and height of the picture
     uvec2 shown_px;       // width and height of the window
-    uint show;            // SHOW_*
     uint blue_first;      // 1 = blue in the lowest byte
     vec2 range;           // SHOW_DEPTH: view depths that are white and black, scene units; heat: y is the hottest value
     uint instance_count;  // elements of looks; instances from here on are the background's own
-    uint outline;         // 1 = something is chosen, and surfaces are known
     uint tile_size;       // side of a tile of the picture, pixels
     uvec2 capacities;     // candidates and work items that the picture's buffers held
 };
@@ -72,7 +75,7 @@ vec3 load_heat(uvec2 at) {
 }
 
 vec3 surface_color(uint instance) {
-    bool templates = show == SHOW_TEMPLATES;
+    bool templates = SHOW == SHOW_TEMPLATES;
     if (instance < instance_count) return color_of(templates ? looks[instance] >> 1 : instance);
     return templates && instance != NO_INSTANCE ? BACKGROUND_GREY : vec3(0.0);
 }
@@ -90,16 +93,15 @@ vec3 offset_heat(uvec2 point) {
 
 vec3 shown_at(uvec2 at) {
     uint i = at.y * size_px.x + at.x;
-    if (outline != 0 && is_line(ivec2(at))) return LINE_COLOR;
-    switch (show) {
-        case SHOW_COLOR: return colors[i].rgb;
-        case SHOW_ALPHA: return colors[i].aaa;
-        case SHOW_DEPTH: return depth_grey(depths[i].x);
-        case SHOW_INSTANCES: case SHOW_TEMPLATES: return surface_color(instance_at(at));
-        case SHOW_TILE_LOAD: return load_heat(at);
-        case SHOW_OFFSETS: return offset_heat(surfaces[i]);
-        case SHOW_MARKS: return unpackUnorm4x8(marks[i]).rgb;
-    }
+    if (OUTLINE != 0 && is_line(ivec2(at))) return LINE_COLOR;
+    if (SHOW == SHOW_COLOR) return colors[i].rgb;
+    if (SHOW == SHOW_ALPHA) return colors[i].aaa;
+    if (SHOW == SHOW_DEPTH) return depth_grey(depths[i].x);
+    if (SHOW == SHOW_INSTANCES) return surface_color(instance_at(at));
+    if (SHOW == SHOW_TEMPLATES) return surface_color(instance_at(at));
+    if (SHOW == SHOW_TILE_LOAD) return load_heat(at);
+    if (SHOW == SHOW_OFFSETS) return offset_heat(surfaces[i]);
+    if (SHOW == SHOW_MARKS) return unpackUnorm4x8(marks[i]).rgb;
     return vec3(0.0);
 }
 
@@ -122,7 +124,9 @@ void main() {
     uint i = thread_index();
     if (i >= shown_px.x * shown_px.y || !is_complete()) return;
     uvec2 at = uvec2(i % shown_px.x, i / shown_px.x);
-    vec3 value = shown_px == size_px ? shown_at(at) : sampled((vec2(at) + 0.5) * vec2(size_px) / vec2(shown_px));
+    vec3 value;
+    if (SCALED != 0) value = sampled((vec2(at) + 0.5) * vec2(size_px) / vec2(shown_px));
+    else value = shown_at(at);
     // To the nearest of 256 levels.
     uvec3 level = uvec3(clamp(value, 0.0, 1.0) * 255.0 + 0.5);
     if (blue_first != 0) level = level.bgr;

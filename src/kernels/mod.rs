@@ -47,8 +47,8 @@ pub mod train_status;
 pub mod variant;
 
 pub use pipelines::{
-    BackwardPipelines, DensifyPipelines, MarkPipelines, McmcStepPipelines, Pipelines, PresentPipelines, Primitives,
-    SegmentPipelines, SurfacePipelines,
+    BackwardPipelines, DensifyPipelines, MarkPipelines, McmcStepPipelines, Pipelines, PresentPipelines, PresentVariant,
+    Primitives, SegmentPipelines, SurfacePipelines,
 };
 pub use scene_traits::SceneTraits;
 pub use variant::Variant;

@@ -1,5 +1,7 @@
 //! The compiled kernels. Scan and sort do not depend on the scene and are compiled once per variant.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 use super::scene_traits::SceneTraits;
@@ -88,9 +90,20 @@ pub struct MarkPipelines {
 }
 
 /// The kernel that shows pictures in windows.
-#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+#[derive(Default)]
 pub struct PresentPipelines {
-    pub present: Pipeline<present::Present>,
+    present: HashMap<PresentVariant, Pipeline<present::Present>>,
+}
+
+/// What kernel `present` is compiled for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct PresentVariant {
+    /// `SHOW_*`.
+    pub show: u32,
+    /// With lines around what is chosen.
+    pub outline: bool,
+    /// Picture and window have different sizes.
+    pub scaled: bool,
 }
 
 /// The three scan passes; `*_gather` read their values through an index list.
@@ -284,10 +297,22 @@ impl MarkPipelines {
 }
 
 impl PresentPipelines {
-    /// Compiles it.
-    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
-        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
-        Ok(Self { present: compiler.compile(variant.workgroup_size, &[])? })
+    /// The kernel for what is shown; compiled when it is asked for first.
+    pub fn get(
+        &mut self,
+        (gpu, cache): (&Arc<Gpu>, &PipelineCache),
+        variant: &Variant,
+        present: PresentVariant,
+    ) -> Result<&Pipeline<present::Present>, GpuError> {
+        Ok(match self.present.entry(present) {
+            Entry::Occupied(there) => there.into_mut(),
+            Entry::Vacant(new) => {
+                let PresentVariant { show, outline, scaled } = present;
+                let constants = [("SHOW", show), ("OUTLINE", u32::from(outline)), ("SCALED", u32::from(scaled))];
+                let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+                new.insert(compiler.compile(variant.workgroup_size, &constants)?)
+            }
+        })
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::gpu::interface::constants::SHOW_NOTHING;
 use crate::gpu::staging::{download, upload};
 use crate::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder, user_cache_path};
-use crate::kernels::{PresentPipelines, present};
+use crate::kernels::{PresentPipelines, PresentVariant, Variant, present};
 
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
@@ -41,8 +41,9 @@ const BLACK: u32 = 0xFF00_0000;
 /// Makes pixels of pictures.
 pub struct Presenter {
     gpu: Arc<Gpu>,
+    cache: PipelineCache,
     pipelines: PresentPipelines,
-    workgroup_size: u32,
+    variant: Variant,
     pixels: Buffer<u32>,
     shown_px: [u32; 2],
     /// By instance: 1 if it is chosen, plus twice its template; on the host as well.
@@ -57,8 +58,9 @@ impl Presenter {
         let cache = PipelineCache::new(gpu, user_cache_path(&gpu.caps().name).as_deref())?;
         Ok(Self {
             gpu: gpu.clone(),
-            pipelines: PresentPipelines::new(gpu, &cache, renderer.variant())?,
-            workgroup_size: renderer.variant().workgroup_size,
+            cache,
+            pipelines: PresentPipelines::default(),
+            variant: *renderer.variant(),
             pixels: Buffer::new(gpu, "pixels", 1)?,
             shown_px: [0; 2],
             looks: (Buffer::new(gpu, "looks", 1)?, Vec::new()),
@@ -100,6 +102,8 @@ impl Presenter {
         let capacities = [frame.plan.capacities.candidates, frame.plan.capacities.work_items];
         let blue_first = u32::from(blue_first);
         let params = present::Params { shown_px, blue_first, capacities, ..self.params(show, picture) };
+        let variant = self.present_variant(show, picture, params.size_px != shown_px);
+        let pipeline = self.pipelines.get((&self.gpu, &self.cache), &self.variant, variant)?;
         let bindings = present::Bindings {
             colors: &frame.colors,
             depths: &frame.depths,
@@ -112,23 +116,29 @@ impl Presenter {
             offset_means: &picture.scene.offset_means,
             marks: picture.marks.map_or(&self.no_marks, |m| &m.by_pixel),
         };
-        let grid = Grid::threads(shown_px[0] * shown_px[1], self.workgroup_size);
-        Ok(recorder.dispatch(&self.pipelines.present, grid, &params, bindings)?)
+        let grid = Grid::threads(shown_px[0] * shown_px[1], self.variant.workgroup_size);
+        Ok(recorder.dispatch(pipeline, grid, &params, bindings)?)
+    }
+
+    /// What the kernel is compiled for; nothing is shown of a view without what it needs.
+    fn present_variant(&self, show: Show, picture: ShownPicture<'_>, scaled: bool) -> PresentVariant {
+        let surfaces = picture.surfaces.is_some() || !show.needs_surfaces();
+        let marks = picture.marks.is_some() || show.marks().is_none();
+        let chosen = self.looks.1.iter().any(|look| look & 1 != 0);
+        PresentVariant {
+            show: if surfaces && marks { show.code().0 } else { SHOW_NOTHING },
+            outline: chosen && picture.surfaces.is_some(),
+            scaled,
+        }
     }
 
     /// All but what concerns the window.
     fn params(&self, show: Show, picture: ShownPicture<'_>) -> present::Params {
         let size_px = picture.renderer.frame().map_or([1, 1], |frame| frame.plan.size_px);
-        let (code, range) = show.code();
-        let surfaces = picture.surfaces.is_some() || !show.needs_surfaces();
-        let marks = picture.marks.is_some() || show.marks().is_none();
-        let chosen = self.looks.1.iter().any(|look| look & 1 != 0);
         present::Params {
             size_px,
-            show: if surfaces && marks { code } else { SHOW_NOTHING },
-            range,
+            range: show.code().1,
             instance_count: (self.looks.1.len() as u32).min(picture.scene.posed_instances()),
-            outline: u32::from(chosen && picture.surfaces.is_some()),
             tile_size: tile_size_for(&self.gpu, picture.renderer.variant(), size_px),
             ..present::Params::default()
         }
