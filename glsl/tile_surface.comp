@@ -13,6 +13,7 @@ layout(scalar, binding = 1) readonly buffer IsectValues { uint isect_values[]; }
 layout(scalar, binding = 2) readonly buffer TileRanges { uvec2 tile_ranges[]; };     // first and end intersection per tile
 layout(scalar, binding = 3) readonly buffer WorkItems { WorkItem work_items[]; };    // visible chunks
 layout(scalar, binding = 4) buffer Surfaces { uvec2 surfaces[]; };                   // instance or NO_INSTANCE, and bits of T so far, by pixel
+layout(scalar, binding = 5) readonly buffer Instances { Instance instances[]; };     // levels of detail, and whose they are
 layout(scalar, push_constant) uniform TileSurfaceParams {
     uvec2 size_px;    // image width and height
     uvec2 tiles;      // tile columns and rows
@@ -75,7 +76,8 @@ void main() {
         if (all(lessThan(at, size_px))) {
             uint i = at.y * size_px.x + at.x;
             uint before = first_slab != 0 ? NO_INSTANCE : surfaces[i].x;
-            uint instance = found[p] == NO_SLOT ? before : work_items[found[p] / chunk_size].instance;
+            uint instance = before;
+            if (found[p] != NO_SLOT) instance = instances[work_items[found[p] / chunk_size].instance].owner;
             surfaces[i] = uvec2(instance, floatBitsToUint(t[p]));
         }
     }

@@ -144,6 +144,7 @@ impl LookArgs {
             dilation_px2: self.dilation.unwrap_or(default.dilation_px2),
             antialias: self.antialias.unwrap_or(scene.antialias),
             background: self.background.map_or(default.background, |b| b.0),
+            lod_error_px: default.lod_error_px,
             max_intersections: self.max_intersections,
         }
     }

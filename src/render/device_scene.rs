@@ -1,6 +1,7 @@
 //! The scene in device memory: source Gaussians (templates, then background) as structure of arrays, instances, chunk
 //! bounds, offsets. Immutable; one template serves all its instances.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::gpu::interface::types;
@@ -9,10 +10,12 @@ use crate::gpu::{Buffer, Gpu};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::sh_coefficients;
+use crate::scene::lod::Levels;
 use crate::scene::{Gaussians, InstancedScene};
 
 use super::error::RenderError;
-use super::scene_tables::{build_tables, cloud_tables, scale_bound};
+use super::level_tables::build_level_tables;
+use super::scene_tables::{Tables, build_tables, cloud_tables, scale_bound};
 
 /// Gaussians of the clouds of a scene, their SH degrees, and its offset records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,8 +79,12 @@ pub struct DeviceScene {
     pub expanded_len: u64,
     /// The scene's own antialias flag.
     pub antialias: bool,
-    /// How many there are of what.
+    /// How many there are of what, levels of detail included.
     pub counts: SceneCounts,
+    /// Instances besides the background: the first of `instances`.
+    posed_instances: u32,
+    /// By instance, where `instances` has its coarser levels; `None` without levels of detail.
+    coarser: Option<Vec<Range<u32>>>,
 }
 
 /// What chunk culling may assume.
@@ -110,13 +117,41 @@ impl DeviceScene {
         bounds: Bounds,
     ) -> Result<Self, RenderError> {
         scene.validate()?;
-        let sh_degree = scene.sh_degree();
-        let pool = |field: fn(&Gaussians) -> usize| field(&scene.templates) + field(&scene.background);
-        check_limit(gpu, pool(Gaussians::len), sh_degree)?;
+        check_limit(gpu, scene.templates.len() + scene.background.len(), scene.sh_degree())?;
         let mut tables = build_tables(scene, chunk_size)?;
         if bounds == Bounds::Everywhere {
             tables.widen();
         }
+        Self::with_tables(gpu, scene, (tables, chunk_size), scene.instances.len() as u32)
+    }
+
+    /// As [`DeviceScene::new`], with levels of detail: for `RenderOptions::lod_error_px` above 0. Takes up to three times
+    /// the memory, and a moment on the host.
+    ///
+    /// # Errors
+    /// As there, levels included.
+    pub fn with_levels(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
+        scene.validate()?;
+        let levels = Levels::of(scene);
+        check_limit(gpu, levels.templates.len() + levels.background.len(), scene.sh_degree())?;
+        let tables = build_level_tables(&levels, chunk_size)?;
+        let Levels { templates, background, offsets, coarser, .. } = levels;
+        let pool =
+            InstancedScene { templates, background, offsets, antialias: scene.antialias, ..InstancedScene::default() };
+        let mut out = Self::with_tables(gpu, &pool, (tables, chunk_size), scene.instances.len() as u32)?;
+        out.expanded_len = scene.expanded_len();
+        out.coarser = Some(coarser);
+        Ok(out)
+    }
+
+    /// Uploads the clouds and offsets of `scene` with tables that index them.
+    fn with_tables(
+        gpu: &Arc<Gpu>,
+        scene: &InstancedScene,
+        (tables, chunk_size): (Tables, u32),
+        posed_instances: u32,
+    ) -> Result<Self, RenderError> {
+        let sh_degree = scene.sh_degree();
         let band = |gpu: &Arc<Gpu>, l: u32| upload(gpu, &format!("sh band {l}"), &sh_band(scene, l));
         Ok(Self {
             instances: upload(gpu, "instances", &tables.instances)?,
@@ -148,6 +183,8 @@ impl DeviceScene {
                 offset_log_scales: scene.offsets.log_scales.len(),
                 offset_quats: scene.offsets.quats.len(),
             },
+            posed_instances,
+            coarser: None,
         })
     }
 
@@ -172,7 +209,7 @@ impl DeviceScene {
         Ok(())
     }
 
-    /// Moves one instance: its entry of the instance table goes to the device, and nothing else.
+    /// Moves one instance: its entry of the instance table, and those of its levels, go to the device, and nothing else.
     ///
     /// # Panics
     /// If there is no such instance.
@@ -183,11 +220,15 @@ impl DeviceScene {
         world_from_template: &Similarity,
     ) -> Result<(), RenderError> {
         assert!(instance < self.posed_instances() as usize, "there is no instance {instance}");
-        let entries = download(gpu, &self.instances, instance + 1)?;
-        let Some(mut entry) = entries.last().copied() else { return Ok(()) };
-        entry.world_from_template = world_from_template.rows();
-        entry.scale = scale_bound(world_from_template);
-        Ok(write_at(gpu, (&mut self.instances, instance), &[entry])?)
+        let coarser = self.coarser.as_ref().map_or(0..0, |coarser| coarser[instance].clone());
+        for index in std::iter::once(instance).chain(coarser.map(|level| level as usize)) {
+            let entries = download(gpu, &self.instances, index + 1)?;
+            let Some(mut entry) = entries.last().copied() else { continue };
+            entry.world_from_template = world_from_template.rows();
+            entry.scale = scale_bound(world_from_template);
+            write_at(gpu, (&mut self.instances, index), &[entry])?;
+        }
+        Ok(())
     }
 
     /// What decides on the code of kernels that use SH bands up to `sh_degree`.
@@ -197,12 +238,18 @@ impl DeviceScene {
             offset_sh_rest: self.counts.offset_sh_rest > 0,
             offset_log_scales: self.counts.offset_log_scales > 0,
             offset_quats: self.counts.offset_quats > 0,
+            levels: self.has_levels(),
         }
     }
 
     /// Instances besides the background, which has no place of its own.
     pub fn posed_instances(&self) -> u32 {
-        self.instance_count - u32::from(self.counts.background > 0)
+        self.posed_instances
+    }
+
+    /// True if there are levels of detail to choose from.
+    pub fn has_levels(&self) -> bool {
+        self.coarser.is_some()
     }
 
     /// Bytes of all buffers.

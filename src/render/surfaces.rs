@@ -54,7 +54,7 @@ impl Surfaces {
         Ok(surfaces.iter().map(|s| Some(s[0]).filter(|&instance| instance != NO_INSTANCE)).collect())
     }
 
-    fn after_slab(&mut self, slab: &BlendedSlab<'_>) -> Result<(), RenderError> {
+    fn after_slab(&mut self, scene: &DeviceScene, slab: &BlendedSlab<'_>) -> Result<(), RenderError> {
         let (plan, variant) = (&slab.frame.plan, slab.variant);
         if self.size_px != plan.size_px {
             self.by_pixel = Buffer::new(&self.gpu, "surfaces", plan.pixels() as usize)?;
@@ -70,6 +70,7 @@ impl Surfaces {
             tile_ranges: &slab.frame.tile_ranges,
             work_items: &slab.frame.work_items,
             surfaces: &mut self.by_pixel,
+            instances: &scene.instances,
         };
         let params = tile_surface::Params {
             size_px: plan.size_px,
@@ -98,7 +99,7 @@ impl Renderer {
         options: &RenderOptions,
         surfaces: &mut Surfaces,
     ) -> Result<FrameStats, RenderError> {
-        let stats = self.render_slabs(scene, camera, options, &mut |slab| surfaces.after_slab(&slab));
+        let stats = self.render_slabs(scene, camera, options, &mut |slab| surfaces.after_slab(scene, &slab));
         if stats.is_err() {
             surfaces.recorder.abandon();
         }
