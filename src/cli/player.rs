@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
 
-use super::args::{LookArgs, Triple, parse_size, parse_up};
+use super::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::printer::Printer;
@@ -73,6 +73,8 @@ struct PlayerArgs {
     up: Option<Triple>,
     #[command(flatten)]
     look: LookArgs,
+    #[command(flatten)]
+    lod: LodArgs,
     #[command(flatten)]
     device: DeviceArgs,
 }
@@ -196,7 +198,7 @@ fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> StageOptions {
             Show::Depth([0.0, 3.0 * Orbit::around(scene, args.up.map(Triple::direction)).distance as f32])
         }
     };
-    StageOptions { render: args.look.options(scene), show }
+    StageOptions { render: args.lod.apply(args.look.options(scene)), show }
 }
 
 /// The cameras of `--frames`.

@@ -70,7 +70,7 @@ impl Stage {
             recorders: [Recorder::with_profiler(gpu)?, Recorder::with_profiler(gpu)?],
             turn: 0,
             present_ms: None,
-            device_scene: renderer.upload(&scene)?,
+            device_scene: renderer.upload_for(&scene, &options.render)?,
             scene,
             renderer,
             options,
@@ -106,6 +106,7 @@ impl Stage {
         while let Some(arrived) = self.ahead.arrive()? {
             self.note(arrived);
         }
+        self.upload_levels()?;
         let (scene, options) = (&self.device_scene, &self.options.render);
         self.has_surfaces = self.needs_surfaces();
         let stats = if self.has_surfaces {
@@ -136,7 +137,7 @@ impl Stage {
     /// and without surfaces. After the last picture comes [`Stage::settle`].
     pub fn draw_ahead(&mut self, camera: &Camera) -> Result<(), PlayerError> {
         let alike = self.size_px() == Some([camera.width, camera.height]) && self.slabs == 1;
-        if !alike || self.needs_surfaces() {
+        if !alike || self.needs_surfaces() || !self.has_wanted_levels() {
             return self.draw(camera);
         }
         while self.ahead.is_full() {
@@ -165,6 +166,18 @@ impl Stage {
 
     fn needs_surfaces(&self) -> bool {
         self.options.show == Show::Instances || !self.editor.chosen().is_empty()
+    }
+
+    fn has_wanted_levels(&self) -> bool {
+        self.device_scene.has_levels() == (self.options.render.lod_error_px > 0.0)
+    }
+
+    /// Levels of detail come and go with the error that is allowed, so that full quality is what it is without them.
+    fn upload_levels(&mut self) -> Result<(), PlayerError> {
+        if !self.has_wanted_levels() {
+            self.device_scene = self.renderer.upload_for(&self.scene, &self.options.render)?;
+        }
+        Ok(())
     }
 
     /// Records the last picture as pixels of a window of `shown_px`; to be submitted with the recorder that comes back.
@@ -231,6 +244,7 @@ impl Stage {
         let Some(camera) = self.camera.clone().filter(|camera| camera.has_pixel(at_px)) else { return Ok(None) };
         if !self.has_surfaces {
             self.settle()?;
+            self.upload_levels()?;
             let options = &self.options.render;
             self.renderer.render_with_surfaces(&self.device_scene, &camera, options, &mut self.surfaces)?;
         }
@@ -292,7 +306,9 @@ impl Stage {
                     self.device_scene.place_instance(&self.gpu, k, place)?;
                 }
             }
-            Changed::Everything => self.device_scene = self.renderer.upload(&self.scene)?,
+            Changed::Everything => {
+                self.device_scene = self.renderer.upload_for(&self.scene, &self.options.render)?;
+            }
         }
         Ok(())
     }

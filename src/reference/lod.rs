@@ -84,8 +84,7 @@ mod tests {
         let (mut fading, mut whole) = (0, 0);
         for step in -400..400 {
             let px = 2f64.powf(f64::from(step) / 40.0);
-            let weights: Vec<f64> =
-                cells.windows(2).map(|c| fade_in(c[0], px, 2.0) - fade_in(c[1], px, 2.0)).collect();
+            let weights: Vec<f64> = cells.windows(2).map(|c| fade_in(c[0], px, 2.0) - fade_in(c[1], px, 2.0)).collect();
             assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{px}: {weights:?}");
             assert!(weights.iter().all(|&w| (0.0..=1.0).contains(&w)), "{px}: {weights:?}");
             // Nothing is shown whose cells are wider than the error.

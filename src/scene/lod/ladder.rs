@@ -50,8 +50,7 @@ pub(super) fn ladder(cloud: &Gaussians) -> Vec<Rung> {
 /// The longest side of the box around the means that are finite.
 fn size_of_cloud(cloud: &Gaussians) -> f64 {
     let finite = cloud.means.iter().map(|&m| widened(m)).filter(|m| m.is_finite());
-    let (low, high) =
-        finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)));
+    let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)));
     (high - low).max_element()
 }
 

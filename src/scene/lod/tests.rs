@@ -50,7 +50,10 @@ fn scene(seed: u64, rare: bool) -> InstancedScene {
 fn every_gaussian_is_in_one_merged_one_and_levels_shrink() {
     let scene = scene(1, false);
     let levels = Levels::of(&scene);
-    assert_eq!(levels.parts.iter().take(3).map(|p| (p.owner, p.cell)).collect::<Vec<_>>(), [(0, 0.0), (1, 0.0), (2, 0.0)]);
+    assert_eq!(
+        levels.parts.iter().take(3).map(|p| (p.owner, p.cell)).collect::<Vec<_>>(),
+        [(0, 0.0), (1, 0.0), (2, 0.0)]
+    );
     let range = scene.template_ranges[1];
     let rungs = ladder(&sub_cloud(&scene.templates, range));
     assert!(rungs.len() >= 3, "{} levels", rungs.len());
@@ -133,7 +136,11 @@ fn offsets_of_levels_are_those_of_the_merged_instance() {
                 let logit = levels.templates.opacity_logits[i] + levels.offsets.opacity_logits[first + j];
                 assert!((logit - want.opacity_logit).abs() < 1e-5);
                 if rare {
-                    assert!(near(levels.templates.log_scales[i], levels.offsets.log_scales[first + j], want.log_scales));
+                    assert!(near(
+                        levels.templates.log_scales[i],
+                        levels.offsets.log_scales[first + j],
+                        want.log_scales
+                    ));
                     assert!(near(levels.templates.sh_of(i)[2], levels.offsets.rest_of(first + j)[1], want.sh[2]));
                 }
                 assert_eq!(levels.offsets.means[first + j], own_offsets.means[j]);
@@ -152,7 +159,9 @@ fn blocks_are_a_partition_of_the_background() {
     sorted.sort_unstable();
     assert!(sorted.iter().copied().eq(0..5000) && blocks.len() == 4, "{} blocks", blocks.len());
     let ends: Vec<u32> = blocks.iter().map(|b| b.first + b.count).collect();
-    assert!(blocks[0].first == 0 && blocks.windows(2).all(|b| b[0].first + b[0].count == b[1].first) && ends[3] == 5000);
+    assert!(
+        blocks[0].first == 0 && blocks.windows(2).all(|b| b[0].first + b[0].count == b[1].first) && ends[3] == 5000
+    );
     let levels = Levels::of(&scene);
     assert!(order.iter().enumerate().all(|(at, &i)| levels.background.means[at] == scene.background.means[i as usize]));
     let of_background = levels.parts.iter().filter(|p| p.cloud == Cloud::Background);
