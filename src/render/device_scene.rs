@@ -221,12 +221,15 @@ impl DeviceScene {
     ) -> Result<(), RenderError> {
         assert!(instance < self.posed_instances() as usize, "there is no instance {instance}");
         let coarser = self.coarser.as_ref().map_or(0..0, |coarser| coarser[instance].clone());
-        for index in std::iter::once(instance).chain(coarser.map(|level| level as usize)) {
-            let entries = download(gpu, &self.instances, index + 1)?;
-            let Some(mut entry) = entries.last().copied() else { continue };
-            entry.world_from_template = world_from_template.rows();
-            entry.scale = scale_bound(world_from_template);
-            write_at(gpu, (&mut self.instances, index), &[entry])?;
+        for run in [instance..instance + 1, coarser.start as usize..coarser.end as usize] {
+            let mut entries = download(gpu, &self.instances, run.end)?.split_off(run.start);
+            for entry in &mut entries {
+                entry.world_from_template = world_from_template.rows();
+                entry.scale = scale_bound(world_from_template);
+            }
+            if !entries.is_empty() {
+                write_at(gpu, (&mut self.instances, run.start), &entries)?;
+            }
         }
         Ok(())
     }

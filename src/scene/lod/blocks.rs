@@ -2,9 +2,9 @@
 
 use crate::scene::{Gaussians, TemplateRange};
 
-/// Most Gaussians of a block: some chunks' worth, so that a block's levels are worth their work-groups, and few enough for
-/// blocks to be small against the distance they are seen from.
-const MOST: usize = 2048;
+/// Most Gaussians of a block: two chunks' worth, so that a level saves a chunk, and few enough for blocks to be small against
+/// the distance they are seen from.
+const MOST: usize = 512;
 
 /// The Gaussians of a cloud in another order, and the blocks of that order: halves of halves, cut at the median of the
 /// longest side.

@@ -7,9 +7,12 @@ use glam::DVec3;
 use crate::math::sh::widened;
 use crate::scene::Gaussians;
 
-/// Cells are powers of two, so that those of one level lie within those of the next; this many octaves below the size of
-/// the cloud it has some 10^9 cells, more than Gaussians.
+/// The finest cells tried are this many octaves below the size of the cloud: it has some 10^9 of them, more than Gaussians.
 const OCTAVES: i32 = 10;
+/// Cells per octave. With one, cells are on average 0.7 times as wide as they might be; on `orchard` at 27 m and an error of
+/// 2 pixels that is 2,300 splats saved instead of some 9,000. Two levels that fade must not meet a third: at most
+/// 1 / `FADE_OCTAVES`, which is 4.
+const STEPS: i32 = 2;
 /// A level must save this much against the one before it, or it is not worth its memory and its cross-fade.
 const MOST_KEPT: f64 = 0.7;
 /// Below it, levels save no time that could be measured: a work-group is not full.
@@ -33,11 +36,11 @@ pub(super) fn ladder(cloud: &Gaussians) -> Vec<Rung> {
     }
     let top = size.log2().ceil() as i32;
     let mut count = cloud.len();
-    for octave in top - OCTAVES..=top {
+    for step in STEPS * (top - OCTAVES)..=STEPS * top {
         if count < FEWEST {
             break;
         }
-        let cell = f64::from(octave).exp2();
+        let cell = (f64::from(step) / f64::from(STEPS)).exp2();
         let members = merged_by(cloud, cell);
         if members.len() as f64 <= MOST_KEPT * count as f64 {
             count = members.len();

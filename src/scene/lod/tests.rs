@@ -157,15 +157,15 @@ fn blocks_are_a_partition_of_the_background() {
     let (order, blocks) = block_order(&scene.background);
     let mut sorted = order.clone();
     sorted.sort_unstable();
-    assert!(sorted.iter().copied().eq(0..5000) && blocks.len() == 4, "{} blocks", blocks.len());
+    assert!(sorted.iter().copied().eq(0..5000) && blocks.len() == 16, "{} blocks", blocks.len());
     let ends: Vec<u32> = blocks.iter().map(|b| b.first + b.count).collect();
     assert!(
-        blocks[0].first == 0 && blocks.windows(2).all(|b| b[0].first + b[0].count == b[1].first) && ends[3] == 5000
+        blocks[0].first == 0 && blocks.windows(2).all(|b| b[0].first + b[0].count == b[1].first) && ends[15] == 5000
     );
     let levels = Levels::of(&scene);
     assert!(order.iter().enumerate().all(|(at, &i)| levels.background.means[at] == scene.background.means[i as usize]));
     let of_background = levels.parts.iter().filter(|p| p.cloud == Cloud::Background);
-    assert!(of_background.clone().all(|p| p.owner == 3) && of_background.count() > 8);
+    assert!(of_background.clone().all(|p| p.owner == 3) && of_background.count() > 32);
 }
 
 #[test]
