@@ -5,9 +5,12 @@ use crate::scene::{Gaussians, TemplateRange};
 /// Most Gaussians of a block: two chunks' worth, so that a level saves a chunk, and few enough for blocks to be small against
 /// the distance they are seen from.
 const MOST: usize = 512;
+/// Cuts are at multiples of this, so that work-groups of the renderer, of so many Gaussians or of a power of two that is
+/// less, are full.
+const CHUNK: usize = 256;
 
-/// The Gaussians of a cloud in another order, and the blocks of that order: halves of halves, cut at the median of the
-/// longest side.
+/// The Gaussians of a cloud in another order, and the blocks of that order: halves of halves, cut near the median of
+/// the longest side.
 pub(super) fn block_order(cloud: &Gaussians) -> (Vec<u32>, Vec<TemplateRange>) {
     let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
     let mut blocks = Vec::new();
@@ -26,7 +29,7 @@ fn cut(cloud: &Gaussians, part: &mut [u32], first: u32, blocks: &mut Vec<Templat
         return;
     }
     let axis = longest_side(cloud, part);
-    let middle = part.len() / 2;
+    let middle = (part.len() / 2).next_multiple_of(CHUNK);
     // The index breaks ties: the same blocks wherever this runs.
     let at = |i: u32| cloud.means[i as usize][axis];
     part.select_nth_unstable_by(middle, |&a, &b| at(a).total_cmp(&at(b)).then(a.cmp(&b)));
