@@ -6,6 +6,7 @@
 #include "common.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
+#include "lod.glsl"
 #include "splat.glsl"
 #include "rotation.glsl"
 
@@ -33,7 +34,8 @@ layout(scalar, binding = 18) readonly buffer OffsetShRest { vec3 offset_sh_rest[
 layout(scalar, binding = 19) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };     // offsets of log standard deviations, if any
 layout(scalar, binding = 20) readonly buffer OffsetQuats { vec4 offset_quats[]; };              // offsets of quaternions, if any
 layout(scalar, push_constant) uniform ExpandParams {
-    View view;  // the camera
+    View view;           // the camera
+    float lod_error_px;  // as in cull_instances
 };
 
 #include "shape.glsl"
@@ -114,7 +116,9 @@ Projection expand(Instance instance, uint local) {
     mat3 axes = linear_part(view.view_from_world) * linear_part(instance.world_from_template) * rotation_from_quat(quat_of(instance, local));
     vec3 sigmas = exp(log_scales_of(instance, local));
     axes = mat3(axes[0] * sigmas.x, axes[1] * sigmas.y, axes[2] * sigmas.z);
-    return project(mean_view, axes, 1.0 / (1.0 + exp(-logit)));
+    float opacity = 1.0 / (1.0 + exp(-logit));
+    if (LEVELS != 0) opacity = faded(opacity, level_weight(view, instance, lod_error_px));
+    return project(mean_view, axes, opacity);
 }
 
 // INRIA order and signs; constants are the usual normalisation factors.

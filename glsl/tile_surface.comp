@@ -16,6 +16,7 @@ layout(scalar, binding = 3) readonly buffer WorkItems { WorkItem work_items[]; }
 layout(scalar, binding = 4) buffer Surfaces { uvec2 surfaces[]; };                   // by pixel: instance or NO_INSTANCE, and local index; between slabs slot and bits of T
 layout(scalar, binding = 5) readonly buffer Footprints { Footprint footprints[]; };  // extents by slot, for local indices
 layout(scalar, binding = 6) readonly buffer Counters { uint counters[]; };           // COUNTER_*
+layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };      // levels of detail, and whose they are
 layout(scalar, push_constant) uniform TileSurfaceParams {
     uvec2 size_px;    // image width and height
     uvec2 tiles;      // tile columns and rows
@@ -26,10 +27,10 @@ layout(scalar, push_constant) uniform TileSurfaceParams {
 const float T_SURFACE = 0.5;
 const uint NO_SLOT = 0xFFFFFFFF;
 
-// Instance and local index.
+// Instance, and local index in the level of it that is shown.
 uvec2 point_of(uint slot) {
     if (slot == NO_SLOT) return uvec2(NO_INSTANCE, 0);
-    return uvec2(work_items[slot / chunk_size].instance, footprints[slot].local);
+    return uvec2(instances[work_items[slot / chunk_size].instance].owner, footprints[slot].local);
 }
 
 void main() {

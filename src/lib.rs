@@ -39,6 +39,15 @@
 //! if splats are left, it submits them slab by slab and enlarges the intersection buffer for the next frame.
 //! `render/forward.rs` is this list in code.
 //!
+//! # Levels of detail
+//!
+//! Off by default; then nothing of the above changes. With [`render::RenderOptions::lod_error_px`] above 0 a scene is
+//! uploaded with coarser copies of its templates and of blocks of its background ([`scene::lod`]): Gaussians that share a
+//! cell of a grid are merged, and so are every instance's offsets. Each level of each instance is an entry of its own in the
+//! instance table, with the width of its cells; `cull_instances` drops all but those whose cells are narrow enough on the
+//! screen, and `preprocess_instance_expand` fades one level into the next. So a frame needs no more of the host, and the
+//! passes in between know nothing of levels. Training never uses them. `bench --lod` measures what they cost and save.
+//!
 //! # A training step
 //!
 //! The same forward passes, with two differences: chunks are not culled, since means move, and the tile sort carries
@@ -87,7 +96,7 @@
 //! - L0 `math`: spherical harmonics, covariances, similarities, lens distortion, nearest points, seeded random numbers.
 //! - L1 `gpu`: the only module that speaks Vulkan: device, buffers, pipelines, recorder with derived barriers,
 //!   profiler, and the kernels' interfaces as Rust types, generated from the GLSL by `build.rs`.
-//! - L1 `scene`: plain CPU data: Gaussians, offsets, instances, cameras, trajectories, flattening, editing.
+//! - L1 `scene`: plain CPU data: Gaussians, offsets, instances, cameras, trajectories, flattening, editing, levels of detail.
 //! - L2 `reference`: f64 twins of the kernels, slow and obvious.
 //! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, `.glb`, cameras, COLMAP,
 //!   `transforms.json`, photos (undistorted, downscaled), instance masks, `groups.json`, points, checkpoints, KTX2.
@@ -175,6 +184,7 @@
 //! - Gradients are within 1e-3 of the twins and of the golden files, in relative L2 per tensor; the image loss and its
 //!   gradient within 1e-5, 1e-4 where its windows have no variance. Training steps give the same bytes when repeated and
 //!   whatever the sizes of buffers.
+//! - `tests/kernels/lod.rs`: levels of detail within 1e-4 of the twin, full quality the same bytes, no jump where levels change.
 //! - Pixels where f32 may rightly decide otherwise (alpha near 1/255, depths nearly equal, and the like) are excluded
 //!   by the `robust` mask, at most 2 % of an image. Planted errors prove that the comparisons can fail.
 //! - GPU tests run with validation and synchronisation validation, and any message fails them. Without a device they

@@ -14,6 +14,9 @@ struct Instance {
     uint first_chunk;             // index of the template's first chunk
     uint sh_degree;               // SH degree of the template; higher bands hold nothing of it
     uvec3 first_in_band;          // index of the template's first Gaussian in SH bands 1, 2, 3
+    float cell;                   // side of the cells that were merged to this level, template units; 0 = in full
+    float next_cell;              // that of the next coarser level, 1e30 if there is none
+    uint owner;                   // the instance that this is a level of; its own index in scenes without levels
 };
 
 struct Chunk {

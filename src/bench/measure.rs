@@ -194,7 +194,7 @@ impl<'a> Run<'a> {
 }
 
 /// Renders every camera until a round changes no buffer.
-fn warm_up(
+pub(super) fn warm_up(
     renderer: &mut Renderer,
     scene: &DeviceScene,
     subject: &Subject<'_>,

@@ -2,9 +2,11 @@
 
 pub mod comparison;
 pub mod evidence;
+mod lod;
 mod measure;
 mod report;
 
+pub use lod::{LodCamera, LodError, LodReport, LodRow, LodView, run_lod};
 pub use measure::{BenchError, Stage, Subject, run};
 #[cfg(feature = "player")]
 pub(crate) use report::as_map;

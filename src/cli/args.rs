@@ -110,6 +110,14 @@ impl ViewArgs {
         Ok(cameras.into_iter().map(resized).collect())
     }
 
+    /// The views of `--data`, at the size of their photos; `None` for cameras without photos and for `--size`.
+    pub(super) fn photos(&self) -> Result<Option<Vec<View>>, CliError> {
+        match (&self.source.data, self.size) {
+            (Some(folder), None) => self.split.unwrap_or(SplitArg::Test).views(folder).map(Some),
+            _ => Ok(None),
+        }
+    }
+
     fn dataset_cameras(&self, folder: &Path) -> Result<Vec<Camera>, CliError> {
         let views = self.split.unwrap_or(SplitArg::Test).views(folder)?;
         Ok(views.into_iter().map(|v| v.camera).collect())
@@ -135,6 +143,21 @@ pub(super) struct LookArgs {
     max_intersections: Option<u32>,
 }
 
+/// Levels of detail, for the commands that make pictures to be looked at.
+#[derive(Args)]
+pub(super) struct LodArgs {
+    /// Draws what is far away merged, over at most PX pixels; `bench --lod` says what it costs [default: all in full]
+    #[arg(long, value_name = "PX", value_parser = parse_lod)]
+    lod: Option<f32>,
+}
+
+impl LodArgs {
+    /// The options with the flag's error.
+    pub(super) fn apply(&self, options: RenderOptions) -> RenderOptions {
+        RenderOptions { lod_error_px: self.lod.unwrap_or(0.0), ..options }
+    }
+}
+
 impl LookArgs {
     /// The options for a scene: the flags, else the scene's own, else the defaults.
     pub(super) fn options(&self, scene: &InstancedScene) -> RenderOptions {
@@ -144,6 +167,7 @@ impl LookArgs {
             dilation_px2: self.dilation.unwrap_or(default.dilation_px2),
             antialias: self.antialias.unwrap_or(scene.antialias),
             background: self.background.map_or(default.background, |b| b.0),
+            lod_error_px: default.lod_error_px,
             max_intersections: self.max_intersections,
         }
     }
@@ -189,6 +213,13 @@ fn parse_near(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0).ok_or_else(|| "want a number >= 0".into())
 }
 
+/// Pixels that may be merged: above 0, and not more than the largest picture has.
+pub(super) fn parse_lod(text: &str) -> Result<f32, String> {
+    let most = MAX_IMAGE_SIDE as f32;
+    let px = text.trim().parse().ok().filter(|v: &f32| *v > 0.0 && *v <= most);
+    px.ok_or_else(|| format!("want a number of pixels above 0, to {most}, for instance 2"))
+}
+
 fn parse_dilation(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| (1e-6..=1e6).contains(v)).ok_or_else(|| "want a number from 1e-6 to 1e6".into())
 }
@@ -208,6 +239,7 @@ mod tests {
             assert!(parse_triple(bad).is_err(), "{bad}");
         }
         assert!(parse_up("0,0,0").is_err() && parse_near("-1").is_err() && parse_near("nan").is_err());
+        assert!(parse_lod("2") == Ok(2.0) && ["0", "-1", "nan", "1e9", "x"].iter().all(|t| parse_lod(t).is_err()));
         assert!(parse_dilation("0").is_err() && parse_dilation("0.3").is_ok());
     }
 }

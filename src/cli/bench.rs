@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::args::{LookArgs, ViewArgs, open_scene};
+use super::args::{LookArgs, ViewArgs, open_scene, parse_lod};
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::printer::Printer;
@@ -19,24 +19,29 @@ use crate::io::LoadedScene;
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk bench --scene garden.ply --camera cameras.json --frames 30\n  \
-    instgs-vk bench --scene room.instgs --against room.ply --orbit 8 --size 640x360 --json report.json")]
+    instgs-vk bench --scene room.instgs --against room.ply --orbit 8 --size 640x360 --json report.json\n  \
+    instgs-vk bench --scene room.instgs --data room --lod 1,2,4")]
 pub(super) struct BenchArgs {
     /// Scene: .instgs, .ply, .spz or .splat
     #[arg(long, value_name = "S")]
-    scene: PathBuf,
+    pub(super) scene: PathBuf,
     /// Scene to compare with, from the same cameras
     #[arg(long, value_name = "S2")]
     against: Option<PathBuf>,
     #[command(flatten)]
-    views: ViewArgs,
+    pub(super) views: ViewArgs,
     /// Timed frames of each scene, cycling through the cameras
     #[arg(long, value_name = "N", default_value = "30", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    frames: u32,
+    pub(super) frames: u32,
+    /// Measures levels of detail at these errors beside full quality: what they cost, against it and, with --data without
+    /// --size, against the photos; and what they save
+    #[arg(long, value_name = "PX,..", value_delimiter = ',', value_parser = parse_lod, conflicts_with = "against")]
+    pub(super) lod: Vec<f32>,
     #[command(flatten)]
-    look: LookArgs,
+    pub(super) look: LookArgs,
     /// Report as JSON: to a file, or without one on stdout instead of the table
     #[arg(long, value_name = "F", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
+    pub(super) json: Option<PathBuf>,
 }
 
 impl BenchArgs {
@@ -48,6 +53,9 @@ impl BenchArgs {
 
 pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = open_scene(&args.scene, printer)?;
+    if !args.lod.is_empty() {
+        return super::bench_lod::run(args, &loaded, device_args.choice(), printer);
+    }
     let loaded_against = args.against.as_deref().map(|path| open_scene(path, printer)).transpose()?;
     let cameras = args.views.cameras(&loaded.scene, args.look.options(&loaded.scene).near, printer)?;
     if cameras.len() > args.frames as usize {
@@ -81,7 +89,7 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     Ok(())
 }
 
-fn subject<'a>(path: &Path, loaded: &'a LoadedScene, look: &LookArgs) -> Subject<'a> {
+pub(super) fn subject<'a>(path: &Path, loaded: &'a LoadedScene, look: &LookArgs) -> Subject<'a> {
     Subject {
         name: path.display().to_string(),
         scene: &loaded.scene,

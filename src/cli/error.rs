@@ -1,6 +1,6 @@
 //! Everything a command can fail with; each displays as one line.
 
-use crate::bench::BenchError;
+use crate::bench::{BenchError, LodError};
 use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
@@ -34,6 +34,9 @@ pub enum CliError {
     /// A measurement.
     #[error(transparent)]
     Bench(#[from] BenchError),
+    /// A measurement of levels of detail.
+    #[error(transparent)]
+    Lod(#[from] LodError),
     /// A training run.
     #[error(transparent)]
     Train(#[from] TrainError),

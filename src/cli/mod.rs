@@ -3,6 +3,7 @@
 
 mod args;
 mod bench;
+mod bench_lod;
 mod compare;
 pub mod demo;
 mod device;

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
 
-use super::args::{LookArgs, Triple, parse_size, parse_up};
+use super::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::printer::Printer;
@@ -81,6 +81,8 @@ struct PlayerArgs {
     up: Option<Triple>,
     #[command(flatten)]
     look: LookArgs,
+    #[command(flatten)]
+    lod: LodArgs,
     #[command(flatten)]
     device: DeviceArgs,
 }
@@ -230,7 +232,7 @@ fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<StageOptio
     };
     let words = "--level is for --show tile-load, offsets and ellipses";
     let show = show.ok_or_else(|| CliError::Other(words.into()))?;
-    Ok(StageOptions { render: args.look.options(scene), show })
+    Ok(StageOptions { render: args.lod.apply(args.look.options(scene)), show })
 }
 
 /// The cameras of `--frames`.

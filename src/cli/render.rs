@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use clap::Args;
 
-use super::args::{LookArgs, ViewArgs, create_folder, open_scene};
+use super::args::{LodArgs, LookArgs, ViewArgs, create_folder, open_scene};
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::picture_files::{self, Format};
@@ -38,6 +38,8 @@ pub(super) struct RenderArgs {
     depth: bool,
     #[command(flatten)]
     look: LookArgs,
+    #[command(flatten)]
+    lod: LodArgs,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
@@ -66,14 +68,14 @@ struct RenderedFrame {
 
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = open_scene(&args.scene, printer)?;
-    let options = args.look.options(&loaded.scene);
+    let options = args.lod.apply(args.look.options(&loaded.scene));
     let cameras = args.views.cameras(&loaded.scene, options.near, printer)?;
     let names = picture_files::names(&cameras)?;
     create_folder(&args.out)?;
     let gpu = device::open(device_args.choice())?;
     let place = args.scene.display();
     let mut renderer = Renderer::new(&gpu).map_err(CliError::render(&place))?;
-    let scene = renderer.upload(&loaded.scene).map_err(CliError::render(&place))?;
+    let scene = renderer.upload_for(&loaded.scene, &options).map_err(CliError::render(&place))?;
     let mut progress = printer.progress("render", cameras.len() as u64);
     let mut frames = Vec::with_capacity(cameras.len());
     for (camera, name) in cameras.iter().zip(names) {

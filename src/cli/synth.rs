@@ -37,6 +37,9 @@ pub(super) struct SynthArgs {
     /// How much of what objects of a kind differ by is shown: 0 = all look as the first of them, 1 = all of it
     #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
     differences: f64,
+    /// Cameras on a line to the scene's middle, from FAR to NEAR metres, instead of around it; all views are still split
+    #[arg(long, value_name = "FAR:NEAR", value_parser = parse_flight)]
+    flight: Option<(f64, f64)>,
     /// Also writes groups_noisy.json: every pose turned by DEGREES and shifted by PART of the object's size; scales that
     /// differ change by half of PART
     #[arg(long, value_name = "DEGREES:PART", value_parser = parse_pose_noise)]
@@ -55,6 +58,14 @@ fn after_help() -> String {
     text + "\nExamples:\n  \
         instgs-vk synth cars --out data/cars\n  \
         instgs-vk synth orchard --out data/orchard --views 96 --size 800x450 --pose-noise 2:0.02"
+}
+
+fn parse_flight(text: &str) -> Result<(f64, f64), String> {
+    let number =
+        |text: &str| text.trim().parse().ok().filter(|d| (dataset::MIN_FLIGHT..=dataset::MAX_FLIGHT).contains(d));
+    let ends = text.split_once(':').and_then(|(from, to)| Some((number(from)?, number(to)?)));
+    let (least, most) = (dataset::MIN_FLIGHT, dataset::MAX_FLIGHT);
+    ends.ok_or_else(|| format!("want FAR:NEAR, distances of {least} to {most} metres, for instance 60:6"))
 }
 
 fn parse_pose_noise(text: &str) -> Result<PoseNoise, String> {
@@ -90,6 +101,7 @@ pub(super) fn run(args: &SynthArgs, printer: &Printer) -> Result<(), CliError> {
         seed: args.seed,
         instances: args.instances,
         differences: args.differences,
+        flight: args.flight,
         pose_noise: args.pose_noise,
     };
     let start = Instant::now();
@@ -135,6 +147,14 @@ fn report(args: &SynthArgs, truth: &Truth, seconds: f64) -> Made {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_flight_has_two_ends() {
+        assert_eq!(parse_flight("60:6.5"), Ok((60.0, 6.5)));
+        for bad in ["", "60", "60:", "0:5", "60:nan", "1e9:5", "1:2:3"] {
+            assert!(parse_flight(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn pose_noise_is_two_numbers() {

@@ -192,15 +192,16 @@ impl Pipelines {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.workgroup_size;
         let tile = ("TILE_SIZE", variant.tile_size);
+        let levels = ("LEVELS", u32::from(traits.levels));
         let training_constant = ("TRAINING", u32::from(training));
         Ok(Self {
             variant,
             traits,
             training,
-            cull_instances: compiler.compile(size, &[])?,
+            cull_instances: compiler.compile(size, &[levels])?,
             cull_chunks: compiler.compile(size, &[])?,
             emit_work_items: compiler.compile(size, &[])?,
-            preprocess_instance_expand: compiler.compile(size, &[&[tile][..], &traits.constants()].concat())?,
+            preprocess_instance_expand: compiler.compile(size, &[&[tile, levels][..], &traits.constants()].concat())?,
             compact_visible: compiler.compile(size, &[])?,
             plan_slab: compiler.compile(size, &[])?,
             emit_intersections: compiler.compile(size, &[tile, training_constant])?,

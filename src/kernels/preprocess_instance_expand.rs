@@ -5,6 +5,9 @@
 //! extent of alpha >= 1/255, and the number of tiles it touches. Second half, survivors only: SH in direction
 //! `R^T (mean_world - camera)`, normalised.
 //!
+//! In scenes with levels of detail (LEVELS), a level that is not alone has opacity `1 - (1 - opacity)^weight`: the weights
+//! of the two that are shown add up to 1, so together they take the light that one would (`lod.glsl`).
+//!
 //! Offsets of SH bands above 0 and of shape exist for ablations; scenes without have kernels without their code.
 //!
 //! - Reads `work_items` (by work item), `instances` (by instance), source arrays `means` .. `sh0` (by
@@ -14,7 +17,7 @@
 //!   (by work item). Slots from the last survivor to the end of a work item are not written.
 //! - Grid: one work-group per work item, indirect (`FAMILY_WORK_ITEMS`, `ARGS_ITEMS`); one thread per Gaussian.
 //! - Bytes per Gaussian: 44 read, 16 more with offsets. Per survivor: 12 + 12 (degree + 1)^2 read, 24 more with
-//!   offsets; 72 written (splat 40, footprint 28, tile count 4). Per work item: 120 read, 4 written.
+//!   offsets; 72 written (splat 40, footprint 28, tile count 4). Per work item: 132 read, 4 written.
 //! - Guarantees: ranks come from ballots and a count per subgroup, so slots follow flat order and no atomic is used.
 //!   Guards (depth > near, opacity >= 1/255, finite sizes) are phrased so that NaN fails them. A splat whose colour is
 //!   not finite keeps its tiles with opacity 0: it blends nothing. Every survivor touches at least one tile and has
@@ -23,7 +26,7 @@
 //!   antialias compensation; the extent is enlarged (`1.001 ln(255 opacity) + 0.01`) for drivers' `log`; determinants
 //!   below 1e30, variances, centres and depths below 1e15 keep later products finite.
 //!
-//! Twin: `reference::preprocess_instance_expand`. Tests: `tests/kernels/preprocess_instance_expand.rs`
-//! (splat by splat), `forward.rs`, `intersections.rs`, `poison.rs`.
+//! Twin: `reference::preprocess_instance_expand`, `reference::lod`. Tests:
+//! `tests/kernels/preprocess_instance_expand.rs` (splat by splat), `lod.rs`, `forward.rs`, `intersections.rs`, `poison.rs`.
 
 pub use crate::gpu::interface::preprocess_instance_expand::{Bindings, Params, PreprocessInstanceExpand};

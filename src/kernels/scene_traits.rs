@@ -11,6 +11,8 @@ pub struct SceneTraits {
     pub offset_log_scales: bool,
     /// Offsets of quaternions.
     pub offset_quats: bool,
+    /// Levels of detail.
+    pub levels: bool,
 }
 
 impl SceneTraits {

@@ -8,7 +8,7 @@
 //! - Writes `surfaces`, 8 bytes a pixel: the instance and the index in its template. Before the last slab, the slot and the
 //!   transmittance so far, which the next slab goes on from.
 //! - Grid: one subgroup per 8x8 block of every tile.
-//! - The background's own instance is the last one.
+//! - The background's own instance is one more than the last; of a level of detail, its `owner` is written.
 //!
 //! Twin: `reference::tile_surface`. Test: `tests/kernels/tile_surface.rs`.
 

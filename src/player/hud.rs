@@ -60,6 +60,8 @@ pub(super) struct Settings<'a> {
     pub(super) mode: &'a mut PresentMode,
     /// Milliseconds that a picture may take on the device while things move.
     pub(super) budget_ms: &'a mut Option<f64>,
+    /// Pixels that may be merged; 0 = everything in full.
+    pub(super) lod_error_px: &'a mut f32,
 }
 
 /// The state of the interface itself.
@@ -157,11 +159,14 @@ fn chosen(ui: &mut egui::Ui, facts: &Facts<'_>) {
 }
 
 fn set(ui: &mut egui::Ui, settings: Settings<'_>, slabs: u32) {
-    let Settings { navigator, show, mode, budget_ms } = settings;
+    let Settings { navigator, show, mode, budget_ms, lod_error_px } = settings;
     let mut degrees = navigator.fov_y().to_degrees();
     if ui.add(egui::Slider::new(&mut degrees, 5.0..=150.0).text("field of view")).changed() {
         navigator.set_fov_y(degrees.to_radians());
     }
+    let words = |px: f64, _| if px > 0.0 { format!("{px:.1} px") } else { "off".into() };
+    let slider = egui::Slider::new(lod_error_px, 0.0..=8.0).step_by(0.5).custom_formatter(words);
+    ui.add(slider.text("detail that may be merged"));
     views::choose(ui, show, navigator.distance(), slabs);
     let mut limited = budget_ms.is_some();
     ui.horizontal(|ui| {

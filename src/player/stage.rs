@@ -75,7 +75,7 @@ impl Stage {
             recorders: [Recorder::with_profiler(gpu)?, Recorder::with_profiler(gpu)?],
             turn: 0,
             present_ms: None,
-            device_scene: renderer.upload(&scene)?,
+            device_scene: renderer.upload_for(&scene, &options.render)?,
             scene,
             renderer,
             options,
@@ -114,6 +114,7 @@ impl Stage {
         while let Some(arrived) = self.ahead.arrive()? {
             self.note(arrived);
         }
+        self.upload_levels()?;
         let mut stats = self.render(camera)?;
         if stats.slabs > 1 && matches!(self.options.show, Show::TileLoad(_)) {
             // The load is that of the last depth slab: a picture that overflowed its buffers is drawn with those that it grew.
@@ -125,7 +126,12 @@ impl Stage {
     }
 
     fn render(&mut self, camera: &Camera) -> Result<FrameStats, PlayerError> {
-        let (scene, options) = (&self.device_scene, &self.options.render);
+        let (scene, mut options) = (&self.device_scene, self.options.render);
+        if matches!(self.options.show, Show::Offsets(_)) {
+            // The merged Gaussians of coarser levels have offsets of their own.
+            options.lod_error_px = 0.0;
+        }
+        let options = &options;
         self.has_surfaces = self.needs_surfaces();
         if self.has_surfaces {
             self.presenter.set_instances(&self.looks())?;
@@ -159,7 +165,7 @@ impl Stage {
     /// and without surfaces or marks. After the last picture comes [`Stage::settle`].
     pub fn draw_ahead(&mut self, camera: &Camera) -> Result<(), PlayerError> {
         let alike = self.size_px() == Some([camera.width, camera.height]) && self.slabs == 1;
-        if !alike || self.needs_surfaces() || self.options.show.marks().is_some() {
+        if !alike || self.needs_surfaces() || !self.has_wanted_levels() || self.options.show.marks().is_some() {
             return self.draw(camera);
         }
         while self.ahead.is_full() {
@@ -194,6 +200,19 @@ impl Stage {
         let chosen = self.editor.chosen_flags(&self.scene);
         let templates = self.scene.instances.iter().map(|instance| instance.template);
         chosen.into_iter().zip(templates).map(|(chosen, template)| InstanceLook { chosen, template }).collect()
+    }
+
+    fn has_wanted_levels(&self) -> bool {
+        self.device_scene.has_levels() == (self.options.render.lod_error_px > 0.0)
+    }
+
+    /// Levels of detail come and go with the error that is allowed, so that full quality is what it is without them.
+    fn upload_levels(&mut self) -> Result<(), PlayerError> {
+        if !self.has_wanted_levels() {
+            self.device_scene = self.renderer.upload_for(&self.scene, &self.options.render)?;
+            self.show(self.editor.hidden().clone())?;
+        }
+        Ok(())
     }
 
     /// Records the last picture as pixels of a window of `shown_px`; to be submitted with the recorder that comes back.
@@ -265,6 +284,7 @@ impl Stage {
         let Some(camera) = self.camera.clone().filter(|camera| camera.has_pixel(at_px)) else { return Ok(None) };
         if !self.has_surfaces {
             self.settle()?;
+            self.upload_levels()?;
             let options = &self.options.render;
             self.renderer.render_with_surfaces(&self.device_scene, &camera, options, &mut self.surfaces)?;
         }
@@ -378,7 +398,7 @@ impl Stage {
             }
             Changed::Shown(instances) => self.show(instances.iter().copied())?,
             Changed::Everything => {
-                self.device_scene = self.renderer.upload(&self.scene)?;
+                self.device_scene = self.renderer.upload_for(&self.scene, &self.options.render)?;
                 self.show(self.editor.hidden().clone())?;
             }
         }
@@ -387,9 +407,9 @@ impl Stage {
 
     /// Makes the device draw these instances, or leave them out, as the editor says.
     fn show(&mut self, instances: impl IntoIterator<Item = usize>) -> Result<(), PlayerError> {
-        let template_of = |k: usize| self.scene.template_ranges[self.scene.instances[k].template as usize];
-        let count = |k: usize| if self.editor.hidden().contains(&k) { 0 } else { template_of(k).count };
-        let counts: Vec<(usize, u32)> = instances.into_iter().map(|k| (k, count(k))).collect();
-        Ok(self.device_scene.set_source_counts(&self.gpu, &counts)?)
+        for k in instances {
+            self.device_scene.show_instance(&self.gpu, k, !self.editor.hidden().contains(&k))?;
+        }
+        Ok(())
     }
 }

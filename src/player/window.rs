@@ -367,6 +367,7 @@ impl Live {
                 show: &mut self.stage.options.show,
                 mode: &mut mode,
                 budget_ms: &mut self.resolution.budget_ms,
+                lod_error_px: &mut self.stage.options.render.lod_error_px,
             };
             self.hud.lay_out(ctx, facts, settings);
             paint_gizmo(ctx, gizmo.as_ref(), hot);

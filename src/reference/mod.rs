@@ -9,6 +9,7 @@ pub mod emit_intersections;
 pub mod finite_diff;
 pub mod gather_gradients;
 pub mod image_loss;
+pub mod lod;
 pub mod mask_contribution;
 pub mod mcmc;
 pub mod plan_slab;

@@ -11,7 +11,7 @@ use crate::math::sh::{eval_sh_f64, widened};
 use crate::math::similarity::Similarity;
 use crate::reference::view::View;
 use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::InstancedScene;
+use crate::scene::instanced_scene::{InstancedScene, TemplateRange};
 use crate::scene::offsets::Offsets;
 
 /// Contributions with a smaller alpha are skipped.
@@ -128,25 +128,33 @@ pub fn sources(scene: &InstancedScene) -> Vec<SourceGaussian> {
     let mut out = Vec::new();
     for (k, instance) in scene.instances.iter().enumerate() {
         let range = scene.template_ranges[instance.template as usize];
-        for local in 0..range.count {
-            let pool = (range.first + local) as usize;
-            let mut source = source_of(&scene.templates, pool, instance.world_from_template);
-            if let Some(first) = instance.first_offset {
-                let o = (first + local) as usize;
-                source.mean_template += widened(scene.offsets.means[o]);
-                source.sh[0] += widened(scene.offsets.sh_dc[o]);
-                source.opacity_logit += f64::from(scene.offsets.opacity_logits[o]);
-                add_rare_offsets(&mut source, &scene.offsets, o);
-            }
-            out.push(SourceGaussian { flat_index: out.len() as u32, instance: k as u32, local_index: local, ..source });
-        }
+        let offsets = instance.first_offset.map(|first| (&scene.offsets, first));
+        push_sources(&mut out, (&scene.templates, range), offsets, instance.world_from_template, k as u32);
     }
-    let instance = scene.instances.len() as u32;
-    for i in 0..scene.background.len() {
-        let source = source_of(&scene.background, i, Similarity::IDENTITY);
-        out.push(SourceGaussian { flat_index: out.len() as u32, instance, local_index: i as u32, ..source });
-    }
+    let range = TemplateRange { first: 0, count: scene.background.len() as u32 };
+    push_sources(&mut out, (&scene.background, range), None, Similarity::IDENTITY, scene.instances.len() as u32);
     out
+}
+
+/// Appends the Gaussians of one instance: a range of a cloud, with a run of offsets if it has any.
+pub(super) fn push_sources(
+    out: &mut Vec<SourceGaussian>,
+    (cloud, range): (&Gaussians, TemplateRange),
+    offsets: Option<(&Offsets, u32)>,
+    world_from_template: Similarity,
+    instance: u32,
+) {
+    for local in 0..range.count {
+        let mut source = source_of(cloud, (range.first + local) as usize, world_from_template);
+        if let Some((offsets, first)) = offsets {
+            let o = (first + local) as usize;
+            source.mean_template += widened(offsets.means[o]);
+            source.sh[0] += widened(offsets.sh_dc[o]);
+            source.opacity_logit += f64::from(offsets.opacity_logits[o]);
+            add_rare_offsets(&mut source, offsets, o);
+        }
+        out.push(SourceGaussian { flat_index: out.len() as u32, instance, local_index: local, ..source });
+    }
 }
 
 /// Adds the offsets of SH coefficients above 0 and of shape, where the scene has them.

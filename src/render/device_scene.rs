@@ -1,6 +1,7 @@
 //! The scene in device memory: source Gaussians (templates, then background) as structure of arrays, instances, chunk
 //! bounds, offsets. Immutable; one template serves all its instances.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::gpu::interface::types;
@@ -9,10 +10,12 @@ use crate::gpu::{Buffer, Gpu};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::sh_coefficients;
+use crate::scene::lod::Levels;
 use crate::scene::{Gaussians, InstancedScene};
 
 use super::error::RenderError;
-use super::scene_tables::{build_tables, cloud_tables, scale_bound};
+use super::level_tables::build_level_tables;
+use super::scene_tables::{Tables, build_tables, cloud_tables, scale_bound};
 
 /// Gaussians of the clouds of a scene, their SH degrees, and its offset records.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,8 +79,14 @@ pub struct DeviceScene {
     pub expanded_len: u64,
     /// The scene's own antialias flag.
     pub antialias: bool,
-    /// How many there are of what.
+    /// How many there are of what, levels of detail included.
     pub counts: SceneCounts,
+    /// Instances besides the background: the first of `instances`.
+    posed_instances: u32,
+    /// By instance, where `instances` has its coarser levels; `None` without levels of detail.
+    coarser: Option<Vec<Range<u32>>>,
+    /// Gaussians of each entry of `instances` as it was uploaded.
+    source_counts: Vec<u32>,
 }
 
 /// What chunk culling may assume.
@@ -110,13 +119,41 @@ impl DeviceScene {
         bounds: Bounds,
     ) -> Result<Self, RenderError> {
         scene.validate()?;
-        let sh_degree = scene.sh_degree();
-        let pool = |field: fn(&Gaussians) -> usize| field(&scene.templates) + field(&scene.background);
-        check_limit(gpu, pool(Gaussians::len), sh_degree)?;
+        check_limit(gpu, scene.templates.len() + scene.background.len(), scene.sh_degree())?;
         let mut tables = build_tables(scene, chunk_size)?;
         if bounds == Bounds::Everywhere {
             tables.widen();
         }
+        Self::with_tables(gpu, scene, (tables, chunk_size), scene.instances.len() as u32)
+    }
+
+    /// As [`DeviceScene::new`], with levels of detail: for `RenderOptions::lod_error_px` above 0. Takes up to three times
+    /// the memory, and a moment on the host.
+    ///
+    /// # Errors
+    /// As there, levels included.
+    pub fn with_levels(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
+        scene.validate()?;
+        let levels = Levels::of(scene);
+        check_limit(gpu, levels.templates.len() + levels.background.len(), scene.sh_degree())?;
+        let tables = build_level_tables(&levels, chunk_size)?;
+        let Levels { templates, background, offsets, coarser, .. } = levels;
+        let pool =
+            InstancedScene { templates, background, offsets, antialias: scene.antialias, ..InstancedScene::default() };
+        let mut out = Self::with_tables(gpu, &pool, (tables, chunk_size), scene.instances.len() as u32)?;
+        out.expanded_len = scene.expanded_len();
+        out.coarser = Some(coarser);
+        Ok(out)
+    }
+
+    /// Uploads the clouds and offsets of `scene` with tables that index them.
+    fn with_tables(
+        gpu: &Arc<Gpu>,
+        scene: &InstancedScene,
+        (tables, chunk_size): (Tables, u32),
+        posed_instances: u32,
+    ) -> Result<Self, RenderError> {
+        let sh_degree = scene.sh_degree();
         let band = |gpu: &Arc<Gpu>, l: u32| upload(gpu, &format!("sh band {l}"), &sh_band(scene, l));
         Ok(Self {
             instances: upload(gpu, "instances", &tables.instances)?,
@@ -148,6 +185,9 @@ impl DeviceScene {
                 offset_log_scales: scene.offsets.log_scales.len(),
                 offset_quats: scene.offsets.quats.len(),
             },
+            posed_instances,
+            coarser: None,
+            source_counts: tables.instances.iter().map(|entry| entry.source_count).collect(),
         })
     }
 
@@ -172,7 +212,7 @@ impl DeviceScene {
         Ok(())
     }
 
-    /// Moves one instance: its entry of the instance table goes to the device, and nothing else.
+    /// Moves one instance: its entry of the instance table, and those of its levels, go to the device, and nothing else.
     ///
     /// # Panics
     /// If there is no such instance.
@@ -182,26 +222,40 @@ impl DeviceScene {
         instance: usize,
         world_from_template: &Similarity,
     ) -> Result<(), RenderError> {
-        assert!(instance < self.posed_instances() as usize, "there is no instance {instance}");
-        let entries = download(gpu, &self.instances, instance + 1)?;
-        let Some(mut entry) = entries.last().copied() else { return Ok(()) };
-        entry.world_from_template = world_from_template.rows();
-        entry.scale = scale_bound(world_from_template);
-        Ok(write_at(gpu, (&mut self.instances, instance), &[entry])?)
+        self.change_instance(gpu, instance, |_, entry| {
+            entry.world_from_template = world_from_template.rows();
+            entry.scale = scale_bound(world_from_template);
+        })
     }
 
-    /// Gives instances other numbers of Gaussians, none above their template's: with 0 culling passes nothing of them on,
-    /// which hides them. Their entries of the instance table go to the device, and nothing else.
+    /// Draws an instance, or leaves it out: without Gaussians, culling passes nothing of it on. Its entry of the instance
+    /// table, and those of its levels, go to the device, and nothing else.
     ///
     /// # Panics
     /// If there is no such instance.
-    pub fn set_source_counts(&mut self, gpu: &Arc<Gpu>, counts: &[(usize, u32)]) -> Result<(), RenderError> {
-        let Some(last) = counts.iter().map(|&(k, _)| k).max() else { return Ok(()) };
-        assert!(last < self.posed_instances() as usize, "there is no instance {last}");
-        let entries = download(gpu, &self.instances, last + 1)?;
-        for &(k, source_count) in counts {
-            let entry = types::Instance { source_count, ..entries[k] };
-            write_at(gpu, (&mut self.instances, k), &[entry])?;
+    pub fn show_instance(&mut self, gpu: &Arc<Gpu>, instance: usize, shown: bool) -> Result<(), RenderError> {
+        let counts = std::mem::take(&mut self.source_counts);
+        let done =
+            self.change_instance(gpu, instance, |k, entry| entry.source_count = if shown { counts[k] } else { 0 });
+        self.source_counts = counts;
+        done
+    }
+
+    /// Changes the entries of an instance and of its levels, by their index.
+    fn change_instance(
+        &mut self,
+        gpu: &Arc<Gpu>,
+        instance: usize,
+        change: impl Fn(usize, &mut types::Instance),
+    ) -> Result<(), RenderError> {
+        assert!(instance < self.posed_instances() as usize, "there is no instance {instance}");
+        let coarser = self.coarser.as_ref().map_or(0..0, |coarser| coarser[instance].clone());
+        for run in [instance..instance + 1, coarser.start as usize..coarser.end as usize] {
+            let mut entries = download(gpu, &self.instances, run.end)?.split_off(run.start);
+            entries.iter_mut().zip(run.clone()).for_each(|(entry, k)| change(k, entry));
+            if !entries.is_empty() {
+                write_at(gpu, (&mut self.instances, run.start), &entries)?;
+            }
         }
         Ok(())
     }
@@ -213,12 +267,18 @@ impl DeviceScene {
             offset_sh_rest: self.counts.offset_sh_rest > 0,
             offset_log_scales: self.counts.offset_log_scales > 0,
             offset_quats: self.counts.offset_quats > 0,
+            levels: self.has_levels(),
         }
     }
 
     /// Instances besides the background, which has no place of its own.
     pub fn posed_instances(&self) -> u32 {
-        self.instance_count - u32::from(self.counts.background > 0)
+        self.posed_instances
+    }
+
+    /// True if there are levels of detail to choose from.
+    pub fn has_levels(&self) -> bool {
+        self.coarser.is_some()
     }
 
     /// Bytes of all buffers.

@@ -23,6 +23,8 @@ pub struct ForwardInputs<'a> {
     pub view: types::View,
     /// Colour behind everything.
     pub background: [f32; 3],
+    /// Levels of detail whose cells are wider are not shown, pixels; 0 = everything in full.
+    pub lod_error_px: f32,
     /// Most splats in one slab (see `DeviceCaps::loop_iteration_limit`).
     pub max_slab_splats: u32,
 }
@@ -72,7 +74,8 @@ fn record_culling(
     let bindings =
         cull_instances::Bindings { instances: &scene.instances, instance_chunks: &mut frame.instance_chunks };
     let grid = Grid::threads(instance_count, p.variant.workgroup_size);
-    recorder.dispatch(&p.cull_instances, grid, &cull_instances::Params { view, instance_count }, bindings)?;
+    let params = cull_instances::Params { view, instance_count, lod_error_px: inputs.lod_error_px };
+    recorder.dispatch(&p.cull_instances, grid, &params, bindings)?;
 
     let mut scan = plain(COUNTER_INSTANCES);
     scan.total_slot = COUNTER_CANDIDATES;
@@ -159,7 +162,7 @@ fn record_expansion(
         tile_counts: &mut frame.tile_counts,
         survivor_counts: &mut frame.survivor_counts,
     };
-    let params = preprocess_instance_expand::Params { view: inputs.view };
+    let params = preprocess_instance_expand::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
     recorder.dispatch_indirect(&p.preprocess_instance_expand, (&frame.scratch.args, per_item), &params, bindings)?;
 

@@ -101,7 +101,7 @@ impl Renderer {
     ) -> Result<FrameStats, RenderError> {
         let stats = self.render_slabs(scene, camera, options, &mut |slab| {
             marks.after_slab(&slab, shape)?;
-            surfaces.as_mut().map_or(Ok(()), |surfaces| surfaces.after_slab(&slab))
+            surfaces.as_mut().map_or(Ok(()), |surfaces| surfaces.after_slab(scene, &slab))
         });
         if stats.is_err() {
             marks.recorder.abandon();

@@ -12,6 +12,7 @@ pub mod error;
 pub mod forward;
 pub mod frame_buffers;
 pub mod gradients;
+mod level_tables;
 pub mod marks;
 pub mod picture;
 pub mod plan;

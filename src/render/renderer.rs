@@ -30,14 +30,25 @@ pub struct RenderOptions {
     pub antialias: bool,
     /// Colour behind everything, rgb in the encoding of the training images.
     pub background: [f32; 3],
+    /// Levels of detail: instances and parts of the background are drawn merged where what is merged is at most so many
+    /// pixels wide ([`crate::scene::lod`]); 0 = everything in full. Above 0 it takes a scene that was uploaded with levels
+    /// ([`Renderer::upload_for`]).
+    pub lod_error_px: f32,
     /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = what the device holds.
     pub max_intersections: Option<u32>,
 }
 
 impl Default for RenderOptions {
-    /// The INRIA constants: near 0.2, dilation 0.3, black.
+    /// The INRIA constants: near 0.2, dilation 0.3, black; everything in full.
     fn default() -> Self {
-        Self { near: 0.2, dilation_px2: 0.3, antialias: false, background: [0.0; 3], max_intersections: None }
+        Self {
+            near: 0.2,
+            dilation_px2: 0.3,
+            antialias: false,
+            background: [0.0; 3],
+            lod_error_px: 0.0,
+            max_intersections: None,
+        }
     }
 }
 
@@ -156,6 +167,17 @@ impl Renderer {
         DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size)
     }
 
+    /// Uploads a scene with what `options` ask for: with levels of detail if `lod_error_px` is above 0. Such a scene can be
+    /// rendered in full too, and with any other error.
+    pub fn upload_for(
+        &self,
+        scene: &crate::scene::InstancedScene,
+        options: &RenderOptions,
+    ) -> Result<DeviceScene, RenderError> {
+        let upload = if options.lod_error_px > 0.0 { DeviceScene::with_levels } else { DeviceScene::new };
+        upload(&self.gpu, scene, self.variant.workgroup_size)
+    }
+
     /// Renders a picture and leaves it on the device (see [`Renderer::download`]).
     ///
     /// # Errors
@@ -197,6 +219,10 @@ impl Renderer {
         if scene.chunk_size != self.variant.workgroup_size {
             let reason = format!("{} Gaussians, this renderer has {}", scene.chunk_size, self.variant.workgroup_size);
             return Err(RenderError::Option { option: "the scene's chunks", reason });
+        }
+        if options.lod_error_px > 0.0 && !scene.has_levels() {
+            let reason = "the scene was uploaded without levels of detail".into();
+            return Err(RenderError::Option { option: "lod", reason });
         }
         self.prepare_pipelines(scene.traits(scene.sh_degree), [camera.width, camera.height])?;
         self.prepare_frame(scene, camera, options)
@@ -309,7 +335,8 @@ impl Renderer {
         options: &RenderOptions,
     ) -> ForwardInputs<'a> {
         let max_slab_splats = max_slab_splats(gpu, pipelines.variant.subgroup_size);
-        ForwardInputs { scene, pipelines, primitives, view, background: options.background, max_slab_splats }
+        let (background, lod_error_px) = (options.background, options.lod_error_px);
+        ForwardInputs { scene, pipelines, primitives, view, background, lod_error_px, max_slab_splats }
     }
 
     /// Everything up to and including the first slab.
@@ -448,6 +475,9 @@ fn check_options(options: &RenderOptions) -> Result<(), RenderError> {
     // The projected variance must not vanish: 1e-6 px^2 is a thousandth of a pixel.
     if !(options.dilation_px2.is_finite() && (1e-6..=1e6).contains(&options.dilation_px2)) {
         return fail("dilation", format!("{} is not within 1e-6..=1e6", options.dilation_px2));
+    }
+    if !(options.lod_error_px.is_finite() && options.lod_error_px >= 0.0) {
+        return fail("lod", format!("{} is not a finite number of pixels >= 0", options.lod_error_px));
     }
     if !options.background.iter().all(|c| c.is_finite()) {
         return fail("background", "is not finite".into());

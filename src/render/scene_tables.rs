@@ -5,7 +5,8 @@ use glam::DVec3;
 use crate::gpu::interface::constants::NO_OFFSET;
 use crate::gpu::interface::types;
 use crate::math::similarity::Similarity;
-use crate::scene::{Gaussians, InstancedScene};
+use crate::scene::lod::NO_NEXT_CELL;
+use crate::scene::{Gaussians, InstancedScene, Offsets, TemplateRange};
 
 use super::error::RenderError;
 
@@ -13,10 +14,11 @@ use super::error::RenderError;
 const RADIUS_EVERYWHERE: f32 = 1e25;
 
 /// A ball around means, with the largest standard deviation inside.
-struct Bound {
-    center: DVec3,
-    radius: f64,
-    sigma_max: f64,
+#[derive(Clone, Copy)]
+pub(super) struct Bound {
+    pub(super) center: DVec3,
+    pub(super) radius: f64,
+    pub(super) sigma_max: f64,
 }
 
 /// Chunk and instance tables before upload.
@@ -47,37 +49,17 @@ pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Ta
     for instance in &scene.instances {
         let range = scene.template_ranges[instance.template as usize];
         let (first_chunk, bound) = &template_bounds[instance.template as usize];
-        let max_offset = instance.first_offset.map_or(0.0, |first| {
-            let run = &scene.offsets.means[first as usize..(first + range.count) as usize];
-            run.iter().map(|d| dvec(*d).length()).fold(0.0, f64::max)
-        });
-        let place = Placement {
-            world_from_template: &instance.world_from_template,
-            first_offset: instance.first_offset.unwrap_or(NO_OFFSET),
-            max_offset,
-            log_growth: log_growth(scene, instance.first_offset, range.count),
-        };
-        let source = Source {
-            first: range.first,
-            count: range.count,
-            sh_degree: scene.templates.sh_degree,
-            first_in_band: [range.first; 3],
-        };
+        let first_offset = instance.first_offset;
+        let place = Placement::of(&instance.world_from_template, &scene.offsets, first_offset, range.count);
+        let source = Source::of_templates(&scene.templates, range);
         tables.push_instance(&place, bound, source, *first_chunk, chunk_size)?;
     }
     if !scene.background.is_empty() {
         let first_chunk = tables.chunks.len() as u32;
-        let count = scene.background.len();
-        let bound = tables.push_chunks(&scene.background, 0, count, chunk_size);
-        let place = Placement::BACKGROUND;
-        let source = Source {
-            first: scene.templates.len() as u32,
-            count: count as u32,
-            sh_degree: scene.background.sh_degree,
-            first_in_band: [1, 2, 3]
-                .map(|l| if scene.templates.sh_degree >= l { scene.templates.len() as u32 } else { 0 }),
-        };
-        tables.push_instance(&place, &bound, source, first_chunk, chunk_size)?;
+        let range = TemplateRange { first: 0, count: scene.background.len() as u32 };
+        let bound = tables.push_chunks(&scene.background, 0, range.count as usize, chunk_size);
+        let source = Source::of_background(&scene.templates, &scene.background, range);
+        tables.push_instance(&Placement::BACKGROUND, &bound, source, first_chunk, chunk_size)?;
     }
     Ok(tables)
 }
@@ -96,23 +78,35 @@ pub(super) fn cloud_tables(count: usize, sh_degree: u32, chunk_size: u32) -> Res
     Ok(tables)
 }
 
-/// The largest offset of a log standard deviation in an instance's run, at least 0.
-fn log_growth(scene: &InstancedScene, first_offset: Option<u32>, count: u32) -> f64 {
-    let run = first_offset.map_or(0..0, |first| first as usize..(first + count) as usize);
-    let offsets = scene.offsets.log_scales.get(run).unwrap_or_default();
-    offsets.iter().flatten().fold(0.0, |most, &offset| f64::from(offset).max(most))
-}
-
 /// Which source Gaussians an instance shows.
-struct Source {
+pub(super) struct Source {
     first: u32,
     count: u32,
     sh_degree: u32,
     first_in_band: [u32; 3],
 }
 
+impl Source {
+    /// Of a range of the templates.
+    pub(super) fn of_templates(templates: &Gaussians, range: TemplateRange) -> Self {
+        let TemplateRange { first, count } = range;
+        Self { first, count, sh_degree: templates.sh_degree, first_in_band: [first; 3] }
+    }
+
+    /// Of a range of the background, which stands behind the templates where those have the band.
+    pub(super) fn of_background(templates: &Gaussians, background: &Gaussians, range: TemplateRange) -> Self {
+        let before = |l: u32| if templates.sh_degree >= l { templates.len() as u32 } else { 0 };
+        Self {
+            first: templates.len() as u32 + range.first,
+            count: range.count,
+            sh_degree: background.sh_degree,
+            first_in_band: [1, 2, 3].map(|l| before(l) + range.first),
+        }
+    }
+}
+
 /// Where an instance stands and which offsets it has.
-struct Placement<'a> {
+pub(super) struct Placement<'a> {
     world_from_template: &'a Similarity,
     first_offset: u32,
     max_offset: f64,
@@ -120,10 +114,27 @@ struct Placement<'a> {
     log_growth: f64,
 }
 
-impl Placement<'_> {
+impl<'a> Placement<'a> {
     /// Of the background's own instance.
     const BACKGROUND: Self =
         Self { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0, log_growth: 0.0 };
+
+    /// Of an instance with a run of `count` offsets, if it has any.
+    pub(super) fn of(
+        world_from_template: &'a Similarity,
+        offsets: &Offsets,
+        first_offset: Option<u32>,
+        count: u32,
+    ) -> Self {
+        let run = first_offset.map_or(0..0, |first| first as usize..(first + count) as usize);
+        let scales = offsets.log_scales.get(run.clone()).unwrap_or_default();
+        Self {
+            world_from_template,
+            first_offset: first_offset.unwrap_or(NO_OFFSET),
+            max_offset: offsets.means[run].iter().map(|d| dvec(*d).length()).fold(0.0, f64::max),
+            log_growth: scales.iter().flatten().fold(0.0, |most, &offset| f64::from(offset).max(most)),
+        }
+    }
 }
 
 impl Tables {
@@ -134,7 +145,7 @@ impl Tables {
     }
 
     /// Appends the chunks of one range and returns the bound of all of it.
-    fn push_chunks(&mut self, cloud: &Gaussians, first: usize, count: usize, chunk_size: u32) -> Bound {
+    pub(super) fn push_chunks(&mut self, cloud: &Gaussians, first: usize, count: usize, chunk_size: u32) -> Bound {
         for start in (0..count).step_by(chunk_size as usize) {
             let size = (count - start).min(chunk_size as usize);
             let bound = bound_of(cloud, first + start, size);
@@ -147,7 +158,11 @@ impl Tables {
         bound_of(cloud, first, count)
     }
 
-    fn push_instance(
+    /// Appends an instance that is in full, and its own owner.
+    ///
+    /// # Errors
+    /// More expanded Gaussians than u32 counts.
+    pub(super) fn push_instance(
         &mut self,
         place: &Placement<'_>,
         bound: &Bound,
@@ -169,6 +184,9 @@ impl Tables {
             first_chunk,
             sh_degree: source.sh_degree,
             first_in_band: source.first_in_band,
+            cell: 0.0,
+            next_cell: NO_NEXT_CELL,
+            owner: self.instances.len() as u32,
         });
         self.chunk_pairs += u64::from(source.count.div_ceil(chunk_size));
         self.flat += u64::from(source.count);

@@ -61,7 +61,7 @@ impl Surfaces {
         Ok(download(&self.gpu, &self.by_pixel, count)?.into_iter().map(point_of).collect())
     }
 
-    pub(super) fn after_slab(&mut self, slab: &BlendedSlab<'_>) -> Result<(), RenderError> {
+    pub(super) fn after_slab(&mut self, scene: &DeviceScene, slab: &BlendedSlab<'_>) -> Result<(), RenderError> {
         let (plan, variant) = (&slab.frame.plan, slab.variant);
         if self.size_px != plan.size_px {
             self.by_pixel = Buffer::new(&self.gpu, "surfaces", plan.pixels() as usize)?;
@@ -79,6 +79,7 @@ impl Surfaces {
             surfaces: &mut self.by_pixel,
             footprints: &slab.frame.footprints,
             counters: &slab.frame.scratch.counters,
+            instances: &scene.instances,
         };
         let params =
             tile_surface::Params { size_px: plan.size_px, tiles: plan.tiles, chunk_size: variant.workgroup_size };
@@ -111,7 +112,7 @@ impl Renderer {
         options: &RenderOptions,
         surfaces: &mut Surfaces,
     ) -> Result<FrameStats, RenderError> {
-        let stats = self.render_slabs(scene, camera, options, &mut |slab| surfaces.after_slab(&slab));
+        let stats = self.render_slabs(scene, camera, options, &mut |slab| surfaces.after_slab(scene, &slab));
         if stats.is_err() {
             surfaces.recorder.abandon();
         }

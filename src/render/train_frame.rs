@@ -258,6 +258,8 @@ impl TrainFrame {
             primitives: &self.primitives,
             view: view_of(view.camera, &view.options),
             background: view.options.background,
+            // Training sees everything in full.
+            lod_error_px: 0.0,
             max_slab_splats,
         };
         Parts { forward, pipelines: backward, frame, buffers }

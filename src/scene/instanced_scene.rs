@@ -7,7 +7,7 @@ use crate::scene::gaussians::Gaussians;
 use crate::scene::offsets::Offsets;
 
 /// A range of the template pool: one template.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TemplateRange {
     /// Index of the template's first Gaussian in `InstancedScene::templates`.
     pub first: u32,

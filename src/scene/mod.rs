@@ -6,6 +6,7 @@ pub mod flatten;
 pub mod gaussians;
 pub mod instanced_scene;
 pub mod labels;
+pub mod lod;
 pub mod offsets;
 pub mod point_cloud;
 pub mod posed_group;

@@ -52,6 +52,21 @@ pub fn camera(size_px: (u32, u32)) -> Camera {
     Camera::look_at("down", target + DVec3::new(0.0, 10.0, 0.0), target, DVec3::Z, 0.9, size_px)
 }
 
+/// The first thousand of the field's instances: ten rows.
+pub fn thousand(field: &InstancedScene) -> InstancedScene {
+    InstancedScene { instances: field.instances[..10 * SIDE].to_vec(), ..field.clone() }
+}
+
+/// Straight down along the middle of [`thousand`], from a height at which about 10 instances are in view of a wide picture.
+pub fn flight(count: u32, size_px: (u32, u32)) -> Vec<Camera> {
+    let camera = |i: u32| {
+        let along = 0.2 + 0.6 * f64::from(i) / f64::from(count.max(2) - 1);
+        let target = DVec3::new(along * SIDE as f64 * SPACING, 0.0, 5.0 * SPACING);
+        Camera::look_at(&format!("flight_{i:03}"), target + DVec3::new(0.0, 7.0, 0.0), target, DVec3::Z, 0.9, size_px)
+    };
+    (0..count).map(camera).collect()
+}
+
 /// A ball of small discs: SH degree 3, radius 1.
 fn template(len: usize) -> Gaussians {
     let mut rng = Rng::new(1);

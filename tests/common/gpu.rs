@@ -41,7 +41,7 @@ pub(crate) fn device_options(options: &reference::RenderOptions) -> RenderOption
         dilation_px2: options.dilation as f32,
         antialias: options.antialias,
         background: options.background.map(|v| v as f32),
-        max_intersections: None,
+        ..RenderOptions::default()
     }
 }
 

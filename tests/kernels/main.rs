@@ -14,6 +14,7 @@ mod densify;
 mod forward;
 mod image_loss;
 mod intersections;
+mod lod;
 mod mask_contribution;
 mod mcmc;
 mod overflow;

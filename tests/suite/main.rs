@@ -15,6 +15,7 @@ mod cli;
 mod cli_edit;
 mod cli_eval;
 mod cli_instanced;
+mod cli_lod;
 #[cfg(feature = "player")]
 mod cli_player;
 mod cli_stages;

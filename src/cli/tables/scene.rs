@@ -77,6 +77,7 @@ fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError>
                 seed: *seed,
                 instances: *instances,
                 differences: *differences,
+                flight: None,
                 pose_noise: None,
             };
             make_data(recipe, &folder, &options, evidence.session.printer)?;

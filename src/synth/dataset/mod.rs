@@ -37,6 +37,11 @@ use stage::Scene;
 /// Most views of a data set.
 pub const MAX_VIEWS: u32 = 10_000;
 
+/// Distances of a flight, metres: nearer, cameras are inside objects; farther, a scene is a few pixels.
+pub const MIN_FLIGHT: f64 = 0.5;
+/// See [`MIN_FLIGHT`].
+pub const MAX_FLIGHT: f64 = 1000.0;
+
 /// What a data set is made with.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
@@ -51,13 +56,15 @@ pub struct Options {
     /// How much of what objects of a kind differ by is shown, 0..=1: at 0 all look as the first of them, and from 0.5 on
     /// each has its own parts. Sizes stay.
     pub differences: f64,
+    /// Cameras on a line to the target, from the first distance to the second, metres, instead of on rings.
+    pub flight: Option<(f64, f64)>,
     /// Also writes `groups_noisy.json`, with poses that are off by this much.
     pub pose_noise: Option<PoseNoise>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { views: 48, size: (320, 180), seed: 1, instances: None, differences: 1.0, pose_noise: None }
+        Self { views: 48, size: (320, 180), seed: 1, instances: None, differences: 1.0, flight: None, pose_noise: None }
     }
 }
 
@@ -130,6 +137,10 @@ fn check(options: &Options) -> Result<(), SynthError> {
     if !(0.0..=1.0).contains(&options.differences) {
         return fail("differences", format!("{} is not within 0 to 1", options.differences));
     }
+    let distance = |d: f64| (MIN_FLIGHT..=MAX_FLIGHT).contains(&d);
+    if options.flight.is_some_and(|(from, to)| !distance(from) || !distance(to)) {
+        return fail("flight", format!("want distances of {MIN_FLIGHT} to {MAX_FLIGHT} metres"));
+    }
     let sound = |n: PoseNoise| (0.0..=180.0).contains(&n.degrees) && (0.0..=1.0).contains(&n.part);
     if options.pose_noise.is_some_and(|n| !sound(n)) {
         return fail("pose-noise", "want an angle of 0 to 180 degrees and a part of 0 to 1".into());
@@ -145,7 +156,10 @@ fn check(options: &Options) -> Result<(), SynthError> {
 /// An unknown name, an option beyond its bounds, a folder that holds something else, a file that cannot be written.
 pub fn write(name: &str, out: &Path, options: &Options, on_view: &mut dyn FnMut(u32)) -> Result<Truth, SynthError> {
     let scene = build(name, options)?;
-    let cameras = scene.rig.cameras(options.views, options.size, options.seed);
+    let cameras = match options.flight {
+        Some(distances) => scene.rig.flight(options.views, options.size, distances),
+        None => scene.rig.cameras(options.views, options.size, options.seed),
+    };
     files::prepare(out)?;
     write_mark(name, out, options)?;
     let groups = truth::groups(&scene);
@@ -175,7 +189,7 @@ pub fn light_of(scene: &Scene, cameras: &[Camera], seed: u64) -> Irradiance {
 fn write_mark(name: &str, out: &Path, options: &Options) -> Result<(), IoError> {
     let noise = options.pose_noise.map(|n| [n.degrees, n.part]);
     let mark = serde_json::json!({ "name": name, "views": options.views, "size": options.size, "seed": options.seed,
-        "instances": options.instances, "pose_noise": noise, "version": env!("CARGO_PKG_VERSION") });
+        "instances": options.instances, "flight": options.flight, "pose_noise": noise, "version": env!("CARGO_PKG_VERSION") });
     let text = format!("{mark:#}\n");
     atomic_write(&out.join(files::MARK), |file| file.write_all(text.as_bytes()))
 }

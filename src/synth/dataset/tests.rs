@@ -7,7 +7,7 @@ use crate::io::masks::{read_categories, read_mask};
 use crate::math::similarity::Similarity;
 
 const TINY: Options =
-    Options { views: 9, size: (25, 17), seed: 3, instances: None, differences: 1.0, pose_noise: None };
+    Options { views: 9, size: (25, 17), seed: 3, instances: None, differences: 1.0, flight: None, pose_noise: None };
 
 fn bytes_below(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut out = BTreeMap::new();

@@ -14,6 +14,11 @@ const STREAM: u64 = 0xCA_3E_8A;
 /// Jitter of distance and height, relative.
 const JITTER: f64 = 0.05;
 
+/// A flight's angle over the ground: above hedges and fences, as a person or a low drone comes.
+const FLIGHT_ELEVATION: f64 = 14.0 * std::f64::consts::PI / 180.0;
+/// Off the middle of the azimuths, so that rows of objects are not seen end on.
+const FLIGHT_AZIMUTH: f64 = 30.0 * std::f64::consts::PI / 180.0;
+
 /// A circle of cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ring {
@@ -38,12 +43,23 @@ pub struct Rig {
 }
 
 impl Rig {
+    /// `count` cameras on a line that rises by [`FLIGHT_ELEVATION`] from the target in the middle of the rig's azimuths, at
+    /// distances in equal ratios from the first to the second, metres; all look at the target. Named as those of rings.
+    pub fn flight(&self, count: u32, size: (u32, u32), (from, to): (f64, f64)) -> Vec<Camera> {
+        let (azimuth, level) = (self.azimuths.0 + FLIGHT_AZIMUTH, FLIGHT_ELEVATION.cos());
+        let towards = DVec3::new(level * azimuth.cos(), level * azimuth.sin(), FLIGHT_ELEVATION.sin());
+        let camera = |i: u32| {
+            let share = f64::from(i) / f64::from(count.saturating_sub(1).max(1));
+            let eye = self.target + from * (to / from).powf(share) * towards;
+            Camera::look_at(&name(i, count), eye, self.target, DVec3::Z, field_of_view(size), size)
+        };
+        (0..count).map(camera).collect()
+    }
+
     /// `count` cameras, named `view_000`, `view_001` and so on.
     pub fn cameras(&self, count: u32, size: (u32, u32), seed: u64) -> Vec<Camera> {
         let rng = Rng::new(seed).fork(STREAM);
-        let digits = count.saturating_sub(1).to_string().len().max(3);
-        let aspect = f64::from(size.0) / f64::from(size.1);
-        let fov_y = FIELD_OF_VIEW.min(2.0 * ((0.5 * WIDEST).tan() / aspect).atan());
+        let fov_y = field_of_view(size);
         let camera = |i: u32| {
             let mut rng = rng.fork(u64::from(i));
             let ring = self.rings[i as usize % self.rings.len()];
@@ -55,10 +71,21 @@ impl Rig {
             let around = DVec3::new(self.target.x, self.target.y, 0.0);
             let eye = around + DVec3::new(distance * azimuth.cos(), distance * azimuth.sin(), height);
             let target = self.target + rng.unit_vector() * self.stray * DVec3::new(1.0, 1.0, 0.3);
-            Camera::look_at(&format!("view_{i:0digits$}"), eye, target, DVec3::Z, fov_y, size)
+            Camera::look_at(&name(i, count), eye, target, DVec3::Z, fov_y, size)
         };
         (0..count).map(camera).collect()
     }
+}
+
+fn name(i: u32, count: u32) -> String {
+    let digits = count.saturating_sub(1).to_string().len().max(3);
+    format!("view_{i:0digits$}")
+}
+
+/// Vertical, radians.
+fn field_of_view(size: (u32, u32)) -> f64 {
+    let aspect = f64::from(size.0) / f64::from(size.1);
+    FIELD_OF_VIEW.min(2.0 * ((0.5 * WIDEST).tan() / aspect).atan())
 }
 
 #[cfg(test)]
@@ -83,6 +110,10 @@ mod tests {
         assert!(sectors.iter().all(|&n| n >= 4), "{sectors:?}");
         assert_eq!(cameras[7].name, "view_007");
         assert_eq!(cameras, rig.cameras(48, (320, 180), 3));
+        let flight = rig.flight(5, (320, 180), (64.0, 4.0));
+        let distances: Vec<f64> = flight.iter().map(|c| c.position_world().distance(rig.target)).collect();
+        assert!(distances.iter().zip([64.0, 32.0, 16.0, 8.0, 4.0]).all(|(d, want)| (d - want).abs() < 1e-9));
+        flight.iter().for_each(|c| c.validate().unwrap());
         for size in [(1, 1), (16384, 1), (1, 16384), (33, 17)] {
             rig.cameras(2, size, 1).iter().for_each(|c| c.validate().unwrap());
         }

@@ -1,0 +1,266 @@
+//! What levels of detail cost and save: pictures at one or several errors beside those in full, in quality and in time.
+//!
+//! Quality first: every camera's picture at every error is compared with the one in full and, where there is one, with the
+//! photo. Then the timed frames: full, first error, second error, then backwards, and so on through the cameras, so that
+//! whatever else the machine does falls on all of them.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use super::measure::{BenchError, Subject, warm_up};
+use crate::eval::{EvalError, PicturePair, pair_of, psnr};
+use crate::gpu::Gpu;
+use crate::io::view_image::ViewImage;
+use crate::math::statistics::Percentiles;
+use crate::render::{DeviceScene, FrameStats, Picture, RenderOptions, Renderer};
+use crate::scene::Camera;
+
+/// A camera, and the photo of what it sees if there is one of its size.
+pub struct LodView {
+    /// The camera.
+    pub camera: Camera,
+    /// The truth.
+    pub photo: Option<ViewImage>,
+}
+
+/// The measurement of one scene.
+#[derive(Clone, Debug, Serialize)]
+pub struct LodReport {
+    /// The scene's file.
+    pub scene: String,
+    /// Device name.
+    pub device: String,
+    /// Driver name and version.
+    pub driver: String,
+    /// Width and height of the first camera, pixels.
+    pub resolution: [u32; 2],
+    /// Timed frames at every error.
+    pub frames: u32,
+    /// Gaussians after expanding all instances, in full.
+    pub expanded: u64,
+    /// In full (error 0), then the errors in the order they were given.
+    pub rows: Vec<LodRow>,
+}
+
+/// One error.
+#[derive(Clone, Debug, Serialize)]
+pub struct LodRow {
+    /// Pixels; 0 = in full.
+    pub lod_px: f32,
+    /// Mean over the cameras of PSNR against the pictures in full, dB; `None` in full.
+    pub psnr_to_full: Option<f64>,
+    /// Mean over the cameras of PSNR against the photos, dB; `None` without photos.
+    pub psnr: Option<f64>,
+    /// What it lacks to that in full, dB; below 0 it is nearer to the photos.
+    pub psnr_loss: Option<f64>,
+    /// Wall time of a frame, milliseconds.
+    pub ms: Percentiles,
+    /// 1000 / median.
+    pub fps: f64,
+    /// FPS by those in full.
+    pub fps_ratio: f64,
+    /// Chunks that were expanded, mean over the cameras.
+    pub chunks: u64,
+    /// Splats that touch at least one tile, mean over the cameras.
+    pub visible: u64,
+    /// (splat, tile) pairs, mean over the cameras.
+    pub intersections: u64,
+    /// Scene buffers on the device.
+    pub device_scene_bytes: u64,
+    /// By camera.
+    pub cameras: Vec<LodCamera>,
+}
+
+/// One camera at one error.
+#[derive(Clone, Debug, Serialize)]
+pub struct LodCamera {
+    /// Camera name.
+    pub name: String,
+    /// As in [`LodRow`].
+    pub psnr_to_full: Option<f64>,
+    /// As in [`LodRow`].
+    pub psnr: Option<f64>,
+    /// Median wall time, milliseconds.
+    pub ms: f64,
+    /// Splats that touch at least one tile.
+    pub visible: u64,
+}
+
+/// A measurement failed.
+#[derive(Debug, thiserror::Error)]
+pub enum LodError {
+    /// Rendering.
+    #[error(transparent)]
+    Bench(#[from] BenchError),
+    /// Comparing.
+    #[error(transparent)]
+    Eval(#[from] EvalError),
+}
+
+/// Measures a scene at `errors_px`, each above 0, beside full quality; at least one view. `on_frame` is told of every round of
+/// timed frames.
+///
+/// # Errors
+/// A camera, option or scene that cannot be rendered, or a picture that cannot be compared.
+pub fn run_lod(
+    gpu: &Arc<Gpu>,
+    subject: &Subject<'_>,
+    errors_px: &[f32],
+    views: &[LodView],
+    frames: u32,
+    on_frame: &mut dyn FnMut(),
+) -> Result<LodReport, LodError> {
+    let cameras: Vec<Camera> = views.iter().map(|view| view.camera.clone()).collect();
+    let mut bench = Bench { subject, scenes: Vec::new(), runs: Vec::new() };
+    for &lod_error_px in [0.0].iter().chain(errors_px) {
+        bench.add(gpu, lod_error_px, &cameras)?;
+    }
+    for view in views {
+        bench.compare(view)?;
+    }
+    for (frame, (index, camera)) in (0..frames as usize).zip(cameras.iter().enumerate().cycle()) {
+        let backwards = (frame + frame / cameras.len()) % 2 == 1;
+        for turn in 0..bench.runs.len() {
+            let run = if backwards { bench.runs.len() - 1 - turn } else { turn };
+            bench.time(run, (index, camera))?;
+        }
+        on_frame();
+    }
+    Ok(LodReport {
+        scene: subject.name.clone(),
+        device: gpu.caps().name.clone(),
+        driver: gpu.caps().driver.clone(),
+        resolution: cameras.first().map_or([0; 2], |c| [c.width, c.height]),
+        frames,
+        expanded: subject.scene.expanded_len(),
+        rows: bench.rows(&cameras),
+    })
+}
+
+/// One error: a renderer of its own, so that buffers settle, and what was measured, by camera.
+struct Run {
+    renderer: Renderer,
+    options: RenderOptions,
+    psnr_to_full: Vec<f64>,
+    psnr: Vec<Option<f64>>,
+    times_ms: Vec<Vec<f64>>,
+    stats: Vec<FrameStats>,
+}
+
+struct Bench<'a> {
+    subject: &'a Subject<'a>,
+    /// In full; with levels, which all errors share.
+    scenes: Vec<DeviceScene>,
+    /// In full first.
+    runs: Vec<Run>,
+}
+
+impl Bench<'_> {
+    fn failed(&self) -> impl Fn(crate::render::RenderError) -> BenchError + use<> {
+        let scene = self.subject.name.clone();
+        move |error| BenchError { scene: scene.clone(), error }
+    }
+
+    fn add(&mut self, gpu: &Arc<Gpu>, lod_error_px: f32, cameras: &[Camera]) -> Result<(), BenchError> {
+        let fail = self.failed();
+        let mut renderer = Renderer::new(gpu).map_err(&fail)?;
+        let options = RenderOptions { lod_error_px, ..self.subject.options };
+        if self.scenes.len() < 2 {
+            self.scenes.push(renderer.upload_for(self.subject.scene, &options).map_err(&fail)?);
+        }
+        let subject = Subject { name: self.subject.name.clone(), options, ..*self.subject };
+        warm_up(&mut renderer, self.scene_of(self.runs.len()), &subject, cameras, &mut |_| ())?;
+        self.runs.push(Run {
+            renderer,
+            options,
+            psnr_to_full: Vec::new(),
+            psnr: Vec::new(),
+            times_ms: vec![Vec::new(); cameras.len()],
+            stats: vec![FrameStats::default(); cameras.len()],
+        });
+        Ok(())
+    }
+
+    fn scene_of(&self, run: usize) -> &DeviceScene {
+        &self.scenes[run.min(1)]
+    }
+
+    /// The pictures of one view at all errors.
+    fn compare(&mut self, view: &LodView) -> Result<(), LodError> {
+        let fail = self.failed();
+        let failed_pair = |error| EvalError::Pair { view: view.camera.name.clone(), error };
+        let mut full: Option<Picture> = None;
+        for (run, scene) in self.runs.iter_mut().zip([0, 1].into_iter().chain(std::iter::repeat(1))) {
+            run.renderer.render(&self.scenes[scene], &view.camera, &run.options).map_err(&fail)?;
+            let picture = run.renderer.download().map_err(&fail)?;
+            let photo = view.photo.as_ref().map(|photo| pair_of(&picture, photo, run.options.background));
+            run.psnr.push(photo.transpose().map_err(failed_pair)?.as_ref().map(psnr));
+            if let Some(full) = &full {
+                let size = (picture.width, picture.height);
+                let pair = PicturePair::new(size, &rgb(&picture), &rgb(full), None).map_err(failed_pair)?;
+                run.psnr_to_full.push(psnr(&pair));
+            } else {
+                full = Some(picture);
+            }
+        }
+        Ok(())
+    }
+
+    fn time(&mut self, run: usize, (index, camera): (usize, &Camera)) -> Result<(), BenchError> {
+        let fail = self.failed();
+        let (scene, run) = (&self.scenes[run.min(1)], &mut self.runs[run]);
+        let start = Instant::now();
+        let stats = run.renderer.render(scene, camera, &run.options);
+        let elapsed_ms = 1e3 * start.elapsed().as_secs_f64();
+        run.stats[index] = stats.map_err(fail)?;
+        run.times_ms[index].push(elapsed_ms);
+        Ok(())
+    }
+
+    fn rows(&self, cameras: &[Camera]) -> Vec<LodRow> {
+        let median = |run: &Run| Percentiles::of(&run.times_ms.concat()).median;
+        let psnr_of = |run: &Run| run.psnr.iter().copied().collect::<Option<Vec<f64>>>().map(|all| mean(&all));
+        let full = &self.runs[0];
+        let row = |(index, run): (usize, &Run)| {
+            let ms = Percentiles::of(&run.times_ms.concat());
+            // Cameras beyond the number of frames were not timed.
+            let timed = run.times_ms.iter().filter(|times| !times.is_empty()).count().max(1) as u64;
+            let count = |of: fn(&FrameStats) -> u64| (run.stats.iter().map(of).sum::<u64>() + timed / 2) / timed;
+            LodRow {
+                lod_px: run.options.lod_error_px,
+                psnr_to_full: (index > 0).then(|| mean(&run.psnr_to_full)),
+                psnr: psnr_of(run),
+                psnr_loss: psnr_of(full).zip(psnr_of(run)).map(|(full, own)| full - own),
+                ms,
+                fps: 1e3 / ms.median,
+                fps_ratio: median(full) / ms.median,
+                chunks: count(|s| s.work_items),
+                visible: count(|s| s.visible),
+                intersections: count(|s| s.intersections),
+                device_scene_bytes: self.scene_of(index).bytes(),
+                cameras: cameras.iter().enumerate().map(|(k, camera)| camera_of(run, k, camera)).collect(),
+            }
+        };
+        self.runs.iter().enumerate().map(row).collect()
+    }
+}
+
+fn camera_of(run: &Run, k: usize, camera: &Camera) -> LodCamera {
+    LodCamera {
+        name: camera.name.clone(),
+        psnr_to_full: run.psnr_to_full.get(k).copied(),
+        psnr: run.psnr[k],
+        ms: Percentiles::of(&run.times_ms[k]).median,
+        visible: run.stats[k].visible,
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+fn rgb(picture: &Picture) -> Vec<[f32; 3]> {
+    picture.colors.iter().map(|&[r, g, b, _]| [r, g, b]).collect()
+}

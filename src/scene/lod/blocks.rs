@@ -1,0 +1,49 @@
+//! The background in blocks of neighbours.
+
+use crate::scene::{Gaussians, TemplateRange};
+
+/// Most Gaussians of a block: two chunks' worth, so that a level saves a chunk, and few enough for blocks to be small against
+/// the distance they are seen from.
+const MOST: usize = 512;
+/// Cuts are at multiples of this, so that work-groups of the renderer, of so many Gaussians or of a power of two that is
+/// less, are full.
+const CHUNK: usize = 256;
+
+/// The Gaussians of a cloud in another order, and the blocks of that order: halves of halves, cut near the median of
+/// the longest side.
+pub(super) fn block_order(cloud: &Gaussians) -> (Vec<u32>, Vec<TemplateRange>) {
+    let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
+    let mut blocks = Vec::new();
+    cut(cloud, &mut order, 0, &mut blocks);
+    (order, blocks)
+}
+
+fn cut(cloud: &Gaussians, part: &mut [u32], first: u32, blocks: &mut Vec<TemplateRange>) {
+    if part.is_empty() {
+        return;
+    }
+    if part.len() <= MOST {
+        // As in the cloud, so that what is alike in depth is blended in the same order.
+        part.sort_unstable();
+        blocks.push(TemplateRange { first, count: part.len() as u32 });
+        return;
+    }
+    let axis = longest_side(cloud, part);
+    let middle = (part.len() / 2).next_multiple_of(CHUNK);
+    // The index breaks ties: the same blocks wherever this runs.
+    let at = |i: u32| cloud.means[i as usize][axis];
+    part.select_nth_unstable_by(middle, |&a, &b| at(a).total_cmp(&at(b)).then(a.cmp(&b)));
+    let (low, high) = part.split_at_mut(middle);
+    cut(cloud, low, first, blocks);
+    cut(cloud, high, first + middle as u32, blocks);
+}
+
+/// Of the box around the means.
+fn longest_side(cloud: &Gaussians, part: &[u32]) -> usize {
+    let side = |axis: usize| {
+        let values = || part.iter().map(|&i| cloud.means[i as usize][axis]);
+        values().fold(f32::NEG_INFINITY, f32::max) - values().fold(f32::INFINITY, f32::min)
+    };
+    let sides = [0, 1, 2].map(side);
+    (0..3).fold(0, |best, axis| if sides[axis] > sides[best] { axis } else { best })
+}
