@@ -2,12 +2,14 @@
 
 use glam::DVec3;
 use instgs_vk::io::load_scene;
+use instgs_vk::math::rng::Rng;
 use instgs_vk::player::navigation::Navigator;
 use instgs_vk::player::views::View;
 use instgs_vk::player::{Stage, StageOptions};
-use instgs_vk::scene::InstancedScene;
+use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::edit::{Edit, Keep, Selector, Turn, apply};
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Gaussians, InstancedScene, Offsets, TemplateRange};
 
 use crate::common::chairs::chairs;
 use crate::common::gpu::{assert_silent, gpu};
@@ -149,6 +151,59 @@ fn hidden_instances_are_as_if_they_were_not_there() {
     assert!(stage.undo().unwrap() && picture(&mut stage) == hidden);
     assert!(stage.undo().unwrap() && picture(&mut stage) == at_first);
     assert_silent(&gpu);
+}
+
+/// Nor are its levels of detail; a level that is moved is moved with the rest.
+#[test]
+fn hidden_levels_are_as_if_they_were_not_there() {
+    let Some(gpu) = gpu() else { return };
+    let render = RenderOptions { lod_error_px: 8.0, ..RenderOptions::default() };
+    let options = StageOptions { render, ..StageOptions::default() };
+    let scene = bushes();
+    let camera = Navigator::around(&Orbit::around(&scene, None)).camera([48, 32]);
+    let picture = |stage: &mut Stage| {
+        stage.click(None, false);
+        stage.draw(&camera).unwrap();
+        stage.rgb8().unwrap()
+    };
+    let fresh = |scene: InstancedScene| picture(&mut Stage::new(&gpu, scene, options).unwrap());
+    let mut stage = Stage::new(&gpu, scene.clone(), options).unwrap();
+    let at_first = picture(&mut stage);
+    let in_full = picture(&mut Stage::new(&gpu, scene, StageOptions::default()).unwrap());
+    assert!(at_first != in_full, "there are levels");
+    stage.click(Some(1), false);
+    assert!(stage.hide_chosen().unwrap());
+    stage.edit(&Edit::MoveBy { which: Selector::Index(0), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
+    let mut left = stage.scene().clone();
+    apply(&mut left, &Edit::Delete { which: Selector::Index(1) }).unwrap();
+    assert!(picture(&mut stage) == fresh(left));
+    (0..2).for_each(|_| assert!(stage.undo().unwrap()));
+    assert!(picture(&mut stage) == at_first);
+    assert_silent(&gpu);
+}
+
+/// Three instances of a template of 200 small Gaussians.
+fn bushes() -> InstancedScene {
+    let mut scene = chairs();
+    let mut rng = Rng::new(5);
+    let mut place = || [0, 1, 2].map(|_| 0.3 * rng.normal() as f32);
+    let leaf = |mean: [f32; 3]| (mean, [1.0, 0.0, 0.0, 0.0], [-4.0; 3], 2.0, mean);
+    let leaves: Vec<_> = (0..200).map(|_| leaf(place())).collect();
+    scene.templates = Gaussians {
+        sh_degree: 0,
+        means: leaves.iter().map(|l| l.0).collect(),
+        quats: leaves.iter().map(|l| l.1).collect(),
+        log_scales: leaves.iter().map(|l| l.2).collect(),
+        opacity_logits: leaves.iter().map(|l| l.3).collect(),
+        sh: leaves.iter().map(|l| l.4).collect(),
+    };
+    scene.template_ranges = vec![TemplateRange { first: 0, count: 200 }];
+    scene.offsets = Offsets::default();
+    scene.foreign_tensors.clear();
+    for instance in &mut scene.instances {
+        (instance.template, instance.first_offset) = (0, None);
+    }
+    scene
 }
 
 /// Files of the scene as it is, in other formats.
