@@ -333,8 +333,8 @@ mod tests {
         };
         let offsets = OffsetSource::Copied(Selector::Id(3));
         assert_eq!(plane, [Edit::Scatter(Scatter { template: 1, count: 5, over, offsets })]);
-        let line = "--crop template=1 box=-1,-inf,0/1,2,inf --erase template=0 at=1,2,3/4,5,6 radius=0.5 --crop template=0 \
-                    box=0,0,0/1,1,1 keep=outside";
+        let line = "--crop template=1 keep=inside box=-1,-inf,0/1,2,inf --erase template=0 at=1,2,3/4,5,6 radius=0.5 \
+                    --crop template=0 box=0,0,0/1,1,1 keep=outside";
         let open = [DVec3::new(-1.0, f64::NEG_INFINITY, 0.0), DVec3::new(1.0, 2.0, f64::INFINITY)];
         let centres = vec![DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)];
         let want = [

@@ -443,7 +443,8 @@ impl Live {
             _ => return Ok(false),
         };
         if state == ElementState::Pressed {
-            if !consumed && !(button == Button::Left && self.grab()?) {
+            let grabbed = !consumed && button == Button::Left && self.grab()?;
+            if !(consumed || grabbed) {
                 self.controls.pressed(button);
             }
             return Ok(false);

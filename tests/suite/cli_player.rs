@@ -266,11 +266,11 @@ fn a_chair_is_dragged_by_its_handle() {
     let [x, y] = px(DVec3::from_array(before.templates.means[2].map(f64::from)));
     let centre = template_centres(&before)[0];
     let gizmo = Gizmo::new(GizmoMode::Move, place.transform_point(centre), &camera).unwrap();
-    let arrows = gizmo.lines().into_iter().filter_map(|line| match line.handle {
+    let mut arrows = gizmo.lines().into_iter().filter_map(|line| match line.handle {
         Handle::Arrow(axis) => Some((axis, line.points_px[1])),
         _ => None,
     });
-    let (axis, [tip_x, tip_y]) = arrows.last().unwrap();
+    let (axis, [tip_x, tip_y]) = arrows.next_back().unwrap();
     let [to_x, to_y] = [tip_x + 0.3 * (tip_x - px(centre)[0]), tip_y + 0.3 * (tip_y - px(centre)[1])];
     let text = format!(
         "key KeyH\n click {x} {y}\n shot chosen.png\n drag left {tip_x} {tip_y} {to_x} {to_y}\n frames 1\n shot dragged.png\n \
