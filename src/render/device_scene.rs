@@ -127,7 +127,7 @@ impl DeviceScene {
         Self::with_tables(gpu, scene, (tables, chunk_size), scene.instances.len() as u32)
     }
 
-    /// As [`DeviceScene::new`], with levels of detail: for `RenderOptions::lod_error_px` above 0. Takes up to three times
+    /// As [`DeviceScene::new`], with levels of detail: for `RenderOptions::lod_error_px` above 0. Takes two to three times
     /// the memory, and a moment on the host.
     ///
     /// # Errors
