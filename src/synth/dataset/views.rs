@@ -43,7 +43,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// `count` cameras on a line that rises by [`FLIGHT_ELEVATION`] from the target in the middle of the rig's azimuths, at
+    /// `count` cameras on a line that rises by 14 degrees from the target in the middle of the rig's azimuths, at
     /// distances in equal ratios from the first to the second, metres; all look at the target. Named as those of rings.
     pub fn flight(&self, count: u32, size: (u32, u32), (from, to): (f64, f64)) -> Vec<Camera> {
         let (azimuth, level) = (self.azimuths.0 + FLIGHT_AZIMUTH, FLIGHT_ELEVATION.cos());
