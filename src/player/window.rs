@@ -6,17 +6,16 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use winit::application::ApplicationHandler;
-use winit::event::{ElementState, MouseButton, MouseScrollDelta, StartCause, WindowEvent};
+use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
-use winit::keyboard::{KeyCode, PhysicalKey};
-use winit::window::{Fullscreen, Window, WindowId};
+use winit::window::{Window, WindowId};
 
 use crate::gpu::{DeviceChoice, Gpu, PresentMode, Swapchain, UiFrame, UiPainter};
 use crate::render::FrameStats;
 use crate::scene::{Camera, InstancedScene};
 
 use super::clock::FrameClock;
-use super::controls::{Button, Controls, FlightKey};
+use super::controls::Controls;
 use super::error::PlayerError;
 use super::headless::Timings;
 use super::hud::{Facts, Hud, Settings};
@@ -26,22 +25,17 @@ use super::recording::Recording;
 use super::resolution::Resolution;
 use super::script::Step;
 use super::stage::{Stage, StageOptions};
-use super::views::View;
 
 mod editing;
+mod input;
 mod keeping;
 mod opening;
 mod playing;
 
 use editing::Editing;
-use keeping::step;
 
-/// Pixels of a touch pad's scroll that count as one step of a wheel.
-const PIXELS_PER_STEP: f64 = 40.0;
 /// A pause that is longer is not flown through: the window was hidden, or the device busy.
 const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
-/// What one press of a speed key does.
-const SPEED_STEP: f64 = 1.5;
 /// A picture of fewer pixels is drawn again with all of them when nothing has moved for so long.
 const REFINE_AFTER: Duration = Duration::from_millis(150);
 /// A device that is lost again so soon is not opened a third time.
@@ -386,162 +380,4 @@ impl Live {
         let frame = UiFrame { textures: output.textures_delta, primitives, pixels_per_point: output.pixels_per_point };
         Ok((frame, animated || acts || self.next_mode.is_some()))
     }
-
-    fn event(&mut self, event: &WindowEvent, job: &WindowJob) -> Result<After, PlayerError> {
-        let response = self.ui.on_window_event(&self.window, event);
-        let height = f64::from(self.swapchain.size_px()[1]);
-        let changed = match event {
-            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
-                self.resize()?;
-                true
-            }
-            WindowEvent::Focused(false) => {
-                self.controls.let_go();
-                self.let_go()?
-            }
-            WindowEvent::ModifiersChanged(modifiers) => {
-                let state = modifiers.state();
-                (self.controls.shift, self.controls.control) =
-                    (state.shift_key(), state.control_key() || state.super_key());
-                false
-            }
-            WindowEvent::CursorMoved { position, .. } => {
-                let moved = self.controls.pointer_moved([position.x, position.y], &mut self.navigator, height);
-                moved | self.hover(response.consumed)
-            }
-            WindowEvent::MouseInput { state, button, .. } => self.button(*state, *button, response.consumed)?,
-            WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
-                let steps = match delta {
-                    MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
-                    MouseScrollDelta::PixelDelta(by) => by.y / PIXELS_PER_STEP,
-                };
-                self.navigator.zoom(steps, self.controls.pointer_px(), self.swapchain.size_px());
-                steps != 0.0
-            }
-            WindowEvent::KeyboardInput { event, .. } => {
-                let PhysicalKey::Code(code) = event.physical_key else { return Ok(After::Nothing) };
-                let down = event.state == ElementState::Pressed;
-                match self.key_event(code, down, event.repeat, response.consumed)? {
-                    After::Nothing => false,
-                    after => return Ok(after),
-                }
-            }
-            WindowEvent::DroppedFile(path) => {
-                self.open_file(path, job)?;
-                true
-            }
-            _ => false,
-        };
-        Ok(if changed || response.repaint { After::Redraw } else { After::Nothing })
-    }
-
-    fn button(&mut self, state: ElementState, button: MouseButton, consumed: bool) -> Result<bool, PlayerError> {
-        let button = match button {
-            MouseButton::Left => Button::Left,
-            MouseButton::Right => Button::Right,
-            MouseButton::Middle => Button::Middle,
-            _ => return Ok(false),
-        };
-        if state == ElementState::Pressed {
-            let grabbed = !consumed && button == Button::Left && self.grab()?;
-            if !(consumed || grabbed) {
-                self.controls.pressed(button);
-            }
-            return Ok(false);
-        }
-        if button == Button::Left && self.let_go()? {
-            return Ok(true);
-        }
-        let click = self.controls.released(button, self.opened.elapsed().as_secs_f64());
-        let Some(click) = click else { return Ok(false) };
-        if !click.double {
-            let instance = self.stage.instance_at(self.in_picture(click.at_px))?;
-            self.stage.click(instance, self.controls.shift);
-            self.hud.message = None;
-            return Ok(true);
-        }
-        let point = self.stage.point_at(self.in_picture(click.at_px))?;
-        if let Some(point) = point {
-            self.navigator.focus(point);
-        }
-        Ok(point.is_some())
-    }
-
-    /// A place in the window as one in the last picture, which may have fewer pixels.
-    fn in_picture(&self, at_px: [f64; 2]) -> [f64; 2] {
-        let shown = self.swapchain.size_px();
-        let picture = self.stage.size_px().unwrap_or(shown);
-        [0, 1].map(|axis| at_px[axis] * f64::from(picture[axis]) / f64::from(shown[axis].max(1)))
-    }
-
-    /// A key goes down or up; `consumed` by the interface.
-    fn key_event(&mut self, code: KeyCode, down: bool, repeats: bool, consumed: bool) -> Result<After, PlayerError> {
-        let flight = flight_key(code).filter(|_| !self.controls.control || !down);
-        if let Some(key) = flight {
-            self.controls.flight_key(key, down && !consumed);
-            return Ok(if down { After::Redraw } else { After::Nothing });
-        }
-        if down && !consumed { self.key(code, repeats) } else { Ok(After::Nothing) }
-    }
-
-    fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
-        self.hud.message = None;
-        if self.edit_key(code)? {
-            return Ok(After::Redraw);
-        }
-        if repeats {
-            return Ok(After::Nothing);
-        }
-        if let Some(view) = view_key(code) {
-            self.stage.options.show = view.show(self.navigator.distance());
-            return Ok(After::Redraw);
-        }
-        match code {
-            // Closes the list of views.
-            KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
-            KeyCode::Escape if self.drop_grip()? => {}
-            KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
-            KeyCode::Escape if self.stage.editor().is_unsaved() && !self.warned => {
-                self.warned = true;
-                self.hud.message = Some("the changes are not saved: Ctrl+S saves, Escape once more leaves".into());
-            }
-            KeyCode::Escape => return Ok(After::Quit),
-            KeyCode::KeyG => self.stage.choose_alike(),
-            KeyCode::KeyH => self.hud.visible = !self.hud.visible,
-            KeyCode::KeyR => self.navigator = self.home.clone(),
-            KeyCode::BracketLeft => self.navigator.change_speed(1.0 / SPEED_STEP),
-            KeyCode::BracketRight => self.navigator.change_speed(SPEED_STEP),
-            KeyCode::PageDown => step(&mut self.cameras, 1, &mut self.navigator, &mut self.hud),
-            KeyCode::PageUp => step(&mut self.cameras, -1, &mut self.navigator, &mut self.hud),
-            KeyCode::KeyV => step(&mut self.kept, 1, &mut self.navigator, &mut self.hud),
-            KeyCode::KeyC => self.keep_camera(),
-            KeyCode::KeyP => self.record_path(),
-            KeyCode::F11 => {
-                let full = self.window.fullscreen().is_none();
-                self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
-            }
-            KeyCode::F12 => self.write_picture(),
-            _ => return Ok(After::Nothing),
-        }
-        Ok(After::Redraw)
-    }
-}
-
-/// The view that a digit chooses.
-fn view_key(code: KeyCode) -> Option<View> {
-    use KeyCode::{Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9};
-    let digits = [Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9];
-    digits.iter().position(|&digit| digit == code).map(|k| View::ALL[k])
-}
-
-fn flight_key(code: KeyCode) -> Option<FlightKey> {
-    Some(match code {
-        KeyCode::KeyW => FlightKey::Forward,
-        KeyCode::KeyS => FlightKey::Back,
-        KeyCode::KeyA => FlightKey::Left,
-        KeyCode::KeyD => FlightKey::Right,
-        KeyCode::KeyE => FlightKey::Up,
-        KeyCode::KeyQ => FlightKey::Down,
-        _ => return None,
-    })
 }
