@@ -65,6 +65,14 @@ impl Drop for VirtualDisplay {
     }
 }
 
+/// A display, and a scene in a folder of its own; `None` where tests with a device or a window are not wanted.
+fn open_display() -> Option<(VirtualDisplay, tempfile::TempDir, PathBuf)> {
+    let display = if skips_gpu() { None } else { VirtualDisplay::open() }?;
+    let folder = tempfile::tempdir().unwrap();
+    let file = scene(folder.path());
+    Some((display, folder, file))
+}
+
 /// The picture without a window is that of `render`; the one from a window is the same, byte for byte.
 #[test]
 fn pictures_are_those_of_render_with_and_without_a_window() {
@@ -191,12 +199,7 @@ fn chair_px(scene: &instgs_vk::scene::InstancedScene) -> [f64; 2] {
 /// Open, orbit, choose, move, duplicate, take back, save, reopen: each as events of the window, with validation on.
 #[test]
 fn a_scene_is_edited_in_a_window() {
-    if skips_gpu() {
-        return;
-    }
-    let Some(display) = VirtualDisplay::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = scene(folder.path());
+    let Some((display, folder, file)) = open_display() else { return };
     let before = chairs();
     let [x, y] = chair_px(&before);
     let text = format!(
@@ -231,12 +234,7 @@ fn a_scene_is_edited_in_a_window() {
 /// The digits show nine pictures, and a click among ellipses chooses what is there.
 #[test]
 fn digits_choose_views() {
-    if skips_gpu() {
-        return;
-    }
-    let Some(display) = VirtualDisplay::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = scene(folder.path());
+    let Some((display, folder, file)) = open_display() else { return };
     let [x, y] = chair_px(&chairs());
     let views: String = (1..=9).map(|k| format!("key Digit{k}\n shot {k}.png\n")).collect();
     let click = format!("click {x} {y}\n shot among_ellipses.png\n key Digit1\n shot chosen.png\n");
@@ -253,12 +251,7 @@ fn digits_choose_views() {
 /// An arrow is dragged: the chair goes along it and nowhere else, as one change. Escape puts it back.
 #[test]
 fn a_chair_is_dragged_by_its_handle() {
-    if skips_gpu() {
-        return;
-    }
-    let Some(display) = VirtualDisplay::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = scene(folder.path());
+    let Some((display, folder, file)) = open_display() else { return };
     let before = chairs();
     let place = before.instances[1].world_from_template;
     let camera = Navigator::around(&Orbit::around(&before, None)).camera([320, 240]);
@@ -307,12 +300,7 @@ fn a_long_session() {
 }
 
 fn long_session(sizes: usize, pictures: usize) {
-    if skips_gpu() {
-        return;
-    }
-    let Some(display) = VirtualDisplay::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = scene(folder.path());
+    let Some((display, folder, file)) = open_display() else { return };
     let mut text = String::from("hold KeyA 20\n");
     for k in 0..sizes {
         let size = [[96, 64], [33, 70], [160, 90], [1, 1]][k % 4];
@@ -328,12 +316,7 @@ fn long_session(sizes: usize, pictures: usize) {
 /// is the end, in words.
 #[test]
 fn a_lost_device_is_opened_anew() {
-    if skips_gpu() {
-        return;
-    }
-    let Some(display) = VirtualDisplay::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = scene(folder.path());
+    let Some((display, folder, file)) = open_display() else { return };
     let [x, y] = chair_px(&chairs());
     let text = format!(
         "key KeyH\n click {x} {y}\n shot first.png\n key ArrowRight\n shot before.png\n lose\n frames 2\n shot after.png\n \
@@ -353,12 +336,7 @@ fn a_lost_device_is_opened_anew() {
 /// A recorded path is a camera file that `render` takes.
 #[test]
 fn a_recorded_path_can_be_rendered() {
-    if skips_gpu() {
-        return;
-    }
-    let Some(display) = VirtualDisplay::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let file = scene(folder.path());
+    let Some((display, folder, file)) = open_display() else { return };
     let output = play_script(&display, &file, "frames 1\n key KeyP\n hold KeyA 12\n key KeyP\n quit");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let path = folder.path().join("scene.000.path.json");
