@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use clap::builder::PossibleValue;
 use clap::{Parser, ValueEnum};
 
 use super::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
@@ -71,7 +72,7 @@ struct PlayerArgs {
     present: PresentArg,
     /// What is shown
     #[arg(long, value_enum, default_value = "color")]
-    show: ShowArg,
+    show: View,
     /// What --show tile-load (pairs a tile, 512 unless given) and offsets (part of the template's radius, 0.2) show palest; the
     /// least alpha of ellipses (0.3)
     #[arg(long, value_name = "X", value_parser = parse_level)]
@@ -94,32 +95,23 @@ enum PresentArg {
     Immediate,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum ShowArg {
-    Color,
-    Alpha,
-    Depth,
-    Instances,
-    Templates,
-    TileLoad,
-    Offsets,
-    Points,
-    Ellipses,
-}
+impl ValueEnum for View {
+    fn value_variants<'a>() -> &'a [Self] {
+        &Self::ALL
+    }
 
-impl ShowArg {
-    fn view(self) -> View {
-        match self {
-            Self::Color => View::Color,
-            Self::Alpha => View::Alpha,
-            Self::Depth => View::Depth,
-            Self::Instances => View::Instances,
-            Self::Templates => View::Templates,
-            Self::TileLoad => View::TileLoad,
-            Self::Offsets => View::Offsets,
-            Self::Points => View::Points,
-            Self::Ellipses => View::Ellipses,
-        }
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self {
+            Self::Color => "color",
+            Self::Alpha => "alpha",
+            Self::Depth => "depth",
+            Self::Instances => "instances",
+            Self::Templates => "templates",
+            Self::TileLoad => "tile-load",
+            Self::Offsets => "offsets",
+            Self::Points => "points",
+            Self::Ellipses => "ellipses",
+        }))
     }
 }
 
@@ -225,7 +217,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
 
 fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<StageOptions, CliError> {
     let distance = Orbit::around(scene, args.up.map(Triple::direction)).distance;
-    let view = args.show.view();
+    let view = args.show;
     let show = match args.level {
         None => Some(view.show(distance)),
         Some(level) => view.show_at(distance, level),

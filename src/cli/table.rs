@@ -1,6 +1,6 @@
 //! Text tables: columns as wide as their widest cell, the first to the left, the others to the right.
 
-pub(super) use crate::bench::evidence::grouped;
+pub(super) use crate::math::digits::grouped;
 
 /// Rows of cells.
 #[derive(Default)]

@@ -1,7 +1,8 @@
 //! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens distortion,
-//! nearest points, seeded random numbers, order statistics.
+//! nearest points, seeded random numbers, order statistics, digits for reading.
 
 pub mod covariance;
+pub mod digits;
 pub mod distortion;
 pub mod eigen;
 pub mod nearest;

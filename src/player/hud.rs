@@ -1,6 +1,7 @@
 //! What is written over the picture: frame times, counts, bytes, and the few things that can be set.
 
 use crate::gpu::PresentMode;
+use crate::math::digits::grouped;
 use crate::render::{FrameStats, Show};
 
 use super::clock::FrameClock;
@@ -215,27 +216,4 @@ fn keys(ui: &mut egui::Ui) {
             ui.end_row();
         }
     });
-}
-
-/// Digits in groups of three.
-fn grouped(n: u64) -> String {
-    let digits = n.to_string();
-    let mut out = String::new();
-    for (k, digit) in digits.chars().enumerate() {
-        if k > 0 && (digits.len() - k).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(digit);
-    }
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::grouped;
-
-    #[test]
-    fn digits_in_groups() {
-        assert_eq!([0, 12, 123, 1234, 1_234_567].map(grouped), ["0", "12", "123", "1,234", "1,234,567"]);
-    }
 }

@@ -1,7 +1,7 @@
-//! Datasets that the program makes for itself: photos of a known scene, transforms.json, points.
+//! Datasets: those of `../shared/data`, and what the program makes for itself: photos of a known scene, transforms.json, points.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use glam::{DMat4, DVec4};
@@ -9,6 +9,17 @@ use instgs_vk::io::{save_scene, write_cameras};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 use serde_json::{Value, json};
+
+/// A folder of the shared data; `None`, aloud, where this machine does not have it.
+#[allow(clippy::print_stderr, reason = "a skipped check must be heard")]
+pub(crate) fn shared_data(name: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
+    if !path.exists() {
+        eprintln!("SKIPPED: {} is not there", path.display());
+        return None;
+    }
+    Some(path)
+}
 
 /// A transforms.json of cameras with the same intrinsics: poses are world from camera, in OpenGL axes.
 pub(crate) fn transforms(cameras: &[Camera]) -> Value {

@@ -1,5 +1,4 @@
 //! The program as tests run it.
-#![allow(dead_code, reason = "every test binary uses a part of it")]
 
 use assert_cmd::Command;
 

@@ -1,5 +1,5 @@
 //! The real datasets of `../shared/data` as training takes them; each test says so and passes where the folder is absent.
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use instgs_vk::io::dataset::{Dataset, Split};
@@ -11,6 +11,8 @@ use instgs_vk::train::config::TrainConfig;
 use instgs_vk::train::initial::{InitialShape, from_points, scene_extent};
 use instgs_vk::train::view_store::{PrefetchLimits, load_all};
 
+use crate::common::dataset::shared_data;
+
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
 /// Name, views, test views, width, height, points.
@@ -20,15 +22,6 @@ const DATASETS: [(&str, usize, usize, u32, u32, usize); 4] = [
     ("sceaux_540", 11, 2, 540, 398, 8856),
     ("room18", 72, 12, 640, 360, 10_000),
 ];
-
-fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
-}
 
 fn load(dataset: &Dataset, width: Option<u32>) -> Result<Vec<LoadedView>, IoError> {
     let mut out = Vec::new();
@@ -75,7 +68,7 @@ fn colour_difference(views: &[LoadedView], points: &PointCloud, shift: usize) ->
 #[test]
 fn every_view_and_point_of_every_dataset_loads() -> Outcome {
     for (name, count, test, width, height, point_count) in DATASETS {
-        let Some(folder) = data(name) else { continue };
+        let Some(folder) = shared_data(name) else { continue };
         let start = Instant::now();
         let dataset = read_views(&folder)?;
         assert_eq!((dataset.views.len(), dataset.split(Split::Test).count()), (count, test), "{name}");
@@ -110,7 +103,7 @@ fn every_view_and_point_of_every_dataset_loads() -> Outcome {
 #[test]
 fn colmap_points_are_those_of_the_ply() -> Outcome {
     for (name, _, _, _, _, count) in DATASETS {
-        let Some(folder) = data(name) else { continue };
+        let Some(folder) = shared_data(name) else { continue };
         // A folder of the COLMAP points alone.
         let copy = tempfile::tempdir()?;
         std::fs::create_dir_all(copy.path().join("sparse/0"))?;
@@ -138,7 +131,7 @@ fn save(view: &LoadedView, name: &str) -> Outcome {
 
 #[test]
 fn the_fox_at_half_its_size() -> Outcome {
-    let Some(folder) = data("fox_270") else { return Ok(()) };
+    let Some(folder) = shared_data("fox_270") else { return Ok(()) };
     let dataset = read_views(&folder)?;
     let (whole, half) = (load(&dataset, None)?, load(&dataset, Some(135))?);
     for (big, small) in whole.iter().zip(&half) {
@@ -159,7 +152,7 @@ fn the_fox_at_half_its_size() -> Outcome {
 /// No real dataset here has distortion; a real photo is given some, to look at.
 #[test]
 fn a_real_photo_undistorted() -> Outcome {
-    let Some(folder) = data("sceaux_540") else { return Ok(()) };
+    let Some(folder) = shared_data("sceaux_540") else { return Ok(()) };
     let mut dataset = read_views(&folder)?;
     dataset.views.truncate(1);
     dataset.views[0].distortion = Some(Distortion { k1: 0.3, k2: 0.0, p1: 0.01, p2: 0.0 });

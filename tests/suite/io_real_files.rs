@@ -1,5 +1,4 @@
 //! Readers on real files of `../shared/data`; each test says so and passes where that folder is absent.
-use std::path::{Path, PathBuf};
 
 use instgs_vk::io::colmap::{colmap_folder, read_colmap};
 use instgs_vk::io::dataset::{Split, read_views};
@@ -7,17 +6,9 @@ use instgs_vk::io::nerf::read_transforms;
 use instgs_vk::io::{MaskFolder, load_scene, read_cameras, read_spz, write_ply, write_spz};
 use instgs_vk::scene::Gaussians;
 
-type Outcome = Result<(), Box<dyn std::error::Error>>;
+use crate::common::dataset::shared_data;
 
-/// The folder of shared data, if this machine has it.
-fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
-}
+type Outcome = Result<(), Box<dyn std::error::Error>>;
 
 fn bounds(cloud: &Gaussians) -> ([f32; 3], [f32; 3]) {
     cloud.means.iter().fold(([f32::MAX; 3], [f32::MIN; 3]), |(low, high), m| {
@@ -27,7 +18,7 @@ fn bounds(cloud: &Gaussians) -> ([f32; 3], [f32; 3]) {
 
 #[test]
 fn splat_files_have_the_counts_their_readme_states() -> Outcome {
-    let Some(folder) = data("splats") else { return Ok(()) };
+    let Some(folder) = shared_data("splats") else { return Ok(()) };
     for (name, count, degree) in [
         ("biker.spz", 152_746, 0),
         ("playbot_lod3.ply", 31_000, 2),
@@ -58,7 +49,7 @@ fn splat_files_have_the_counts_their_readme_states() -> Outcome {
 
 #[test]
 fn minimal_files_of_every_version_hold_the_same_splats() -> Outcome {
-    let Some(folder) = data("splats") else { return Ok(()) };
+    let Some(folder) = shared_data("splats") else { return Ok(()) };
     let read = |name: &str| read_spz(&folder.join(name)).map(|c| c.gaussians);
     let same = |a: &Gaussians, b: &Gaussians, name: &str| {
         for i in 0..4 {
@@ -83,7 +74,7 @@ fn minimal_files_of_every_version_hold_the_same_splats() -> Outcome {
 
 #[test]
 fn real_clouds_survive_ply_and_spz() -> Outcome {
-    let Some(folder) = data("splats") else { return Ok(()) };
+    let Some(folder) = shared_data("splats") else { return Ok(()) };
     let temporary = tempfile::tempdir()?;
     for name in ["playbot_lod3.ply", "pc_short.ply", "playcanvas_test.ply"] {
         let cloud = load_scene(&folder.join(name))?.scene.background;
@@ -108,7 +99,7 @@ fn real_clouds_survive_ply_and_spz() -> Outcome {
 
 #[test]
 fn garden_loads_with_its_cameras() -> Outcome {
-    let Some(folder) = data("garden") else { return Ok(()) };
+    let Some(folder) = shared_data("garden") else { return Ok(()) };
     let loaded = load_scene(&folder.join("garden.ply"))?;
     assert_eq!((loaded.scene.background.len(), loaded.scene.background.sh_degree), (111_785, 1));
     assert_eq!(read_cameras(&folder.join("cameras.json"))?.len(), 3);
@@ -123,7 +114,7 @@ fn datasets_split_as_their_readmes_state() -> Outcome {
         ("sceaux_540", 11, 2, (540, 398)),
         ("room18", 72, 12, (640, 360)),
     ] {
-        let Some(folder) = data(name) else { continue };
+        let Some(folder) = shared_data(name) else { continue };
         let dataset = read_views(&folder)?;
         assert_eq!((dataset.views.len(), dataset.split(Split::Test).count()), (views, test), "{name}");
         for view in &dataset.views {
@@ -137,7 +128,7 @@ fn datasets_split_as_their_readmes_state() -> Outcome {
 #[test]
 fn colmap_and_transforms_agree_on_every_pose() -> Outcome {
     for name in ["fox_270", "castle_p19", "sceaux_540", "room18"] {
-        let Some(folder) = data(name) else { continue };
+        let Some(folder) = shared_data(name) else { continue };
         let model = colmap_folder(&folder).ok_or("no colmap model")?;
         let colmap = read_colmap(&model)?;
         let nerf = read_transforms(&folder.join("transforms.json"))?;
@@ -170,7 +161,7 @@ fn colmap_and_transforms_agree_on_every_pose() -> Outcome {
 fn every_view_of_the_sets_with_objects_has_a_mask_of_its_size() -> Outcome {
     // 8 bits of grey, and 16.
     for (name, views, objects) in [("room18", 72, 18), ("sceaux_540", 11, 12)] {
-        let Some(folder) = data(name) else { return Ok(()) };
+        let Some(folder) = shared_data(name) else { return Ok(()) };
         let masks = MaskFolder::open(&MaskFolder::default_for(&folder).ok_or("no masks")?)?;
         let dataset = read_views(&folder)?;
         assert_eq!((dataset.views.len(), masks.categories.len()), (views, objects), "{name}");

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::comparison::{Row, SeedResult};
 
 pub use scene_list::{ListError, Part, SceneJob, SceneList};
-pub use sheet::{Cell, Sheet, grouped};
+pub use sheet::{Cell, Sheet};
 
 /// A scene that has been measured.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::math::digits::grouped;
+
 /// A value of a table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
@@ -105,19 +107,6 @@ impl Sheet {
         let rows = self.rows.iter().map(|row| row.iter().map(Cell::shown).collect());
         std::iter::once(head).chain(rows).collect()
     }
-}
-
-/// A number with a separator between thousands.
-pub fn grouped(value: u64) -> String {
-    let digits = value.to_string();
-    let mut out = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            out.push(',');
-        }
-        out.push(digit);
-    }
-    out
 }
 
 #[cfg(test)]
