@@ -240,23 +240,15 @@ fn profile(
     let mut renderer = Renderer::with_variant(gpu, variant, true).map_err(fail)?;
     warm_up(&mut renderer, scene, subject, cameras, on_event)?;
     let frames = cameras.len().max(LEAST_PROFILED_FRAMES);
-    let mut sums: Vec<(&'static str, Vec<f64>)> = Vec::new();
+    let mut profiled = Vec::with_capacity(frames);
     let mut times_ms = Vec::with_capacity(frames);
-    for (frame, camera) in (0..frames).zip(cameras.iter().cycle()) {
+    for camera in cameras.iter().cycle().take(frames) {
         let start = Instant::now();
-        let stats = renderer.render(scene, camera, &subject.options).map_err(fail)?;
+        profiled.push(renderer.render(scene, camera, &subject.options).map_err(fail)?);
         times_ms.push(1e3 * start.elapsed().as_secs_f64());
-        for (pass, ms) in stats.passes_ms {
-            let index = sums.iter().position(|(name, _)| *name == pass).unwrap_or_else(|| {
-                sums.push((pass, vec![0.0; frames]));
-                sums.len() - 1
-            });
-            sums[index].1[frame] += ms;
-        }
         on_event(Stage::Profiled);
     }
-    let passes_ms = sums.into_iter().map(|(pass, values)| (pass, median(&values))).collect();
-    Ok((passes_ms, median(&times_ms)))
+    Ok((FrameStats::median_ms_by_pass(&profiled), median(&times_ms)))
 }
 
 /// The largest resident set so far; Linux only.

@@ -285,22 +285,6 @@ fn played(
     timings: &Timings,
 ) -> Played {
     let ms = Percentiles::of(&timings.ms);
-    let mut passes: Vec<(&'static str, Vec<f64>)> = Vec::new();
-    for stats in &timings.stats {
-        let mut sums: Vec<(&'static str, f64)> = Vec::new();
-        for &(pass, ms) in &stats.passes_ms {
-            match sums.iter_mut().find(|(name, _)| *name == pass) {
-                Some((_, sum)) => *sum += ms,
-                None => sums.push((pass, ms)),
-            }
-        }
-        for (pass, ms) in sums {
-            match passes.iter_mut().find(|(name, _)| *name == pass) {
-                Some((_, all)) => all.push(ms),
-                None => passes.push((pass, vec![ms])),
-            }
-        }
-    }
     let pictures = (timings.stats.len() as u64).max(1);
     let mean = |of: fn(&FrameStats) -> u64| timings.stats.iter().map(of).sum::<u64>() / pictures;
     let present = &timings.present_ms;
@@ -312,7 +296,7 @@ fn played(
         frames: timings.ms.len() as u64,
         fps: 1e3 / ms.median.max(1e-9),
         ms,
-        passes_ms: passes.into_iter().map(|(pass, all)| (pass, median(&all))).collect(),
+        passes_ms: FrameStats::median_ms_by_pass(&timings.stats),
         present_ms: (!present.is_empty()).then(|| median(present)),
         gaussians: PlayedGaussians {
             stored: (scene.templates.len() + scene.background.len()) as u64,

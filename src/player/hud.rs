@@ -186,13 +186,7 @@ fn set(ui: &mut egui::Ui, settings: Settings<'_>, slabs: u32) {
 }
 
 fn passes(ui: &mut egui::Ui, facts: &Facts<'_>) {
-    let mut sums: Vec<(&str, f64)> = Vec::new();
-    for &(pass, ms) in &facts.stats.passes_ms {
-        match sums.iter_mut().find(|(name, _)| *name == pass) {
-            Some((_, sum)) => *sum += ms,
-            None => sums.push((pass, ms)),
-        }
-    }
+    let sums = facts.stats.ms_by_pass();
     let all: f64 = sums.iter().map(|(_, ms)| ms).sum();
     egui::Grid::new("passes").num_columns(2).striped(true).show(ui, |ui| {
         let mut row = |name: &str, ms: f64| {
