@@ -18,7 +18,7 @@ use crate::math::similarity::Similarity;
 use crate::scene::posed_group::{PosedGroup, PosedInstance};
 
 /// The largest id that a 16-bit mask holds; 0 is no object.
-const MAX_INSTANCE_ID: u32 = u16::MAX as u32;
+pub(super) const MAX_INSTANCE_ID: u32 = u16::MAX as u32;
 /// How far the fourth row may be from 0 0 0 1: matrices that were inverted or multiplied in f32 keep it within 1e-6.
 const AFFINE_TOLERANCE: f64 = 1e-5;
 

@@ -6,6 +6,7 @@
 //! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Which objects repeat: [`MaskFolder`] and
 //! [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`].
 
+pub mod boxes;
 mod bytes;
 pub mod camera_file;
 pub mod checkpoint;
@@ -42,6 +43,7 @@ use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+pub use boxes::{read_boxes, write_boxes};
 pub use camera_file::{read_cameras, write_cameras};
 pub use checkpoint::Checkpoint;
 pub use dataset::{Dataset, Split, View, read_views};
