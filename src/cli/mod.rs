@@ -17,6 +17,7 @@ mod inspect;
 mod inspect_file;
 mod inspect_groups;
 mod lavapipe;
+mod masks;
 mod picture_files;
 mod picture_grid;
 #[cfg(feature = "player")]
@@ -63,6 +64,7 @@ enum Command {
     Train(train::TrainArgs),
     Compare(compare::CompareArgs),
     Tables(tables::TablesArgs),
+    Masks(masks::MasksArgs),
     Segment(stages::segment::SegmentArgs),
     Register(stages::register::RegisterArgs),
     Merge(stages::merge::MergeArgs),
@@ -108,6 +110,7 @@ impl Command {
             Self::Train(args) => args.json,
             Self::Compare(args) => args.json,
             Self::Tables(args) => args.json,
+            Self::Masks(args) => args.json,
             Self::Segment(args) => args.json,
             Self::Register(args) => args.json,
             Self::Merge(args) => args.json,
@@ -129,6 +132,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Train(args) => train::run(args, &cli.device, printer),
         Command::Compare(args) => compare::run(args, &cli.device, printer),
         Command::Tables(args) => tables::run(args, &cli.device, printer),
+        Command::Masks(args) => masks::run(args, &cli.device, printer),
         Command::Segment(args) => stages::segment::run(args, &cli.device, printer),
         Command::Register(args) => stages::register::run(args, &cli.device, printer),
         Command::Merge(args) => stages::merge::run(args, printer),

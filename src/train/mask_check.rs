@@ -1,12 +1,13 @@
 //! Whether masks and groups can be used, looked at before anything is trained: that takes seconds, training hours.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::io::{IoError, MaskFolder, View, read_groups};
+use crate::io::{IoError, MaskFolder, View, read_boxes, read_groups};
 
 use super::error::TrainError;
+use super::mask_source::MaskSource;
 use super::segmented::{is_segmented, training_views};
 use super::trainer::TrainJob;
 
@@ -26,7 +27,12 @@ pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, TrainError> {
     if job.resume && is_segmented(&job.out) {
         return Ok(Vec::new());
     }
-    let folder = mask_folder(job)?;
+    let source = MaskSource::of(job)?;
+    if let MaskSource::Boxes(path) = &source {
+        // Masks follow when there is a cloud.
+        return read_boxes(path).map(|_| Vec::new()).map_err(TrainError::from);
+    }
+    let folder = source.folder(job);
     let masks = MaskFolder::open(&folder)?;
     let (views, _) = training_views(job)?;
     let has_object = |view: &View| -> Result<bool, IoError> {
@@ -40,20 +46,6 @@ pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, TrainError> {
         return Err(error.advise("a mask has the stem of its view's image, and ids above 0 where objects are").into());
     }
     Ok(without_mask_line(&views_without_mask(&masks, &views)?, views.len()).into_iter().collect())
-}
-
-/// The folder of the masks.
-///
-/// # Errors
-/// The configuration names none, and the data set has none.
-pub(super) fn mask_folder(job: &TrainJob) -> Result<PathBuf, TrainError> {
-    if !job.config.masks.is_empty() {
-        return Ok(PathBuf::from(&job.config.masks));
-    }
-    MaskFolder::default_for(&job.data).ok_or_else(|| {
-        let error = IoError::new(&job.data, "has no masks");
-        error.advise("put one PNG of object ids per image into masks/, or give their folder with --masks").into()
-    })
 }
 
 /// The names of the views that have no mask, in order.

@@ -18,7 +18,8 @@ use crate::segment::{
 };
 
 use super::error::TrainError;
-use super::mask_check::{mask_folder, views_without_mask};
+use super::mask_check::views_without_mask;
+use super::mask_source::mask_folder;
 use super::report::Stage;
 use super::trainer::{TrainJob, eval_options};
 

@@ -16,13 +16,15 @@ use crate::segment::ConsensusReport;
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
 use crate::train::given::given_plain_cloud;
 use crate::train::segmented::{CLOUD, LABELS, read_cloud};
+use crate::train::stage_pictures::{self, REVIEW};
 use crate::train::{TrainJob, check_masks, segmented};
 
 /// Finds the objects of a trained plain cloud in the masks of its training views.
 ///
 /// Masks are one PNG of ids per image, 8 or 16 bits of grey, 0 = no object; ids need not be the same from view to view.
 /// DIR gets the scene as point_cloud.ply, cameras.json, consensus.json (which object each mask shows), labels.safetensors
-/// (the object of each Gaussian) and config.toml: all that register and merge need. train --method instgs does the same
+/// (the object of each Gaussian) and config.toml: all that register and merge need; and review.html, every view with its
+/// masks and the objects that they show. train --method instgs does the same
 /// between its two phases.
 #[derive(Args)]
 #[command(after_help = "Example, all three stages:\n  \
@@ -91,6 +93,7 @@ pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer:
         printer.warning(&text);
         warnings.push(text);
     }
+    stage_pictures::review_segments(&job)?;
     let report = Report {
         scene: &args.scene,
         out: &args.out,
@@ -151,6 +154,7 @@ fn print(report: &Report<'_>, printer: &Printer) {
     printer.line(table);
     let [gaussians, background] = [report.gaussians, report.background].map(|count| grouped(count as u64));
     let out = report.out.display();
+    printer.line(format_args!("masks and objects of every view: {}", report.out.join(REVIEW).display()));
     printer
         .line(format_args!("{out}: {gaussians} Gaussians, {background} of no object; next: register --segments {out}"));
 }

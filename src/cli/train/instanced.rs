@@ -94,6 +94,13 @@ impl Pictures {
             let folder = job.out.join(stage_pictures::FOLDER);
             session.printer.line(format_args!("pictures of masks, objects, poses and templates: {}", folder.display()));
         }
+        match stage_pictures::review_segments(job) {
+            Ok(()) => {
+                let path = job.out.join(stage_pictures::REVIEW);
+                session.printer.line(format_args!("masks and objects of every view: {}", path.display()));
+            }
+            Err(error) => session.printer.warning(format_args!("the sheet of masks is missing: {error}")),
+        }
         Self { drawn, seconds: started.elapsed().as_secs_f64() }
     }
 

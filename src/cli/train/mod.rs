@@ -59,6 +59,15 @@ pub(super) struct TrainArgs {
     /// Folder with a PNG of object ids per image [default: DATA/masks]; for instgs
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
+    /// boxes.json: boxes around objects, in the world or in photos, instead of masks; for instgs
+    #[arg(long, value_name = "JSON", conflicts_with_all = ["masks", "prompt"])]
+    boxes: Option<PathBuf>,
+    /// What to look for in the photos instead of masks, for instance "car. chair."; for instgs
+    #[arg(long, value_name = "TEXT", conflicts_with = "masks")]
+    prompt: Option<String>,
+    /// Folder of the models that --prompt needs; tools/models makes it
+    #[arg(long, value_name = "DIR")]
+    models: Option<PathBuf>,
     /// groups.json: which objects are alike, and where they stand; for instgs [default: found by registration]
     #[arg(long, value_name = "JSON")]
     groups: Option<PathBuf>,
@@ -101,12 +110,17 @@ impl TrainArgs {
         for assignment in &self.set {
             builder = builder.set(assignment)?;
         }
+        if let Some(prompt) = &self.prompt {
+            builder = builder.flag("--prompt", "prompt", prompt.as_str())?;
+        }
         if let Some(method) = &self.method {
             builder = builder.flag("--method", "method", method.as_str())?;
         }
         let paths = [
             ("--init", "init_scene", &self.init),
             ("--masks", "masks", &self.masks),
+            ("--boxes", "boxes", &self.boxes),
+            ("--models", "models", &self.models),
             ("--groups", "groups", &self.groups),
         ];
         for (flag, key, path) in paths {

@@ -46,7 +46,7 @@ const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key, in the order of `configs/default.toml` and `configs/instgs.toml`.
-pub const KEYS: [Key; 100] = [
+pub const KEYS: [Key; 103] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -104,6 +104,9 @@ pub const KEYS: [Key; 100] = [
     key("mcmc.scale_regularisation", Real(0.0, RATE_MAX)),
     key("groups", Text),
     key("masks", Text),
+    key("boxes", Text),
+    key("prompt", Text),
+    key("models", Text),
     key("segment.alpha", RealAbove(0.0, 100.0)),
     key("segment.fill_unseen", Flag),
     key("segment.drop_strays", Flag),

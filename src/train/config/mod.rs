@@ -70,8 +70,14 @@ pub struct TrainConfig {
     pub mcmc: McmcConfig,
     /// Path of `groups.json`; empty = none. This and all that follows is for [`Method::Instanced`].
     pub groups: String,
-    /// Folder of masks; empty = the data set's.
+    /// Folder of masks; empty = the data set's. At most one of this, `boxes` and `prompt`.
     pub masks: String,
+    /// `boxes.json`: masks are made from these boxes and the plain cloud; empty = none.
+    pub boxes: String,
+    /// What to look for in the photos, phrases that end in full stops: masks are made by models; empty = none.
+    pub prompt: String,
+    /// Folder of the models that `prompt` needs.
+    pub models: String,
     /// Which Gaussian belongs to which object.
     pub segment: SegmentConfig,
     /// How templates are made.

@@ -8,6 +8,7 @@ mod joint_match;
 mod page;
 mod phases;
 mod pictures;
+mod review_page;
 mod run_report;
 mod stage_pictures;
 mod stages;
@@ -18,6 +19,7 @@ use std::path::Path;
 
 pub use joint_match::JointMatch;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
+pub use review_page::{KindOfMasks, ReviewSheet, ReviewView, write_review};
 pub use run_report::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, RunReport, Stage, ViewMetrics};
 pub use stage_pictures::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 pub use training_clock::training_seconds;

@@ -17,13 +17,7 @@ use crate::train::config::Method;
 pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     let report = &data.report;
     let title = format!("{} · {}", report.method, report.dataset.path);
-    let mut out = format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n\
-         <style>\n{}</style>\n</head>\n<body>\n",
-        escape(&title),
-        include_str!("page.css")
-    );
+    let mut out = head_of(&title);
     out += &head(report);
     out += &tiles(report);
     out += &section("Warnings", &warnings(report));
@@ -48,8 +42,19 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     Ok(out + "</body>\n</html>\n")
 }
 
+/// From the first line to the start of the body.
+pub(super) fn head_of(title: &str) -> String {
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>{}</title>\n\
+         <style>\n{}</style>\n</head>\n<body>\n",
+        escape(title),
+        include_str!("page.css")
+    )
+}
+
 /// Nothing for an empty body.
-fn section(title: &str, body: &str) -> String {
+pub(super) fn section(title: &str, body: &str) -> String {
     if body.is_empty() { String::new() } else { format!("<section>\n<h2>{title}</h2>\n{body}</section>\n") }
 }
 

@@ -2,6 +2,7 @@
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage, imageops};
 
@@ -11,6 +12,9 @@ use super::run_report::ViewMetrics;
 pub const MAX_WIDTH_PX: u32 = 480;
 /// What differences are multiplied by to be seen.
 pub(super) const DIFFERENCE_GAIN: u16 = 4;
+
+/// Of painted masks no edge rings visibly at 85, and a picture of 320x180 pixels takes 15 kB instead of 60 as PNG.
+const JPEG_QUALITY: u8 = 85;
 
 /// A picture of 8 bits per channel, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -30,6 +34,17 @@ impl Rgb8 {
     /// Fewer or more bytes than the size calls for, or no pixels.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         encoded(&image_of(self)?)
+    }
+
+    /// As a JPEG in a `data:` address, for pages of many pictures; an error is words.
+    ///
+    /// # Errors
+    /// As for [`Rgb8::png`].
+    pub fn jpeg_address(&self) -> Result<String, String> {
+        let image = image_of(self)?;
+        let mut jpeg = Vec::new();
+        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(&image).map_err(|e| e.to_string())?;
+        Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
     }
 
     /// The picture at another size, interpolated; an error is words.

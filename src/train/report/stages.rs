@@ -23,7 +23,7 @@ pub(super) fn segmentation(pictures: &StagePictures) -> Html {
     Ok([notes, legend(&pictures.objects), views].concat())
 }
 
-fn legend(objects: &[ObjectColor]) -> String {
+pub(super) fn legend(objects: &[ObjectColor]) -> String {
     let entry = |object: &ObjectColor| {
         let name = object.name.as_deref().map(|name| format!("{} ", escape(name))).unwrap_or_default();
         format!("<span>{}{name}{}</span>\n", swatch(object.color), object.id)

@@ -10,10 +10,10 @@ use crate::io::json::read_json;
 use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
 use crate::scene::{Camera, Gaussians, PosedGroup};
-use crate::segment::{Consensus, IdTable};
+use crate::segment::{Consensus, ConsensusReport, IdTable};
 use crate::train::error::TrainError;
 use crate::train::grouped::GROUPS;
-use crate::train::mask_check::mask_folder;
+use crate::train::mask_source::mask_folder;
 use crate::train::prepare::Prepared;
 use crate::train::segmented::{CLOUD, CONSENSUS, LABEL_TENSOR, LABELS, training_views};
 use crate::train::trainer::TrainJob;
@@ -77,12 +77,7 @@ impl Inputs {
 
     /// The camera of a training view for a picture of this width, larger or smaller than the photo.
     pub(super) fn camera_at_width(&self, view: usize, width: u32) -> Camera {
-        let camera = &self.views[view].camera;
-        if camera.width >= width {
-            return camera_at_width(camera, Some(width));
-        }
-        let height = f64::from(camera.height) * f64::from(width) / f64::from(camera.width);
-        camera.resized(width, height.round().max(1.0) as u32)
+        picture_camera(&self.views[view].camera, width)
     }
 
     /// What a reader should know, a sentence each.
@@ -92,20 +87,34 @@ impl Inputs {
         if self.masks.is_none() {
             out.push("The folder of the masks is not there any more, so they are not shown.".into());
         }
-        if found.ids_agree {
-            out.push("Ids are the same object in every view, and were kept.".into());
-        } else if found.masks > 0 {
-            let (agreement, masks, objects) = (100.0 * found.agreement, found.masks, found.objects.len());
-            let (merged, alone) = (found.undersegmented, found.unassigned);
-            out.push(format!(
-                "Ids are the same from view to view in {agreement:.0} % of the cases only: {masks} masks were joined \
-                 to {objects} objects. Striped masks were not used: in all views, {merged} of several objects, {alone} \
-                 of none."
-            ));
-        }
+        out.extend(consensus_notes(found));
         if colors.ids().count() > Colors::DISTINCT {
             out.push(format!("There are more than {} objects: colours repeat.", Colors::DISTINCT));
         }
         out
     }
+}
+
+/// A camera for a picture of this width, larger or smaller than the photo.
+pub(super) fn picture_camera(camera: &Camera, width: u32) -> Camera {
+    if camera.width >= width {
+        return camera_at_width(camera, Some(width));
+    }
+    let height = f64::from(camera.height) * f64::from(width) / f64::from(camera.width);
+    camera.resized(width, height.round().max(1.0) as u32)
+}
+
+/// What became of the ids of masks, a sentence.
+pub(super) fn consensus_notes(found: &ConsensusReport) -> Option<String> {
+    if found.ids_agree {
+        return Some("Ids are the same object in every view, and were kept.".into());
+    }
+    let (agreement, masks, objects) = (100.0 * found.agreement, found.masks, found.objects.len());
+    let (merged, alone) = (found.undersegmented, found.unassigned);
+    (masks > 0).then(|| {
+        format!(
+            "Ids are the same from view to view in {agreement:.0} % of the cases only: {masks} masks were joined to \
+             {objects} objects. Striped masks were not used: in all views, {merged} of several objects, {alone} of none."
+        )
+    })
 }

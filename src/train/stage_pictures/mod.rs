@@ -9,24 +9,28 @@ mod labels;
 mod masks;
 pub mod overlay;
 pub mod painter;
+mod review;
 mod template;
 mod tiles;
 
 use std::sync::Arc;
 
 use super::error::TrainError;
+use super::mask_source::mask_folder;
 use super::prepare::Prepared;
 use super::report::{ObjectColor, Rgb8, StagePictures, StageView, TemplatePictures};
+use super::segmented::{CONSENSUS, training_views};
 use super::start::INITIAL_SCENE;
 use super::trainer::{TrainJob, eval_options};
 use crate::eval::composited;
 use crate::gpu::Gpu;
+use crate::io::json::read_json;
 use crate::io::view_image::load_view;
-use crate::io::{IoError, Mask, View, load_scene};
+use crate::io::{IoError, Mask, MaskFolder, View, load_scene};
 use crate::math::similarity::Similarity;
 use crate::render::RenderOptions;
 use crate::scene::{Camera, InstancedScene};
-use crate::segment::IdTable;
+use crate::segment::{Consensus, IdTable};
 use crate::template::GroupReport;
 use colors::Colors;
 use inputs::Inputs;
@@ -35,6 +39,7 @@ use overlay::{Objects, group_name};
 use painter::{GROUND, Painter, rgb8};
 
 pub use files::FOLDER;
+pub use review::{REVIEW, review};
 
 /// Views whose masks and labels are shown: enough to see a scene from all sides, and a page of them is read at a
 /// glance.
@@ -80,6 +85,17 @@ pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut Stag
     let trained = template::pictures(&mut painter(gpu, job)?, &trained, &merged, &cameras)?;
     pictures.templates.iter_mut().zip(trained).for_each(|(template, trained)| template.trained = trained);
     files::write(job, pictures)
+}
+
+/// Writes `review.html` in the folder of a job whose objects are found: every training view with its masks and the objects
+/// that they show.
+///
+/// # Errors
+/// A mask, a photo or a file of the stage that is missing or damaged.
+pub fn review_segments(job: &TrainJob) -> Result<(), TrainError> {
+    let (views, _) = training_views(job)?;
+    let found: Consensus = read_json(&job.out.join(CONSENSUS))?;
+    review(&job.out.join(REVIEW), &views, &MaskFolder::open(&mask_folder(job)?)?, Some(&found))
 }
 
 fn painter(gpu: &Arc<Gpu>, job: &TrainJob) -> Result<Painter, TrainError> {

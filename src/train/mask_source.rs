@@ -1,0 +1,108 @@
+//! Where a run's masks come from: a folder, boxes and the plain cloud, or words and models.
+
+use std::path::PathBuf;
+
+use super::error::TrainError;
+use super::trainer::TrainJob;
+use crate::io::{IoError, MaskFolder};
+
+/// The folder of masks that a run makes for itself, in the run folder.
+const MADE_MASKS: &str = "masks";
+
+/// Where masks come from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum MaskSource {
+    /// They are there.
+    Folder(PathBuf),
+    /// From this `boxes.json`, once the plain cloud is trained.
+    Boxes(PathBuf),
+    /// From the photos, by the models in a folder, before anything is trained.
+    Prompt {
+        /// What to look for.
+        prompt: String,
+        /// Folder of the models.
+        models: PathBuf,
+    },
+}
+
+impl MaskSource {
+    /// What the configuration says: at most one of masks, boxes and prompt; without any the data set's own masks.
+    ///
+    /// # Errors
+    /// More than one of them, a prompt without models, or no masks at all.
+    pub fn of(job: &TrainJob) -> Result<Self, TrainError> {
+        let config = &job.config;
+        let named: Vec<&str> = [("masks", &config.masks), ("boxes", &config.boxes), ("prompt", &config.prompt)]
+            .into_iter()
+            .filter_map(|(key, value)| (!value.is_empty()).then_some(key))
+            .collect();
+        let fail = |what: String, advice: &str| Err(IoError::new(&job.data, what).advise(advice).into());
+        match named[..] {
+            ["masks"] => Ok(Self::Folder(PathBuf::from(&config.masks))),
+            ["boxes"] => Ok(Self::Boxes(PathBuf::from(&config.boxes))),
+            ["prompt"] if config.models.is_empty() => fail(
+                format!("\"{}\" cannot be looked for without models", config.prompt),
+                "give their folder with --models; tools/models/README.md says how to make it",
+            ),
+            ["prompt"] => Ok(Self::Prompt { prompt: config.prompt.clone(), models: PathBuf::from(&config.models) }),
+            [] => match MaskFolder::default_for(&job.data) {
+                Some(folder) => Ok(Self::Folder(folder)),
+                None => fail(
+                    "has no masks".into(),
+                    "put one PNG of object ids per image into masks/, give their folder with --masks, or have them made \
+                     with --prompt or --boxes",
+                ),
+            },
+            _ => fail(format!("has masks from {} at once", named.join(" and ")), "leave all but one of them empty"),
+        }
+    }
+
+    /// The folder of the masks, which may still have to be made.
+    pub(super) fn folder(&self, job: &TrainJob) -> PathBuf {
+        match self {
+            Self::Folder(folder) => folder.clone(),
+            Self::Boxes(_) | Self::Prompt { .. } => job.out.join(MADE_MASKS),
+        }
+    }
+}
+
+/// The folder of a job's masks.
+///
+/// # Errors
+/// As [`MaskSource::of`].
+pub(super) fn mask_folder(job: &TrainJob) -> Result<PathBuf, TrainError> {
+    Ok(MaskSource::of(job)?.folder(job))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::train::config::ConfigBuilder;
+
+    #[test]
+    fn masks_come_from_one_source() -> Result<(), Box<dyn std::error::Error>> {
+        let data = tempfile::tempdir()?;
+        let mut job = TrainJob {
+            data: data.path().into(),
+            out: "run".into(),
+            config: ConfigBuilder::new().file("instgs")?.finish()?,
+            resume: false,
+        };
+        let text = |job: &TrainJob| MaskSource::of(job).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text(&job).contains("has no masks") && text(&job).contains("--prompt"), "{}", text(&job));
+        std::fs::create_dir(data.path().join("masks"))?;
+        assert_eq!(MaskSource::of(&job)?, MaskSource::Folder(data.path().join("masks")));
+        job.config.boxes = "b.json".into();
+        assert_eq!(MaskSource::of(&job)?, MaskSource::Boxes("b.json".into()));
+        assert_eq!(mask_folder(&job)?, PathBuf::from("run/masks"));
+        job.config.prompt = "car.".into();
+        assert!(text(&job).contains("boxes and prompt"), "{}", text(&job));
+        job.config.boxes = String::new();
+        assert!(text(&job).contains("--models"), "{}", text(&job));
+        job.config.models = "m".into();
+        assert!(matches!(MaskSource::of(&job)?, MaskSource::Prompt { .. }));
+        job.config.masks = "x".into();
+        assert!(text(&job).contains("masks and prompt"), "{}", text(&job));
+        Ok(())
+    }
+}
