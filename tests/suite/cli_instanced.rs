@@ -56,6 +56,7 @@ fn all_stages_leave_their_files_and_lose_no_quality() {
         "scene.instgs",
         "events.jsonl",
         "report.html",
+        "review.html",
         "vanilla/report.json",
     ] {
         assert!(run.join(file).exists(), "{file}");

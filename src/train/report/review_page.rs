@@ -108,13 +108,13 @@ fn view(view: &ReviewView) -> String {
         Some(1) => "<span>1 mask</span>".to_owned(),
         Some(n) => format!("<span>{} masks</span>", count(n as u64)),
     };
+    let is_alone = view.pictures.len() == 1;
     let figure = |(caption, address): &(&str, String)| {
-        format!(
-            "<figure><img src=\"{address}\" alt=\"{name}: {caption}\"/><figcaption>{caption}</figcaption></figure>\n"
-        )
+        let below = if is_alone { String::new() } else { format!("<figcaption>{caption}</figcaption>") };
+        format!("<figure><img src=\"{address}\" alt=\"{name}: {caption}\"/>{below}</figure>\n")
     };
     let pictures: String = view.pictures.iter().map(figure).collect();
-    let class = if view.pictures.len() > 1 { "duo" } else { "solo" };
+    let class = if is_alone { "solo" } else { "duo" };
     format!("<div class=\"view\"><h3>{name}{masks}</h3>\n<div class=\"{class}\">\n{pictures}</div></div>\n")
 }
 

@@ -161,3 +161,87 @@ fn kinds(facts: &[ViewFacts], categories: &BTreeMap<u32, String>) -> Vec<KindOfM
     };
     by_name.into_iter().map(kind).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::{Split, write_categories, write_mask};
+    use crate::scene::Camera;
+    use crate::segment::{ConsensusReport, IdTable, ObjectReport};
+    use crate::train::report::Rgb8;
+
+    type Outcome = Result<(), Box<dyn std::error::Error>>;
+
+    const SIZE: u32 = 16;
+
+    fn view(folder: &Path, name: &str) -> Result<View, Box<dyn std::error::Error>> {
+        let image_path = folder.join(format!("{name}.png"));
+        let pixels = vec![128; (3 * SIZE * SIZE) as usize];
+        std::fs::write(&image_path, Rgb8 { width: SIZE, height: SIZE, pixels }.png()?)?;
+        let view_from_world = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+        let name = name.into();
+        let camera = Camera { name, width: SIZE, height: SIZE, fx: 9.0, fy: 9.0, cx: 8.0, cy: 8.0, view_from_world };
+        Ok(View { camera, image_path, split: Split::Train, distortion: None, mask_path: None })
+    }
+
+    /// The mask has one row of pixels of each id.
+    fn masked(folder: &Path, name: &str, ids: &[u16]) -> Outcome {
+        let rows = (0..SIZE as usize).flat_map(|y| [ids.get(y).copied().unwrap_or_default(); SIZE as usize]);
+        let mask = Mask { width: SIZE, height: SIZE, ids: rows.collect() };
+        Ok(write_mask(&folder.join("masks").join(format!("{name}.png")), &mask)?)
+    }
+
+    #[test]
+    fn the_sheet_counts_masks_and_names_views_that_lack_them() -> Outcome {
+        let folder = tempfile::tempdir()?;
+        let at = folder.path();
+        std::fs::create_dir(at.join("masks"))?;
+        let views = ["a", "b", "c", "d"].map(|name| view(at, name));
+        let views = views.into_iter().collect::<Result<Vec<_>, _>>()?;
+        masked(at, "a", &[1, 2, 3])?;
+        masked(at, "b", &[4, 5, 6, 6])?;
+        masked(at, "c", &[1])?;
+        write_categories(&at.join("masks/categories.json"), &[(1, "car".to_owned()), (6, "car".to_owned())].into())?;
+        let masks = MaskFolder::open(&at.join("masks"))?;
+        let sheet = sheet(&views, &masks, None)?;
+        assert_eq!(sheet.views.iter().map(|v| v.masks).collect::<Vec<_>>(), [Some(3), Some(3), Some(1), None]);
+        assert_eq!(sheet.warnings.len(), 2, "{:?}", sheet.warnings);
+        assert!(sheet.warnings[0].contains("without a file") && sheet.warnings[0].ends_with(": d."));
+        assert!(sheet.warnings[1].contains("half as many") && sheet.warnings[1].ends_with(": c."));
+        let kinds: Vec<_> = sheet.kinds.iter().map(|k| (k.name.as_deref(), k.masks, k.views, k.median_part)).collect();
+        assert_eq!(kinds, [(None, 4, 2, 1.0 / 16.0), (Some("car"), 3, 3, 1.0 / 16.0)]);
+        let captions = |v: usize| sheet.views[v].pictures.iter().map(|(caption, _)| *caption).collect::<Vec<_>>();
+        assert_eq!((captions(0), captions(3)), (vec!["masks as given"], vec!["photograph"]));
+        assert!(sheet.notes[0].starts_with("3 of 4 views have masks: 1 to 3"), "{}", sheet.notes[0]);
+        Ok(())
+    }
+
+    #[test]
+    fn with_the_consensus_every_view_shows_both() -> Outcome {
+        let folder = tempfile::tempdir()?;
+        let at = folder.path();
+        std::fs::create_dir(at.join("masks"))?;
+        let views = vec![view(at, "a")?, view(at, "b")?];
+        masked(at, "a", &[1; 16])?;
+        masked(at, "b", &[2; 16])?;
+        let masks = MaskFolder::open(&at.join("masks"))?;
+        let found = Consensus {
+            table: IdTable::PerView(vec![[(1, 7)].into(), [(2, 7)].into()]),
+            report: ConsensusReport {
+                masks: 2,
+                objects: vec![ObjectReport { id: 7, ..ObjectReport::default() }],
+                ..ConsensusReport::default()
+            },
+        };
+        let sheet = sheet(&views, &masks, Some(&found))?;
+        let [a, b] = [0, 1].map(|v| &sheet.views[v].pictures);
+        assert_eq!((a.len(), b.len(), sheet.colors.len()), (2, 2, 1));
+        assert!(a[0].1 != b[0].1, "ids differ");
+        assert!(a[1].1 == b[1].1, "the object is the same");
+        review(&at.join(REVIEW), &views, &masks, Some(&found))?;
+        assert!(std::fs::read_to_string(at.join(REVIEW))?.contains("joined to 1 objects"));
+        std::fs::remove_file(at.join("a.png"))?;
+        assert!(review(&at.join(REVIEW), &views, &masks, None).is_err_and(|e| e.to_string().contains("a.png")));
+        Ok(())
+    }
+}
