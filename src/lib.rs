@@ -104,6 +104,7 @@
 //! - L3 `render`: scene on the device, buffer plan, the passes in order (forward and backward), growth and depth slabs,
 //!   self-test.
 //! - L3 `optim`: Adam, one state per parameter buffer.
+//! - L4 `detect`: instance masks from a text prompt, by ONNX models whose runtime is loaded when it is used.
 //! - L4 `segment`: which Gaussians of a plain cloud belong to which object, from masks.
 //! - L4 `register`: which objects are alike, and the pose of each against its group's reference.
 //! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
@@ -193,6 +194,7 @@
 
 pub mod bench;
 pub mod cli;
+pub mod detect;
 pub mod eval;
 pub mod gpu;
 pub mod io;

@@ -82,7 +82,7 @@ fn every_kernel_has_its_wrapper_twin_and_test() {
 }
 
 /// Layer of each module; a module may use its own layer's siblings only where listed, and any lower layer.
-const LAYERS: [(&str, u32); 17] = [
+const LAYERS: [(&str, u32); 18] = [
     ("math", 0),
     ("gpu", 1),
     ("scene", 1),
@@ -91,6 +91,7 @@ const LAYERS: [(&str, u32); 17] = [
     ("kernels", 2),
     ("render", 3),
     ("optim", 3),
+    ("detect", 4),
     ("eval", 4),
     ("template", 4),
     ("segment", 4),

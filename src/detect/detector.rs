@@ -1,0 +1,89 @@
+//! The detector: Grounding DINO, boxes for phrases.
+
+use super::DetectError;
+use super::boxes::{DetectOptions, Detections, RawDetections, decode};
+use super::graph::{Graph, Values};
+use super::image_input::{ModelImage, detector_image};
+use super::library::RuntimeOptions;
+use super::models::{DetectorModel, ModelsFolder};
+use super::photo::Photo;
+use super::prompt::Prompt;
+use super::runtime::Runtime;
+use super::tokens::{PromptTokens, tokens_of};
+use crate::io::IoError;
+
+const INPUTS: [&str; 5] = ["pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask"];
+
+/// A detector that looks for the phrases of one prompt.
+pub struct Detector {
+    graph: Graph,
+    model: DetectorModel,
+    tokens: PromptTokens,
+}
+
+/// What the graph makes of a photo, as in [`RawDetections`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct DetectorOutput {
+    /// `[queries, columns]`, before the sigmoid.
+    pub logits: Vec<f32>,
+    /// Columns of `logits`.
+    pub columns: usize,
+    /// `[queries, 4]`: centre x, centre y, width, height in parts of the photo.
+    pub boxes: Vec<f32>,
+}
+
+impl Detector {
+    /// Reads the prompt, compares the files with their checksums, loads the runtime and the graph.
+    ///
+    /// # Errors
+    /// A prompt that is too long; files or a runtime library that are missing or something else.
+    pub fn open(models: &ModelsFolder, prompt: &Prompt, runtime: &RuntimeOptions) -> Result<Self, DetectError> {
+        let model = models.detector.clone();
+        models.check_contents(&model.tokenizer)?;
+        let tokens = tokens_of(prompt, &model, &models.path(&model.tokenizer))?;
+        let runtime = Runtime::load(runtime)?;
+        models.check_contents(&model.graph)?;
+        let graph = Graph::open(&runtime, &models.path(&model.graph), &INPUTS, &["logits", "pred_boxes"])?;
+        Ok(Self { graph, model, tokens })
+    }
+
+    /// The prompt as the detector reads it.
+    pub fn tokens(&self) -> &PromptTokens {
+        &self.tokens
+    }
+
+    /// The boxes of a photo.
+    ///
+    /// # Errors
+    /// A graph that cannot be run, or makes no numbers.
+    pub fn detect(&mut self, photo: &Photo, options: &DetectOptions) -> Result<Detections, DetectError> {
+        let output = self.run(&detector_image(photo, &self.model))?;
+        let raw = RawDetections { logits: &output.logits, columns: output.columns, boxes: &output.boxes };
+        let size = (photo.width, photo.height);
+        Ok(decode(raw, &self.tokens.phrase_of, size, options).map_err(|what| self.graph.error(what))?)
+    }
+
+    /// Runs the graph.
+    ///
+    /// # Errors
+    /// A graph that cannot be run, or whose output has other shapes than `models.json` says.
+    pub fn run(&mut self, image: &ModelImage) -> Result<DetectorOutput, IoError> {
+        let PromptTokens { ids, attention, .. } = &self.tokens;
+        let kinds = vec![0; ids.len()];
+        let (plane, row) = ([1, image.height, image.width], [1, ids.len()]);
+        let mut outputs = self.graph.run(&[
+            ("pixel_values", &[1, 3, image.height, image.width], Values::Floats(&image.values)),
+            ("pixel_mask", &plane, Values::Integers(&image.photo_mask())),
+            ("input_ids", &row, Values::Integers(ids)),
+            ("token_type_ids", &row, Values::Integers(&kinds)),
+            ("attention_mask", &row, Values::Integers(attention)),
+        ])?;
+        let (Some(boxes), Some(logits)) = (outputs.pop(), outputs.pop()) else {
+            return Err(self.graph.error("made nothing"));
+        };
+        let columns = self.model.max_tokens;
+        self.graph.expect("logits", &logits, &[Some(1), None, Some(columns)])?;
+        self.graph.expect("pred_boxes", &boxes, &[Some(1), Some(logits.shape[1]), Some(4)])?;
+        Ok(DetectorOutput { logits: logits.values, columns, boxes: boxes.values })
+    }
+}

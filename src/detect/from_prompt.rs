@@ -1,0 +1,113 @@
+//! From photos and a prompt to a folder of masks.
+
+use std::path::Path;
+
+use super::DetectError;
+use super::boxes::DetectOptions;
+use super::library::RuntimeOptions;
+use super::prompt::Prompt;
+use super::report::{PromptReport, ViewMasks};
+use crate::io::View;
+
+/// How things are found by name.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PromptOptions {
+    /// What counts as found.
+    pub detect: DetectOptions,
+    /// How the models are run.
+    pub runtime: RuntimeOptions,
+}
+
+impl PromptOptions {
+    /// Checks what does not depend on files.
+    ///
+    /// # Errors
+    /// A threshold outside 0..1.
+    pub fn check(&self) -> Result<(), DetectError> {
+        let DetectOptions { box_threshold, text_threshold, overlap } = self.detect;
+        let fractions =
+            [("--box-threshold", box_threshold), ("--text-threshold", text_threshold), ("--overlap", overlap)];
+        for (option, value) in fractions {
+            if !(0.0..=1.0).contains(&value) {
+                return Err(DetectError::Option { option, reason: format!("is {value}, and must be from 0 to 1") });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Finds what the prompt names in each view's photo and writes `OUT/NAME.png` per view (16-bit ids, black where nothing
+/// was found), `OUT/categories.json` (the phrase of each id) and `OUT/boxes.json` (box, phrase and score of each id). Ids go
+/// on from view to view, so none means two things; nothing says that ids of two views are of one object. `models` is the
+/// folder with `models.json`; `done` is told of each view after its mask was written.
+///
+/// One view is held in memory at a time: its photo, its picture of ids, one mask at the photo's size, and the best small
+/// mask of each box.
+///
+/// # Errors
+/// Everything that can be known before the first photo is checked first: the options, the models' files, the runtime
+/// library, the length of the prompt. Then a photo that cannot be read, and more masks than ids. Without the feature
+/// `onnx`: always, with how to build with it.
+#[cfg(feature = "onnx")]
+pub fn masks_from_prompt(
+    views: &[&View],
+    prompt: &Prompt,
+    models: &Path,
+    options: &PromptOptions,
+    out: &Path,
+    done: &mut dyn FnMut(&str, &ViewMasks),
+) -> Result<PromptReport, DetectError> {
+    use crate::io::{IoError, write_boxes, write_categories, write_mask};
+    use crate::scene::Boxes;
+
+    let mut finder = super::find::Finder::open(models, prompt, options)?;
+    std::fs::create_dir_all(out).map_err(|e| IoError::new(out, format!("cannot be made: {e}")))?;
+    let mut report = PromptReport::new(prompt.phrases());
+    let mut boxes = Boxes::default();
+    for view in views {
+        let name = &view.camera.name;
+        let found = finder.find(view)?;
+        write_mask(&out.join(format!("{name}.png")), &found.mask)?;
+        report.add(name, &found);
+        done(name, &found);
+        boxes.views.insert(name.clone(), found.boxes);
+    }
+    let of_ids = boxes.views.values().flatten().filter_map(|b| Some((b.id?, b.category.clone()?)));
+    write_categories(&out.join("categories.json"), &of_ids.collect())?;
+    write_boxes(&out.join("boxes.json"), &boxes)?;
+    Ok(report)
+}
+
+/// Without the feature `onnx`: an error that says how to build with it.
+///
+/// # Errors
+/// Always.
+#[cfg(not(feature = "onnx"))]
+pub fn masks_from_prompt(
+    _views: &[&View],
+    _prompt: &Prompt,
+    _models: &Path,
+    _options: &PromptOptions,
+    _out: &Path,
+    _done: &mut dyn FnMut(&str, &ViewMasks),
+) -> Result<PromptReport, DetectError> {
+    Err(DetectError::NotBuilt)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_are_fractions() {
+        let with = |change: &dyn Fn(&mut DetectOptions)| {
+            let mut options = PromptOptions::default();
+            change(&mut options.detect);
+            options.check().err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        assert_eq!(with(&|_| {}), "");
+        assert_eq!(with(&|o| o.box_threshold = 1.5), "--box-threshold: is 1.5, and must be from 0 to 1");
+        assert!(with(&|o| o.text_threshold = -0.1).starts_with("--text-threshold"));
+        assert!(with(&|o| o.overlap = f64::NAN).starts_with("--overlap"));
+    }
+}

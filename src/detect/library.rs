@@ -1,0 +1,86 @@
+//! Which file is the runtime library. It is not part of this program: it is loaded when models are used.
+
+use std::env::consts::{DLL_PREFIX, DLL_SUFFIX};
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+
+use super::provider::Provider;
+use crate::io::IoError;
+
+/// How models are run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RuntimeOptions {
+    /// The runtime library, if the user names one; see [`find_library`].
+    pub library: Option<PathBuf>,
+    /// What it runs the models on.
+    pub provider: Provider,
+}
+
+/// Variable that names the library, the same that other programs with ONNX Runtime use.
+pub const LIBRARY_VARIABLE: &str = "ORT_DYLIB_PATH";
+/// Where `tools/setup_onnxruntime` puts the library, below the working directory.
+const CACHE: &str = ".cache/onnxruntime";
+
+/// How to come by a library that can be used.
+pub const ADVICE: &str = "run tools/setup_onnxruntime, which takes it from the PyPI wheel onnxruntime, or name the file \
+                          with --runtime or ORT_DYLIB_PATH";
+
+/// The library's file name: `libonnxruntime.so`, `libonnxruntime.dylib`, `onnxruntime.dll`.
+pub fn library_name() -> String {
+    format!("{DLL_PREFIX}onnxruntime{DLL_SUFFIX}")
+}
+
+/// The file to load: what the user `given`, else what the `variable` names, else `.cache/onnxruntime` in the `working`
+/// directory, else whatever the system finds under the library's name.
+///
+/// # Errors
+/// No file where the user or the variable names one. A variable without a folder is a name for the system to find.
+pub fn find_library(given: Option<&Path>, variable: Option<&OsStr>, working: &Path) -> Result<PathBuf, IoError> {
+    let missing = |path: &Path, by: &str| {
+        Err(IoError::new(path, format!("is no file, and {by} names it as the ONNX Runtime library")).advise(ADVICE))
+    };
+    if let Some(path) = given {
+        return if path.is_file() { Ok(working.join(path)) } else { missing(path, "--runtime") };
+    }
+    if let Some(path) = variable.filter(|v| !v.is_empty()).map(Path::new) {
+        let is_name = path.components().count() == 1 && !working.join(path).is_file();
+        return match path.is_file() {
+            true => Ok(working.join(path)),
+            false if is_name => Ok(path.into()),
+            false => missing(path, LIBRARY_VARIABLE),
+        };
+    }
+    let name = library_name();
+    let cached = working.join(CACHE).join(&name);
+    Ok(if cached.is_file() { cached } else { name.into() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_wish_counts() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let working = folder.path();
+        let name = library_name();
+        assert_eq!(find_library(None, None, working)?, Path::new(&name));
+        let cached = working.join(CACHE).join(&name);
+        std::fs::create_dir_all(working.join(CACHE))?;
+        std::fs::write(&cached, "")?;
+        assert_eq!(find_library(None, None, working)?, cached);
+        assert_eq!(find_library(None, Some(OsStr::new("")), working)?, cached);
+        let other = working.join("other.so");
+        std::fs::write(&other, "")?;
+        assert_eq!(find_library(None, Some(other.as_os_str()), working)?, other);
+        assert_eq!(find_library(None, Some(OsStr::new("libort.so.1")), working)?, Path::new("libort.so.1"));
+        assert_eq!(find_library(Some(&cached), Some(other.as_os_str()), working)?, cached);
+        let none = working.join("none.so");
+        for (given, variable, by) in [(Some(none.as_path()), None, "--runtime"), (None, Some(none.as_os_str()), "ORT_")]
+        {
+            let text = find_library(given, variable, working).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(text.contains("none.so") && text.contains(by) && text.contains("setup_onnxruntime"), "{text}");
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,75 @@
+//! Where the models run.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// What ONNX Runtime runs the models on. All but the processor need a build of the runtime library that has it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Provider {
+    /// The processor; every build of the runtime has it.
+    #[default]
+    Cpu,
+    /// Nvidia GPUs.
+    Cuda,
+    /// Nvidia GPUs, graphs compiled for the device first; what TensorRT cannot run goes to CUDA.
+    TensorRt,
+    /// AMD GPUs.
+    Rocm,
+    /// Apple devices.
+    CoreMl,
+    /// Windows, any GPU.
+    DirectMl,
+}
+
+impl Provider {
+    /// All there are.
+    pub const ALL: [Self; 6] = [Self::Cpu, Self::Cuda, Self::TensorRt, Self::Rocm, Self::CoreMl, Self::DirectMl];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Cuda => "cuda",
+            Self::TensorRt => "tensorrt",
+            Self::Rocm => "rocm",
+            Self::CoreMl => "coreml",
+            Self::DirectMl => "directml",
+        }
+    }
+
+    /// The names of all, for messages: "cpu, cuda, ...".
+    pub fn names() -> String {
+        Self::ALL.map(Self::name).join(", ")
+    }
+}
+
+impl fmt::Display for Provider {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Provider {
+    type Err = String;
+
+    fn from_str(name: &str) -> Result<Self, String> {
+        let found = Self::ALL.into_iter().find(|p| p.name() == name);
+        found.ok_or_else(|| format!("{name:?} is none of {}", Self::names()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_come_back_and_others_are_listed() {
+        for provider in Provider::ALL {
+            assert_eq!(provider.name().parse(), Ok(provider));
+        }
+        assert_eq!(
+            "gpu".parse::<Provider>(),
+            Err("\"gpu\" is none of cpu, cuda, tensorrt, rocm, coreml, directml".to_owned())
+        );
+    }
+}
