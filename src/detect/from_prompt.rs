@@ -9,6 +9,9 @@ use super::prompt::Prompt;
 use super::report::{PromptReport, ViewMasks};
 use crate::io::View;
 
+/// Box, phrase and score of every mask, in the folder of the masks; written last.
+pub const BOXES: &str = "boxes.json";
+
 /// How things are found by name.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PromptOptions {
@@ -74,7 +77,7 @@ pub fn masks_from_prompt(
     }
     let of_ids = boxes.views.values().flatten().filter_map(|b| Some((b.id?, b.category.clone()?)));
     write_categories(&out.join("categories.json"), &of_ids.collect())?;
-    write_boxes(&out.join("boxes.json"), &boxes)?;
+    write_boxes(&out.join(BOXES), &boxes)?;
     Ok(report)
 }
 

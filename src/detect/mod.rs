@@ -69,7 +69,7 @@ pub use detector::Detector;
 pub use error::DetectError;
 #[cfg(feature = "onnx")]
 pub use find::Finder;
-pub use from_prompt::{PromptOptions, masks_from_prompt};
+pub use from_prompt::{BOXES, PromptOptions, masks_from_prompt};
 pub use library::RuntimeOptions;
 pub use models::ModelsFolder;
 pub use photo::Photo;

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::detect::DetectError;
 use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
@@ -35,6 +36,9 @@ pub enum TrainError {
         /// Where to go on from.
         saved: Option<PathBuf>,
     },
+    /// Masks could not be made from words.
+    #[error(transparent)]
+    Detect(#[from] DetectError),
     /// The scene cannot be trained or shown.
     #[error(transparent)]
     Render(#[from] RenderError),

@@ -61,9 +61,14 @@ impl MaskSource {
     pub(super) fn folder(&self, job: &TrainJob) -> PathBuf {
         match self {
             Self::Folder(folder) => folder.clone(),
-            Self::Boxes(_) | Self::Prompt { .. } => job.out.join(MADE_MASKS),
+            Self::Boxes(_) | Self::Prompt { .. } => made_masks(job),
         }
     }
+}
+
+/// The folder of masks that a run makes for itself.
+pub(super) fn made_masks(job: &TrainJob) -> PathBuf {
+    job.out.join(MADE_MASKS)
 }
 
 /// The folder of a job's masks.

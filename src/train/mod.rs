@@ -13,6 +13,7 @@ pub mod given;
 pub mod grouped;
 pub mod initial;
 pub mod interrupt;
+pub mod made_masks;
 pub mod mask_check;
 pub mod mask_source;
 pub mod memory;
@@ -32,6 +33,7 @@ pub mod views;
 
 pub use error::TrainError;
 pub use grouped::{Grouped, registered};
+pub use made_masks::masks_from_prompt;
 pub use mask_check::check_masks;
 pub use mask_source::MaskSource;
 pub use merged::{Merged, merged};

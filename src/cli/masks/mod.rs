@@ -1,13 +1,18 @@
 //! `instgs-vk masks`: masks of repeated objects, made from words or boxes, and a page to look them over.
 
+mod prompt;
+
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use self::prompt::PromptArgs;
+pub(super) use self::prompt::{NamingLines, warn};
+use super::args::create_folder;
 use super::device::DeviceArgs;
 use super::error::CliError;
 use super::printer::Printer;
-use crate::io::{MaskFolder, View, read_views};
+use crate::io::{IoError, MaskFolder, View, read_views};
 use crate::train::stage_pictures::{REVIEW, review};
 
 /// Makes masks of a dataset's photos, or looks over those there are.
@@ -15,6 +20,7 @@ use crate::train::stage_pictures::{REVIEW, review};
 /// DIR gets a page, review.html, that shows every view with its masks: look at it before training.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
+    instgs-vk masks --data park --prompt \"car. bench.\" --models models --out park_masks\n  \
     instgs-vk masks --data cars --masks cars/masks --out cars_review")]
 pub(super) struct MasksArgs {
     /// Dataset folder
@@ -22,6 +28,8 @@ pub(super) struct MasksArgs {
     data: PathBuf,
     #[command(flatten)]
     source: SourceArgs,
+    #[command(flatten)]
+    prompt: PromptArgs,
     /// Folder for the masks and the page; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -34,6 +42,9 @@ pub(super) struct MasksArgs {
 #[derive(Args)]
 #[group(required = true, multiple = false)]
 struct SourceArgs {
+    /// Find what this text names, for instance "car. office chair."; needs --models
+    #[arg(long, value_name = "TEXT")]
+    prompt: Option<String>,
     /// Masks that are there already: only the page is made
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
@@ -41,11 +52,30 @@ struct SourceArgs {
 
 pub(super) fn run(args: &MasksArgs, _device: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let views = read_views(&args.data)?.views;
-    if let Some(masks) = &args.source.masks {
-        super::args::create_folder(&args.out)?;
-        write_page(&args.out, &views, &MaskFolder::open(masks)?, printer)?;
+    let source = &args.source;
+    if let Some(masks) = &source.masks {
+        let masks = MaskFolder::open(masks)?;
+        create_folder(&args.out)?;
+        write_page(&args.out, &views, &masks, printer)?;
+    } else if let Some(text) = &source.prompt {
+        check_folder(&args.out)?;
+        let report = prompt::make(&views, text, &args.prompt, &args.out, printer)?;
+        write_page(&args.out, &views, &MaskFolder::open(&args.out)?, printer)?;
+        if args.json {
+            return printer.json(&report);
+        }
+        prompt::print(&report, printer);
     }
     Ok(())
+}
+
+/// Refuses a folder that has masks: ids of two sets of masks mean different things.
+fn check_folder(out: &Path) -> Result<(), CliError> {
+    let has_masks = out.is_dir() && MaskFolder::open(out).is_ok();
+    match has_masks {
+        true => Err(IoError::new(out, "holds masks already").advise("choose another folder").into()),
+        false => Ok(()),
+    }
 }
 
 fn write_page(out: &Path, views: &[View], masks: &MaskFolder, printer: &Printer) -> Result<(), CliError> {

@@ -7,6 +7,8 @@ use std::time::Instant;
 use super::phase::{Session, counts, run_phase};
 use crate::cli::args::create_folder;
 use crate::cli::error::CliError;
+use crate::cli::masks::{NamingLines, warn};
+use crate::cli::printer::Printer;
 use crate::cli::stages::{LabelLines, group_lines};
 use crate::io::json::read_json;
 use crate::io::{Dataset, IoError, Split, read_views, write_ply};
@@ -18,7 +20,9 @@ use crate::train::events::Event;
 use crate::train::given::{GivenCloud, given_cloud};
 use crate::train::report::{Bytes, JointMatch, Quality, ReportData, RunReport, Stage, StagePictures};
 use crate::train::segmented::{CLOUD, require_segments};
-use crate::train::{Prepared, TrainError, TrainJob, check_masks, eval_options, prepare, stage_pictures};
+use crate::train::{
+    MaskSource, Prepared, TrainError, TrainJob, check_masks, eval_options, masks_from_prompt, prepare, stage_pictures,
+};
 
 /// The configuration, in the run folder.
 const CONFIG: &str = "config.toml";
@@ -47,21 +51,42 @@ struct PlainCloud {
 /// All stages; the report is that of the joint phase, with the plain cloud's in `vanilla`.
 pub(super) fn run(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, CliError> {
     check_same_stages(job)?;
-    // Before hours of training, and before the folder is there.
-    let told = check_masks(job)?;
-    told.iter().for_each(|text| session.printer.warning(text));
+    let source = MaskSource::of(job)?;
+    // Masks that are there are looked at before hours of training, and before the folder is there.
+    let given = matches!(source, MaskSource::Folder(_) | MaskSource::Boxes(_));
+    let told = if given { checked(session, job)? } else { Vec::new() };
     create_folder(&job.out)?;
     // The joint phase writes it, too; but a run that is stopped before that must know itself when it goes on.
     let text = job.config.to_toml()?;
     crate::io::atomic_write(&job.out.join(CONFIG), |out| out.write_all(text.as_bytes()))?;
+    let naming = found_by_name(session.printer, job)?;
+    let told = if given { told } else { checked(session, job)? };
     let given = !job.config.init_scene.is_empty();
     let cloud = if given { taken_cloud(session, job)? } else { trained_cloud(session, job)? };
-    let prepared = prepared(session, job, &told)?;
+    let mut prepared = prepared(session, job, &told)?;
+    prepared.stages.splice(0..0, naming);
     let pictures = Pictures::draw(session, job, &prepared);
     run_phase(session, &job.out, job, |data| {
         let pictures = pictures.with_trained_templates(session, job);
         complete(data, cloud, prepared, pictures);
     })
+}
+
+/// Makes the masks of a run with a prompt, unless they are there.
+fn found_by_name(printer: &Printer, job: &TrainJob) -> Result<Option<Stage>, CliError> {
+    let mut lines = NamingLines::new(printer);
+    let found = masks_from_prompt(job, &mut |name, view, total| lines.at(name, view, total));
+    drop(lines);
+    let Some(found) = found? else { return Ok(None) };
+    warn(&found.report, printer);
+    Ok(Some(found.stage))
+}
+
+/// What the user should know of the masks before the run begins; it is told.
+fn checked(session: &Session<'_>, job: &TrainJob) -> Result<Vec<String>, CliError> {
+    let told = check_masks(job)?;
+    told.iter().for_each(|text| session.printer.warning(text));
+    Ok(told)
 }
 
 /// A run that goes on keeps the objects and templates that it found: what these came from must be as it was.

@@ -4,7 +4,31 @@ use serde::{Deserialize, Serialize};
 
 use super::schedule::{OffsetRates, PoseRates, Rates, SourceRates, log_linear};
 use super::{Method, Strategy, TrainConfig};
+use crate::detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
 use crate::template::{Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
+
+/// How things are found by name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DetectConfig {
+    /// A box counts if its best token scores more.
+    pub box_threshold: f64,
+    /// A box is of a phrase if one of its tokens scores more.
+    pub text_threshold: f64,
+    /// Of two boxes or masks that overlap by more than this, the one with the lower score is dropped.
+    pub overlap: f64,
+    /// What the models run on.
+    pub provider: Provider,
+}
+
+impl DetectConfig {
+    /// For the detector. The runtime library is the one that the environment names, or the system's.
+    pub fn options(&self) -> PromptOptions {
+        let &Self { box_threshold, text_threshold, overlap, provider } = self;
+        let detect = DetectOptions { box_threshold, text_threshold, overlap };
+        PromptOptions { detect, runtime: RuntimeOptions { provider, ..RuntimeOptions::default() } }
+    }
+}
 
 /// Which Gaussian belongs to which object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -46,7 +46,7 @@ const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key, in the order of `configs/default.toml` and `configs/instgs.toml`.
-pub const KEYS: [Key; 103] = [
+pub const KEYS: [Key; 107] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -107,6 +107,10 @@ pub const KEYS: [Key; 103] = [
     key("boxes", Text),
     key("prompt", Text),
     key("models", Text),
+    key("detect.box_threshold", Real(0.0, 1.0)),
+    key("detect.text_threshold", Real(0.0, 1.0)),
+    key("detect.overlap", Real(0.0, 1.0)),
+    key("detect.provider", Word(&["cpu", "cuda", "tensorrt", "rocm", "coreml", "directml"])),
     key("segment.alpha", RealAbove(0.0, 100.0)),
     key("segment.fill_unseen", Flag),
     key("segment.drop_strays", Flag),

@@ -13,7 +13,9 @@ mod schedule;
 use serde::{Deserialize, Serialize};
 
 pub use error::ConfigError;
-pub use instanced::{JointConfig, JointRates, OffsetConfig, PoseRateConfig, SegmentConfig, TemplateConfig};
+pub use instanced::{
+    DetectConfig, JointConfig, JointRates, OffsetConfig, PoseRateConfig, SegmentConfig, TemplateConfig,
+};
 pub use load::{ConfigBuilder, PRESETS};
 pub use schedule::{OffsetRates, PoseRates, Rates, SourceRates};
 
@@ -78,6 +80,8 @@ pub struct TrainConfig {
     pub prompt: String,
     /// Folder of the models that `prompt` needs.
     pub models: String,
+    /// How `prompt` is looked for.
+    pub detect: DetectConfig,
     /// Which Gaussian belongs to which object.
     pub segment: SegmentConfig,
     /// How templates are made.

@@ -1,0 +1,142 @@
+//! `masks --prompt`: masks of what a text names.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+
+use crate::cli::error::CliError;
+use crate::cli::printer::{Printer, Progress};
+use crate::cli::table::{Table, grouped};
+use crate::detect::report::Dropped;
+use crate::detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, ViewMasks};
+use crate::io::View;
+use crate::train::TrainError;
+
+/// How things are found by name.
+#[derive(Args)]
+#[command(next_help_heading = "With --prompt")]
+pub(super) struct PromptArgs {
+    /// Folder of the models: models.json and what it names; tools/models/README.md says how to make it
+    #[arg(long, value_name = "DIR", requires = "prompt")]
+    models: Option<PathBuf>,
+    /// A box counts if its best token scores more [default: 0.25]
+    #[arg(long, value_name = "P", requires = "prompt")]
+    box_threshold: Option<f64>,
+    /// A box is of a phrase if one of the phrase's tokens scores more [default: 0.25]
+    #[arg(long, value_name = "P", requires = "prompt")]
+    text_threshold: Option<f64>,
+    /// Of two boxes of one phrase, or two masks, that overlap by more than this the lower score is dropped [default: 0.8]
+    #[arg(long, value_name = "IOU", requires = "prompt")]
+    overlap: Option<f64>,
+    /// ONNX Runtime's library [default: ORT_DYLIB_PATH, what tools/setup_onnxruntime made, or the system's]
+    #[arg(long, value_name = "FILE", requires = "prompt")]
+    runtime: Option<PathBuf>,
+    /// What the models run on: cpu, or, with a library that has it, cuda, tensorrt, rocm, coreml, directml [default: cpu]
+    #[arg(long, value_name = "NAME", requires = "prompt")]
+    provider: Option<Provider>,
+}
+
+impl PromptArgs {
+    fn options(&self) -> PromptOptions {
+        let usual = DetectOptions::default();
+        PromptOptions {
+            detect: DetectOptions {
+                box_threshold: self.box_threshold.unwrap_or(usual.box_threshold),
+                text_threshold: self.text_threshold.unwrap_or(usual.text_threshold),
+                overlap: self.overlap.unwrap_or(usual.overlap),
+            },
+            runtime: RuntimeOptions { library: self.runtime.clone(), provider: self.provider.unwrap_or_default() },
+        }
+    }
+}
+
+/// What is printed with `--json`.
+#[derive(serde::Serialize)]
+pub(super) struct Report {
+    prompt: String,
+    #[serde(flatten)]
+    found: PromptReport,
+    seconds: f64,
+}
+
+/// Writes the masks of all views into the folder.
+pub(super) fn make(
+    views: &[View],
+    prompt: &str,
+    args: &PromptArgs,
+    out: &Path,
+    printer: &Printer,
+) -> Result<Report, CliError> {
+    let started = Instant::now();
+    let prompt = Prompt::parse(prompt).map_err(TrainError::from)?;
+    let Some(models) = &args.models else {
+        let what = "--prompt needs models: give their folder with --models; tools/models/README.md says how to make it";
+        return Err(CliError::Other(what.into()));
+    };
+    let views: Vec<&View> = views.iter().collect();
+    let mut lines = NamingLines::new(printer);
+    let mut done = |name: &str, found: &ViewMasks| lines.at(name, found, views.len());
+    let found = crate::detect::masks_from_prompt(&views, &prompt, models, &args.options(), out, &mut done);
+    drop(lines);
+    let found = found.map_err(TrainError::from)?;
+    Ok(Report { prompt: prompt.text(), found, seconds: started.elapsed().as_secs_f64() })
+}
+
+pub(super) fn print(report: &Report, printer: &Printer) {
+    let mut table = Table::default();
+    table.row(["phrase", "masks", "views"].map(String::from));
+    for phrase in &report.found.phrases {
+        table.row([phrase.phrase.clone(), grouped(phrase.masks as u64), grouped(phrase.views as u64)]);
+    }
+    printer.line(table);
+    warn(&report.found, printer);
+}
+
+/// What was not found, and what was found and left out.
+pub(in crate::cli) fn warn(found: &PromptReport, printer: &Printer) {
+    let without = found.views_without.len();
+    if without > 0 {
+        let first = found.views_without.first().map(String::as_str).unwrap_or_default();
+        printer.warning(format_args!(
+            "nothing was found in {without} of {} views ({first}{})",
+            found.views,
+            if without > 1 { ", ..." } else { "" }
+        ));
+    }
+    let Dropped { unnamed, repeated, outside, same_mask, empty, covered } = found.dropped;
+    let left_out: Vec<String> = [
+        (unnamed, "of no phrase above --text-threshold"),
+        (repeated, "covered by a better box of the same phrase"),
+        (outside, "outside of the photo"),
+        (same_mask, "with the mask of a better box"),
+        (empty, "without a pixel in their mask"),
+        (covered, "wholly behind smaller masks"),
+    ]
+    .into_iter()
+    .filter(|(count, _)| *count > 0)
+    .map(|(count, why)| format!("{count} {why}"))
+    .collect();
+    if !left_out.is_empty() {
+        printer.line(format_args!("boxes that became no mask: {}", left_out.join(", ")));
+    }
+}
+
+/// Progress over views.
+pub(in crate::cli) struct NamingLines<'a> {
+    printer: &'a Printer,
+    progress: Option<Progress>,
+}
+
+impl<'a> NamingLines<'a> {
+    /// Nothing is shown before the first view.
+    pub(in crate::cli) fn new(printer: &'a Printer) -> Self {
+        Self { printer, progress: None }
+    }
+
+    /// A view is done, of `total`.
+    pub(in crate::cli) fn at(&mut self, name: &str, found: &ViewMasks, total: usize) {
+        let progress = self.progress.get_or_insert_with(|| self.printer.progress("masks", total as u64));
+        progress.step(format_args!("{name}: {} masks", found.boxes.len()));
+    }
+}
