@@ -43,6 +43,15 @@ impl Mask {
         Self { width, height, ids }
     }
 
+    /// A mask of the size of a view's camera, drawn by that camera, as it lies over the view's photo, which may have the
+    /// lens distortion that the camera has not: what [`MaskFolder::of_view`] takes.
+    pub fn as_photographed(self, view: &View) -> Self {
+        match &view.distortion {
+            Some(distortion) => view_resample::distort_ids(&self, &view.camera, distortion),
+            None => self,
+        }
+    }
+
     /// The ids that occur, 0 left out, with their numbers of pixels.
     pub fn ids_present(&self) -> BTreeMap<u16, u64> {
         let mut pixels = BTreeMap::new();

@@ -24,6 +24,19 @@ pub(crate) fn undistort_ids(mask: &Mask, camera: &Camera, distortion: &Distortio
     Mask { ids, ..*mask }
 }
 
+/// The other way round: ids of a pinhole camera's picture as the lens draws them, 0 where it draws nothing of that picture.
+pub(crate) fn distort_ids(mask: &Mask, camera: &Camera, distortion: &Distortion) -> Mask {
+    let id_at = |i: u32, j: u32| {
+        let (x, y) = ((f64::from(i) + 0.5 - camera.cx) / camera.fx, (f64::from(j) + 0.5 - camera.cy) / camera.fy);
+        let [x, y] = distortion.undistort(x, y)?;
+        let (u, v) = (camera.fx * x + camera.cx, camera.fy * y + camera.cy);
+        let is_in = (0.0..f64::from(mask.width)).contains(&u) && (0.0..f64::from(mask.height)).contains(&v);
+        is_in.then(|| mask.ids[v as usize * mask.width as usize + u as usize])
+    };
+    let ids = (0..mask.height).flat_map(|j| (0..mask.width).map(move |i| (i, j)));
+    Mask { ids: ids.map(|(i, j)| id_at(i, j).unwrap_or(0)).collect(), ..*mask }
+}
+
 /// For every pixel of a pinhole camera, row by row: the place in the image, in pixels from its top left corner, where the
 /// lens drew it; `None` outside the image, or beyond the radius where the model folds over.
 fn places_in_image<'a>(

@@ -11,14 +11,13 @@ use super::decide::{Decision, decide};
 use super::error::RegisterError;
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::members::{Aligned, Group};
-use super::normals::up_direction;
 use super::options::RegisterOptions;
 use super::outcome::{posed_group, rejected, reports};
 use super::pose::Pose;
 use super::report::InstanceRegistration;
 use super::sample::ObjectSurface;
 use crate::math::similarity::Similarity;
-use crate::scene::{Camera, Gaussians, PosedGroup};
+use crate::scene::{Camera, Gaussians, PosedGroup, up_direction};
 
 /// References that are tried for a category before the rest of it counts as unlike one another.
 const MOST_REFERENCES: usize = 4;

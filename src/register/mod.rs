@@ -85,10 +85,10 @@ mod surface;
 mod together;
 pub mod verify;
 
+pub use crate::scene::up_direction;
 pub use check::{Agreement, PoseCheck};
 pub use error::RegisterError;
 pub use groups::{RegisterInput, Registered, register};
-pub use normals::up_direction;
 pub use options::RegisterOptions;
 pub use report::{InstanceRegistration, Verdict};
 pub use sample::MIN_SURFACE_GAUSSIANS;

@@ -52,14 +52,6 @@ fn is_in_picture(camera: &Camera, point: DVec3) -> bool {
     camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at))
 }
 
-/// The direction that is up in the pictures, world frame: the mean of the cameras' up, if they agree on it at all.
-pub fn up_direction(cameras: &[Camera]) -> Option<DVec3> {
-    let sum: DVec3 = cameras.iter().map(|c| -c.rotation().row(1)).filter(|up| up.is_finite()).sum();
-    // Cameras turned every which way add up to less than this part of their number.
-    let agree = sum.length() > 0.3 * cameras.len() as f64;
-    agree.then(|| sum.normalize_or_zero()).filter(|up| *up != DVec3::ZERO)
-}
-
 /// Unit normals of all points: the mean of the Gaussians' where they agree, else across the neighbours' plane, to the
 /// side of `direction` (of a local position).
 pub(super) fn unit_normals(surface: &Surface, direction: impl Fn(DVec3) -> DVec3) -> Vec<DVec3> {
@@ -104,15 +96,6 @@ mod tests {
     fn ring(up: DVec3) -> Vec<Camera> {
         let eye = |i: u32| DVec3::new((f64::from(i)).cos() * 9.0, (f64::from(i)).sin() * 9.0, 4.0);
         (0..12).map(|i| Camera::look_at("", eye(i), DVec3::ZERO, up, 0.8, (64, 48))).collect()
-    }
-
-    #[test]
-    fn up_is_what_pictures_agree_on() {
-        let up = up_direction(&ring(DVec3::Z)).unwrap();
-        assert!(up.dot(DVec3::Z) > 0.99, "{up}");
-        let mut turned = ring(DVec3::Z);
-        turned.extend(ring(DVec3::NEG_Z));
-        assert!(up_direction(&turned).is_none() && up_direction(&[]).is_none());
     }
 
     /// A ball's normals point outwards, from flat Gaussians (whose sign the viewers give) and from neighbours.

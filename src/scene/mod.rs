@@ -14,6 +14,7 @@ pub mod posed_group;
 pub mod prune;
 pub mod repeated_bytes;
 pub mod trajectory;
+pub mod up;
 
 pub use camera::Camera;
 pub use gaussians::Gaussians;
@@ -24,3 +25,4 @@ pub use offsets::Offsets;
 pub use point_cloud::PointCloud;
 pub use posed_group::{PosedGroup, PosedInstance};
 pub use repeated_bytes::RepeatedBytes;
+pub use up::up_direction;

@@ -45,4 +45,21 @@ pub enum SegmentError {
     /// No view has a mask with an object.
     #[error("no view has a mask with an object in it; check that the masks' names are those of the images")]
     NoMasks,
+    /// No box can be used.
+    #[error("no box is in the world or in one of the views{}", first_of(.notes))]
+    NoBoxes {
+        /// Why boxes were left out.
+        notes: Vec<String>,
+    },
+    /// Boxes overlap in more ways than there are ids.
+    #[error("view {view}: its boxes overlap in more than 65535 ways; leave out those with low scores")]
+    TooManyBoxes {
+        /// The view's name.
+        view: String,
+    },
+}
+
+/// One reason says enough.
+fn first_of(notes: &[String]) -> String {
+    notes.first().map_or(String::new(), |note| format!(": {note}"))
 }

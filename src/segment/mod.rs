@@ -3,9 +3,10 @@
 //! [`sweep`] finds what each Gaussian adds to the pixels of each mask of each view. Where ids differ from view to view,
 //! [`mod@consensus`] finds the objects. [`label()`] decides by what is inside of an object's masks ([`votes`]);
 //! Gaussians that no view shows follow their neighbours ([`unseen`]), and stray ones can be left out ([`strays`]).
-//! [`accuracy`] compares labels.
+//! [`accuracy`] compares labels. [`boxes`] makes masks where there are none, from boxes.
 
 pub mod accuracy;
+pub mod boxes;
 mod components;
 pub mod consensus;
 pub mod error;
@@ -16,6 +17,7 @@ pub mod sweep;
 pub mod unseen;
 pub mod votes;
 
+pub use boxes::{BoxMasks, BoxOptions, BoxReport, masks_from_boxes};
 pub use consensus::report::{ConsensusReport, ObjectReport};
 pub use consensus::{Consensus, ConsensusOptions, consensus};
 pub use error::SegmentError;

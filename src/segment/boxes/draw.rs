@@ -1,0 +1,43 @@
+//! Masks of a labelled cloud: what each pixel of the photos shows.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use crate::gpu::Gpu;
+use crate::io::View;
+use crate::io::masks::Mask;
+use crate::render::{RenderOptions, Renderer, Surfaces};
+use crate::scene::InstancedScene;
+use crate::segment::error::SegmentError;
+
+/// Draws the mask of every view of a plain cloud, one after another, and gives it to `sink` with the view's index: a pixel
+/// has the label of the Gaussian at its surface, 0 where more than half of the light passes. Masks have the photos' sizes
+/// and lens distortion. Returns by label, 0 left out, the number of masks that have it.
+///
+/// # Errors
+/// A cloud beyond the device, a camera that cannot be rendered, what `sink` returns.
+pub fn draw_masks<E: From<SegmentError>>(
+    gpu: &Arc<Gpu>,
+    cloud: &InstancedScene,
+    labels: &[u16],
+    views: &[View],
+    render: &RenderOptions,
+    mut sink: impl FnMut(usize, &Mask) -> Result<(), E>,
+) -> Result<BTreeMap<u16, usize>, E> {
+    let mut renderer = Renderer::new(gpu).map_err(SegmentError::Cloud)?;
+    let scene = renderer.upload(cloud).map_err(SegmentError::Cloud)?;
+    let mut surfaces = Surfaces::new(gpu).map_err(SegmentError::Cloud)?;
+    let mut views_of_label = BTreeMap::new();
+    for (i, view) in views.iter().enumerate() {
+        let camera = &view.camera;
+        let failed = |error| SegmentError::View { view: camera.name.clone(), error };
+        renderer.render_with_surfaces(&scene, camera, render, &mut surfaces).map_err(failed)?;
+        let points = surfaces.download().map_err(failed)?;
+        let label = |point: &crate::render::SurfacePoint| labels.get(point.local as usize).copied().unwrap_or(0);
+        let ids = points.iter().map(|point| point.as_ref().map_or(0, label)).collect();
+        let mask = Mask { width: camera.width, height: camera.height, ids }.as_photographed(view);
+        mask.ids_present().keys().for_each(|&id| *views_of_label.entry(id).or_default() += 1);
+        sink(i, &mask)?;
+    }
+    Ok(views_of_label)
+}

@@ -1,0 +1,205 @@
+//! Which boxes of different photos are around the same object, where nobody has said so.
+//!
+//! Two boxes of one object fix a ball: their middles' rays meet in its middle, and they give it about the same radius. A
+//! ball of two boxes is right if many other views have a box where it is, as large as it is. The balls that most views
+//! agree on are objects, the best first; each takes its boxes away from those after it. The cloud is not needed, and
+//! boxes that overlap in pictures do no harm, since their middles and sizes differ.
+
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap};
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::scene::Camera;
+
+use super::placed::{PlacedBox, PlacedBoxes};
+
+/// Rays of two boxes pass each other by at most this part of the lesser radius.
+const MEETING: f64 = 0.35;
+/// Rays that meet under a smaller angle do not say where: the squared sine of 10 degrees.
+const LEAST_SQUARED_SINE: f64 = 0.03;
+/// Radii of a ball that two boxes give differ at most by this factor: cars are twice as long as wide.
+const RADIUS_FACTOR: f64 = 2.0;
+/// A box is where a ball is if the ball's middle is at most this part of the box's half size from the box's middle. What
+/// hides a part of an object shifts its box; half is as near to the next box's edge as to its own middle.
+const MIDDLE_PART: f64 = 0.45;
+/// Boxes are smaller than the ball at least by this factor where something hides the object, ...
+const LEAST_SIZE: f64 = 0.4;
+/// Objects have boxes in at least so many views: any two boxes fix a ball.
+const MIN_VIEWS: usize = 3;
+/// ... and in this part of the views with the ball's middle in their picture. Balls by chance have a seventh.
+const MIN_VIEW_PART: f64 = 0.2;
+/// Balls that are tried; of more, so many evenly. A thousand objects with twenty balls each.
+const MAX_BALLS: usize = 20_000;
+/// Pairs of boxes that are looked at; of more, so many evenly.
+const MAX_PAIRS: usize = 2_000_000;
+/// Scores are whole numbers, so that their order is beyond doubt.
+const SCORE_ONE: f64 = 1e6;
+
+/// What joining found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Joined {
+    /// Objects, which have the ids from the first free one on.
+    pub(super) objects: usize,
+    /// Boxes that are of no object.
+    pub(super) left: usize,
+}
+
+/// Gives the boxes without an object ids from `first_id` on, where they agree on objects. Boxes of different categories
+/// are of different objects, and an object has at most one box in a view. Ids beyond 65535 are not given; the caller
+/// looks at [`Joined::objects`].
+pub(super) fn join(placed: &mut PlacedBoxes, first_id: u32) -> Joined {
+    let mut by_category: BTreeMap<Option<String>, Vec<Sighting>> = BTreeMap::new();
+    for (view, (camera, boxes)) in placed.cameras.iter().zip(&placed.by_view).enumerate() {
+        for (rank, found) in boxes.iter().enumerate().filter(|(_, b)| b.object == 0) {
+            by_category.entry(found.category.clone()).or_default().push(Sighting::new([view, rank], camera, found));
+        }
+    }
+    let mut out = Joined::default();
+    for sightings in by_category.values() {
+        let objects = objects_of(sightings, &placed.cameras);
+        out.left += sightings.len() - objects.iter().map(Vec::len).sum::<usize>();
+        for boxes in objects {
+            let id = u16::try_from(first_id as usize + out.objects).unwrap_or(0);
+            out.objects += 1;
+            for i in boxes {
+                let [view, rank] = sightings[i].place;
+                placed.by_view[view][rank].object = id;
+            }
+        }
+    }
+    out
+}
+
+/// A box as a ray.
+#[derive(Clone, Copy, Debug)]
+struct Sighting {
+    /// View, and place in its list.
+    place: [usize; 2],
+    middle_px: [f64; 2],
+    half_px: [f64; 2],
+    /// Half of the longer edge by the focal length: the radius at depth 1.
+    radius: f64,
+    /// World.
+    eye: DVec3,
+    /// World, unit.
+    ray: DVec3,
+    /// The picture's border cuts it, so its middle says nothing.
+    is_cut: bool,
+}
+
+impl Sighting {
+    fn new(place: [usize; 2], camera: &Camera, found: &PlacedBox) -> Self {
+        let [left, top, right, bottom] = found.bounds_px;
+        let middle_px = [0.5 * (left + right), 0.5 * (top + bottom)];
+        let half_px = [0.5 * (right - left), 0.5 * (bottom - top)];
+        let direction = DVec3::new((middle_px[0] - camera.cx) / camera.fx, (middle_px[1] - camera.cy) / camera.fy, 1.0);
+        let (width, height) = (f64::from(camera.width), f64::from(camera.height));
+        Self {
+            place,
+            middle_px,
+            half_px,
+            radius: (half_px[0] / camera.fx).max(half_px[1] / camera.fy),
+            eye: camera.position_world(),
+            ray: (camera.rotation().transpose() * direction).normalize_or_zero(),
+            is_cut: left < 1.0 || top < 1.0 || right > width - 1.0 || bottom > height - 1.0,
+        }
+    }
+
+    /// How far a ball's middle is from the box's, as a part of the box; `None` if the box is not around the ball.
+    fn misfit(&self, ball: &Ball, camera: &Camera) -> Option<f64> {
+        let [x, y] = camera.pixel_of(ball.middle)?;
+        let off = ((x - self.middle_px[0]) / self.half_px[0]).abs().max(((y - self.middle_px[1]) / self.half_px[1]).abs());
+        let size = self.radius * camera.view_from_point(ball.middle).z / ball.radius;
+        (off < MIDDLE_PART && (LEAST_SIZE..RADIUS_FACTOR).contains(&size)).then_some(off)
+    }
+}
+
+/// Where an object may be, world.
+#[derive(Clone, Copy, Debug)]
+struct Ball {
+    middle: DVec3,
+    radius: f64,
+}
+
+/// The ball of two boxes of different views.
+fn ball_of([a, b]: [&Sighting; 2], cameras: &[Camera]) -> Option<Ball> {
+    if a.place[0] == b.place[0] || a.is_cut || b.is_cut {
+        return None;
+    }
+    let (between, cosine) = (a.eye - b.eye, a.ray.dot(b.ray));
+    let squared_sine = 1.0 - cosine * cosine;
+    let (along_a, along_b) = (a.ray.dot(between), b.ray.dot(between));
+    let [s, t] = [cosine * along_b - along_a, along_b - cosine * along_a].map(|v| v / squared_sine);
+    // Not a number, where rays are parallel, is not above.
+    if !(squared_sine > LEAST_SQUARED_SINE && s > 0.0 && t > 0.0) {
+        return None;
+    }
+    let (p, q) = (a.eye + a.ray * s, b.eye + b.ray * t);
+    let middle = 0.5 * (p + q);
+    let [radius_a, radius_b] = [a, b].map(|of| of.radius * cameras[of.place[0]].view_from_point(middle).z);
+    let (least, most) = (radius_a.min(radius_b), radius_a.max(radius_b));
+    let meets = least > 0.0 && most < RADIUS_FACTOR * least && (p - q).length() < MEETING * least;
+    meets.then(|| Ball { middle, radius: 0.5 * (radius_a + radius_b) })
+}
+
+/// Balls of pairs of boxes, at most [`MAX_BALLS`].
+fn balls(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Ball> {
+    let count = sightings.len();
+    let stride = (count * count.saturating_sub(1) / 2).div_ceil(MAX_PAIRS).max(1);
+    let of_first = |i: usize| {
+        // Another start for every box, so that the same partners are not left out throughout.
+        let partners = (i + 1 + i % stride..count).step_by(stride);
+        partners.filter_map(|j| ball_of([&sightings[i], &sightings[j]], cameras)).collect::<Vec<Ball>>()
+    };
+    let all: Vec<Ball> = (0..count).into_par_iter().flat_map_iter(of_first).collect();
+    let stride = all.len().div_ceil(MAX_BALLS).max(1);
+    all.into_iter().step_by(stride).collect()
+}
+
+/// The boxes of every object, as indices; of each view at most one.
+fn objects_of(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Vec<usize>> {
+    let balls = balls(sightings, cameras);
+    let mut is_free = vec![true; sightings.len()];
+    let mut views: Vec<usize> = sightings.iter().map(|s| s.place[0]).collect();
+    views.dedup();
+    let boxes_at = |ball: &Ball, is_free: &[bool]| {
+        let mut best: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
+        for (i, sighting) in sightings.iter().enumerate().filter(|(i, _)| is_free[*i]) {
+            let Some(misfit) = sighting.misfit(ball, &cameras[sighting.place[0]]) else { continue };
+            let entry = best.entry(sighting.place[0]).or_insert((misfit, i));
+            *entry = if misfit < entry.0 { (misfit, i) } else { *entry };
+        }
+        best
+    };
+    let score = |boxes: &BTreeMap<usize, (f64, usize)>| {
+        boxes.values().map(|(misfit, _)| (SCORE_ONE * (1.0 - misfit)) as u64).sum::<u64>()
+    };
+    let first = (0..balls.len()).into_par_iter().map(|ball| (score(&boxes_at(&balls[ball], &is_free)), Reverse(ball)));
+    let mut queue: BinaryHeap<(u64, Reverse<usize>)> = first.collect::<Vec<_>>().into();
+    let mut out = Vec::new();
+    // Scores only fall when boxes are taken, so the first whose score still stands is the best.
+    while let Some((known, Reverse(ball))) = queue.pop() {
+        let boxes = boxes_at(&balls[ball], &is_free);
+        let now = score(&boxes);
+        if boxes.len() < MIN_VIEWS {
+            continue;
+        }
+        if now < known {
+            queue.push((now, Reverse(ball)));
+            continue;
+        }
+        let has_place = |view: &&usize| {
+            let camera = &cameras[**view];
+            camera.pixel_of(balls[ball].middle).is_some_and(|at| camera.has_pixel(at))
+        };
+        if (boxes.len() as f64) < MIN_VIEW_PART * views.iter().filter(has_place).count() as f64 {
+            continue;
+        }
+        let own: Vec<usize> = boxes.values().map(|&(_, i)| i).collect();
+        own.iter().for_each(|&i| is_free[i] = false);
+        out.push(own);
+    }
+    out
+}

@@ -1,0 +1,178 @@
+//! What an object stands on: a box that a person draws reaches into it, and boxes of photos do not tell it from the
+//! object's lower end. Around the object, at its foot, lies a plane that is no object: what the object has on or below
+//! that plane is not its own.
+
+use std::collections::BTreeMap;
+
+use glam::DVec3;
+
+use crate::math::covariance::sigmoid;
+use crate::math::rng::Rng;
+use crate::math::sh::widened;
+use crate::math::statistics::{median, percentile};
+use crate::scene::Gaussians;
+
+/// The surroundings reach this many times as far as the object does, to the sides.
+const RING: f64 = 2.0;
+/// Parts of the object's Gaussians that its foot, head and side are measured without: strays.
+const STRAY_PART: f64 = 0.02;
+/// As far as this part of the object's size below its foot and ...
+const BELOW: f64 = 0.5;
+/// ... above it the plane is looked for: carving leaves some of the ground to the object or takes its lowest end.
+const ABOVE: f64 = 0.4;
+/// Gaussians within this part of the object's size of the plane are of it. The wheels of a car are a sixth of its size.
+const THICKNESS: f64 = 0.03;
+/// Cosine of the steepest slope to stand on: 26 degrees.
+const FLAT: f64 = 0.9;
+/// Gaussians of less opacity are haze; nothing stands on them.
+const MIN_OPACITY: f64 = 0.1;
+/// A plane has at least so many Gaussians of the surroundings, and ...
+const MIN_INLIERS: usize = 10;
+/// ... this part of them: other things stand there too.
+const INLIER_PART: f64 = 0.2;
+/// Planes that are tried. If the ground is a third of the surroundings, 1 in 27 of them lies in it; that none of 400 does
+/// has a probability of 3e-7.
+const DRAWS: usize = 400;
+/// Gaussians of the surroundings that are looked at; of more, so many evenly.
+const MAX_SURROUNDINGS: usize = 2000;
+/// Sub-stream of the seed.
+const STREAM: u64 = 0x5099;
+
+/// Gives the Gaussians that are on or below what their object stands on the label 0; labels above 0 are objects. Returns
+/// by object how many that were, `None` where nothing flat was found below it. `up` is a unit vector.
+pub(super) fn leave_out_support(
+    cloud: &Gaussians,
+    labels: &mut [u16],
+    up: DVec3,
+    seed: u64,
+) -> BTreeMap<u16, Option<usize>> {
+    let mut members: BTreeMap<u16, Vec<u32>> = BTreeMap::new();
+    for (i, &label) in (0..).zip(labels.iter()).filter(|(i, label)| **label != 0 && cloud.is_finite(*i as usize)) {
+        members.entry(label).or_default().push(i);
+    }
+    let is_solid = |i: &u32| {
+        let i = *i as usize;
+        labels[i] == 0 && cloud.is_finite(i) && sigmoid(f64::from(cloud.opacity_logits[i])) >= MIN_OPACITY
+    };
+    let others: Vec<DVec3> =
+        (0..cloud.len() as u32).filter(is_solid).map(|i| widened(cloud.means[i as usize])).collect();
+    let mut out = BTreeMap::new();
+    for (&object, own) in &members {
+        let places: Vec<DVec3> = own.iter().map(|&i| widened(cloud.means[i as usize])).collect();
+        let rng = Rng::new(seed).fork(STREAM).fork(u64::from(object));
+        let is_under = |plane: Plane| {
+            let under = own.iter().zip(&places).filter(|(_, place)| plane.height(**place) < plane.thickness);
+            under.map(|(i, _)| *i).collect::<Vec<u32>>()
+        };
+        let under = support_of(&places, &others, up, rng).map(is_under);
+        out.insert(object, under.as_ref().map(Vec::len));
+        under.into_iter().flatten().for_each(|i| labels[i as usize] = 0);
+    }
+    out
+}
+
+/// Something flat.
+#[derive(Clone, Copy, Debug)]
+struct Plane {
+    /// Unit vector, upwards.
+    normal: DVec3,
+    offset: f64,
+    /// Half of it, scene units.
+    thickness: f64,
+}
+
+impl Plane {
+    fn height(&self, place: DVec3) -> f64 {
+        self.normal.dot(place) - self.offset
+    }
+}
+
+/// The plane around the foot of an object of the given places that most of the other places there lie in.
+fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, mut rng: Rng) -> Option<Plane> {
+    let heights: Vec<f64> = own.iter().map(|p| p.dot(up)).collect();
+    let [foot, head] = [STRAY_PART, 1.0 - STRAY_PART].map(|part| percentile(&heights, part));
+    let sideways = |p: DVec3| p - up * p.dot(up);
+    let axis = DVec3::from_array([0, 1, 2].map(|k| median(&own.iter().map(|p| sideways(*p)[k]).collect::<Vec<f64>>())));
+    let aside = |p: DVec3| (sideways(p) - axis).length();
+    let radius = percentile(&own.iter().map(|p| aside(*p)).collect::<Vec<f64>>(), 1.0 - STRAY_PART);
+    let size = radius.max(head - foot);
+    let is_near = |p: &&DVec3| {
+        let height = p.dot(up) - foot;
+        height > -BELOW * size && height < ABOVE * size && aside(**p) < RING * radius
+    };
+    let around: Vec<DVec3> = others.iter().filter(is_near).copied().collect();
+    let stride = around.len().div_ceil(MAX_SURROUNDINGS).max(1);
+    let around: Vec<DVec3> = around.into_iter().step_by(stride).collect();
+    if around.len() < MIN_INLIERS {
+        return None;
+    }
+    let thickness = THICKNESS * size;
+    let mut best: Option<(usize, Plane)> = None;
+    for _ in 0..DRAWS {
+        let [a, b, c] = std::array::from_fn(|_| around[rng.index(around.len())]);
+        let across = (b - a).cross(c - a).normalize_or_zero();
+        let normal = across * across.dot(up).signum();
+        if normal.dot(up) < FLAT {
+            continue;
+        }
+        let plane = Plane { normal, offset: normal.dot(a), thickness };
+        let inliers = around.iter().filter(|p| plane.height(**p).abs() < thickness).count();
+        if best.is_none_or(|(most, _)| inliers > most) {
+            best = Some((inliers, plane));
+        }
+    }
+    let (inliers, plane) = best?;
+    if (inliers as f64) < (INLIER_PART * around.len() as f64).max(MIN_INLIERS as f64) {
+        return None;
+    }
+    // Three Gaussians gave its height; all of its Gaussians know it better.
+    let heights = around.iter().map(|p| plane.height(*p)).filter(|height| height.abs() < thickness);
+    Some(Plane { offset: plane.offset + median(&heights.collect::<Vec<f64>>()), ..plane })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A box of points from the ground up to 1, with a metre of ground around it and under it, sloped by a tenth.
+    fn on_a_slope(tilt: DVec3) -> (Vec<DVec3>, Vec<DVec3>) {
+        let mut rng = Rng::new(4);
+        let ground = |p: DVec3| 0.1 * p.x;
+        let mut own = Vec::new();
+        let mut others = Vec::new();
+        for _ in 0..600 {
+            let p = DVec3::new(rng.range(-0.5, 0.5), rng.range(-0.5, 0.5), 0.0);
+            own.push(p + DVec3::Z * (ground(p) + rng.range(0.05, 1.0)));
+            own.push(p + DVec3::Z * (ground(p) + rng.range(-0.01, 0.01)));
+            let p = DVec3::new(rng.range(-1.5, 1.5), rng.range(-1.5, 1.5), 0.0);
+            if p.abs().max_element() > 0.5 {
+                others.push(p + DVec3::Z * ground(p));
+            }
+            others.push(DVec3::new(rng.range(-2.0, 2.0), rng.range(-2.0, 2.0), rng.range(-0.5, 3.0)));
+        }
+        let turn = glam::DQuat::from_rotation_arc(DVec3::Z, tilt);
+        (own.iter().map(|p| turn * *p).collect(), others.iter().map(|p| turn * *p).collect())
+    }
+
+    #[test]
+    fn the_ground_under_an_object_is_found_whichever_way_is_up() {
+        for up in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.6, 0.0, 0.8)] {
+            let (own, others) = on_a_slope(up);
+            let plane = support_of(&own, &others, up, Rng::new(1)).unwrap();
+            let under: Vec<bool> = own.iter().map(|p| plane.height(*p) < plane.thickness).collect();
+            let right = under.iter().enumerate().filter(|(i, under)| **under == (i % 2 == 1)).count();
+            assert!(right as f64 > 0.97 * own.len() as f64, "{right} of {}", own.len());
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_flat_nothing_is_found() {
+        let (own, mut others) = on_a_slope(DVec3::Z);
+        others.iter_mut().for_each(|p| *p += 3.0 * DVec3::Z);
+        assert!(support_of(&own, &others, DVec3::Z, Rng::new(1)).is_none(), "a ceiling is no ground");
+        assert!(support_of(&own, &[], DVec3::Z, Rng::new(1)).is_none());
+        let mut rng = Rng::new(2);
+        let scattered: Vec<DVec3> = (0..500).map(|_| rng.normal_vector()).collect();
+        assert!(support_of(&own, &scattered, DVec3::Z, Rng::new(1)).is_none());
+    }
+}
