@@ -36,7 +36,8 @@ fn main() -> Outcome<()> {
     let cloud = load_scene(paths[1])?.scene;
     let views: Vec<View> = read_views(paths[0])?.split(Split::Train).cloned().collect();
     let folder = MaskFolder::open(&paths[0].join("masks"))?;
-    let masks = views.iter().map(|v| folder.of_view(v)?.ok_or("a view has no mask".into())).collect::<Outcome<Vec<Mask>>>()?;
+    let masks =
+        views.iter().map(|v| folder.of_view(v)?.ok_or("a view has no mask".into())).collect::<Outcome<Vec<Mask>>>()?;
     let gpu = Gpu::open(&GpuOptions::default())?;
     let cameras: Vec<Camera> = views.iter().map(|v| v.camera.clone()).collect();
     let of_view = |v: usize| Ok::<_, SegmentError>(Some(masks[v].clone()));

@@ -60,6 +60,7 @@ pub fn masks_from_prompt(
     out: &Path,
     done: &mut dyn FnMut(&str, &ViewMasks),
 ) -> Result<PromptReport, DetectError> {
+    use crate::io::masks::CATEGORIES;
     use crate::io::{IoError, write_boxes, write_categories, write_mask};
     use crate::scene::Boxes;
 
@@ -76,7 +77,7 @@ pub fn masks_from_prompt(
         boxes.views.insert(name.clone(), found.boxes);
     }
     let of_ids = boxes.views.values().flatten().filter_map(|b| Some((b.id?, b.category.clone()?)));
-    write_categories(&out.join("categories.json"), &of_ids.collect())?;
+    write_categories(&out.join(CATEGORIES), &of_ids.collect())?;
     write_boxes(&out.join(BOXES), &boxes)?;
     Ok(report)
 }

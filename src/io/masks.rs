@@ -11,7 +11,7 @@ use crate::io::{View, atomic_write, read_bytes, view_resample};
 use crate::math::distortion::Distortion;
 
 /// Name of the file that says what the ids are, beside the masks.
-const CATEGORIES: &str = "categories.json";
+pub const CATEGORIES: &str = "categories.json";
 /// Folders below the masks' folder that are searched: `left/8bit/a.png` is found, a folder with a data set in it is not
 /// walked through.
 const FOLDER_DEPTH: usize = 3;

@@ -1,14 +1,22 @@
-//! Masks that a run makes for itself: from words before the plain cloud is trained.
+//! Masks that a run makes for itself: from words before the plain cloud is trained, from boxes after it.
 
+use std::fs;
+use std::path::Path;
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::error::TrainError;
 use super::mask_source::{MaskSource, made_masks};
 use super::report::Stage;
 use super::segmented::{stage, training_views};
-use super::trainer::TrainJob;
+use super::trainer::{TrainJob, eval_options};
 use crate::detect::{self, Prompt, PromptReport, ViewMasks};
-use crate::io::View;
+use crate::gpu::Gpu;
+use crate::io::masks::CATEGORIES;
+use crate::io::{IoError, View, read_boxes, write_categories, write_mask};
+use crate::scene::{Boxes, InstancedScene};
+use crate::segment::LabelProgress;
+use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw};
 
 /// What was found by name, and how long it took.
 pub struct FoundByName {
@@ -40,4 +48,71 @@ pub fn masks_from_prompt(
     let mut done = |name: &str, view: &ViewMasks| done(name, view, total);
     let report = detect::masks_from_prompt(&views, &prompt, &models, &options, &out, &mut done)?;
     Ok(Some(FoundByName { report, stage: stage("masks", started) }))
+}
+
+/// What boxes gave, and how long it took.
+pub(super) struct FoundByBoxes {
+    /// What became of the boxes, one line each for the user.
+    pub(super) notes: Vec<String>,
+    /// Wall time.
+    pub(super) stage: Stage,
+}
+
+/// Makes the masks of a job with boxes from its plain cloud. `None` if the masks come from elsewhere, or are there and the
+/// job resumes.
+///
+/// # Errors
+/// As [`write_masks_from_boxes`].
+pub(super) fn masks_from_boxes(
+    gpu: &Arc<Gpu>,
+    job: &TrainJob,
+    cloud: &InstancedScene,
+    progress: &mut dyn FnMut(LabelProgress),
+) -> Result<Option<FoundByBoxes>, TrainError> {
+    let MaskSource::Boxes(path) = MaskSource::of(job)? else { return Ok(None) };
+    let out = made_masks(job);
+    if job.resume && out.join(CATEGORIES).is_file() {
+        return Ok(None);
+    }
+    let started = Instant::now();
+    let (views, cameras) = training_views(job)?;
+    let options = BoxOptions {
+        width: cameras.first().map(|camera| camera.width),
+        seed: job.config.seed,
+        render: eval_options(&job.config),
+        ..BoxOptions::default()
+    };
+    let report = write_masks_from_boxes(gpu, cloud, &views, &read_boxes(&path)?, &options, &out, progress)?;
+    Ok(Some(FoundByBoxes { notes: report.notes, stage: stage("masks", started) }))
+}
+
+/// Makes masks of all `views` from boxes and a plain cloud, and writes them with their `categories.json`, which comes last,
+/// into the folder `out`. `progress` is told of views done and in all.
+///
+/// # Errors
+/// Boxes of nothing that is in the views, a cloud beyond the device, a file that cannot be written.
+pub fn write_masks_from_boxes(
+    gpu: &Arc<Gpu>,
+    cloud: &InstancedScene,
+    views: &[View],
+    boxes: &Boxes,
+    options: &BoxOptions,
+    out: &Path,
+    progress: &mut dyn FnMut(LabelProgress),
+) -> Result<BoxReport, TrainError> {
+    fs::create_dir_all(out).map_err(|e| IoError::new(out, format!("cannot be made: {e}")))?;
+    let found = draw::<TrainError>(
+        gpu,
+        cloud,
+        views,
+        boxes,
+        options,
+        |view, mask| Ok(write_mask(&out.join(format!("{}.png", views[view].camera.name)), mask)?),
+        |at| {
+            progress(at);
+            Ok(())
+        },
+    )?;
+    write_categories(&out.join(CATEGORIES), &found.categories)?;
+    Ok(found.report)
 }

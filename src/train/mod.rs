@@ -33,7 +33,7 @@ pub mod views;
 
 pub use error::TrainError;
 pub use grouped::{Grouped, registered};
-pub use made_masks::masks_from_prompt;
+pub use made_masks::{masks_from_prompt, write_masks_from_boxes};
 pub use mask_check::check_masks;
 pub use mask_source::MaskSource;
 pub use merged::{Merged, merged};

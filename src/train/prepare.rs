@@ -16,6 +16,7 @@ use crate::template::GroupReport;
 
 use super::error::TrainError;
 use super::grouped::{self, Grouped, grouped};
+use super::made_masks::masks_from_boxes;
 use super::mask_check::without_mask_line;
 use super::merged::{self, merged};
 use super::report::Stage;
@@ -47,12 +48,16 @@ pub struct Prepared {
     /// How the objects were found in the masks.
     #[serde(default)]
     pub consensus: ConsensusReport,
+    /// What became of boxes that masks were made from, one line each.
+    #[serde(default)]
+    pub boxes: Vec<String>,
 }
 
 impl Prepared {
     /// What the user should know, one line each.
     pub fn warnings(&self) -> Vec<String> {
-        let mut out: Vec<String> = without_mask_line(&self.consensus.without_mask, self.views).into_iter().collect();
+        let mut out = self.boxes.clone();
+        out.extend(without_mask_line(&self.consensus.without_mask, self.views));
         out.extend(self.consensus.warning());
         out.extend(grouped::warnings(&self.registration));
         out.extend(merged::warnings(&self.groups));
@@ -77,19 +82,22 @@ pub fn prepare(
         return Ok(read_json(&report_path)?);
     }
     let cloud = read_cloud(&job.out)?;
+    let boxes = masks_from_boxes(gpu, job, &cloud, progress)?;
     let segmented = segmented(gpu, job, &cloud, progress)?;
     let Grouped { groups, registration, stages: registering } = grouped(gpu, job, &cloud, &segmented)?;
     let merging = Instant::now();
     let merged = merged(&cloud, &segmented, &groups, &job.config)?;
     write_scene_file(&initial, &merged.scene)?;
+    let stages = [segmented.stages, registering, vec![stage("merge", merging)]].concat();
     let prepared = Prepared {
         groups: merged.groups,
         registration,
-        stages: [segmented.stages, registering, vec![stage("merge", merging)]].concat(),
+        stages: boxes.iter().map(|made| made.stage.clone()).chain(stages).collect(),
         background: merged.scene.background.len() as u64,
         hardly_seen: merged.hardly_seen,
         views: segmented.cameras.len(),
         consensus: segmented.consensus,
+        boxes: boxes.map(|made| made.notes).unwrap_or_default(),
     };
     write_json(&report_path, &prepared)?;
     Ok(prepared)

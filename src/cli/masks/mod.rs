@@ -1,11 +1,13 @@
 //! `instgs-vk masks`: masks of repeated objects, made from words or boxes, and a page to look them over.
 
+mod boxes;
 mod prompt;
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use self::boxes::BoxArgs;
 use self::prompt::PromptArgs;
 pub(super) use self::prompt::{NamingLines, warn};
 use super::args::create_folder;
@@ -21,6 +23,7 @@ use crate::train::stage_pictures::{REVIEW, review};
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk masks --data park --prompt \"car. bench.\" --models models --out park_masks\n  \
+    instgs-vk masks --data park --boxes boxes.json --scene runs/park/point_cloud.ply --out park_masks\n  \
     instgs-vk masks --data cars --masks cars/masks --out cars_review")]
 pub(super) struct MasksArgs {
     /// Dataset folder
@@ -30,6 +33,8 @@ pub(super) struct MasksArgs {
     source: SourceArgs,
     #[command(flatten)]
     prompt: PromptArgs,
+    #[command(flatten)]
+    boxes: BoxArgs,
     /// Folder for the masks and the page; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -45,12 +50,15 @@ struct SourceArgs {
     /// Find what this text names, for instance "car. office chair."; needs --models
     #[arg(long, value_name = "TEXT")]
     prompt: Option<String>,
+    /// Boxes around objects, in the world or in photos (boxes.json); needs --scene
+    #[arg(long, value_name = "JSON")]
+    boxes: Option<PathBuf>,
     /// Masks that are there already: only the page is made
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
 }
 
-pub(super) fn run(args: &MasksArgs, _device: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+pub(super) fn run(args: &MasksArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let views = read_views(&args.data)?.views;
     let source = &args.source;
     if let Some(masks) = &source.masks {
@@ -65,6 +73,14 @@ pub(super) fn run(args: &MasksArgs, _device: &DeviceArgs, printer: &Printer) -> 
             return printer.json(&report);
         }
         prompt::print(&report, printer);
+    } else if let Some(path) = &source.boxes {
+        check_folder(&args.out)?;
+        let report = boxes::make(&views, path, &args.boxes, &args.out, (device_args, printer))?;
+        write_page(&args.out, &views, &MaskFolder::open(&args.out)?, printer)?;
+        if args.json {
+            return printer.json(&report);
+        }
+        boxes::print(&report, printer);
     }
     Ok(())
 }

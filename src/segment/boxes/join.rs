@@ -110,7 +110,8 @@ impl Sighting {
     /// How far a ball's middle is from the box's, as a part of the box; `None` if the box is not around the ball.
     fn misfit(&self, ball: &Ball, camera: &Camera) -> Option<f64> {
         let [x, y] = camera.pixel_of(ball.middle)?;
-        let off = ((x - self.middle_px[0]) / self.half_px[0]).abs().max(((y - self.middle_px[1]) / self.half_px[1]).abs());
+        let off =
+            ((x - self.middle_px[0]) / self.half_px[0]).abs().max(((y - self.middle_px[1]) / self.half_px[1]).abs());
         let size = self.radius * camera.view_from_point(ball.middle).z / ball.radius;
         (off < MIDDLE_PART && (LEAST_SIZE..RADIUS_FACTOR).contains(&size)).then_some(off)
     }

@@ -169,15 +169,13 @@ impl Found {
         let mut is_seen = vec![true; gaussians.len()];
         if self.placed.has_boxes() {
             let cameras = &self.placed.cameras;
-            let of_view = |(camera, list): (&Camera, &Vec<_>)| {
-                BoxSets::new(&camera.name, [camera.width, camera.height], list)
-            };
+            let of_view =
+                |(camera, list): (&Camera, &Vec<_>)| BoxSets::new(&camera.name, [camera.width, camera.height], list);
             let sets: Result<Vec<BoxSets>, SegmentError> =
                 cameras.iter().zip(&self.placed.by_view).map(of_view).collect();
             let sets = sets?;
             let mask_of_view = |view: usize| Ok(Some(sets[view].mask.clone()));
-            let mut sweep =
-                ViewContributions::<E>::new(gpu, cloud, cameras, mask_of_view, options.render, KEPT_BYTES)?;
+            let mut sweep = ViewContributions::<E>::new(gpu, cloud, cameras, mask_of_view, options.render, KEPT_BYTES)?;
             let carved = carve(&mut sweep, gaussians, &self.placed, &sets, options.inside_part, progress)?;
             claims.extend(carved.claims);
             is_seen = carved.is_seen;

@@ -1,0 +1,76 @@
+//! `masks --boxes`: masks from boxes around objects and a trained plain cloud.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::cli::args::open_scene;
+use crate::cli::device::{self, DeviceArgs};
+use crate::cli::error::CliError;
+use crate::cli::printer::Printer;
+use crate::cli::stages::LabelLines;
+use crate::cli::table::{Table, grouped};
+use crate::io::{View, read_boxes};
+use crate::render::RenderOptions;
+use crate::scene::InstancedScene;
+use crate::segment::boxes::{BoxOptions, BoxReport};
+use crate::train::write_masks_from_boxes;
+
+/// How boxes are looked into.
+#[derive(Args)]
+#[command(next_help_heading = "With --boxes")]
+pub(super) struct BoxArgs {
+    /// The trained scene: .ply, .spz, .splat or .instgs
+    #[arg(long, value_name = "PLY", requires = "boxes")]
+    scene: Option<PathBuf>,
+    /// Leave in what objects stand on, where a box reaches into it
+    #[arg(long, requires = "boxes")]
+    keep_support: bool,
+    /// Look into boxes in photos at this width, as the scene was trained [default: the photos' own]
+    #[arg(long, value_name = "W", requires = "boxes")]
+    width: Option<u32>,
+}
+
+/// Writes the masks of all views into the folder.
+pub(super) fn make(
+    views: &[View],
+    boxes: &Path,
+    args: &BoxArgs,
+    out: &Path,
+    (device_args, printer): (&DeviceArgs, &Printer),
+) -> Result<BoxReport, CliError> {
+    let Some(scene) = &args.scene else {
+        let what = "--boxes needs a trained scene: give it with --scene (train --method 3dgs makes one)";
+        return Err(CliError::Other(what.into()));
+    };
+    let boxes = read_boxes(boxes)?;
+    let scene = open_scene(scene, printer)?.scene;
+    let render = RenderOptions { antialias: scene.antialias, ..RenderOptions::default() };
+    let cloud = InstancedScene { antialias: scene.antialias, ..InstancedScene::from_cloud(scene.flatten()) };
+    let options =
+        BoxOptions { leave_out_support: !args.keep_support, width: args.width, render, ..BoxOptions::default() };
+    let gpu = device::open(device_args.choice())?;
+    let mut lines = LabelLines::new(printer);
+    let report = write_masks_from_boxes(&gpu, &cloud, views, &boxes, &options, out, &mut |at| lines.at(at));
+    drop(lines);
+    let report = report?;
+    device::check_validation(&gpu)?;
+    report.notes.iter().for_each(|note| printer.warning(note));
+    Ok(report)
+}
+
+pub(super) fn print(report: &BoxReport, printer: &Printer) {
+    let mut table = Table::default();
+    table.row(["object", "category", "boxes", "Gaussians", "support left out", "views"].map(String::from));
+    for object in &report.objects {
+        table.row([
+            object.id.to_string(),
+            object.category.clone().unwrap_or_else(|| "-".into()),
+            grouped(object.boxes as u64),
+            grouped(object.gaussians as u64),
+            object.support.map_or("-".into(), |count| grouped(count as u64)),
+            grouped(object.views as u64),
+        ]);
+    }
+    printer.line(table);
+}
