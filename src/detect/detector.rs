@@ -9,7 +9,7 @@ use super::models::{DetectorModel, ModelsFolder};
 use super::photo::Photo;
 use super::prompt::Prompt;
 use super::runtime::Runtime;
-use super::tokens::{PromptTokens, tokens_of};
+use super::tokens::{PromptTokenizer, PromptTokens};
 use crate::io::IoError;
 
 const INPUTS: [&str; 5] = ["pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask"];
@@ -40,7 +40,7 @@ impl Detector {
     pub fn open(models: &ModelsFolder, prompt: &Prompt, runtime: &RuntimeOptions) -> Result<Self, DetectError> {
         let model = models.detector.clone();
         models.check_contents(&model.tokenizer)?;
-        let tokens = tokens_of(prompt, &model, &models.path(&model.tokenizer))?;
+        let tokens = PromptTokenizer::open(&models.path(&model.tokenizer))?.tokens(prompt, &model)?;
         let runtime = Runtime::load(runtime)?;
         models.check_contents(&model.graph)?;
         let graph = Graph::open(&runtime, &models.path(&model.graph), &INPUTS, &["logits", "pred_boxes"])?;

@@ -114,4 +114,13 @@ mod tests {
         assert!(with(&|o| o.text_threshold = -0.1).starts_with("--text-threshold"));
         assert!(with(&|o| o.overlap = f64::NAN).starts_with("--overlap"));
     }
+    #[cfg(not(feature = "onnx"))]
+    #[test]
+    fn without_the_feature_it_says_how_to_build() -> Result<(), DetectError> {
+        let prompt = Prompt::parse("car")?;
+        let nowhere = Path::new("nowhere");
+        let error = masks_from_prompt(&[], &prompt, nowhere, &PromptOptions::default(), nowhere, &mut |_, _| {});
+        assert!(error.is_err_and(|e| e.to_string().contains("--features onnx")));
+        Ok(())
+    }
 }

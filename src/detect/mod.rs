@@ -4,7 +4,7 @@
 //! ```text
 //!   "Car. office chair."      Prompt::parse        phrases: car, office chair
 //!     | tokenizer.json
-//!   PromptTokens              tokens_of            numbers of pieces of words, and the phrase of each
+//!   PromptTokens              PromptTokenizer      numbers of pieces of words, and the phrase of each
 //!     |
 //!     |   photo               Photo::load          as it is stored, with its lens distortion
 //!     |     | detector_image                       shorter side 800, longer at most 1333 pixels

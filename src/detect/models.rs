@@ -75,7 +75,7 @@ pub struct DetectorModel {
 /// A segmenter: masks for boxes.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct SegmenterModel {
-    /// "sam" or "mobile-sam".
+    /// "sam", which MobileSAM is, too.
     pub kind: String,
     /// The checkpoint it was made from.
     pub source: String,
@@ -193,7 +193,7 @@ fn bad(path: &Path, model: &str, field: &str, what: String) -> IoError {
 type Fault = (&'static str, String);
 
 fn check_detector(model: &DetectorModel) -> Result<(), Fault> {
-    check_kind(&model.kind, &["grounding-dino"])?;
+    check_kind(&model.kind, "grounding-dino")?;
     check_normalisation(model.mean, model.std)?;
     check_side("shortest_px", model.shortest_px)?;
     check_side("longest_px", model.longest_px)?;
@@ -214,16 +214,16 @@ fn check_detector(model: &DetectorModel) -> Result<(), Fault> {
 }
 
 fn check_segmenter(model: &SegmenterModel) -> Result<(), Fault> {
-    check_kind(&model.kind, &["sam", "mobile-sam"])?;
+    check_kind(&model.kind, "sam")?;
     check_normalisation(model.mean, model.std)?;
     check_side("side_px", model.side_px)?;
     check_side("mask_px", model.mask_px)
 }
 
-fn check_kind(kind: &str, known: &[&str]) -> Result<(), Fault> {
-    match known.contains(&kind) {
+fn check_kind(kind: &str, known: &str) -> Result<(), Fault> {
+    match kind == known {
         true => Ok(()),
-        false => Err(("kind", format!("is {kind:?}, and this program can use {}", known.join(" and ")))),
+        false => Err(("kind", format!("is {kind:?}, and this program can use {known:?}"))),
     }
 }
 
@@ -319,7 +319,7 @@ mod tests {
             ("detector", "max_tokens", serde_json::json!(0), "4 to 65536"),
             ("detector", "fixed_tokens", serde_json::json!(300), "4 to 256"),
             ("detector", "mean", serde_json::json!([0.5, 0.5]), "models.json"),
-            ("segmenter", "kind", serde_json::json!("fast"), "sam and mobile-sam"),
+            ("segmenter", "kind", serde_json::json!("fast"), "can use \"sam\""),
             ("segmenter", "side_px", serde_json::json!(0), "segmenter.side_px: is 0"),
             ("segmenter", "mask_px", serde_json::json!(-1), "models.json"),
             ("segmenter", "std", serde_json::json!([0.2, 0.0, 0.2]), "not above 0"),

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use tokenizers::Tokenizer;
+use tokenizers::{Encoding, Tokenizer};
 
 use super::DetectError;
 use super::models::DetectorModel;
@@ -23,40 +23,73 @@ pub struct PromptTokens {
     pub phrase_of: Vec<Option<usize>>,
 }
 
-/// Takes a prompt to tokens with the tokenizer at `path`.
-///
-/// # Errors
-/// A tokenizer that cannot be read; a prompt that is too long, and a phrase of which no piece is left.
-pub fn tokens_of(prompt: &Prompt, model: &DetectorModel, path: &Path) -> Result<PromptTokens, DetectError> {
-    let fail = |e: tokenizers::Error| IoError::new(path, format!("is no tokenizer that can be used: {e}"));
-    let mut tokenizer = Tokenizer::from_file(path).map_err(fail)?;
-    // A file may come with a length to cut at or to fill up to; that is decided here.
-    tokenizer.with_truncation(None).map_err(fail)?.with_padding(None);
-    let encoding = tokenizer.encode(prompt.text(), true).map_err(fail)?;
-    let length = encoding.get_ids().len();
-    let most = model.fixed_tokens.unwrap_or(model.max_tokens);
-    let refuse = |what: String| DetectError::Prompt { prompt: prompt.text(), what };
-    if length > most {
-        let what = format!("makes {length} tokens, and the detector reads {most}; ask for fewer things at a time");
-        return Err(refuse(what));
+/// The detector's tokenizer.
+pub struct PromptTokenizer(Tokenizer);
+
+impl PromptTokenizer {
+    /// Reads a `tokenizer.json`.
+    ///
+    /// # Errors
+    /// A file that is missing or is no tokenizer.
+    pub fn open(path: &Path) -> Result<Self, IoError> {
+        let fail = |e: tokenizers::Error| IoError::new(path, format!("is no tokenizer that can be used: {e}"));
+        let mut tokenizer = Tokenizer::from_file(path).map_err(fail)?;
+        // A file may come with a length to cut at or to fill up to; that is decided here.
+        tokenizer.with_truncation(None).map_err(fail)?.with_padding(None);
+        Ok(Self(tokenizer))
     }
-    let ranges = prompt.ranges();
-    let phrase_at = |&(start, end): &(usize, usize)| ranges.iter().position(|r| r.start <= start && end <= r.end);
-    let pieces = encoding.get_offsets().iter().zip(encoding.get_special_tokens_mask());
-    let mut phrase_of: Vec<Option<usize>> =
-        pieces.map(|(place, special)| if *special == 0 { phrase_at(place) } else { None }).collect();
-    if let Some(lost) = (0..ranges.len()).find(|phrase| !phrase_of.contains(&Some(*phrase))) {
-        return Err(refuse(format!(
-            "has the phrase {:?}, which the tokenizer leaves nothing of",
-            prompt.phrases()[lost]
-        )));
+
+    /// Numbers of the pieces of a text, with the start and the end.
+    ///
+    /// # Errors
+    /// A text that the tokenizer cannot take apart.
+    pub fn ids(&self, text: &str) -> Result<Vec<i64>, DetectError> {
+        Ok(self.encoding(text)?.get_ids().iter().map(|id| i64::from(*id)).collect())
     }
-    let mut ids: Vec<i64> = encoding.get_ids().iter().map(|id| i64::from(*id)).collect();
-    let mut attention = vec![1; length];
-    if let Some(fixed) = model.fixed_tokens {
-        ids.resize(fixed, tokenizer.token_to_id(FILLER).map_or(0, i64::from));
-        attention.resize(fixed, 0);
-        phrase_of.resize(fixed, None);
+
+    /// A prompt as the detector reads it.
+    ///
+    /// # Errors
+    /// A prompt that is too long for the model; a phrase of which no piece is left.
+    pub fn tokens(&self, prompt: &Prompt, model: &DetectorModel) -> Result<PromptTokens, DetectError> {
+        let text = prompt.text();
+        let mut ids = self.ids(&text)?;
+        let most = model.fixed_tokens.unwrap_or(model.max_tokens);
+        if ids.len() > most {
+            let what =
+                format!("makes {} tokens, and the detector reads {most}; ask for fewer things at a time", ids.len());
+            return Err(DetectError::Prompt { prompt: text, what });
+        }
+        let mut phrase_of = self.phrases_of_pieces(prompt, &text)?;
+        let mut attention = vec![1; ids.len()];
+        if let Some(fixed) = model.fixed_tokens {
+            ids.resize(fixed, self.0.token_to_id(FILLER).map_or(0, i64::from));
+            attention.resize(fixed, 0);
+            phrase_of.resize(fixed, None);
+        }
+        Ok(PromptTokens { ids, attention, phrase_of })
     }
-    Ok(PromptTokens { ids, attention, phrase_of })
+
+    /// The phrase in which each piece of the prompt's text stands.
+    fn phrases_of_pieces(&self, prompt: &Prompt, text: &str) -> Result<Vec<Option<usize>>, DetectError> {
+        let encoding = self.encoding(text)?;
+        let ranges = prompt.ranges();
+        let phrase_at = |&(start, end): &(usize, usize)| ranges.iter().position(|r| r.start <= start && end <= r.end);
+        // The start and the end stand nowhere in the text, which is told as its beginning.
+        let pieces = encoding.get_offsets().iter().zip(encoding.get_special_tokens_mask());
+        let phrases: Vec<_> = pieces.map(|(at, special)| if *special == 0 { phrase_at(at) } else { None }).collect();
+        match (0..ranges.len()).find(|phrase| !phrases.contains(&Some(*phrase))) {
+            None => Ok(phrases),
+            Some(lost) => {
+                let what =
+                    format!("has the phrase {:?}, of which the tokenizer leaves nothing", prompt.phrases()[lost]);
+                Err(DetectError::Prompt { prompt: text.into(), what })
+            }
+        }
+    }
+
+    fn encoding(&self, text: &str) -> Result<Encoding, DetectError> {
+        let fail = |e: tokenizers::Error| format!("cannot be taken apart by the detector's tokenizer: {e}");
+        self.0.encode(text, true).map_err(|e| DetectError::Prompt { prompt: text.into(), what: fail(e) })
+    }
 }

@@ -22,6 +22,8 @@ mod cli_stages;
 mod cli_synth;
 mod cli_train;
 mod consensus;
+#[cfg(feature = "onnx")]
+mod detect;
 mod golden_gradients;
 mod golden_reference;
 mod gradients;
