@@ -77,6 +77,8 @@
 //! commands `segment`, `register` and `merge` (`cli/stages/`) call the same functions on a folder of the same layout:
 //!
 //! ```text
+//!   masks/                      given; or, from words, by detect, before all else; or, from boxes, by segment::boxes, after
+//!                               the next
 //!   vanilla/, point_cloud.ply   a plain cloud, by the steps above (or given)
 //!   cameras.json                the training views', which the next two files count by
 //!   consensus.json              mask_contribution per view: how much of every mask each Gaussian makes up;
@@ -85,6 +87,7 @@
 //!   groups.json                 given, or register: which objects are alike, and where they stand; none may be
 //!   initial.instgs              template::build: objects in their group's frame, as many Gaussians as they have on
 //!                               average drawn from all of them; offsets from each template Gaussian to its match
+//!   review.html                 every view with its masks and the objects that they show
 //!   stages/*.png                train::stage_pictures: what each of these did, to be looked at; also in report.html
 //!   scene.instgs                the joint phase: templates, offsets, background and places learn together
 //! ```

@@ -10,13 +10,13 @@ use instgs_vk::scene::InstancedScene;
 use serde_json::Value;
 
 /// A folder with `data` (a small ray-traced scene) and `plain/point_cloud.ply` (a cloud trained on it for a moment).
-struct Folder {
+pub(super) struct Folder {
     at: PathBuf,
     _removed_at_the_end: tempfile::TempDir,
 }
 
 impl Folder {
-    fn new(scene: &[&str]) -> Self {
+    pub(super) fn new(scene: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let out = Self { at: folder.path().to_path_buf(), _removed_at_the_end: folder };
         let mut synth = program();
@@ -28,16 +28,16 @@ impl Folder {
         out
     }
 
-    fn path(&self, name: &str) -> PathBuf {
+    pub(super) fn path(&self, name: &str) -> PathBuf {
         self.at.join(name)
     }
 
-    fn cloud(&self) -> PathBuf {
+    pub(super) fn cloud(&self) -> PathBuf {
         self.path("plain/point_cloud.ply")
     }
 
     /// Masks of the views, by name.
-    fn masks(&self) -> Vec<PathBuf> {
+    pub(super) fn masks(&self) -> Vec<PathBuf> {
         let entries = fs::read_dir(self.path("data/masks")).unwrap().map(|entry| entry.unwrap().path());
         let mut masks: Vec<PathBuf> = entries.filter(|path| path.extension().is_some_and(|e| e == "png")).collect();
         masks.sort();
@@ -45,7 +45,7 @@ impl Folder {
     }
 
     /// `train --method instgs` from the dataset's points.
-    fn train_all(&self, out: &str) -> Command {
+    pub(super) fn train_all(&self, out: &str) -> Command {
         let mut command = program();
         command.args(["train", "--method", "instgs", "--config", "instgs_quick", "--data"]);
         command.arg(self.path("data")).args(["--set", "joint.steps=10", "--out"]).arg(self.path(out));
@@ -53,7 +53,7 @@ impl Folder {
     }
 
     /// The same from the trained cloud.
-    fn train(&self, out: &str) -> Command {
+    pub(super) fn train(&self, out: &str) -> Command {
         let mut command = self.train_all(out);
         command.arg("--init").arg(self.cloud());
         command
@@ -93,11 +93,11 @@ fn warnings_of(command: &mut Command) -> String {
     String::from_utf8(command.assert().success().get_output().stderr.clone()).unwrap()
 }
 
-fn json_of(command: &mut Command) -> Value {
+pub(super) fn json_of(command: &mut Command) -> Value {
     serde_json::from_slice(&command.arg("--json").assert().success().get_output().stdout).unwrap()
 }
 
-fn has_all(text: &str, words: &[&str]) {
+pub(super) fn has_all(text: &str, words: &[&str]) {
     words.iter().for_each(|word| assert!(text.contains(word), "{word:?} is not in {text}"));
 }
 

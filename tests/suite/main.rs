@@ -16,6 +16,7 @@ mod cli_edit;
 mod cli_eval;
 mod cli_instanced;
 mod cli_lod;
+mod cli_masks;
 #[cfg(feature = "player")]
 mod cli_player;
 mod cli_stages;
