@@ -104,9 +104,8 @@ pub fn masks_from_boxes<E: From<SegmentError>>(
         progress(LabelProgress { done: sweeps + view + 1, total })
     })?;
     for object in &mut found.report.objects {
-        let id = object.id as u16;
-        object.gaussians = labels.iter().filter(|&&label| label == id).count();
-        object.views = views_of_id.get(&id).copied().unwrap_or(0);
+        object.gaussians = labels.iter().filter(|&&label| u32::from(label) == object.id).count();
+        object.views = u16::try_from(object.id).ok().and_then(|id| views_of_id.get(&id).copied()).unwrap_or(0);
         found.report.notes.extend(nothing_note(object));
     }
     found.report.seconds = started.elapsed().as_secs_f64();
@@ -169,15 +168,13 @@ impl Found {
         let mut is_seen = vec![true; gaussians.len()];
         if self.placed.has_boxes() {
             let cameras = &self.placed.cameras;
-            let of_view = |(camera, list): (&Camera, &Vec<_>)| {
-                BoxSets::new(&camera.name, [camera.width, camera.height], list)
-            };
+            let of_view =
+                |(camera, list): (&Camera, &Vec<_>)| BoxSets::new(&camera.name, [camera.width, camera.height], list);
             let sets: Result<Vec<BoxSets>, SegmentError> =
                 cameras.iter().zip(&self.placed.by_view).map(of_view).collect();
             let sets = sets?;
-            let mask_of_view = |view: usize| Ok(Some(sets[view].mask.clone()));
-            let mut sweep =
-                ViewContributions::<E>::new(gpu, cloud, cameras, mask_of_view, options.render, KEPT_BYTES)?;
+            let mask_of_view = |view: usize| Ok(Some(sets[view].mask()));
+            let mut sweep = ViewContributions::<E>::new(gpu, cloud, cameras, mask_of_view, options.render, KEPT_BYTES)?;
             let carved = carve(&mut sweep, gaussians, &self.placed, &sets, options.inside_part, progress)?;
             claims.extend(carved.claims);
             is_seen = carved.is_seen;
@@ -201,7 +198,7 @@ impl Found {
         };
         let support = leave_out_support(&cloud.background, labels, up, seed);
         for object in &mut self.report.objects {
-            object.support = support.get(&(object.id as u16)).copied().flatten();
+            object.support = u16::try_from(object.id).ok().and_then(|id| *support.get(&id)?);
         }
     }
 }

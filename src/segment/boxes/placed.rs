@@ -114,8 +114,12 @@ fn outside_note(view: &str, view_box: &ViewBox) -> String {
 
 fn unknown_views_note(views: &[View], boxes: &Boxes) -> Option<String> {
     let is_known = |name: &str| views.iter().any(|view| view.camera.name == name);
-    let unknown: Vec<(&str, usize)> =
-        boxes.views.iter().filter(|(name, _)| !is_known(name)).map(|(name, list)| (name.as_str(), list.len())).collect();
+    let unknown: Vec<(&str, usize)> = boxes
+        .views
+        .iter()
+        .filter(|(name, _)| !is_known(name))
+        .map(|(name, list)| (name.as_str(), list.len()))
+        .collect();
     let names: Vec<&str> = unknown.iter().take(NAMED).map(|(name, _)| *name).collect();
     let more = if unknown.len() > NAMED { ", ..." } else { "" };
     let count: usize = unknown.iter().map(|(_, count)| count).sum();
