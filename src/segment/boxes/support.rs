@@ -15,7 +15,7 @@ use crate::scene::Gaussians;
 /// The surroundings reach this many times as far as the object does, to the sides.
 const RING: f64 = 2.0;
 /// Parts of the object's Gaussians that its foot, head and side are measured without: strays.
-const STRAY_PART: f64 = 0.02;
+const STRAY_PART: f64 = 0.05;
 /// As far as this part of the object's size below its foot and ...
 const BELOW: f64 = 0.5;
 /// ... above it the plane is looked for: carving leaves some of the ground to the object or takes its lowest end.
@@ -30,9 +30,9 @@ const MIN_OPACITY: f64 = 0.1;
 const MIN_INLIERS: usize = 10;
 /// ... this part of them: other things stand there too.
 const INLIER_PART: f64 = 0.2;
-/// Nothing lies below what one stands on: at most this part of what is in the plane. Planes through the crown of a tree
-/// have the ground below them.
-const BELOW_PART: f64 = 0.25;
+/// Little lies below what one stands on: at most this part of what is in the plane, for trained ground is uneven. A plane
+/// through the crown of a tree has all of the ground below it.
+const BELOW_PART: f64 = 0.5;
 /// Planes that are tried. If the ground is a third of the surroundings, 1 in 27 of them lies in it; that none of 400 does
 /// has a probability of 3e-7.
 const DRAWS: usize = 400;
