@@ -1,7 +1,7 @@
 //! How good masks from boxes are: boxes are made from a data set's true masks, the plain cloud of a trained run is carved
 //! by them, and the masks of it are compared with the true ones:
 //! `cargo run --release --example masks_from_boxes -- DATA PLY [OUT] [--world] [--no-ids] [--missing=0.1] [--jitter=0.05]
-//! [--views=5] [--no-support] [--strays]`.
+//! [--views=5] [--no-support]`.
 //!
 //! DATA has masks whose ids are the same in all views; PLY is a cloud trained on it. With OUT the masks are left there.
 //! `--world` takes boxes in the world instead (around the Gaussians that the true masks label, a tenth larger and to
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DQuat, DVec3};
 use instgs_vk::gpu::{Gpu, GpuOptions};
-use instgs_vk::io::masks::{Mask, read_mask};
+use instgs_vk::io::masks::Mask;
 use instgs_vk::io::{MaskFolder, Split, View, load_scene, read_views, write_boxes, write_mask};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::{Boxes, Camera, InstancedScene, ObjectBox, ViewBox};
@@ -66,7 +66,7 @@ fn main() -> Outcome<()> {
         bound.add(&masks[v], mask);
         Ok(())
     })?;
-    bound.print("true labels", |id| id);
+    bound.print("true labels");
 
     let mut found = Overlaps::default();
     let mut drawn = Vec::new();
@@ -83,7 +83,7 @@ fn main() -> Outcome<()> {
         },
         |_| Ok(()),
     )?;
-    found.print("from boxes", |id| id);
+    found.print("from boxes");
     let right = truth.iter().zip(&result.labels).filter(|(a, b)| **a != 0 && **a == u32::from(**b)).count();
     let either = truth.iter().zip(&result.labels).filter(|(a, b)| **a != 0 || **b != 0).count();
     println!("Gaussians: {right} of {either} as by true masks");
@@ -153,9 +153,7 @@ fn write(out: &Path, views: &[View], masks: &[Mask], boxes: &Boxes) -> Outcome<(
     std::fs::create_dir_all(&masks_folder)?;
     write_boxes(&out.join("boxes.json"), boxes)?;
     for (view, mask) in views.iter().zip(masks) {
-        let path = masks_folder.join(format!("{}.png", view.camera.name));
-        write_mask(&path, mask)?;
-        debug_assert_eq!(&read_mask(&path)?, mask);
+        write_mask(&masks_folder.join(format!("{}.png", view.camera.name)), mask)?;
     }
     Ok(())
 }
@@ -173,7 +171,8 @@ impl Overlaps {
         }
     }
 
-    fn print(&self, what: &str, _name: impl Fn(u16) -> u16) {
+    /// Intersection by union of every true id and the id that most of its pixels have, over all views.
+    fn print(&self, what: &str) {
         let sum = |of: &dyn Fn(u16, u16) -> bool| -> u64 {
             self.common.iter().filter(|((a, b), _)| of(*a, *b)).map(|(_, n)| n).sum()
         };

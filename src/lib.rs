@@ -108,7 +108,7 @@
 //!   self-test.
 //! - L3 `optim`: Adam, one state per parameter buffer.
 //! - L4 `detect`: instance masks from a text prompt, by ONNX models whose runtime is loaded when it is used.
-//! - L4 `segment`: which Gaussians of a plain cloud belong to which object, from masks.
+//! - L4 `segment`: which Gaussians of a plain cloud belong to which object, from masks; masks from boxes.
 //! - L4 `register`: which objects are alike, and the pose of each against its group's reference.
 //! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
 //! - L4 `template`: templates, instances and first offsets from a labelled cloud and posed groups; pruning.
@@ -179,6 +179,7 @@
 //! - `tests/suite/cli_instanced.rs`: the joint phase on a small ray-traced data set: quality, the same bytes twice and after a kill,
 //!   and the comparison's rows. `tests/suite/segment.rs`, `tests/suite/consensus.rs`, `tests/suite/template.rs`: labels, objects and
 //!   templates against known truth.
+//! - `tests/suite/boxes.rs`: masks from boxes in the world and in photos, with ids and without, against known objects.
 //! - `tests/suite/cli_stages.rs`: `segment`, `register` and `merge` give what `train` starts from, byte for byte; bad masks are named
 //!   before anything is trained, and of what cannot be shared the rest comes out.
 //! - `tests/suite/stage_pictures.rs`: colours of objects, and wrong poses, in the report's pictures.

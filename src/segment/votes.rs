@@ -97,15 +97,15 @@ impl Votes {
         }
     }
 
-    /// The votes of one Gaussian after another, by id.
-    pub fn by_gaussian(&self) -> impl Iterator<Item = &[Vote]> {
-        self.votes.chunk_by(|a, b| a.gaussian == b.gaussian)
+    /// By Gaussian, then by id.
+    pub fn all(&self) -> &[Vote] {
+        &self.votes
     }
 
     /// By Gaussian: the id with the largest gain, the lower one of equals; 0 if no gain is above 0.
     pub fn winners(&self, alpha: f64) -> Vec<u16> {
         let mut out = vec![0; self.weights.len()];
-        for of_gaussian in self.by_gaussian() {
+        for of_gaussian in self.votes.chunk_by(|a, b| a.gaussian == b.gaussian) {
             let mut best = (0, 0.0);
             for vote in of_gaussian {
                 let gain = vote.gain(alpha);

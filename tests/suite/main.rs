@@ -11,6 +11,7 @@
 mod common;
 
 mod architecture;
+mod boxes;
 mod cli;
 mod cli_edit;
 mod cli_eval;

@@ -4,15 +4,17 @@
 //! What it adds is what is seen of it, so a box around the visible part of an object that others hide in part takes
 //! nothing away. Views without a box of the object say nothing of it: a detector misses objects, and a person draws few.
 
+use rayon::prelude::*;
+
+use crate::math::sh::widened;
 use crate::scene::{Camera, Gaussians};
+use crate::segment::error::SegmentError;
 use crate::segment::sweep::ViewContributions;
 use crate::segment::votes::{Vote, Votes};
 
 use super::claims::Claim;
 use super::placed::{PlacedBox, PlacedBoxes};
 use super::sets::BoxSets;
-use crate::math::sh::widened;
-use crate::segment::error::SegmentError;
 
 /// What boxes in photos say.
 pub(super) struct Carved {
@@ -51,15 +53,14 @@ pub(super) fn carve<E: From<SegmentError>>(
         own().for_each(|object| has_box[object] = false);
         progress(view_count + entries.view + 1)
     })?;
-    let mut claims = Vec::new();
-    for of_gaussian in votes.by_gaussian() {
-        let is_inside = |vote: &&Vote| vote.inside as f64 >= inside_part * vote.shown as f64;
-        for vote in of_gaussian.iter().filter(is_inside) {
-            let boxes = boxes_of_object.get(&vote.id).map(Vec::as_slice).unwrap_or_default();
-            let depth = mean_depth(cloud.means[vote.gaussian as usize], boxes, &placed.cameras);
-            claims.push(Claim { gaussian: vote.gaussian, object: vote.id, depth });
-        }
-    }
+    let is_inside = |vote: &&Vote| vote.inside as f64 >= inside_part * vote.shown as f64;
+    let inside: Vec<&Vote> = votes.all().iter().filter(is_inside).collect();
+    let claim = |vote: &&Vote| {
+        let boxes = boxes_of_object.get(&vote.id).map(Vec::as_slice).unwrap_or_default();
+        let depth = mean_depth(cloud.means[vote.gaussian as usize], boxes, &placed.cameras);
+        Claim { gaussian: vote.gaussian, object: vote.id, depth }
+    };
+    let claims = inside.par_iter().map(claim).collect();
     Ok(Carved { claims, is_seen: votes.weights().iter().map(|&weight| weight > 0).collect() })
 }
 

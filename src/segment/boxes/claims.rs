@@ -1,7 +1,13 @@
 //! Which object has a Gaussian that lies in the boxes of several.
 
+use glam::{DMat3, DVec3};
+
+use crate::math::covariance::covariance;
 use crate::math::sh::widened;
 use crate::scene::{Gaussians, ObjectBox};
+
+/// So many deviations of a Gaussian lie in the box, to each side: five sixths of it.
+const DEVIATIONS: f64 = 1.0;
 
 /// A Gaussian that lies in the box of an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -14,16 +20,24 @@ pub(super) struct Claim {
     pub(super) depth: f64,
 }
 
-/// The Gaussians whose centres lie in boxes of the world, by box.
+/// The Gaussians that lie in boxes of the world, by box. Those that stick out by more than a part of themselves do not:
+/// streaks of the ground have their centres in a box and most of what is seen of them outside.
 pub(super) fn claims_of_boxes(cloud: &Gaussians, boxes: &[ObjectBox]) -> Vec<Claim> {
     let mut out = Vec::new();
     for object_box in boxes {
         // Ids of files are those of masks.
         let Ok(object) = u16::try_from(object_box.id) else { continue };
-        for (gaussian, mean) in (0..).zip(&cloud.means) {
-            let depth = 1.0 - (2.0 * object_box.local(widened(*mean)) / object_box.size).abs().max_element();
-            if cloud.is_finite(gaussian as usize) && depth >= 0.0 {
-                out.push(Claim { gaussian, object, depth });
+        let turn = DMat3::from_quat(object_box.world_from_box.inverse());
+        for i in 0..cloud.len() {
+            let off = (2.0 * object_box.local(widened(cloud.means[i])) / object_box.size).abs();
+            if !(cloud.is_finite(i) && off.max_element() <= 1.0) {
+                continue;
+            }
+            let covariance = covariance(cloud.quats[i].map(f64::from), widened(cloud.log_scales[i]));
+            let of_box = turn * covariance * turn.transpose();
+            let deviations = DVec3::from_array([0, 1, 2].map(|k| of_box.col(k)[k].max(0.0).sqrt()));
+            if (off + 2.0 * DEVIATIONS * deviations / object_box.size).max_element() <= 1.0 {
+                out.push(Claim { gaussian: i as u32, object, depth: 1.0 - off.max_element() });
             }
         }
     }
@@ -45,7 +59,7 @@ pub(super) fn settled(claims: &[Claim], gaussians: usize) -> Vec<u16> {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DQuat, DVec3};
+    use glam::DQuat;
 
     use super::*;
 
@@ -61,10 +75,11 @@ mod tests {
     #[test]
     fn depth_is_relative_to_the_box() {
         let mut cloud = Gaussians::with_capacity(0, 0);
-        for x in [0.0, 0.5, 1.9, 2.1, f32::NAN] {
+        for x in [0.0, 0.5, 1.9, 2.1, f32::NAN, 1.8] {
             cloud.means.push([x, 0.0, 0.0]);
             cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
-            cloud.log_scales.push([0.0; 3]);
+            // A long one at 1.8, which sticks out; the others are small.
+            cloud.log_scales.push([if x == 1.8 { -0.5 } else { -6.0 }, -6.0, -6.0]);
             cloud.opacity_logits.push(0.0);
             cloud.sh.push([0.0; 3]);
         }
@@ -77,9 +92,9 @@ mod tests {
         };
         let claims = claims_of_boxes(&cloud, &[of_size(1, 0.0, 4.0), of_size(2, 0.5, 1.0)]);
         let depths: Vec<(u32, u16, f64)> = claims.iter().map(|c| (c.gaussian, c.object, c.depth)).collect();
-        let want = [(0, 1, 1.0), (1, 1, 0.75), (2, 1, 0.05), (0, 2, 0.0), (1, 2, 1.0)];
+        let want = [(0, 1, 1.0), (1, 1, 0.75), (2, 1, 0.05), (1, 2, 1.0)];
         let near = |a: &(u32, u16, f64), b: &(u32, u16, f64)| (a.0, a.1) == (b.0, b.1) && (a.2 - b.2).abs() < 1e-6;
-        assert!(depths.len() == 5 && depths.iter().zip(&want).all(|(a, b)| near(a, b)), "{depths:?}");
-        assert_eq!(settled(&claims, 5), [1, 2, 1, 0, 0]);
+        assert!(depths.len() == want.len() && depths.iter().zip(&want).all(|(a, b)| near(a, b)), "{depths:?}");
+        assert_eq!(settled(&claims, 6), [1, 2, 1, 0, 0, 0]);
     }
 }

@@ -1,7 +1,7 @@
 //! Masks without a segmenter: from a trained plain cloud and boxes around its objects, in the world or in photos.
 //!
 //! Boxes without an object are joined first ([`join`]). Then each Gaussian goes to the object in whose boxes it lies
-//! ([`claims`], [`carve`]), but for what the objects stand on ([`support`]), and masks are drawn of the labelled cloud
+//! ([`claims`], [`carve`]), but for what is apart from it and what the objects stand on ([`support`]), and masks are drawn of the labelled cloud
 //! ([`draw_masks`]).
 
 mod carve;
@@ -26,6 +26,7 @@ use crate::scene::{Boxes, Camera, InstancedScene, up_direction};
 
 use super::error::SegmentError;
 use super::label::{LabelOptions, LabelProgress};
+use super::strays::drop_strays;
 use super::sweep::{KEPT_BYTES, ViewContributions};
 use super::unseen::label_unseen;
 
@@ -104,9 +105,8 @@ pub fn masks_from_boxes<E: From<SegmentError>>(
         progress(LabelProgress { done: sweeps + view + 1, total })
     })?;
     for object in &mut found.report.objects {
-        let id = object.id as u16;
-        object.gaussians = labels.iter().filter(|&&label| label == id).count();
-        object.views = views_of_id.get(&id).copied().unwrap_or(0);
+        object.gaussians = labels.iter().filter(|&&label| u32::from(label) == object.id).count();
+        object.views = u16::try_from(object.id).ok().and_then(|id| views_of_id.get(&id).copied()).unwrap_or(0);
         found.report.notes.extend(nothing_note(object));
     }
     found.report.seconds = started.elapsed().as_secs_f64();
@@ -174,7 +174,7 @@ impl Found {
             let sets: Result<Vec<BoxSets>, SegmentError> =
                 cameras.iter().zip(&self.placed.by_view).map(of_view).collect();
             let sets = sets?;
-            let mask_of_view = |view: usize| Ok(Some(sets[view].mask.clone()));
+            let mask_of_view = |view: usize| Ok(Some(sets[view].mask()));
             let mut sweep = ViewContributions::<E>::new(gpu, cloud, cameras, mask_of_view, options.render, KEPT_BYTES)?;
             let carved = carve(&mut sweep, gaussians, &self.placed, &sets, options.inside_part, progress)?;
             claims.extend(carved.claims);
@@ -185,6 +185,8 @@ impl Found {
         if let Some(neighbours) = NonZero::new(options.unseen_neighbours) {
             label_unseen(&gaussians.means, &is_seen, &mut labels, neighbours);
         }
+        // Far Gaussians that few views show lie in the boxes of those views by chance.
+        self.report.strays = drop_strays(&gaussians.means, &mut labels);
         if options.leave_out_support {
             self.leave_out_support(cloud, &mut labels, options.seed);
         }
@@ -199,7 +201,7 @@ impl Found {
         };
         let support = leave_out_support(&cloud.background, labels, up, seed);
         for object in &mut self.report.objects {
-            object.support = support.get(&(object.id as u16)).copied().flatten();
+            object.support = u16::try_from(object.id).ok().and_then(|id| *support.get(&id)?);
         }
     }
 }

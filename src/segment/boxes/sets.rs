@@ -13,11 +13,23 @@ use super::placed::PlacedBox;
 /// The boxes that each pixel of a view lies in.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BoxSets {
-    /// By pixel: number of the set of the boxes that its centre lies in; 0 = in none.
-    pub(super) mask: Mask,
-    /// By set: objects, ascending.
+    width: u32,
+    /// Rows that are alike, from the top.
+    bands: Vec<Band>,
+    /// By set: objects, ascending; the first is empty.
     objects_of_set: Vec<Vec<u16>>,
 }
+
+/// Rows of the same pixels.
+#[derive(Clone, Debug, PartialEq)]
+struct Band {
+    rows: u32,
+    /// From the left: columns, and the set of the boxes that their pixels lie in.
+    runs: Vec<(u32, u16)>,
+}
+
+/// Columns and rows of an object's box.
+type Area = (u16, [Range<u32>; 2]);
 
 impl BoxSets {
     /// Of a picture of the given size; boxes without an object are left out.
@@ -25,41 +37,42 @@ impl BoxSets {
     /// # Errors
     /// More sets than ids.
     pub(super) fn new(view: &str, [width, height]: [u32; 2], boxes: &[PlacedBox]) -> Result<Self, SegmentError> {
-        let known: Vec<(u16, Range<u32>, Range<u32>)> = boxes
-            .iter()
-            .filter(|b| b.object != 0)
-            .map(|b| {
-                let [left, top, right, bottom] = b.bounds_px;
-                (b.object, pixels_between(left, right, width), pixels_between(top, bottom, height))
-            })
-            .collect();
-        let mut edges: Vec<u32> = known.iter().flat_map(|(_, columns, _)| [columns.start, columns.end]).collect();
-        edges.extend([0, width]);
-        edges.sort_unstable();
-        edges.dedup();
+        let area = |b: &PlacedBox| {
+            let [left, top, right, bottom] = b.bounds_px;
+            (b.object, [pixels_between(left, right, width), pixels_between(top, bottom, height)])
+        };
+        let areas: Vec<Area> = boxes.iter().filter(|b| b.object != 0).map(area).collect();
+        let (columns, rows) = (edges(&areas, 0, width), edges(&areas, 1, height));
         let mut number_of_set: BTreeMap<Vec<u16>, u16> = BTreeMap::from([(Vec::new(), 0)]);
-        let mut ids = Vec::with_capacity(width as usize * height as usize);
-        for row in 0..height {
-            for run in edges.windows(2) {
-                let is_in = |(_, columns, rows): &&(u16, Range<u32>, Range<u32>)| {
-                    columns.contains(&run[0]) && rows.contains(&row)
-                };
-                let mut set: Vec<u16> = known.iter().filter(is_in).map(|(object, ..)| *object).collect();
-                set.sort_unstable();
-                set.dedup();
-                let next = u16::try_from(number_of_set.len());
+        let mut bands = Vec::with_capacity(rows.len());
+        for row in rows.windows(2) {
+            let mut runs = Vec::with_capacity(columns.len());
+            for column in columns.windows(2) {
+                let set = objects_at(&areas, [column[0], row[0]]);
+                let next = number_of_set.len();
                 let number = match number_of_set.get(&set) {
                     Some(&number) => number,
-                    None => *number_of_set
-                        .entry(set)
-                        .or_insert(next.map_err(|_| SegmentError::TooManyBoxes { view: view.into() })?),
+                    None => u16::try_from(next).map_err(|_| SegmentError::TooManyBoxes { view: view.into() })?,
                 };
-                ids.resize(ids.len() + (run[1] - run[0]) as usize, number);
+                number_of_set.insert(set, number);
+                runs.push((column[1] - column[0], number));
             }
+            bands.push(Band { rows: row[1] - row[0], runs });
         }
         let mut objects_of_set = vec![Vec::new(); number_of_set.len()];
         number_of_set.into_iter().for_each(|(set, number)| objects_of_set[usize::from(number)] = set);
-        Ok(Self { mask: Mask { width, height, ids }, objects_of_set })
+        Ok(Self { width, bands, objects_of_set })
+    }
+
+    /// By pixel: number of the set of the boxes that its centre lies in; 0 = in none.
+    pub(super) fn mask(&self) -> Mask {
+        let mut ids = Vec::new();
+        for band in &self.bands {
+            let row: Vec<u16> =
+                band.runs.iter().flat_map(|&(columns, set)| std::iter::repeat_n(set, columns as usize)).collect();
+            (0..band.rows).for_each(|_| ids.extend_from_slice(&row));
+        }
+        Mask { width: self.width, height: self.bands.iter().map(|band| band.rows).sum(), ids }
     }
 
     /// Contributions to this view's sets, by Gaussian, as contributions to the boxes of objects, by Gaussian, then by
@@ -78,6 +91,24 @@ impl BoxSets {
         }
         out
     }
+}
+
+/// Where boxes begin and end along an axis, with both ends of the picture; ascending, each once.
+fn edges(areas: &[Area], axis: usize, count: u32) -> Vec<u32> {
+    let mut out: Vec<u32> = areas.iter().flat_map(|(_, range)| [range[axis].start, range[axis].end]).collect();
+    out.extend([0, count]);
+    out.sort_unstable();
+    out.dedup();
+    out
+}
+
+/// Objects whose boxes have a pixel, ascending.
+fn objects_at(areas: &[Area], pixel: [u32; 2]) -> Vec<u16> {
+    let has = |(_, ranges): &&Area| ranges.iter().zip(&pixel).all(|(range, at)| range.contains(at));
+    let mut out: Vec<u16> = areas.iter().filter(has).map(|(object, _)| *object).collect();
+    out.sort_unstable();
+    out.dedup();
+    out
 }
 
 /// The pixels of `0..count` whose centres lie between two places, edges included.
@@ -105,7 +136,9 @@ mod tests {
             placed(2, [1.6, 0.6, 1.9, 0.9]),
         ];
         let sets = BoxSets::new("a", [5, 3], &boxes).unwrap();
-        for (i, &set) in sets.mask.ids.iter().enumerate() {
+        let mask = sets.mask();
+        assert_eq!((mask.width, mask.height, mask.ids.len()), (5, 3, 15));
+        for (i, &set) in mask.ids.iter().enumerate() {
             let (x, y) = ((i % 5) as f64 + 0.5, (i / 5) as f64 + 0.5);
             let is_in = |b: &&PlacedBox| {
                 let [left, top, right, bottom] = b.bounds_px;
@@ -117,7 +150,7 @@ mod tests {
         }
         assert_eq!(sets.objects_of_set[0], [0u16; 0]);
         let entry = |gaussian, id, weight| Contribution { gaussian, id, weight };
-        let number = |x: usize, y: usize| sets.mask.ids[y * 5 + x];
+        let number = |x: usize, y: usize| mask.ids[y * 5 + x];
         let (alone, both) = (number(0, 0), number(2, 1));
         let found = sets.by_object(&[entry(1, 0, 5), entry(1, alone, 3), entry(1, both, 4), entry(3, both, 1)]);
         assert_eq!(found, [entry(1, 4, 4), entry(1, 9, 7), entry(3, 4, 1), entry(3, 9, 1)]);

@@ -15,7 +15,7 @@ use crate::scene::Gaussians;
 /// The surroundings reach this many times as far as the object does, to the sides.
 const RING: f64 = 2.0;
 /// Parts of the object's Gaussians that its foot, head and side are measured without: strays.
-const STRAY_PART: f64 = 0.02;
+const STRAY_PART: f64 = 0.05;
 /// As far as this part of the object's size below its foot and ...
 const BELOW: f64 = 0.5;
 /// ... above it the plane is looked for: carving leaves some of the ground to the object or takes its lowest end.
@@ -30,6 +30,9 @@ const MIN_OPACITY: f64 = 0.1;
 const MIN_INLIERS: usize = 10;
 /// ... this part of them: other things stand there too.
 const INLIER_PART: f64 = 0.2;
+/// Little lies below what one stands on: at most this part of what is in the plane, for trained ground is uneven. A plane
+/// through the crown of a tree has all of the ground below it.
+const BELOW_PART: f64 = 0.5;
 /// Planes that are tried. If the ground is a third of the surroundings, 1 in 27 of them lies in it; that none of 400 does
 /// has a probability of 3e-7.
 const DRAWS: usize = 400;
@@ -50,14 +53,13 @@ pub(super) fn leave_out_support(
     for (i, &label) in (0..).zip(labels.iter()).filter(|(i, label)| **label != 0 && cloud.is_finite(*i as usize)) {
         members.entry(label).or_default().push(i);
     }
-    let is_solid = |i: &u32| {
-        let i = *i as usize;
-        labels[i] == 0 && cloud.is_finite(i) && sigmoid(f64::from(cloud.opacity_logits[i])) >= MIN_OPACITY
-    };
-    let others: Vec<DVec3> =
-        (0..cloud.len() as u32).filter(is_solid).map(|i| widened(cloud.means[i as usize])).collect();
+    let is_solid = |i: &usize| cloud.is_finite(*i) && sigmoid(f64::from(cloud.opacity_logits[*i])) >= MIN_OPACITY;
+    let solid: Vec<(u16, DVec3)> =
+        (0..cloud.len()).filter(is_solid).map(|i| (labels[i], widened(cloud.means[i]))).collect();
     let mut out = BTreeMap::new();
     for (&object, own) in &members {
+        // A table is an object too, and a vase stands on it.
+        let others: Vec<DVec3> = solid.iter().filter(|(label, _)| *label != object).map(|(_, place)| *place).collect();
         let places: Vec<DVec3> = own.iter().map(|&i| widened(cloud.means[i as usize])).collect();
         let rng = Rng::new(seed).fork(STREAM).fork(u64::from(object));
         let is_under = |plane: Plane| {
@@ -122,7 +124,9 @@ fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, mut rng: Rng) -> Optio
         }
     }
     let (inliers, plane) = best?;
-    if (inliers as f64) < (INLIER_PART * around.len() as f64).max(MIN_INLIERS as f64) {
+    let below = around.iter().filter(|p| plane.height(**p) < -2.0 * thickness).count();
+    let is_enough = inliers as f64 >= (INLIER_PART * around.len() as f64).max(MIN_INLIERS as f64);
+    if !is_enough || below as f64 > BELOW_PART * inliers as f64 {
         return None;
     }
     // Three Gaussians gave its height; all of its Gaussians know it better.
@@ -171,6 +175,12 @@ mod tests {
         others.iter_mut().for_each(|p| *p += 3.0 * DVec3::Z);
         assert!(support_of(&own, &others, DVec3::Z, Rng::new(1)).is_none(), "a ceiling is no ground");
         assert!(support_of(&own, &[], DVec3::Z, Rng::new(1)).is_none());
+        let (_, mut floors) = on_a_slope(DVec3::Z);
+        let shelf: Vec<DVec3> = floors.iter().filter(|p| p.z.abs() < 0.2).map(|p| *p - 0.3 * DVec3::Z).collect();
+        assert!(support_of(&own, &floors, DVec3::Z, Rng::new(1)).is_some());
+        floors.extend(shelf);
+        let found = support_of(&own, &floors, DVec3::Z, Rng::new(1));
+        assert!(found.is_none_or(|plane| plane.height(DVec3::ZERO) > 0.2), "what has a floor below it is none");
         let mut rng = Rng::new(2);
         let scattered: Vec<DVec3> = (0..500).map(|_| rng.normal_vector()).collect();
         assert!(support_of(&own, &scattered, DVec3::Z, Rng::new(1)).is_none());
