@@ -182,6 +182,8 @@
 //! - `tests/suite/boxes.rs`: masks from boxes in the world and in photos, with ids and without, against known objects.
 //! - `tests/suite/cli_stages.rs`: `segment`, `register` and `merge` give what `train` starts from, byte for byte; bad masks are named
 //!   before anything is trained, and of what cannot be shared the rest comes out.
+//! - `tests/suite/detect.rs`: masks from a prompt within 1e-3 of PyTorch and transformers, on tiny models. What runs models says
+//!   aloud that it did not run where there is no ONNX Runtime library, and fails with `INSTGS_NEED_ONNXRUNTIME=1`.
 //! - `tests/suite/stage_pictures.rs`: colours of objects, and wrong poses, in the report's pictures.
 //! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
 //!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced

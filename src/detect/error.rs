@@ -53,6 +53,7 @@ pub enum DetectError {
 
 impl DetectError {
     /// The error of a view.
+    #[cfg(feature = "onnx")]
     pub(super) fn in_view(self, view: &str) -> Self {
         Self::View { view: view.into(), error: Box::new(self) }
     }

@@ -26,6 +26,15 @@ pub struct Finder {
     used_ids: usize,
 }
 
+/// Boxes of a photo with their masks.
+struct Segmented {
+    /// How masks lie in the photo; `None` if there is no box.
+    frame: Option<MaskFrame>,
+    /// The best score first.
+    found: Vec<(Detection, BoxMask)>,
+    dropped: Dropped,
+}
+
 impl Finder {
     /// Opens the models in a folder for a prompt.
     ///
@@ -46,13 +55,11 @@ impl Finder {
     pub fn find(&mut self, view: &View) -> Result<ViewMasks, DetectError> {
         let name = &view.camera.name;
         let photo = Photo::load(view).map_err(|e| DetectError::from(e).in_view(name))?;
-        let mut dropped = Dropped::default();
-        let segmented = self.segmented(&photo, &mut dropped).map_err(|e| e.in_view(name))?;
+        let Segmented { frame, found, mut dropped } = self.segmented(&photo).map_err(|e| e.in_view(name))?;
         let mut painter = MaskPainter::new(photo.width, photo.height);
-        if let Some((frame, found)) = &segmented {
+        if let Some(frame) = frame {
             found.iter().for_each(|(_, mask)| painter.add(&frame.at_photo(&mask.logits)));
         }
-        let found = segmented.map_or(vec![], |(_, found)| found);
         let Some(painted) = painter.finish(self.used_ids) else {
             return Err(DetectError::TooManyMasks { view: name.clone(), count: self.used_ids + found.len() });
         };
@@ -63,25 +70,19 @@ impl Finder {
         Ok(ViewMasks { mask: painted.mask, boxes, dropped })
     }
 
-    /// Boxes with their masks, the best score first, and how masks lie in the photo; `None` without any box. The encoder,
-    /// which takes most of the time, is run only if there is one.
-    #[allow(clippy::type_complexity, reason = "a pair for one caller")]
-    fn segmented(
-        &mut self,
-        photo: &Photo,
-        dropped: &mut Dropped,
-    ) -> Result<Option<(MaskFrame, Vec<(Detection, BoxMask)>)>, DetectError> {
+    /// Finds boxes in a photo and makes their masks. The encoder, which takes most of the time, is run only if there is a
+    /// box.
+    fn segmented(&mut self, photo: &Photo) -> Result<Segmented, DetectError> {
         let Detections { mut found, unnamed, repeated } = self.detector.detect(photo, &self.options)?;
-        (dropped.unnamed, dropped.repeated) = (unnamed, repeated);
         let before = found.len();
         found.retain_mut(|detection| {
             detection.box_px = within_photo(&detection.box_px, photo);
             let [left, top, right, bottom] = detection.box_px;
             left < right && top < bottom
         });
-        dropped.outside = before - found.len();
+        let mut dropped = Dropped { unnamed, repeated, outside: before - found.len(), ..Dropped::default() };
         if found.is_empty() {
-            return Ok(None);
+            return Ok(Segmented { frame: None, found: vec![], dropped });
         }
         let embedding = self.segmenter.encode(photo)?;
         let boxes: Vec<BoxPx> = found.iter().map(|d| d.box_px).collect();
@@ -95,7 +96,7 @@ impl Finder {
                 kept.push((detection, mask));
             }
         }
-        Ok(Some((embedding.frame, kept)))
+        Ok(Segmented { frame: Some(embedding.frame), found: kept, dropped })
     }
 
     fn view_box(&self, detection: Detection, id: u16) -> ViewBox {

@@ -2,6 +2,7 @@
 
 use std::env::consts::{DLL_PREFIX, DLL_SUFFIX};
 use std::ffi::OsStr;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::provider::Provider;
@@ -55,6 +56,32 @@ pub fn find_library(given: Option<&Path>, variable: Option<&OsStr>, working: &Pa
     Ok(if cached.is_file() { cached } else { name.into() })
 }
 
+/// Checks that a library's file is whole: the loader maps what the file should be, and reading beyond its end kills the
+/// process. Looks at ELF files of 64 bits, whose table of sections comes last; a name for the system to find is not looked
+/// at.
+///
+/// # Errors
+/// A file that ends before that table does, or that cannot be read.
+pub fn check_whole(path: &Path) -> Result<(), IoError> {
+    if !path.is_file() {
+        return Ok(());
+    }
+    let fail = |e: std::io::Error| IoError::new(path, format!("cannot read: {e}"));
+    let mut file = std::fs::File::open(path).map_err(fail)?;
+    let length = file.metadata().map_err(fail)?.len();
+    // "\x7fELF", 64 bits, little endian; at 40 where the table begins, at 58 and 60 the length and number of its entries.
+    let mut head = [0; 64];
+    if file.read_exact(&mut head).is_err() || head[..6] != *b"\x7fELF\x02\x01" {
+        return Ok(());
+    }
+    let number = |at: usize, bytes: usize| head[at..][..bytes].iter().rev().fold(0, |n: u64, b| n << 8 | u64::from(*b));
+    let end = number(40, 8).saturating_add(number(58, 2) * number(60, 2));
+    match length < end {
+        true => Err(IoError::new(path, format!("is cut: {length} of {end} bytes are there")).advise(ADVICE)),
+        false => Ok(()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -82,5 +109,23 @@ mod tests {
             assert!(text.contains("none.so") && text.contains(by) && text.contains("setup_onnxruntime"), "{text}");
         }
         Ok(())
+    }
+
+    #[test]
+    fn a_cut_library_is_noticed() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("cut.so");
+        // A table of two entries of 64 bytes at 100.
+        let mut bytes = vec![0; 228];
+        bytes[..6].copy_from_slice(b"\x7fELF\x02\x01");
+        (bytes[40], bytes[58], bytes[60]) = (100, 64, 2);
+        std::fs::write(&path, &bytes)?;
+        check_whole(&path)?;
+        std::fs::write(&path, &bytes[..227])?;
+        let text = check_whole(&path).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text.contains("cut.so: is cut: 227 of 228 bytes") && text.contains("setup_onnxruntime"), "{text}");
+        std::fs::write(&path, "no library")?;
+        check_whole(&path)?;
+        Ok(check_whole(Path::new("libonnxruntime.so"))?)
     }
 }

@@ -17,16 +17,10 @@ pub struct MaskFrame {
 
 impl MaskFrame {
     /// A box of the photo's pixels in those of the segmenter's input.
-    pub fn box_in_input(&self, box_px: &[f64; 4]) -> [f32; 4] {
+    pub fn box_in_input(&self, [left, top, right, bottom]: &[f64; 4]) -> [f32; 4] {
         let x = self.resized.0 as f64 / self.photo.0 as f64;
         let y = self.resized.1 as f64 / self.photo.1 as f64;
-        [x, y, x, y]
-            .iter()
-            .zip(box_px)
-            .map(|(scale, at)| (scale * at) as f32)
-            .collect::<Vec<_>>()
-            .try_into()
-            .unwrap_or([0.0; 4])
+        [x * left, y * top, x * right, y * bottom].map(|at| at as f32)
     }
 
     /// A mask's logits at the photo's pixels, row by row: bilinear to the input's size, of that the photo's part, and

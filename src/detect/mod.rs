@@ -32,7 +32,16 @@
 //!
 //! # How near it is to the original
 //!
-//! MEASURED
+//! `tests/suite/detect.rs` compares every step with PyTorch 2.15 and transformers 5.23, on tiny models with random weights
+//! that the export scripts' own functions made. Allowed is 1e-3; measured on a processor with ONNX Runtime 1.32, largest
+//! differences: pixels 0, tokens 0, logits of the detector 3.3e-6, scores 3.8e-7, boxes 2.2e-7 of the photo; embeddings
+//! 1.7e-6, logits of masks 2.6e-6, their scores 1.3e-6, and 2.1e-6 at the photo's size. Trained weights were never there
+//! to be tried.
+//!
+//! Two steps differ from transformers on purpose. It names a box by all tokens above the text threshold, which may be of
+//! several phrases ("car chair") or a part of one ("##ted"); here a box has the phrase of its best token, which is the
+//! same where transformers names one phrase. And it keeps every box above the threshold: here one phrase has a box once,
+//! and one mask has one box.
 
 pub mod assemble;
 pub mod boxes;

@@ -1,5 +1,6 @@
 //! The runtime library, loaded, and sessions of it.
 
+use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -9,7 +10,7 @@ use ort::ep::{self, ExecutionProvider, ExecutionProviderDispatch};
 use ort::session::Session;
 
 use super::DetectError;
-use super::library::{ADVICE, LIBRARY_VARIABLE, RuntimeOptions, find_library};
+use super::library::{ADVICE, LIBRARY_VARIABLE, RuntimeOptions, check_whole, find_library};
 use super::provider::Provider;
 use crate::io::IoError;
 
@@ -94,8 +95,9 @@ fn environment(path: &Path) -> Result<Environment, IoError> {
     }
     let unusable = |e: LoadDynamicError| match e {
         LoadDynamicError::Dlopen { error, .. } => {
-            let what = format!("ONNX Runtime's library cannot be loaded: {error}");
-            IoError::new(path, what).advise(ADVICE)
+            // The system's own words are what this error came from.
+            let reason = error.source().map_or(error.to_string(), ToString::to_string);
+            IoError::new(path, format!("ONNX Runtime's library cannot be loaded: {reason}")).advise(ADVICE)
         }
         LoadDynamicError::BadVersion { version_str, .. } => {
             let what =
@@ -106,6 +108,7 @@ fn environment(path: &Path) -> Result<Environment, IoError> {
             IoError::new(path, "is a library, but not ONNX Runtime's").advise(ADVICE)
         }
     };
+    check_whole(path)?;
     let builder = ort::init_from(path).map_err(unusable)?;
     let built = builder.with_name("instgs-vk").with_telemetry(false).build();
     let environment = built.map_err(|e| IoError::new(path, format!("ONNX Runtime does not start: {e}")))?;
