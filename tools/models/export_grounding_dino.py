@@ -9,8 +9,8 @@ model, tokenizer and image processor. Writes grounding_dino.onnx and tokenizer.j
 The graph: inputs pixel_values f32 [1,3,H,W], pixel_mask i64 [1,H,W], input_ids, token_type_ids and attention_mask i64
 [1,L]; outputs logits f32 [1,Q,T] before the sigmoid, -inf beyond L, and pred_boxes f32 [1,Q,4], cx cy w h in 0..1. H, W
 and L are free: L at most T, and H x W must hold at least Q cells of 8, 16, 32 and 64 px together. The photo is resized
-as the checkpoint's image processor does it: bilinear with antialiasing, rounded to 8 bits a channel, then divided by 255
-and normalised.
+as the checkpoint's image processor does it: bilinear with antialiasing, rounded to 8 bits a channel, divided by 255 and
+normalised.
 """
 
 import argparse
@@ -227,7 +227,7 @@ def compare(model, tokenizer, onnx_model, shortest: int, folder: pathlib.Path) -
         expected = expected_outputs(model, inputs, torch.from_numpy(got.pop(name)))
         got["logits"] = torch.from_numpy(got["logits"]).sigmoid().numpy()
         tokens = inputs["input_ids"].shape[1]
-        check(f"detector, {width}x{height}, {tokens} tokens: differences of", differences(expected, got))
+        check(f"detector, {width}x{height}, {tokens} tokens", differences(expected, got))
 
 
 def preprocessing(processor) -> dict:

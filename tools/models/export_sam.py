@@ -118,7 +118,7 @@ def export_encoder(encoder, side: int, folder: pathlib.Path) -> torch.Tensor:
     save_graph(graph, folder / ENCODER)
     del graph
     got = run_graph(folder / ENCODER, {"image": other})
-    check("encoder: differences of", differences({"embeddings": embeddings}, got))
+    check("encoder", differences({"embeddings": embeddings}, got))
     return embeddings
 
 
@@ -134,7 +134,7 @@ def export_decoder(decoder, embeddings: torch.Tensor, side: int, folder: pathlib
         inputs["boxes"] = boxes_for(side, count, 2 + count)
         with torch.no_grad():
             expected = dict(zip(outputs, decoder(*inputs.values())))
-        check(f"decoder, boxes {count}: differences of", differences(expected, run_graph(folder / DECODER, inputs)))
+        check(f"decoder, boxes: {count}", differences(expected, run_graph(folder / DECODER, inputs)))
     return masks.shape[-1]
 
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Writes tests/fixtures/models: a tiny Grounding DINO and a tiny SAM with random weights, exported by the functions that
-export real checkpoints, and what PyTorch and transformers answer for them.
+"""Writes tests/fixtures/models: a tiny Grounding DINO and a tiny SAM with random weights, exported by the functions
+that export real checkpoints, and what PyTorch and transformers answer for them.
 
     python3 tools/models/make_mask_model_fixtures.py [--out tests/fixtures/models] [--checkpoints FOLDER]
 

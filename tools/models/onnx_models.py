@@ -39,7 +39,7 @@ def need(*modules: str) -> None:
         fail(f"these Python packages are missing: {' '.join(missing)}  (python3 -m pip install {packages})")
 
 
-need("torch", "torchvision", "transformers", "tokenizers", "onnx", "onnxscript", "onnxruntime", "numpy")
+need("torch", "torchvision", "transformers", "tokenizers", "onnx", "onnxruntime", "numpy")
 
 import numpy as np  # noqa: E402
 import onnx  # noqa: E402
@@ -254,7 +254,8 @@ def differences(expected: "dict[str, torch.Tensor]", got: dict) -> dict:
 
 def check(what: str, found: dict) -> None:
     """Prints the differences; ends where one is above the limit."""
-    print(f"{what}: " + ", ".join(f"{name} {value:.1e}" for name, value in found.items()), flush=True)
+    values = ", ".join(f"{name} {value:.1e}" for name, value in found.items())
+    print(f"{what}: largest differences: {values}", flush=True)
     worst = max(found, key=found.get)
     if not found[worst] <= LIMIT:
         fail(f"{what}: {worst} of the exported graph differs from PyTorch by {found[worst]:.1e}, limit {LIMIT:.0e}")
