@@ -8,8 +8,9 @@ model, tokenizer and image processor. Writes grounding_dino.onnx and tokenizer.j
 
 The graph: inputs pixel_values f32 [1,3,H,W], pixel_mask i64 [1,H,W], input_ids, token_type_ids and attention_mask i64
 [1,L]; outputs logits f32 [1,Q,T] before the sigmoid, -inf beyond L, and pred_boxes f32 [1,Q,4], cx cy w h in 0..1. H, W
-and L are free: L at most T. H and W must give at least Q cells of 8, 16, 32 and 64 px. The photo is resized as the
-checkpoint's image processor does it: bilinear with antialiasing, on 8 bits a channel, then divided by 255 and normalised.
+and L are free: L at most T, and H x W must hold at least Q cells of 8, 16, 32 and 64 px together. The photo is resized
+as the checkpoint's image processor does it: bilinear with antialiasing, rounded to 8 bits a channel, divided by 255 and
+normalised.
 """
 
 import argparse
@@ -22,7 +23,8 @@ from onnx_models import (
     check,
     differences,
     fail,
-    load_pretrained,
+    load_model,
+    load_part,
     merge_manifest,
     open_folder,
     parameter_bytes,
@@ -60,12 +62,12 @@ class Detector(torch.nn.Module):
         return outputs.logits, outputs.pred_boxes
 
 
-# What follows replaces parts of transformers during the export. Each computes what the original does; the originals hold
-# operators that ONNX lacks (isin, cummax, cummin), or take sizes of the example as constants.
+# What follows replaces parts of transformers during the export. Each computes what the original does; the originals
+# hold operators that ONNX lacks (isin, cummax, cummin), or take sizes of the example as constants.
 
 
 def phrase_masks(input_ids, special_tokens):
-    """Which tokens see each other (those up to the same separator, and each itself), and their positions in the phrase."""
+    """Which tokens see each other (those up to the same separator, and each itself), and their places in the phrase."""
     count = input_ids.shape[1]
     index = torch.arange(count, device=input_ids.device)
     here, other = index[None, :, None], index[None, None, :]
@@ -150,7 +152,7 @@ def exportable():
     originals = []
     for owner, name, replacement in replacements:
         if name not in vars(owner):
-            fail(f"this version of transformers has no {owner.__name__}.{name}: see tools/models/README.md for one that fits")
+            fail(f"transformers has no {owner.__name__}.{name}: tools/models/README.md names a version that fits")
         originals.append((owner, name, vars(owner)[name]))
         setattr(owner, name, replacement)
     try:
@@ -225,7 +227,7 @@ def compare(model, tokenizer, onnx_model, shortest: int, folder: pathlib.Path) -
         expected = expected_outputs(model, inputs, torch.from_numpy(got.pop(name)))
         got["logits"] = torch.from_numpy(got["logits"]).sigmoid().numpy()
         tokens = inputs["input_ids"].shape[1]
-        check(f"detector, {width}x{height}, {tokens} tokens: differences of", differences(expected, got))
+        check(f"detector, {width}x{height}, {tokens} tokens", differences(expected, got))
 
 
 def preprocessing(processor) -> dict:
@@ -286,9 +288,9 @@ def main() -> None:
     parser.add_argument("--model", default="IDEA-Research/grounding-dino-tiny", help="name on the hub, or a folder")
     parser.add_argument("--out", type=pathlib.Path, required=True, help="the models folder")
     args = parser.parse_args()
-    model = load_pretrained(transformers.GroundingDinoForObjectDetection.from_pretrained, args.model)
-    tokenizer = load_pretrained(transformers.AutoTokenizer.from_pretrained, args.model)
-    processor = load_pretrained(transformers.AutoImageProcessor.from_pretrained, args.model)
+    model = load_model(transformers.GroundingDinoForObjectDetection, args.model)
+    tokenizer = load_part(transformers.AutoTokenizer, args.model)
+    processor = load_part(transformers.AutoImageProcessor, args.model)
     export_detector(model, tokenizer, processor, source_name(args.model), args.out)
 
 

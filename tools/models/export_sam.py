@@ -4,26 +4,29 @@
     python3 tools/models/export_sam.py --out MODELS [--model facebook/sam-vit-base]
     python3 tools/models/export_sam.py --out MODELS --mobile-sam mobile_sam.pt
 
---model is a name on the Hugging Face hub (facebook/sam-vit-base, -large, -huge) or a folder of save_pretrained with model
-and image processor. --mobile-sam is a checkpoint of the mobile_sam package, which must be installed: the checkpoint holds
-numbers only, the package says what to do with them. Writes sam_encoder.onnx and sam_decoder.onnx, and its part of
-models.json.
+--model is a name on the Hugging Face hub (facebook/sam-vit-base, -large, -huge) or a folder of save_pretrained with
+model and image processor. --mobile-sam is a checkpoint of the mobile_sam package, which must be installed: the
+checkpoint holds numbers only, the package says what to do with them. Writes sam_encoder.onnx and sam_decoder.onnx, and
+its part of models.json.
 
-Encoder: input image f32 [1,3,S,S], the photo resized so that its longest side is S (bilinear with antialiasing, on 8
-bits a channel), divided by 255, normalised, zeros right and below; output embeddings f32 [1,C,E,E]. Decoder: inputs
-embeddings and boxes f32 [N,4], x0 y0 x1 y1 in pixels of the S x S canvas, any N >= 1; outputs mask_logits f32 [N,M,P,P] and
-scores f32 [N,M], the model's own estimate of each mask's IoU. M is 3, masks of which the best score counts.
+Encoder: input image f32 [1,3,S,S], the photo resized so that its longest side is S (bilinear with antialiasing, rounded
+to 8 bits a channel), divided by 255, normalised, zeros right and below; output embeddings f32 [1,C,E,E]. Decoder:
+inputs embeddings and boxes f32 [N,4], x0 y0 x1 y1 in pixels of the S x S canvas, any N >= 1; outputs mask_logits f32
+[N,M,P,P] and scores f32 [N,M], the model's own estimate of each mask's IoU. M is 3: proposals of which the best score
+counts.
 """
 
 import argparse
 import pathlib
+import warnings
 
 from onnx_models import (
     OPSET,
     check,
     differences,
     fail,
-    load_pretrained,
+    load_model,
+    load_part,
     merge_manifest,
     need,
     open_folder,
@@ -114,7 +117,8 @@ def export_encoder(encoder, side: int, folder: pathlib.Path) -> torch.Tensor:
     graph = trace_to_onnx(encoder, {"image": image}, {"embeddings": embeddings.shape}, {}, folder / ENCODER)
     save_graph(graph, folder / ENCODER)
     del graph
-    check("encoder: differences of", differences({"embeddings": embeddings}, run_graph(folder / ENCODER, {"image": other})))
+    got = run_graph(folder / ENCODER, {"image": other})
+    check("encoder", differences({"embeddings": embeddings}, got))
     return embeddings
 
 
@@ -130,7 +134,7 @@ def export_decoder(decoder, embeddings: torch.Tensor, side: int, folder: pathlib
         inputs["boxes"] = boxes_for(side, count, 2 + count)
         with torch.no_grad():
             expected = dict(zip(outputs, decoder(*inputs.values())))
-        check(f"decoder, boxes {count}: differences of", differences(expected, run_graph(folder / DECODER, inputs)))
+        check(f"decoder, boxes: {count}", differences(expected, run_graph(folder / DECODER, inputs)))
     return masks.shape[-1]
 
 
@@ -159,24 +163,25 @@ def export_segmenter(encoder, decoder, side: int, mean: list, std: list, source:
 
 def from_hub(model_name: str) -> tuple:
     """Encoder, decoder, side, mean and std of a checkpoint in transformers' format."""
-    model = load_pretrained(transformers.SamModel.from_pretrained, model_name)
-    processor = load_pretrained(transformers.AutoImageProcessor.from_pretrained, model_name)
+    model = load_model(transformers.SamModel, model_name)
+    processor = load_part(transformers.AutoImageProcessor, model_name)
     side = model.config.vision_config.image_size
     size, pad_size = dict(processor.size), dict(processor.pad_size)
     kernel = getattr(processor.resample, "value", processor.resample)
-    if kernel != 2 or size.get("longest_edge") != side or pad_size.get("height") != side or pad_size.get("width") != side:
-        fail(f"the checkpoint's image processor does not resize the longest side bilinearly to {side} and pad to a square")
+    if kernel != 2 or [size.get("longest_edge"), pad_size.get("height"), pad_size.get("width")] != [side] * 3:
+        fail(f"the checkpoint's image processor does not make a square of {side} px by bilinear resizing and padding")
     return HubEncoder(model), HubDecoder(model), side, list(processor.image_mean), list(processor.image_std)
 
 
 def from_mobile_sam(checkpoint: pathlib.Path) -> tuple:
     """The same of a checkpoint of the mobile_sam package."""
     if not checkpoint.is_file():
-        fail(f"{checkpoint} does not exist: mobile_sam.pt comes with the MobileSAM repository (ChaoningZhang/MobileSAM)")
+        fail(f"{checkpoint} does not exist: mobile_sam.pt is in the repository ChaoningZhang/MobileSAM, folder weights")
     need("timm", "mobile_sam")
-    import mobile_sam
-
-    with plain_errors(f"{checkpoint} is not a checkpoint of the mobile_sam package"):
+    with plain_errors("cannot use the mobile_sam package"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import mobile_sam
+    with plain_errors(f"{checkpoint} is not a checkpoint of MobileSAM"):
         sam = mobile_sam.sam_model_registry["vit_t"](checkpoint=str(checkpoint))
     mean, std = ((values.flatten() / 255).tolist() for values in (sam.pixel_mean, sam.pixel_std))
     rounded = ([round(v, 6) for v in values] for values in (mean, std))

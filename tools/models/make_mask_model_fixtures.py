@@ -1,21 +1,21 @@
 #!/usr/bin/env python3
-"""Writes tests/fixtures/models: a tiny Grounding DINO and a tiny SAM with random weights, exported by the same functions as
-real checkpoints, and what PyTorch and transformers answer for them.
+"""Writes tests/fixtures/models: a tiny Grounding DINO and a tiny SAM with random weights, exported by the functions
+that export real checkpoints, and what PyTorch and transformers answer for them.
 
     python3 tools/models/make_mask_model_fixtures.py [--out tests/fixtures/models] [--checkpoints FOLDER]
 
---checkpoints also writes both models by save_pretrained (FOLDER/dino, FOLDER/sam), to try the export scripts on. Two runs
-with the same versions of the packages write the same bytes.
+--checkpoints also writes both models by save_pretrained (FOLDER/dino, FOLDER/sam), to try the export scripts on. Two
+runs with the same versions of the packages write the same bytes.
 
 expected.safetensors:
 - photo u8 [61,93,3]: (7 x (c + 1) + 11 y + floor(x y / (5 + c))) mod 256 at column x, row y, channel c.
 - detector.pixel_values f32 [1,3,h,w]: what the image processor makes of the photo. Its pixel_mask is all ones.
 - for each prompt K: detector.K.input_ids, token_type_ids, attention_mask i64 [1,L]; logits f32 [1,Q,T]; pred_boxes f32
-  [1,Q,4]; and of post_process_grounded_object_detection, in order: scores f32 [n], boxes f32 [n,4], x0 y0 x1 y1 in pixels
-  of the photo.
+  [1,Q,4]; and of post_process_grounded_object_detection, in order: scores f32 [n], boxes f32 [n,4], x0 y0 x1 y1 in
+  pixels of the photo.
 - segmenter.boxes_photo f32 [3,4] in pixels of the photo, segmenter.boxes f32 [3,4] of the canvas; image f32 [1,3,S,S],
-  embeddings, mask_logits f32 [3,M,P,P], scores f32 [3,M]; best i64 [3], the mask with the highest score; photo_logits f32
-  [3,61,93]: post_process_masks of that mask before > 0.
+  embeddings, mask_logits f32 [3,M,P,P], scores f32 [3,M]; best i64 [3], the mask with the highest score; photo_logits
+  f32 [3,61,93]: post_process_masks of that mask before > 0.
 expected.json: the prompts with their thresholds and labels, texts with their token ids, how the photo was resized.
 """
 
@@ -301,7 +301,8 @@ def main() -> None:
             part.save_pretrained(args.checkpoints / folder)
     export_detector(dino, words, dino_images, f"random weights, seed {DINO_SEED}", args.out)
     settings = sam_images.image_mean, sam_images.image_std
-    export_segmenter(HubEncoder(sam), HubDecoder(sam), 64, *map(list, settings), f"random weights, seed {SAM_SEED}", args.out)
+    parts = HubEncoder(sam), HubDecoder(sam), 64
+    export_segmenter(*parts, *map(list, settings), f"random weights, seed {SAM_SEED}", args.out)
     tensors, cases = detections(dino, words, dino_images, image)
     tensors |= masks(sam, sam_images, image)
     tensors["photo"] = torch.from_numpy(image)

@@ -1,7 +1,7 @@
 """What the export scripts share: the models folder, exporting a graph, and comparing it with PyTorch before it counts.
 
-A models folder holds ONNX graphs and models.json, which names each file with its length and SHA-256. Each script replaces
-its own part of models.json and leaves the others alone. Files come under their names only when they are complete.
+A models folder holds ONNX graphs and models.json, which names each file with its length and SHA-256. Each script
+replaces its own part of models.json and leaves the others alone. Files come under their names only when complete.
 """
 
 import contextlib
@@ -10,6 +10,7 @@ import importlib.util
 import json
 import os
 import pathlib
+import pickle
 import shutil
 import sys
 import tempfile
@@ -22,7 +23,7 @@ OPSET = 20
 LIMIT = 1e-3
 # A protobuf message holds at most 2 GiB, so a larger graph keeps its weights in a file beside it.
 INLINE_LIMIT = 1_900_000_000
-# The names under which pip knows modules that are called otherwise.
+# What pip installs where the module is called otherwise.
 PIP_NAMES = {"PIL": "pillow", "mobile_sam": "git+https://github.com/ChaoningZhang/MobileSAM.git"}
 
 
@@ -32,18 +33,21 @@ def fail(message: str) -> None:
 
 def need(*modules: str) -> None:
     """Ends in one line with the pip command where a module is not installed."""
-    missing = [PIP_NAMES.get(m, m) for m in modules if importlib.util.find_spec(m) is None]
+    missing = [m for m in modules if importlib.util.find_spec(m) is None]
     if missing:
-        packages = " ".join(missing)
-        fail(f"these Python packages are missing: {packages}  (python3 -m pip install {packages})")
+        packages = " ".join(PIP_NAMES.get(m, m) for m in missing)
+        fail(f"these Python packages are missing: {' '.join(missing)}  (python3 -m pip install {packages})")
 
 
-need("torch", "torchvision", "transformers", "tokenizers", "onnx", "onnxscript", "onnxruntime", "numpy")
+need("torch", "torchvision", "transformers", "tokenizers", "onnx", "onnxruntime", "numpy")
 
 import numpy as np  # noqa: E402
 import onnx  # noqa: E402
 import onnxruntime  # noqa: E402
 import torch  # noqa: E402
+import transformers  # noqa: E402
+
+transformers.logging.set_verbosity_error()
 
 
 def first_line(error: Exception) -> str:
@@ -56,15 +60,30 @@ def plain_errors(what: str):
     """Turns errors of files and of downloads into one line that says `what` could not be done."""
     try:
         yield
-    except (OSError, ValueError, ImportError, KeyError, RuntimeError) as error:
+    except (OSError, ValueError, ImportError, KeyError, RuntimeError, EOFError, pickle.UnpicklingError) as error:
         fail(f"{what}: {first_line(error)}")
 
 
-def load_pretrained(load, model: str):
-    """`load(model)`, where `model` is a name on the Hugging Face hub or a folder of save_pretrained."""
+def load_model(kind, model: str):
+    """The weights of `model`, a name on the Hugging Face hub or a folder of save_pretrained. `kind`: its class. Ends in
+    words where they are of another kind of model or incomplete: transformers would fill up with random numbers."""
+    wanted = kind.config_class.model_type
+    found = load_part(transformers.AutoConfig, model).model_type
+    if found != wanted:
+        fail(f"{model} is a checkpoint of {found}, not of {wanted}")
+    weights, facts = load_part(kind, model, output_loading_info=True)
+    missing = sorted(facts["missing_keys"])
+    if missing:
+        fail(f"{model} lacks {len(missing)} tensors of {wanted}, the first is {missing[0]}")
+    return weights
+
+
+def load_part(kind, model: str, **options):
+    if model.startswith(("/", ".", "~")) and not pathlib.Path(model).is_dir():
+        fail(f"the folder {model} does not exist")
     hint = "a name needs network access to the Hugging Face hub the first time; a folder must be one of save_pretrained"
     with plain_errors(f"cannot load {model} ({hint})"):
-        return load(model)
+        return kind.from_pretrained(model, **options)
 
 
 def source_name(model: str) -> str:
@@ -74,13 +93,15 @@ def source_name(model: str) -> str:
 
 
 def open_folder(out: pathlib.Path, weights_bytes: int) -> None:
-    """Makes the folder; ends in words where the disk is too small for the graph and the copy it is made from."""
+    """Makes the folder; ends in words where the disk is too small for the graph and the copy it is made from, or where
+    the folder's models.json cannot be added to."""
     with plain_errors(f"cannot make the folder {out}"):
         out.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(out).free
     needed = 2 * weights_bytes + 100_000_000
     if free < needed:
         fail(f"{out} has {free / 1e9:.1f} GB of disk left, the export needs about {needed / 1e9:.1f} GB")
+    read_manifest(out)
 
 
 def parameter_bytes(module: torch.nn.Module) -> int:
@@ -101,8 +122,8 @@ def partial_folder(out: pathlib.Path):
 def trace_to_onnx(module, inputs: dict, outputs: dict, dynamic: dict, path: pathlib.Path):
     """Exports `module` with `inputs` (name -> example) and `outputs` (name -> shape, names for dynamic sizes).
 
-    `dynamic`: input -> {axis: name}. The tracing exporter: the other one needs many minutes of symbolic algebra as soon as
-    height and width of Grounding DINO's image are free. Returns the onnx model without stack traces and notes.
+    `dynamic`: input -> {axis: name}. Uses the tracing exporter: with height and width of Grounding DINO's picture free,
+    the other one did not end within ten minutes of symbolic algebra. Returns the onnx model, stripped.
     """
     folder = path.parent / "traced"  # its own: weights beyond 2 GiB come as one file each
     folder.mkdir()
@@ -195,9 +216,9 @@ def set_shape(value, shape) -> None:
 
 
 def save_graph(model, path: pathlib.Path) -> None:
-    """Writes the graph, with its weights in PATH.data where one file cannot hold them."""
+    """Writes the graph, with its weights in PATH.data where one file cannot hold them (`model` loses them then)."""
     with plain_errors(f"cannot write {path.name}"):
-        if model.ByteSize() < INLINE_LIMIT:
+        if sum(len(tensor.raw_data) for tensor in model.graph.initializer) < INLINE_LIMIT:
             onnx.save(model, path)
         else:
             onnx.save(model, path, save_as_external_data=True, location=path.name + ".data", size_threshold=1024)
@@ -215,7 +236,8 @@ def run_graph(path: pathlib.Path, inputs: dict) -> dict:
 
 
 def differences(expected: "dict[str, torch.Tensor]", got: dict) -> dict:
-    """Output -> largest difference, of the largest expected magnitude where that is above 1. Infinite values must be equal."""
+    """Output -> largest difference, as part of the largest expected magnitude where that is above 1. Infinite values
+    must be equal."""
     result = {}
     for name, value in expected.items():
         want, have = value.detach().numpy(), got[name]
@@ -232,7 +254,8 @@ def differences(expected: "dict[str, torch.Tensor]", got: dict) -> dict:
 
 def check(what: str, found: dict) -> None:
     """Prints the differences; ends where one is above the limit."""
-    print(f"{what}: " + ", ".join(f"{name} {value:.1e}" for name, value in found.items()), flush=True)
+    values = ", ".join(f"{name} {value:.1e}" for name, value in found.items())
+    print(f"{what}: largest differences: {values}", flush=True)
     worst = max(found, key=found.get)
     if not found[worst] <= LIMIT:
         fail(f"{what}: {worst} of the exported graph differs from PyTorch by {found[worst]:.1e}, limit {LIMIT:.0e}")
@@ -252,6 +275,7 @@ def publish(folder: pathlib.Path, out: pathlib.Path, name: str) -> dict:
         entry = file_entry(folder / name)
         data = folder / f"{name}.data"
         if data.exists():
+            data.chmod(0o644)
             entry["data"] = [file_entry(data)]
             os.replace(data, out / data.name)
         else:
@@ -260,15 +284,21 @@ def publish(folder: pathlib.Path, out: pathlib.Path, name: str) -> dict:
     return entry
 
 
+def read_manifest(out: pathlib.Path) -> dict:
+    path = out / "models.json"
+    if not path.exists():
+        return {"format": FORMAT}
+    with plain_errors(f"cannot read {path} (delete it to start anew)"):
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        fail(f"{path} is not of format {FORMAT}: give another --out, or delete it")
+    return manifest
+
+
 def merge_manifest(out: pathlib.Path, part: str, value: dict) -> None:
     """Replaces `part` of models.json."""
     path = out / "models.json"
-    manifest = {"format": FORMAT}
-    with plain_errors(f"cannot read {path} (delete it to start anew)"):
-        if path.exists():
-            manifest = json.loads(path.read_text(encoding="utf-8"))
-    if manifest.get("format") != FORMAT:
-        fail(f"{path} is not of format {FORMAT}: give another --out, or delete it")
+    manifest = read_manifest(out)
     manifest[part] = value
     with plain_errors(f"cannot write {path}"):
         partial = path.with_suffix(".json.partial")
