@@ -55,7 +55,7 @@ fn synthetic() -> Synthetic {
     }
     let view = |i: usize| {
         let turn = TAU * (i as f64 + 0.3) / VIEWS as f64;
-        let height = if i % 2 == 0 { 1.2 } else { 2.5 };
+        let height = if i.is_multiple_of(2) { 1.2 } else { 2.5 };
         let eye = DVec3::new(3.6 * turn.cos(), 3.6 * turn.sin(), height);
         let camera = Camera::look_at(&format!("view_{i}"), eye, DVec3::new(0.0, 0.0, 0.4), DVec3::Z, 0.8, SIZE);
         View { camera, image_path: PathBuf::new(), split: Split::Train, distortion: None, mask_path: None }
@@ -173,7 +173,7 @@ fn boxes_with_ids_carve_the_objects() {
 fn boxes_without_ids_are_joined_first() {
     let Some(gpu) = gpu() else { return };
     let synthetic = synthetic();
-    let mut boxes = synthetic.boxes(false, |view, ball| (view + 5 * ball) % 10 != 0);
+    let mut boxes = synthetic.boxes(false, |view, ball| !(view + 5 * ball).is_multiple_of(10));
     // A box that no other view agrees with, and one of another kind where a ball is.
     let stray = ViewBox { id: None, category: Some("ball".into()), score: None, box_px: [2.0, 2.0, 9.0, 7.0] };
     let other = ViewBox { category: Some("cone".into()), ..synthetic.view_box(3, 1, false) };

@@ -1,11 +1,17 @@
 //! Which object has a Gaussian that lies in the boxes of several.
 
+use std::collections::BTreeMap;
+
 use glam::{DMat3, DVec3};
 
 use crate::math::covariance::covariance;
 use crate::math::sh::widened;
+use crate::math::statistics::median;
 use crate::scene::{Gaussians, ObjectBox};
 
+/// Gaussians this many times as far from the middle as the median one are not the object's: on a rod, of all shapes the
+/// longest, the ends are twice as far.
+const FAR: f64 = 4.0;
 /// So many deviations of a Gaussian lie in the box, to each side: five sixths of it.
 const DEVIATIONS: f64 = 1.0;
 
@@ -57,6 +63,27 @@ pub(super) fn settled(claims: &[Claim], gaussians: usize) -> Vec<u16> {
     best.into_iter().map(|claim| claim.map_or(0, |claim| claim.object)).collect()
 }
 
+/// Gives Gaussians that are far from the middle of their object the label 0; labels above 0 are objects. What only few
+/// views show, far behind an object, lies in the boxes of those views by chance. Returns how many there were.
+pub(super) fn leave_out_far(cloud: &Gaussians, labels: &mut [u16]) -> usize {
+    let mut members: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
+    for (i, &label) in labels.iter().enumerate().filter(|(_, label)| **label != 0) {
+        members.entry(label).or_default().push(i);
+    }
+    let mut far = 0;
+    for own in members.values() {
+        let along = |k: usize| own.iter().map(|&i| f64::from(cloud.means[i][k])).collect::<Vec<f64>>();
+        let middle = DVec3::from_array([0, 1, 2].map(|k| median(&along(k))));
+        let distances: Vec<f64> = own.iter().map(|&i| widened(cloud.means[i]).distance(middle)).collect();
+        let limit = FAR * median(&distances);
+        for (&i, _) in own.iter().zip(&distances).filter(|(_, distance)| **distance > limit) {
+            labels[i] = 0;
+            far += 1;
+        }
+    }
+    far
+}
+
 #[cfg(test)]
 mod tests {
     use glam::DQuat;
@@ -96,5 +123,16 @@ mod tests {
         let near = |a: &(u32, u16, f64), b: &(u32, u16, f64)| (a.0, a.1) == (b.0, b.1) && (a.2 - b.2).abs() < 1e-6;
         assert!(depths.len() == want.len() && depths.iter().zip(&want).all(|(a, b)| near(a, b)), "{depths:?}");
         assert_eq!(settled(&claims, 6), [1, 2, 1, 0, 0, 0]);
+    }
+
+    #[test]
+    fn what_is_far_from_its_object_is_left_out() {
+        let mut cloud = Gaussians::with_capacity(0, 0);
+        cloud.means = (0..41).map(|i| [i as f32, 0.0, 0.0]).collect();
+        cloud.means.extend([[70.0, 0.0, 0.0], [20.0, 0.0, -39.0]]);
+        let mut labels = vec![3; 43];
+        // From the middle, 20, the median is 10 or 11: up to 40 or 44 is near.
+        assert_eq!(leave_out_far(&cloud, &mut labels), 1);
+        assert_eq!((labels[41], labels[42], labels[0], labels[40]), (0, 3, 3, 3));
     }
 }

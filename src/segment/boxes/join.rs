@@ -145,7 +145,7 @@ fn ball_of([a, b]: [&Sighting; 2], cameras: &[Camera]) -> Option<Ball> {
     let [radius_a, radius_b] = [a, b].map(|of| of.radius * cameras[of.place[0]].view_from_point(middle).z);
     let (least, most) = (radius_a.min(radius_b), radius_a.max(radius_b));
     let meets = least > 0.0 && most < RADIUS_FACTOR * least && (p - q).length() < MEETING * least;
-    meets.then(|| Ball { middle, radius: 0.5 * (radius_a + radius_b) })
+    meets.then_some(Ball { middle, radius: 0.5 * (radius_a + radius_b) })
 }
 
 /// Balls of pairs of boxes, at most [`MAX_BALLS`].

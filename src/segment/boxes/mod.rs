@@ -1,7 +1,7 @@
 //! Masks without a segmenter: from a trained plain cloud and boxes around its objects, in the world or in photos.
 //!
 //! Boxes without an object are joined first ([`join`]). Then each Gaussian goes to the object in whose boxes it lies
-//! ([`claims`], [`carve`]), but for what is apart from it and what the objects stand on ([`support`]), and masks are drawn of the labelled cloud
+//! ([`claims`], [`carve`]), but for what is far from it and what the objects stand on ([`support`]), and masks are drawn of the labelled cloud
 //! ([`draw_masks`]).
 
 mod carve;
@@ -26,12 +26,11 @@ use crate::scene::{Boxes, Camera, InstancedScene, up_direction};
 
 use super::error::SegmentError;
 use super::label::{LabelOptions, LabelProgress};
-use super::strays::drop_strays;
 use super::sweep::{KEPT_BYTES, ViewContributions};
 use super::unseen::label_unseen;
 
 use carve::carve;
-use claims::{claims_of_boxes, settled};
+use claims::{claims_of_boxes, leave_out_far, settled};
 use join::{Joined, join};
 use placed::PlacedBoxes;
 use sets::BoxSets;
@@ -185,8 +184,7 @@ impl Found {
         if let Some(neighbours) = NonZero::new(options.unseen_neighbours) {
             label_unseen(&gaussians.means, &is_seen, &mut labels, neighbours);
         }
-        // Far Gaussians that few views show lie in the boxes of those views by chance.
-        self.report.strays = drop_strays(&gaussians.means, &mut labels);
+        self.report.far = leave_out_far(gaussians, &mut labels);
         if options.leave_out_support {
             self.leave_out_support(cloud, &mut labels, options.seed);
         }

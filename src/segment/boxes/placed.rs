@@ -83,7 +83,7 @@ fn placed_in(view: &View, camera: &Camera, view_box: &ViewBox) -> Option<PlacedB
     };
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let scale = [width / f64::from(photo.width), height / f64::from(photo.height)];
-    let clip = |k: usize| (straight[k] * scale[k % 2]).clamp(0.0, if k % 2 == 0 { width } else { height });
+    let clip = |k: usize| (straight[k] * scale[k % 2]).clamp(0.0, [width, height][k % 2]);
     let bounds_px = [0, 1, 2, 3].map(clip);
     let is_in = bounds_px[0] < bounds_px[2] && bounds_px[1] < bounds_px[3];
     // Ids of files are those of masks, 1 to 65535.

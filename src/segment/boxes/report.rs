@@ -39,8 +39,8 @@ pub struct BoxObject {
 pub struct BoxReport {
     /// By id.
     pub objects: Vec<BoxObject>,
-    /// Gaussians in boxes that are apart from the rest of their object, and were left out.
-    pub strays: usize,
+    /// Gaussians in boxes that are far from the rest of their object, and were left out.
+    pub far: usize,
     /// What was left out or is missing, one line each, for the user.
     pub notes: Vec<String>,
     /// Wall time.

@@ -32,7 +32,7 @@ const MIN_INLIERS: usize = 10;
 const INLIER_PART: f64 = 0.2;
 /// Little lies below what one stands on: at most this part of what is in the plane, for trained ground is uneven. A plane
 /// through the crown of a tree has all of the ground below it.
-const BELOW_PART: f64 = 0.5;
+const BELOW_PART: f64 = 0.8;
 /// Planes that are tried. If the ground is a third of the surroundings, 1 in 27 of them lies in it; that none of 400 does
 /// has a probability of 3e-7.
 const DRAWS: usize = 400;
