@@ -1,8 +1,8 @@
 //! Masks without a segmenter: from a trained plain cloud and boxes around its objects, in the world or in photos.
 //!
 //! Boxes without an object are joined first (`join`). Then each Gaussian goes to the object in whose boxes it lies
-//! (`claims`, `carve`), but for what is far from it and what the objects stand on (`support`), and masks are drawn of the labelled cloud
-//! ([`draw_masks`]).
+//! (`claims`, `carve`), but for what is far from it and what the objects stand on (`support`), and masks are drawn of
+//! the labelled cloud ([`draw_masks`]).
 
 mod carve;
 mod claims;
