@@ -88,7 +88,9 @@ pub mod verify;
 
 pub use check::{Agreement, PoseCheck};
 pub use error::RegisterError;
-pub use find::{FindError, FindInput, FindOptions, FindProgress, Found, FoundObject, RejectedPlace, find_alike};
+pub use find::{
+    Against, FindError, FindInput, FindOptions, FindProgress, Found, FoundObject, RejectedPlace, find_alike,
+};
 pub use groups::{RegisterInput, Registered, register};
 pub use normals::up_direction;
 pub use options::RegisterOptions;

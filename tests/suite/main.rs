@@ -22,6 +22,7 @@ mod cli_stages;
 mod cli_synth;
 mod cli_train;
 mod consensus;
+mod find;
 mod golden_gradients;
 mod golden_reference;
 mod gradients;

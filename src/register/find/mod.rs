@@ -7,6 +7,7 @@
 //! must be explained by the object. Those that agree about as well as the object agrees with itself are repetitions
 //! (`decide`). Colours say nothing: liveries differ.
 
+mod against;
 mod decide;
 mod field;
 pub mod options;
@@ -23,6 +24,7 @@ use super::pose::Pose;
 use crate::math::similarity::Similarity;
 use crate::scene::{Camera, Gaussians, ObjectBox};
 
+pub use against::Against;
 pub use options::FindOptions;
 
 /// Where repetitions are looked for.
@@ -49,6 +51,8 @@ pub struct Found {
     pub gaussians: usize,
     /// True if the selected object stands on a surface, which was left out.
     pub on_support: bool,
+    /// What was up, unit vector, world.
+    pub up: DVec3,
 }
 
 /// A repetition.

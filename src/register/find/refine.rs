@@ -131,8 +131,8 @@ fn settled(
 
 /// Points of the scene that are in the moved box or could be after some steps.
 fn near_box(selected: &Selected, scene: &[DVec3], pose: &Pose) -> Vec<DVec3> {
-    let reach = (0.6 * selected.object_box.size.length() * pose.scale).powi(2);
-    let middle = pose.apply(selected.object_box.center);
+    let reach = (0.6 * selected.domain.size.length() * pose.scale).powi(2);
+    let middle = pose.apply(selected.domain.center);
     scene.iter().filter(|q| q.distance_squared(middle) < reach).copied().collect()
 }
 
@@ -166,8 +166,8 @@ pub(super) fn agreement(selected: &Selected, (own, scene): (&[DVec3], &[DVec3]),
 /// Points of the scene that are the object's at a place, ascending.
 pub(super) fn explained(selected: &Selected, pose: &Pose) -> Vec<u32> {
     let limit = INLIER_VOXELS * selected.surface.voxel();
-    let reach = (0.6 * selected.object_box.size.length() * pose.scale).powi(2);
-    let middle = pose.apply(selected.object_box.center);
+    let reach = (0.6 * selected.domain.size.length() * pose.scale).powi(2);
+    let middle = pose.apply(selected.domain.center);
     let model = &selected.surface.levels[FINE];
     let is_own = |q: &DVec3| {
         let p = pose.apply_inverse(*q);

@@ -1,9 +1,9 @@
 //! Every turn about the vertical and every place: where would most of the object's points meet something?
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::TAU;
 
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, IVec3, Vec3};
 use rayon::prelude::*;
 
 use super::field::Field;
@@ -20,15 +20,13 @@ const TURNS: usize = 24;
 /// Sizes are this far apart: half of it moves the farthest points by as much.
 const SCALE_STEP: f64 = 1.15;
 /// The field's cells, base voxels.
-const CELL_VOXELS: f64 = 2.0;
-/// Points of the object that are looked up, the first of them before the others, and what they must amount to.
-const POINTS: usize = 256;
-const FIRST: usize = 32;
-const LEAST_FIRST: f32 = 0.35;
-const LEAST: f32 = 0.45;
+const CELL_VOXELS: f64 = 3.0;
+/// So many points of the object are looked up, and so much they must amount to on average to go on: most places are left
+/// after the first few.
+const LOOKED_UP: [(usize, f32); 3] = [(10, 0.3), (32, 0.45), (200, 0.5)];
 /// Points of the object each of which is laid on each of the scene. A place where two thirds of the object are found is
-/// missed once in 700 times.
-const ANCHORS: usize = 6;
+/// missed once in 80 times, but for its neighbours.
+const ANCHORS: usize = 4;
 /// Places nearer than this part of the object's size are one, unless they are turned by more than this, radians (40
 /// degrees); of one place so many turns are kept.
 const SAME_PLACE: f64 = 0.12;
@@ -63,17 +61,19 @@ pub(super) fn places(
     let field = Field::new(&scene, cell);
     let mut points = surface.levels[BASE - 1].positions.clone();
     Rng::new(options.surfaces.seed).fork(STREAM).shuffle(&mut points);
-    points.truncate(POINTS);
-    let mut found = Vec::new();
+    let scales: Vec<f64> = scales(options.min_scale).collect();
+    let mut found = vec![Vec::new(); scales.len()];
     for turn in 0..TURNS {
         let rotation = DMat3::from_axis_angle(selected.up, TAU * turn as f64 / TURNS as f64);
-        for scale in scales(options.min_scale) {
-            found.extend(of_turn(&field, &scene, &points, (rotation, scale)));
+        for (found, scale) in found.iter_mut().zip(&scales) {
+            found.extend(of_turn(&field, &scene, &points, (rotation, *scale)));
         }
         steps.advance()?;
     }
+    // Size by size: small ones fit everywhere, which only the other side of the judgement shows.
     let same = SAME_PLACE * surface.size;
-    let judged = judged(selected, &scene, distinct(found, same, MOST_JUDGED));
+    let of_scale = |all: Vec<Place>| judged(selected, &scene, distinct(all, same, MOST_JUDGED));
+    let judged = found.into_iter().flat_map(of_scale).collect();
     steps.advance()?;
     Ok(distinct(judged, same, MOST_KEPT))
 }
@@ -86,24 +86,19 @@ fn scales(least: f64) -> impl Iterator<Item = f64> {
 
 /// The best place of every few cells, for one turn and size.
 fn of_turn(field: &Field, scene: &[DVec3], points: &[DVec3], (rotation, scale): (DMat3, f64)) -> Vec<Place> {
-    let turned: Vec<DVec3> = points.iter().map(|p| rotation * *p * scale).collect();
-    let anchors = &turned[..ANCHORS.min(turned.len())];
+    let looked_up = points.iter().take(LOOKED_UP[LOOKED_UP.len() - 1].0);
+    let turned: Vec<DVec3> = looked_up.map(|p| rotation * *p * scale).collect();
+    let cells: Vec<Vec3> = turned.iter().map(|p| (*p / field.cell()).as_vec3()).collect();
     let place = |translation: DVec3| {
-        let sum = |points: &[DVec3]| points.iter().map(|p| field.at(*p + translation)).sum::<f32>();
-        let (first, others) = turned.split_at(FIRST.min(turned.len()));
-        let of_first = sum(first);
-        if of_first < LEAST_FIRST * first.len() as f32 {
-            return None;
-        }
-        let score = (of_first + sum(others)) / turned.len() as f32;
-        let pose = Pose { rotation, scale, translation };
-        (score >= LEAST).then_some(Place { pose, score: f64::from(score) })
+        let score = f64::from(average(field, &cells, field.in_cells(translation))?);
+        Some(Place { pose: Pose { rotation, scale, translation }, score })
     };
-    let all: Vec<Place> =
-        scene.par_iter().flat_map_iter(|q| anchors.iter().filter_map(move |anchor| place(*q - *anchor))).collect();
+    let anchors = &turned[..ANCHORS.min(turned.len())];
+    let of_point = |q: &DVec3| -> Vec<Place> { anchors.iter().filter_map(|anchor| place(*q - *anchor)).collect() };
+    let all: Vec<Place> = scene.par_iter().flat_map_iter(of_point).collect();
     let mut best: BTreeMap<[i64; 3], Place> = BTreeMap::new();
     for new in all {
-        let key = (new.pose.translation / (2.0 * field.cell())).round().to_array().map(|c| c as i64);
+        let key = (new.pose.translation / field.cell()).round().to_array().map(|c| c as i64);
         let old = best.entry(key).or_insert(new);
         if new.score > old.score {
             *old = new;
@@ -112,18 +107,37 @@ fn of_turn(field: &Field, scene: &[DVec3], points: &[DVec3], (rotation, scale): 
     best.into_values().collect()
 }
 
+/// The mean of the field at points moved by a shift, all in cells; `None` as soon as it is too low.
+fn average(field: &Field, points: &[Vec3], shift: Vec3) -> Option<f32> {
+    let (mut sum, mut count) = (0.0, 0);
+    for (end, least) in LOOKED_UP {
+        let end = end.min(points.len());
+        sum += points[count..end].iter().map(|p| field.at(*p + shift)).sum::<f32>();
+        count = end;
+        if sum < least * count as f32 {
+            return None;
+        }
+    }
+    Some(sum / count as f32)
+}
+
 /// The best, without those that are like a better one.
 pub(super) fn distinct(mut all: Vec<Place>, same: f64, most: usize) -> Vec<Place> {
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut out: Vec<Place> = Vec::new();
+    let mut kept: HashMap<IVec3, Vec<usize>> = HashMap::new();
     for new in all {
-        let near = |old: &&Place| old.pose.translation.distance(new.pose.translation) < same;
+        let cell = (new.pose.translation / same).floor().as_ivec3();
+        let around = (0..27).filter_map(|k| kept.get(&(cell + IVec3::new(k % 3, k / 3 % 3, k / 9) - 1)));
         let (mut like, mut turns) = (false, 0);
-        for old in out.iter().filter(near) {
-            turns += 1;
-            like |= old.pose.angle_to(&new.pose) < SAME_TURN;
+        for old in around.flatten().map(|i| &out[*i].pose) {
+            if old.translation.distance(new.pose.translation) < same {
+                turns += 1;
+                like |= old.angle_to(&new.pose) < SAME_TURN;
+            }
         }
         if !like && turns < TURNS_PER_PLACE {
+            kept.entry(cell).or_default().push(out.len());
             out.push(new);
             if out.len() == most {
                 break;
@@ -137,14 +151,14 @@ pub(super) fn distinct(mut all: Vec<Place>, same: f64, most: usize) -> Vec<Place
 fn judged(selected: &Selected, scene: &[DVec3], places: Vec<Place>) -> Vec<Place> {
     let surface = &selected.surface;
     let own = Field::new(&surface.levels[BASE].positions, CELL_VOXELS * surface.voxel());
-    let reach = 0.5 * selected.object_box.size.length();
+    let reach = 0.5 * selected.domain.size.length();
     let judge = |place: Place| {
         let pose = place.pose;
-        let middle = pose.apply(selected.object_box.center);
+        let middle = pose.apply(selected.domain.center);
         let near = scene.iter().filter(|q| q.distance_squared(middle) < (reach * pose.scale).powi(2));
         let inside: Vec<DVec3> = near.map(|q| pose.apply_inverse(*q)).filter(|p| selected.holds(*p)).collect();
-        let explained = inside.iter().map(|p| f64::from(own.at(*p))).sum::<f64>() / inside.len().max(1) as f64;
-        Place { score: place.score * explained, ..place }
+        let explained = inside.iter().map(|p| f64::from(own.at(own.in_cells(*p)))).sum::<f64>();
+        Place { score: place.score * explained / inside.len().max(1) as f64, ..place }
     };
     places.into_par_iter().map(judge).collect()
 }

@@ -12,25 +12,27 @@ use crate::register::options::RegisterOptions;
 use crate::register::sample::{BASE, Disc, FEW_GAUSSIANS, ObjectSurface, SAMPLES, disc, discs, drawn, extents_of};
 use crate::register::sample::{is_opaque, relaxed};
 use crate::register::surface::Surface;
-use crate::scene::{Gaussians, ObjectBox};
+use crate::scene::ObjectBox;
 
 /// An axis of the box counts as up if it is within this angle of the pictures' up, radians (25 degrees): that is some
 /// degrees off, or more where all cameras look down.
 const BOX_UPRIGHT: f64 = 0.44;
 /// Where the ground around the object is looked for: up to this many times the distance of the box's corners from its
 /// axis, and this part of its height above and below its bottom.
-const AROUND: f64 = 1.6;
+pub(super) const AROUND: f64 = 1.6;
 const NEAR_BOTTOM: f64 = 0.25;
 /// A layer as thick as this part of the box's height that holds this part of all that is around the bottom, in so many of
 /// eight directions, is what the object stands on. A wall that a window is in fills the height evenly.
 const LAYER: f64 = 0.06;
 const LAYER_PART: f64 = 0.4;
 const SECTORS: usize = 8;
-const LAYER_SECTORS: usize = 4;
+const LAYER_SECTORS: usize = 6;
 /// Fewest Gaussians of it.
 const LAYER_GAUSSIANS: usize = 6;
 /// Of the object is what is this part of its height above the middle of the layer.
 const ABOVE: f64 = 0.04;
+/// Where sizes are free, this many times the box must be explained: a small crown lies well inside of a large one.
+const SURROUNDINGS: f64 = 1.35;
 /// Points drawn on the scene for each that is drawn on the object: the search needs fewer.
 const SCENE_DENSITY: f64 = 0.7;
 /// Most points of the scene.
@@ -51,12 +53,16 @@ pub(super) struct Selected {
     pub support: Option<f64>,
     /// The box, local.
     pub object_box: ObjectBox,
+    /// What is in here, local, should be the object's: the box, or more of the surroundings where sizes are free.
+    pub domain: ObjectBox,
+    /// Middles of opaque Gaussians of any size, local: what things stand on.
+    pub ground: Vec<DVec3>,
 }
 
 impl Selected {
-    /// True for local points of the selected object's frame that are in its box and above what it stands on.
+    /// True for local points of the selected object's frame that should be its own: around it and above what it stands on.
     pub(super) fn holds(&self, p: DVec3) -> bool {
-        self.support.is_none_or(|height| self.up.dot(p) > height) && self.object_box.contains(p)
+        self.support.is_none_or(|height| self.up.dot(p) > height) && self.domain.contains(p)
     }
 }
 
@@ -72,7 +78,9 @@ pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<S
     let opaque: Vec<u32> =
         (0..cloud.len() as u32).filter(|&i| is_opaque(cloud, i as usize, 0.5 * surfaces.min_opacity)).collect();
     let place = |i: u32| widened(cloud.means[i as usize]);
-    let support = support(cloud, &opaque, object, up, surfaces.min_opacity);
+    let ground: Vec<DVec3> =
+        opaque.iter().filter(|&&i| is_opaque(cloud, i as usize, surfaces.min_opacity)).map(|&i| place(i)).collect();
+    let support = support(&ground, object, up);
     let is_own = |&i: &u32| object.contains(place(i)) && support.is_none_or(|height| up.dot(place(i)) > height);
     let own: Vec<u32> = opaque.iter().copied().filter(is_own).collect();
     let surface = ObjectSurface::new((object.id, &own), cloud, cameras, surfaces)
@@ -82,7 +90,10 @@ pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<S
     let scene = scene_surface(input, (&own, &opaque), &surface, &limits);
     let support = support.map(|height| height - up.dot(surface.centroid));
     let object_box = ObjectBox { center: object.center - surface.centroid, ..object.clone() };
-    Ok(Selected { surface, scene, up, support, object_box })
+    let wider = if options.min_scale < 1.0 { SURROUNDINGS } else { 1.0 };
+    let domain = ObjectBox { size: object_box.size * wider, ..object_box.clone() };
+    let ground = ground.into_iter().map(|p| p - surface.centroid).collect();
+    Ok(Selected { surface, scene, up, support, object_box, domain, ground })
 }
 
 /// What is up.
@@ -99,17 +110,20 @@ pub(super) fn half_extent(object: &ObjectBox, direction: DVec3) -> f64 {
     0.5 * (object.world_from_box.inverse() * direction).abs().dot(object.size)
 }
 
+/// The largest level distance of a corner of a box from its middle.
+pub(super) fn level_reach(object: &ObjectBox, up: DVec3) -> f64 {
+    object.corners().iter().map(|c| (*c - object.center).reject_from(up).length()).fold(0.0, f64::max)
+}
+
 /// The height along `up` (world) from which on Gaussians are the object's; `None` if it stands on nothing.
-fn support(cloud: &Gaussians, opaque: &[u32], object: &ObjectBox, up: DVec3, min_opacity: f64) -> Option<f64> {
+fn support(ground: &[DVec3], object: &ObjectBox, up: DVec3) -> Option<f64> {
     let half_height = half_extent(object, up);
     let height = 2.0 * half_height;
     let bottom = up.dot(object.center) - half_height;
-    let reach =
-        AROUND * object.corners().iter().map(|c| (*c - object.center).reject_from(up).length()).fold(0.0, f64::max);
+    let reach = AROUND * level_reach(object, up);
     let (side, front) = up.any_orthonormal_pair();
     let mut around: Vec<(f64, usize)> = Vec::new();
-    for &i in opaque.iter().filter(|&&i| is_opaque(cloud, i as usize, min_opacity)) {
-        let p = widened(cloud.means[i as usize]);
+    for &p in ground {
         let level = up.dot(p) - bottom;
         let away = (p - object.center).reject_from(up);
         if level.abs() < NEAR_BOTTOM * height && away.length() < reach && !object.contains(p) {
