@@ -12,6 +12,7 @@ mod edit_flags;
 mod error;
 mod eval;
 mod export;
+mod find;
 mod info;
 mod inspect;
 mod inspect_file;
@@ -68,6 +69,7 @@ enum Command {
     Segment(stages::segment::SegmentArgs),
     Register(stages::register::RegisterArgs),
     Merge(stages::merge::MergeArgs),
+    Find(find::FindArgs),
 }
 
 const SUCCESS: u8 = 0;
@@ -114,6 +116,7 @@ impl Command {
             Self::Segment(args) => args.json,
             Self::Register(args) => args.json,
             Self::Merge(args) => args.json,
+            Self::Find(args) => args.json,
         }
     }
 }
@@ -136,6 +139,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Segment(args) => stages::segment::run(args, &cli.device, printer),
         Command::Register(args) => stages::register::run(args, &cli.device, printer),
         Command::Merge(args) => stages::merge::run(args, printer),
+        Command::Find(args) => find::run(args, printer),
     }
 }
 

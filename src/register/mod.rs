@@ -66,6 +66,7 @@ mod color;
 mod compare;
 mod decide;
 pub mod error;
+pub mod find;
 mod fpfh;
 mod global;
 mod groups;
@@ -88,6 +89,9 @@ pub mod verify;
 pub use crate::scene::up_direction;
 pub use check::{Agreement, PoseCheck};
 pub use error::RegisterError;
+pub use find::{
+    Against, FindError, FindInput, FindOptions, FindProgress, Found, FoundObject, RejectedPlace, find_alike,
+};
 pub use groups::{RegisterInput, Registered, register};
 pub use options::RegisterOptions;
 pub use report::{InstanceRegistration, Verdict};

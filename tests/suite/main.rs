@@ -26,8 +26,8 @@ mod cli_train;
 mod consensus;
 #[cfg(feature = "onnx")]
 mod detect;
-#[cfg(feature = "onnx")]
 mod detect_runs;
+mod find;
 mod golden_gradients;
 mod golden_reference;
 mod gradients;

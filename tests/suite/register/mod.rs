@@ -1,7 +1,7 @@
 //! Poses found on clouds of known scenes: points of the true surfaces that cameras see stand in for a trained cloud.
 
 mod coarse;
-mod labelled;
+pub(crate) mod labelled;
 mod score;
 
 use std::collections::BTreeMap;

@@ -1,0 +1,209 @@
+//! `instgs-vk find`: one object selected by a box, and all that are shaped like it.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use super::args::{SplitArg, create_folder, open_scene};
+use super::error::CliError;
+use super::printer::Printer;
+use super::table::Table;
+use crate::io::{IoError, read_boxes, read_groups, write_boxes};
+use crate::register::find::Against;
+use crate::register::{FindInput, FindOptions, Found, FoundObject, find_alike};
+use crate::scene::{Boxes, Camera, ObjectBox};
+
+/// Finds the repetitions of one object in a trained plain cloud, without masks.
+///
+/// The object is selected by a 3D box that holds it whole and little else; the ground below it does not matter. What is
+/// shaped like it, turned about the vertical, is found wherever it stands. The output has the selected box and one for each
+/// repetition.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk find --scene runs/cars/point_cloud.ply --data cars --boxes one.json --out all.json\n  \
+    instgs-vk find --scene orchard.ply --boxes one.json --out all.json --similarity --against orchard/groups.json\n\n\
+    one.json: {\"objects\": [{\"id\": 1, \"category\": \"car\", \"center\": [0, 0, 1], \"size\": [2, 4, 1.5]}]}")]
+pub(super) struct FindArgs {
+    /// Scene; its instances are expanded
+    #[arg(long, value_name = "PLY")]
+    scene: PathBuf,
+    /// File with the box of the selected object
+    #[arg(long, value_name = "one.json")]
+    boxes: PathBuf,
+    /// Which of the file's objects, by id; needed if it has several
+    #[arg(long, value_name = "ID")]
+    object: Option<u32>,
+    /// Dataset folder: its training views say what is up [default: the box's third axis is]
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// File of boxes to write
+    #[arg(long, value_name = "all.json")]
+    out: PathBuf,
+    /// Repetitions may be of half to twice the size
+    #[arg(long)]
+    similarity: bool,
+    /// True groups, to count what is right
+    #[arg(long, value_name = "groups.json")]
+    against: Option<PathBuf>,
+    /// Report as JSON on stdout
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// What is printed with `--json`.
+#[derive(serde::Serialize)]
+struct Report<'a> {
+    scene: &'a Path,
+    out: &'a Path,
+    selected: u32,
+    gaussians: usize,
+    objects: Vec<ObjectReport>,
+    rejected: Vec<RejectedReport<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    against: Option<Against>,
+    seconds: f64,
+}
+
+#[derive(serde::Serialize)]
+struct ObjectReport {
+    id: u32,
+    inliers: f64,
+    explained: f64,
+    rmse: f64,
+    score: f64,
+    /// From the selected object, scene units.
+    distance: f64,
+    /// 3x4, rows: the selected object's place to this one's.
+    world_from_selected: [[f32; 4]; 3],
+}
+
+#[derive(serde::Serialize)]
+struct RejectedReport<'a> {
+    center: [f64; 3],
+    score: f64,
+    reason: &'a str,
+}
+
+pub(super) fn run(args: &FindArgs, printer: &Printer) -> Result<(), CliError> {
+    let begin = std::time::Instant::now();
+    let boxes = read_boxes(&args.boxes)?;
+    let selected = args.selected(&boxes)?;
+    let groups = args.against.as_deref().map(read_groups).transpose()?;
+    let cameras = args.cameras()?;
+    let cloud = open_scene(&args.scene, printer)?.scene.flatten();
+    if let Some(folder) = args.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+        create_folder(folder)?;
+    }
+    let min_scale = if args.similarity { FindOptions::SIMILAR } else { 1.0 };
+    let options = FindOptions { min_scale, ..FindOptions::default() };
+    let input = FindInput { cloud: &cloud, cameras: &cameras, object: selected, up: None };
+    let mut bar = None;
+    let mut told = |at: crate::register::FindProgress| {
+        let bar = bar.get_or_insert_with(|| printer.progress("find", at.total as u64));
+        bar.advance_to(at.done as u64, "");
+        ControlFlow::Continue(())
+    };
+    let found = find_alike(&input, &options, &mut told)
+        .map_err(|e| CliError::Other(format!("{}: {e}", args.boxes.display())))?;
+    drop(bar);
+    write_boxes(&args.out, &with_repetitions(selected, &found))?;
+    let against = groups.as_deref().and_then(|groups| found.against(selected, groups));
+    if found.objects.is_empty() {
+        printer.warning(format_args!("nothing else is shaped like object {}", selected.id));
+    }
+    if args.json {
+        return printer.json(&args.report(selected, &found, against, begin.elapsed().as_secs_f64()));
+    }
+    printer.line(table(selected, &found.objects));
+    if let Some(Against { right, found, all, precision, recall, .. }) = against {
+        printer.line(format_args!(
+            "precision {precision:.3} ({right} of {found} found), recall {recall:.3} ({right} of {all} true)"
+        ));
+    }
+    printer.line(format_args!("{}: {} objects", args.out.display(), 1 + found.objects.len()));
+    Ok(())
+}
+
+impl FindArgs {
+    /// The box that selects.
+    fn selected<'a>(&self, boxes: &'a Boxes) -> Result<&'a ObjectBox, CliError> {
+        let fail = |what: String, advice: &str| Err(IoError::new(&self.boxes, what).advise(advice).into());
+        match (self.object, boxes.objects.as_slice()) {
+            (_, []) => fail("has no box in the world".into(), "objects are needed, with center and size"),
+            (None, [one]) => Ok(one),
+            (None, all) => fail(format!("has {} objects", all.len()), "choose one with --object ID"),
+            (Some(id), all) => match all.iter().find(|object| object.id == id) {
+                Some(object) => Ok(object),
+                None => {
+                    let ids: Vec<String> = all.iter().map(|object| object.id.to_string()).collect();
+                    fail(format!("has no object {id}"), &format!("it has {}", ids.join(", ")))
+                }
+            },
+        }
+    }
+
+    /// The training views of the dataset, if one is given.
+    fn cameras(&self) -> Result<Vec<Camera>, CliError> {
+        let Some(data) = &self.data else { return Ok(Vec::new()) };
+        Ok(SplitArg::Train.views(data)?.into_iter().map(|view| view.camera).collect())
+    }
+
+    fn report<'a>(
+        &'a self,
+        selected: &ObjectBox,
+        found: &'a Found,
+        against: Option<Against>,
+        seconds: f64,
+    ) -> Report<'a> {
+        let object = |o: &FoundObject| ObjectReport {
+            id: o.object.id,
+            inliers: o.inliers,
+            explained: o.explained,
+            rmse: o.rmse,
+            score: o.score,
+            distance: o.object.center.distance(selected.center),
+            world_from_selected: o.world_from_selected.rows(),
+        };
+        let rejected = found.rejected.iter().map(|place| RejectedReport {
+            center: place.center.to_array(),
+            score: place.score,
+            reason: &place.reason,
+        });
+        Report {
+            scene: &self.scene,
+            out: &self.out,
+            selected: selected.id,
+            gaussians: found.gaussians,
+            objects: found.objects.iter().map(object).collect(),
+            rejected: rejected.collect(),
+            against,
+            seconds,
+        }
+    }
+}
+
+/// The selected box and the found ones.
+fn with_repetitions(selected: &ObjectBox, found: &Found) -> Boxes {
+    let mut objects = vec![selected.clone()];
+    objects.extend(found.objects.iter().map(|o| o.object.clone()));
+    objects.sort_by_key(|object| object.id);
+    Boxes { objects, views: Default::default() }
+}
+
+/// One row a repetition.
+fn table(selected: &ObjectBox, objects: &[FoundObject]) -> Table {
+    let mut table = Table::default();
+    table.row(["id", "inliers", "RMSE", "distance", "score"].map(String::from));
+    for o in objects {
+        let distance = o.object.center.distance(selected.center);
+        table.row([
+            o.object.id.to_string(),
+            format!("{:.3}", o.inliers),
+            format!("{:.4}", o.rmse),
+            format!("{distance:.2}"),
+            format!("{:.3}", o.score),
+        ]);
+    }
+    table
+}

@@ -1,0 +1,92 @@
+//! Which of the refined places are repetitions.
+
+use glam::DVec3;
+
+use super::refine::{Candidate, explained};
+use super::select::{AROUND, Selected, half_extent, level_reach};
+use super::{FindOptions, Found, FoundObject, RejectedPlace, moved_box, world_map};
+use crate::register::pose::Pose;
+use crate::scene::ObjectBox;
+
+/// A place of whose points more than this part are those of better ones is theirs.
+const TAKEN: f64 = 0.35;
+/// A pose that tilts the object by more than this is none, radians (20 degrees).
+const MOST_TILT: f64 = 0.35;
+
+/// An object stands if so many Gaussians are around its bottom, within this part of its height above or below it.
+const STANDING_GAUSSIANS: usize = 3;
+const STANDS: f64 = 0.1;
+
+/// Decides.
+pub(super) fn decide(
+    selected: &Selected,
+    object: &ObjectBox,
+    mut candidates: Vec<Candidate>,
+    options: &FindOptions,
+) -> Found {
+    let surface = &selected.surface;
+    let origin = surface.centroid;
+    candidates.sort_by(|a, b| b.agreement.score().total_cmp(&a.agreement.score()));
+    let mut taken = vec![false; selected.scene.len()];
+    explained(selected, &Pose::IDENTITY).into_iter().for_each(|i| taken[i as usize] = true);
+    let (mut objects, mut rejected) = (Vec::new(), Vec::new());
+    for Candidate { pose, agreement, own } in candidates {
+        let moved = moved_box(object, &pose, origin, free_id(object.id, objects.len()));
+        let of_others = own.iter().filter(|i| taken[**i as usize]).count();
+        if of_others as f64 > TAKEN * own.len() as f64 {
+            continue;
+        }
+        own.iter().for_each(|i| taken[*i as usize] = true);
+        let score = agreement.score();
+        let least = objects.first().map_or(options.min_score, |o: &FoundObject| options.min_relative * o.score);
+        let tilt = (pose.rotation * selected.up).angle_between(selected.up);
+        let reason = if score < least {
+            let (found, explained) = (100.0 * agreement.inliers, 100.0 * agreement.explained);
+            Some(format!("{found:.0} % of the object found, {explained:.0} % of what is there explained"))
+        } else if tilt > MOST_TILT {
+            Some(format!("tilted by {:.0} degrees", tilt.to_degrees()))
+        } else {
+            not_standing(selected, &pose)
+        };
+        match reason {
+            Some(reason) => rejected.push(RejectedPlace { center: moved.center, score, reason }),
+            None => objects.push(FoundObject {
+                object: moved,
+                world_from_selected: world_map(&pose, origin),
+                inliers: agreement.inliers,
+                explained: agreement.explained,
+                rmse: agreement.rmse,
+                score,
+                note: String::new(),
+            }),
+        }
+    }
+    Found { objects, rejected, gaussians: surface.gaussians, on_support: selected.support.is_some(), up: selected.up }
+}
+
+/// Why an object does not stand where it is as the selected one stands; `None` if it does.
+fn not_standing(selected: &Selected, pose: &Pose) -> Option<String> {
+    let height = selected.support? * pose.scale;
+    let there = moved_box(&selected.object_box, pose, DVec3::ZERO, 1);
+    let level = selected.up.dot(pose.translation) + height;
+    let off = STANDS * 2.0 * half_extent(&there, selected.up);
+    let reach = AROUND * level_reach(&there, selected.up);
+    let is_below = |p: &&DVec3| {
+        (selected.up.dot(**p) - level).abs() < off && (**p - there.center).reject_from(selected.up).length() < reach
+    };
+    let count = selected.ground.iter().filter(is_below).take(STANDING_GAUSSIANS).count();
+    (count < STANDING_GAUSSIANS).then(|| "there is nothing it could stand on".into())
+}
+
+/// The smaller of a box's edges that are not its height: of the two that are not the most upright.
+pub(super) fn smaller_level_edge(object: &ObjectBox, up: DVec3) -> f64 {
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (object.world_from_box * axis).dot(up).abs());
+    let upright = (0..3).max_by(|&a, &b| axes[a].total_cmp(&axes[b])).unwrap_or(2);
+    (0..3).filter(|k| *k != upright).map(|k| object.size[k]).fold(f64::INFINITY, f64::min)
+}
+
+/// The id of the k-th repetition: the smallest that neither the selected object nor an earlier one has.
+fn free_id(selected: u32, k: usize) -> u32 {
+    let id = k as u32 + 1;
+    if id < selected { id } else { id + 1 }
+}

@@ -1,0 +1,48 @@
+//! How repetitions are looked for.
+
+use crate::register::error::RegisterError;
+use crate::register::options::RegisterOptions;
+
+/// Options of [`find_alike`](super::find_alike()).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FindOptions {
+    /// Repetitions may be of another size: from this part of the selected one to its inverse. 1 = the same size.
+    pub min_scale: f64,
+    /// The best place must agree this well, both ways, or there is no repetition, 0..=1.
+    pub min_score: f64,
+    /// Others must agree at least this well as a part of the best one's score: how well two objects of a kind agree depends
+    /// on the kind, leaves agree less than cars.
+    pub min_relative: f64,
+    /// How surfaces are made of Gaussians.
+    pub surfaces: RegisterOptions,
+}
+
+impl Default for FindOptions {
+    fn default() -> Self {
+        let surfaces = RegisterOptions { max_relative_scale: 0.1, min_opacity: 0.2, ..RegisterOptions::default() };
+        Self { min_scale: 1.0, min_score: 0.5, min_relative: 0.75, surfaces }
+    }
+}
+
+impl FindOptions {
+    /// Repetitions of about half to twice the size.
+    pub const SIMILAR: f64 = 0.5;
+
+    /// Checks the ranges.
+    pub(super) fn validate(&self) -> Result<(), RegisterError> {
+        self.surfaces.validate()?;
+        let part = |v: f64| v > 0.0 && v <= 1.0;
+        for (option, value, is_right) in [
+            // Below a tenth a scene's every corner is a repetition.
+            ("min_scale", self.min_scale, (0.1..=1.0).contains(&self.min_scale)),
+            ("min_score", self.min_score, part(self.min_score)),
+            ("min_relative", self.min_relative, part(self.min_relative)),
+        ] {
+            if !is_right {
+                let want = if option == "min_scale" { "from 0.1 to 1" } else { "above 0, at most 1" };
+                return Err(RegisterError::Option { option, value, want });
+            }
+        }
+        Ok(())
+    }
+}
