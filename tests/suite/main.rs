@@ -18,6 +18,7 @@ mod cli_instanced;
 mod cli_lod;
 #[cfg(feature = "player")]
 mod cli_player;
+mod cli_player_boxes;
 mod cli_stages;
 mod cli_synth;
 mod cli_train;

@@ -84,6 +84,10 @@ impl Live {
         }
         let click = self.controls.released(button, self.opened.elapsed().as_secs_f64());
         let Some(click) = click else { return Ok(false) };
+        if !click.double && self.boxing.on {
+            self.box_click(click.at_px)?;
+            return Ok(true);
+        }
         if !click.double {
             let instance = self.stage.instance_at(self.in_picture(click.at_px))?;
             self.stage.click(instance, self.controls.shift);
@@ -137,11 +141,15 @@ impl Live {
             KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
             KeyCode::Escape if self.drop_grip()? => {}
             KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
-            KeyCode::Escape if self.stage.editor().is_unsaved() && !self.warned => {
+            KeyCode::Escape if self.is_unsaved() && !self.warned => {
                 self.warned = true;
-                self.hud.message = Some("the changes are not saved: Ctrl+S saves, Escape once more leaves".into());
+                let which =
+                    if self.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
+                self.hud.message = Some(format!("the {which}Ctrl+S saves, Escape once more leaves"));
             }
             KeyCode::Escape => return Ok(After::Quit),
+            KeyCode::KeyB => self.toggle_boxes()?,
+            KeyCode::KeyF => self.find_rest(),
             KeyCode::KeyG => self.stage.choose_alike(),
             KeyCode::KeyH => self.hud.visible = !self.hud.visible,
             KeyCode::KeyR => self.navigator = self.home.clone(),
