@@ -66,6 +66,7 @@ mod color;
 mod compare;
 mod decide;
 pub mod error;
+pub mod find;
 mod fpfh;
 mod global;
 mod groups;
@@ -87,6 +88,7 @@ pub mod verify;
 
 pub use check::{Agreement, PoseCheck};
 pub use error::RegisterError;
+pub use find::{FindError, FindInput, FindOptions, FindProgress, Found, FoundObject, RejectedPlace, find_alike};
 pub use groups::{RegisterInput, Registered, register};
 pub use normals::up_direction;
 pub use options::RegisterOptions;

@@ -16,7 +16,7 @@ use crate::math::sh::{SH_C0, widened};
 use crate::scene::{Camera, Gaussians};
 
 /// Points drawn on an object: three or four to each voxel of the finest level, for whose mean they are.
-const SAMPLES: usize = 6000;
+pub(super) const SAMPLES: usize = 6000;
 /// Gaussians reach this many deviations from their middle: most of what a picture shows of them.
 const REACH: f64 = 1.5;
 /// Gaussians this many times farther from their neighbours than the median one are strays.
@@ -28,7 +28,7 @@ const FARTHEST: f32 = 1e15;
 /// Fewer Gaussians of a surface fix no pose: as many points as a coarse level has.
 pub const MIN_SURFACE_GAUSSIANS: usize = 24;
 /// Of objects with fewer, opacities may be lower and sizes larger by a factor: better a blurred surface than none.
-const FEW_GAUSSIANS: usize = 40;
+pub(super) const FEW_GAUSSIANS: usize = 40;
 /// That factor.
 const RELAXED: f64 = 2.0;
 /// Voxels of the levels, as parts of the base voxel; coarse to fine.
@@ -65,14 +65,16 @@ pub(super) struct ObjectSurface {
 }
 
 /// One opaque Gaussian of an object.
-struct Disc {
-    position: DVec3,
+pub(super) struct Disc {
+    /// World.
+    pub position: DVec3,
     /// Deviation vectors along the two longer axes.
     axes: [DVec3; 2],
     /// Its length says how flat the Gaussian is.
     normal: DVec3,
     color: DVec3,
-    weight: f64,
+    /// Opacity times area.
+    pub weight: f64,
 }
 
 impl ObjectSurface {
@@ -87,7 +89,8 @@ impl ObjectSurface {
         if discs.len() < MIN_SURFACE_GAUSSIANS {
             return Err(format!("only {} of its Gaussians are opaque, small and not astray", discs.len()));
         }
-        let mut samples = drawn(&discs, Rng::new(options.seed).fork(u64::from(id)));
+        let step = discs.iter().map(|d| d.weight).sum::<f64>() / SAMPLES as f64;
+        let mut samples = drawn(&discs, step, Rng::new(options.seed).fork(u64::from(id)));
         // The centroid of the voxels, so that it does not depend on where Gaussians are dense.
         let places: Vec<DVec3> = samples.iter().map(|s| s.position).collect();
         let rough = Surface::new(&samples, extents_of(&places).length() / options.voxels_per_size);
@@ -144,22 +147,22 @@ fn enough_discs(
     if strict.len() >= FEW_GAUSSIANS {
         return (strict.len(), strict);
     }
-    let relaxed = RegisterOptions {
+    (strict.len(), discs(cloud, indices, cameras, &relaxed(options)))
+}
+
+/// The options for objects of fewer Gaussians than are enough.
+pub(super) fn relaxed(options: &RegisterOptions) -> RegisterOptions {
+    RegisterOptions {
         min_opacity: options.min_opacity / RELAXED,
         max_relative_scale: options.max_relative_scale * RELAXED,
         ..*options
-    };
-    (strict.len(), discs(cloud, indices, cameras, &relaxed))
+    }
 }
 
 /// The Gaussians that are opaque and small enough.
-fn discs(cloud: &Gaussians, indices: &[u32], cameras: &[Camera], options: &RegisterOptions) -> Vec<Disc> {
-    let opaque = |i: &&u32| {
-        let i = **i as usize;
-        let is_placed = cloud.is_finite(i) && cloud.means[i].iter().all(|v| v.abs() < FARTHEST);
-        is_placed && sigmoid(f64::from(cloud.opacity_logits[i])) > options.min_opacity
-    };
-    let kept: Vec<u32> = indices.iter().filter(opaque).copied().collect();
+pub(super) fn discs(cloud: &Gaussians, indices: &[u32], cameras: &[Camera], options: &RegisterOptions) -> Vec<Disc> {
+    let kept: Vec<u32> =
+        indices.iter().copied().filter(|&i| is_opaque(cloud, i as usize, options.min_opacity)).collect();
     let kept = without_strays(cloud, kept);
     let means: Vec<DVec3> = kept.iter().map(|&i| widened(cloud.means[i as usize])).collect();
     let size = extents_of(&means).length();
@@ -168,8 +171,14 @@ fn discs(cloud: &Gaussians, indices: &[u32], cameras: &[Camera], options: &Regis
     kept.iter().filter_map(disc).collect()
 }
 
-/// `None` if its largest deviation is above the limit.
-fn disc(cloud: &Gaussians, i: usize, viewers: &Viewers, max_scale: f64) -> Option<Disc> {
+/// True for finite Gaussians of a higher opacity that are not beyond all distances.
+pub(super) fn is_opaque(cloud: &Gaussians, i: usize, min_opacity: f64) -> bool {
+    let is_placed = cloud.is_finite(i) && cloud.means[i].iter().all(|v| v.abs() < FARTHEST);
+    is_placed && sigmoid(f64::from(cloud.opacity_logits[i])) > min_opacity
+}
+
+/// A Gaussian; `None` if its largest deviation is above the limit.
+pub(super) fn disc(cloud: &Gaussians, i: usize, viewers: &Viewers, max_scale: f64) -> Option<Disc> {
     let rotation = rotation_from_quat(cloud.quats[i].map(f64::from));
     let mut axes = [0, 1, 2].map(|k| (f64::from(cloud.log_scales[i][k]).exp(), rotation.col(k)));
     axes.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -204,10 +213,8 @@ fn without_strays(cloud: &Gaussians, indices: Vec<u32>) -> Vec<u32> {
     indices.into_iter().zip(spacings).filter(|&(_, spacing)| spacing <= limit).map(|(i, _)| i).collect()
 }
 
-/// Points on the discs, evenly by opacity times area.
-fn drawn(discs: &[Disc], mut rng: Rng) -> Vec<Sample> {
-    let total: f64 = discs.iter().map(|d| d.weight).sum();
-    let step = total / SAMPLES as f64;
+/// Points on the discs, evenly by opacity times area: one for each `step` of it, or one a disc if that is 0.
+pub(super) fn drawn(discs: &[Disc], step: f64, mut rng: Rng) -> Vec<Sample> {
     let mut out = Vec::with_capacity(SAMPLES + discs.len());
     let mut left = 0.0;
     for disc in discs {
@@ -225,7 +232,7 @@ fn drawn(discs: &[Disc], mut rng: Rng) -> Vec<Sample> {
 }
 
 /// Edges, ascending, of a box with the points' moments: an edge L has the variance L^2 / 12.
-fn extents_of(points: &[DVec3]) -> DVec3 {
+pub(super) fn extents_of(points: &[DVec3]) -> DVec3 {
     DVec3::from_array(symmetric_eigen(covariance(points)).map(|(value, _)| (12.0 * value.max(0.0)).sqrt()))
 }
 

@@ -1,0 +1,43 @@
+//! How repetitions are looked for.
+
+use crate::register::error::RegisterError;
+use crate::register::options::RegisterOptions;
+
+/// Options of [`find_alike`](super::find_alike()).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FindOptions {
+    /// Repetitions may be of another size: from this part of the selected one to its inverse. 1 = the same size.
+    pub min_scale: f64,
+    /// Agreement both ways from which on a place is a repetition, as a part of the object's agreement with itself.
+    pub min_score: f64,
+    /// How surfaces are made of Gaussians.
+    pub surfaces: RegisterOptions,
+}
+
+impl Default for FindOptions {
+    fn default() -> Self {
+        Self { min_scale: 1.0, min_score: 0.6, surfaces: RegisterOptions::default() }
+    }
+}
+
+impl FindOptions {
+    /// Repetitions of about half to twice the size.
+    pub const SIMILAR: f64 = 0.5;
+
+    /// Checks the ranges.
+    pub(super) fn validate(&self) -> Result<(), RegisterError> {
+        self.surfaces.validate()?;
+        let part = |v: f64| v > 0.0 && v <= 1.0;
+        for (option, value, is_right) in [
+            // Below a tenth a scene's every corner is a repetition.
+            ("min_scale", self.min_scale, (0.1..=1.0).contains(&self.min_scale)),
+            ("min_score", self.min_score, part(self.min_score)),
+        ] {
+            if !is_right {
+                let want = if option == "min_scale" { "from 0.1 to 1" } else { "above 0, at most 1" };
+                return Err(RegisterError::Option { option, value, want });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,179 @@
+//! Places refined: closest points both ways, and how well the object and what is there agree.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::search::{Place, distinct};
+use super::select::Selected;
+use super::{FindError, FindOptions, Steps};
+use crate::register::icp::INLIER_VOXELS;
+use crate::register::pose::{Pair, Pose, best_pose};
+use crate::register::sample::{BASE, FINE};
+use crate::register::surface::Surface;
+
+/// Points farther apart than this are no pair, base voxels: from far to near.
+const REACHES: [f64; 12] = [6.0, 6.0, 5.0, 4.0, 3.0, 3.0, 2.5, 2.0, 2.0, 1.5, 1.5, 1.5];
+/// Steps of these that go with fewer points, to choose the places that go on.
+const COARSE: usize = 6;
+/// Places that go on.
+const MOST_FINE: usize = 100;
+/// Places nearer than this part of the object's size are one then.
+const SAME_PLACE: f64 = 0.1;
+/// Steps that the caller is told of: blocks of places.
+const BLOCKS: usize = 10;
+pub(super) const STEPS: usize = 2 * BLOCKS;
+
+/// A refined place.
+#[derive(Clone, Debug)]
+pub(super) struct Candidate {
+    /// From the object to the scene, local frame.
+    pub pose: Pose,
+    /// How they agree there.
+    pub agreement: Agreement,
+    /// Points of the scene that are the object's there, ascending.
+    pub own: Vec<u32>,
+}
+
+/// How the object and what is in its box at a place agree.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Agreement {
+    /// Part of the object's points that are found.
+    pub inliers: f64,
+    /// Part of the points in the box that are the object's.
+    pub explained: f64,
+    /// Root mean square distance of the object's points that are found, scene units.
+    pub rmse: f64,
+}
+
+impl Agreement {
+    /// Both in one number, 0..=1: the smaller part counts most.
+    pub(super) fn score(&self) -> f64 {
+        let sum = self.inliers + self.explained;
+        if sum > 0.0 { 2.0 * self.inliers * self.explained / sum } else { 0.0 }
+    }
+}
+
+/// Refines places.
+pub(super) fn refined(
+    selected: &Selected,
+    places: Vec<Place>,
+    options: &FindOptions,
+    steps: &mut Steps<'_, '_>,
+) -> Result<Vec<Candidate>, FindError> {
+    let allow_scale = options.min_scale < 1.0;
+    let surface = &selected.surface;
+    let thin = Surface::new(&selected.scene.samples(), surface.levels[BASE - 1].voxel);
+    let coarse = |place: &Place| {
+        let level = (&surface.levels[BASE - 1].positions[..], &thin.positions[..]);
+        let pose = settled(selected, level, place.pose, &REACHES[..COARSE], allow_scale);
+        Place { pose, score: agreement(selected, level, &pose).score() }
+    };
+    let found = in_blocks(&places, coarse, steps)?;
+    let found = distinct(found, SAME_PLACE * surface.size, MOST_FINE);
+    let fine = |place: &Place| {
+        let level = (&surface.levels[BASE].positions[..], &selected.scene.positions[..]);
+        let pose = settled(selected, level, place.pose, &REACHES[COARSE..], allow_scale);
+        Candidate { pose, agreement: agreement(selected, level, &pose), own: explained(selected, &pose) }
+    };
+    in_blocks(&found, fine, steps)
+}
+
+/// All of them, block by block.
+fn in_blocks<T: Send>(
+    places: &[Place],
+    of: impl Fn(&Place) -> T + Sync,
+    steps: &mut Steps<'_, '_>,
+) -> Result<Vec<T>, FindError> {
+    let mut out = Vec::with_capacity(places.len());
+    for block in 0..BLOCKS {
+        let part = block * places.len() / BLOCKS..(block + 1) * places.len() / BLOCKS;
+        out.par_extend(places[part].par_iter().map(&of));
+        steps.advance()?;
+    }
+    Ok(out)
+}
+
+/// Steps to the closest points, both ways. `level` is points of the object and of the scene.
+fn settled(
+    selected: &Selected,
+    (own, scene): (&[DVec3], &[DVec3]),
+    start: Pose,
+    reaches: &[f64],
+    allow_scale: bool,
+) -> Pose {
+    let mut pose = start;
+    let near = near_box(selected, scene, &pose);
+    for reach in reaches {
+        let reach = reach * selected.surface.voxel() * pose.scale;
+        let mut pairs = Vec::with_capacity(own.len() + near.len());
+        for &from in own {
+            if let Some((j, distance)) = selected.scene.nearest(pose.apply(from))
+                && distance < reach
+            {
+                pairs.push(Pair { from, to: selected.scene.positions[j], weight: 1.0 });
+            }
+        }
+        let model = &selected.surface.levels[FINE];
+        for &to in &near {
+            let p = pose.apply_inverse(to);
+            if selected.holds(p)
+                && let Some((j, distance)) = model.nearest(p)
+                && distance * pose.scale < reach
+            {
+                pairs.push(Pair { from: model.positions[j], to, weight: 1.0 });
+            }
+        }
+        let Some(next) = best_pose(&pairs, allow_scale) else { return pose };
+        pose = next;
+    }
+    pose
+}
+
+/// Points of the scene that are in the moved box or could be after some steps.
+fn near_box(selected: &Selected, scene: &[DVec3], pose: &Pose) -> Vec<DVec3> {
+    let reach = (0.6 * selected.object_box.size.length() * pose.scale).powi(2);
+    let middle = pose.apply(selected.object_box.center);
+    scene.iter().filter(|q| q.distance_squared(middle) < reach).copied().collect()
+}
+
+/// How the object and what is in its moved box agree.
+pub(super) fn agreement(selected: &Selected, (own, scene): (&[DVec3], &[DVec3]), pose: &Pose) -> Agreement {
+    let limit = INLIER_VOXELS * selected.surface.voxel() * pose.scale;
+    let found: Vec<f64> = own
+        .iter()
+        .filter_map(|p| selected.scene.nearest(pose.apply(*p)))
+        .map(|(_, distance)| distance)
+        .filter(|distance| *distance <= limit)
+        .collect();
+    let model = &selected.surface.levels[FINE];
+    let (mut inside, mut explained) = (0, 0);
+    for q in near_box(selected, scene, pose) {
+        let p = pose.apply_inverse(q);
+        if selected.holds(p) {
+            inside += 1;
+            explained += usize::from(model.nearest(p).is_some_and(|n| n.1 * pose.scale <= limit));
+        }
+    }
+    let part = |count: usize, all: usize| count as f64 / all.max(1) as f64;
+    let squares: f64 = found.iter().map(|d| d * d).sum();
+    Agreement {
+        inliers: part(found.len(), own.len()),
+        explained: part(explained, inside),
+        rmse: (squares / found.len().max(1) as f64).sqrt(),
+    }
+}
+
+/// Points of the scene that are the object's at a place, ascending.
+pub(super) fn explained(selected: &Selected, pose: &Pose) -> Vec<u32> {
+    let limit = INLIER_VOXELS * selected.surface.voxel();
+    let reach = (0.6 * selected.object_box.size.length() * pose.scale).powi(2);
+    let middle = pose.apply(selected.object_box.center);
+    let model = &selected.surface.levels[FINE];
+    let is_own = |q: &DVec3| {
+        let p = pose.apply_inverse(*q);
+        selected.holds(p) && model.nearest(p).is_some_and(|n| n.1 <= limit)
+    };
+    let scene = selected.scene.positions.iter().enumerate();
+    let near = scene.filter(|(_, q)| q.distance_squared(middle) < reach);
+    near.filter(|(_, q)| is_own(q)).map(|(i, _)| i as u32).collect()
+}
