@@ -165,7 +165,7 @@ fn chosen(ui: &mut egui::Ui, facts: &Facts<'_>) {
 
 fn set(ui: &mut egui::Ui, settings: Settings<'_>, slabs: u32) {
     let Settings { navigator, show, mode, budget_ms, lod_error_px, boxes } = settings;
-    ui.toggle_value(boxes, "boxes around objects: select one, find the rest (B)");
+    ui.checkbox(boxes, "boxes around objects: select one, find the rest (B)");
     let mut degrees = navigator.fov_y().to_degrees();
     if ui.add(egui::Slider::new(&mut degrees, 5.0..=150.0).text("field of view")).changed() {
         navigator.set_fov_y(degrees.to_radians());

@@ -73,7 +73,8 @@ impl BoxPanel {
     pub(super) fn lay_out(&mut self, ctx: &Context, facts: &BoxFacts<'_>) -> Vec<BoxAction> {
         let mut actions = Vec::new();
         egui::Area::new("boxes hint".into()).anchor(Align2::CENTER_TOP, [0.0, 8.0]).show(ctx, |ui| {
-            egui::Frame::popup(ui.style()).show(ui, |ui| ui.label(hint(facts)));
+            let line = egui::Label::new(hint(facts)).extend();
+            egui::Frame::popup(ui.style()).show(ui, |ui| ui.add(line));
         });
         let corner = ctx.content_rect().right_top() + egui::vec2(-8.0, 48.0);
         egui::Window::new("Boxes").pivot(Align2::RIGHT_TOP).default_pos(corner).resizable(false).show(ctx, |ui| {

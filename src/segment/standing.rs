@@ -36,6 +36,8 @@ const VOTERS: usize = 8;
 const MOST: usize = 200_000;
 /// A piece with more than this part of all that stands is no object but, for instance, a wall.
 const MOST_PART: f64 = 0.5;
+/// A box around what is unclear, in distances from the eye: a sixth of what a picture is high.
+const USUAL_SIZE: f64 = 0.15;
 /// Fewer Gaussians are no object.
 const FEWEST: usize = 12;
 /// Turns of the box that are tried, one per degree; a rectangle is the same after 90.
@@ -57,7 +59,7 @@ pub struct UprightBox {
 pub enum Standing {
     /// An object, and a box around it.
     Object(UprightBox),
-    /// Something that cannot be told from what is around it, and a box of the size that was given.
+    /// Something that cannot be told from what is around it, and a box that one sees well.
     Unclear(UprightBox),
     /// The ground.
     Ground,
@@ -94,8 +96,8 @@ impl Surroundings {
         self.up
     }
 
-    /// What stands at a place of the world; `usual_size` > 0 is for boxes around what is unclear, world units.
-    pub fn at(&self, place: DVec3, usual_size: f64) -> Standing {
+    /// What stands at a place of the world that is seen from `eye`.
+    pub fn at(&self, place: DVec3, eye: DVec3) -> Standing {
         let near = self.set.nearest(place.as_vec3().to_array(), MOST);
         let height = self.ground.map_or(f64::INFINITY, |ground| ground.height(place));
         let distance = near.first().map_or(f64::INFINITY, |n| n.squared_distance.sqrt());
@@ -104,13 +106,15 @@ impl Surroundings {
             return Standing::Ground;
         }
         let points: Vec<[f32; 3]> = near.iter().map(|n| self.positions[n.index as usize]).collect();
-        let unclear = || Standing::Unclear(UprightBox::cube(place, usual_size, self.up));
+        let unclear = || Standing::Unclear(UprightBox::cube(place, USUAL_SIZE * eye.distance(place), self.up));
         let Some((piece, spacing)) = self.piece_around(&points) else { return unclear() };
         if piece.len() < FEWEST || piece.len() as f64 > MOST_PART * self.positions.len() as f64 {
             return unclear();
         }
         let members: Vec<DVec3> = piece.iter().map(|&i| widened(points[i as usize])).collect();
-        Standing::Object(self.box_around(&members, 0.5 * spacing))
+        let found = self.box_around(&members, 0.5 * spacing);
+        // Hills and skies are around everything.
+        if found.contains(eye) { unclear() } else { Standing::Object(found) }
     }
 
     /// What hangs together with the first of some points, and how far apart its points are; `None` without points, and if
@@ -171,6 +175,11 @@ impl Surroundings {
 }
 
 impl UprightBox {
+    fn contains(&self, point_world: DVec3) -> bool {
+        let local = self.world_from_box.inverse() * (point_world - self.center);
+        local.abs().cmple(0.5 * self.size).all()
+    }
+
     /// With six equal faces, around a place.
     fn cube(center: DVec3, edge: f64, up: DVec3) -> Self {
         let side = up.any_orthonormal_vector();
@@ -259,13 +268,13 @@ mod tests {
         ];
         for up in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.2, 0.3, -1.0).normalize()] {
             let turn = DQuat::from_rotation_arc(DVec3::Z, up);
-            let around = Surroundings::new(&cloud(&blocks, up), up);
+            let (around, eye) = (Surroundings::new(&cloud(&blocks, up), up), turn * DVec3::new(0.0, -20.0, 10.0));
             assert!(around.up().dot(up) > 0.9999);
             for &([x, y], size, angle) in &blocks {
                 // The top, and a side near the floor.
                 let side = DQuat::from_rotation_z(angle) * DVec3::new(0.5 * size.x, 0.0, 0.0);
                 for place in [DVec3::new(x, y, 1.0 + size.z), DVec3::new(x, y, 1.02) + side] {
-                    let Standing::Object(found) = around.at(turn * place, 1.0) else { panic!("{place} {up}") };
+                    let Standing::Object(found) = around.at(turn * place, eye) else { panic!("{place} {up}") };
                     let want = turn * DVec3::new(x, y, 1.0 + 0.5 * size.z);
                     assert!(found.center.distance(want) < 0.1, "{place}: {found:?} {want}");
                     let edges = [size.x.max(size.y), size.x.min(size.y), size.z];
@@ -277,7 +286,7 @@ mod tests {
                     assert!((found.world_from_box * DVec3::Z).dot(up) > 0.9999);
                 }
             }
-            assert_eq!(around.at(turn * DVec3::new(-3.0, -3.0, 1.0), 1.0), Standing::Ground);
+            assert_eq!(around.at(turn * DVec3::new(-3.0, -3.0, 1.0), eye), Standing::Ground);
         }
     }
 
@@ -285,10 +294,16 @@ mod tests {
     fn what_cannot_be_told_apart_gets_a_box_of_the_usual_size() {
         // All that stands is one wall.
         let wall = cloud(&[([0.0, 0.0], DVec3::new(8.0, 0.2, 3.0), 0.0)], DVec3::Z);
-        let place = DVec3::new(1.0, 0.1, 2.0);
-        let Standing::Unclear(found) = Surroundings::new(&wall, DVec3::Z).at(place, 0.7) else { panic!() };
-        assert_eq!((found.center, found.size), (place, DVec3::splat(0.7)));
+        let (place, eye) = (DVec3::new(1.0, 0.1, 2.0), DVec3::new(1.0, 4.1, 5.0));
+        let Standing::Unclear(found) = Surroundings::new(&wall, DVec3::Z).at(place, eye) else { panic!() };
+        assert_eq!((found.center, found.size), (place, DVec3::splat(0.75)));
+        // One of three blocks, from inside of it: as hills are around the eye.
+        let block = |x: f64| ([x, 0.0], DVec3::new(2.0, 2.0, 1.0), 0.0);
+        let inside = Surroundings::new(&cloud(&[block(-4.0), block(0.0), block(4.0)], DVec3::Z), DVec3::Z);
+        let wall = DVec3::new(1.0, 0.0, 1.5);
+        assert!(matches!(inside.at(wall, DVec3::new(0.0, 0.0, 1.5)), Standing::Unclear(_)));
+        assert!(matches!(inside.at(wall, DVec3::new(2.0, 0.0, 1.5)), Standing::Object(_)));
         let empty = Surroundings::new(&Gaussians::default(), DVec3::Z);
-        assert!(matches!(empty.at(place, 0.7), Standing::Unclear(_)));
+        assert!(matches!(empty.at(place, eye), Standing::Unclear(_)));
     }
 }

@@ -108,7 +108,7 @@ fn one_is_clicked_and_the_rest_is_found() {
         &display,
         &file,
         &format!(
-            "frames 2\n shot plain.png\n key KeyB\n click {x} {y}\n key ctrl+KeyS\n key KeyF\n found\n frames 2\n \
+            "key KeyH\n frames 2\n shot plain.png\n key KeyB\n click {x} {y}\n key ctrl+KeyS\n key KeyF\n found\n frames 2\n \
              boxes all.json\n key Delete\n boxes left.json\n key ctrl+KeyZ\n lose\n frames 2\n \
              boxes after.json\n key KeyB\n frames 1\n shot again.png\n quit\n"
         ),
@@ -156,7 +156,7 @@ fn a_box_of_a_file_is_resized_by_its_dots() {
     let [floor_x, floor_y] = camera.pixel_of(DVec3::new(1.5, -1.2, 0.0)).unwrap();
     let script = folder.path().join("script.txt");
     let steps = format!(
-        "frames 1\n click {seat_x} {seat_y}\n frames 1\n drag left {x} {y} {to_x} {to_y}\n frames 1\n boxes taller.json\n \
+        "key KeyH\n frames 1\n click {seat_x} {seat_y}\n frames 1\n drag left {x} {y} {to_x} {to_y}\n frames 1\n boxes taller.json\n \
          click {floor_x} {floor_y}\n boxes same.json\n key ctrl+KeyZ\n boxes undone.json\n quit\n"
     );
     std::fs::write(&script, steps).unwrap();

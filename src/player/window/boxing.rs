@@ -17,8 +17,6 @@ use crate::segment::standing::{Standing, Surroundings, UprightBox};
 
 /// How often the window looks how far a search is.
 const POLL: Duration = Duration::from_millis(100);
-/// A box around what cannot be told from its surroundings, in distances from the camera: a sixth of what a picture is high.
-const USUAL_SIZE: f64 = 0.15;
 
 /// The tool and its state.
 #[derive(Default)]
@@ -153,7 +151,7 @@ impl Live {
         let [_, _, up] = self.navigator.level_axes();
         let cloud = &self.stage.scene().background;
         let around = self.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
-        match around.at(place, USUAL_SIZE * self.navigator.eye().distance(place)) {
+        match around.at(place, self.navigator.eye()) {
             Standing::Object(found) => self.boxing.list.draw(object_of(found)),
             Standing::Unclear(usual) => {
                 self.boxing.list.draw(object_of(usual));

@@ -39,7 +39,10 @@ impl Live {
                 let moved = self.controls.pointer_moved([position.x, position.y], &mut self.navigator, height);
                 moved | self.hover(response.consumed)
             }
-            WindowEvent::MouseInput { state, button, .. } => self.button(*state, *button, response.consumed)?,
+            WindowEvent::MouseInput { state, button, .. } => {
+                let consumed = response.consumed || self.is_over_interface();
+                self.button(*state, *button, consumed)?
+            }
             WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
                 let steps = match delta {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
@@ -99,6 +102,14 @@ impl Live {
             self.navigator.focus(point);
         }
         Ok(point.is_some())
+    }
+
+    /// True if the pointer is over a part of the interface. What an event says of it is of the last picture, since when the
+    /// pointer may have gone there.
+    fn is_over_interface(&self) -> bool {
+        let ctx = self.ui.egui_ctx();
+        let [x, y] = self.controls.pointer_px().map(|v| v as f32 / ctx.pixels_per_point());
+        ctx.layer_id_at(egui::pos2(x, y)).is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
     /// A place in the window as one in the last picture, which may have fewer pixels.
