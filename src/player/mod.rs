@@ -5,7 +5,7 @@
 //!     controls.rs  what a person does -> what changes            (knows no window system)
 //!     navigation.rs   where the camera is                        (pure)
 //!     window/opening.rs   devices and scenes; input.rs events; keeping.rs files; playing.rs scripts
-//!     window/editing.rs   what is dragged and typed -> edits
+//!     window/editing.rs   what is dragged and typed -> edits; key_steps.rs keys
 //!     editor.rs    what is chosen, changed and taken back         (pure; scene::edit), steps.rs what was there
 //!     gizmo.rs     arrows, rings and circle on what is chosen     (pure)
 //!     window/boxing.rs   boxes around objects: clicks, drags, the search for the rest, files

@@ -30,6 +30,7 @@ mod boxing;
 mod editing;
 mod input;
 mod keeping;
+mod key_steps;
 mod opening;
 mod playing;
 

@@ -7,19 +7,9 @@ use winit::keyboard::KeyCode;
 
 use super::Live;
 use crate::player::error::PlayerError;
-use crate::player::gizmo::{Drag, Gizmo, GizmoMode, Handle, Motion};
+use crate::player::gizmo::{Drag, Gizmo, GizmoMode, Handle};
 use crate::player::hud_edit::{Action, EditFacts, EditPanel};
-use crate::scene::edit::{Edit, EditOutcome, Turn};
-
-/// What an arrow key moves things by, in distances to the target; with shift a tenth of it.
-const STEP_OF_DISTANCE: f64 = 0.01;
-const FINE: f64 = 0.1;
-/// A copy stands so many steps beside its original.
-const DUPLICATE_STEPS: f64 = 10.0;
-/// What `,` and `.` turn things by: 5 degrees.
-const TURN_STEP: f64 = std::f64::consts::PI / 36.0;
-/// What `+` and `-` scale things by.
-const SCALE_STEP: f64 = 1.05;
+use crate::scene::edit::{Edit, EditOutcome};
 
 /// Points of a brush's stroke are so many pixels apart.
 const BRUSH_STEP_PX: f64 = 3.0;
@@ -239,14 +229,13 @@ impl Live {
         if !self.hud.visible || self.boxing.on || self.stage.scene().instances.is_empty() {
             return Vec::new();
         }
-        let step = STEP_OF_DISTANCE * self.navigator.distance();
-        let [right, _, up] = self.navigator.level_axes();
+        let [_, _, up] = self.navigator.level_axes();
         let facts = EditFacts {
             scene: self.stage.scene(),
             editor: self.stage.editor(),
             up,
             step: self.number_step(),
-            beside: DUPLICATE_STEPS * step * right,
+            beside: self.beside(),
             mode: self.editing.mode,
             file: self.path.with_extension("instgs").display().to_string(),
         };
@@ -323,10 +312,7 @@ impl Live {
         }
         let Some(which) = self.stage.editor().selector() else { return Ok(false) };
         let edit = match code {
-            KeyCode::KeyD if self.controls.control => {
-                let [right, ..] = self.navigator.level_axes();
-                Edit::Duplicate { which, by: DUPLICATE_STEPS * self.key_step() * right, turn: None }
-            }
+            KeyCode::KeyD if self.controls.control => Edit::Duplicate { which, by: self.beside(), turn: None },
             KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
             _ => match self.key_motion(code) {
                 Some(motion) => motion.edit(which),
@@ -337,37 +323,6 @@ impl Live {
         let done = self.stage.edit(&edit)?;
         self.said(done);
         Ok(true)
-    }
-
-    /// World units for a point of dragging a number.
-    pub(super) fn number_step(&self) -> f64 {
-        FINE * STEP_OF_DISTANCE * self.navigator.distance()
-    }
-
-    /// World units that an arrow key moves things by: steps that show, from wherever one looks.
-    fn key_step(&self) -> f64 {
-        STEP_OF_DISTANCE * self.navigator.distance() * if self.controls.shift { FINE } else { 1.0 }
-    }
-
-    /// How a key moves, turns or scales what is chosen; `None` for others.
-    pub(super) fn key_motion(&self, code: KeyCode) -> Option<Motion> {
-        let [right, ahead, up] = self.navigator.level_axes();
-        let by = |by: DVec3| Motion::Move(self.key_step() * by);
-        let turn = |angle: f64| Motion::Turn(Turn { axis: up, angle });
-        let angle = TURN_STEP * if self.controls.shift { FINE } else { 1.0 };
-        Some(match code {
-            KeyCode::ArrowLeft => by(-right),
-            KeyCode::ArrowRight => by(right),
-            KeyCode::ArrowUp => by(ahead),
-            KeyCode::ArrowDown => by(-ahead),
-            KeyCode::Home => by(up),
-            KeyCode::End => by(-up),
-            KeyCode::Comma => turn(angle),
-            KeyCode::Period => turn(-angle),
-            KeyCode::Equal | KeyCode::NumpadAdd => Motion::Scale(SCALE_STEP),
-            KeyCode::Minus | KeyCode::NumpadSubtract => Motion::Scale(1.0 / SCALE_STEP),
-            _ => return None,
-        })
     }
 
     /// Saves under the scene's own name, as `.instgs`.
