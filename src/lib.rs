@@ -108,14 +108,16 @@
 //!   self-test.
 //! - L3 `optim`: Adam, one state per parameter buffer.
 //! - L4 `detect`: instance masks from a text prompt, by ONNX models whose runtime is loaded when it is used.
-//! - L4 `segment`: which Gaussians of a plain cloud belong to which object, from masks; masks from boxes.
+//! - L4 `segment`: which Gaussians of a plain cloud belong to which object, from masks; masks from boxes; what stands at a
+//!   place.
 //! - L4 `register`: which objects are alike, and the pose of each against its group's reference.
 //! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
 //! - L4 `template`: templates, instances and first offsets from a labelled cloud and posed groups; pruning.
 //! - L5 `synth`: procedural scenes, and ray-traced data sets with known poses, among them that of `instgs-vk demo`.
 //! - L5 `train`: configuration, start, steps, densification, checkpoints, events, report.
 //! - L6 `bench`: measurements and their report; `evidence` makes the tables and plots of many of them.
-//! - L6 `player`: a window on a scene: navigation, editing, what is written over the picture, pictures without a window.
+//! - L6 `player`: a window on a scene: navigation, editing, boxes around objects, what is written over the picture, pictures
+//!   without a window.
 //! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
 //!
 //! # Conventions

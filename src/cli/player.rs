@@ -14,7 +14,7 @@ use super::printer::Printer;
 use super::{FAILURE, SUCCESS, USAGE};
 use crate::bench::as_map;
 use crate::gpu::PresentMode;
-use crate::io::{IoError, LoadedScene, load_scene, read_views};
+use crate::io::{IoError, LoadedScene, load_scene, read_boxes, read_views};
 use crate::math::statistics::{Percentiles, median};
 use crate::player::headless::{Timings, play};
 use crate::player::script::{self, Step};
@@ -37,7 +37,9 @@ use crate::scene::{Camera, InstancedScene};
     instgs-player room.instgs --headless --frames 120 --size 1920x1080 --screenshot last.png --json -\n\n\
 Editing: click an object (Shift: more, G: all alike); M, T, X, N: arrows to move it, rings to turn it, a circle to\n\
 scale it, none; Esc: puts back what is dragged; Ctrl+D, Delete, Ctrl+H: copy, remove, hide it; Ctrl+Shift+H: show all;\n\
-Ctrl+Z, Ctrl+Y, Ctrl+S: take back, do again, save. The panel has numbers, colours, scattering, crop and eraser."
+Ctrl+Z, Ctrl+Y, Ctrl+S: take back, do again, save. The panel has numbers, colours, scattering, crop and eraser.\n\n\
+Boxes: B, then click an object: a box goes around it; drag its dots until it fits; F: find all that look like it;\n\
+Shift+click: take a wrong one away; Ctrl+S: save boxes.json, for instgs-vk masks --boxes and train --boxes."
 )]
 struct PlayerArgs {
     /// Scene: .instgs, .ply, .spz or .splat; or drop one on the window
@@ -67,6 +69,9 @@ struct PlayerArgs {
     /// Play what a person does from a text file, one line a picture (see src/player/script.rs)
     #[arg(long, value_name = "F", conflicts_with = "headless")]
     script: Option<PathBuf>,
+    /// Boxes around objects: opens with the tool that draws and finds them (key B)
+    #[arg(long, value_name = "F", conflicts_with = "headless")]
+    boxes: Option<PathBuf>,
     /// When a picture replaces the one on the screen: with its refresh in order, with its refresh the newest, at once
     #[arg(long, value_enum, default_value = "fifo")]
     present: PresentArg,
@@ -197,7 +202,9 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     if args.headless {
         return headless(args, &loaded?, &cameras, printer);
     }
-    let job = WindowJob { script: script(args.script.as_deref())?, ..window_job(args, &loaded, &cameras)? };
+    let boxes = args.boxes.as_ref().map(|path| read_boxes(path).map(|boxes| (path.clone(), boxes))).transpose()?;
+    let script = script(args.script.as_deref())?;
+    let job = WindowJob { script, boxes, ..window_job(args, &loaded, &cameras)? };
     match window::run(job) {
         Err(PlayerError::Window(reason)) if args.frames.is_some() => {
             printer.warning(format_args!("{reason}; drawing without a window"));
@@ -262,6 +269,7 @@ fn window_job(
         screenshot: args.screenshot.clone(),
         script: VecDeque::new(),
         budget_ms: args.budget_ms,
+        boxes: None,
     })
 }
 

@@ -52,7 +52,7 @@ pub enum GizmoMode {
     Scale,
 }
 
-/// Something to drag. Axes are those of the world: 0 = x, 1 = y, 2 = z.
+/// Something to drag. Axes are those of the world, or those given: 0 = x, 1 = y, 2 = z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handle {
     /// Moves along an axis.
@@ -78,6 +78,8 @@ pub struct HandleLine {
 #[derive(Clone, Debug)]
 pub struct Gizmo {
     mode: GizmoMode,
+    /// Unit vectors of the world.
+    axes: [DVec3; 3],
     centre: DVec3,
     centre_px: [f64; 2],
     camera: Camera,
@@ -122,9 +124,14 @@ enum Measure {
 impl Gizmo {
     /// Handles at a place of the world; `None` behind the camera, and without a mode.
     pub fn new(mode: GizmoMode, centre: DVec3, camera: &Camera) -> Option<Self> {
+        Self::along(DVec3::AXES, mode, centre, camera)
+    }
+
+    /// As [`Gizmo::new`], with other axes than the world's: three unit vectors at right angles.
+    pub fn along(axes: [DVec3; 3], mode: GizmoMode, centre: DVec3, camera: &Camera) -> Option<Self> {
         let centre_px = camera.pixel_of(centre).filter(|_| mode != GizmoMode::Off)?;
         let unit = camera.view_from_point(centre).z / camera.fy;
-        Some(Self { mode, centre, centre_px, camera: camera.clone(), unit })
+        Some(Self { mode, axes, centre, centre_px, camera: camera.clone(), unit })
     }
 
     /// The lines of all handles that can be told from the picture.
@@ -150,7 +157,7 @@ impl Gizmo {
         let centre = self.centre;
         let measure = match handle {
             Handle::Arrow(k) => {
-                let axis = DVec3::AXES[k];
+                let axis = self.axes[k];
                 Measure::Along { axis, from: ray.along(centre, axis)? }
             }
             Handle::Square => {
@@ -158,7 +165,7 @@ impl Gizmo {
                 Measure::Across { normal, from: ray.across(centre, normal)? }
             }
             Handle::Ring(k) => {
-                let axis = DVec3::AXES[k];
+                let axis = self.axes[k];
                 match self.pull_direction(axis) {
                     Some(along_px) => Measure::Pulled { axis, along_px, from_px: at_px },
                     None => Measure::Around { axis, from: ray.across(centre, axis)? - centre },
@@ -183,12 +190,12 @@ impl Gizmo {
     fn line(&self, handle: Handle) -> Option<Vec<[f64; 2]>> {
         let [x, y] = self.centre_px;
         match handle {
-            Handle::Arrow(k) => self.arrow(DVec3::AXES[k]),
+            Handle::Arrow(k) => self.arrow(self.axes[k]),
             Handle::Square => {
                 let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)];
                 Some(corners.map(|(i, j)| [x + i * SQUARE_PX, y + j * SQUARE_PX]).into())
             }
-            Handle::Ring(k) => self.ring(DVec3::AXES[k]),
+            Handle::Ring(k) => self.ring(self.axes[k]),
             Handle::Circle => {
                 let point = |k: usize| {
                     let angle = 2.0 * PI * k as f64 / RING_PIECES as f64;
@@ -281,21 +288,21 @@ impl Motion {
 }
 
 /// What a pixel may show.
-struct Ray {
+pub(super) struct Ray {
     origin: DVec3,
     /// A unit vector.
     direction: DVec3,
 }
 
 impl Ray {
-    fn through(camera: &Camera, at_px: [f64; 2]) -> Self {
+    pub(super) fn through(camera: &Camera, at_px: [f64; 2]) -> Self {
         let view = DVec3::new((at_px[0] - camera.cx) / camera.fx, (at_px[1] - camera.cy) / camera.fy, 1.0);
         Self { origin: camera.position_world(), direction: (camera.rotation().transpose() * view).normalize() }
     }
 
     /// How far along an axis (a unit vector) from a point the line is nearest to the ray. `None` if they are nearly
     /// parallel, or nearest behind the camera.
-    fn along(&self, point: DVec3, axis: DVec3) -> Option<f64> {
+    pub(super) fn along(&self, point: DVec3, axis: DVec3) -> Option<f64> {
         let cosine = axis.dot(self.direction);
         let sine2 = 1.0 - cosine * cosine;
         let way = point - self.origin;
@@ -313,12 +320,12 @@ impl Ray {
     }
 }
 
-fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+pub(super) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
 /// From a point to the nearest one of a line of straight pieces.
-fn distance_to_line(at: [f64; 2], points: &[[f64; 2]]) -> f64 {
+pub(super) fn distance_to_line(at: [f64; 2], points: &[[f64; 2]]) -> f64 {
     let to_piece = |piece: &[[f64; 2]]| {
         let (a, b) = (piece[0], piece[1]);
         let along = [b[0] - a[0], b[1] - a[1]];

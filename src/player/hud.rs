@@ -9,7 +9,7 @@ use super::navigation::Navigator;
 use super::views;
 
 /// What the keys do, for the help at the bottom.
-const KEYS: [(&str, &str); 18] = [
+const KEYS: [(&str, &str); 20] = [
     ("drag left", "turn the scene; with Shift or the middle button: move it"),
     ("drag right", "look around"),
     ("W A S D, E Q", "fly, up and down; Shift: five times as fast; [ ]: slower, faster"),
@@ -25,6 +25,8 @@ const KEYS: [(&str, &str); 18] = [
     ("Ctrl+D, Delete", "a copy beside it; remove it"),
     ("Ctrl+H, Ctrl+Shift+H", "hide it, which leaves it in the scene; show and choose all that is hidden"),
     ("Ctrl+Z, Ctrl+Y, Ctrl+S", "take back, do again, save"),
+    ("B", "boxes: a click puts one around an object, dots resize it; Shift+click or Delete takes it away"),
+    ("F, Ctrl+S", "with boxes: find all objects like the chosen one; save boxes.json"),
     ("P", "record the camera path; P again ends and writes it"),
     ("F12", "write the picture as PNG"),
     ("F11, H, Esc", "full screen; this text; quit"),
@@ -63,6 +65,8 @@ pub(super) struct Settings<'a> {
     pub(super) budget_ms: &'a mut Option<f64>,
     /// Pixels that may be merged; 0 = everything in full.
     pub(super) lod_error_px: &'a mut f32,
+    /// Clicks put boxes around objects.
+    pub(super) boxes: &'a mut bool,
 }
 
 /// The state of the interface itself.
@@ -160,7 +164,8 @@ fn chosen(ui: &mut egui::Ui, facts: &Facts<'_>) {
 }
 
 fn set(ui: &mut egui::Ui, settings: Settings<'_>, slabs: u32) {
-    let Settings { navigator, show, mode, budget_ms, lod_error_px } = settings;
+    let Settings { navigator, show, mode, budget_ms, lod_error_px, boxes } = settings;
+    ui.checkbox(boxes, "boxes around objects: select one, find the rest (B)");
     let mut degrees = navigator.fov_y().to_degrees();
     if ui.add(egui::Slider::new(&mut degrees, 5.0..=150.0).text("field of view")).changed() {
         navigator.set_fov_y(degrees.to_radians());

@@ -18,6 +18,8 @@ use super::gizmo::GizmoMode;
 use crate::scene::InstancedScene;
 use crate::scene::edit::{Edit, Selector};
 
+pub(super) use place::{one, three};
+
 use place::Relative;
 use scatter::ScatterFields;
 use template::{CropFields, Shift};

@@ -2,7 +2,7 @@
 
 use egui::{Color32, Pos2, Stroke};
 
-use super::gizmo::{Gizmo, Handle};
+use super::gizmo::{Gizmo, Handle, HandleLine};
 
 /// Of lines, points of the interface.
 const WIDTH: f32 = 2.0;
@@ -11,24 +11,32 @@ const HOT_WIDTH: f32 = 3.5;
 /// Behind each line, so that it is seen on any picture.
 const SHADOW: Color32 = Color32::from_black_alpha(140);
 /// Of the line under the pointer.
-const HOT: Color32 = Color32::from_rgb(255, 230, 80);
+pub(super) const HOT: Color32 = Color32::from_rgb(255, 230, 80);
 
 /// Draws the handles; `hot` is held or under the pointer.
 pub(super) fn paint_gizmo(ctx: &egui::Context, gizmo: Option<&Gizmo>, hot: Option<Handle>) {
     let Some(gizmo) = gizmo else { return };
+    paint_lines(ctx, gizmo.lines(), hot);
+}
+
+/// Draws lines of handles, the hot one over the others.
+pub(super) fn paint_lines(ctx: &egui::Context, mut lines: Vec<HandleLine>, hot: Option<Handle>) {
+    lines.sort_by_key(|line| Some(line.handle) == hot);
+    for HandleLine { handle, points_px } in lines {
+        let is_hot = Some(handle) == hot;
+        let (colour, width) = if is_hot { (HOT, HOT_WIDTH) } else { (colour_of(handle), WIDTH) };
+        line(ctx, &points_px, Stroke::new(width, colour));
+    }
+}
+
+/// Draws a line through places of the picture, in its pixels, so that it is seen on any picture.
+pub(super) fn line(ctx: &egui::Context, points_px: &[[f64; 2]], stroke: Stroke) {
     let painter = ctx.layer_painter(egui::LayerId::background());
     let per_point = ctx.pixels_per_point();
-    let mut lines = gizmo.lines();
-    // The bright one over the others.
-    lines.sort_by_key(|line| Some(line.handle) == hot);
-    for line in lines {
-        let points: Vec<Pos2> =
-            line.points_px.iter().map(|&[x, y]| egui::pos2(x as f32 / per_point, y as f32 / per_point)).collect();
-        let is_hot = Some(line.handle) == hot;
-        let (colour, width) = if is_hot { (HOT, HOT_WIDTH) } else { (colour_of(line.handle), WIDTH) };
-        painter.line(points.clone(), Stroke::new(width + 2.0, SHADOW));
-        painter.line(points, Stroke::new(width, colour));
-    }
+    let points: Vec<Pos2> =
+        points_px.iter().map(|&[x, y]| egui::pos2(x as f32 / per_point, y as f32 / per_point)).collect();
+    painter.line(points.clone(), Stroke::new(stroke.width + 2.0, SHADOW));
+    painter.line(points, stroke);
 }
 
 /// Draws how far a brush at a place of the picture reaches, both in its pixels.

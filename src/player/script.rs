@@ -12,6 +12,8 @@
 //! hold KeyW 12          a key that is held while so many pictures are drawn
 //! frames 5              so many pictures without doing anything
 //! shot a.png            the picture, without what is written over it; paths are relative to the script
+//! found                 waits until a search for boxes has ended
+//! boxes a.json          saves the boxes to a file
 //! lose                  the device counts as lost: what follows is drawn by one opened anew
 //! quit                  the window closes
 //! # and the rest of a line is a comment
@@ -56,6 +58,10 @@ pub enum Step {
     Wait,
     /// The picture goes to a file.
     Shot(PathBuf),
+    /// Nothing, until a search has ended.
+    Found,
+    /// The boxes go to a file.
+    Boxes(PathBuf),
     /// The device counts as lost.
     Lose,
     /// The window closes.
@@ -101,6 +107,8 @@ fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, String
         }
         ("frames", [pictures]) => vec![Step::Wait; count(pictures)?],
         ("shot", [path]) => vec![Step::Shot(folder.join(path))],
+        ("found", []) => vec![Step::Found],
+        ("boxes", [path]) => vec![Step::Boxes(folder.join(path))],
         ("lose", []) => vec![Step::Lose],
         ("quit", []) => vec![Step::Quit],
         _ => return Err(format!("{:?} is no step of a script", [&[what], rest].concat().join(" "))),
@@ -161,7 +169,8 @@ mod tests {
 
     #[test]
     fn lines_become_steps() {
-        let text = "# a comment\n size 640 480\n\nclick 3 4.5 # there\nkey ctrl+shift+KeyZ\nhold KeyW 2\nshot a.png\n";
+        let text = "# a comment\n size 640 480\n\nclick 3 4.5 # there\nkey ctrl+shift+KeyZ\nhold KeyW 2\nshot a.png\nfound\n\
+                    boxes b.json\n";
         let steps = parse(text, Path::new("there")).unwrap();
         let want = [
             Step::Size([640, 480]),
@@ -174,6 +183,8 @@ mod tests {
             Step::Wait,
             Step::Hold(KeyCode::KeyW, false),
             Step::Shot("there/a.png".into()),
+            Step::Found,
+            Step::Boxes("there/b.json".into()),
         ];
         assert_eq!(Vec::from(steps), want);
         let drag = Vec::from(parse("drag middle 0 0 16 8", Path::new("")).unwrap());

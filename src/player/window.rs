@@ -12,7 +12,7 @@ use winit::window::{Window, WindowId};
 
 use crate::gpu::{DeviceChoice, Gpu, PresentMode, Swapchain, UiFrame, UiPainter};
 use crate::render::FrameStats;
-use crate::scene::{Camera, InstancedScene};
+use crate::scene::{Boxes, Camera, InstancedScene};
 
 use super::clock::FrameClock;
 use super::controls::Controls;
@@ -26,12 +26,15 @@ use super::resolution::Resolution;
 use super::script::Step;
 use super::stage::{Stage, StageOptions};
 
+mod boxing;
 mod editing;
 mod input;
 mod keeping;
+mod key_steps;
 mod opening;
 mod playing;
 
+use boxing::Boxing;
 use editing::Editing;
 
 /// A pause that is longer is not flown through: the window was hidden, or the device busy.
@@ -71,6 +74,8 @@ pub struct WindowJob {
     pub script: VecDeque<Step>,
     /// Milliseconds that a picture may take on the device while things move; else it has fewer pixels.
     pub budget_ms: Option<f64>,
+    /// Boxes around objects, and the file they are from: the tool for them is taken up at once.
+    pub boxes: Option<(PathBuf, Boxes)>,
 }
 
 /// What the window did.
@@ -153,6 +158,7 @@ struct Live {
     reopened: Option<Instant>,
     validation_message: Option<String>,
     editing: Editing,
+    boxing: Boxing,
 }
 
 impl ApplicationHandler for Player {
@@ -176,8 +182,8 @@ impl ApplicationHandler for Player {
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
-        let refine_at = self.live.as_ref().and_then(|live| live.refine_at);
-        event_loop.set_control_flow(refine_at.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
+        let wakes_at = self.live.as_ref().and_then(|live| live.refine_at.or_else(|| live.boxing.wakes_at()));
+        event_loop.set_control_flow(wakes_at.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
@@ -287,10 +293,11 @@ impl Live {
         let flight = self.controls.flight();
         self.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
         self.follow_grip()?;
+        self.take_found();
         let (frame, animated) = self.lay_out()?;
         self.painter.prepare(&frame)?;
         // All pixels when nothing moves: then there is time.
-        let moves = goes_on || !flight.is_still() || self.controls.is_dragging() || self.editing.is_held();
+        let moves = goes_on || !flight.is_still() || self.controls.is_dragging() || self.is_held();
         let scale = if moves { self.resolution.scale() } else { 1.0 };
         let size_px = Resolution::of(target.size_px, scale);
         self.stage.draw_ahead(&self.navigator.camera(size_px))?;
@@ -340,7 +347,7 @@ impl Live {
         ];
         let ctx = self.ui.egui_ctx().clone();
         let (gizmo, hot, brush_px) = (self.gizmo(), self.editing.hot(), self.brush_px());
-        let mut actions = Vec::new();
+        let (mut actions, mut box_actions, mut boxes) = (Vec::new(), Vec::new(), self.boxing.on);
         let output = ctx.run(input, |ctx| {
             let facts = Facts {
                 scene: &self.title,
@@ -362,14 +369,20 @@ impl Live {
                 mode: &mut mode,
                 budget_ms: &mut self.resolution.budget_ms,
                 lod_error_px: &mut self.stage.options.render.lod_error_px,
+                boxes: &mut boxes,
             };
             self.hud.lay_out(ctx, facts, settings);
             paint_gizmo(ctx, gizmo.as_ref(), hot);
             paint_brush(ctx, brush_px);
             actions.extend(self.lay_out_panel(ctx));
+            box_actions.extend(self.lay_out_boxes(ctx));
         });
-        let acts = !actions.is_empty();
+        let acts = !(actions.is_empty() && box_actions.is_empty()) || boxes != self.boxing.on;
+        if boxes != self.boxing.on {
+            self.toggle_boxes()?;
+        }
         self.act(actions)?;
+        self.act_on_boxes(box_actions)?;
         if mode != self.swapchain.mode() {
             // The image at hand belongs to the old mode: the next picture has the new one.
             self.next_mode = Some(mode);

@@ -3,15 +3,18 @@
 //! [`sweep`] finds what each Gaussian adds to the pixels of each mask of each view. Where ids differ from view to view,
 //! [`mod@consensus`] finds the objects. [`label()`] decides by what is inside of an object's masks ([`votes`]);
 //! Gaussians that no view shows follow their neighbours ([`unseen`]), and stray ones can be left out ([`strays`]).
-//! [`accuracy`] compares labels. [`boxes`] makes masks where there are none, from boxes.
+//! Without masks, [`boxes`] makes them from boxes, and [`standing`] puts a box around what stands at a place. [`accuracy`]
+//! compares labels.
 
 pub mod accuracy;
 pub mod boxes;
 mod components;
 pub mod consensus;
 pub mod error;
+mod ground_plane;
 pub mod id_table;
 pub mod label;
+pub mod standing;
 pub mod strays;
 pub mod sweep;
 pub mod unseen;

@@ -17,7 +17,7 @@ use serde_json::Value;
 use crate::common::chairs::chairs;
 use crate::common::program::{error_of, program, skips_gpu};
 
-fn player() -> Command {
+pub(crate) fn player() -> Command {
     let mut player = Command::new(env!("CARGO_BIN_EXE_instgs-player"));
     player.env("INSTGS_VALIDATION", "1").env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
     player
@@ -35,13 +35,13 @@ fn pixels(path: &Path) -> (u32, u32, Vec<u8>) {
 }
 
 /// An X server without a screen, killed when dropped.
-struct VirtualDisplay(Child, String);
+pub(crate) struct VirtualDisplay(Child, pub(crate) String);
 
 impl VirtualDisplay {
     /// # Panics
     /// Without Xvfb, unless INSTGS_SKIP_WINDOW=1 says that tests with a window are not wanted.
     #[allow(clippy::print_stderr, reason = "a skipped test must be heard")]
-    fn open() -> Option<Self> {
+    pub(crate) fn open() -> Option<Self> {
         if std::env::var_os("INSTGS_SKIP_WINDOW").is_some_and(|v| v == "1") {
             eprintln!("INSTGS_SKIP_WINDOW=1: A TEST THAT NEEDS A VIRTUAL DISPLAY IS SKIPPED");
             return None;
@@ -179,7 +179,7 @@ fn bad_files_and_flags_end_in_one_line() {
 }
 
 /// Runs a script in a window of 320x240; the picture files and the scene are in `folder`.
-fn play_script(display: &VirtualDisplay, scene: &Path, text: &str) -> std::process::Output {
+pub(crate) fn play_script(display: &VirtualDisplay, scene: &Path, text: &str) -> std::process::Output {
     let script = scene.with_file_name("script.txt");
     std::fs::write(&script, text).unwrap();
     let mut player = player();

@@ -20,12 +20,14 @@ mod cli_lod;
 mod cli_masks;
 #[cfg(feature = "player")]
 mod cli_player;
+mod cli_player_boxes;
 mod cli_stages;
 mod cli_synth;
 mod cli_train;
 mod consensus;
 #[cfg(feature = "onnx")]
 mod detect;
+#[cfg(feature = "onnx")]
 mod detect_runs;
 mod find;
 mod golden_gradients;

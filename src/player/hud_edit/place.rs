@@ -83,7 +83,7 @@ impl EditPanel {
 }
 
 /// A row of three numbers; true if one changed.
-fn three(ui: &mut Ui, label: &str, values: &mut [f64; 3], speed: f64, suffix: &str) -> bool {
+pub(in crate::player) fn three(ui: &mut Ui, label: &str, values: &mut [f64; 3], speed: f64, suffix: &str) -> bool {
     ui.horizontal(|ui| {
         ui.label(label);
         values.iter_mut().fold(false, |changed, value| {
@@ -94,7 +94,7 @@ fn three(ui: &mut Ui, label: &str, values: &mut [f64; 3], speed: f64, suffix: &s
 }
 
 /// A row of one number; true if it changed.
-fn one(ui: &mut Ui, label: &str, value: DragValue<'_>) -> bool {
+pub(in crate::player) fn one(ui: &mut Ui, label: &str, value: DragValue<'_>) -> bool {
     ui.horizontal(|ui| {
         ui.label(label);
         ui.add(value.max_decimals(4)).changed()

@@ -1,26 +1,25 @@
-//! The panel as a person uses it, without a window: texts are found in what is drawn, and clicked and dragged.
+//! The panel as a person uses it, without a window.
 
-use egui::{Event, PointerButton, Pos2, Rect, Shape};
+use egui::{Event, Pos2, Rect};
 
 use super::*;
 use crate::io::scene_file::tests::sample_scene;
+use crate::player::test_screen::{TestScreen, click, drag, press};
 
-/// A panel, what it is about, and a pointer.
+/// A panel and what it is about.
 struct Desk {
-    ctx: Context,
+    screen: TestScreen,
     panel: EditPanel,
     scene: InstancedScene,
     editor: Editor,
-    texts: Vec<(String, Rect)>,
-    time: f64,
 }
 
 impl Desk {
     fn new(chosen: &[usize]) -> Self {
         let mut editor = Editor::default();
         chosen.iter().for_each(|&k| editor.click(Some(k), true));
-        let (ctx, panel, scene) = (Context::default(), EditPanel::default(), sample_scene());
-        let mut desk = Self { ctx, panel, scene, editor, texts: Vec::new(), time: 0.0 };
+        let (screen, panel, scene) = (TestScreen::default(), EditPanel::default(), sample_scene());
+        let mut desk = Self { screen, panel, scene, editor };
         // Windows find their size in the first pictures.
         (0..4).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
         desk
@@ -28,10 +27,6 @@ impl Desk {
 
     /// One picture; what was asked for is done, as the window does it.
     fn frame(&mut self, events: Vec<Event>) -> Vec<Action> {
-        // Longer than an animation; a press and a release are still a click.
-        self.time += 0.1;
-        let screen_rect = Some(Rect::from_min_size(Pos2::ZERO, egui::vec2(900.0, 1200.0)));
-        let input = egui::RawInput { screen_rect, events, time: Some(self.time), ..egui::RawInput::default() };
         let facts = EditFacts {
             scene: &self.scene,
             editor: &self.editor,
@@ -42,9 +37,7 @@ impl Desk {
             file: "x.instgs".into(),
         };
         let mut actions = Vec::new();
-        let output = self.ctx.run(input, |ctx| actions.extend(self.panel.lay_out(ctx, &facts)));
-        self.texts.clear();
-        output.shapes.iter().for_each(|clipped| texts(&clipped.shape, &mut self.texts));
+        self.screen.frame(events, |ctx| actions.extend(self.panel.lay_out(ctx, &facts)));
         for action in &actions {
             match action {
                 Action::Edit(edit) => drop(self.editor.apply(&mut self.scene, edit).unwrap()),
@@ -57,46 +50,25 @@ impl Desk {
         actions
     }
 
-    /// Where a text is; of several the last.
+    fn pictures(&mut self, pictures: Vec<Vec<Event>>) -> Vec<Action> {
+        pictures.into_iter().flat_map(|events| self.frame(events)).collect()
+    }
+
     fn place(&self, text: &str) -> Rect {
-        let found = self.texts.iter().rfind(|(have, _)| have == text);
-        found.unwrap_or_else(|| panic!("no {text:?} in {:?}", self.texts)).1
+        self.screen.place(text)
     }
 
     fn press(&mut self, at: Pos2, pressed: bool) -> Vec<Action> {
-        let button =
-            Event::PointerButton { pos: at, button: PointerButton::Primary, pressed, modifiers: Default::default() };
-        let mut actions = self.frame(vec![Event::PointerMoved(at)]);
-        actions.extend(self.frame(vec![button]));
-        actions
+        self.pictures(press(at, pressed).into())
     }
 
     fn click(&mut self, text: &str) -> Vec<Action> {
-        let at = self.place(text).center();
-        let mut actions = self.press(at, true);
-        actions.extend(self.press(at, false));
-        (0..3).for_each(|_| actions.extend(self.frame(Vec::new())));
-        actions
+        self.pictures(click(self.place(text).center()))
     }
 
     /// Drags what is right of a label.
     fn drag(&mut self, label: &str, by: f32) -> Vec<Action> {
-        let from = self.place(label).right_center() + egui::vec2(14.0, 0.0);
-        let mut actions = self.press(from, true);
-        for part in [0.4, 0.7, 1.0] {
-            actions.extend(self.frame(vec![Event::PointerMoved(from + egui::vec2(part * by, 0.0))]));
-        }
-        actions.extend(self.press(from + egui::vec2(by, 0.0), false));
-        actions.extend(self.frame(Vec::new()));
-        actions
-    }
-}
-
-fn texts(shape: &Shape, out: &mut Vec<(String, Rect)>) {
-    match shape {
-        Shape::Text(text) => out.push((text.galley.text().into(), text.galley.rect.translate(text.pos.to_vec2()))),
-        Shape::Vec(shapes) => shapes.iter().for_each(|shape| texts(shape, out)),
-        _ => {}
+        self.pictures(drag(self.place(label).right_center() + egui::vec2(14.0, 0.0), by))
     }
 }
 
@@ -115,7 +87,7 @@ fn buttons_ask_for_what_they_say() {
         assert_eq!(Desk::new(&[1]).click(text), [want]);
     }
     assert_eq!(Desk::new(&[1]).click("undo"), [], "nothing to take back");
-    assert!(Desk::new(&[]).texts.iter().any(|(text, _)| text.starts_with("Click an object")));
+    assert!(Desk::new(&[]).screen.says("Click an object"));
 }
 
 /// Each number, held and dragged: it changes while it is held, and is one step.

@@ -9,17 +9,7 @@ use super::Live;
 use crate::player::error::PlayerError;
 use crate::player::gizmo::{Drag, Gizmo, GizmoMode, Handle};
 use crate::player::hud_edit::{Action, EditFacts, EditPanel};
-use crate::scene::edit::{Edit, EditOutcome, Turn};
-
-/// What an arrow key moves things by, in distances to the target; with shift a tenth of it.
-const STEP_OF_DISTANCE: f64 = 0.01;
-const FINE: f64 = 0.1;
-/// A copy stands so many steps beside its original.
-const DUPLICATE_STEPS: f64 = 10.0;
-/// What `,` and `.` turn things by: 5 degrees.
-const TURN_STEP: f64 = std::f64::consts::PI / 36.0;
-/// What `+` and `-` scale things by.
-const SCALE_STEP: f64 = 1.05;
+use crate::scene::edit::{Edit, EditOutcome};
 
 /// Points of a brush's stroke are so many pixels apart.
 const BRUSH_STEP_PX: f64 = 3.0;
@@ -54,11 +44,6 @@ struct Stroke {
 }
 
 impl Editing {
-    /// True while something is dragged.
-    pub(super) fn is_held(&self) -> bool {
-        self.grip.is_some()
-    }
-
     /// The handle that is drawn bright.
     pub(super) fn hot(&self) -> Option<Handle> {
         match &self.grip {
@@ -72,7 +57,7 @@ impl Editing {
 impl Live {
     /// The handles of what is chosen, as the camera sees them now.
     pub(super) fn gizmo(&self) -> Option<Gizmo> {
-        if self.editing.panel.brush.on {
+        if self.editing.panel.brush.on || self.boxing.on {
             return None;
         }
         let centre = self.stage.editor().chosen_centre(self.stage.scene())?;
@@ -91,6 +76,9 @@ impl Live {
 
     /// The pointer is somewhere else, maybe over the interface; true if the picture changes with it.
     pub(super) fn hover(&mut self, over_interface: bool) -> bool {
+        if self.boxing.on {
+            return self.box_hover(over_interface);
+        }
         let at = self.controls.pointer_px();
         match &mut self.editing.grip {
             Some(Grip::Handle(_)) => return true,
@@ -116,6 +104,9 @@ impl Live {
         if self.controls.shift {
             // A click chooses one more, a drag moves the view.
             return Ok(false);
+        }
+        if self.boxing.on {
+            return Ok(self.box_grab());
         }
         let at = self.controls.pointer_px();
         self.editing.grip = if self.editing.panel.brush.on {
@@ -148,9 +139,19 @@ impl Live {
                 self.stroke(&mut stroke)?;
                 self.editing.grip = Some(Grip::Brush(stroke));
             }
-            None => {}
+            None => self.box_follow(),
         }
         Ok(())
+    }
+
+    /// True if closing the window would lose changes of the scene or of boxes.
+    pub(super) fn is_unsaved(&self) -> bool {
+        self.stage.editor().is_unsaved() || self.boxing.is_unsaved()
+    }
+
+    /// True while something is dragged.
+    pub(super) fn is_held(&self) -> bool {
+        self.editing.grip.is_some() || self.boxing.is_held()
     }
 
     /// Erases where the brush went since the last picture.
@@ -184,7 +185,7 @@ impl Live {
         if held {
             self.stage.finish_live();
         }
-        Ok(held)
+        Ok(held | self.box_let_go())
     }
 
     /// What was held goes back to where it was, or the brush is put away. False if there was neither.
@@ -225,17 +226,16 @@ impl Live {
 
     /// Lays out the panel, where the interface is shown; what its user wants done.
     pub(super) fn lay_out_panel(&mut self, ctx: &egui::Context) -> Vec<Action> {
-        if !self.hud.visible || self.stage.scene().instances.is_empty() {
+        if !self.hud.visible || self.boxing.on || self.stage.scene().instances.is_empty() {
             return Vec::new();
         }
-        let step = STEP_OF_DISTANCE * self.navigator.distance();
-        let [right, _, up] = self.navigator.level_axes();
+        let [_, _, up] = self.navigator.level_axes();
         let facts = EditFacts {
             scene: self.stage.scene(),
             editor: self.stage.editor(),
             up,
-            step: FINE * step,
-            beside: DUPLICATE_STEPS * step * right,
+            step: self.number_step(),
+            beside: self.beside(),
             mode: self.editing.mode,
             file: self.path.with_extension("instgs").display().to_string(),
         };
@@ -268,6 +268,9 @@ impl Live {
 
     /// Keys that change the scene; false for others.
     pub(super) fn edit_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
+        if self.boxing.on && self.box_key(code)? {
+            return Ok(true);
+        }
         if self.controls.control {
             if matches!(code, KeyCode::KeyZ | KeyCode::KeyY | KeyCode::KeyS) {
                 self.let_go()?;
@@ -308,28 +311,13 @@ impl Live {
             return Ok(true);
         }
         let Some(which) = self.stage.editor().selector() else { return Ok(false) };
-        // Steps that show, from wherever one looks.
-        let step = STEP_OF_DISTANCE * self.navigator.distance() * if self.controls.shift { FINE } else { 1.0 };
-        let [right, ahead, up] = self.navigator.level_axes();
-        let by = |by: DVec3, which| Edit::MoveBy { which, by: step * by };
-        let turn = |angle: f64, which| Edit::Rotate { which, turn: Turn { axis: up, angle } };
-        let angle = TURN_STEP * if self.controls.shift { FINE } else { 1.0 };
         let edit = match code {
-            KeyCode::KeyD if self.controls.control => {
-                Edit::Duplicate { which, by: DUPLICATE_STEPS * step * right, turn: None }
-            }
+            KeyCode::KeyD if self.controls.control => Edit::Duplicate { which, by: self.beside(), turn: None },
             KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
-            KeyCode::ArrowLeft => by(-right, which),
-            KeyCode::ArrowRight => by(right, which),
-            KeyCode::ArrowUp => by(ahead, which),
-            KeyCode::ArrowDown => by(-ahead, which),
-            KeyCode::Home => by(up, which),
-            KeyCode::End => by(-up, which),
-            KeyCode::Comma => turn(angle, which),
-            KeyCode::Period => turn(-angle, which),
-            KeyCode::Equal | KeyCode::NumpadAdd => Edit::Scale { which, by: SCALE_STEP },
-            KeyCode::Minus | KeyCode::NumpadSubtract => Edit::Scale { which, by: 1.0 / SCALE_STEP },
-            _ => return Ok(false),
+            _ => match self.key_motion(code) {
+                Some(motion) => motion.edit(which),
+                None => return Ok(false),
+            },
         };
         self.let_go()?;
         let done = self.stage.edit(&edit)?;

@@ -39,7 +39,10 @@ impl Live {
                 let moved = self.controls.pointer_moved([position.x, position.y], &mut self.navigator, height);
                 moved | self.hover(response.consumed)
             }
-            WindowEvent::MouseInput { state, button, .. } => self.button(*state, *button, response.consumed)?,
+            WindowEvent::MouseInput { state, button, .. } => {
+                let consumed = response.consumed || self.is_over_interface();
+                self.button(*state, *button, consumed)?
+            }
             WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
                 let steps = match delta {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
@@ -84,6 +87,10 @@ impl Live {
         }
         let click = self.controls.released(button, self.opened.elapsed().as_secs_f64());
         let Some(click) = click else { return Ok(false) };
+        if !click.double && self.boxing.on {
+            self.box_click(click.at_px)?;
+            return Ok(true);
+        }
         if !click.double {
             let instance = self.stage.instance_at(self.in_picture(click.at_px))?;
             self.stage.click(instance, self.controls.shift);
@@ -95,6 +102,14 @@ impl Live {
             self.navigator.focus(point);
         }
         Ok(point.is_some())
+    }
+
+    /// True if the pointer is over a part of the interface. What an event says of it is of the last picture, since when the
+    /// pointer may have gone there.
+    fn is_over_interface(&self) -> bool {
+        let ctx = self.ui.egui_ctx();
+        let [x, y] = self.controls.pointer_px().map(|v| v as f32 / ctx.pixels_per_point());
+        ctx.layer_id_at(egui::pos2(x, y)).is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
     /// A place in the window as one in the last picture, which may have fewer pixels.
@@ -137,11 +152,15 @@ impl Live {
             KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
             KeyCode::Escape if self.drop_grip()? => {}
             KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
-            KeyCode::Escape if self.stage.editor().is_unsaved() && !self.warned => {
+            KeyCode::Escape if self.is_unsaved() && !self.warned => {
                 self.warned = true;
-                self.hud.message = Some("the changes are not saved: Ctrl+S saves, Escape once more leaves".into());
+                let which =
+                    if self.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
+                self.hud.message = Some(format!("the {which}Ctrl+S saves, Escape once more leaves"));
             }
             KeyCode::Escape => return Ok(After::Quit),
+            KeyCode::KeyB => self.toggle_boxes()?,
+            KeyCode::KeyF => self.find_rest(),
             KeyCode::KeyG => self.stage.choose_alike(),
             KeyCode::KeyH => self.hud.visible = !self.hud.visible,
             KeyCode::KeyR => self.navigator = self.home.clone(),

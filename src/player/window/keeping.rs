@@ -42,7 +42,7 @@ impl Live {
     }
 
     /// Beside the scene, the first name with this ending that is free.
-    fn free_name(&self, ending: &str) -> PathBuf {
+    pub(super) fn free_name(&self, ending: &str) -> PathBuf {
         let mut names = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.{ending}")));
         names.find(|path| !path.exists()).unwrap_or_default()
     }

@@ -9,6 +9,7 @@ use winit::dpi::PhysicalSize;
 use winit::event_loop::ActiveEventLoop;
 use winit::window::Window;
 
+use super::boxing::Boxing;
 use super::editing::Editing;
 use super::keeping::kept_cameras;
 use super::{Live, WindowJob, window_error};
@@ -65,10 +66,14 @@ impl Live {
             reopened: None,
             validation_message: None,
             editing: Editing::default(),
+            boxing: Boxing::default(),
             path: job.path.clone(),
         };
         let scene = std::mem::replace(&mut job.scene, Err(String::new()));
         live.take_scene(scene, job)?;
+        if let Some((path, boxes)) = job.boxes.take() {
+            live.boxing = Boxing::from_file(path, boxes);
+        }
         Ok(live)
     }
 
@@ -121,6 +126,8 @@ impl Live {
         self.stage = Stage::new(&self.gpu, InstancedScene::default(), options)?;
         self.stage = Stage::new(&self.gpu, scene, options)?;
         self.editing = Editing::default();
+        self.stop_search();
+        self.boxing = Boxing::default();
         self.file_bytes = bytes;
         self.clock.clear();
         Ok(())

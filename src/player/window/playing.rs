@@ -53,6 +53,12 @@ impl Live {
                 self.key_event(code, down, false, false)?;
             }
             Step::Wait => {}
+            Step::Found => {
+                if self.boxing.is_searching() {
+                    self.script.push_front(step);
+                }
+            }
+            Step::Boxes(path) => self.save_boxes(&path),
             Step::Shot(path) => self.stage.screenshot(&path)?,
             Step::Lose => return Err(GpuError::DeviceLost { last_pass: "a script's lose".into() }.into()),
             Step::Quit => return Ok(After::Quit),

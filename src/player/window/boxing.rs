@@ -1,0 +1,341 @@
+//! Boxes around objects, in the window: clicks that put them there, handles that are dragged, the search for the rest, files.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use winit::keyboard::KeyCode;
+
+use super::Live;
+use crate::io::write_boxes;
+use crate::player::box_handles::{BoxDrag, BoxHandles, BoxPart, after, box_at_edge};
+use crate::player::boxes::BoxList;
+use crate::player::error::PlayerError;
+use crate::player::hud_boxes::{BoxAction, BoxFacts, BoxPanel, paint_boxes};
+use crate::player::search::{Search, Searched, without_view_dependence};
+use crate::scene::{Boxes, ObjectBox};
+use crate::segment::standing::{Standing, Surroundings, UprightBox};
+
+/// How often the window looks how far a search is.
+const POLL: Duration = Duration::from_millis(100);
+
+/// The tool and its state.
+#[derive(Default)]
+pub(super) struct Boxing {
+    /// Clicks, keys and handles are for boxes.
+    pub(super) on: bool,
+    list: BoxList,
+    grip: Option<BoxDrag>,
+    hovered: Option<BoxPart>,
+    /// Of the cloud; made when it is clicked first.
+    around: Option<Surroundings>,
+    search: Option<Search>,
+    panel: BoxPanel,
+    /// Where the boxes are from or were saved.
+    file: Option<PathBuf>,
+}
+
+impl Boxing {
+    /// With boxes of a file.
+    pub(super) fn from_file(path: PathBuf, boxes: Boxes) -> Self {
+        Self { on: true, list: BoxList::from_file(boxes), file: Some(path), ..Self::default() }
+    }
+
+    /// True while something is dragged.
+    pub(super) fn is_held(&self) -> bool {
+        self.grip.is_some()
+    }
+
+    /// True while a search goes on.
+    pub(super) fn is_searching(&self) -> bool {
+        self.search.is_some()
+    }
+
+    /// True if boxes were changed since they were saved.
+    pub(super) fn is_unsaved(&self) -> bool {
+        self.list.is_unsaved()
+    }
+
+    /// When the window should look again by itself.
+    pub(super) fn wakes_at(&self) -> Option<Instant> {
+        self.search.as_ref().map(|_| Instant::now() + POLL)
+    }
+}
+
+impl Live {
+    /// Takes the tool up or puts it away.
+    pub(super) fn toggle_boxes(&mut self) -> Result<(), PlayerError> {
+        self.let_go()?;
+        // The outline of chosen instances is not for boxes.
+        self.stage.click(None, false);
+        self.boxing.on = !self.boxing.on;
+        Ok(())
+    }
+
+    fn box_handles(&self) -> Option<BoxHandles> {
+        let chosen = &self.boxing.list.chosen_box()?.object;
+        Some(BoxHandles::new(chosen, self.editing.mode, &self.navigator.camera(self.swapchain.size_px())))
+    }
+
+    /// The pointer is somewhere else; true if the picture changes with it.
+    pub(super) fn box_hover(&mut self, over_interface: bool) -> bool {
+        if self.boxing.grip.is_some() {
+            return true;
+        }
+        let at = self.controls.pointer_px();
+        let hovered = self.box_handles().filter(|_| !over_interface).and_then(|handles| handles.part_at(at));
+        std::mem::replace(&mut self.boxing.hovered, hovered) != hovered
+    }
+
+    /// The left button goes down over the picture; true if it takes hold of a handle.
+    pub(super) fn box_grab(&mut self) -> bool {
+        let at = self.controls.pointer_px();
+        let handles = self.box_handles();
+        self.boxing.grip = handles.and_then(|handles| handles.part_at(at).and_then(|part| handles.grab(part, at)));
+        self.boxing.grip.is_some()
+    }
+
+    /// What is held goes where the pointer is.
+    pub(super) fn box_follow(&mut self) {
+        let Some(drag) = &self.boxing.grip else { return };
+        let camera = self.navigator.camera(self.swapchain.size_px());
+        if let Some(object) = drag.moved(&camera, self.controls.pointer_px()) {
+            self.boxing.list.change(object);
+        }
+    }
+
+    /// What was held stays; false if nothing was.
+    pub(super) fn box_let_go(&mut self) -> bool {
+        self.box_follow();
+        let held = self.boxing.grip.take().is_some();
+        if held {
+            self.boxing.list.finish();
+        }
+        held
+    }
+
+    /// What was held goes back; false if nothing was.
+    fn box_drop(&mut self) -> bool {
+        let held = self.boxing.grip.take().is_some();
+        if held {
+            self.boxing.list.cancel();
+        }
+        held
+    }
+
+    /// A click on the scene: chooses the box that is there, or puts one around what is there. With shift it takes the box
+    /// away.
+    pub(super) fn box_click(&mut self, at_px: [f64; 2]) -> Result<(), PlayerError> {
+        self.hud.message = None;
+        let in_picture = self.in_picture(at_px);
+        let place = self.stage.point_at(in_picture)?;
+        let camera = self.navigator.camera(self.swapchain.size_px());
+        let objects = self.boxing.list.boxes().iter().map(|listed| &listed.object);
+        let at_edge = box_at_edge(objects, &camera, at_px);
+        let there = at_edge.or_else(|| self.boxing.list.containing(place?));
+        match (there, place) {
+            (Some(index), _) if self.controls.shift => self.boxing.list.remove(index),
+            (None, _) if self.controls.shift => self.says("there is no box to take away"),
+            (Some(index), _) => self.boxing.list.choose(Some(index)),
+            (None, None) => self.boxing.list.choose(None),
+            (None, Some(place)) => match self.stage.instance_at(in_picture)? {
+                Some(k) => self.says(format!("that is instance {k} of the scene: boxes are for what has no instance")),
+                None => self.box_around(place),
+            },
+        }
+        self.warned = false;
+        Ok(())
+    }
+
+    /// Puts a box around what stands at a place of the world.
+    fn box_around(&mut self, place: glam::DVec3) {
+        let [_, _, up] = self.navigator.level_axes();
+        let cloud = &self.stage.scene().background;
+        let around = self.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
+        match around.at(place, self.navigator.eye()) {
+            Standing::Object(found) => self.boxing.list.draw(object_of(found)),
+            Standing::Unclear(usual) => {
+                self.boxing.list.draw(object_of(usual));
+                self.says("where it ends cannot be told from what is around it: drag the dots until the box fits");
+            }
+            Standing::Ground => {
+                self.boxing.list.choose(None);
+                self.says("that is the ground: click what stands on it");
+            }
+        }
+    }
+
+    fn says(&mut self, words: impl Into<String>) {
+        self.hud.message = Some(words.into());
+    }
+
+    /// Keys of the tool; false for others.
+    pub(super) fn box_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
+        if self.controls.control {
+            let action = match code {
+                KeyCode::KeyZ if self.controls.shift => BoxAction::Redo,
+                KeyCode::KeyZ => BoxAction::Undo,
+                KeyCode::KeyY => BoxAction::Redo,
+                KeyCode::KeyS => BoxAction::Save(self.box_file()),
+                _ => return Ok(false),
+            };
+            self.box_let_go();
+            self.act_on_boxes(vec![action])?;
+            return Ok(true);
+        }
+        match code {
+            KeyCode::KeyF => self.find_rest(),
+            KeyCode::Escape if self.box_drop() => {}
+            KeyCode::Escape if self.boxing.is_searching() => self.stop_search(),
+            KeyCode::Escape if self.boxing.list.chosen().is_some() => self.boxing.list.choose(None),
+            KeyCode::Escape => self.toggle_boxes()?,
+            _ => {
+                let Some(index) = self.boxing.list.chosen() else { return Ok(false) };
+                return Ok(self.key_of_chosen_box(code, index));
+            }
+        }
+        Ok(true)
+    }
+
+    fn key_of_chosen_box(&mut self, code: KeyCode, index: usize) -> bool {
+        if matches!(code, KeyCode::Delete | KeyCode::Backspace) {
+            self.box_let_go();
+            self.boxing.list.remove(index);
+            return true;
+        }
+        let Some(motion) = self.key_motion(code) else { return false };
+        self.box_let_go();
+        if let Some(listed) = self.boxing.list.chosen_box() {
+            let moved = after(&listed.object, motion);
+            self.boxing.list.change(moved);
+            self.boxing.list.finish();
+        }
+        true
+    }
+
+    /// Begins the search for what is like the chosen box.
+    pub(super) fn find_rest(&mut self) {
+        if self.boxing.is_searching() {
+            return self.says("a search goes on: Esc stops it");
+        }
+        let Some(listed) = self.boxing.list.chosen_box() else {
+            return self.says("click an object first: what is like it is looked for");
+        };
+        let [_, _, up] = self.navigator.level_axes();
+        let up = self.boxing.around.as_ref().map_or(up, Surroundings::up);
+        let cloud = without_view_dependence(&self.stage.scene().background);
+        self.boxing.search = Some(Search::start(cloud, self.cameras.0.clone(), listed.object.clone(), up));
+    }
+
+    /// Asks a search to stop, if there is one.
+    pub(super) fn stop_search(&self) {
+        if let Some(search) = &self.boxing.search {
+            search.stop();
+        }
+    }
+
+    /// Takes what a search has found, if it has ended.
+    pub(super) fn take_found(&mut self) {
+        let Some(search) = self.boxing.search.take_if(|search| search.has_ended()) else { return };
+        let like = search.like();
+        let words = match search.end() {
+            Searched::Stopped => "the search was stopped".into(),
+            Searched::Failed(reason) => reason,
+            Searched::Found(found, seconds) => match self.boxing.list.take_found(like, found) {
+                None => "the box that was searched for is gone".into(),
+                Some(0) => format!("nothing else is like box {like} ({seconds:.1} s)"),
+                Some(count) => {
+                    format!("{count} found in {seconds:.1} s; Shift+click takes away what is wrong; Ctrl+S saves")
+                }
+            },
+        };
+        self.says(words);
+    }
+
+    /// Where boxes are saved: where they are from, or beside the scene under a name that is free.
+    fn box_file(&self) -> PathBuf {
+        let beside = self.path.with_extension("boxes.json");
+        let free = || if beside.exists() { self.free_name("boxes.json") } else { beside.clone() };
+        self.boxing.file.clone().unwrap_or_else(free)
+    }
+
+    /// Writes the boxes.
+    pub(super) fn save_boxes(&mut self, path: &Path) {
+        self.box_let_go();
+        if self.boxing.list.boxes().is_empty() {
+            return self.says("there are no boxes to save");
+        }
+        let written = write_boxes(path, &self.boxing.list.to_file());
+        if written.is_ok() {
+            self.boxing.list.saved();
+            self.boxing.panel.saved_to(path.display().to_string());
+            self.boxing.file = Some(path.to_path_buf());
+        }
+        let [drawn, found] = self.boxing.list.counts();
+        self.says(match written {
+            Ok(()) => format!("{} boxes are in {}", drawn + found, path.display()),
+            Err(error) => error.to_string(),
+        });
+    }
+
+    /// Lays out the tool, while it is on; what its user wants done.
+    pub(super) fn lay_out_boxes(&mut self, ctx: &egui::Context) -> Vec<BoxAction> {
+        if !self.boxing.on {
+            return Vec::new();
+        }
+        let camera = self.navigator.camera(self.swapchain.size_px());
+        let handles = self.box_handles();
+        let held = self.boxing.grip.as_ref().map(BoxDrag::part);
+        paint_boxes(ctx, &self.boxing.list, &camera, (handles.as_ref(), held.or(self.boxing.hovered)));
+        if !self.hud.visible {
+            return Vec::new();
+        }
+        let [_, _, up] = self.navigator.level_axes();
+        let (file, step) = (self.box_file().display().to_string(), self.number_step());
+        let Boxing { list, panel, around, search, .. } = &mut self.boxing;
+        let facts = BoxFacts {
+            list,
+            up: around.as_ref().map_or(up, Surroundings::up),
+            step,
+            mode: self.editing.mode,
+            searched: search.as_ref().map(Search::part),
+            file,
+        };
+        panel.lay_out(ctx, &facts)
+    }
+
+    /// Does what the panel asks for.
+    pub(super) fn act_on_boxes(&mut self, actions: Vec<BoxAction>) -> Result<(), PlayerError> {
+        for action in actions {
+            self.warned = false;
+            let list = &mut self.boxing.list;
+            match action {
+                BoxAction::Change(object) => list.change(object),
+                BoxAction::Finish => list.finish(),
+                BoxAction::Undo => {
+                    if !list.undo() {
+                        self.says("there is nothing to take back");
+                    }
+                }
+                BoxAction::Redo => {
+                    if !list.redo() {
+                        self.says("there is nothing to do again");
+                    }
+                }
+                BoxAction::Choose(index) => list.choose(Some(index)),
+                BoxAction::Remove(index) => list.remove(index),
+                BoxAction::Find => self.find_rest(),
+                BoxAction::CancelSearch => self.stop_search(),
+                BoxAction::Mode(mode) => self.editing.mode = mode,
+                BoxAction::Save(path) => self.save_boxes(&path),
+                BoxAction::Leave => self.toggle_boxes()?,
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A box without an id, which the list gives.
+fn object_of(upright: UprightBox) -> ObjectBox {
+    let UprightBox { center, size, world_from_box } = upright;
+    ObjectBox { id: 0, category: None, center, size, world_from_box }
+}
