@@ -20,6 +20,7 @@ mod cli_lod;
 mod cli_masks;
 #[cfg(feature = "player")]
 mod cli_player;
+#[cfg(feature = "player")]
 mod cli_player_boxes;
 mod cli_stages;
 mod cli_synth;

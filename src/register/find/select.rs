@@ -7,12 +7,13 @@ use glam::DVec3;
 use super::{FindError, FindInput, FindOptions};
 use crate::math::rng::Rng;
 use crate::math::sh::widened;
-use crate::register::normals::{Viewers, up_direction};
+use crate::register::normals::Viewers;
 use crate::register::options::RegisterOptions;
 use crate::register::sample::{BASE, Disc, FEW_GAUSSIANS, ObjectSurface, SAMPLES, disc, discs, drawn, extents_of};
 use crate::register::sample::{is_opaque, relaxed};
 use crate::register::surface::Surface;
 use crate::scene::ObjectBox;
+use crate::scene::up_direction;
 
 /// An axis of the box counts as up if it is within this angle of the pictures' up, radians (25 degrees): that is some
 /// degrees off, or more where all cameras look down.
