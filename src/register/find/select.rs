@@ -32,8 +32,10 @@ const LAYER_SECTORS: usize = 6;
 const LAYER_GAUSSIANS: usize = 6;
 /// Of the object is what is this part of its height above the middle of the layer.
 const ABOVE: f64 = 0.04;
-/// Where sizes are free, this many times the box must be explained: a small crown lies well inside of a large one.
-const SURROUNDINGS: f64 = 1.35;
+/// So many times the box must be explained: what goes on beyond it, as a floor beyond a table's top, is not the object. More
+/// where sizes are free: a small crown lies well inside of a large one.
+const SURROUNDINGS: f64 = 1.2;
+const WIDE_SURROUNDINGS: f64 = 1.35;
 /// Points drawn on the scene for each that is drawn on the object: the search needs fewer.
 const SCENE_DENSITY: f64 = 0.7;
 /// Most points of the scene.
@@ -91,7 +93,7 @@ pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<S
     let scene = scene_surface(input, (&own, &opaque), &surface, &limits);
     let support = support.map(|height| height - up.dot(surface.centroid));
     let object_box = ObjectBox { center: object.center - surface.centroid, ..object.clone() };
-    let wider = if options.min_scale < 1.0 { SURROUNDINGS } else { 1.0 };
+    let wider = if options.min_scale < 1.0 { WIDE_SURROUNDINGS } else { SURROUNDINGS };
     let domain = ObjectBox { size: object_box.size * wider, ..object_box.clone() };
     let ground = ground.into_iter().map(|p| p - surface.centroid).collect();
     Ok(Selected { surface, scene, up, support, object_box, domain, ground })
