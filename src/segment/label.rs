@@ -123,7 +123,8 @@ pub fn label_views<E: From<SegmentError>>(
         objects_of_view.push(table.objects_of_view(entries.view, entries.ids));
         progress(LabelProgress { done: entries.view + 1, total })
     })?;
-    if objects_of_view.iter().all(Vec::is_empty) {
+    // Where consensus joined no masks to an object there is nothing to label, but the scene still comes out.
+    if *table == IdTable::Same && objects_of_view.iter().all(Vec::is_empty) {
         return Err(SegmentError::NoMasks.into());
     }
     views.for_each(|entries| {

@@ -131,7 +131,6 @@ fn one_is_clicked_and_the_rest_is_found() {
 }
 
 #[test]
-#[ignore = "the first version of find_alike also takes the floor for seats, beside the case and the post"]
 fn nothing_but_the_rest_is_found() {
     let Some(display) = (if skips_gpu() { None } else { VirtualDisplay::open() }) else { return };
     let folder = tempfile::tempdir().unwrap();

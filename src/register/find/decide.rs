@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::refine::{Candidate, explained};
-use super::select::{AROUND, Selected, half_extent, level_reach};
+use super::select::{AROUND, SECTORS, Selected, half_extent, level_reach, sector};
 use super::{FindOptions, Found, FoundObject, RejectedPlace, moved_box, world_map};
 use crate::register::pose::Pose;
 use crate::scene::ObjectBox;
@@ -13,9 +13,18 @@ const TAKEN: f64 = 0.35;
 /// A pose that tilts the object by more than this is none, radians (20 degrees).
 const MOST_TILT: f64 = 0.35;
 
-/// An object stands if so many Gaussians are around its bottom, within this part of its height above or below it.
-const STANDING_GAUSSIANS: usize = 3;
+/// An object stands if Gaussians beside it, in at least so many of eight directions, are at the level of what it stands on,
+/// within this part of its height: a place that is sunk into the ground or above it has none there.
+const STANDING_SECTORS: usize = 3;
 const STANDS: f64 = 0.1;
+/// Little lies below what one stands on, as far down as this part of the object's height: at most this part of what is at
+/// its level, for trained ground is uneven. Below a place in the air there is the ground.
+const BELOW: f64 = 0.5;
+const BELOW_PART: f64 = 0.8;
+/// Something else may stand in the box, a table over a chair: then the object is found nearly whole ...
+const WHOLE: f64 = 0.8;
+/// ... and explains more than half of what is there.
+const HALF: f64 = 0.5;
 
 /// Decides.
 pub(super) fn decide(
@@ -38,9 +47,9 @@ pub(super) fn decide(
         }
         own.iter().for_each(|i| taken[*i as usize] = true);
         let score = agreement.score();
-        let least = objects.first().map_or(options.min_score, |o: &FoundObject| options.min_relative * o.score);
+        let is_alike = score >= options.min_score || (agreement.inliers >= WHOLE && agreement.explained > HALF);
         let tilt = (pose.rotation * selected.up).angle_between(selected.up);
-        let reason = if score < least {
+        let reason = if !is_alike {
             let (found, explained) = (100.0 * agreement.inliers, 100.0 * agreement.explained);
             Some(format!("{found:.0} % of the object found, {explained:.0} % of what is there explained"))
         } else if tilt > MOST_TILT {
@@ -57,7 +66,6 @@ pub(super) fn decide(
                 explained: agreement.explained,
                 rmse: agreement.rmse,
                 score,
-                note: String::new(),
             }),
         }
     }
@@ -66,16 +74,29 @@ pub(super) fn decide(
 
 /// Why an object does not stand where it is as the selected one stands; `None` if it does.
 fn not_standing(selected: &Selected, pose: &Pose) -> Option<String> {
+    let up = selected.up;
     let height = selected.support? * pose.scale;
     let there = moved_box(&selected.object_box, pose, DVec3::ZERO, 1);
-    let level = selected.up.dot(pose.translation) + height;
-    let off = STANDS * 2.0 * half_extent(&there, selected.up);
-    let reach = AROUND * level_reach(&there, selected.up);
-    let is_below = |p: &&DVec3| {
-        (selected.up.dot(**p) - level).abs() < off && (**p - there.center).reject_from(selected.up).length() < reach
-    };
-    let count = selected.ground.iter().filter(is_below).take(STANDING_GAUSSIANS).count();
-    (count < STANDING_GAUSSIANS).then(|| "there is nothing it could stand on".into())
+    let level = up.dot(pose.translation) + height;
+    let off = STANDS * 2.0 * half_extent(&there, up);
+    let reach = AROUND * level_reach(&there, up);
+    let (mut has_ground, mut at_level, mut below) = ([false; SECTORS], 0, 0);
+    for &p in &selected.ground {
+        let away = (p - there.center).reject_from(up);
+        if away.length() > reach || there.contains(there.center + away) {
+            continue;
+        }
+        let above = up.dot(p) - level;
+        if above.abs() < off {
+            has_ground[sector(away, up)] = true;
+            at_level += 1;
+        } else if above < 0.0 && above > -BELOW / STANDS * off {
+            below += 1;
+        }
+    }
+    let sectors = has_ground.iter().filter(|has| **has).count();
+    let stands = sectors >= STANDING_SECTORS && f64::from(below) <= BELOW_PART * f64::from(at_level);
+    (!stands).then(|| "there is nothing it could stand on".into())
 }
 
 /// The smaller of a box's edges that are not its height: of the two that are not the most upright.

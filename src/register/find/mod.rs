@@ -4,7 +4,7 @@
 //! What is in the box, without what it stands on, gives points of its surface (`select`). They are laid on the points of
 //! the whole scene in every turn about the vertical and at every place where a few of them meet something (`field`,
 //! `search`). Places where most do are refined, both ways (`refine`): the object must be found there, and what is there
-//! must be explained by the object. Those that agree about as well as the object agrees with itself are repetitions
+//! must be explained by the object. Those that agree well and stand on something, as the object does, are repetitions
 //! (`decide`). Colours say nothing: liveries differ.
 
 mod against;
@@ -70,8 +70,6 @@ pub struct FoundObject {
     pub rmse: f64,
     /// Agreement both ways, 0..=1, 1 = as well as the object agrees with itself.
     pub score: f64,
-    /// What to look at, empty if nothing.
-    pub note: String,
 }
 
 /// A place that is no repetition.

@@ -26,7 +26,7 @@ const NEAR_BOTTOM: f64 = 0.25;
 /// eight directions, is what the object stands on. A wall that a window is in fills the height evenly.
 const LAYER: f64 = 0.06;
 const LAYER_PART: f64 = 0.4;
-const SECTORS: usize = 8;
+pub(super) const SECTORS: usize = 8;
 const LAYER_SECTORS: usize = 6;
 /// Fewest Gaussians of it.
 const LAYER_GAUSSIANS: usize = 6;
@@ -118,20 +118,25 @@ pub(super) fn level_reach(object: &ObjectBox, up: DVec3) -> f64 {
     object.corners().iter().map(|c| (*c - object.center).reject_from(up).length()).fold(0.0, f64::max)
 }
 
+/// Which of the directions about `up` a level vector points to.
+pub(super) fn sector(away: DVec3, up: DVec3) -> usize {
+    let (side, front) = up.any_orthonormal_pair();
+    let turn = front.dot(away).atan2(side.dot(away)) / TAU + 0.5;
+    ((turn * SECTORS as f64) as usize).min(SECTORS - 1)
+}
+
 /// The height along `up` (world) from which on Gaussians are the object's; `None` if it stands on nothing.
 fn support(ground: &[DVec3], object: &ObjectBox, up: DVec3) -> Option<f64> {
     let half_height = half_extent(object, up);
     let height = 2.0 * half_height;
     let bottom = up.dot(object.center) - half_height;
     let reach = AROUND * level_reach(object, up);
-    let (side, front) = up.any_orthonormal_pair();
     let mut around: Vec<(f64, usize)> = Vec::new();
     for &p in ground {
         let level = up.dot(p) - bottom;
         let away = (p - object.center).reject_from(up);
         if level.abs() < NEAR_BOTTOM * height && away.length() < reach && !object.contains(p) {
-            let turn = front.dot(away).atan2(side.dot(away)) / TAU + 0.5;
-            around.push((level, ((turn * SECTORS as f64) as usize).min(SECTORS - 1)));
+            around.push((level, sector(away, up)));
         }
     }
     around.sort_by(|a, b| a.0.total_cmp(&b.0));
