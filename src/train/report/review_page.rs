@@ -148,11 +148,10 @@ mod tests {
     fn the_sheet_is_well_formed_and_whole() {
         let html = page(&sheet());
         tags(&html);
-        for part in
-            ["masks of a &amp; b", "no &lt;mask&gt;", "1.23 %", "c&lt;r", "1,234", "2 masks", "no file of masks"]
-        {
-            assert!(html.contains(part), "lacks {part}");
-        }
+        let counted = count(1234);
+        let parts =
+            ["masks of a &amp; b", "no &lt;mask&gt;", "1.23 %", "c&lt;r", &counted, "2 masks", "no file of masks"];
+        parts.iter().for_each(|part| assert!(html.contains(part), "lacks {part}"));
         assert_eq!(html.matches("<img").count(), 3);
         assert!(!html.contains("http"), "nothing from elsewhere");
     }
