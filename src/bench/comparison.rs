@@ -26,6 +26,8 @@ pub mod names {
     pub const MCMC: &str = "3DGS-MCMC, same time";
     /// The cloud that had the same time, quantised per Gaussian.
     pub const SPZ: &str = "3DGS, same time, .spz";
+    /// The same cloud, packed as [`OURS_SMALL`] is.
+    pub const SAME_TIME_SMALL: &str = "3DGS, same time, small";
     /// Templates and poses without offsets: every instance looks the same.
     pub const RIGID: &str = "rigid copies";
     /// The instanced scene, as trained.
@@ -34,6 +36,8 @@ pub mod names {
     pub const OURS_F16: &str = "InstGS, f16";
     /// With offsets of 8 bits.
     pub const OURS_Q8: &str = "InstGS, q8";
+    /// With offsets of 8 bits, and the rest in compressed steps.
+    pub const OURS_SMALL: &str = "InstGS, small";
 }
 
 /// All scenes of one data set and seed.

@@ -16,7 +16,7 @@ use crate::scene::trajectory::Orbit;
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk export --scene room.instgs --to room.ply\n  \
-    instgs-vk export --scene room.instgs --to small.instgs --pack q8\n  \
+    instgs-vk export --scene room.instgs --to small.instgs --pack small\n  \
     instgs-vk export --scene room.ply --to room.spz\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1")]
 pub(super) struct ExportArgs {
@@ -27,7 +27,8 @@ pub(super) struct ExportArgs {
     #[arg(long, value_name = "X.(ply|spz|glb|instgs)")]
     to: PathBuf,
     /// Numbers of an .instgs file: f32 as they are; f16 all but means and transforms in 16 bits; q8 offsets in 8 bits,
-    /// the rest as f16
+    /// the rest as f16; small offsets in 8 bits, the rest rounded and compressed (a fifth of q8's bytes for some
+    /// hundredths of a dB)
     #[arg(long, value_enum)]
     pack: Option<PackArg>,
     /// The scene's direction that becomes glTF's up (+y) in a .glb [default: as for render's --orbit]
@@ -43,6 +44,7 @@ enum PackArg {
     F32,
     F16,
     Q8,
+    Small,
 }
 
 #[derive(serde::Serialize)]
@@ -61,6 +63,7 @@ impl From<PackArg> for Pack {
             PackArg::F32 => Self::F32,
             PackArg::F16 => Self::F16,
             PackArg::Q8 => Self::Q8,
+            PackArg::Small => Self::Small,
         }
     }
 }

@@ -7,6 +7,7 @@ use safetensors::tensor::TensorInfo;
 
 use super::error::CliError;
 use crate::io::IoError;
+use crate::io::scene_small::{SUFFIX, small_shape};
 
 /// A stretch of the file.
 #[derive(serde::Serialize)]
@@ -16,7 +17,7 @@ pub(super) struct FilePart {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) layout: Option<String>,
     pub(super) bytes: u64,
-    /// The tensor's first dimension.
+    /// The tensor's first dimension; of a coded table its rows.
     #[serde(skip)]
     pub(super) rows: u64,
     #[serde(skip)]
@@ -108,18 +109,23 @@ pub(super) fn tensor_parts(bytes: &[u8], path: &Path) -> Result<Vec<FilePart>, C
         purpose: purpose_of(&name),
         layout: Some(format!("{:?} {:?}", info.dtype, info.shape)),
         bytes: (info.data_offsets.1 - info.data_offsets.0) as u64,
-        rows: info.shape.first().map_or(0, |&rows| rows as u64),
+        rows: rows_of(&name, info, &bytes[LENGTH_BYTES + header_bytes..]),
         name,
     };
     parts.extend(tensors.into_iter().map(tensor_part));
     Ok(parts)
 }
 
+fn rows_of(name: &str, info: &TensorInfo, data: &[u8]) -> u64 {
+    let coded = || small_shape(&data[info.data_offsets.0..info.data_offsets.1]).map_or(0, |(rows, _)| rows as u64);
+    if name.ends_with(SUFFIX) { coded() } else { info.shape.first().map_or(0, |&rows| rows as u64) }
+}
+
 fn purpose_of(tensor: &str) -> Purpose {
     const CLOUD: [&str; 5] = ["means", "quats", "log_scales", "opacity_logits", "sh"];
     const OFFSETS: [&str; 7] = ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", "range"];
     const INSTANCES: [&str; 3] = ["template", "world_from_template", "first_offset"];
-    match tensor.split_once('.') {
+    match tensor.strip_suffix(SUFFIX).unwrap_or(tensor).split_once('.') {
         Some(("template", "ranges")) => Purpose::TemplateRanges,
         Some(("template", field)) if CLOUD.contains(&field) => Purpose::Templates,
         Some(("background", field)) if CLOUD.contains(&field) => Purpose::Background,
@@ -139,7 +145,7 @@ mod tests {
     #[test]
     fn parts_add_up_to_the_file() -> Result<(), CliError> {
         let path = Path::new("x.instgs");
-        for pack in [Pack::F32, Pack::F16, Pack::Q8] {
+        for pack in [Pack::F32, Pack::F16, Pack::Q8, Pack::Small] {
             let scene = with_ablations();
             let bytes = packed_scene_file_bytes(&scene, pack, path)?;
             let parts = tensor_parts(&bytes, path)?;

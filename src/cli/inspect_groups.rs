@@ -81,15 +81,15 @@ fn group(
     let used = |s: &&Range<usize>| firsts.iter().any(|&first| first <= s.start && s.end <= first + len);
     let own = segments.iter().filter(used);
     let records: u64 = own.clone().map(|s| s.len() as u64).sum();
-    // Every tensor has rows of one size: per template Gaussian, per record, or per segment.
-    let row_bytes = |purpose, is_range: bool| {
+    // Tensors have rows of one size, per template Gaussian, per record, or per segment; of a coded table, each has its share.
+    let bytes_of = |rows: u64, purpose, is_range: bool| {
         let of = parts.iter().filter(|p| p.purpose == purpose && p.rows > 0 && (p.name == "offset.range") == is_range);
-        of.map(|p| p.bytes / p.rows).sum::<u64>()
+        of.map(|p| rows * p.bytes / p.rows).sum::<u64>()
     };
     let gaussians = u64::from(range.count);
-    let stored_bytes = gaussians * row_bytes(Purpose::Templates, false)
-        + records * row_bytes(Purpose::Offsets, false)
-        + own.count() as u64 * row_bytes(Purpose::Offsets, true)
+    let stored_bytes = bytes_of(gaussians, Purpose::Templates, false)
+        + bytes_of(records, Purpose::Offsets, false)
+        + bytes_of(own.count() as u64, Purpose::Offsets, true)
         + INSTANCE_BYTES * instances
         + RANGE_BYTES;
     let flattened_ply_bytes = gaussians * instances * ply_row_bytes(scene.sh_degree());
@@ -176,6 +176,14 @@ mod tests {
                 assert_eq!(stored + sums.background + sums.header + sums.foreign, bytes.len() as u64, "{pack:?}");
             }
         }
+        // Each group has its share of a coded table, rounded down.
+        let scene = sample_scene();
+        let parts = tensor_parts(&packed_scene_file_bytes(&scene, Pack::Small, path)?, path)?;
+        let sums = FileSums::of(&parts);
+        let stored: u64 = groups(&scene, &parts).iter().map(|g| g.stored_bytes).sum();
+        let all = sums.templates + sums.offsets + sums.instances + sums.template_ranges;
+        assert!(stored <= all && all - stored <= 5 * scene.template_ranges.len() as u64, "{stored} {all}");
+        assert!(sums.background > 0 && sums.templates > 0);
         Ok(())
     }
 

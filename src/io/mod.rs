@@ -32,10 +32,12 @@ pub mod scene_export;
 pub mod scene_file;
 pub mod scene_load;
 pub mod scene_pack;
+pub(crate) mod scene_small;
 pub mod scene_write;
 pub mod splat;
 pub mod spz;
 mod spz_codec;
+mod step_columns;
 pub mod view_image;
 mod view_resample;
 

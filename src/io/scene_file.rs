@@ -1,6 +1,7 @@
 //! `.instgs`: instanced scenes as a safetensors file (DESIGN section 5).
 //!
-//! Reads F32 and F16 tensors, and offsets in U8 ([`crate::io::scene_pack`]). Tensors and metadata that this version
+//! Reads F32 and F16 tensors, offsets in U8 ([`crate::io::scene_pack`]) and clouds in coded tables
+//! ([`crate::io::scene_small`], format 2). Tensors and metadata that this version
 //! does not know are kept and written again. Writing is in [`crate::io::scene_write`].
 
 use std::collections::BTreeMap;
@@ -11,14 +12,18 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use crate::io::error::{IoError, Place};
 use crate::io::read_bytes;
 use crate::io::scene_pack::{CHANNELS, OffsetRanges, segments};
+use crate::io::scene_small::{SUFFIX, small_shape, small_values};
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, TemplateRange};
 use crate::scene::offsets::Offsets;
 
 pub(crate) const FORMAT: &str = "instgs/1";
+/// Of files with coded tables, so that older versions say that they cannot read them.
+pub(crate) const FORMAT_SMALL: &str = "instgs/2";
 /// `instance.first_offset` of an instance without offsets.
 pub(crate) const NO_OFFSET: u32 = u32::MAX;
+
 /// Reads an `.instgs` file. Values may be non-finite (see [`crate::io::load_scene`]); indices and transforms are
 /// checked.
 pub fn read_scene_file(path: &Path) -> Result<InstancedScene, IoError> {
@@ -34,9 +39,9 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
     let field = |name: &str, what: String| IoError::new(path, what).at(Place::Field(format!("metadata {name}")));
     match metadata.remove("format").as_deref() {
-        Some(FORMAT) => {}
+        Some(FORMAT | FORMAT_SMALL) => {}
         Some(other) if other.starts_with("instgs/") => {
-            return Err(field("format", format!("{other} is not {FORMAT}"))
+            return Err(field("format", format!("{other} is neither {FORMAT} nor {FORMAT_SMALL}"))
                 .advise("this file needs a newer version of instgs-vk"));
         }
         _ => return Err(field("format", format!("is missing or not \"{FORMAT}\": this is no instgs scene"))),
@@ -95,7 +100,7 @@ struct Reader<'a> {
     left: BTreeMap<String, TensorView<'a>>,
 }
 
-impl Reader<'_> {
+impl<'a> Reader<'a> {
     fn error(&self, tensor: &str, what: impl Into<String>) -> IoError {
         IoError::new(self.path, what).at(Place::Tensor(tensor.into()))
     }
@@ -125,12 +130,35 @@ impl Reader<'_> {
     }
 
     fn floats(&mut self, name: &str, inner: &[usize], rows: Option<usize>) -> Result<Vec<f32>, IoError> {
+        if let Some((coded, view)) = self.take_small(name)? {
+            let fail = |what: String| self.error(&coded, what);
+            let (has_rows, width) = small_shape(view.data()).map_err(fail)?;
+            let want = inner.iter().product::<usize>();
+            if width != want || rows.is_some_and(|rows| rows != has_rows) {
+                let rows = rows.map_or("N".into(), |rows| rows.to_string());
+                return Err(fail(format!("has {has_rows} rows of {width} numbers, not {rows} of {want}")));
+            }
+            return small_values(view.data(), name.ends_with(".quats")).map_err(fail);
+        }
         let (dtype, data, _) = self.take(name, inner, rows)?;
         match dtype {
             Dtype::F32 => Ok(data.as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect()),
             Dtype::F16 => Ok(data.as_chunks::<2>().0.iter().map(|&b| half::f16::from_le_bytes(b).to_f32()).collect()),
             other => Err(self.error(name, format!("has the type {}, not F32 or F16", dtype_name(other)))),
         }
+    }
+
+    /// Takes the coded table that stands for a tensor, with its own name.
+    fn take_small(&mut self, name: &str) -> Result<Option<(String, TensorView<'a>)>, IoError> {
+        let coded = format!("{name}{SUFFIX}");
+        let Some(view) = self.left.remove(&coded) else { return Ok(None) };
+        if self.left.contains_key(name) {
+            return Err(self.error(&coded, format!("is there beside {name}")));
+        }
+        if view.dtype() != Dtype::U8 {
+            return Err(self.error(&coded, format!("has the type {}, not U8", dtype_name(view.dtype()))));
+        }
+        Ok(Some((coded, view)))
     }
 
     fn vectors<const D: usize>(&mut self, name: &str, rows: Option<usize>) -> Result<Vec<[f32; D]>, IoError> {
@@ -152,12 +180,19 @@ impl Reader<'_> {
     fn cloud(&mut self, group: &str) -> Result<Gaussians, IoError> {
         let [means, quats, log_scales, logits, sh] =
             ["means", "quats", "log_scales", "opacity_logits", "sh"].map(|f| format!("{group}.{f}"));
-        if !self.any(&[&means, &quats, &log_scales, &logits, &sh]) {
+        let coded = [&means, &quats, &log_scales, &logits, &sh].map(|name| format!("{name}{SUFFIX}"));
+        if !self.any(&[&means, &quats, &log_scales, &logits, &sh]) && !self.any(&coded.each_ref().map(String::as_str)) {
             return Ok(Gaussians::default());
         }
         let means = self.vectors::<3>(&means, None)?;
         let n = Some(means.len());
-        let coefficients = self.left.get(&sh).map(|t| t.shape().to_vec());
+        let coefficients = match self.left.get(&coded[4]) {
+            Some(view) => {
+                let (rows, width) = small_shape(view.data()).map_err(|what| self.error(&coded[4], what))?;
+                Some(vec![rows, width / 3, if width % 3 == 0 { 3 } else { 0 }])
+            }
+            None => self.left.get(&sh).map(|t| t.shape().to_vec()),
+        };
         let degree = match coefficients.as_deref() {
             Some(&[_, c, 3]) => (0..=MAX_SH_DEGREE).find(|&d| sh_coefficients(d) == c),
             _ => None,

@@ -1,4 +1,5 @@
-//! Number formats of packed `.instgs` files: halves, and offsets in 8 bits.
+//! Number formats of packed `.instgs` files: halves, and offsets in 8 bits. The format `small` is in
+//! [`super::scene_small`].
 //!
 //! q8: the records of offsets are cut into *segments* wherever the run of an instance begins or ends (`segments`); in
 //! a usual scene a segment is an instance, and shared, overlapping and unused records need no rule of their own. Row r
@@ -17,8 +18,8 @@ use half::f16;
 
 use crate::scene::instanced_scene::{ForeignTensor, Instance, TemplateRange};
 
-/// How the numbers of an `.instgs` file are stored. Template and background means and transforms are F32 in all of
-/// them.
+/// How the numbers of an `.instgs` file are stored. Transforms are F32 in all of them, template and background means in
+/// all but `Small`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Pack {
     /// Everything in F32: what is written is read, to the bit.
@@ -28,6 +29,9 @@ pub enum Pack {
     F16,
     /// As `F16`, but offsets in 8 bits within ranges per instance: 7 bytes a record.
     Q8,
+    /// Templates and background as compressed multiples of small steps, offsets as `Q8`: about 24 bytes a Gaussian. The
+    /// background is put in another order. Readers older than this format refuse the file.
+    Small,
 }
 
 /// Channels of an offset record that q8 packs.

@@ -8,8 +8,9 @@ use safetensors::tensor::Dtype;
 use crate::io::atomic_write;
 use crate::io::error::{IoError, Place};
 use crate::io::safetensors_header::{Entry, header};
-use crate::io::scene_file::{FORMAT, NO_OFFSET};
+use crate::io::scene_file::{FORMAT, FORMAT_SMALL, NO_OFFSET};
 use crate::io::scene_pack::{OffsetRanges, Pack, Underflow, fits_half, floats, halves, segments};
+use crate::io::scene_small::{in_space_order, small_tensors};
 use crate::scene::gaussians::Gaussians;
 use crate::scene::instanced_scene::{ForeignTensor, InstancedScene};
 use crate::scene::offsets::Offsets;
@@ -38,14 +39,21 @@ pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) 
         .validate()
         .map_err(|e| IoError::new(path, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor)))?;
     let mut tensors = scene.foreign_tensors.clone();
-    put_cloud(&mut tensors, "template", &scene.templates, pack);
-    put_cloud(&mut tensors, "background", &scene.background, pack);
+    if pack == Pack::Small {
+        // What this version does not know may follow the background's order.
+        let ordered = scene.foreign_tensors.is_empty().then(|| in_space_order(&scene.background));
+        put_small(&mut tensors, "template", &scene.templates, path)?;
+        put_small(&mut tensors, "background", ordered.as_ref().unwrap_or(&scene.background), path)?;
+    } else {
+        put_cloud(&mut tensors, "template", &scene.templates, pack);
+        put_cloud(&mut tensors, "background", &scene.background, pack);
+    }
     put_instances(&mut tensors, scene);
     put_offsets(&mut tensors, scene, pack);
 
     let json_error = |e: serde_json::Error| IoError::new(path, format!("cannot write: {e}"));
     let mut metadata = scene.foreign_metadata.clone();
-    metadata.insert("format".into(), FORMAT.into());
+    metadata.insert("format".into(), if pack == Pack::Small { FORMAT_SMALL } else { FORMAT }.into());
     metadata.insert("antialias".into(), scene.antialias.to_string());
     metadata.insert("sh_degree".into(), scene.sh_degree().to_string());
     metadata.insert("source".into(), scene.source.clone());
@@ -71,6 +79,13 @@ fn put_cloud(tensors: &mut Tensors, group: &str, cloud: &Gaussians, pack: Pack) 
     put("sh", small(&[n, cloud.sh_coefficients(), 3], cloud.sh.as_flattened()));
 }
 
+fn put_small(tensors: &mut Tensors, group: &str, cloud: &Gaussians, path: &Path) -> Result<(), IoError> {
+    let small =
+        small_tensors(cloud).map_err(|e| IoError::new(path, format!("cannot write: compressing {group}: {e}")))?;
+    tensors.extend(small.into_iter().map(|(name, tensor)| (format!("{group}.{name}"), tensor)));
+    Ok(())
+}
+
 fn put_instances(tensors: &mut Tensors, scene: &InstancedScene) {
     let (g, k) = (scene.template_ranges.len(), scene.instances.len());
     let mut put = |name: &str, tensor| tensors.insert(name.into(), tensor);
@@ -87,7 +102,7 @@ fn put_offsets(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {
     let mut ranges = OffsetRanges::empty(segments(&scene.instances, &scene.template_ranges, m));
     let mut any_bytes = false;
     let mut channels = |shape: &[usize], values: &[f32], first: usize, underflow: Underflow| {
-        if pack != Pack::Q8 || !fits_half(values) {
+        if !matches!(pack, Pack::Q8 | Pack::Small) || !fits_half(values) {
             return small_floats(pack, shape, values, underflow);
         }
         any_bytes = true;

@@ -159,3 +159,94 @@ fn sizes_are_those_of_the_analytic_bound() -> Result<(), IoError> {
     }
     Ok(())
 }
+
+/// Largest difference of the angle that two quaternions turn by, radians.
+fn turned(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
+    let angle = |(a, b): (&[f32; 4], &[f32; 4])| {
+        let [a, b] =
+            [a, b].map(|q| glam::DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into()).normalize());
+        a.angle_between(b).min(a.angle_between(-b))
+    };
+    a.iter().zip(b).map(angle).fold(0.0, f64::max)
+}
+
+#[test]
+fn small_keeps_half_a_step() -> Result<(), IoError> {
+    for scene in [sample_scene(), with_ablations(), repeated(3, 20), InstancedScene::default()] {
+        let back = through(&scene, Pack::Small)?;
+        assert_eq!(
+            (&back.instances, &back.groups, &back.foreign_tensors, &back.template_ranges),
+            (&scene.instances, &scene.groups, &scene.foreign_tensors, &scene.template_ranges)
+        );
+        assert_eq!(back.offsets, through(&scene, Pack::Q8)?.offsets);
+        let order = crate::math::morton::morton_order(&scene.background.means);
+        let mut background = Gaussians::with_capacity(scene.background.sh_degree, scene.background.len());
+        order.into_iter().for_each(|i| background.push_from(&scene.background, i as usize));
+        let want = if scene.foreign_tensors.is_empty() { &background } else { &scene.background };
+        for (a, b) in [(&scene.templates, &back.templates), (want, &back.background)] {
+            assert_eq!((a.sh_degree, a.len()), (b.sh_degree, b.len()));
+            // Half a step, and what f32 rounds.
+            assert!(difference(a.log_scales.as_flattened(), b.log_scales.as_flattened(), 1.0) <= 0.02501);
+            assert!(difference(&a.opacity_logits, &b.opacity_logits, 1.0) <= 0.05001);
+            assert!(difference(a.sh.as_flattened(), b.sh.as_flattened(), 1.0) <= 0.01001);
+            // Three components of up to half a step of 0.0056, twice their length as an angle.
+            assert!(turned(&a.quats, &b.quats) < 2.0 * 0.0028 * 3.0f64.sqrt() * 1.5);
+            let size = a.log_scales.iter().map(|s| (s.iter().sum::<f32>() / 3.0).exp()).fold(0.0, f32::max);
+            assert!(difference(a.means.as_flattened(), b.means.as_flattened(), 1.0) <= size / 31.9);
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn small_keeps_what_has_no_place_in_a_table() -> Result<(), IoError> {
+    let mut scene = sample_scene();
+    scene.foreign_tensors.clear();
+    scene.templates.sh[3][1] = f32::NAN;
+    scene.templates.quats[2] = [0.0; 4];
+    scene.templates.means[1][0] = 3e30;
+    scene.templates.log_scales[0][0] = f32::NEG_INFINITY;
+    let back = through(&scene, Pack::Small)?.templates;
+    assert!(difference(back.sh.as_flattened(), scene.templates.sh.as_flattened(), 1.0) == 0.0);
+    assert_eq!((&back.quats, &back.log_scales), (&scene.templates.quats, &scene.templates.log_scales));
+    assert!((back.means[1][0] - 3e30).abs() < 1e26);
+    Ok(())
+}
+
+#[test]
+fn small_is_a_quarter_of_halves_or_less() -> Result<(), IoError> {
+    // Colours and sizes as noisy as of trained clouds (standard deviations of SH 0.03, of logarithms of sizes 1).
+    let mut rng = Rng::new(8);
+    let mut cloud = sample(3, 4000);
+    cloud.sh.iter_mut().flatten().for_each(|v| *v = (0.03 * rng.normal()) as f32);
+    cloud.log_scales.iter_mut().flatten().for_each(|v| *v = (rng.normal() - 3.0) as f32);
+    cloud.quats.iter_mut().flatten().for_each(|v| *v = rng.normal() as f32);
+    cloud.opacity_logits.iter_mut().for_each(|v| *v = rng.normal() as f32);
+    cloud.means.iter_mut().flatten().for_each(|v| *v = rng.uniform() as f32);
+    let scene = InstancedScene::from_cloud(cloud);
+    let bytes = |pack| packed_scene_file_bytes(&scene, pack, path()).map(|bytes| bytes.len());
+    let (f16, small) = (bytes(Pack::F16)?, bytes(Pack::Small)?);
+    assert!(4 * small < f16, "{small} {f16}");
+    Ok(())
+}
+
+#[test]
+fn damaged_tables_are_named() -> Result<(), IoError> {
+    let bytes = packed_scene_file_bytes(&repeated(2, 30), Pack::Small, path())?;
+    let names = ["template.means", "template.quats", "template.log_scales", "template.opacity_logits", "template.sh"];
+    let (header_bytes, metadata) = safetensors::SafeTensors::read_metadata(&bytes).expect("a header");
+    for name in names {
+        let name = format!("{name}.small");
+        let at = 8 + header_bytes + metadata.info(&name).expect("is there").data_offsets.0;
+        // Rows, width, and a byte of the compressed stream's first word.
+        for offset in [0, 8, 16] {
+            let mut other = bytes.clone();
+            other[at + offset] ^= 1;
+            let error = parse_scene_file(&other, path()).expect_err("is damaged").to_string();
+            assert!(error.contains("template."), "{error}");
+        }
+    }
+    let text = String::from_utf8_lossy(&bytes[..header_bytes]).into_owned();
+    assert!(text.contains("instgs/2"), "{text}");
+    Ok(())
+}

@@ -1,10 +1,11 @@
 //! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens distortion,
-//! nearest points, seeded random numbers, order statistics, digits for reading.
+//! nearest points, Morton order, seeded random numbers, order statistics, digits for reading.
 
 pub mod covariance;
 pub mod digits;
 pub mod distortion;
 pub mod eigen;
+pub(crate) mod morton;
 pub mod nearest;
 pub mod rng;
 pub mod sh;

@@ -7,13 +7,12 @@
 use rayon::prelude::*;
 
 use super::options::Sampling;
+use crate::math::morton::morton_order;
 use crate::math::rng::Rng;
 
 /// Gaussians drawn from one run of farthest-point sampling. The cost is this times the merged cloud's size; runs do not
 /// see each other, so short ones leave uneven spacing along their borders.
 const DRAWN_PER_RUN: usize = 256;
-/// Bits of a Morton code per axis: 64 in all, less one.
-const MORTON_BITS: u32 = 21;
 
 /// `count` (at most all) of the points, as ascending ranks of `order`.
 pub(super) fn draw(means: &[[f32; 3]], count: usize, sampling: Sampling, mut rng: Rng) -> Vec<u32> {
@@ -87,35 +86,6 @@ fn farthest_of_run(means: &[[f32; 3]], run: &[u32], count: usize) -> Vec<u32> {
         }
     }
     run.iter().zip(taken).filter(|(_, taken)| *taken).map(|(&i, _)| i).collect()
-}
-
-/// Point indices along a Morton curve through the box that holds all but the outermost percent on each side of each
-/// axis; what is outside counts as on its faces, so that a few stray points do not coarsen the curve.
-fn morton_order(means: &[[f32; 3]]) -> Vec<u32> {
-    let bounds: [(f64, f64); 3] = std::array::from_fn(|axis| {
-        let mut values: Vec<f32> = means.iter().map(|m| m[axis]).collect();
-        values.sort_unstable_by(f32::total_cmp);
-        let at = |rank: usize| values.get(rank).map_or(0.0, |&v| f64::from(v));
-        (at(values.len() / 100), at(values.len() - values.len().min(1 + values.len() / 100)))
-    });
-    // One cell size for all axes: cells are cubes.
-    let side = bounds.iter().fold(f64::MIN_POSITIVE, |m, (low, high)| m.max(high - low));
-    let cells = f64::from((1u32 << MORTON_BITS) - 1);
-    let code = |mean: [f32; 3]| {
-        (0..3).fold(0, |code, axis| {
-            let (low, high) = bounds[axis];
-            let along = (f64::from(mean[axis]).clamp(low, high) - low) / side;
-            code | spread_bits((along * cells) as u64) << axis
-        })
-    };
-    let mut order: Vec<(u64, u32)> = means.par_iter().enumerate().map(|(i, &m)| (code(m), i as u32)).collect();
-    order.par_sort_unstable();
-    order.into_iter().map(|(_, i)| i).collect()
-}
-
-/// The low 21 bits, each followed by two zeros.
-fn spread_bits(value: u64) -> u64 {
-    (0..MORTON_BITS).fold(0, |out, bit| out | (value >> bit & 1) << (3 * bit))
 }
 
 #[cfg(test)]

@@ -475,6 +475,15 @@ fn packed_exports_are_smaller_and_load() {
         assert_eq!(Some(&sums), bytes.last());
     }
     assert!(bytes[1] < bytes[0], "{bytes:?}");
+    let report = json_of(export("small.instgs", "small").arg("--json"));
+    let back = load_scene(&at("small.instgs")).unwrap().scene;
+    assert_eq!((&back.instances, &back.offsets), (&scene.instances, &scene.offsets));
+    assert_eq!(back.templates.len(), scene.templates.len());
+    assert!(back.templates != scene.templates);
+    let inspected = json_of(program().args(["inspect", "--json"]).arg(at("small.instgs")));
+    let sums = inspected["file_sums"].as_object().unwrap();
+    assert_eq!(sums.values().map(|v| v.as_u64().unwrap()).sum::<u64>(), report["bytes"].as_u64().unwrap());
+    assert_eq!(sums["foreign"], 0);
     let text = error_of(&mut export("x.ply", "f16"));
     assert!(text.contains("--pack is for .instgs"), "{text}");
     assert!(!at("x.ply").exists());

@@ -6,17 +6,19 @@ use crate::bench::comparison::{Row, SeedResult, names};
 use crate::math::statistics::median;
 
 /// Rows of a table of methods, in their order.
-const METHODS: [&str; 10] = [
+const METHODS: [&str; 12] = [
     names::START,
     names::SAME_TIME,
     names::AT_ONCE,
     names::MCMC,
     names::SAME_BYTES,
     names::SPZ,
+    names::SAME_TIME_SMALL,
     names::RIGID,
     names::OURS,
     names::OURS_F16,
     names::OURS_Q8,
+    names::OURS_SMALL,
 ];
 /// Published figures, on Mip-NeRF 360: name, source, PSNR, SSIM, LPIPS, file in MB.
 const PUBLISHED: [(&str, &str, [f64; 4]); 3] = [
@@ -135,6 +137,7 @@ fn differences(scenes: &[&SceneResult]) -> Option<Sheet> {
             against(names::RIGID),
             Cell::maybe(gain(scene, names::OURS_F16, psnr), 3),
             Cell::maybe(gain(scene, names::OURS_Q8, psnr), 3),
+            Cell::maybe(gain(scene, names::OURS_SMALL, psnr), 3),
             Cell::maybe(frame_ratio(scene), 2),
         ]
     };
@@ -160,6 +163,7 @@ fn differences(scenes: &[&SceneResult]) -> Option<Sheet> {
             "rigid",
             "f16",
             "q8",
+            "small",
             "x frames/s",
         ],
         rows,
@@ -203,6 +207,8 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
             Cell::maybe(ratio(host(names::SAME_TIME), host(names::OURS)), 2),
             Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_F16)), 2),
             Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_Q8)), 2),
+            Cell::maybe(ratio(file(names::SAME_TIME), file(names::OURS_SMALL)), 2),
+            Cell::maybe(ratio(file(names::SPZ), file(names::OURS_SMALL)), 2),
         ]
     };
     (!scenes.is_empty()).then(|| Sheet {
@@ -211,7 +217,7 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
         note: "The repeated part beside the same objects as .ply (the analytic bound is 248K/(124+14K) for K instances \
                with f16, 248K/(124+7K) with q8); beside the plain cloud's own Gaussians of the objects (templates may \
                have more than an object had); then the whole scene beside 3DGS of the same time: as the device gets it, \
-               and as files."
+               and as files; and small beside that cloud's .spz."
             .into(),
         head: vec![
             "scene",
@@ -225,6 +231,8 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
             "scene x host",
             "scene x f16",
             "scene x q8",
+            "scene x small",
+            ".spz x small",
         ],
         rows: scenes.iter().map(row).collect(),
     })
@@ -465,7 +473,7 @@ mod tests {
         assert!(sheet(&sheets, "methods_real").is_none() && sheet(&sheets, "scaling").is_none());
         let lines = sheet(&sheets, "scenes").map(Sheet::lines).unwrap_or_default();
         assert_eq!(lines[1][..3], ["a", "30.10", "1.10"]);
-        assert_eq!((lines.len(), lines[1][11].as_str()), (3, "1.50"));
+        assert_eq!((lines.len(), lines[1][12].as_str()), (3, "1.50"));
         let failure = sheet(&sheets, "failure").map(Sheet::lines).unwrap_or_default();
         assert_eq!(failure[1], ["c", "21.00", "-8.00", "", "not alike"]);
         assert_eq!(sheet(&sheets, "ablation_init").map(|s| s.rows.len()), Some(1));

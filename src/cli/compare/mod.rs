@@ -84,6 +84,8 @@ pub(super) enum Rival {
     Mcmc,
     /// The cloud that had the same time as .spz: every Gaussian quantised for itself
     Spz,
+    /// The same as .instgs, packed as small
+    Small,
     /// Templates and poses without offsets
     Rigid,
 }

@@ -50,7 +50,7 @@ pub(super) fn compare_seed(
     let same_time = runs.continued("same_time", more)?;
 
     let instanced = load_scene(&runs.out.join("instgs/scene.instgs"))?.scene;
-    let packed = [("f16", Pack::F16), ("q8", Pack::Q8)];
+    let packed = [("f16", Pack::F16), ("q8", Pack::Q8), ("small", Pack::Small)];
     for (name, pack) in packed {
         write_scene_file_packed(&runs.out.join(format!("{name}.instgs")), &instanced, pack)?;
     }
@@ -67,9 +67,12 @@ pub(super) fn compare_seed(
         subjects.push(runs.rival(rival, &same_time, &instanced)?);
     }
     let (seconds, steps) = (work_seconds(&ours), vanilla.steps + ours.steps);
-    for (name, file) in
-        [(names::OURS, "instgs/scene.instgs"), (names::OURS_F16, "f16.instgs"), (names::OURS_Q8, "q8.instgs")]
-    {
+    for (name, file) in [
+        (names::OURS, "instgs/scene.instgs"),
+        (names::OURS_F16, "f16.instgs"),
+        (names::OURS_Q8, "q8.instgs"),
+        (names::OURS_SMALL, "small.instgs"),
+    ] {
         subjects.push(Subject { name, file: file.into(), seconds, steps });
     }
     let mut result = SeedResult {
@@ -123,6 +126,11 @@ impl Runs<'_> {
                 let cloud = load_scene(&self.out.join("same_time/point_cloud.ply"))?.scene;
                 write_spz(&self.out.join("same_time.spz"), &cloud.background, cloud.antialias)?;
                 Ok(Subject { file: "same_time.spz".into(), ..of_cloud(names::SPZ, "", same_time) })
+            }
+            Rival::Small => {
+                let cloud = load_scene(&self.out.join("same_time/point_cloud.ply"))?.scene;
+                write_scene_file_packed(&self.out.join("same_time_small.instgs"), &cloud, Pack::Small)?;
+                Ok(Subject { file: "same_time_small.instgs".into(), ..of_cloud(names::SAME_TIME_SMALL, "", same_time) })
             }
             Rival::Rigid => {
                 printer.line(format_args!("seed {seed}: copies without offsets"));

@@ -60,6 +60,7 @@ pub(super) fn print_summary(table: &[[String; 9]], results: &[SeedResult], print
         (names::OURS, names::SAME_BYTES),
         (names::OURS_F16, names::OURS),
         (names::OURS_Q8, names::OURS),
+        (names::OURS_SMALL, names::OURS),
     ] {
         if let Some(all) = gain(results, (name, other), |row| Some(row.psnr)) {
             let in_masks = gain(results, (name, other), |row| row.psnr_in_masks);

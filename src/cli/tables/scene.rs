@@ -107,7 +107,7 @@ fn measured(
 ) -> Result<SceneResult, CliError> {
     let session = &evidence.session;
     let rivals = match job.part {
-        Part::Scene => vec![Rival::AtOnce, Rival::Mcmc, Rival::SameBytes, Rival::Spz, Rival::Rigid],
+        Part::Scene => vec![Rival::AtOnce, Rival::Mcmc, Rival::SameBytes, Rival::Spz, Rival::Small, Rival::Rigid],
         Part::Scaling | Part::Differences => vec![Rival::SameBytes],
         Part::Failure => Vec::new(),
     };
