@@ -18,24 +18,8 @@ import contextlib
 import json
 import pathlib
 
-from onnx_models import (
-    OPSET,
-    check,
-    differences,
-    fail,
-    load_model,
-    load_part,
-    merge_manifest,
-    open_folder,
-    parameter_bytes,
-    partial_folder,
-    plain_errors,
-    publish,
-    run_graph,
-    save_graph,
-    source_name,
-    trace_to_onnx,
-)
+from onnx_models import check, export_part, fail, is_bilinear, load_model, load_part, plain_errors
+from onnx_models import run_graph, save_graph, source_name, trace_to_onnx
 
 import onnx
 import torch
@@ -227,13 +211,12 @@ def compare(model, tokenizer, onnx_model, shortest: int, folder: pathlib.Path) -
         expected = expected_outputs(model, inputs, torch.from_numpy(got.pop(name)))
         got["logits"] = torch.from_numpy(got["logits"]).sigmoid().numpy()
         tokens = inputs["input_ids"].shape[1]
-        check(f"detector, {width}x{height}, {tokens} tokens", differences(expected, got))
+        check(f"detector, {width}x{height}, {tokens} tokens", expected, got)
 
 
 def preprocessing(processor) -> dict:
     """The photo's side of models.json. Ends in words where the processor does something else than the Rust side."""
-    kernel = getattr(processor.resample, "value", processor.resample)
-    if kernel != 2 or not (processor.do_resize and processor.do_rescale and processor.do_normalize):
+    if not (is_bilinear(processor) and processor.do_resize and processor.do_rescale and processor.do_normalize):
         fail("the checkpoint's image processor does not resize bilinearly, divide by 255 and normalise")
     if abs(processor.rescale_factor * 255 - 1) > 1e-6:
         fail(f"the checkpoint's image processor scales by {processor.rescale_factor}, not by 1/255")
@@ -260,27 +243,19 @@ def save_tokenizer(tokenizer, path: pathlib.Path) -> None:
 
 def export_detector(model, tokenizer, processor, source: str, out: pathlib.Path) -> None:
     model.eval()
-    open_folder(out, parameter_bytes(model))
     settings = preprocessing(processor)
     shortest = settings["shortest_px"]
-    with partial_folder(out) as folder:
+
+    def make(folder: pathlib.Path) -> dict:
         inputs = example(tokenizer, PROMPTS[1], shortest, shortest * 4 // 3 + 1, 7)
-        print(f"detector: exporting {source}", flush=True)
         onnx_model = trace(model, inputs, folder)
         compare(model, tokenizer, onnx_model, shortest, folder)
         save_graph(onnx_model, folder / GRAPH)
         save_tokenizer(tokenizer, folder / "tokenizer.json")
-        part = {
-            "kind": "grounding-dino",
-            "source": source,
-            "opset": OPSET,
-            "graph": publish(folder, out, GRAPH),
-            "tokenizer": publish(folder, out, "tokenizer.json"),
-            **settings,
-            "max_tokens": model.config.max_text_len,
-            "fixed_tokens": None,
-        }
-    merge_manifest(out, "detector", part)
+        return {**settings, "max_tokens": model.config.max_text_len, "fixed_tokens": None}
+
+    files = {"graph": GRAPH, "tokenizer": "tokenizer.json"}
+    export_part("detector", ("grounding-dino", source), [model], files, make, out)
 
 
 def main() -> None:

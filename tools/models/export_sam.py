@@ -20,25 +20,8 @@ import argparse
 import pathlib
 import warnings
 
-from onnx_models import (
-    OPSET,
-    check,
-    differences,
-    fail,
-    load_model,
-    load_part,
-    merge_manifest,
-    need,
-    open_folder,
-    parameter_bytes,
-    partial_folder,
-    plain_errors,
-    publish,
-    run_graph,
-    save_graph,
-    source_name,
-    trace_to_onnx,
-)
+from onnx_models import check, export_part, fail, is_bilinear, load_model, load_part, need, plain_errors
+from onnx_models import run_graph, save_graph, source_name, trace_to_onnx
 
 import torch
 import transformers
@@ -118,7 +101,7 @@ def export_encoder(encoder, side: int, folder: pathlib.Path) -> torch.Tensor:
     save_graph(graph, folder / ENCODER)
     del graph
     got = run_graph(folder / ENCODER, {"image": other})
-    check("encoder", differences({"embeddings": embeddings}, got))
+    check("encoder", {"embeddings": embeddings}, got)
     return embeddings
 
 
@@ -134,7 +117,7 @@ def export_decoder(decoder, embeddings: torch.Tensor, side: int, folder: pathlib
         inputs["boxes"] = boxes_for(side, count, 2 + count)
         with torch.no_grad():
             expected = dict(zip(outputs, decoder(*inputs.values())))
-        check(f"decoder, boxes: {count}", differences(expected, run_graph(folder / DECODER, inputs)))
+        check(f"decoder, boxes: {count}", expected, run_graph(folder / DECODER, inputs))
     return masks.shape[-1]
 
 
@@ -142,23 +125,14 @@ def export_segmenter(encoder, decoder, side: int, mean: list, std: list, source:
     """`side`: of the canvas, pixels. `mean`, `std`: of colours in 0..1."""
     encoder.eval()
     decoder.eval()
-    open_folder(out, parameter_bytes(encoder) + parameter_bytes(decoder))
-    with partial_folder(out) as folder:
-        print(f"segmenter: exporting {source}", flush=True)
+
+    def make(folder: pathlib.Path) -> dict:
         embeddings = export_encoder(encoder, side, folder)
         mask_px = export_decoder(decoder, embeddings, side, folder)
-        part = {
-            "kind": "sam",
-            "source": source,
-            "opset": OPSET,
-            "encoder": publish(folder, out, ENCODER),
-            "decoder": publish(folder, out, DECODER),
-            "side_px": side,
-            "mask_px": mask_px,
-            "mean": mean,
-            "std": std,
-        }
-    merge_manifest(out, "segmenter", part)
+        return {"side_px": side, "mask_px": mask_px, "mean": mean, "std": std}
+
+    files = {"encoder": ENCODER, "decoder": DECODER}
+    export_part("segmenter", ("sam", source), [encoder, decoder], files, make, out)
 
 
 def from_hub(model_name: str) -> tuple:
@@ -167,8 +141,8 @@ def from_hub(model_name: str) -> tuple:
     processor = load_part(transformers.AutoImageProcessor, model_name)
     side = model.config.vision_config.image_size
     size, pad_size = dict(processor.size), dict(processor.pad_size)
-    kernel = getattr(processor.resample, "value", processor.resample)
-    if kernel != 2 or [size.get("longest_edge"), pad_size.get("height"), pad_size.get("width")] != [side] * 3:
+    sides = [size.get("longest_edge"), pad_size.get("height"), pad_size.get("width")]
+    if not is_bilinear(processor) or sides != [side] * 3:
         fail(f"the checkpoint's image processor does not make a square of {side} px by bilinear resizing and padding")
     return HubEncoder(model), HubDecoder(model), side, list(processor.image_mean), list(processor.image_std)
 

@@ -92,6 +92,26 @@ def source_name(model: str) -> str:
     return path.resolve().name if path.exists() else model
 
 
+def is_bilinear(processor) -> bool:
+    """True if an image processor resizes bilinearly, as the Rust side does."""
+    return getattr(processor.resample, "value", processor.resample) == 2
+
+
+def export_part(name: str, origin: tuple, modules: list, files: dict, make, out: pathlib.Path) -> None:
+    """Exports `modules` as one part of the models folder `out`.
+
+    `origin`: what models.json says about the kind of the model and where its weights came from. `make` writes `files`
+    (key in models.json -> name) into the folder that it gets, and returns what else models.json says about the part.
+    """
+    kind, source = origin
+    open_folder(out, sum(parameter_bytes(module) for module in modules))
+    with partial_folder(out) as folder:
+        print(f"{name}: exporting {source}", flush=True)
+        facts = make(folder)
+        entries = {key: publish(folder, out, file) for key, file in files.items()}
+    merge_manifest(out, name, {"kind": kind, "source": source, "opset": OPSET, **entries, **facts})
+
+
 def open_folder(out: pathlib.Path, weights_bytes: int) -> None:
     """Makes the folder; ends in words where the disk is too small for the graph and the copy it is made from, or where
     the folder's models.json cannot be added to."""
@@ -252,8 +272,9 @@ def differences(expected: "dict[str, torch.Tensor]", got: dict) -> dict:
     return result
 
 
-def check(what: str, found: dict) -> None:
+def check(what: str, expected: "dict[str, torch.Tensor]", got: dict) -> None:
     """Prints the differences; ends where one is above the limit."""
+    found = differences(expected, got)
     values = ", ".join(f"{name} {value:.1e}" for name, value in found.items())
     print(f"{what}: largest differences: {values}", flush=True)
     worst = max(found, key=found.get)
