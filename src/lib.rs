@@ -96,7 +96,8 @@
 //!
 //! A module uses only modules of lower layers; `tests/suite/architecture.rs` checks it.
 //!
-//! - L0 `math`: spherical harmonics, covariances, similarities, lens distortion, nearest points, seeded random numbers.
+//! - L0 `math`: spherical harmonics, covariances, similarities, lens distortion, nearest points, planes, seeded random
+//!   numbers.
 //! - L1 `gpu`: the only module that speaks Vulkan: device, buffers, pipelines, recorder with derived barriers,
 //!   profiler, and the kernels' interfaces as Rust types, generated from the GLSL by `build.rs`.
 //! - L1 `scene`: plain CPU data: Gaussians, offsets, instances, cameras, trajectories, flattening, editing, levels of detail.

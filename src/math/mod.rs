@@ -1,5 +1,5 @@
 //! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens distortion,
-//! nearest points, Morton order, seeded random numbers, order statistics, digits for reading.
+//! nearest points, Morton order, planes, seeded random numbers, order statistics, digits for reading.
 
 pub mod covariance;
 pub mod digits;
@@ -7,6 +7,7 @@ pub mod distortion;
 pub mod eigen;
 pub(crate) mod morton;
 pub mod nearest;
+pub mod plane;
 pub mod rng;
 pub mod sh;
 pub mod similarity;

@@ -92,11 +92,7 @@ pub(super) fn covariance(points: &[DVec3]) -> [[f64; 3]; 3] {
 mod tests {
     use super::*;
     use crate::register::surface::Sample;
-
-    fn ring(up: DVec3) -> Vec<Camera> {
-        let eye = |i: u32| DVec3::new((f64::from(i)).cos() * 9.0, (f64::from(i)).sin() * 9.0, 4.0);
-        (0..12).map(|i| Camera::look_at("", eye(i), DVec3::ZERO, up, 0.8, (64, 48))).collect()
-    }
+    use crate::scene::test_cameras::ring;
 
     /// A ball's normals point outwards, from flat Gaussians (whose sign the viewers give) and from neighbours.
     #[test]

@@ -13,6 +13,8 @@ pub mod point_cloud;
 pub mod posed_group;
 pub mod prune;
 pub mod repeated_bytes;
+#[cfg(test)]
+pub(crate) mod test_cameras;
 pub mod trajectory;
 pub mod up;
 

@@ -2,13 +2,14 @@
 
 use glam::{DMat3, DVec3};
 
+use crate::math::plane::{Plane, PlaneDraws};
 use crate::math::rng::Rng;
 use crate::math::sh::widened;
 
 /// Points looked at: a plane of many is as well told from as few.
 const MOST_POINTS: usize = 20_000;
-/// Planes tried, each through three points. Where a fifth of the points are of the ground, 16 of them lie in it.
-const TRIES: usize = 2000;
+/// Planes that are tried. Where a fifth of the points are of the ground, 16 of them lie in it.
+const DRAWS: usize = 2000;
 /// A ground is at most this far from level: cosine of 20 degrees. What is up is known from how pictures were held.
 const LEVEL: f64 = 0.94;
 /// Of two level planes the lower one is the ground if it has at least this part of the other's points: tables and ceilings
@@ -19,74 +20,33 @@ const LEAST_PART: f64 = 0.1;
 /// Rounds of fitting the plane to what is near it; it rests after two or three.
 const ROUNDS: usize = 5;
 
-/// The plane `normal . x = offset`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct GroundPlane {
-    /// Up, a unit vector of the world.
-    pub(super) normal: DVec3,
-    /// World units.
-    pub(super) offset: f64,
-}
-
-impl GroundPlane {
-    /// How high a point of the world is above it.
-    pub(super) fn height(&self, point_world: DVec3) -> f64 {
-        self.normal.dot(point_world) - self.offset
-    }
-
-    /// Of finite points: the lowest of the level planes that many of them are within `reach` > 0 of. `up` is a unit vector;
-    /// `None` if there is no such plane. The same points give the same plane.
-    pub(super) fn of(positions: &[[f32; 3]], up: DVec3, reach: f64) -> Option<Self> {
-        let stride = positions.len().div_ceil(MOST_POINTS).max(1);
-        let points: Vec<DVec3> = positions.iter().step_by(stride).map(|&p| widened(p)).collect();
-        // Of a small table the try is not level enough to say how many points another plane has.
-        let best = fitted(&points, best_of_tries(&points, up, reach)?, reach);
-        let plane = fitted(&points, lowest_like(&points, best, reach), reach);
-        (count_near(&points, plane, reach) as f64 >= LEAST_PART * points.len() as f64).then_some(plane)
-    }
-}
-
-fn count_near(points: &[DVec3], plane: GroundPlane, reach: f64) -> usize {
-    points.iter().filter(|&&p| plane.height(p).abs() < reach).count()
-}
-
-/// Of planes through three points at random, the level one with most points near it.
-fn best_of_tries(points: &[DVec3], up: DVec3, reach: f64) -> Option<GroundPlane> {
-    if points.len() < 3 {
-        return None;
-    }
-    let mut rng = Rng::new(0);
-    let mut best: Option<(usize, GroundPlane)> = None;
-    for _ in 0..TRIES {
-        let [a, b, c] = std::array::from_fn(|_| points[rng.index(points.len())]);
-        let Some(across) = (b - a).cross(c - a).try_normalize() else { continue };
-        let normal = across * across.dot(up).signum();
-        if normal.dot(up) < LEVEL {
-            continue;
-        }
-        let plane = GroundPlane { normal, offset: normal.dot(a) };
-        let count = count_near(points, plane, reach);
-        if best.is_none_or(|(most, _)| count > most) {
-            best = Some((count, plane));
-        }
-    }
-    best.map(|(_, plane)| plane)
+/// Of finite points of the world: the lowest of the level planes that many of them are within `reach` > 0 of, world units.
+/// `up` is a unit vector, and so is the normal, which points up; `None` if there is no such plane. The same points give the
+/// same plane.
+pub(super) fn ground_plane(positions: &[[f32; 3]], up: DVec3, reach: f64) -> Option<Plane> {
+    let stride = positions.len().div_ceil(MOST_POINTS).max(1);
+    let points: Vec<DVec3> = positions.iter().step_by(stride).map(|&p| widened(p)).collect();
+    let (drawn, _) = PlaneDraws { draws: DRAWS, up, level: LEVEL, reach }.best(&points, Rng::new(0))?;
+    // Of a small table what was drawn is not level enough to say how many points another plane has.
+    let best = fitted(&points, drawn, reach);
+    let plane = fitted(&points, lowest_like(&points, best, reach), reach);
+    (plane.count_near(&points, reach) as f64 >= LEAST_PART * points.len() as f64).then_some(plane)
 }
 
 /// The lowest plane with this normal that has enough points near it.
-fn lowest_like(points: &[DVec3], best: GroundPlane, reach: f64) -> GroundPlane {
+fn lowest_like(points: &[DVec3], best: Plane, reach: f64) -> Plane {
     let mut heights: Vec<f64> = points.iter().map(|&p| best.height(p)).collect();
     heights.sort_unstable_by(f64::total_cmp);
-    let enough = LOWER_PART * count_near(points, best, reach) as f64;
+    let enough = LOWER_PART * best.count_near(points, reach) as f64;
     let near = |height: f64| {
         heights.partition_point(|&h| h < height + reach) - heights.partition_point(|&h| h <= height - reach)
     };
     let lowest = heights.iter().find(|&&height| near(height) as f64 >= enough);
-    GroundPlane { offset: best.offset + lowest.copied().unwrap_or(0.0), ..best }
+    Plane { offset: best.offset + lowest.copied().unwrap_or(0.0), ..best }
 }
 
 /// The plane of least squares of vertical distances to what is within reach of the last one.
-fn fitted(points: &[DVec3], start: GroundPlane, reach: f64) -> GroundPlane {
+fn fitted(points: &[DVec3], start: Plane, reach: f64) -> Plane {
     let mut plane = start;
     for _ in 0..ROUNDS {
         let up = plane.normal;
@@ -101,7 +61,7 @@ fn fitted(points: &[DVec3], start: GroundPlane, reach: f64) -> GroundPlane {
         }
         let slope = matrix.inverse() * right;
         let Some(normal) = (up - side * slope.x - ahead * slope.y).try_normalize() else { return plane };
-        plane = GroundPlane { normal, offset: normal.dot(middle + up * slope.z) };
+        plane = Plane { normal, offset: normal.dot(middle + up * slope.z) };
     }
     plane
 }
@@ -127,16 +87,16 @@ mod tests {
         layer(3000, 5.0, -1.0, 0.01);
         layer(4000, 1.0, 0.0, 0.01);
         layer(2000, 5.0, 0.0, 2.0);
-        let ground = GroundPlane::of(&points, DVec3::Z, 0.1).unwrap();
+        let ground = ground_plane(&points, DVec3::Z, 0.1).unwrap();
         assert!(ground.normal.dot(normal) > 0.5f64.to_radians().cos(), "{ground:?}");
         assert!(ground.height(-normal).abs() < 0.02, "{ground:?}");
-        assert_eq!(GroundPlane::of(&points, DVec3::Y, 0.1), None, "nothing is level to a wrong vertical");
+        assert_eq!(ground_plane(&points, DVec3::Y, 0.1), None, "nothing is level to a wrong vertical");
     }
 
     #[test]
     fn few_points_and_points_in_one_place_have_no_ground() {
         for points in [vec![], vec![[0.0; 3]; 2], vec![[1.0; 3]; 50]] {
-            assert_eq!(GroundPlane::of(&points, DVec3::Z, 0.1), None);
+            assert_eq!(ground_plane(&points, DVec3::Z, 0.1), None);
         }
     }
 }

@@ -6,9 +6,10 @@ use glam::{DMat3, DQuat, DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::components::{components, usual_reach};
-use super::ground_plane::GroundPlane;
+use super::ground_plane::ground_plane;
 use crate::math::covariance::sigmoid;
 use crate::math::nearest::PointSet;
+use crate::math::plane::Plane;
 use crate::math::sh::widened;
 use crate::math::statistics::median;
 use crate::scene::Gaussians;
@@ -68,7 +69,7 @@ pub enum Standing {
 /// A cloud, prepared for questions of what stands where.
 pub struct Surroundings {
     up: DVec3,
-    ground: Option<GroundPlane>,
+    ground: Option<Plane>,
     /// What is higher than this above it stands on it, world units.
     lift: f64,
     /// Of the opaque Gaussians above the ground.
@@ -82,7 +83,7 @@ impl Surroundings {
         let is_opaque = |&i: &usize| cloud.is_finite(i) && sigmoid(f64::from(cloud.opacity_logits[i])) > MIN_OPACITY;
         let mut positions: Vec<[f32; 3]> = (0..cloud.len()).filter(is_opaque).map(|i| cloud.means[i]).collect();
         let reach = usual_reach(&positions);
-        let ground = reach.and_then(|reach| GroundPlane::of(&positions, up, GROUND_REACH * reach));
+        let ground = reach.and_then(|reach| ground_plane(&positions, up, GROUND_REACH * reach));
         let lift = LIFT * reach.unwrap_or(0.0);
         if let Some(ground) = ground {
             positions.retain(|&p| ground.height(widened(p)) > lift);

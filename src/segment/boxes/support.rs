@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 
 use crate::math::covariance::sigmoid;
+use crate::math::plane::{Plane, PlaneDraws};
 use crate::math::rng::Rng;
 use crate::math::sh::widened;
 use crate::math::statistics::{median, percentile};
@@ -62,8 +63,8 @@ pub(super) fn leave_out_support(
         let others: Vec<DVec3> = solid.iter().filter(|(label, _)| *label != object).map(|(_, place)| *place).collect();
         let places: Vec<DVec3> = own.iter().map(|&i| widened(cloud.means[i as usize])).collect();
         let rng = Rng::new(seed).fork(STREAM).fork(u64::from(object));
-        let is_under = |plane: Plane| {
-            let under = own.iter().zip(&places).filter(|(_, place)| plane.height(**place) < plane.thickness);
+        let is_under = |support: Support| {
+            let under = own.iter().zip(&places).filter(|(_, place)| support.is_over(**place));
             under.map(|(i, _)| *i).collect::<Vec<u32>>()
         };
         let under = support_of(&places, &others, up, rng).map(is_under);
@@ -75,22 +76,22 @@ pub(super) fn leave_out_support(
 
 /// Something flat.
 #[derive(Clone, Copy, Debug)]
-struct Plane {
-    /// Unit vector, upwards.
-    normal: DVec3,
-    offset: f64,
+struct Support {
+    /// Its normal points up.
+    plane: Plane,
     /// Half of it, scene units.
     thickness: f64,
 }
 
-impl Plane {
-    fn height(&self, place: DVec3) -> f64 {
-        self.normal.dot(place) - self.offset
+impl Support {
+    /// True for places in it and below it.
+    fn is_over(&self, place: DVec3) -> bool {
+        self.plane.height(place) < self.thickness
     }
 }
 
 /// The plane around the foot of an object of the given places that most of the other places there lie in.
-fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, mut rng: Rng) -> Option<Plane> {
+fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, rng: Rng) -> Option<Support> {
     let heights: Vec<f64> = own.iter().map(|p| p.dot(up)).collect();
     let [foot, head] = [STRAY_PART, 1.0 - STRAY_PART].map(|part| percentile(&heights, part));
     let sideways = |p: DVec3| p - up * p.dot(up);
@@ -109,21 +110,8 @@ fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, mut rng: Rng) -> Optio
         return None;
     }
     let thickness = THICKNESS * size;
-    let mut best: Option<(usize, Plane)> = None;
-    for _ in 0..DRAWS {
-        let [a, b, c] = std::array::from_fn(|_| around[rng.index(around.len())]);
-        let across = (b - a).cross(c - a).normalize_or_zero();
-        let normal = across * across.dot(up).signum();
-        if normal.dot(up) < FLAT {
-            continue;
-        }
-        let plane = Plane { normal, offset: normal.dot(a), thickness };
-        let inliers = around.iter().filter(|p| plane.height(**p).abs() < thickness).count();
-        if best.is_none_or(|(most, _)| inliers > most) {
-            best = Some((inliers, plane));
-        }
-    }
-    let (inliers, plane) = best?;
+    let draws = PlaneDraws { draws: DRAWS, up, level: FLAT, reach: thickness };
+    let (plane, inliers) = draws.best(&around, rng)?;
     let below = around.iter().filter(|p| plane.height(**p) < -2.0 * thickness).count();
     let is_enough = inliers as f64 >= (INLIER_PART * around.len() as f64).max(MIN_INLIERS as f64);
     if !is_enough || below as f64 > BELOW_PART * inliers as f64 {
@@ -131,7 +119,8 @@ fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, mut rng: Rng) -> Optio
     }
     // Three Gaussians gave its height; all of its Gaussians know it better.
     let heights = around.iter().map(|p| plane.height(*p)).filter(|height| height.abs() < thickness);
-    Some(Plane { offset: plane.offset + median(&heights.collect::<Vec<f64>>()), ..plane })
+    let plane = Plane { offset: plane.offset + median(&heights.collect::<Vec<f64>>()), ..plane };
+    Some(Support { plane, thickness })
 }
 
 #[cfg(test)]
@@ -162,8 +151,8 @@ mod tests {
     fn the_ground_under_an_object_is_found_whichever_way_is_up() {
         for up in [DVec3::Z, DVec3::NEG_Y, DVec3::new(0.6, 0.0, 0.8)] {
             let (own, others) = on_a_slope(up);
-            let plane = support_of(&own, &others, up, Rng::new(1)).unwrap();
-            let under: Vec<bool> = own.iter().map(|p| plane.height(*p) < plane.thickness).collect();
+            let support = support_of(&own, &others, up, Rng::new(1)).unwrap();
+            let under: Vec<bool> = own.iter().map(|p| support.is_over(*p)).collect();
             let right = under.iter().enumerate().filter(|(i, under)| **under == (i % 2 == 1)).count();
             assert!(right as f64 > 0.97 * own.len() as f64, "{right} of {}", own.len());
         }
@@ -180,7 +169,10 @@ mod tests {
         assert!(support_of(&own, &floors, DVec3::Z, Rng::new(1)).is_some());
         floors.extend(shelf);
         let found = support_of(&own, &floors, DVec3::Z, Rng::new(1));
-        assert!(found.is_none_or(|plane| plane.height(DVec3::ZERO) > 0.2), "what has a floor below it is none");
+        assert!(
+            found.is_none_or(|support| support.plane.height(DVec3::ZERO) > 0.2),
+            "what has a floor below it is none"
+        );
         let mut rng = Rng::new(2);
         let scattered: Vec<DVec3> = (0..500).map(|_| rng.normal_vector()).collect();
         assert!(support_of(&own, &scattered, DVec3::Z, Rng::new(1)).is_none());
