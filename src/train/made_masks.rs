@@ -1,5 +1,6 @@
 //! Masks that a run makes for itself: from words before the plain cloud is trained, from boxes after it.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
@@ -13,7 +14,7 @@ use super::trainer::{TrainJob, eval_options};
 use crate::detect::{self, Prompt, PromptReport, ViewMasks};
 use crate::gpu::Gpu;
 use crate::io::masks::CATEGORIES;
-use crate::io::{IoError, View, read_boxes, write_categories, write_mask};
+use crate::io::{Dataset, IoError, Split, View, read_boxes, read_views, write_categories, write_mask};
 use crate::scene::{Boxes, InstancedScene};
 use crate::segment::LabelProgress;
 use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw};
@@ -62,7 +63,7 @@ pub(super) struct FoundByBoxes {
 /// job resumes.
 ///
 /// # Errors
-/// As [`write_masks_from_boxes`].
+/// As [`training_boxes`] and [`write_masks_from_boxes`].
 pub(super) fn masks_from_boxes(
     gpu: &Arc<Gpu>,
     job: &TrainJob,
@@ -82,8 +83,31 @@ pub(super) fn masks_from_boxes(
         render: eval_options(&job.config),
         ..BoxOptions::default()
     };
-    let report = write_masks_from_boxes(gpu, cloud, &views, &read_boxes(&path)?, &options, &out, progress)?;
+    let boxes = training_boxes(job, &path)?;
+    let report = write_masks_from_boxes(gpu, cloud, &views, &boxes, &options, &out, progress)?;
     Ok(Some(FoundByBoxes { notes: report.notes, stage: stage("masks", started) }))
+}
+
+/// The boxes of a file that a job's masks are made from. Those in photos of test views are left out: training may not know
+/// what these show.
+///
+/// # Errors
+/// A file that is missing or damaged; no box in the world or in a training view.
+pub(super) fn training_boxes(job: &TrainJob, path: &Path) -> Result<Boxes, TrainError> {
+    let (boxes, dataset) = (read_boxes(path)?, read_views(&job.data)?);
+    let is_of_training = |name: &String| dataset.split(Split::Train).any(|view| view.camera.name == *name);
+    if boxes.objects.is_empty() && !boxes.views.keys().any(is_of_training) {
+        let error = IoError::new(path, "has no box in the world and none in a photo of a training view");
+        return Err(error.advise("a view is called like its photo, without the ending").into());
+    }
+    Ok(without_test_views(boxes, &dataset))
+}
+
+/// Photos that the data set does not have stay, to be warned of.
+fn without_test_views(mut boxes: Boxes, dataset: &Dataset) -> Boxes {
+    let test_views: BTreeSet<&str> = dataset.split(Split::Test).map(|view| view.camera.name.as_str()).collect();
+    boxes.views.retain(|name, _| !test_views.contains(name.as_str()));
+    boxes
 }
 
 /// Makes masks of all `views` from boxes and a plain cloud, and writes them with their `categories.json`, which comes last,
@@ -115,4 +139,32 @@ pub fn write_masks_from_boxes(
     )?;
     write_categories(&out.join(CATEGORIES), &found.categories)?;
     Ok(found.report)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::PathBuf;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::scene::{Camera, ViewBox};
+
+    fn view(name: &str, split: Split) -> View {
+        let camera = Camera::look_at(name, DVec3::NEG_Y, DVec3::ZERO, DVec3::Z, 0.8, (16, 8));
+        View { camera, image_path: PathBuf::new(), split, distortion: None, mask_path: None }
+    }
+
+    /// Photos of test views are known and not used.
+    #[test]
+    fn boxes_of_test_views_are_left_out() {
+        let dataset = Dataset { views: vec![view("a", Split::Test), view("b", Split::Train)] };
+        let of = |names: &[&str]| {
+            let one = ViewBox { id: None, category: None, score: None, box_px: [0.0, 0.0, 4.0, 4.0] };
+            let views = names.iter().map(|name| (name.to_string(), vec![one.clone()])).collect();
+            Boxes { views, ..Boxes::default() }
+        };
+        assert_eq!(without_test_views(of(&["a", "b", "nowhere"]), &dataset), of(&["b", "nowhere"]));
+        assert_eq!(without_test_views(of(&["a"]), &dataset), of(&[]));
+    }
 }

@@ -4,9 +4,10 @@ use std::path::Path;
 
 use rayon::prelude::*;
 
-use crate::io::{IoError, MaskFolder, View, read_boxes, read_groups};
+use crate::io::{IoError, MaskFolder, View, read_groups};
 
 use super::error::TrainError;
+use super::made_masks::training_boxes;
 use super::mask_source::MaskSource;
 use super::segmented::{is_segmented, training_views};
 use super::trainer::TrainJob;
@@ -19,7 +20,7 @@ const NAMED_VIEWS: usize = 3;
 ///
 /// # Errors
 /// No masks; a mask that is damaged, has other than 8 or 16 bits of grey, or another size than its image; masks of which
-/// none has an object; categories or groups that are damaged.
+/// none has an object; boxes of which none can be used; categories or groups that are damaged.
 pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, TrainError> {
     if !job.config.groups.is_empty() {
         read_groups(Path::new(&job.config.groups))?;
@@ -30,7 +31,7 @@ pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, TrainError> {
     let source = MaskSource::of(job)?;
     if let MaskSource::Boxes(path) = &source {
         // Masks follow when there is a cloud.
-        return read_boxes(path).map(|_| Vec::new()).map_err(TrainError::from);
+        return training_boxes(job, path).map(|_| Vec::new());
     }
     let folder = source.folder(job);
     let masks = MaskFolder::open(&folder)?;

@@ -7,7 +7,7 @@ use std::path::Path;
 use instgs_vk::io::{load_scene, read_boxes, read_mask, write_boxes};
 use instgs_vk::scene::{Boxes, ViewBox};
 
-use super::cli_stages::{Folder, has_all, json_of};
+use super::cli_stages::{Folder, has_all, json_of, warnings_of};
 use crate::common::onnx::{has_onnxruntime, models_folder};
 use crate::common::program::{error_of, program, skips_gpu};
 
@@ -80,7 +80,12 @@ fn boxes_take_the_place_of_masks() {
     has_all(&text, &["made", "holds masks already"]);
 
     fs::remove_dir_all(folder.path("data/masks")).unwrap();
-    folder.train("run").args(["--boxes", &file]).assert().success();
+    let mut other = read_boxes(&boxes).unwrap();
+    other.views.insert("nowhere".into(), other.views.values().next().unwrap().clone());
+    write_boxes(&boxes, &other).unwrap();
+    let warnings = warnings_of(folder.train("run").args(["--boxes", &file]));
+    // Not of the test views.
+    has_all(&warnings, &["are of 1 views that are not among those looked at", "nowhere"]);
     assert!(folder.path("run/masks/categories.json").is_file());
     assert!(!load_scene(&folder.path("run/scene.instgs")).unwrap().scene.instances.is_empty());
     let page = fs::read_to_string(folder.path("run/review.html")).unwrap();
@@ -91,6 +96,10 @@ fn boxes_take_the_place_of_masks() {
     assert_eq!(fs::metadata(folder.path("run/masks/categories.json")).unwrap().modified().unwrap(), made);
     let text = error_of(folder.train("other").args(["--boxes", "none.json"]));
     has_all(&text, &["none.json"]);
+    other.views.retain(|name, _| name == "nowhere");
+    write_boxes(&boxes, &other).unwrap();
+    let text = error_of(folder.train("other").args(["--boxes", &file]));
+    has_all(&text, &["boxes.json", "none in a photo of a training view"]);
     let text = error_of(folder.train("other").args(["--boxes", &file, "--set", "prompt=car."]));
     has_all(&text, &["boxes and prompt"]);
 }

@@ -89,7 +89,7 @@ impl Folder {
 }
 
 /// What a command that succeeds warns of.
-fn warnings_of(command: &mut Command) -> String {
+pub(super) fn warnings_of(command: &mut Command) -> String {
     String::from_utf8(command.assert().success().get_output().stderr.clone()).unwrap()
 }
 
