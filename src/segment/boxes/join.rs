@@ -162,52 +162,84 @@ fn balls(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Ball> {
     all.into_iter().step_by(stride).collect()
 }
 
-/// The boxes of every object, as indices; of each view at most one.
-fn objects_of(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Vec<usize>> {
-    let balls = balls(sightings, cameras);
-    let mut is_free = vec![true; sightings.len()];
-    let mut views: Vec<usize> = sightings.iter().map(|s| s.place[0]).collect();
-    views.dedup();
-    let boxes_at = |ball: &Ball, is_free: &[bool]| {
-        let mut best: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
-        for (i, sighting) in sightings.iter().enumerate().filter(|(i, _)| is_free[*i]) {
-            let Some(misfit) = sighting.misfit(ball, &cameras[sighting.place[0]]) else { continue };
+/// Boxes around a ball, the best of each view: by view its misfit and its index.
+type Around = BTreeMap<usize, (f64, usize)>;
+
+/// Boxes, and which of them no object has yet.
+struct Joining<'a> {
+    sightings: &'a [Sighting],
+    cameras: &'a [Camera],
+    /// Views that have any, ascending.
+    views: Vec<usize>,
+    /// By box: false once an object has it.
+    is_free: Vec<bool>,
+}
+
+impl<'a> Joining<'a> {
+    fn new(sightings: &'a [Sighting], cameras: &'a [Camera]) -> Self {
+        let mut views: Vec<usize> = sightings.iter().map(|s| s.place[0]).collect();
+        views.dedup();
+        Self { sightings, cameras, views, is_free: vec![true; sightings.len()] }
+    }
+
+    /// The free ones around a ball.
+    fn around(&self, ball: &Ball) -> Around {
+        let mut best = Around::new();
+        for (i, sighting) in self.sightings.iter().enumerate().filter(|(i, _)| self.is_free[*i]) {
+            let Some(misfit) = sighting.misfit(ball, &self.cameras[sighting.place[0]]) else { continue };
             let entry = best.entry(sighting.place[0]).or_insert((misfit, i));
             *entry = if misfit < entry.0 { (misfit, i) } else { *entry };
         }
         best
-    };
-    let score = |boxes: &BTreeMap<usize, (f64, usize)>| {
-        boxes.values().map(|(misfit, _)| (SCORE_ONE * (1.0 - misfit)) as u64).sum::<u64>()
-    };
-    let first = (0..balls.len()).into_par_iter().map(|ball| (score(&boxes_at(&balls[ball], &is_free)), Reverse(ball)));
+    }
+
+    /// True if boxes around a ball are enough for an object.
+    fn are_enough(&self, around: &Around, ball: &Ball) -> bool {
+        let has_place = |view: &&usize| {
+            let camera = &self.cameras[**view];
+            camera.pixel_of(ball.middle).is_some_and(|at| camera.has_pixel(at))
+        };
+        around.len() as f64 >= MIN_VIEW_PART * self.views.iter().filter(has_place).count() as f64
+    }
+
+    /// Gives boxes to an object.
+    fn take(&mut self, around: &Around) -> Vec<usize> {
+        let own: Vec<usize> = around.values().map(|&(_, i)| i).collect();
+        own.iter().for_each(|&i| self.is_free[i] = false);
+        own
+    }
+}
+
+/// How well a ball explains the boxes around it: the more views, the better.
+fn score(around: &Around) -> u64 {
+    around.values().map(|(misfit, _)| (SCORE_ONE * (1.0 - misfit)) as u64).sum()
+}
+
+/// The boxes of every object, as indices; of each view at most one.
+fn objects_of(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Vec<usize>> {
+    let balls = balls(sightings, cameras);
+    let mut joining = Joining::new(sightings, cameras);
+    let first = (0..balls.len()).into_par_iter().map(|ball| (score(&joining.around(&balls[ball])), Reverse(ball)));
     let mut queue: BinaryHeap<(u64, Reverse<usize>)> = first.collect::<Vec<_>>().into();
     let mut out = Vec::new();
     let mut taken: Vec<Ball> = Vec::new();
     // Scores only fall when boxes are taken, so the first whose score still stands is the best.
-    while let Some((known, Reverse(ball))) = queue.pop() {
-        let boxes = boxes_at(&balls[ball], &is_free);
-        let now = score(&boxes);
-        if boxes.len() < MIN_VIEWS {
+    while let Some((known, Reverse(index))) = queue.pop() {
+        let ball = balls[index];
+        let around = joining.around(&ball);
+        let now = score(&around);
+        if around.len() < MIN_VIEWS {
             continue;
         }
         if now < known {
-            queue.push((now, Reverse(ball)));
+            queue.push((now, Reverse(index)));
             continue;
         }
-        let has_place = |view: &&usize| {
-            let camera = &cameras[**view];
-            camera.pixel_of(balls[ball].middle).is_some_and(|at| camera.has_pixel(at))
-        };
-        let ball = balls[ball];
         let is_known = taken.iter().any(|known| known.middle.distance(ball.middle) < SAME_PLACE * known.radius);
-        if is_known || (boxes.len() as f64) < MIN_VIEW_PART * views.iter().filter(has_place).count() as f64 {
-            continue;
+        if !is_known && joining.are_enough(&around, &ball) {
+            taken.push(ball);
+            out.push(joining.take(&around));
         }
-        taken.push(ball);
-        let own: Vec<usize> = boxes.values().map(|&(_, i)| i).collect();
-        own.iter().for_each(|&i| is_free[i] = false);
-        out.push(own);
     }
     out
 }
