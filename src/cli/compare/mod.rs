@@ -16,7 +16,7 @@ use super::args::create_folder;
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::printer::Printer;
-use super::train::{Session, absolute};
+use super::train::{MaskArgs, Session, absolute};
 use crate::bench::comparison::SeedResult;
 use crate::eval::{Evaluated, Lpips};
 use crate::io::IoError;
@@ -32,7 +32,8 @@ use crate::train::interrupt::Interrupt;
 #[derive(Args)]
 #[command(after_help = "Example:\n  \
     instgs-vk compare --data cars --out out/compare --config instgs_quick --seeds 0,1,2\n  \
-    instgs-vk compare --data cars --groups cars/groups.json --out out/compare_given --config instgs_quick")]
+    instgs-vk compare --data cars --groups cars/groups.json --out out/compare_given --config instgs_quick\n  \
+    instgs-vk compare --data cars --boxes boxes.json --out out/compare_boxes --config instgs_quick")]
 pub(super) struct CompareArgs {
     /// Dataset folder
     #[arg(long, value_name = "DIR")]
@@ -40,9 +41,8 @@ pub(super) struct CompareArgs {
     /// groups.json: which objects are alike, and where they stand [default: found from the masks]
     #[arg(long, value_name = "JSON")]
     groups: Option<PathBuf>,
-    /// Folder with a PNG of object ids per image [default: DATA/masks]
-    #[arg(long, value_name = "DIR")]
-    masks: Option<PathBuf>,
+    #[command(flatten)]
+    masks: MaskArgs,
     /// Folder for runs and results; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -129,9 +129,7 @@ impl CompareArgs {
         if let Some(groups) = &self.groups {
             builder = builder.flag("--groups", "groups", absolute("--groups", groups)?)?;
         }
-        if let Some(masks) = &self.masks {
-            builder = builder.flag("--masks", "masks", absolute("--masks", masks)?)?;
-        }
+        builder = self.masks.put_into(builder)?;
         // What a configuration takes as a seed is its own matter.
         for &seed in &self.seeds {
             builder = builder.flag("--seeds", "seed", as_i64(seed)?)?;
@@ -195,5 +193,33 @@ fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
         }
         Ok(_) => Ok(()),
         Err(_) => Ok(crate::io::atomic_write(&path, |out| out.write_all(text.as_bytes()))?),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        compare: CompareArgs,
+    }
+
+    /// Masks come from where `train` may have them from.
+    #[test]
+    fn boxes_and_words_reach_the_configuration() -> Result<(), Box<dyn std::error::Error>> {
+        let comparison = |words: &str| {
+            let words = format!("x --data d --out o {words}");
+            Line::try_parse_from(words.split_whitespace()).map(|line| line.compare.comparison())
+        };
+        let boxes = comparison("--boxes /b.json --groups /g.json")??.config;
+        assert_eq!([boxes.boxes, boxes.groups, boxes.masks], ["/b.json", "/g.json", ""]);
+        let words = comparison("--prompt car. --models /n")??.config;
+        assert_eq!([words.prompt, words.models, words.boxes], ["car.", "/n", ""]);
+        assert!(comparison("--boxes b.json --masks m").is_err());
+        Ok(())
     }
 }

@@ -72,7 +72,7 @@ fn copy_files(from: &Path, to: &Path, files: impl IntoIterator<Item = String>) -
     Ok(())
 }
 
-/// Seconds of training and of what stands between its phases.
+/// Seconds of training, of making masks, and of what stands between the phases.
 pub(in crate::cli) fn work_seconds(report: &RunReport) -> f64 {
-    report.stages.iter().filter(|s| s.name.ends_with("train") || s.is_preparation()).map(|s| s.seconds).sum()
+    report.stages.iter().filter(|stage| stage.makes_scene()).map(|stage| stage.seconds).sum()
 }

@@ -5,8 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 mod instanced;
+mod mask_args;
 mod phase;
 
+pub(super) use self::mask_args::MaskArgs;
 use self::phase::run_phase;
 pub(super) use self::phase::{Session, counts};
 use super::device::{self, DeviceArgs};
@@ -56,18 +58,8 @@ pub(super) struct TrainArgs {
     /// One value of the configuration, for instance --set rates.means=1e-4; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Folder with a PNG of object ids per image [default: DATA/masks]; for instgs
-    #[arg(long, value_name = "DIR")]
-    masks: Option<PathBuf>,
-    /// boxes.json: boxes around objects, in the world or in photos, instead of masks; for instgs
-    #[arg(long, value_name = "JSON", conflicts_with_all = ["masks", "prompt"])]
-    boxes: Option<PathBuf>,
-    /// What to look for in the photos instead of masks, for instance "car. chair."; for instgs
-    #[arg(long, value_name = "TEXT", conflicts_with = "masks")]
-    prompt: Option<String>,
-    /// Folder of the models that --prompt needs; tools/models makes it
-    #[arg(long, value_name = "DIR")]
-    models: Option<PathBuf>,
+    #[command(flatten)]
+    masks: MaskArgs,
     /// groups.json: which objects are alike, and where they stand; for instgs [default: found by registration]
     #[arg(long, value_name = "JSON")]
     groups: Option<PathBuf>,
@@ -110,19 +102,11 @@ impl TrainArgs {
         for assignment in &self.set {
             builder = builder.set(assignment)?;
         }
-        if let Some(prompt) = &self.prompt {
-            builder = builder.flag("--prompt", "prompt", prompt.as_str())?;
-        }
+        builder = self.masks.put_into(builder)?;
         if let Some(method) = &self.method {
             builder = builder.flag("--method", "method", method.as_str())?;
         }
-        let paths = [
-            ("--init", "init_scene", &self.init),
-            ("--masks", "masks", &self.masks),
-            ("--boxes", "boxes", &self.boxes),
-            ("--models", "models", &self.models),
-            ("--groups", "groups", &self.groups),
-        ];
+        let paths = [("--init", "init_scene", &self.init), ("--groups", "groups", &self.groups)];
         for (flag, key, path) in paths {
             if let Some(path) = path {
                 builder = builder.flag(flag, key, absolute(flag, path)?)?;

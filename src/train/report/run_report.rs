@@ -89,6 +89,11 @@ impl Stage {
     pub fn is_preparation(&self) -> bool {
         ["consensus", "segment", "register", "merge"].contains(&self.name.as_str())
     }
+
+    /// True for what a scene needs: training, its preparation, and making masks; not loading, evaluating and drawing.
+    pub fn makes_scene(&self) -> bool {
+        self.name.ends_with("train") || self.name == "masks" || self.is_preparation()
+    }
 }
 
 /// How near a rendering is to its photograph.
@@ -200,4 +205,17 @@ fn from_map<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(String, f
         }
     }
     deserializer.deserialize_map(Pairs)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scene_needs_its_masks_but_no_evaluation() {
+        let makes_scene = |name: &&str| Stage { name: name.to_string(), seconds: 1.0 }.makes_scene();
+        let all = ["3dgs: load", "3dgs: train", "masks", "consensus", "segment", "register", "merge", "eval"];
+        let needed: Vec<&str> = all.into_iter().filter(makes_scene).collect();
+        assert_eq!(needed, ["3dgs: train", "masks", "consensus", "segment", "register", "merge"]);
+    }
 }

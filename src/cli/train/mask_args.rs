@@ -1,0 +1,77 @@
+//! Where the masks of objects come from, as flags of the commands that train.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::absolute;
+use crate::cli::error::CliError;
+use crate::train::config::ConfigBuilder;
+
+/// At most one of a folder, boxes and words.
+#[derive(Args)]
+pub(in crate::cli) struct MaskArgs {
+    /// Folder with a PNG of object ids per image [default: DATA/masks]; for instgs
+    #[arg(long, value_name = "DIR")]
+    masks: Option<PathBuf>,
+    /// boxes.json: boxes around objects, in the world or in photos of training views, instead of masks; for instgs
+    #[arg(long, value_name = "JSON", conflicts_with_all = ["masks", "prompt"])]
+    boxes: Option<PathBuf>,
+    /// What to look for in the photos instead of masks, for instance "car. chair."; for instgs
+    #[arg(long, value_name = "TEXT", conflicts_with = "masks")]
+    prompt: Option<String>,
+    /// Folder of the models that --prompt needs; tools/models makes it
+    #[arg(long, value_name = "DIR")]
+    models: Option<PathBuf>,
+}
+
+impl MaskArgs {
+    /// A configuration with what was given.
+    pub(in crate::cli) fn put_into(&self, mut builder: ConfigBuilder) -> Result<ConfigBuilder, CliError> {
+        if let Some(prompt) = &self.prompt {
+            builder = builder.flag("--prompt", "prompt", prompt.as_str())?;
+        }
+        let paths = [
+            ("--masks", "masks", &self.masks),
+            ("--boxes", "boxes", &self.boxes),
+            ("--models", "models", &self.models),
+        ];
+        for (flag, key, path) in paths {
+            if let Some(path) = path {
+                builder = builder.flag(flag, key, absolute(flag, path)?)?;
+            }
+        }
+        Ok(builder)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        masks: MaskArgs,
+    }
+
+    #[test]
+    fn flags_become_values_and_exclude_each_other() -> Result<(), Box<dyn std::error::Error>> {
+        let parse = |words: &str| Line::try_parse_from(format!("x {words}").split_whitespace());
+        for (words, want) in [
+            ("", ["", "", "", ""]),
+            ("--masks /m", ["/m", "", "", ""]),
+            ("--boxes /b.json", ["", "/b.json", "", ""]),
+            ("--prompt car. --models /n", ["", "", "car.", "/n"]),
+        ] {
+            let config = parse(words)?.masks.put_into(ConfigBuilder::new())?.finish()?;
+            assert_eq!([config.masks, config.boxes, config.prompt, config.models], want, "{words}");
+        }
+        for both in ["--boxes b --masks m", "--boxes b --prompt car.", "--masks m --prompt car."] {
+            assert!(parse(both).is_err(), "{both}");
+        }
+        Ok(())
+    }
+}
