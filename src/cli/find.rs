@@ -95,8 +95,7 @@ pub(super) fn run(args: &FindArgs, printer: &Printer) -> Result<(), CliError> {
     if let Some(folder) = args.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         create_folder(folder)?;
     }
-    let min_scale = if args.similarity { FindOptions::SIMILAR } else { 1.0 };
-    let options = FindOptions { min_scale, ..FindOptions::default() };
+    let options = FindOptions::of_sizes(args.similarity);
     let input = FindInput { cloud: &cloud, cameras: &cameras, object: selected, up: None };
     let mut bar = None;
     let mut told = |at: crate::register::FindProgress| {

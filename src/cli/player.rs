@@ -38,8 +38,8 @@ use crate::scene::{Camera, InstancedScene};
 Editing: click an object (Shift: more, G: all alike); M, T, X, N: arrows to move it, rings to turn it, a circle to\n\
 scale it, none; Esc: puts back what is dragged; Ctrl+D, Delete, Ctrl+H: copy, remove, hide it; Ctrl+Shift+H: show all;\n\
 Ctrl+Z, Ctrl+Y, Ctrl+S: take back, do again, save. The panel has numbers, colours, scattering, crop and eraser.\n\n\
-Boxes: B, then click an object: a box goes around it; drag its dots until it fits; F: find all that look like it;\n\
-Shift+click: take a wrong one away; Ctrl+S: save boxes.json, for instgs-vk masks --boxes and train --boxes."
+Boxes: B, then click an object: a box goes around it; drag its dots until it fits; F: find all that look like it (O: of\n\
+other sizes too); Shift+click: take a wrong one away; Ctrl+S: save boxes.json, for instgs-vk masks and train --boxes."
 )]
 struct PlayerArgs {
     /// Scene: .instgs, .ply, .spz or .splat; or drop one on the window

@@ -58,10 +58,14 @@ impl BoxList {
         Self { saved: boxes.clone(), now: State { boxes, chosen: None }, rest, ..Self::default() }
     }
 
-    /// What goes to a file: the boxes, and what else was in the file they came from.
+    /// What goes to a file: the boxes, and what else was in the file they came from. Blanks that were typed around a
+    /// category would make another one of it.
     pub fn to_file(&self) -> Boxes {
-        let objects = self.now.boxes.iter().map(|listed| listed.object.clone()).collect();
-        Boxes { objects, views: self.rest.views.clone() }
+        let named = |listed: &ListedBox| {
+            let category = listed.object.category.as_deref().map(|text| text.trim().to_owned());
+            ObjectBox { category, ..listed.object.clone() }
+        };
+        Boxes { objects: self.now.boxes.iter().map(named).collect(), views: self.rest.views.clone() }
     }
 
     /// The boxes, in the order of the file.
@@ -280,14 +284,17 @@ mod tests {
         }
         list.cancel();
         assert_eq!((places(&list), list.steps()[0]), (vec![(1, 0.0), (2, 9.0)], 2));
+        list.change(ObjectBox { category: Some("vase ".into()), ..at(3.0) });
+        list.finish();
+        assert_eq!(list.to_file().objects[1].category.as_deref(), Some("vase"), "without what is typed around it");
         list.change(ObjectBox { category: Some("vase".into()), ..at(3.0) });
         list.finish();
-        assert_eq!((places(&list), list.steps()[0]), (vec![(1, 3.0), (2, 9.0)], 3));
+        assert_eq!((places(&list), list.steps()[0]), (vec![(1, 3.0), (2, 9.0)], 4));
         assert_eq!(list.boxes()[1].object.category.as_deref(), Some("vase"));
         // A change that changes nothing is no step.
         list.change(list.boxes()[0].object.clone());
         list.finish();
-        assert_eq!(list.steps()[0], 3);
+        assert_eq!(list.steps()[0], 4);
         assert!(list.is_unsaved());
         list.saved();
         assert!(!list.is_unsaved() && list.undo() && list.is_unsaved());

@@ -26,7 +26,7 @@ const KEYS: [(&str, &str); 20] = [
     ("Ctrl+H, Ctrl+Shift+H", "hide it, which leaves it in the scene; show and choose all that is hidden"),
     ("Ctrl+Z, Ctrl+Y, Ctrl+S", "take back, do again, save"),
     ("B", "boxes: a click puts one around an object, dots resize it; Shift+click or Delete takes it away"),
-    ("F, Ctrl+S", "with boxes: find all objects like the chosen one; save boxes.json"),
+    ("F, O, Ctrl+S", "with boxes: find all objects like the chosen one; of other sizes too; save boxes.json"),
     ("P", "record the camera path; P again ends and writes it"),
     ("F12", "write the picture as PNG"),
     ("F11, H, Esc", "full screen; this text; quit"),
@@ -82,7 +82,9 @@ impl Hud {
     /// Lays out the interface.
     pub(super) fn lay_out(&self, ctx: &egui::Context, facts: Facts<'_>, settings: Settings<'_>) {
         if let Some(message) = &self.message {
-            egui::Area::new("message".into()).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -12.0]).show(ctx, |ui| {
+            // Another one for each text: it would have the width of the text before.
+            let id = egui::Id::new(("message", message));
+            egui::Area::new(id).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -12.0]).show(ctx, |ui| {
                 egui::Frame::popup(ui.style()).show(ui, |ui| ui.label(message));
             });
         }

@@ -39,6 +39,8 @@ pub(super) struct BoxFacts<'a> {
     pub(super) mode: GizmoMode,
     /// Of a search: what part is done.
     pub(super) searched: Option<f32>,
+    /// Searches find other sizes too.
+    pub(super) other_sizes: bool,
     /// Where the boxes are saved.
     pub(super) file: String,
 }
@@ -55,6 +57,8 @@ pub(super) enum BoxAction {
     Remove(usize),
     Find,
     CancelSearch,
+    /// Searches find other sizes too, or no longer.
+    OtherSizes(bool),
     Mode(GizmoMode),
     Save(PathBuf),
     Leave,
@@ -100,16 +104,7 @@ impl BoxPanel {
             self.numbers(ui, facts, &chosen.object, actions);
             handles(ui, facts.mode, actions);
         }
-        ui.horizontal(|ui| match facts.searched {
-            Some(part) => {
-                ui.add(egui::ProgressBar::new(part).desired_width(140.0).show_percentage());
-                pushes(ui, true, "cancel", BoxAction::CancelSearch, actions);
-            }
-            None => {
-                let words = "find the rest (F)";
-                pushes(ui, facts.list.chosen().is_some(), words, BoxAction::Find, actions);
-            }
-        });
+        search(ui, facts, actions);
         ui.separator();
         rows(ui, facts.list, actions);
         ui.separator();
@@ -120,7 +115,7 @@ impl BoxPanel {
             ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(180.0));
             let words = "for instgs-vk masks --boxes and train --boxes";
             if ui.button("save").on_hover_text(words).clicked() {
-                actions.push(BoxAction::Save(PathBuf::from(self.file.trim())));
+                actions.extend(self.file().map(BoxAction::Save));
             }
         });
     }
@@ -165,6 +160,11 @@ impl BoxPanel {
         actions.push(BoxAction::Change(to));
     }
 
+    /// Where the field says that boxes go; `None` if it is empty.
+    pub(super) fn file(&self) -> Option<PathBuf> {
+        Some(self.file.trim()).filter(|name| !name.is_empty()).map(PathBuf::from)
+    }
+
     /// The name in the field follows where the boxes were saved.
     pub(super) fn saved_to(&mut self, file: String) {
         self.file = file;
@@ -176,7 +176,8 @@ fn hint(facts: &BoxFacts<'_>) -> String {
     let [drawn, found] = facts.list.counts();
     let counts = format!("{drawn} drawn, {found} found");
     if facts.searched.is_some() {
-        return "Looking for what is like the box; Esc stops it.".into();
+        let sizes = if facts.other_sizes { ", of other sizes too" } else { "" };
+        return format!("Looking for what is like the box{sizes}; Esc stops it.");
     }
     match (facts.list.chosen_box().map(|listed| listed.origin), found) {
         (None, 0) if drawn == 0 => "Click an object: a box goes around it.  (B leaves)".into(),
@@ -202,6 +203,23 @@ fn handles(ui: &mut Ui, mode: GizmoMode, actions: &mut Vec<BoxAction>) {
             }
         }
     });
+}
+
+/// What begins a search, or how far it is; and what it looks for.
+fn search(ui: &mut Ui, facts: &BoxFacts<'_>, actions: &mut Vec<BoxAction>) {
+    ui.horizontal(|ui| match facts.searched {
+        Some(part) => {
+            ui.add(egui::ProgressBar::new(part).desired_width(140.0).show_percentage());
+            pushes(ui, true, "cancel", BoxAction::CancelSearch, actions);
+        }
+        None => pushes(ui, facts.list.chosen().is_some(), "find the rest (F)", BoxAction::Find, actions),
+    });
+    let mut other_sizes = facts.other_sizes;
+    let switch = egui::Checkbox::new(&mut other_sizes, "other sizes too (O)");
+    let words = "half to twice the size; the search takes longer";
+    if ui.add_enabled(facts.searched.is_none(), switch).on_hover_text(words).changed() {
+        actions.push(BoxAction::OtherSizes(other_sizes));
+    }
 }
 
 /// One row for each box: a click chooses it, the cross takes it out.

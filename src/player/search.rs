@@ -42,13 +42,14 @@ pub enum Searched {
 }
 
 impl Search {
-    /// Looks for what is like `object` in a cloud of the world; `cameras` saw it and may be none, `up` is a unit vector.
-    pub fn start(cloud: Gaussians, cameras: Vec<Camera>, object: ObjectBox, up: DVec3) -> Self {
+    /// Looks for what is like `object` in a cloud of the world; `cameras` saw it and may be none, `up` is a unit vector. With
+    /// `other_sizes` what is like it may be of half to twice its size.
+    pub fn start(cloud: Gaussians, cameras: Vec<Camera>, object: ObjectBox, up: DVec3, other_sizes: bool) -> Self {
         let told = Arc::new(Told::default());
         let (like, of_thread) = (object.id, told.clone());
         let work = move || {
             let input = FindInput { cloud: &cloud, cameras: &cameras, object: &object, up: Some(up) };
-            find_alike(&input, &FindOptions::default(), &mut |progress| of_thread.note(progress))
+            find_alike(&input, &FindOptions::of_sizes(other_sizes), &mut |progress| of_thread.note(progress))
         };
         Self { told, thread: std::thread::spawn(work), like, started: Instant::now() }
     }

@@ -26,6 +26,9 @@ const POST: [Block; 1] = [(DVec3::new(0.0, 0.0, 0.8), DVec3::new(0.3, 0.3, 1.6))
 const CASE: [Block; 1] = [(DVec3::new(0.0, 0.0, 0.3), DVec3::new(0.6, 0.6, 0.6))];
 /// Middle of the floor under each bench, and its turn about the vertical.
 const BENCHES: [([f64; 2], f64); 4] = [([0.2, -2.6], 0.4), ([-2.6, 0.3], 2.0), ([2.4, 0.6], -1.1), ([0.0, 2.8], 3.0)];
+/// A larger bench: how many times as large, and where.
+const LARGER: f64 = 1.5;
+const LARGE_PLACE: [f64; 2] = [-3.4, 3.4];
 /// Gaussians for a square unit of surface.
 const DENSITY: f64 = 220.0;
 
@@ -70,8 +73,12 @@ fn surface(out: &mut Gaussians, rng: &mut Rng, blocks: &[Block], ([x, y], turn):
 
 /// The cloud as a file, and as the player opens it.
 fn cloud_file(folder: &Path) -> (std::path::PathBuf, Camera) {
+    file_of(folder, place())
+}
+
+fn file_of(folder: &Path, cloud: Gaussians) -> (std::path::PathBuf, Camera) {
     let file = folder.join("place.ply");
-    let scene = InstancedScene::from_cloud(place());
+    let scene = InstancedScene::from_cloud(cloud);
     export_scene(&file, &scene, ExportFormat::of(&file, None).unwrap(), DVec3::Z).unwrap();
     let opened = load_scene(&file).unwrap().scene;
     let orbit = Orbit::around(&opened, None);
@@ -141,6 +148,33 @@ fn nothing_but_the_rest_is_found() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let all = read_boxes(&folder.path().join("all.json")).unwrap().objects;
     assert!(all.len() == 4 && all.iter().all(|object| bench_of(object).is_some()), "{all:?}");
+}
+
+/// A bench half as large again is found if other sizes are asked for, and no longer if they are not.
+#[test]
+fn other_sizes_are_found_when_they_are_asked_for() {
+    let Some(display) = (if skips_gpu() { None } else { VirtualDisplay::open() }) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let mut cloud = place();
+    let large = BENCH.map(|(middle, edges)| (LARGER * middle, LARGER * edges));
+    surface(&mut cloud, &mut Rng::new(6), &large, (LARGE_PLACE, 0.9), [0.3, 0.8, 0.3]);
+    let (file, camera) = file_of(folder.path(), cloud);
+    let [x, y] = seat_px(&camera, 0);
+    let steps = format!(
+        "key KeyH\n frames 2\n key KeyB\n click {x} {y}\n key KeyO\n key KeyF\n found\n boxes all.json\n key KeyO\n key KeyF\n \
+         found\n boxes same.json\n quit\n"
+    );
+    let output = play_script(&display, &file, &steps);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let read = |name: &str| read_boxes(&folder.path().join(name)).unwrap().objects;
+    let is_large = |object: &&ObjectBox| {
+        let [x, y] = LARGE_PLACE;
+        object.center.distance(DVec3::new(x, y, LARGER * 0.55)) < 0.2
+            && (object.size - LARGER * DVec3::new(1.6, 0.8, 1.1)).abs().max_element() < 0.35
+    };
+    let (all, same) = (read("all.json"), read("same.json"));
+    assert_eq!((all.iter().filter(is_large).count(), all.len()), (1, 5), "{all:?}");
+    assert!(same.len() == 4 && same.iter().all(|object| bench_of(object).is_some()), "{same:?}");
 }
 
 /// A dot moves one face of the box; what comes from a file can be changed; the ground gets no box.

@@ -39,6 +39,7 @@ impl Desk {
                 step: 0.1,
                 mode: GizmoMode::Move,
                 searched: *searched,
+                other_sizes: false,
                 file: "x.boxes.json".into(),
             };
             let mut actions = Vec::new();
@@ -66,6 +67,7 @@ fn buttons_and_rows_ask_for_what_they_say() {
         ("undo", BoxAction::Undo),
         ("close", BoxAction::Leave),
         ("find the rest (F)", BoxAction::Find),
+        ("other sizes too (O)", BoxAction::OtherSizes(true)),
         ("x", BoxAction::Remove(2)),
         ("2: no name, like 1", BoxAction::Choose(1)),
         ("turn", BoxAction::Mode(GizmoMode::Turn)),
@@ -77,6 +79,7 @@ fn buttons_and_rows_ask_for_what_they_say() {
     let mut searching = Desk { searched: Some(0.3), ..Desk::new() };
     searching.pictures(vec![Vec::new(); 2]);
     assert_eq!(searching.click("cancel"), [BoxAction::CancelSearch]);
+    assert_eq!(searching.click("other sizes too (O)"), [], "a search goes on as it began");
     assert!(searching.screen.says("Looking for"));
 }
 

@@ -1,5 +1,7 @@
 //! Boxes around objects, in the window: clicks that put them there, handles that are dragged, the search for the rest, files.
 
+mod search;
+
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -11,7 +13,7 @@ use crate::player::box_handles::{BoxDrag, BoxHandles, BoxPart, after, box_at_edg
 use crate::player::boxes::BoxList;
 use crate::player::error::PlayerError;
 use crate::player::hud_boxes::{BoxAction, BoxFacts, BoxPanel, paint_boxes};
-use crate::player::search::{Search, Searched, without_view_dependence};
+use crate::player::search::Search;
 use crate::scene::{Boxes, ObjectBox};
 use crate::segment::standing::{Standing, Surroundings, UprightBox};
 
@@ -29,6 +31,8 @@ pub(super) struct Boxing {
     /// Of the cloud; made when it is clicked first.
     around: Option<Surroundings>,
     search: Option<Search>,
+    /// Searches find other sizes too.
+    other_sizes: bool,
     panel: BoxPanel,
     /// Where the boxes are from or were saved.
     file: Option<PathBuf>,
@@ -175,7 +179,7 @@ impl Live {
                 KeyCode::KeyZ if self.controls.shift => BoxAction::Redo,
                 KeyCode::KeyZ => BoxAction::Undo,
                 KeyCode::KeyY => BoxAction::Redo,
-                KeyCode::KeyS => BoxAction::Save(self.box_file()),
+                KeyCode::KeyS => BoxAction::Save(self.boxing.panel.file().unwrap_or_else(|| self.box_file())),
                 _ => return Ok(false),
             };
             self.box_let_go();
@@ -212,45 +216,6 @@ impl Live {
         true
     }
 
-    /// Begins the search for what is like the chosen box.
-    pub(super) fn find_rest(&mut self) {
-        if self.boxing.is_searching() {
-            return self.says("a search goes on: Esc stops it");
-        }
-        let Some(listed) = self.boxing.list.chosen_box() else {
-            return self.says("click an object first: what is like it is looked for");
-        };
-        let [_, _, up] = self.navigator.level_axes();
-        let up = self.boxing.around.as_ref().map_or(up, Surroundings::up);
-        let cloud = without_view_dependence(&self.stage.scene().background);
-        self.boxing.search = Some(Search::start(cloud, self.cameras.0.clone(), listed.object.clone(), up));
-    }
-
-    /// Asks a search to stop, if there is one.
-    pub(super) fn stop_search(&self) {
-        if let Some(search) = &self.boxing.search {
-            search.stop();
-        }
-    }
-
-    /// Takes what a search has found, if it has ended.
-    pub(super) fn take_found(&mut self) {
-        let Some(search) = self.boxing.search.take_if(|search| search.has_ended()) else { return };
-        let like = search.like();
-        let words = match search.end() {
-            Searched::Stopped => "the search was stopped".into(),
-            Searched::Failed(reason) => reason,
-            Searched::Found(found, seconds) => match self.boxing.list.take_found(like, found) {
-                None => "the box that was searched for is gone".into(),
-                Some(0) => format!("nothing else is like box {like} ({seconds:.1} s)"),
-                Some(count) => {
-                    format!("{count} found in {seconds:.1} s; Shift+click takes away what is wrong; Ctrl+S saves")
-                }
-            },
-        };
-        self.says(words);
-    }
-
     /// Where boxes are saved: where they are from, or beside the scene under a name that is free.
     fn box_file(&self) -> PathBuf {
         let beside = self.path.with_extension("boxes.json");
@@ -272,6 +237,7 @@ impl Live {
         }
         let [drawn, found] = self.boxing.list.counts();
         self.says(match written {
+            Ok(()) if drawn + found == 1 => format!("1 box is in {}", path.display()),
             Ok(()) => format!("{} boxes are in {}", drawn + found, path.display()),
             Err(error) => error.to_string(),
         });
@@ -291,13 +257,14 @@ impl Live {
         }
         let [_, _, up] = self.navigator.level_axes();
         let (file, step) = (self.box_file().display().to_string(), self.number_step());
-        let Boxing { list, panel, around, search, .. } = &mut self.boxing;
+        let Boxing { list, panel, around, search, other_sizes, .. } = &mut self.boxing;
         let facts = BoxFacts {
             list,
             up: around.as_ref().map_or(up, Surroundings::up),
             step,
             mode: self.editing.mode,
             searched: search.as_ref().map(Search::part),
+            other_sizes: *other_sizes,
             file,
         };
         panel.lay_out(ctx, &facts)
@@ -325,6 +292,7 @@ impl Live {
                 BoxAction::Remove(index) => list.remove(index),
                 BoxAction::Find => self.find_rest(),
                 BoxAction::CancelSearch => self.stop_search(),
+                BoxAction::OtherSizes(other_sizes) => self.look_for_other_sizes(other_sizes),
                 BoxAction::Mode(mode) => self.editing.mode = mode,
                 BoxAction::Save(path) => self.save_boxes(&path),
                 BoxAction::Leave => self.toggle_boxes()?,

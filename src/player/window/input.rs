@@ -127,6 +127,8 @@ impl Live {
         repeats: bool,
         consumed: bool,
     ) -> Result<After, PlayerError> {
+        // A field of the interface takes keys while it is typed into; saving is no text.
+        let consumed = consumed && !(self.controls.control && code == KeyCode::KeyS);
         let flight = flight_key(code).filter(|_| !self.controls.control || !down);
         if let Some(key) = flight {
             self.controls.flight_key(key, down && !consumed);
@@ -162,6 +164,7 @@ impl Live {
             KeyCode::KeyB => self.toggle_boxes()?,
             KeyCode::KeyF => self.find_rest(),
             KeyCode::KeyG => self.stage.choose_alike(),
+            KeyCode::KeyO if self.boxing.on => self.toggle_other_sizes(),
             KeyCode::KeyH => self.hud.visible = !self.hud.visible,
             KeyCode::KeyR => self.navigator = self.home.clone(),
             KeyCode::BracketLeft => self.navigator.change_speed(1.0 / SPEED_STEP),

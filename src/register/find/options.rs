@@ -27,6 +27,12 @@ impl FindOptions {
     /// Repetitions of about half to twice the size.
     pub const SIMILAR: f64 = 0.5;
 
+    /// The usual ones: repetitions of the same size, or, with `other_sizes`, of about half to twice the size.
+    pub fn of_sizes(other_sizes: bool) -> Self {
+        let same = Self::default();
+        Self { min_scale: if other_sizes { Self::SIMILAR } else { same.min_scale }, ..same }
+    }
+
     /// Checks the ranges.
     pub(super) fn validate(&self) -> Result<(), RegisterError> {
         self.surfaces.validate()?;
