@@ -1,7 +1,7 @@
 //! `.instgs`: instanced scenes as a safetensors file (DESIGN section 5).
 //!
 //! Reads F32 and F16 tensors, offsets in U8 ([`crate::io::scene_pack`]) and clouds in coded tables
-//! ([`crate::io::scene_small`], format 2). Tensors and metadata that this version
+//! (`scene_small.rs`, format 2). Tensors and metadata that this version
 //! does not know are kept and written again. Writing is in [`crate::io::scene_write`].
 
 use std::collections::BTreeMap;

@@ -1,5 +1,5 @@
 //! Number formats of packed `.instgs` files: halves, and offsets in 8 bits. The format `small` is in
-//! [`super::scene_small`].
+//! `scene_small.rs`.
 //!
 //! q8: the records of offsets are cut into *segments* wherever the run of an instance begins or ends (`segments`); in
 //! a usual scene a segment is an instance, and shared, overlapping and unused records need no rule of their own. Row r
