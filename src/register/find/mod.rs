@@ -10,7 +10,10 @@
 mod against;
 mod decide;
 mod field;
+mod flat;
 pub mod options;
+mod pattern;
+mod picture;
 mod refine;
 mod search;
 mod select;
@@ -26,6 +29,9 @@ use crate::scene::{Camera, Gaussians, ObjectBox};
 
 pub use against::Against;
 pub use options::FindOptions;
+
+/// Gaussians that reach farther than so many diagonals of the box show no pattern.
+const LARGEST: f64 = 2.0;
 
 /// Where repetitions are looked for.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +57,8 @@ pub struct Found {
     pub gaussians: usize,
     /// True if the selected object stands on a surface, which was left out.
     pub on_support: bool,
+    /// True if the selected object is part of a wall: then its pattern of colours was looked for, not its shape.
+    pub in_wall: bool,
     /// What was up, unit vector, world.
     pub up: DVec3,
 }
@@ -124,9 +132,15 @@ pub fn find_alike(input: &FindInput<'_>, options: &FindOptions, told: &mut FindT
         return Err(RegisterError::Cloud { array, len, want }.into());
     }
     input.cameras.iter().try_for_each(Camera::validate).map_err(RegisterError::Camera)?;
-    let mut steps = Steps { told, progress: FindProgress { done: 0, total: search::STEPS + refine::STEPS + 1 } };
     let selected = select::selected(input, options)?;
+    let splats = picture::splats(input.cloud, selected.surface.centroid, LARGEST * selected.object_box.size.length());
+    let wall = pattern::wall_frame(input, &selected, &splats);
+    let more = if wall.is_some() { flat::STEPS } else { search::STEPS + refine::STEPS };
+    let mut steps = Steps { told, progress: FindProgress { done: 0, total: 1 + more } };
     steps.advance()?;
+    if let Some(frame) = wall {
+        return flat::found(&selected, (input.object, input.cameras), (&splats, &frame), options, &mut steps);
+    }
     let places = search::places(&selected, options, &mut steps)?;
     let candidates = refine::refined(&selected, places, options, &mut steps)?;
     Ok(decide::decide(&selected, input.object, candidates, options))

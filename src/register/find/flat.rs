@@ -1,0 +1,220 @@
+//! Parts of walls: every place on every plane is looked at straight on, and what has the same pattern of colours is found.
+
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+
+use super::pattern::{common, likeness};
+use super::picture::{Frame, Picture, Splat};
+use super::refine::agreement;
+use super::search::{Place, TURNS, distinct, scales};
+use super::select::Selected;
+use super::{FindError, FindOptions, Found, FoundObject, RejectedPlace, Steps, moved_box, world_map};
+use crate::register::pose::Pose;
+use crate::register::sample::BASE;
+use crate::scene::{Camera, ObjectBox};
+
+/// Pixels of the first look are so many times larger.
+const COARSER: f64 = 2.0;
+/// Places of a tile along its edge, pixels of the first look: about three patterns.
+const TILE: usize = 32;
+/// Tiles with fewer Gaussians show nothing.
+const FEWEST: usize = 12;
+/// Farther away than so many roots of the pattern's area nothing is looked at.
+const FARTHEST: f64 = 75.0;
+/// Places that the first look finds less alike than this are not looked at closely. True ones had at least 0.41.
+const FIRST_LEAST: f32 = 0.3;
+/// Places nearer than this part of the pattern's root are one, and so many are looked at closely.
+const SAME_PLACE: f64 = 0.3;
+const MOST_CLOSE: usize = 400;
+/// How far a closer look may move a place, pixels: as far as the first look is coarse, and some more; then less.
+const SHIFTS: [usize; 2] = [3, 2];
+/// How often what is alike says anew what they have in common.
+const ROUNDS: usize = 3;
+/// A place of whose area more than this part is that of a better one is the same.
+const TAKEN: f64 = 0.35;
+/// Steps that the caller is told of.
+pub(super) const STEPS: usize = TURNS + 1;
+
+/// A place looked at closely.
+struct Candidate {
+    pose: Pose,
+    patch: Picture,
+    score: f32,
+}
+
+/// Finds what has the pattern that `frame` shows.
+pub(super) fn found(
+    selected: &Selected,
+    (object, cameras): (&ObjectBox, &[Camera]),
+    (splats, frame): (&[Splat], &Frame),
+    options: &FindOptions,
+    steps: &mut Steps<'_, '_>,
+) -> Result<Found, FindError> {
+    let own = Picture::new(splats.iter(), frame);
+    let eyes: Vec<DVec3> = cameras.iter().map(|c| c.position_world() - selected.surface.centroid).collect();
+    let places = places(selected, (splats, frame), &eyes, options, steps)?;
+    let mut candidates: Vec<Candidate> =
+        places.par_iter().map(|place| looked_at(splats, (&own, frame), place.pose)).collect();
+    for round in 0..=ROUNDS {
+        let alike = distinct_candidates(&candidates, frame).into_iter().filter(|i| is_alike(&candidates[*i], options));
+        let alike: Vec<&Picture> = alike.map(|i| &candidates[i].patch).collect();
+        if round > 0 && std::env::var("FLAT").is_ok() { eprintln!("round {round} {}", alike.len()); }
+        let pattern = common(&[vec![&own], alike].concat());
+        candidates.iter_mut().for_each(|c| c.score = likeness(&pattern, &c.patch, [0, 0]));
+    }
+    steps.advance()?;
+    let (mut objects, mut rejected) = (Vec::new(), Vec::new());
+    let origin = selected.surface.centroid;
+    for i in distinct_candidates(&candidates, frame) {
+        let candidate = &candidates[i];
+        let moved = moved_box(object, &candidate.pose, origin, super::decide::free_id(object.id, objects.len()));
+        let score = f64::from(candidate.score.max(0.0));
+        if !is_alike(candidate, options) {
+            let reason = format!("the colours agree by {:.0} %", 100.0 * score);
+            rejected.push(RejectedPlace { center: moved.center, score, reason });
+            continue;
+        }
+        let level = (&selected.surface.levels[BASE].positions[..], &selected.scene.positions[..]);
+        let there = agreement(selected, level, &candidate.pose);
+        objects.push(FoundObject {
+            object: moved,
+            world_from_selected: world_map(&candidate.pose, origin),
+            inliers: there.inliers,
+            explained: there.explained,
+            rmse: there.rmse,
+            score,
+        });
+    }
+    let (gaussians, up) = (selected.surface.gaussians, selected.up);
+    Ok(Found { objects, rejected, gaussians, on_support: false, in_wall: true, up })
+}
+
+fn is_alike(candidate: &Candidate, options: &FindOptions) -> bool {
+    f64::from(candidate.score) >= options.min_likeness
+}
+
+/// The candidates that are not where the selected object or a better one is, best first.
+fn distinct_candidates(candidates: &[Candidate], frame: &Frame) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..candidates.len()).collect();
+    order.sort_by(|&a, &b| candidates[b].score.total_cmp(&candidates[a].score));
+    let mut taken = vec![*frame];
+    let mut out = Vec::new();
+    for i in order {
+        let there = frame.moved(&candidates[i].pose);
+        if !taken.iter().any(|other| overlap(other, &there) > TAKEN) {
+            taken.push(there);
+            out.push(i);
+        }
+    }
+    out
+}
+
+/// The part of a frame's area that another one has in common with it, if they are about in one plane.
+fn overlap(frame: &Frame, other: &Frame) -> f64 {
+    let away = frame.axes.transpose() * (other.middle - frame.middle);
+    let [width, height] = frame.extent();
+    let part = |off: f64, of: f64| (1.0 - off.abs() / of).max(0.0);
+    if away.z.abs() < 0.5 * width.min(height) { part(away.x, width) * part(away.y, height) } else { 0.0 }
+}
+
+/// Places whose pattern is roughly like it, best first.
+fn places(
+    selected: &Selected,
+    (splats, frame): (&[Splat], &Frame),
+    eyes: &[DVec3],
+    options: &FindOptions,
+    steps: &mut Steps<'_, '_>,
+) -> Result<Vec<Place>, FindError> {
+    let size = frame.size.map(|pixels| (pixels as f64 / COARSER).round() as usize);
+    let coarse = Frame { cell: frame.cell * COARSER, size, ..*frame };
+    let pattern = Picture::new(splats.iter(), &coarse);
+    let mut all = Vec::new();
+    for turn in 0..TURNS {
+        let rotation = DMat3::from_axis_angle(selected.up, TAU * turn as f64 / TURNS as f64);
+        for scale in scales(options.min_scale) {
+            let pose = Pose { rotation, scale, translation: DVec3::ZERO };
+            all.extend(of_turn(splats, (&pattern, &coarse), eyes, &pose));
+        }
+        steps.advance()?;
+    }
+    let [width, height] = frame.extent();
+    Ok(distinct(all, SAME_PLACE * (width * height).sqrt(), MOST_CLOSE))
+}
+
+/// Those of one turn and size: on planes half a layer apart, tile by tile.
+fn of_turn(splats: &[Splat], (pattern, frame): (&Picture, &Frame), eyes: &[DVec3], turn: &Pose) -> Vec<Place> {
+    let turned = frame.moved(turn);
+    let edge = TILE as f64 * turned.cell;
+    let [width, height] = turned.extent();
+    let far = FARTHEST * (width * height).sqrt();
+    let mut tiles: BTreeMap<[i32; 3], Vec<u32>> = BTreeMap::new();
+    for (i, splat) in splats.iter().enumerate().filter(|(_, s)| s.mean.length() < far) {
+        let p = turned.axes.transpose() * splat.mean;
+        let span = |at: f64, reach: f64| ((at - reach) / edge).floor() as i32..=((at + reach) / edge).floor() as i32;
+        let layers = [-1.0, 1.0].map(|side| p.z / turned.half_depth + side);
+        for z in layers[0].ceil() as i32..=layers[1].floor() as i32 {
+            for y in span(p.y, splat.reach + 0.5 * height) {
+                span(p.x, splat.reach + 0.5 * width).for_each(|x| tiles.entry([x, y, z]).or_default().push(i as u32));
+            }
+        }
+    }
+    let of_tile = |(tile, inside): (&[i32; 3], &Vec<u32>)| {
+        let corner = DVec3::new(f64::from(tile[0]) * edge, f64::from(tile[1]) * edge, f64::from(tile[2]) * turned.half_depth);
+        let middle = turned.axes * (corner + 0.5 * edge * (DVec3::X + DVec3::Y));
+        let is_seen = eyes.is_empty() || eyes.iter().any(|eye| turned.axes.z_axis.dot(*eye - middle) > 0.0);
+        if inside.len() < FEWEST || !is_seen {
+            return Vec::new();
+        }
+        let there = Frame { middle, size: turned.size.map(|pixels| pixels + TILE), ..turned };
+        let picture = Picture::new(inside.iter().map(|i| &splats[*i as usize]), &there);
+        let place = |([x, y], score): ([usize; 2], f32)| {
+            let at = turned.axes * (corner + turned.cell * DVec3::new(x as f64, y as f64, 0.0));
+            let translation = at - turn.rotation * frame.middle * turn.scale;
+            Place { pose: Pose { translation, ..*turn }, score: f64::from(score) }
+        };
+        peaks(pattern, &picture).into_iter().map(place).collect::<Vec<_>>()
+    };
+    tiles.par_iter().flat_map_iter(of_tile).collect()
+}
+
+/// Where in a tile the pattern agrees better than one pixel aside.
+fn peaks(pattern: &Picture, picture: &Picture) -> Vec<([usize; 2], f32)> {
+    let score: Vec<f32> = (0..TILE * TILE).map(|i| likeness(pattern, picture, [i % TILE, i / TILE])).collect();
+    let is_peak = |i: usize| {
+        let near = |a: usize| a.saturating_sub(1)..(a + 2).min(TILE);
+        let around = near(i / TILE).flat_map(|y| near(i % TILE).map(move |x| y * TILE + x));
+        score[i] > FIRST_LEAST && around.into_iter().all(|k| score[k] <= score[i])
+    };
+    (0..TILE * TILE).filter(|i| is_peak(*i)).map(|i| ([i % TILE, i / TILE], score[i])).collect()
+}
+
+/// Looks closely: moves a place to where the pattern agrees best, and to the depth of what is there.
+fn looked_at(splats: &[Splat], (own, frame): (&Picture, &Frame), mut pose: Pose) -> Candidate {
+    let first = frame.moved(&pose).wider(SHIFTS[0]);
+    let reach = first.extent()[0].hypot(first.extent()[1]) + first.half_depth;
+    let near: Vec<&Splat> =
+        splats.iter().filter(|s| s.mean.distance(first.middle) < reach + s.reach).collect();
+    for most in SHIFTS {
+        let wide = frame.moved(&pose).wider(most);
+        let picture = Picture::new(near.iter().copied(), &wide);
+        let shifts = (0..=2 * most).flat_map(|y| (0..=2 * most).map(move |x| [x, y]));
+        let all = shifts.map(|at| (at, likeness(own, &picture, at)));
+        let Some((at, _)) = all.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
+        let there = picture.part(at, frame.size);
+        let aside = at.map(|k| (k as f64 - most as f64) * wide.cell);
+        pose.translation += wide.axes * DVec3::new(aside[0], aside[1], farther(own, &there, pose.scale));
+    }
+    let patch = Picture::new(near.into_iter(), &frame.moved(&pose));
+    let score = likeness(own, &patch, [0, 0]);
+    Candidate { pose, patch, score }
+}
+
+/// How much nearer to who looks a picture is than the pattern, scene units.
+fn farther(own: &Picture, there: &Picture, scale: f64) -> f64 {
+    let both = || own.pixels.iter().zip(&there.pixels).filter(|(p, q)| p.weight * q.weight > 0.0);
+    let sum: f64 = both().map(|(p, q)| f64::from(q.depth) - scale * f64::from(p.depth)).sum();
+    sum / both().count().max(1) as f64
+}
