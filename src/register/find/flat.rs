@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use super::pattern::{common, likeness};
+use super::pattern::{SAME_DEPTH, common, likeness};
 use super::picture::{Frame, Picture, Splat};
 use super::refine::agreement;
 use super::search::{Place, TURNS, distinct, scales};
@@ -31,6 +31,8 @@ const SAME_PLACE: f64 = 0.3;
 const MOST_CLOSE: usize = 400;
 /// How far a closer look may move a place, pixels: as far as the first look is coarse, and some more; then less.
 const SHIFTS: [usize; 2] = [3, 2];
+/// A look turns a place by at most this, radians (30 degrees): two steps of the first one.
+const MOST_TURN: f64 = 0.52;
 /// How often what is alike says anew what they have in common.
 const ROUNDS: usize = 3;
 /// A place of whose area more than this part is that of a better one is the same.
@@ -57,13 +59,14 @@ pub(super) fn found(
     let eyes: Vec<DVec3> = cameras.iter().map(|c| c.position_world() - selected.surface.centroid).collect();
     let places = places(selected, (splats, frame), &eyes, options, steps)?;
     let mut candidates: Vec<Candidate> =
-        places.par_iter().map(|place| looked_at(splats, (&own, frame), place.pose)).collect();
+        places.par_iter().map(|place| looked_at(splats, (&own, frame), selected.up, place.pose)).collect();
+    let same_depth = (SAME_DEPTH * root(frame)) as f32;
     for round in 0..=ROUNDS {
         let alike = distinct_candidates(&candidates, frame).into_iter().filter(|i| is_alike(&candidates[*i], options));
         let alike: Vec<&Picture> = alike.map(|i| &candidates[i].patch).collect();
         if round > 0 && std::env::var("FLAT").is_ok() { eprintln!("round {round} {}", alike.len()); }
         let pattern = common(&[vec![&own], alike].concat());
-        candidates.iter_mut().for_each(|c| c.score = likeness(&pattern, &c.patch, [0, 0]));
+        candidates.iter_mut().for_each(|c| c.score = likeness(&pattern, &c.patch, [0, 0], same_depth));
     }
     steps.advance()?;
     let (mut objects, mut rejected) = (Vec::new(), Vec::new());
@@ -89,7 +92,7 @@ pub(super) fn found(
         });
     }
     let (gaussians, up) = (selected.surface.gaussians, selected.up);
-    Ok(Found { objects, rejected, gaussians, on_support: false, in_wall: true, up })
+    Ok(Found { objects, rejected, gaussians, on_support: selected.support.is_some(), in_wall: true, up })
 }
 
 fn is_alike(candidate: &Candidate, options: &FindOptions) -> bool {
@@ -140,8 +143,7 @@ fn places(
         }
         steps.advance()?;
     }
-    let [width, height] = frame.extent();
-    Ok(distinct(all, SAME_PLACE * (width * height).sqrt(), MOST_CLOSE))
+    Ok(distinct(all, SAME_PLACE * root(frame), MOST_CLOSE))
 }
 
 /// Those of one turn and size: on planes half a layer apart, tile by tile.
@@ -149,7 +151,7 @@ fn of_turn(splats: &[Splat], (pattern, frame): (&Picture, &Frame), eyes: &[DVec3
     let turned = frame.moved(turn);
     let edge = TILE as f64 * turned.cell;
     let [width, height] = turned.extent();
-    let far = FARTHEST * (width * height).sqrt();
+    let far = FARTHEST * root(&turned);
     let mut tiles: BTreeMap<[i32; 3], Vec<u32>> = BTreeMap::new();
     for (i, splat) in splats.iter().enumerate().filter(|(_, s)| s.mean.length() < far) {
         let p = turned.axes.transpose() * splat.mean;
@@ -182,7 +184,7 @@ fn of_turn(splats: &[Splat], (pattern, frame): (&Picture, &Frame), eyes: &[DVec3
 
 /// Where in a tile the pattern agrees better than one pixel aside.
 fn peaks(pattern: &Picture, picture: &Picture) -> Vec<([usize; 2], f32)> {
-    let score: Vec<f32> = (0..TILE * TILE).map(|i| likeness(pattern, picture, [i % TILE, i / TILE])).collect();
+    let score: Vec<f32> = (0..TILE * TILE).map(|i| likeness(pattern, picture, [i % TILE, i / TILE], f32::INFINITY)).collect();
     let is_peak = |i: usize| {
         let near = |a: usize| a.saturating_sub(1)..(a + 2).min(TILE);
         let around = near(i / TILE).flat_map(|y| near(i % TILE).map(move |x| y * TILE + x));
@@ -191,30 +193,55 @@ fn peaks(pattern: &Picture, picture: &Picture) -> Vec<([usize; 2], f32)> {
     (0..TILE * TILE).filter(|i| is_peak(*i)).map(|i| ([i % TILE, i / TILE], score[i])).collect()
 }
 
-/// Looks closely: moves a place to where the pattern agrees best, and to the depth of what is there.
-fn looked_at(splats: &[Splat], (own, frame): (&Picture, &Frame), mut pose: Pose) -> Candidate {
+/// Looks closely: moves a place to where the pattern agrees best, to the depth of what is there and along it.
+fn looked_at(splats: &[Splat], (own, frame): (&Picture, &Frame), up: DVec3, mut pose: Pose) -> Candidate {
     let first = frame.moved(&pose).wider(SHIFTS[0]);
     let reach = first.extent()[0].hypot(first.extent()[1]) + first.half_depth;
-    let near: Vec<&Splat> =
-        splats.iter().filter(|s| s.mean.distance(first.middle) < reach + s.reach).collect();
+    let near: Vec<&Splat> = splats.iter().filter(|s| s.mean.distance(first.middle) < reach + s.reach).collect();
+    let candidate = |pose: Pose| {
+        let mut patch = Picture::new(near.iter().copied(), &frame.moved(&pose));
+        patch.pixels.iter_mut().for_each(|p| p.depth /= pose.scale as f32);
+        let score = likeness(own, &patch, [0, 0], (SAME_DEPTH * root(frame)) as f32);
+        Candidate { pose, patch, score }
+    };
     for most in SHIFTS {
         let wide = frame.moved(&pose).wider(most);
         let picture = Picture::new(near.iter().copied(), &wide);
         let shifts = (0..=2 * most).flat_map(|y| (0..=2 * most).map(move |x| [x, y]));
-        let all = shifts.map(|at| (at, likeness(own, &picture, at)));
+        let all = shifts.map(|at| (at, likeness(own, &picture, at, f32::INFINITY)));
         let Some((at, _)) = all.max_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
-        let there = picture.part(at, frame.size);
         let aside = at.map(|k| (k as f64 - most as f64) * wide.cell);
-        pose.translation += wide.axes * DVec3::new(aside[0], aside[1], farther(own, &there, pose.scale));
+        let (nearer, slope) = depths(own, &picture.part(at, frame.size), pose.scale);
+        pose.translation += wide.axes * DVec3::new(aside[0], aside[1], nearer);
+        let middle = pose.apply(frame.middle);
+        let turn = -(slope / wide.cell).atan().clamp(-MOST_TURN, MOST_TURN);
+        let rotation = DMat3::from_axis_angle(up, turn) * pose.rotation;
+        let turned = Pose { rotation, translation: middle - rotation * frame.middle * pose.scale, ..pose };
+        if candidate(turned).score > candidate(pose).score {
+            pose = turned;
+        }
     }
-    let patch = Picture::new(near.into_iter(), &frame.moved(&pose));
-    let score = likeness(own, &patch, [0, 0]);
-    Candidate { pose, patch, score }
+    candidate(pose)
 }
 
-/// How much nearer to who looks a picture is than the pattern, scene units.
-fn farther(own: &Picture, there: &Picture, scale: f64) -> f64 {
-    let both = || own.pixels.iter().zip(&there.pixels).filter(|(p, q)| p.weight * q.weight > 0.0);
-    let sum: f64 = both().map(|(p, q)| f64::from(q.depth) - scale * f64::from(p.depth)).sum();
-    sum / both().count().max(1) as f64
+/// How much nearer to who looks a picture is than the pattern on average, scene units, and how much that grows from pixel to
+/// pixel to the right.
+fn depths(own: &Picture, there: &Picture, scale: f64) -> (f64, f64) {
+    let (mut count, mut sum, mut at, mut at_at, mut at_sum) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for (i, (p, q)) in own.pixels.iter().zip(&there.pixels).enumerate().filter(|(_, (p, q))| p.weight * q.weight > 0.0) {
+        let (x, nearer) = ((i % own.size[0]) as f64, f64::from(q.depth) - scale * f64::from(p.depth));
+        count += 1.0;
+        sum += nearer;
+        at += x;
+        at_at += x * x;
+        at_sum += x * nearer;
+    }
+    let spread = count * at_at - at * at;
+    if spread > 0.0 { (sum / count, (count * at_sum - at * sum) / spread) } else { (0.0, 0.0) }
+}
+
+/// The root of a frame's area.
+fn root(frame: &Frame) -> f64 {
+    let [width, height] = frame.extent();
+    (width * height).sqrt()
 }

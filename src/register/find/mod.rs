@@ -134,7 +134,7 @@ pub fn find_alike(input: &FindInput<'_>, options: &FindOptions, told: &mut FindT
     input.cameras.iter().try_for_each(Camera::validate).map_err(RegisterError::Camera)?;
     let selected = select::selected(input, options)?;
     let splats = picture::splats(input.cloud, selected.surface.centroid, LARGEST * selected.object_box.size.length());
-    let wall = pattern::wall_frame(input, &selected, &splats);
+    let wall = pattern::wall_frame(&selected, input.cameras, &splats);
     let more = if wall.is_some() { flat::STEPS } else { search::STEPS + refine::STEPS };
     let mut steps = Steps { told, progress: FindProgress { done: 0, total: 1 + more } };
     steps.advance()?;
