@@ -46,17 +46,23 @@ fn look(kind: Opening, glass: Vec3, across: f64, above: f64) -> Option<(Vec3, f6
 }
 
 /// Adds a wall of Gaussians from `corner` along `right`, facing `out`; returns the middles of its windows.
-fn wall<const N: usize>(cloud: &mut Gaussians, rows: &Rows<N>, (corner, right, out): (DVec3, DVec3, DVec3), shade: f32) -> Vec<DVec3> {
+fn wall<const N: usize>(
+    cloud: &mut Gaussians,
+    rows: &Rows<N>,
+    (corner, right, out): (DVec3, DVec3, DVec3),
+    shade: f32,
+) -> Vec<DVec3> {
     let mut rng = Rng::new(3 + N as u64);
-    let middles = rows.iter().flat_map(|(z, kinds)| {
-        kinds.iter().enumerate().map(move |(k, kind)| (SPACING * (k as f64 + 0.5), *z, *kind))
-    });
+    let middles = rows
+        .iter()
+        .flat_map(|(z, kinds)| kinds.iter().enumerate().map(move |(k, kind)| (SPACING * (k as f64 + 0.5), *z, *kind)));
     let openings: Vec<_> =
         middles.map(|of| (of, 0.4 * Vec3::from_array(std::array::from_fn(|_| rng.uniform() as f32)))).collect();
     for i in 0..(10.0 * SPACING) as usize * N {
         for j in 0..60 {
             let (along, z) = (0.1 * i as f64 + 0.02 * rng.uniform(), 0.1 * j as f64 + 0.02 * rng.uniform());
-            let inside = openings.iter().find_map(|((x, height, kind), glass)| look(*kind, *glass, along - x, z - height));
+            let inside =
+                openings.iter().find_map(|((x, height, kind), glass)| look(*kind, *glass, along - x, z - height));
             let (color, depth) = inside.unwrap_or((Vec3::new(0.55, 0.3, 0.25), 0.0));
             let noisy = shade * (color + 0.06 * rng.normal_vector().as_vec3());
             cloud.means.push((corner + along * right + z * DVec3::Z - depth * out).as_vec3().to_array());
@@ -80,15 +86,12 @@ fn house() -> (Gaussians, Vec<DVec3>) {
 }
 
 fn find(cloud: &Gaussians, center: DVec3) -> Found {
-    let eye = |x: f64, y: f64| Camera::look_at("a", DVec3::new(x, y, 2.0), DVec3::new(5.0, 1.0, 2.5), DVec3::Z, 1.0, (320, 180));
-    let cameras = [eye(2.0, -9.0), eye(9.0, -9.0), eye(16.0, 2.0)];
-    let object = ObjectBox {
-        id: 1,
-        category: None,
-        center,
-        size: DVec3::new(1.2, 0.5, 1.6),
-        world_from_box: DQuat::IDENTITY,
+    let eye = |x: f64, y: f64| {
+        Camera::look_at("a", DVec3::new(x, y, 2.0), DVec3::new(5.0, 1.0, 2.5), DVec3::Z, 1.0, (320, 180))
     };
+    let cameras = [eye(2.0, -9.0), eye(9.0, -9.0), eye(16.0, 2.0)];
+    let object =
+        ObjectBox { id: 1, category: None, center, size: DVec3::new(1.2, 0.5, 1.6), world_from_box: DQuat::IDENTITY };
     let input = FindInput { cloud, cameras: &cameras, object: &object, up: None };
     find_alike(&input, &FindOptions::default(), &mut |_| ControlFlow::Continue(())).unwrap()
 }
@@ -99,7 +102,10 @@ fn windows_are_told_from_other_openings_by_their_colours() {
     let (cloud, windows) = house();
     let found = find(&cloud, windows[0]);
     for place in &found.objects {
-        println!("{:.2} inliers {:.2} explained {:.2} at {:.2}", place.score, place.inliers, place.explained, place.object.center);
+        println!(
+            "{:.2} inliers {:.2} explained {:.2} at {:.2}",
+            place.score, place.inliers, place.explained, place.object.center
+        );
     }
     found.rejected.iter().take(5).for_each(|place| println!("not {:.2} at {:.2}", place.score, place.center));
     assert!(found.in_wall);

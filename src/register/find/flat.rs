@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
+use std::iter;
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::decide::free_id;
 use super::pattern::{SAME_DEPTH, common, likeness};
 use super::picture::{Frame, Picture, Splat};
 use super::refine::agreement;
@@ -26,6 +28,8 @@ const FEWEST: usize = 12;
 const FARTHEST: f64 = 75.0;
 /// Places that the first look finds less alike than this are not looked at closely. True ones had at least 0.41.
 const FIRST_LEAST: f32 = 0.3;
+/// Where less than this part of the pattern is there the first look does not compare. True places had at least 0.8.
+const LEAST_THERE: f32 = 0.5;
 /// Places nearer than this part of the pattern's root are one, and so many are looked at closely.
 const SAME_PLACE: f64 = 0.3;
 const MOST_CLOSE: usize = 400;
@@ -47,33 +51,30 @@ struct Candidate {
     score: f32,
 }
 
-/// Finds what has the pattern that `frame` shows.
+/// What is looked for, and where.
+pub(super) struct Wall<'a> {
+    pub selected: &'a Selected,
+    /// The whole cloud, local frame.
+    pub splats: &'a [Splat],
+    /// From where the selected object is seen straight on.
+    pub frame: &'a Frame,
+    pub cameras: &'a [Camera],
+}
+
+/// Finds what has the pattern that is seen in the frame.
 pub(super) fn found(
-    selected: &Selected,
-    (object, cameras): (&ObjectBox, &[Camera]),
-    (splats, frame): (&[Splat], &Frame),
+    wall: &Wall<'_>,
+    object: &ObjectBox,
     options: &FindOptions,
     steps: &mut Steps<'_, '_>,
 ) -> Result<Found, FindError> {
-    let own = Picture::new(splats.iter(), frame);
-    let eyes: Vec<DVec3> = cameras.iter().map(|c| c.position_world() - selected.surface.centroid).collect();
-    let places = places(selected, (splats, frame), &eyes, options, steps)?;
-    let mut candidates: Vec<Candidate> =
-        places.par_iter().map(|place| looked_at(splats, (&own, frame), selected.up, place.pose)).collect();
-    let same_depth = (SAME_DEPTH * root(frame)) as f32;
-    for round in 0..=ROUNDS {
-        let alike = distinct_candidates(&candidates, frame).into_iter().filter(|i| is_alike(&candidates[*i], options));
-        let alike: Vec<&Picture> = alike.map(|i| &candidates[i].patch).collect();
-        if round > 0 && std::env::var("FLAT").is_ok() { eprintln!("round {round} {}", alike.len()); }
-        let pattern = common(&[vec![&own], alike].concat());
-        candidates.iter_mut().for_each(|c| c.score = likeness(&pattern, &c.patch, [0, 0], same_depth));
-    }
+    let Wall { selected, frame, .. } = *wall;
+    let candidates = compared(wall, &places(wall, options, steps)?, options);
     steps.advance()?;
-    let (mut objects, mut rejected) = (Vec::new(), Vec::new());
     let origin = selected.surface.centroid;
-    for i in distinct_candidates(&candidates, frame) {
-        let candidate = &candidates[i];
-        let moved = moved_box(object, &candidate.pose, origin, super::decide::free_id(object.id, objects.len()));
+    let (mut objects, mut rejected) = (Vec::new(), Vec::new());
+    for candidate in distinct_candidates(&candidates, frame).into_iter().map(|i| &candidates[i]) {
+        let moved = moved_box(object, &candidate.pose, origin, free_id(object.id, objects.len()));
         let score = f64::from(candidate.score.max(0.0));
         if !is_alike(candidate, options) {
             let reason = format!("the colours agree by {:.0} %", 100.0 * score);
@@ -91,8 +92,30 @@ pub(super) fn found(
             score,
         });
     }
-    let (gaussians, up) = (selected.surface.gaussians, selected.up);
-    Ok(Found { objects, rejected, gaussians, on_support: selected.support.is_some(), in_wall: true, up })
+    let (gaussians, on_support) = (selected.surface.gaussians, selected.support.is_some());
+    Ok(Found { objects, rejected, gaussians, on_support, in_wall: true, up: selected.up })
+}
+
+/// The places looked at closely, and compared with what those that are alike have in common.
+fn compared(wall: &Wall<'_>, places: &[Place], options: &FindOptions) -> Vec<Candidate> {
+    let own = Picture::new(wall.splats.iter(), wall.frame);
+    let same_depth = (SAME_DEPTH * root(wall.frame)) as f32;
+    let mut candidates: Vec<Candidate> = places.par_iter().map(|place| looked_at(wall, &own, place.pose)).collect();
+    for _ in 0..ROUNDS {
+        let mut alike = distinct_candidates(&candidates, wall.frame);
+        alike.retain(|i| is_alike(&candidates[*i], options));
+        let patches = alike.iter().map(|i| &candidates[*i].patch);
+        let pattern = common(&iter::once(&own).chain(patches).collect::<Vec<_>>());
+        candidates.iter_mut().for_each(|c| c.score = likeness(&pattern, &c.patch, [0, 0], same_depth));
+        // What differs from one to the next may have misled the first look.
+        let again: Vec<Candidate> = alike.par_iter().map(|i| looked_at(wall, &pattern, candidates[*i].pose)).collect();
+        for (i, candidate) in alike.into_iter().zip(again) {
+            if candidate.score > candidates[i].score {
+                candidates[i] = candidate;
+            }
+        }
+    }
+    candidates
 }
 
 fn is_alike(candidate: &Candidate, options: &FindOptions) -> bool {
@@ -124,13 +147,9 @@ fn overlap(frame: &Frame, other: &Frame) -> f64 {
 }
 
 /// Places whose pattern is roughly like it, best first.
-fn places(
-    selected: &Selected,
-    (splats, frame): (&[Splat], &Frame),
-    eyes: &[DVec3],
-    options: &FindOptions,
-    steps: &mut Steps<'_, '_>,
-) -> Result<Vec<Place>, FindError> {
+fn places(wall: &Wall<'_>, options: &FindOptions, steps: &mut Steps<'_, '_>) -> Result<Vec<Place>, FindError> {
+    let Wall { selected, splats, frame, cameras } = *wall;
+    let eyes: Vec<DVec3> = cameras.iter().map(|c| c.position_world() - selected.surface.centroid).collect();
     let size = frame.size.map(|pixels| (pixels as f64 / COARSER).round() as usize);
     let coarse = Frame { cell: frame.cell * COARSER, size, ..*frame };
     let pattern = Picture::new(splats.iter(), &coarse);
@@ -139,7 +158,7 @@ fn places(
         let rotation = DMat3::from_axis_angle(selected.up, TAU * turn as f64 / TURNS as f64);
         for scale in scales(options.min_scale) {
             let pose = Pose { rotation, scale, translation: DVec3::ZERO };
-            all.extend(of_turn(splats, (&pattern, &coarse), eyes, &pose));
+            all.extend(of_turn(splats, (&pattern, &coarse), &eyes, &pose));
         }
         steps.advance()?;
     }
@@ -164,7 +183,8 @@ fn of_turn(splats: &[Splat], (pattern, frame): (&Picture, &Frame), eyes: &[DVec3
         }
     }
     let of_tile = |(tile, inside): (&[i32; 3], &Vec<u32>)| {
-        let corner = DVec3::new(f64::from(tile[0]) * edge, f64::from(tile[1]) * edge, f64::from(tile[2]) * turned.half_depth);
+        let corner =
+            DVec3::new(f64::from(tile[0]) * edge, f64::from(tile[1]) * edge, f64::from(tile[2]) * turned.half_depth);
         let middle = turned.axes * (corner + 0.5 * edge * (DVec3::X + DVec3::Y));
         let is_seen = eyes.is_empty() || eyes.iter().any(|eye| turned.axes.z_axis.dot(*eye - middle) > 0.0);
         if inside.len() < FEWEST || !is_seen {
@@ -184,17 +204,25 @@ fn of_turn(splats: &[Splat], (pattern, frame): (&Picture, &Frame), eyes: &[DVec3
 
 /// Where in a tile the pattern agrees better than one pixel aside.
 fn peaks(pattern: &Picture, picture: &Picture) -> Vec<([usize; 2], f32)> {
-    let score: Vec<f32> = (0..TILE * TILE).map(|i| likeness(pattern, picture, [i % TILE, i / TILE], f32::INFINITY)).collect();
+    let there = Sums::new(picture);
+    let least = LEAST_THERE * (pattern.pixels.len() as f32);
+    let at = |i: usize| [i % TILE, i / TILE];
+    let score = |i: usize| {
+        let is_there = there.of(at(i), pattern.size) > least;
+        if is_there { likeness(pattern, picture, at(i), f32::INFINITY) } else { 0.0 }
+    };
+    let score: Vec<f32> = (0..TILE * TILE).map(score).collect();
     let is_peak = |i: usize| {
         let near = |a: usize| a.saturating_sub(1)..(a + 2).min(TILE);
         let around = near(i / TILE).flat_map(|y| near(i % TILE).map(move |x| y * TILE + x));
         score[i] > FIRST_LEAST && around.into_iter().all(|k| score[k] <= score[i])
     };
-    (0..TILE * TILE).filter(|i| is_peak(*i)).map(|i| ([i % TILE, i / TILE], score[i])).collect()
+    (0..TILE * TILE).filter(|i| is_peak(*i)).map(|i| (at(i), score[i])).collect()
 }
 
 /// Looks closely: moves a place to where the pattern agrees best, to the depth of what is there and along it.
-fn looked_at(splats: &[Splat], (own, frame): (&Picture, &Frame), up: DVec3, mut pose: Pose) -> Candidate {
+fn looked_at(wall: &Wall<'_>, own: &Picture, mut pose: Pose) -> Candidate {
+    let Wall { selected, splats, frame, .. } = *wall;
     let first = frame.moved(&pose).wider(SHIFTS[0]);
     let reach = first.extent()[0].hypot(first.extent()[1]) + first.half_depth;
     let near: Vec<&Splat> = splats.iter().filter(|s| s.mean.distance(first.middle) < reach + s.reach).collect();
@@ -215,7 +243,7 @@ fn looked_at(splats: &[Splat], (own, frame): (&Picture, &Frame), up: DVec3, mut 
         pose.translation += wide.axes * DVec3::new(aside[0], aside[1], nearer);
         let middle = pose.apply(frame.middle);
         let turn = -(slope / wide.cell).atan().clamp(-MOST_TURN, MOST_TURN);
-        let rotation = DMat3::from_axis_angle(up, turn) * pose.rotation;
+        let rotation = DMat3::from_axis_angle(selected.up, turn) * pose.rotation;
         let turned = Pose { rotation, translation: middle - rotation * frame.middle * pose.scale, ..pose };
         if candidate(turned).score > candidate(pose).score {
             pose = turned;
@@ -228,7 +256,8 @@ fn looked_at(splats: &[Splat], (own, frame): (&Picture, &Frame), up: DVec3, mut 
 /// pixel to the right.
 fn depths(own: &Picture, there: &Picture, scale: f64) -> (f64, f64) {
     let (mut count, mut sum, mut at, mut at_at, mut at_sum) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    for (i, (p, q)) in own.pixels.iter().zip(&there.pixels).enumerate().filter(|(_, (p, q))| p.weight * q.weight > 0.0) {
+    for (i, (p, q)) in own.pixels.iter().zip(&there.pixels).enumerate().filter(|(_, (p, q))| p.weight * q.weight > 0.0)
+    {
         let (x, nearer) = ((i % own.size[0]) as f64, f64::from(q.depth) - scale * f64::from(p.depth));
         count += 1.0;
         sum += nearer;
@@ -244,4 +273,28 @@ fn depths(own: &Picture, there: &Picture, scale: f64) -> (f64, f64) {
 fn root(frame: &Frame) -> f64 {
     let [width, height] = frame.extent();
     (width * height).sqrt()
+}
+
+/// Sums of a picture's weights, to have those of any part at once.
+struct Sums {
+    width: usize,
+    /// Of what is below and left of a corner.
+    sums: Vec<f32>,
+}
+
+impl Sums {
+    fn new(picture: &Picture) -> Self {
+        let width = picture.size[0] + 1;
+        let mut sums = vec![0.0; width * (picture.size[1] + 1)];
+        for (i, p) in picture.pixels.iter().enumerate() {
+            let k = (i / picture.size[0] + 1) * width + i % picture.size[0] + 1;
+            sums[k] = p.weight + sums[k - 1] + sums[k - width] - sums[k - width - 1];
+        }
+        Self { width, sums }
+    }
+
+    fn of(&self, [x, y]: [usize; 2], size: [usize; 2]) -> f32 {
+        let corner = |x: usize, y: usize| self.sums[y * self.width + x];
+        corner(x + size[0], y + size[1]) + corner(x, y) - corner(x + size[0], y) - corner(x, y + size[1])
+    }
 }

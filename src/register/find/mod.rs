@@ -6,6 +6,12 @@
 //! `search`). Places where most do are refined, both ways (`refine`): the object must be found there, and what is there
 //! must be explained by the object. Those that agree well and stand on something, as the object does, are repetitions
 //! (`decide`). Colours say nothing: liveries differ.
+//!
+//! With a window in a wall it is the other way round: any flat patch has its shape, and the frame's colours tell it from the
+//! wall. So for an object that an upright surface goes on around (`pattern`), every plane that is turned about the vertical
+//! like one of 24 is seen straight on, layer by layer (`picture`), and compared with the picture of the box (`flat`). Shade
+//! does not matter. Those that are alike say together what they have in common, so that what differs from window to window,
+//! the glass, counts less in the next comparison.
 
 mod against;
 mod decide;
@@ -133,13 +139,15 @@ pub fn find_alike(input: &FindInput<'_>, options: &FindOptions, told: &mut FindT
     }
     input.cameras.iter().try_for_each(Camera::validate).map_err(RegisterError::Camera)?;
     let selected = select::selected(input, options)?;
-    let splats = picture::splats(input.cloud, selected.surface.centroid, LARGEST * selected.object_box.size.length());
-    let wall = pattern::wall_frame(&selected, input.cameras, &splats);
-    let more = if wall.is_some() { flat::STEPS } else { search::STEPS + refine::STEPS };
+    let reach = LARGEST * selected.object_box.size.length();
+    let splats = picture::splats(input.cloud, selected.surface.centroid, reach);
+    let frame = pattern::wall_frame(&selected, input.cameras, &splats);
+    let more = if frame.is_some() { flat::STEPS } else { search::STEPS + refine::STEPS };
     let mut steps = Steps { told, progress: FindProgress { done: 0, total: 1 + more } };
     steps.advance()?;
-    if let Some(frame) = wall {
-        return flat::found(&selected, (input.object, input.cameras), (&splats, &frame), options, &mut steps);
+    if let Some(frame) = frame {
+        let wall = flat::Wall { selected: &selected, splats: &splats, frame: &frame, cameras: input.cameras };
+        return flat::found(&wall, input.object, options, &mut steps);
     }
     let places = search::places(&selected, options, &mut steps)?;
     let candidates = refine::refined(&selected, places, options, &mut steps)?;
