@@ -239,9 +239,20 @@ fn looked_at(wall: &Wall<'_>, own: &Picture, pose: Pose) -> Candidate {
         let wide = frame.moved(&pose).wider(most);
         let picture = Picture::new(near.iter().copied(), &wide);
         let shifts = (0..=2 * most).flat_map(|y| (0..=2 * most).map(move |x| [x, y]));
-        let all = shifts.map(|at| (at, likeness(own, &picture, at, f32::INFINITY)));
-        let at = all.max_by(|a, b| a.1.total_cmp(&b.1)).map_or([most; 2], |best| best.0);
-        let aside = at.map(|k| (k as f64 - most as f64) * wide.cell);
+        let like = |at: [usize; 2]| likeness(own, &picture, at, f32::INFINITY);
+        let all = shifts.map(|at| (at, like(at)));
+        let (at, best) = all.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or(([most; 2], 0.0));
+        // Parts of a pixel: the top of a parabola.
+        let part = |k: usize| {
+            let beside = |by: usize| like(std::array::from_fn(|j| if j == k { at[j] + by - 1 } else { at[j] }));
+            if at[k] == 0 || at[k] == 2 * most {
+                return 0.0;
+            }
+            let (low, high) = (beside(0), beside(2));
+            let bend = low - 2.0 * best + high;
+            if bend < 0.0 { f64::from(0.5 * (low - high) / bend) } else { 0.0 }
+        };
+        let aside = [0, 1].map(|k| (at[k] as f64 - most as f64 + part(k)) * wide.cell);
         let (nearer, slope) = depths(own, &picture.part(at, frame.size), pose.scale);
         pose.translation += wide.axes * DVec3::new(aside[0], aside[1], nearer);
         (pose, (slope / wide.cell).atan())
