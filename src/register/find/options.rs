@@ -13,7 +13,7 @@ pub struct FindOptions {
     /// but for one chair below a table (0.68), wrong ones that stand on something at most 0.74.
     pub min_score: f64,
     /// The same for a part of a wall: its pattern of colours and that of a place correlate by this much, above 0,
-    /// at most 1. Of two trained facades nearly all windows have 0.65 to 0.97, what is none at most 0.59.
+    /// at most 1. Of two trained facades nearly all windows have 0.66 to 0.97, what is none at most 0.58.
     pub min_likeness: f64,
     /// How surfaces are made of Gaussians.
     pub surfaces: RegisterOptions,
