@@ -18,7 +18,7 @@ use crate::scene::{Boxes, Camera, ObjectBox};
 ///
 /// The object is selected by a 3D box that holds it whole and little else; the ground below it does not matter. What is
 /// shaped like it, turned about the vertical, is found wherever it stands. The output has the selected box and one for each
-/// repetition.
+/// repetition. Of a part of a wall, a window for instance, what has the same pattern of colours is found, on all walls.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk find --scene runs/cars/point_cloud.ply --data cars --boxes one.json --out all.json\n  \
@@ -58,6 +58,8 @@ struct Report<'a> {
     out: &'a Path,
     selected: u32,
     gaussians: usize,
+    /// Part of a wall: found by its pattern of colours.
+    in_wall: bool,
     objects: Vec<ObjectReport>,
     rejected: Vec<RejectedReport<'a>>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -109,7 +111,8 @@ pub(super) fn run(args: &FindArgs, printer: &Printer) -> Result<(), CliError> {
     write_boxes(&args.out, &with_repetitions(selected, &found))?;
     let against = groups.as_deref().and_then(|groups| found.against(selected, groups));
     if found.objects.is_empty() {
-        printer.warning(format_args!("nothing else is shaped like object {}", selected.id));
+        let like = if found.in_wall { "has colours" } else { "is shaped" };
+        printer.warning(format_args!("nothing else {like} like object {}", selected.id));
     }
     if args.json {
         return printer.json(&args.report(selected, &found, against, begin.elapsed().as_secs_f64()));
@@ -174,6 +177,7 @@ impl FindArgs {
             out: &self.out,
             selected: selected.id,
             gaussians: found.gaussians,
+            in_wall: found.in_wall,
             objects: found.objects.iter().map(object).collect(),
             rejected: rejected.collect(),
             against,

@@ -31,6 +31,7 @@ mod detect;
 #[cfg(feature = "onnx")]
 mod detect_runs;
 mod find;
+mod find_wall;
 mod golden_gradients;
 mod golden_reference;
 mod gradients;

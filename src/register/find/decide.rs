@@ -71,7 +71,8 @@ pub(super) fn decide(
             }),
         }
     }
-    Found { objects, rejected, gaussians: surface.gaussians, on_support: selected.support.is_some(), up: selected.up }
+    let on_support = selected.support.is_some();
+    Found { objects, rejected, gaussians: surface.gaussians, on_support, in_wall: false, up: selected.up }
 }
 
 /// Why an object does not stand where it is as the selected one stands; `None` if it does.
@@ -109,7 +110,7 @@ pub(super) fn smaller_level_edge(object: &ObjectBox, up: DVec3) -> f64 {
 }
 
 /// The id of the k-th repetition: the smallest that neither the selected object nor an earlier one has.
-fn free_id(selected: u32, k: usize) -> u32 {
+pub(super) fn free_id(selected: u32, k: usize) -> u32 {
     let id = k as u32 + 1;
     if id < selected { id } else { id + 1 }
 }

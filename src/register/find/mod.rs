@@ -6,11 +6,20 @@
 //! `search`). Places where most do are refined, both ways (`refine`): the object must be found there, and what is there
 //! must be explained by the object. Those that agree well and stand on something, as the object does, are repetitions
 //! (`decide`). Colours say nothing: liveries differ.
+//!
+//! With a window in a wall it is the other way round: any flat patch has its shape, and the frame's colours tell it from the
+//! wall. So for an object that an upright surface goes on around (`pattern`), every plane that is turned about the vertical
+//! like one of 24 is seen straight on, layer by layer (`picture`), and compared with the picture of the box (`flat`). Shade
+//! does not matter. Those that are alike say together what they have in common, so that what differs from window to window,
+//! the glass, counts less in the next comparison.
 
 mod against;
 mod decide;
 mod field;
+mod flat;
 pub mod options;
+mod pattern;
+mod picture;
 mod refine;
 mod search;
 mod select;
@@ -26,6 +35,9 @@ use crate::scene::{Camera, Gaussians, ObjectBox};
 
 pub use against::Against;
 pub use options::FindOptions;
+
+/// Gaussians that reach farther than so many diagonals of the box show no pattern.
+const LARGEST: f64 = 2.0;
 
 /// Where repetitions are looked for.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +63,8 @@ pub struct Found {
     pub gaussians: usize,
     /// True if the selected object stands on a surface, which was left out.
     pub on_support: bool,
+    /// True if the selected object is part of a wall: then its pattern of colours was looked for, not its shape.
+    pub in_wall: bool,
     /// What was up, unit vector, world.
     pub up: DVec3,
 }
@@ -124,9 +138,17 @@ pub fn find_alike(input: &FindInput<'_>, options: &FindOptions, told: &mut FindT
         return Err(RegisterError::Cloud { array, len, want }.into());
     }
     input.cameras.iter().try_for_each(Camera::validate).map_err(RegisterError::Camera)?;
-    let mut steps = Steps { told, progress: FindProgress { done: 0, total: search::STEPS + refine::STEPS + 1 } };
     let selected = select::selected(input, options)?;
+    let reach = LARGEST * selected.object_box.size.length();
+    let splats = picture::splats(input.cloud, selected.surface.centroid, reach);
+    let frame = pattern::wall_frame(&selected, input.cameras, &splats);
+    let more = if frame.is_some() { flat::STEPS } else { search::STEPS + refine::STEPS };
+    let mut steps = Steps { told, progress: FindProgress { done: 0, total: 1 + more } };
     steps.advance()?;
+    if let Some(frame) = frame {
+        let wall = flat::Wall { selected: &selected, splats: &splats, frame: &frame, cameras: input.cameras };
+        return flat::found(&wall, input.object, options, &mut steps);
+    }
     let places = search::places(&selected, options, &mut steps)?;
     let candidates = refine::refined(&selected, places, options, &mut steps)?;
     Ok(decide::decide(&selected, input.object, candidates, options))

@@ -12,6 +12,9 @@ pub struct FindOptions {
     /// nearly whole beside something else. Of trained cars, chairs, tables, vases and trees right places have 0.73 to 0.99
     /// but for one chair below a table (0.68), wrong ones that stand on something at most 0.74.
     pub min_score: f64,
+    /// The same for a part of a wall: its pattern of colours and that of a place correlate by this much, above 0,
+    /// at most 1. Of two trained facades nearly all windows have 0.66 to 0.97, what is none at most 0.58.
+    pub min_likeness: f64,
     /// How surfaces are made of Gaussians.
     pub surfaces: RegisterOptions,
 }
@@ -19,7 +22,7 @@ pub struct FindOptions {
 impl Default for FindOptions {
     fn default() -> Self {
         let surfaces = RegisterOptions { max_relative_scale: 0.1, min_opacity: 0.2, ..RegisterOptions::default() };
-        Self { min_scale: 1.0, min_score: 0.75, surfaces }
+        Self { min_scale: 1.0, min_score: 0.75, min_likeness: 0.6, surfaces }
     }
 }
 
@@ -41,6 +44,7 @@ impl FindOptions {
             // Below a tenth a scene's every corner is a repetition.
             ("min_scale", self.min_scale, (0.1..=1.0).contains(&self.min_scale)),
             ("min_score", self.min_score, part(self.min_score)),
+            ("min_likeness", self.min_likeness, part(self.min_likeness)),
         ] {
             if !is_right {
                 let want = if option == "min_scale" { "from 0.1 to 1" } else { "above 0, at most 1" };

@@ -16,7 +16,7 @@ use crate::register::surface::Surface;
 
 /// Turns about the vertical, 15 degrees apart: between two of them the farthest points of an object move by less than
 /// the field's neighbouring cells reach.
-const TURNS: usize = 24;
+pub(super) const TURNS: usize = 24;
 /// Sizes are this far apart: half of it moves the farthest points by as much.
 const SCALE_STEP: f64 = 1.15;
 /// The field's cells, base voxels.
@@ -79,7 +79,7 @@ pub(super) fn places(
 }
 
 /// Sizes that are tried.
-fn scales(least: f64) -> impl Iterator<Item = f64> {
+pub(super) fn scales(least: f64) -> impl Iterator<Item = f64> {
     let steps = (least.ln().abs() / SCALE_STEP.ln()).round() as i32;
     (-steps..=steps).map(|k| SCALE_STEP.powi(k))
 }
