@@ -47,6 +47,8 @@ pub struct BoxList {
     saved: Vec<ListedBox>,
     /// What else was in the file.
     rest: Boxes,
+    /// The largest id that was ever given.
+    last_id: u32,
 }
 
 impl BoxList {
@@ -118,12 +120,12 @@ impl BoxList {
         inside.min_by(|a, b| volume(a).total_cmp(&volume(b)))
     }
 
-    /// Adds a box by hand, under the next free id, and chooses it. It is of the last drawn box's category.
+    /// Adds a box by hand, under an id that no other had, and chooses it. It is of the last drawn box's category.
     pub fn draw(&mut self, object: ObjectBox) {
         self.begin();
         let last = self.now.boxes.iter().rev().find(|listed| listed.origin == Origin::Drawn);
         let category = object.category.clone().or_else(|| last.and_then(|listed| listed.object.category.clone()));
-        let object = ObjectBox { id: self.next_id(), category, ..object };
+        let object = ObjectBox { id: self.unused_id(), category, ..object };
         self.now.boxes.push(ListedBox { object, origin: Origin::Drawn });
         self.now.chosen = Some(self.now.boxes.len() - 1);
         self.finish();
@@ -142,7 +144,7 @@ impl BoxList {
             if self.now.boxes.iter().any(|listed| listed.object.center.distance(object.center) < near) {
                 continue;
             }
-            let object = ObjectBox { id: self.next_id(), category: like.category.clone(), ..object };
+            let object = ObjectBox { id: self.free_id(), category: like.category.clone(), ..object };
             self.now.boxes.push(ListedBox { object, origin: Origin::LikeBox(id) });
         }
         self.finish();
@@ -225,9 +227,21 @@ impl BoxList {
         }
     }
 
-    /// One more than the largest.
-    fn next_id(&self) -> u32 {
-        self.now.boxes.iter().map(|listed| listed.object.id).max().unwrap_or(0) + 1
+    fn largest_id(&self) -> u32 {
+        self.now.boxes.iter().map(|listed| listed.object.id).max().unwrap_or(0)
+    }
+
+    /// One that no box has.
+    fn free_id(&mut self) -> u32 {
+        let id = self.largest_id() + 1;
+        self.last_id = self.last_id.max(id);
+        id
+    }
+
+    /// One that no box has or had: a search may still be on its way for a box that was taken back.
+    fn unused_id(&mut self) -> u32 {
+        self.last_id = self.last_id.max(self.largest_id()) + 1;
+        self.last_id
     }
 }
 
@@ -244,6 +258,16 @@ mod tests {
 
     fn places(list: &BoxList) -> Vec<(u32, f64)> {
         list.boxes().iter().map(|listed| (listed.object.id, listed.object.center.x)).collect()
+    }
+
+    #[test]
+    fn what_was_taken_back_gives_its_id_to_no_other() {
+        let mut list = BoxList::default();
+        list.draw(at(0.0));
+        assert!(list.undo());
+        list.draw(at(5.0));
+        assert_eq!(list.take_found(1, vec![at(9.0)]), None, "the search was for the box that is gone");
+        assert_eq!((list.boxes().len(), list.boxes()[0].object.id), (1, 2));
     }
 
     #[test]
