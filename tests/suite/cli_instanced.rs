@@ -249,11 +249,12 @@ fn the_comparison_has_all_its_rows_and_is_not_done_twice() {
     for result in results {
         let rows = result["rows"].as_array().unwrap();
         let names: Vec<&str> = rows.iter().map(|r| r["name"].as_str().unwrap()).collect();
-        let wanted = ["3DGS, the start", "3DGS, same time", "3DGS, same bytes", "InstGS", "InstGS, f16", "InstGS, q8"];
-        assert_eq!(names, wanted);
+        let ours = ["InstGS", "InstGS, f16", "InstGS, q8", "InstGS, small"];
+        assert_eq!(names[..3], ["3DGS, the start", "3DGS, same time", "3DGS, same bytes"]);
+        assert_eq!(names[3..], ours);
         assert!(rows.iter().all(|r| r["psnr"].as_f64().unwrap() > 5.0 && r["psnr_in_masks"].is_number()));
         let file = |i: usize| rows[i]["file_bytes"].as_u64().unwrap();
-        assert!(file(5) < file(4) && file(4) < file(3));
+        assert!(2 * file(6) < file(5) && file(5) < file(4) && file(4) < file(3));
         assert_eq!(rows[1]["steps"], 90);
         // The time of a cloud that was trained on is that of all its steps, once.
         let report = json(at.join(format!("c/seed_{}/same_time/report.json", result["seed"])));
@@ -331,10 +332,12 @@ set = ["offsets.init=zero"]
         "3DGS-MCMC, same time",
         "3DGS, same bytes",
         "3DGS, same time, .spz",
+        "3DGS, same time, small",
         "rigid copies",
         "InstGS",
         "InstGS, f16",
         "InstGS, q8",
+        "InstGS, small",
     ];
     assert_eq!(names, wanted);
     let row = |name: &str| {
@@ -346,6 +349,10 @@ set = ["offsets.init=zero"]
     assert!(row("rigid copies")["file_bytes"].as_u64() < row("InstGS")["file_bytes"].as_u64());
     assert!(psnr(&row("rigid copies")) < psnr(&row("InstGS")));
     assert!(row("3DGS, same time, .spz")["file_bytes"].as_u64() < row("3DGS, same time")["file_bytes"].as_u64());
+    assert!(
+        4 * row("3DGS, same time, small")["file_bytes"].as_u64().unwrap()
+            < row("3DGS, same time")["file_bytes"].as_u64().unwrap()
+    );
     assert_eq!(row("3DGS, same time at once")["steps"], 60);
     assert_eq!(row("rigid copies")["steps"], 60);
     assert!(scene["segmentation"]["mean_accuracy"].as_f64().unwrap() > 0.7, "{}", scene["segmentation"]);
