@@ -6,6 +6,8 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use glam::Vec3;
+
 use crate::gpu::Gpu;
 use crate::io::checkpoint::Checkpoint;
 use crate::io::json::{read_json, write_json};
@@ -56,13 +58,21 @@ pub struct Segmented {
 }
 
 impl Segmented {
-    /// By Gaussian: true if its weight per view that shows it is at least this part of the mean. Per view, because what
-    /// only a few pictures show, at their borders, may be all that there is in other pictures.
-    pub fn well_seen(&self, part_of_mean: f64) -> Vec<bool> {
+    /// By Gaussian, at `means`: true if its weight per view that shows it is at least this part of the mean, or if its
+    /// centre is in the frame of no view. Per view, because what only a few pictures show, at their borders, may be all
+    /// that there is in other pictures; and what no picture has in its frame nobody has looked at, while a camera between
+    /// the others may see it.
+    pub fn well_seen(&self, means: &[[f32; 3]], part_of_mean: f64) -> Vec<bool> {
         let per_view = |(&weight, &views): (&f32, &u32)| f64::from(weight) / f64::from(views.max(1));
         let weights: Vec<f64> = self.weights_px.iter().zip(&self.views_seen).map(per_view).collect();
-        let mean = weights.iter().sum::<f64>() / weights.len().max(1) as f64;
-        weights.into_iter().map(|weight| weight >= part_of_mean * mean).collect()
+        let least = part_of_mean * weights.iter().sum::<f64>() / weights.len().max(1) as f64;
+        weights.iter().zip(means).map(|(&weight, &mean)| weight >= least || !self.is_framed(mean)).collect()
+    }
+
+    /// True if a point of the world is in the frame of a view, hidden or not.
+    fn is_framed(&self, point_world: [f32; 3]) -> bool {
+        let point = Vec3::from(point_world).as_dvec3();
+        self.cameras.iter().any(|camera| camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at)))
     }
 
     /// Reads what [`segmented`] left in a folder for a cloud of so many Gaussians.
@@ -197,7 +207,10 @@ fn label_options(job: &TrainJob) -> LabelOptions {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
+    use crate::scene::test_cameras::ring;
 
     /// The first two add as much to all pictures, the first in one of them, the second in 40 and hardly in any. By sums the
     /// two would share their fate.
@@ -206,12 +219,27 @@ mod tests {
         let segmented = Segmented {
             weights_px: vec![3.0, 3.0, 100.0, 0.0],
             views_seen: vec![1, 40, 20, 0],
+            cameras: ring(DVec3::Z),
             ..Segmented::default()
         };
+        let well_seen = |part| segmented.well_seen(&[[0.0; 3]; 4], part);
         // Per view 3, 0.075, 5, 0: the mean is 2.02.
-        assert_eq!(segmented.well_seen(0.1), [true, false, true, false]);
-        assert_eq!(segmented.well_seen(0.03), [true, true, true, false]);
-        assert_eq!(segmented.well_seen(0.0), [true; 4]);
-        assert!(Segmented::default().well_seen(0.1).is_empty());
+        assert_eq!(well_seen(0.1), [true, false, true, false]);
+        assert_eq!(well_seen(0.03), [true, true, true, false]);
+        assert_eq!(well_seen(0.0), [true; 4]);
+        assert!(Segmented::default().well_seen(&[], 0.1).is_empty());
+    }
+
+    /// The cameras look at the origin from 9 units aside and 4 above: far above them is in no frame.
+    #[test]
+    fn what_no_picture_has_in_its_frame_stays() {
+        let segmented = Segmented {
+            weights_px: vec![9.0, 0.0, 0.0],
+            views_seen: vec![1, 0, 0],
+            cameras: ring(DVec3::Z),
+            ..Segmented::default()
+        };
+        let means = [[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.0, 50.0]];
+        assert_eq!(segmented.well_seen(&means, 0.1), [true, false, true]);
     }
 }

@@ -89,7 +89,7 @@ pub struct JointConfig {
     /// Factor that rates other than the centres' have reached at the end.
     pub final_factor: f64,
     /// Gaussians whose blending weight (sum over pixels) per training view that shows them is less than this part of the
-    /// mean are removed before the phase; 0 = none.
+    /// mean, and whose centre is in the frame of one, are removed before the phase; 0 = none.
     pub prune_weight: f64,
     /// Opacity below which Gaussians are removed at the end; 0 = none.
     pub prune_opacity: f64,
