@@ -59,7 +59,7 @@ pub struct SeedResult {
     /// counted. Less than that of `repeated` where templates have more Gaussians than an object had.
     #[serde(default)]
     pub replaced_ply: u64,
-    /// Steps for which the plain cloud would have been trained on by the clock.
+    /// Steps for which the plain cloud would have been trained on by the clock, at the pace of its last steps.
     #[serde(default)]
     pub more_steps_by_clock: u64,
     /// Warnings about groups and objects.

@@ -17,7 +17,8 @@ use crate::io::{
 use crate::scene::{Camera, InstancedScene, RepeatedBytes};
 use crate::train::config::{Strategy, TrainConfig};
 use crate::train::eval_options;
-use crate::train::report::RunReport;
+use crate::train::event_log::read_events;
+use crate::train::report::{RunReport, final_steps_per_second};
 
 /// A scene that becomes a row.
 struct Subject {
@@ -44,7 +45,9 @@ pub(super) fn compare_seed(
     let vanilla = ours.vanilla.clone().unwrap_or_default();
     let vanilla_seconds = work_seconds(&vanilla);
     let more_seconds = work_seconds(&ours) - vanilla_seconds;
-    let more_steps_by_clock = (more_seconds * vanilla.steps_per_second).ceil() as u64;
+    let log = read_events(&runs.out.join("instgs/vanilla/events.jsonl"))?;
+    let pace = final_steps_per_second(&log).unwrap_or(vanilla.steps_per_second);
+    let more_steps_by_clock = (more_seconds * pace).ceil() as u64;
     let more = comparison.more_steps.unwrap_or(more_steps_by_clock).max(1);
     printer.line(format_args!("seed {seed}: 3DGS for the same time, {more} more steps"));
     let same_time = runs.continued("same_time", more)?;

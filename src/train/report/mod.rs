@@ -5,6 +5,7 @@ pub(crate) mod chart;
 mod curves;
 mod format;
 mod joint_match;
+mod pace;
 mod page;
 mod phases;
 mod pictures;
@@ -18,6 +19,7 @@ mod training_clock;
 use std::path::Path;
 
 pub use joint_match::JointMatch;
+pub use pace::final_steps_per_second;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
 pub use review_page::{KindOfMasks, ReviewSheet, ReviewView, write_review};
 pub use run_report::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, RunReport, Stage, ViewMetrics};
