@@ -152,7 +152,9 @@ struct Played {
     /// Medians over the pictures.
     #[serde(serialize_with = "as_map")]
     passes_ms: Vec<(&'static str, f64)>,
+    /// Medians; the interface is that of a window.
     present_ms: Option<f64>,
+    ui_ms: Option<f64>,
     gaussians: PlayedGaussians,
 }
 
@@ -295,7 +297,7 @@ fn played(
     let ms = Percentiles::of(&timings.ms);
     let pictures = (timings.stats.len() as u64).max(1);
     let mean = |of: fn(&FrameStats) -> u64| timings.stats.iter().map(of).sum::<u64>() / pictures;
-    let present = &timings.present_ms;
+    let known_median = |ms: &[f64]| (!ms.is_empty()).then(|| median(ms));
     Played {
         scene: args.scene.display().to_string(),
         device,
@@ -305,7 +307,8 @@ fn played(
         fps: 1e3 / ms.median.max(1e-9),
         ms,
         passes_ms: FrameStats::median_ms_by_pass(&timings.stats),
-        present_ms: (!present.is_empty()).then(|| median(present)),
+        present_ms: known_median(&timings.present_ms),
+        ui_ms: known_median(&timings.ui_ms),
         gaussians: PlayedGaussians {
             stored: (scene.templates.len() + scene.background.len()) as u64,
             expanded: scene.expanded_len(),

@@ -29,7 +29,7 @@ pub use error::GpuError;
 pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
 #[cfg(feature = "player")]
-pub use swapchain::{PresentMode, Swapchain, Target};
+pub use swapchain::{PresentMode, Swapchain, Target, UI_PASS};
 pub use timeline::Ticket;
 #[cfg(feature = "player")]
 pub use ui_painter::{UiFrame, UiPainter};

@@ -288,6 +288,21 @@ impl Recorder {
         Ok(self.commands)
     }
 
+    /// Starts a pass of commands that are recorded by hand; give what comes back to [`Recorder::end_by_hand`].
+    #[cfg(feature = "player")]
+    pub(super) fn begin_by_hand(&mut self, name: &'static str) -> Option<u32> {
+        self.mark(name);
+        self.profiler.as_mut().and_then(|profiler| profiler.begin(self.commands, name))
+    }
+
+    /// Ends the pass.
+    #[cfg(feature = "player")]
+    pub(super) fn end_by_hand(&mut self, timer: Option<u32>) {
+        if let Some(profiler) = &mut self.profiler {
+            profiler.end(self.commands, timer);
+        }
+    }
+
     /// Ends the command buffer and submits it.
     pub fn submit(&mut self) -> Result<Ticket, GpuError> {
         self.submit_between(None, None)

@@ -14,6 +14,9 @@ use super::error::GpuError;
 use super::recorder::Recorder;
 use super::ui_painter::{UiFrame, UiPainter};
 
+/// Name of the pass that draws the user interface, where passes are timed.
+pub const UI_PASS: &str = "interface";
+
 /// When a new picture replaces the one on the screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PresentMode {
@@ -206,7 +209,9 @@ impl Swapchain {
         if let Some((painter, frame)) = ui {
             drawn = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
             self.move_to(commands, image.image, layout, drawn);
+            let timer = recorder.begin_by_hand(UI_PASS);
             painter.record(commands, image.view, target.size_px, frame)?;
+            recorder.end_by_hand(timer);
         }
         self.move_to(commands, image.image, drawn, vk::ImageLayout::PRESENT_SRC_KHR);
         recorder.submit_between(Some(target.free), Some(image.complete))?;

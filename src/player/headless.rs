@@ -6,7 +6,7 @@ use crate::render::FrameStats;
 use crate::scene::Camera;
 
 use super::error::PlayerError;
-use super::stage::Stage;
+use super::stage::{PixelTimes, Stage};
 
 /// What a run of pictures took.
 #[derive(Clone, Debug, Default)]
@@ -16,8 +16,18 @@ pub struct Timings {
     /// Kernel `present` on the device, milliseconds; of fewer pictures, since it is known later, and empty if the device has
     /// no clock.
     pub present_ms: Vec<f64>,
+    /// The interface, likewise; empty without a window.
+    pub ui_ms: Vec<f64>,
     /// What the render passes did, by complete picture.
     pub stats: Vec<FrameStats>,
+}
+
+impl Timings {
+    /// Notes what the pixels of a picture took.
+    pub fn note(&mut self, pixels: PixelTimes) {
+        self.present_ms.extend(pixels.present_ms);
+        self.ui_ms.extend(pixels.ui_ms);
+    }
 }
 
 /// Draws `frames` pictures, the cameras in turn, and makes each into pixels. Nobody waits for a picture but the last.
@@ -30,7 +40,7 @@ pub fn play(stage: &mut Stage, cameras: &[Camera], frames: u64) -> Result<Timing
         let (recorder, _) = stage.record_pixels([camera.width, camera.height], false)?;
         recorder.submit()?;
         timings.ms.push(1e3 * start.elapsed().as_secs_f64());
-        timings.present_ms.extend(stage.present_ms());
+        timings.note(stage.pixel_times());
         timings.stats.extend(stage.take_arrived());
     }
     stage.settle()?;

@@ -6,6 +6,7 @@ use crate::render::{FrameStats, Show};
 
 use super::clock::FrameClock;
 use super::navigation::Navigator;
+use super::stage::PixelTimes;
 use super::views;
 
 /// What the keys do, for the help at the bottom.
@@ -42,7 +43,7 @@ pub(super) struct Facts<'a> {
     pub(super) size_px: [u32; 2],
     pub(super) clock: &'a FrameClock,
     pub(super) stats: &'a FrameStats,
-    pub(super) present_ms: Option<f64>,
+    pub(super) pixel_times: PixelTimes,
     /// Stored and expanded Gaussians.
     pub(super) gaussians: [u64; 2],
     /// Bytes by kind.
@@ -203,8 +204,9 @@ fn passes(ui: &mut egui::Ui, facts: &Facts<'_>) {
         };
         sums.iter().for_each(|&(name, ms)| row(name, ms));
         row("all of the scene", all);
-        if let Some(ms) = facts.present_ms {
-            row("present", ms);
+        let PixelTimes { present_ms, ui_ms } = facts.pixel_times;
+        for (name, ms) in [("present", present_ms), ("interface", ui_ms)] {
+            ms.into_iter().for_each(|ms| row(name, ms));
         }
     });
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::gpu::staging::download;
-use crate::gpu::{Buffer, Gpu, Recorder};
+use crate::gpu::{Buffer, Gpu, Recorder, UI_PASS};
 use crate::io::picture_png::write_png;
 use crate::io::{ExportFormat, export_scene, save_scene};
 use crate::render::{
@@ -28,6 +28,26 @@ pub struct StageOptions {
     pub show: Show,
 }
 
+/// Milliseconds that the device took to make pixels of a picture; `None` before the first, or if it has no clock. The copy
+/// into the window's image is in neither: it waits until the window has one to give.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PixelTimes {
+    /// Kernel `present`.
+    pub present_ms: Option<f64>,
+    /// Drawing the interface over the picture; `None` without a window.
+    pub ui_ms: Option<f64>,
+}
+
+impl PixelTimes {
+    fn of(passes: &[(&'static str, f64)]) -> Self {
+        let ms_of = |ui: bool| {
+            let of_kind = passes.iter().filter(|(name, _)| (*name == UI_PASS) == ui);
+            of_kind.map(|(_, ms)| *ms).reduce(|a, b| a + b)
+        };
+        Self { present_ms: ms_of(false), ui_ms: ms_of(true) }
+    }
+}
+
 /// A scene and the passes that draw it.
 pub struct Stage {
     gpu: Arc<Gpu>,
@@ -41,7 +61,7 @@ pub struct Stage {
     recorders: [Recorder; FRAMES_IN_FLIGHT],
     turn: usize,
     /// Of the pixels that `recorders[turn]` made last.
-    present_ms: Option<f64>,
+    pixel_times: PixelTimes,
     scene: InstancedScene,
     device_scene: DeviceScene,
     /// How pictures look; may change between pictures.
@@ -74,7 +94,7 @@ impl Stage {
             ahead: Ahead::new(gpu)?,
             recorders: [Recorder::with_profiler(gpu)?, Recorder::with_profiler(gpu)?],
             turn: 0,
-            present_ms: None,
+            pixel_times: PixelTimes::default(),
             device_scene: renderer.upload_for(&scene, &options.render)?,
             scene,
             renderer,
@@ -224,8 +244,7 @@ impl Stage {
         self.turn = (self.turn + 1) % FRAMES_IN_FLIGHT;
         let recorder = &mut self.recorders[self.turn];
         recorder.wait_for_last()?;
-        let passes = recorder.passes_ms()?;
-        self.present_ms = (!passes.is_empty()).then(|| passes.iter().map(|(_, ms)| ms).sum());
+        self.pixel_times = PixelTimes::of(&recorder.passes_ms()?);
         let show = self.options.show;
         let picture = ShownPicture {
             renderer: &self.renderer,
@@ -237,9 +256,9 @@ impl Stage {
         Ok((recorder, self.presenter.pixels()))
     }
 
-    /// Milliseconds that the device took for the pixels of an earlier picture; `None` before it, or if it has no clock.
-    pub fn present_ms(&self) -> Option<f64> {
-        self.present_ms
+    /// What the device took for the pixels of an earlier picture.
+    pub fn pixel_times(&self) -> PixelTimes {
+        self.pixel_times
     }
 
     /// Width and height of the last picture; `None` before it.

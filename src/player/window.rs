@@ -24,7 +24,7 @@ use super::navigation::Navigator;
 use super::recording::Recording;
 use super::resolution::Resolution;
 use super::script::Step;
-use super::stage::{Stage, StageOptions};
+use super::stage::{PixelTimes, Stage, StageOptions};
 
 mod boxing;
 mod editing;
@@ -134,7 +134,7 @@ struct Live {
     /// Of the last picture that is known to be complete, and of those before it that the report wants.
     stats: FrameStats,
     arrived: Vec<FrameStats>,
-    present_ms: Option<f64>,
+    pixel_times: PixelTimes,
     /// Views of the data set, and which one is next.
     cameras: (Vec<Camera>, usize),
     /// Cameras that the user kept, and which one is next.
@@ -230,7 +230,7 @@ impl Player {
         let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
         if let (Some(ms), Ok(report)) = (shown, &mut self.outcome) {
             report.timings.ms.push(ms);
-            report.timings.present_ms.extend(live.present_ms);
+            report.timings.note(live.pixel_times);
             report.timings.stats.append(&mut live.arrived);
         }
         Ok(if done + u64::from(shown.is_some()) >= frames { After::Quit } else { After::Nothing })
@@ -310,7 +310,7 @@ impl Live {
         self.clock.push(ms);
         let goes_on = goes_on || !flight.is_still();
         self.last_shown = goes_on.then_some(start);
-        self.present_ms = self.stage.present_ms();
+        self.pixel_times = self.stage.pixel_times();
         let is_shown = goes_on || self.stage.settle()?;
         self.arrived = self.stage.take_arrived();
         self.stats = self.arrived.last().unwrap_or(&self.stats).clone();
@@ -355,7 +355,7 @@ impl Live {
                 size_px: self.swapchain.size_px(),
                 clock: &self.clock,
                 stats: &self.stats,
-                present_ms: self.present_ms,
+                pixel_times: self.pixel_times,
                 gaussians,
                 bytes,
                 chosen: self.stage.editor().chosen().iter().copied().collect(),

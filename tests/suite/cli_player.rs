@@ -92,6 +92,7 @@ fn pictures_are_those_of_render_with_and_without_a_window() {
     assert_eq!(report["resolution"], serde_json::json!([160, 90]));
     assert!(report["fps"].as_f64().unwrap() > 0.0 && report["gaussians"]["visible"].as_u64().unwrap() > 0);
     assert!(report["passes_ms"]["tile_blend"].as_f64().unwrap() > 0.0 && report["present_ms"].as_f64().unwrap() > 0.0);
+    assert!(report["ui_ms"].is_null(), "there is no interface without a window");
 
     let out = folder.path().join("rendered");
     let mut render = program();
@@ -107,6 +108,7 @@ fn pictures_are_those_of_render_with_and_without_a_window() {
     let Some(display) = VirtualDisplay::open() else { return };
     let report = play(player().env("DISPLAY", &display.1), &shot("window.png"));
     assert_eq!((&report["frames"], &report["window"]), (&3.into(), &true.into()));
+    assert!(report["ui_ms"].as_f64().unwrap() > 0.0 && report["present_ms"].as_f64().unwrap() > 0.0);
     assert_eq!(pixels(&shot("window.png")), got);
 }
 

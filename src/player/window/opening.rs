@@ -21,7 +21,7 @@ use crate::player::error::PlayerError;
 use crate::player::hud::Hud;
 use crate::player::navigation::{Navigator, vertical_of};
 use crate::player::resolution::Resolution;
-use crate::player::stage::Stage;
+use crate::player::stage::{PixelTimes, Stage};
 use crate::render::FrameStats;
 use crate::scene::InstancedScene;
 use crate::scene::trajectory::Orbit;
@@ -51,7 +51,7 @@ impl Live {
             clock: FrameClock::default(),
             stats: FrameStats::default(),
             arrived: Vec::new(),
-            present_ms: None,
+            pixel_times: PixelTimes::default(),
             cameras: (std::mem::take(&mut job.cameras), 0),
             kept: (kept_cameras(&job.path), 0),
             opened: Instant::now(),
