@@ -159,6 +159,11 @@ impl LodArgs {
 }
 
 impl LookArgs {
+    /// Opacity compensation, if a flag says which.
+    pub(super) fn antialias(&self) -> Option<bool> {
+        self.antialias
+    }
+
     /// The options for a scene: the flags, else the scene's own, else the defaults.
     pub(super) fn options(&self, scene: &InstancedScene) -> RenderOptions {
         let default = RenderOptions::default();

@@ -256,6 +256,7 @@ fn window_job(
         path: args.scene.clone(),
         scene: loaded.as_ref().map(|l| (l.scene.clone(), l.file_bytes)).map_err(ToString::to_string),
         options: stage_options(args, scene)?,
+        antialias: args.look.antialias(),
         cameras: cameras.to_vec(),
         up: args.up.map(Triple::direction),
         size_px: args.size,

@@ -149,10 +149,7 @@ impl Gpu {
 
     /// Blocks until a submission has finished.
     pub fn wait(&self, ticket: Ticket) -> Result<(), GpuError> {
-        self.timeline.wait(&self.device, ticket).map_err(|result| match result {
-            vk::Result::ERROR_DEVICE_LOST => GpuError::DeviceLost { last_pass: "unknown".into() },
-            other => GpuError::Vulkan { what: "waiting for the device".into(), result: other },
-        })
+        self.timeline.wait(&self.device, ticket).map_err(GpuError::vulkan("waiting for the device"))
     }
 
     /// Blocks until everything submitted has finished.

@@ -56,9 +56,9 @@ pub enum GpuError {
         reason: String,
     },
     /// The device was lost.
-    #[error("the device was lost; the last pass begun was {last_pass}")]
+    #[error("the device was lost; what was begun last: {last_pass}")]
     DeviceLost {
-        /// Stem of the pass.
+        /// Stem of the pass, or what the host was doing.
         last_pass: String,
     },
     /// A spec constant that the shader does not declare, or the like.
@@ -84,9 +84,12 @@ pub enum GpuError {
 }
 
 impl GpuError {
-    /// Wraps a Vulkan result code with the name of the object or call.
+    /// Wraps a Vulkan result code with the name of the object or call; a lost device is one wherever it shows.
     pub(crate) fn vulkan(what: &str) -> impl FnOnce(vk::Result) -> GpuError {
-        move |result| GpuError::Vulkan { what: what.into(), result }
+        move |result| match result {
+            vk::Result::ERROR_DEVICE_LOST => GpuError::DeviceLost { last_pass: what.into() },
+            result => GpuError::Vulkan { what: what.into(), result },
+        }
     }
 
     /// The device, or the surface of a window, is gone for good.

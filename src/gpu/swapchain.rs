@@ -174,8 +174,7 @@ impl Swapchain {
                 Ok(Some(Target { index, free, size_px: self.size_px, blue_first: is_blue_first(self.format.format) }))
             }
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(None),
-            Err(vk::Result::ERROR_DEVICE_LOST) => Err(GpuError::DeviceLost { last_pass: "acquiring an image".into() }),
-            Err(result) => Err(GpuError::Vulkan { what: "acquiring an image".into(), result }),
+            Err(result) => Err(GpuError::vulkan("acquiring an image")(result)),
         }
     }
 
@@ -228,8 +227,7 @@ impl Swapchain {
         match unsafe { self.calls.queue_present(*queue, &info) } {
             Ok(suboptimal) => Ok(!suboptimal),
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(false),
-            Err(vk::Result::ERROR_DEVICE_LOST) => Err(GpuError::DeviceLost { last_pass: "showing an image".into() }),
-            Err(result) => Err(GpuError::Vulkan { what: "showing an image".into(), result }),
+            Err(result) => Err(GpuError::vulkan("showing an image")(result)),
         }
     }
 

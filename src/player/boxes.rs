@@ -134,10 +134,14 @@ impl BoxList {
     /// Takes what was found to be like the box `id` in place of what was found so before; what has a box already is left
     /// out. How many are new; `None` if there is no such box any more.
     pub fn take_found(&mut self, id: u32, found: Vec<ObjectBox>) -> Option<usize> {
-        let like = self.now.boxes.iter().find(|listed| listed.object.id == id)?.object.clone();
+        let index_of = |boxes: &[ListedBox], id: u32| boxes.iter().position(|listed| listed.object.id == id);
+        let like = self.now.boxes[index_of(&self.now.boxes, id)?].object.clone();
+        let chosen = self.chosen_box().map(|listed| listed.object.id);
         self.begin();
         self.now.boxes.retain(|listed| listed.origin != Origin::LikeBox(id));
-        self.now.chosen = self.now.boxes.iter().position(|listed| listed.object.id == id);
+        // What is chosen stays so, unless it was found before.
+        let still = chosen.and_then(|chosen| index_of(&self.now.boxes, chosen));
+        self.now.chosen = still.or_else(|| index_of(&self.now.boxes, id));
         let before = self.now.boxes.len();
         for object in found {
             let near = SAME * object.size.length();

@@ -2,10 +2,10 @@
 
 use super::navigation::{Flight, Navigator};
 
-/// A second click within this time and distance of the first one makes a double click.
+/// A second click within this time and distance (points) of the first one makes a double click.
 const DOUBLE_CLICK: (f64, f64) = (0.4, 5.0);
-/// A button that is let go within so many pixels of where it was pressed was a click, not a drag.
-const CLICK_PX: f64 = 3.0;
+/// A button that is let go within so many points of where it was pressed was a click, not a drag.
+const CLICK_POINTS: f64 = 3.0;
 
 /// Buttons of the mouse that do something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,7 +51,6 @@ struct Press {
 }
 
 /// What is held down at the moment.
-#[derive(Default)]
 pub struct Controls {
     pointer_px: [f64; 2],
     press: Option<Press>,
@@ -60,7 +59,16 @@ pub struct Controls {
     pub shift: bool,
     /// Ctrl (or Cmd) is held.
     pub control: bool,
+    /// Pixels of a point, the unit of interfaces: 2 on a screen whose pixels are half as large.
+    pub per_point: f64,
     last_click: Option<(f64, [f64; 2])>,
+}
+
+impl Default for Controls {
+    fn default() -> Self {
+        let (pointer_px, held) = ([0.0; 2], [false; 6]);
+        Self { pointer_px, press: None, held, shift: false, control: false, per_point: 1.0, last_click: None }
+    }
 }
 
 impl Controls {
@@ -74,7 +82,7 @@ impl Controls {
         let by = [to_px[0] - self.pointer_px[0], to_px[1] - self.pointer_px[1]];
         self.pointer_px = to_px;
         let Some(press) = &mut self.press else { return false };
-        if !press.dragged && distance(to_px, press.at_px) <= CLICK_PX {
+        if !press.dragged && distance(to_px, press.at_px) <= CLICK_POINTS * self.per_point {
             return false;
         }
         // What the threshold held back is made good.
@@ -107,7 +115,7 @@ impl Controls {
             return None;
         }
         let at_px = press.at_px;
-        let (time, reach) = DOUBLE_CLICK;
+        let (time, reach) = (DOUBLE_CLICK.0, DOUBLE_CLICK.1 * self.per_point);
         let double = self.last_click.is_some_and(|(then, at)| seconds - then < time && distance(at, at_px) < reach);
         // A third click is the first of a new pair.
         self.last_click = (!double).then_some((seconds, at_px));
@@ -198,6 +206,17 @@ mod tests {
         assert_eq!(click([30.0, 10.0], 0.0, 1.5), Some(false), "elsewhere");
         assert_eq!(click([30.0, 10.0], 0.0, 2.5), Some(false), "too late");
         assert_eq!(n, here, "clicks change nothing");
+    }
+
+    #[test]
+    fn fine_screens_have_more_pixels_for_the_same_hand() {
+        for (per_point, click) in [(1.0, false), (2.0, true)] {
+            let (mut controls, mut n) = start();
+            controls.per_point = per_point;
+            controls.pressed(Button::Left);
+            controls.pointer_moved([5.0, 0.0], &mut n, 180.0);
+            assert_eq!(controls.released(Button::Left, 0.0).is_some(), click, "{per_point}");
+        }
     }
 
     #[test]

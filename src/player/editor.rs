@@ -197,6 +197,14 @@ impl Editor {
         Some(changed)
     }
 
+    /// Takes the last change back for good: the device has no room for it. `unsaved` was so before it.
+    pub fn refuse(&mut self, scene: &mut InstancedScene, unsaved: bool) {
+        if self.undo(scene).is_some() {
+            self.redo.pop();
+        }
+        self.unsaved = unsaved;
+    }
+
     /// Does again what was taken back last; `None` if there is nothing.
     pub fn redo(&mut self, scene: &mut InstancedScene) -> Option<Changed> {
         self.finish();

@@ -19,6 +19,14 @@ pub enum PlayerError {
     /// The window system.
     #[error("window: {0}; without a display, --headless with --frames and --screenshot draws pictures")]
     Window(String),
+    /// The player had to end, and wrote what was not saved.
+    #[error("{reason}; what was not saved is in {files}")]
+    Rescued {
+        /// Why it had to end.
+        reason: Box<PlayerError>,
+        /// The files, or why there are none.
+        files: String,
+    },
 }
 
 impl PlayerError {

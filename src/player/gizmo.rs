@@ -1,5 +1,6 @@
 //! Handles on what is chosen: arrows that move it, rings that turn it, a circle that scales it. Knows a camera and pixels
-//! only; `hud` draws the lines, and the window hands in where the pointer is.
+//! only; `hud` draws the lines, and the window hands in where the pointer is. The window's camera has points of the interface
+//! for pixels, so that handles are as large on a fine screen as on a coarse one.
 //!
 //! A drag says how far the pointer went since it began, as an edit of the scene as it was then. Where a direction cannot be
 //! told from the picture (an axis that points at the camera, a plane seen from its edge) there is no handle, or the drag

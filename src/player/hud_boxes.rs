@@ -268,7 +268,8 @@ fn colour_of(origin: Origin) -> Color32 {
     }
 }
 
-/// Draws all boxes, and the handles of the chosen one; `hot` is held or under the pointer.
+/// Draws all boxes, and the handles of the chosen one; `hot` is held or under the pointer. The camera's pixels are points of
+/// the interface.
 pub(super) fn paint_boxes(
     ctx: &Context,
     list: &BoxList,
@@ -289,7 +290,7 @@ pub(super) fn paint_boxes(
     paint_lines(ctx, handles.lines(), hot_handle);
     let painter = ctx.layer_painter(egui::LayerId::background());
     for (part, [x, y]) in handles.dots() {
-        let at = Pos2::new(x as f32, y as f32) / ctx.pixels_per_point();
+        let at = Pos2::new(x as f32, y as f32);
         let (radius, colour) = if hot == Some(part) { (HOT_DOT, HOT) } else { (DOT, Color32::WHITE) };
         painter.circle(at, radius, colour, Stroke::new(1.5, Color32::BLACK));
     }

@@ -29,12 +29,10 @@ pub(super) fn paint_lines(ctx: &egui::Context, mut lines: Vec<HandleLine>, hot: 
     }
 }
 
-/// Draws a line through places of the picture, in its pixels, so that it is seen on any picture.
-pub(super) fn line(ctx: &egui::Context, points_px: &[[f64; 2]], stroke: Stroke) {
+/// Draws a line through places of the window, points of the interface, so that it is seen on any picture.
+pub(super) fn line(ctx: &egui::Context, places: &[[f64; 2]], stroke: Stroke) {
     let painter = ctx.layer_painter(egui::LayerId::background());
-    let per_point = ctx.pixels_per_point();
-    let points: Vec<Pos2> =
-        points_px.iter().map(|&[x, y]| egui::pos2(x as f32 / per_point, y as f32 / per_point)).collect();
+    let points: Vec<Pos2> = places.iter().map(|&[x, y]| egui::pos2(x as f32, y as f32)).collect();
     painter.line(points.clone(), Stroke::new(stroke.width + 2.0, SHADOW));
     painter.line(points, stroke);
 }

@@ -15,6 +15,8 @@
 //! found                 waits until a search for boxes has ended
 //! boxes a.json          saves the boxes to a file
 //! lose                  the device counts as lost: what follows is drawn by one opened anew
+//! drop a.ply            a file is dropped on the window
+//! close                 the window's button to close it, which asks if something is not saved
 //! quit                  the window closes
 //! # and the rest of a line is a comment
 //! ```
@@ -64,6 +66,10 @@ pub enum Step {
     Boxes(PathBuf),
     /// The device counts as lost.
     Lose,
+    /// A file is dropped on the window.
+    Drop(PathBuf),
+    /// The window's button to close it.
+    Close,
     /// The window closes.
     Quit,
 }
@@ -110,6 +116,8 @@ fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, String
         ("found", []) => vec![Step::Found],
         ("boxes", [path]) => vec![Step::Boxes(folder.join(path))],
         ("lose", []) => vec![Step::Lose],
+        ("drop", [path]) => vec![Step::Drop(folder.join(path))],
+        ("close", []) => vec![Step::Close],
         ("quit", []) => vec![Step::Quit],
         _ => return Err(format!("{:?} is no step of a script", [&[what], rest].concat().join(" "))),
     })
@@ -170,7 +178,7 @@ mod tests {
     #[test]
     fn lines_become_steps() {
         let text = "# a comment\n size 640 480\n\nclick 3 4.5 # there\nkey ctrl+shift+KeyZ\nhold KeyW 2\nshot a.png\nfound\n\
-                    boxes b.json\n";
+                    boxes b.json\ndrop c.ply\nclose\n";
         let steps = parse(text, Path::new("there")).unwrap();
         let want = [
             Step::Size([640, 480]),
@@ -185,6 +193,8 @@ mod tests {
             Step::Shot("there/a.png".into()),
             Step::Found,
             Step::Boxes("there/b.json".into()),
+            Step::Drop("there/c.ply".into()),
+            Step::Close,
         ];
         assert_eq!(Vec::from(steps), want);
         let drag = Vec::from(parse("drag middle 0 0 16 8", Path::new("")).unwrap());

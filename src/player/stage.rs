@@ -229,10 +229,17 @@ impl Stage {
     /// Levels of detail come and go with the error that is allowed, so that full quality is what it is without them.
     fn upload_levels(&mut self) -> Result<(), PlayerError> {
         if !self.has_wanted_levels() {
-            self.device_scene = self.renderer.upload_for(&self.scene, &self.options.render)?;
-            self.show(self.editor.hidden().clone())?;
+            self.upload()?;
         }
         Ok(())
+    }
+
+    /// Puts the scene on the device in place of the one that is there, whose memory goes first: both may not fit.
+    fn upload(&mut self) -> Result<(), PlayerError> {
+        let options = &self.options.render;
+        self.device_scene = self.renderer.upload_for(&InstancedScene::default(), options)?;
+        self.device_scene = self.renderer.upload_for(&self.scene, options)?;
+        self.show(self.editor.hidden().clone())
     }
 
     /// Records the last picture as pixels of a window of `shown_px`; to be submitted with the recorder that comes back.
@@ -354,10 +361,11 @@ impl Stage {
 
     /// Does an edit, in the scene and on the device; the words say why it cannot be done.
     pub fn edit(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
+        let unsaved = self.editor.is_unsaved();
         match self.editor.apply(&mut self.scene, edit) {
             Ok((outcome, changed)) => {
-                self.follow(&changed)?;
-                Ok(Ok(outcome))
+                let refused = self.follow_or(&changed, |editor, scene| editor.refuse(scene, unsaved))?;
+                Ok(refused.map_or(Ok(outcome), Err))
             }
             Err(error) => Ok(Err(error.to_string())),
         }
@@ -366,8 +374,8 @@ impl Stage {
     /// Does an edit in place of the one before, as a drag does; see [`Editor::apply_live`].
     pub fn edit_live(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
         let (outcome, changed) = self.editor.apply_live(&mut self.scene, edit);
-        self.follow(&changed)?;
-        Ok(outcome.map_err(|error| error.to_string()))
+        let refused = self.follow_or(&changed, |editor, scene| drop(editor.cancel(scene)))?;
+        Ok(refused.map_or(outcome.map_err(|error| error.to_string()), Err))
     }
 
     /// See [`Editor::finish`].
@@ -395,15 +403,37 @@ impl Stage {
 
     /// Writes the scene as `.instgs`.
     pub fn save(&mut self, path: &Path) -> Result<(), PlayerError> {
-        save_scene(path, &self.scene)?;
+        self.write_copy(path)?;
         self.editor.saved();
         Ok(())
+    }
+
+    /// The same, but what is unsaved stays so.
+    pub fn write_copy(&self, path: &Path) -> Result<(), PlayerError> {
+        Ok(save_scene(path, &self.scene)?)
     }
 
     /// Writes the scene, hidden instances included, in the format that the file's ending names; see [`export_scene`].
     pub fn export(&self, path: &Path, up: DVec3) -> Result<(), PlayerError> {
         export_scene(path, &self.scene, ExportFormat::of(path, None)?, up)?;
         Ok(())
+    }
+
+    /// As [`Stage::follow`]; but what the device refuses, since there is no room for it, is taken back, and the words say
+    /// why.
+    fn follow_or(
+        &mut self,
+        changed: &Changed,
+        take_back: impl FnOnce(&mut Editor, &mut InstancedScene),
+    ) -> Result<Option<String>, PlayerError> {
+        match self.follow(changed) {
+            Err(error) if !error.is_lost() => {
+                take_back(&mut self.editor, &mut self.scene);
+                self.upload()?;
+                Ok(Some(error.to_string()))
+            }
+            done => done.map(|()| None),
+        }
     }
 
     /// Makes the device's scene that of the host.
@@ -416,10 +446,7 @@ impl Stage {
                 }
             }
             Changed::Shown(instances) => self.show(instances.iter().copied())?,
-            Changed::Everything => {
-                self.device_scene = self.renderer.upload_for(&self.scene, &self.options.render)?;
-                self.show(self.editor.hidden().clone())?;
-            }
+            Changed::Everything => self.upload()?,
         }
         Ok(())
     }

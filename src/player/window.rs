@@ -31,6 +31,7 @@ mod editing;
 mod input;
 mod keeping;
 mod key_steps;
+mod leaving;
 mod opening;
 mod playing;
 
@@ -52,6 +53,8 @@ pub struct WindowJob {
     pub scene: Result<(InstancedScene, u64), String>,
     /// How it looks.
     pub options: StageOptions,
+    /// Opacity compensation for small splats; `None` = as each scene says.
+    pub antialias: Option<bool>,
     /// Views of a data set to step through; the first is where the player starts. May be empty.
     pub cameras: Vec<Camera>,
     /// The scene's vertical, if the user knows better.
@@ -144,14 +147,16 @@ struct Live {
     last_shown: Option<Instant>,
     /// Chosen, but not yet in use.
     next_mode: Option<PresentMode>,
-    /// The user knows that changes are not saved.
-    warned: bool,
+    /// The user was told just now that changes are not saved, and what goes on without.
+    warned: Option<&'static str>,
     script: VecDeque<Step>,
     /// Pictures that the first step of the script has waited.
     waited: u32,
     resolution: Resolution,
     /// When a picture of fewer pixels is drawn again with all of them.
     refine_at: Option<Instant>,
+    /// When the interface wants to be drawn again, for instance with a hint.
+    ui_at: Option<Instant>,
     /// The camera path that is being recorded.
     recording: Option<Recording>,
     /// When the device was opened anew, and what validation layers said of the one before.
@@ -182,14 +187,18 @@ impl ApplicationHandler for Player {
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
-        let wakes_at = self.live.as_ref().and_then(|live| live.refine_at.or_else(|| live.boxing.wakes_at()));
+        let wakes_at = self.live.as_ref().and_then(|live| {
+            // A picture that could not be shown, of a hidden window, does not ask again.
+            let later = [live.refine_at, live.ui_at].into_iter().flatten().filter(|at| *at > Instant::now());
+            later.chain(live.boxing.wakes_at()).min()
+        });
         event_loop.set_control_flow(wakes_at.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
 
     fn window_event(&mut self, event_loop: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
         let Some(live) = &mut self.live else { return };
         let after = match event {
-            WindowEvent::CloseRequested => Ok(After::Quit),
+            WindowEvent::CloseRequested => Ok(live.close()),
             WindowEvent::RedrawRequested => self.redraw(),
             event => live.event(&event, &self.job),
         };
@@ -236,18 +245,27 @@ impl Player {
         Ok(if done + u64::from(shown.is_some()) >= frames { After::Quit } else { After::Nothing })
     }
 
-    /// After the loss of the device, goes on with one that is opened anew; ends else, and if it is lost again soon.
+    /// After the loss of the device, goes on with one that is opened anew; ends else, and if it is lost again soon. What is
+    /// not saved is written first.
     fn failed(&mut self, event_loop: &ActiveEventLoop, error: PlayerError) {
-        let again = |live: &Live| live.reopened.is_none_or(|then| then.elapsed() > LOST_FOR_GOOD);
-        if !error.is_lost() || !self.live.as_ref().is_some_and(again) {
-            return self.end(event_loop, Err(error));
+        let Some(mut live) = self.live.take() else { return self.end(event_loop, Err(error)) };
+        let (files, errors) = live.rescue();
+        let again = error.is_lost() && live.reopened.is_none_or(|then| then.elapsed() > LOST_FOR_GOOD);
+        let reopened = if again { live.reopen(&self.job, &error) } else { Err(error) };
+        match reopened {
+            Ok(live) => {
+                // Nothing was lost.
+                files.iter().for_each(|path| drop(std::fs::remove_file(path)));
+                self.live = Some(live);
+                self.request_redraw();
+            }
+            Err(reason) if files.is_empty() && errors.is_empty() => self.end(event_loop, Err(reason)),
+            Err(reason) => {
+                let files = files.iter().map(|path| path.display().to_string()).chain(errors);
+                let files = files.collect::<Vec<_>>().join(", ");
+                self.end(event_loop, Err(PlayerError::Rescued { reason: Box::new(reason), files }));
+            }
         }
-        let Some(live) = self.live.take() else { return };
-        match live.reopen(&self.job, &error) {
-            Ok(live) => self.live = Some(live),
-            Err(error) => self.end(event_loop, Err(error)),
-        }
-        self.request_redraw();
     }
 
     /// Notes how it ended and leaves the event loop.
@@ -389,7 +407,9 @@ impl Live {
         }
         self.ui.handle_platform_output(&self.window, output.platform_output);
         let primitives = ctx.tessellate(output.shapes, output.pixels_per_point);
-        let animated = output.viewport_output.values().any(|viewport| viewport.repaint_delay.is_zero());
+        let delay = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
+        let animated = delay.is_some_and(|delay| delay.is_zero());
+        self.ui_at = delay.and_then(|delay| Instant::now().checked_add(delay));
         let frame = UiFrame { textures: output.textures_delta, primitives, pixels_per_point: output.pixels_per_point };
         Ok((frame, animated || acts || self.next_mode.is_some()))
     }

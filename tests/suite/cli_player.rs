@@ -9,9 +9,9 @@ use glam::DVec3;
 use instgs_vk::io::{load_scene, read_cameras, save_scene};
 use instgs_vk::player::gizmo::{Gizmo, GizmoMode, Handle};
 use instgs_vk::player::navigation::Navigator;
-use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::template_centres;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Camera, InstancedScene};
 use serde_json::Value;
 
 use crate::common::chairs::chairs;
@@ -20,6 +20,8 @@ use crate::common::program::{error_of, program, skips_gpu};
 pub(crate) fn player() -> Command {
     let mut player = Command::new(env!("CARGO_BIN_EXE_instgs-player"));
     player.env("INSTGS_VALIDATION", "1").env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
+    // Else winit takes it from the display's millimetres.
+    player.env("WINIT_X11_SCALE_FACTOR", "1");
     player
 }
 
@@ -182,9 +184,15 @@ fn bad_files_and_flags_end_in_one_line() {
 
 /// Runs a script in a window of 320x240; the picture files and the scene are in `folder`.
 pub(crate) fn play_script(display: &VirtualDisplay, scene: &Path, text: &str) -> std::process::Output {
+    play_script_on(display, 1, scene, text)
+}
+
+/// The same on a screen with so many pixels a point.
+fn play_script_on(display: &VirtualDisplay, per_point: u32, scene: &Path, text: &str) -> std::process::Output {
     let script = scene.with_file_name("script.txt");
     std::fs::write(&script, text).unwrap();
     let mut player = player();
+    player.env("WINIT_X11_SCALE_FACTOR", per_point.to_string());
     player.env("DISPLAY", &display.1).arg(scene).args(["--size", "320x240", "--script"]).arg(&script);
     player.timeout(std::time::Duration::from_secs(300)).output().unwrap()
 }
@@ -250,6 +258,78 @@ fn digits_choose_views() {
     assert_eq!(views.len(), 9);
 }
 
+/// The last arrow that shows at a place: its axis, and where it ends.
+fn arrow_tip(centre: DVec3, camera: &Camera) -> (usize, [f64; 2]) {
+    let gizmo = Gizmo::new(GizmoMode::Move, centre, camera).unwrap();
+    let mut arrows = gizmo.lines().into_iter().filter_map(|line| match line.handle {
+        Handle::Arrow(axis) => Some((axis, line.points_px[1])),
+        _ => None,
+    });
+    arrows.next_back().unwrap()
+}
+
+/// On a screen of half the pixels' size an arrow is twice as many pixels long.
+#[test]
+fn handles_are_as_large_on_a_fine_screen() {
+    let Some((display, _folder, file)) = open_display() else { return };
+    let before = chairs();
+    let place = before.instances[1].world_from_template;
+    let camera = Navigator::around(&Orbit::around(&before, None)).camera([320, 240]);
+    let [x, y] =
+        camera.pixel_of(place.transform_point(DVec3::from_array(before.templates.means[2].map(f64::from)))).unwrap();
+    let centre = place.transform_point(template_centres(&before)[0]);
+    let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v / 2.0);
+    let (axis, [tip_x, tip_y]) = arrow_tip(centre, &Camera { fx, fy, cx, cy, ..camera.clone() });
+    let (from, middle) = ([2.0 * tip_x, 2.0 * tip_y], camera.pixel_of(centre).unwrap());
+    let to = [0, 1].map(|k| from[k] + 0.3 * (from[k] - middle[k]));
+    let text = format!(
+        "key KeyH\n click {x} {y}\n frames 1\n drag left {} {} {} {}\n frames 1\n key ctrl+KeyS\n quit\n",
+        from[0], from[1], to[0], to[1]
+    );
+    let output = play_script_on(&display, 2, &file, &text);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let translation = |scene: &InstancedScene| scene.instances[1].world_from_template.translation();
+    let by = translation(&load_scene(&file).unwrap().scene) - translation(&before);
+    assert!(by[axis].abs() > 0.05 && (by - by[axis] * DVec3::AXES[axis]).length() < 1e-6, "{by}");
+}
+
+/// Closing the window or opening another file asks once before changes are lost, and Ctrl+S of a plain cloud does not write
+/// over a scene of the same name.
+#[test]
+fn unsaved_work_is_asked_for() {
+    let Some((display, folder, file)) = open_display() else { return };
+    let [x, y] = chair_px(&chairs());
+    let cloud = folder.path().join("scene.ply");
+    program().args(["export", "--scene"]).arg(&file).arg("--to").arg(&cloud).assert().success();
+    let text = format!(
+        "key KeyH\n click {x} {y}\n key Delete\n close\n drop scene.ply\n frames 1\n key ctrl+KeyS\n drop scene.ply\n frames 1\n \
+         key ctrl+KeyS\n frames 1\n close\n"
+    );
+    let output = play_script(&display, &file, &text);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(
+        load_scene(&file).unwrap().scene.instances.len(),
+        chairs().instances.len() - 1,
+        "still there to be saved"
+    );
+    let saved = load_scene(&folder.path().join("scene.000.instgs")).unwrap().scene;
+    assert!(saved.instances.is_empty() && !saved.background.is_empty(), "the cloud, beside it");
+}
+
+/// What is not saved when the device is lost for good is written beside the scene, and only then.
+#[test]
+fn unsaved_work_outlives_the_device() {
+    let Some((display, folder, file)) = open_display() else { return };
+    let [x, y] = chair_px(&chairs());
+    let text = format!("key KeyH\n click {x} {y}\n key Delete\n lose\n frames 1\n lose\n");
+    let output = play_script(&display, &file, &text);
+    let words = String::from_utf8(output.stderr).unwrap();
+    assert!(!output.status.success() && words.contains("scene.000.recovered.instgs"), "{words}");
+    let saved = load_scene(&folder.path().join("scene.000.recovered.instgs")).unwrap().scene;
+    assert_eq!(saved.instances.len(), chairs().instances.len() - 1);
+    assert_eq!(load_scene(&file).unwrap().scene.instances.len(), chairs().instances.len());
+}
+
 /// An arrow is dragged: the chair goes along it and nowhere else, as one change. Escape puts it back.
 #[test]
 fn a_chair_is_dragged_by_its_handle() {
@@ -260,12 +340,7 @@ fn a_chair_is_dragged_by_its_handle() {
     let px = |point: DVec3| camera.pixel_of(place.transform_point(point)).unwrap();
     let [x, y] = px(DVec3::from_array(before.templates.means[2].map(f64::from)));
     let centre = template_centres(&before)[0];
-    let gizmo = Gizmo::new(GizmoMode::Move, place.transform_point(centre), &camera).unwrap();
-    let mut arrows = gizmo.lines().into_iter().filter_map(|line| match line.handle {
-        Handle::Arrow(axis) => Some((axis, line.points_px[1])),
-        _ => None,
-    });
-    let (axis, [tip_x, tip_y]) = arrows.next_back().unwrap();
+    let (axis, [tip_x, tip_y]) = arrow_tip(place.transform_point(centre), &camera);
     let [to_x, to_y] = [tip_x + 0.3 * (tip_x - px(centre)[0]), tip_y + 0.3 * (tip_y - px(centre)[1])];
     let text = format!(
         "key KeyH\n click {x} {y}\n shot chosen.png\n drag left {tip_x} {tip_y} {to_x} {to_y}\n frames 1\n shot dragged.png\n \

@@ -1,13 +1,14 @@
 //! What the player draws after edits is what it draws of a scene that was opened so; and a picture shows whom one clicks on.
 
 use glam::DVec3;
+use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
 use instgs_vk::io::load_scene;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::player::navigation::Navigator;
 use instgs_vk::player::views::View;
 use instgs_vk::player::{Stage, StageOptions};
 use instgs_vk::render::RenderOptions;
-use instgs_vk::scene::edit::{Edit, Keep, Selector, Turn, apply};
+use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Selector, Turn, apply};
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Gaussians, InstancedScene, Offsets, TemplateRange};
 
@@ -61,6 +62,48 @@ fn edited_scenes_look_as_if_opened_so() {
 }
 
 /// A drag is on the device what it is on the host at each of its edits, and one step; given up, it leaves nothing.
+/// An edit that the device has no room for is refused in words; the scene and its picture are as they were.
+#[test]
+fn what_does_not_fit_the_device_is_refused() {
+    // A device of its own: the budget is the device's.
+    if gpu().is_none() {
+        return;
+    }
+    let device = std::env::var("INSTGS_TEST_DEVICE").map_or(DeviceChoice::Best, |name| name.parse().unwrap());
+    let gpu = Gpu::open(&GpuOptions { device, validation: true, ..Default::default() }).unwrap();
+    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
+    let camera = Navigator::around(&Orbit::around(&chairs(), None)).camera([96, 64]);
+    let picture = |stage: &mut Stage| {
+        stage.draw(&camera).unwrap();
+        stage.rgb8().unwrap()
+    };
+    let before = picture(&mut stage);
+    gpu.set_memory_budget(gpu.memory_usage().0 + (64 << 10));
+    let over = ScatterOver::Plane {
+        point: DVec3::ZERO,
+        normal: DVec3::Z,
+        extent: [9.0, 9.0],
+        min_distance: 0.0,
+        turn: 0.0,
+        seed: 1,
+    };
+    // 128 bytes each.
+    let scatter =
+        |count| Edit::Scatter(Scatter { template: 0, count, over: over.clone(), offsets: OffsetSource::None });
+    for live in [false, true] {
+        let edit = scatter(5000);
+        let done = if live { stage.edit_live(&edit) } else { stage.edit(&edit) };
+        let reason = done.unwrap().unwrap_err();
+        assert!(reason.contains("out of device memory"), "{reason}");
+        assert!(*stage.scene() == chairs() && !stage.editor().is_unsaved());
+        assert_eq!(stage.editor().steps(), [0, 0]);
+        assert!(picture(&mut stage) == before, "as it was");
+    }
+    stage.edit(&scatter(5)).unwrap().unwrap();
+    assert_eq!(stage.scene().instances.len(), chairs().instances.len() + 5);
+    assert_silent(&gpu);
+}
+
 #[test]
 fn what_is_dragged_is_seen_at_once() {
     let Some(gpu) = gpu() else { return };

@@ -54,6 +54,11 @@ impl Boxing {
         self.search.is_some()
     }
 
+    /// What a file of the boxes holds.
+    pub(super) fn boxes_of_file(&self) -> Boxes {
+        self.list.to_file()
+    }
+
     /// True if boxes were changed since they were saved.
     pub(super) fn is_unsaved(&self) -> bool {
         self.list.is_unsaved()
@@ -77,7 +82,7 @@ impl Live {
 
     fn box_handles(&self) -> Option<BoxHandles> {
         let chosen = &self.boxing.list.chosen_box()?.object;
-        Some(BoxHandles::new(chosen, self.editing.mode, &self.navigator.camera(self.swapchain.size_px())))
+        Some(BoxHandles::new(chosen, self.editing.mode, &self.handle_camera()))
     }
 
     /// The pointer is somewhere else; true if the picture changes with it.
@@ -85,24 +90,27 @@ impl Live {
         if self.boxing.grip.is_some() {
             return true;
         }
-        let at = self.controls.pointer_px();
+        let at = self.pointer_points();
         let hovered = self.box_handles().filter(|_| !over_interface).and_then(|handles| handles.part_at(at));
         std::mem::replace(&mut self.boxing.hovered, hovered) != hovered
     }
 
     /// The left button goes down over the picture; true if it takes hold of a handle.
     pub(super) fn box_grab(&mut self) -> bool {
-        let at = self.controls.pointer_px();
+        let at = self.pointer_points();
         let handles = self.box_handles();
         self.boxing.grip = handles.and_then(|handles| handles.part_at(at).and_then(|part| handles.grab(part, at)));
+        if self.boxing.grip.is_some() {
+            // What a field of the panel began is a change of its own.
+            self.boxing.list.finish();
+        }
         self.boxing.grip.is_some()
     }
 
     /// What is held goes where the pointer is.
     pub(super) fn box_follow(&mut self) {
         let Some(drag) = &self.boxing.grip else { return };
-        let camera = self.navigator.camera(self.swapchain.size_px());
-        if let Some(object) = drag.moved(&camera, self.controls.pointer_px()) {
+        if let Some(object) = drag.moved(&self.handle_camera(), self.pointer_points()) {
             self.boxing.list.change(object);
         }
     }
@@ -132,9 +140,8 @@ impl Live {
         self.hud.message = None;
         let in_picture = self.in_picture(at_px);
         let place = self.stage.point_at(in_picture)?;
-        let camera = self.navigator.camera(self.swapchain.size_px());
         let objects = self.boxing.list.boxes().iter().map(|listed| &listed.object);
-        let at_edge = box_at_edge(objects, &camera, at_px);
+        let at_edge = box_at_edge(objects, &self.handle_camera(), at_px.map(|v| v / self.per_point()));
         let there = at_edge.or_else(|| self.boxing.list.containing(place?));
         match (there, place) {
             (Some(index), _) if self.controls.shift => self.boxing.list.remove(index),
@@ -146,7 +153,7 @@ impl Live {
                 None => self.box_around(place),
             },
         }
-        self.warned = false;
+        self.warned = None;
         Ok(())
     }
 
@@ -248,8 +255,7 @@ impl Live {
         if !self.boxing.on {
             return Vec::new();
         }
-        let camera = self.navigator.camera(self.swapchain.size_px());
-        let handles = self.box_handles();
+        let (camera, handles) = (self.handle_camera(), self.box_handles());
         let held = self.boxing.grip.as_ref().map(BoxDrag::part);
         paint_boxes(ctx, &self.boxing.list, &camera, (handles.as_ref(), held.or(self.boxing.hovered)));
         if !self.hud.visible {
@@ -273,7 +279,7 @@ impl Live {
     /// Does what the panel asks for.
     pub(super) fn act_on_boxes(&mut self, actions: Vec<BoxAction>) -> Result<(), PlayerError> {
         for action in actions {
-            self.warned = false;
+            self.warned = None;
             let list = &mut self.boxing.list;
             match action {
                 BoxAction::Change(object) => list.change(object),

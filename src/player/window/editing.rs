@@ -1,6 +1,6 @@
 //! Editing in the window: handles and a brush that are dragged, the panel, and keys.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 use winit::keyboard::KeyCode;
@@ -9,6 +9,7 @@ use super::Live;
 use crate::player::error::PlayerError;
 use crate::player::gizmo::{Drag, Gizmo, GizmoMode, Handle};
 use crate::player::hud_edit::{Action, EditFacts, EditPanel};
+use crate::scene::Camera;
 use crate::scene::edit::{Edit, EditOutcome};
 
 /// Points of a brush's stroke are so many pixels apart.
@@ -55,13 +56,35 @@ impl Editing {
 }
 
 impl Live {
+    /// Pixels of a point of the interface.
+    pub(super) fn per_point(&self) -> f64 {
+        f64::from(self.ui.egui_ctx().pixels_per_point())
+    }
+
+    /// Where the pointer is, points of the interface.
+    pub(super) fn pointer_points(&self) -> [f64; 2] {
+        self.controls.pointer_px().map(|v| v / self.per_point())
+    }
+
+    /// The camera with points of the interface for pixels: handles are laid out and held in these.
+    pub(super) fn handle_camera(&self) -> Camera {
+        let (camera, per_point) = (self.navigator.camera(self.swapchain.size_px()), self.per_point());
+        let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v / per_point);
+        Camera { fx, fy, cx, cy, ..camera }
+    }
+
     /// The handles of what is chosen, as the camera sees them now.
     pub(super) fn gizmo(&self) -> Option<Gizmo> {
-        if self.editing.panel.brush.on || self.boxing.on {
+        if self.has_brush() || self.boxing.on {
             return None;
         }
         let centre = self.stage.editor().chosen_centre(self.stage.scene())?;
-        Gizmo::new(self.editing.mode, centre, &self.navigator.camera(self.swapchain.size_px()))
+        Gizmo::new(self.editing.mode, centre, &self.handle_camera())
+    }
+
+    /// True if clicks and drags erase: what they erase from is chosen.
+    fn has_brush(&self) -> bool {
+        self.editing.panel.brush.on && !self.stage.editor().chosen().is_empty()
     }
 
     /// Where the brush is, and how far it reaches on what is chosen, pixels; `None` if it is put away.
@@ -79,7 +102,7 @@ impl Live {
         if self.boxing.on {
             return self.box_hover(over_interface);
         }
-        let at = self.controls.pointer_px();
+        let (at, has_brush) = (self.controls.pointer_px(), self.has_brush());
         match &mut self.editing.grip {
             Some(Grip::Handle(_)) => return true,
             Some(Grip::Brush(stroke)) => {
@@ -91,10 +114,10 @@ impl Live {
                 return true;
             }
             // Its circle goes with the pointer.
-            None if self.editing.panel.brush.on => return true,
+            None if has_brush => return true,
             None => {}
         }
-        let hovered = self.gizmo().filter(|_| !over_interface).and_then(|gizmo| gizmo.handle_at(at));
+        let hovered = self.gizmo().filter(|_| !over_interface).and_then(|gizmo| gizmo.handle_at(self.pointer_points()));
         std::mem::replace(&mut self.editing.hovered, hovered) != hovered
     }
 
@@ -108,18 +131,22 @@ impl Live {
         if self.boxing.on {
             return Ok(self.box_grab());
         }
-        let at = self.controls.pointer_px();
-        self.editing.grip = if self.editing.panel.brush.on {
+        self.editing.grip = if self.has_brush() {
+            let at = self.controls.pointer_px();
             let touched = self.stage.instance_at(self.in_picture(at))?;
             let template = touched.map(|k| self.stage.scene().instances[k].template);
             template.map(|template| {
                 Grip::Brush(Stroke { template, centres: Vec::new(), pending_px: vec![at], last_px: at })
             })
         } else {
-            let gizmo = self.gizmo();
+            let (gizmo, at) = (self.gizmo(), self.pointer_points());
             let drag = gizmo.and_then(|gizmo| gizmo.handle_at(at).and_then(|handle| gizmo.grab(handle, at)));
             drag.map(Grip::Handle)
         };
+        if self.editing.grip.is_some() {
+            // What a field of the panel began is a change of its own.
+            self.stage.finish_live();
+        }
         Ok(self.editing.grip.is_some())
     }
 
@@ -127,8 +154,7 @@ impl Live {
     pub(super) fn follow_grip(&mut self) -> Result<(), PlayerError> {
         match self.editing.grip.take() {
             Some(Grip::Handle(drag)) => {
-                let camera = self.navigator.camera(self.swapchain.size_px());
-                let motion = drag.motion(&camera, self.controls.pointer_px());
+                let motion = drag.motion(&self.handle_camera(), self.pointer_points());
                 if let (Some(motion), Some(which)) = (motion, self.stage.editor().selector()) {
                     let done = self.stage.edit_live(&motion.edit(which))?;
                     self.said(done);
@@ -237,7 +263,7 @@ impl Live {
             step: self.number_step(),
             beside: self.beside(),
             mode: self.editing.mode,
-            file: self.path.with_extension("instgs").display().to_string(),
+            file: self.save_path().display().to_string(),
         };
         self.editing.panel.lay_out(ctx, &facts)
     }
@@ -247,8 +273,7 @@ impl Live {
         self.stage.finish_live();
         let saves = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
         if saves {
-            self.path = path.to_path_buf();
-            return self.save();
+            return self.save(path);
         }
         let [_, _, up] = self.navigator.level_axes();
         self.hud.message = Some(match self.stage.export(path, up) {
@@ -263,7 +288,7 @@ impl Live {
             Ok(outcome) => self.hud.message = outcome.warnings.into_iter().next(),
             Err(reason) => self.hud.message = Some(reason),
         }
-        self.warned = false;
+        self.warned = None;
     }
 
     /// Keys that change the scene; false for others.
@@ -280,7 +305,7 @@ impl Live {
                 KeyCode::KeyZ => self.stage.undo()?,
                 KeyCode::KeyY => self.stage.redo()?,
                 KeyCode::KeyS => {
-                    self.save();
+                    self.save(&self.save_path());
                     true
                 }
                 KeyCode::KeyH => {
@@ -325,11 +350,19 @@ impl Live {
         Ok(true)
     }
 
-    /// Saves under the scene's own name, as `.instgs`.
-    fn save(&mut self) {
-        let path = self.path.with_extension("instgs");
-        self.hud.message = Some(match self.stage.save(&path) {
-            Ok(()) => format!("saved to {}", path.display()),
+    /// Where the scene is saved: the file it is from, if that is an `.instgs`; else one beside it, under a name that is free.
+    fn save_path(&self) -> PathBuf {
+        let beside = self.path.with_extension("instgs");
+        if beside == self.path || !beside.exists() { beside } else { self.free_name("instgs") }
+    }
+
+    /// Saves to a file, which is the scene's from now on.
+    fn save(&mut self, path: &Path) {
+        self.hud.message = Some(match self.stage.save(path) {
+            Ok(()) => {
+                self.path = path.to_path_buf();
+                format!("saved to {}", path.display())
+            }
             Err(error) => error.to_string(),
         });
     }

@@ -1,7 +1,7 @@
 //! Events of the window, as what they change.
 
-use winit::event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent};
-use winit::keyboard::{KeyCode, PhysicalKey};
+use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::keyboard::{Key, KeyCode, PhysicalKey};
 use winit::window::Fullscreen;
 
 use super::keeping::step;
@@ -10,8 +10,8 @@ use crate::player::controls::{Button, FlightKey};
 use crate::player::error::PlayerError;
 use crate::player::views::View;
 
-/// Pixels of a touch pad's scroll that count as one step of a wheel.
-const PIXELS_PER_STEP: f64 = 40.0;
+/// Points of a touch pad's scroll that count as one step of a wheel.
+const POINTS_PER_STEP: f64 = 40.0;
 /// What one press of a speed key does.
 const SPEED_STEP: f64 = 1.5;
 
@@ -22,6 +22,7 @@ impl Live {
         let height = f64::from(self.swapchain.size_px()[1]);
         let changed = match event {
             WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
+                self.controls.per_point = self.window.scale_factor();
                 self.resize()?;
                 true
             }
@@ -46,13 +47,14 @@ impl Live {
             WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
                 let steps = match delta {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
-                    MouseScrollDelta::PixelDelta(by) => by.y / PIXELS_PER_STEP,
+                    MouseScrollDelta::PixelDelta(by) => by.y / (POINTS_PER_STEP * self.per_point()),
                 };
                 self.navigator.zoom(steps, self.controls.pointer_px(), self.swapchain.size_px());
                 steps != 0.0
             }
-            WindowEvent::KeyboardInput { event, .. } => {
-                let PhysicalKey::Code(code) = event.physical_key else { return Ok(After::Nothing) };
+            // A key that was held already when the window got the keyboard was meant for another one.
+            WindowEvent::KeyboardInput { event, is_synthetic, .. } if !(*is_synthetic && event.state.is_pressed()) => {
+                let Some(code) = code_of(event, self.controls.control) else { return Ok(After::Nothing) };
                 let down = event.state == ElementState::Pressed;
                 match self.key_event(code, down, event.repeat, response.consumed)? {
                     After::Nothing => false,
@@ -60,7 +62,9 @@ impl Live {
                 }
             }
             WindowEvent::DroppedFile(path) => {
-                self.open_file(path, job)?;
+                if !self.asks_first("dropping the file once more opens it without") {
+                    self.open_file(path, job)?;
+                }
                 true
             }
             _ => false,
@@ -76,6 +80,7 @@ impl Live {
             _ => return Ok(false),
         };
         if state == ElementState::Pressed {
+            self.warned = None;
             let grabbed = !consumed && button == Button::Left && self.grab()?;
             if !(consumed || grabbed) {
                 self.controls.pressed(button);
@@ -108,8 +113,8 @@ impl Live {
     /// pointer may have gone there.
     fn is_over_interface(&self) -> bool {
         let ctx = self.ui.egui_ctx();
-        let [x, y] = self.controls.pointer_px().map(|v| v as f32 / ctx.pixels_per_point());
-        ctx.layer_id_at(egui::pos2(x, y)).is_some_and(|layer| layer.order != egui::Order::Background)
+        let [x, y] = self.pointer_points();
+        ctx.layer_id_at(egui::pos2(x as f32, y as f32)).is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
     /// A place in the window as one in the last picture, which may have fewer pixels.
@@ -139,10 +144,12 @@ impl Live {
 
     fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
         self.hud.message = None;
+        self.warned.take_if(|_| code != KeyCode::Escape);
         if self.edit_key(code)? {
             return Ok(After::Redraw);
         }
-        if repeats {
+        // With Ctrl a key means something else, or nothing.
+        if repeats || self.controls.control {
             return Ok(After::Nothing);
         }
         if let Some(view) = view_key(code) {
@@ -154,16 +161,13 @@ impl Live {
             KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
             KeyCode::Escape if self.drop_grip()? => {}
             KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
-            KeyCode::Escape if self.is_unsaved() && !self.warned => {
-                self.warned = true;
-                let which =
-                    if self.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
-                self.hud.message = Some(format!("the {which}Ctrl+S saves, Escape once more leaves"));
-            }
-            KeyCode::Escape => return Ok(After::Quit),
+            KeyCode::Escape => return Ok(self.leave("Escape once more leaves")),
             KeyCode::KeyB => self.toggle_boxes()?,
             KeyCode::KeyF => self.find_rest(),
-            KeyCode::KeyG => self.stage.choose_alike(),
+            KeyCode::KeyG => {
+                self.let_go()?;
+                self.stage.choose_alike();
+            }
             KeyCode::KeyO if self.boxing.on => self.toggle_other_sizes(),
             KeyCode::KeyH => self.hud.visible = !self.hud.visible,
             KeyCode::KeyR => self.navigator = self.home.clone(),
@@ -185,6 +189,46 @@ impl Live {
     }
 }
 
+/// What a key means: those that fly by their place on the keyboard, others by what is written on them where that is a letter
+/// or a sign that means something here, so that Ctrl+Z is where a layout has its Z.
+fn code_of(event: &KeyEvent, control: bool) -> Option<KeyCode> {
+    let place = match event.physical_key {
+        PhysicalKey::Code(code) => Some(code),
+        PhysicalKey::Unidentified(_) => None,
+    };
+    let flies = !control || !event.state.is_pressed();
+    match &event.logical_key {
+        Key::Character(text) if !place.is_some_and(|code| flies && flight_key(code).is_some()) => {
+            written_key(text).or(place)
+        }
+        _ => place,
+    }
+}
+
+/// The key of a US keyboard that has this letter or sign; `None` for those that mean nothing here.
+fn written_key(text: &str) -> Option<KeyCode> {
+    use KeyCode::{
+        KeyA, KeyB, KeyC, KeyD, KeyE, KeyF, KeyG, KeyH, KeyI, KeyJ, KeyK, KeyL, KeyM, KeyN, KeyO, KeyP, KeyQ, KeyR,
+        KeyS, KeyT, KeyU, KeyV, KeyW, KeyX, KeyY, KeyZ,
+    };
+    const LETTERS: [KeyCode; 26] = [
+        KeyA, KeyB, KeyC, KeyD, KeyE, KeyF, KeyG, KeyH, KeyI, KeyJ, KeyK, KeyL, KeyM, KeyN, KeyO, KeyP, KeyQ, KeyR,
+        KeyS, KeyT, KeyU, KeyV, KeyW, KeyX, KeyY, KeyZ,
+    ];
+    let mut characters = text.chars();
+    let (first, None) = (characters.next()?.to_ascii_lowercase(), characters.next()) else { return None };
+    match first {
+        'a'..='z' => LETTERS.get(first as usize - 'a' as usize).copied(),
+        '+' => Some(KeyCode::Equal),
+        '-' => Some(KeyCode::Minus),
+        ',' => Some(KeyCode::Comma),
+        '.' => Some(KeyCode::Period),
+        '[' => Some(KeyCode::BracketLeft),
+        ']' => Some(KeyCode::BracketRight),
+        _ => None,
+    }
+}
+
 /// The view that a digit chooses.
 fn view_key(code: KeyCode) -> Option<View> {
     use KeyCode::{Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9};
@@ -202,4 +246,19 @@ fn flight_key(code: KeyCode) -> Option<FlightKey> {
         KeyCode::KeyQ => FlightKey::Down,
         _ => return None,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_known_by_what_is_written_on_them() {
+        for (text, code) in [("z", KeyCode::KeyZ), ("Z", KeyCode::KeyZ), ("a", KeyCode::KeyA), ("+", KeyCode::Equal)] {
+            assert_eq!(written_key(text), Some(code), "{text}");
+        }
+        for text in ["", "1", "ab", "\u{44f}", "{"] {
+            assert_eq!(written_key(text), None, "{text}");
+        }
+    }
 }

@@ -22,7 +22,8 @@ use crate::player::hud::Hud;
 use crate::player::navigation::{Navigator, vertical_of};
 use crate::player::resolution::Resolution;
 use crate::player::stage::{PixelTimes, Stage};
-use crate::render::FrameStats;
+use crate::player::views::View;
+use crate::render::{FrameStats, Show};
 use crate::scene::InstancedScene;
 use crate::scene::trajectory::Orbit;
 
@@ -57,11 +58,12 @@ impl Live {
             opened: Instant::now(),
             last_shown: None,
             next_mode: None,
-            warned: false,
+            warned: None,
             script: std::mem::take(&mut job.script),
             waited: 0,
             resolution: Resolution::with_budget(job.budget_ms),
             refine_at: None,
+            ui_at: None,
             recording: None,
             reopened: None,
             validation_message: None,
@@ -69,6 +71,7 @@ impl Live {
             boxing: Boxing::default(),
             path: job.path.clone(),
         };
+        live.controls.per_point = live.window.scale_factor();
         let scene = std::mem::replace(&mut job.scene, Err(String::new()));
         live.take_scene(scene, job)?;
         if let Some((path, boxes)) = job.boxes.take() {
@@ -120,16 +123,25 @@ impl Live {
             self.home.aim_at(orbit.center);
         }
         self.navigator = self.home.clone();
-        let mut options = job.options;
-        options.render.antialias |= scene.antialias;
+        let mut options = self.stage.options;
+        options.render.antialias = job.antialias.unwrap_or(scene.antialias);
+        if let Show::Depth(_) = options.show {
+            options.show = View::Depth.show(orbit.distance);
+        }
         // The old scene's memory first.
         self.stage = Stage::new(&self.gpu, InstancedScene::default(), options)?;
-        self.stage = Stage::new(&self.gpu, scene, options)?;
         self.editing = Editing::default();
         self.stop_search();
         self.boxing = Boxing::default();
+        (self.recording, self.refine_at, self.warned) = (None, None, None);
         self.file_bytes = bytes;
         self.clock.clear();
+        match Stage::new(&self.gpu, scene, options) {
+            Ok(stage) => self.stage = stage,
+            Err(error) if error.is_lost() => return Err(error),
+            // Of no use to this device; the next file may be.
+            Err(error) => self.hud.message = Some(error.to_string()),
+        }
         Ok(())
     }
 

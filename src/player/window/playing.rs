@@ -61,6 +61,10 @@ impl Live {
             Step::Boxes(path) => self.save_boxes(&path),
             Step::Shot(path) => self.stage.screenshot(&path)?,
             Step::Lose => return Err(GpuError::DeviceLost { last_pass: "a script's lose".into() }.into()),
+            Step::Drop(path) => {
+                self.event(&WindowEvent::DroppedFile(path), job)?;
+            }
+            Step::Close => return Ok(self.close()),
             Step::Quit => return Ok(After::Quit),
         }
         Ok(After::Redraw)

@@ -44,8 +44,11 @@ impl Live {
         }
     }
 
-    /// Takes what a search has found, if it has ended.
+    /// Takes what a search has found, if it has ended; not while a box is being changed.
     pub(in crate::player::window) fn take_found(&mut self) {
+        if self.boxing.is_held() || self.boxing.list.is_live() {
+            return;
+        }
         let Some(search) = self.boxing.search.take_if(|search| search.has_ended()) else { return };
         let like = search.like();
         let words = match search.end() {
