@@ -62,7 +62,7 @@ fn main() -> Outcome<()> {
     let mut bound = Overlaps::default();
     let labels: Vec<u16> = truth.iter().map(|&label| label as u16).collect();
     let options = BoxOptions { leave_out_support: !flag("--no-support"), ..BoxOptions::default() };
-    draw_masks::<SegmentError>(&gpu, &cloud, &labels, &views, &options.render, |v, mask| {
+    draw_masks::<SegmentError>(&gpu, &cloud, &labels, &views, options.width, &options.render, |v, mask| {
         bound.add(&masks[v], mask);
         Ok(())
     })?;

@@ -96,7 +96,8 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     }
     unique_names(&mut views);
     let mut views: Vec<View> = views.into_iter().map(|(view, _)| view).collect();
-    if !split_given {
+    // A single view is for training.
+    if !split_given && views.len() > 1 {
         views.iter_mut().step_by(TEST_EVERY).for_each(|v| v.split = Split::Test);
     }
     Ok(Dataset { views })
@@ -120,16 +121,27 @@ fn is_instance_mask(folder: &Path, mask: &Path) -> bool {
 }
 
 /// Views whose stems are the same are named after their path instead: `left/0001.jpg` is `left_0001`; should that be
-/// taken too (`a.png` beside `a.jpg`), the ending joins the name.
+/// taken too (`a.png` beside `a.jpg`), the ending joins the name. Folders that all photos are in say nothing and are left
+/// out, as `images` in front of `left`, so that masks are found in `masks/left`.
 fn unique_names(views: &mut [(View, PathBuf)]) {
+    let shared = shared_folders(views.iter().map(|(_, relative)| relative.as_path()));
     for round in 0..2 {
         let mut count: BTreeMap<String, usize> = BTreeMap::new();
         views.iter().for_each(|(v, _)| *count.entry(v.camera.name.clone()).or_default() += 1);
         for (view, relative) in views.iter_mut().filter(|(v, _)| count[&v.camera.name] > 1) {
-            let path = if round == 0 { relative.with_extension("") } else { relative.clone() };
+            let relative: PathBuf = relative.components().skip(shared).collect();
+            let path = if round == 0 { relative.with_extension("") } else { relative };
             view.camera.name = path.to_string_lossy().replace(['/', '\\'], "_");
         }
     }
+}
+
+/// How many folders at the front all paths have in common.
+fn shared_folders<'a>(mut paths: impl Iterator<Item = &'a Path>) -> usize {
+    let folders = |path: &'a Path| path.parent().unwrap_or(path).components().collect::<Vec<_>>();
+    let first = paths.next().map(folders).unwrap_or_default();
+    let shared = |most: usize, path| first[..most].iter().zip(folders(path)).take_while(|(a, b)| *a == b).count();
+    paths.fold(first.len(), shared)
 }
 
 #[cfg(test)]
@@ -155,7 +167,8 @@ mod tests {
         let colmap = read_views(root)?;
         assert_eq!(
             (colmap.views[0].image_path.clone(), colmap.views[0].split),
-            (root.join("images/z.jpg"), Split::Test)
+            (root.join("images/z.jpg"), Split::Train),
+            "a single one"
         );
 
         let names: Vec<String> = (0..18).rev().map(|i| format!("images/{i:02}.jpg")).collect();

@@ -5,6 +5,7 @@
 //! [`crate::io::checkpoint`].
 
 pub mod config;
+mod data_doubts;
 pub mod device_state;
 pub mod error;
 pub mod event_log;

@@ -7,11 +7,13 @@ use crate::gpu::Gpu;
 use crate::io::checkpoint::{self, Checkpoint};
 use crate::io::dataset::{Dataset, Split, read_views};
 use crate::io::point_cloud::read_points;
+use crate::io::view_image::IGNORED;
 use crate::io::{IoError, View, load_scene};
 use crate::kernels::Variant;
 use crate::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
 
 use super::config::{Init, Method, TrainConfig};
+use super::data_doubts::doubts;
 use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::given::given_cloud;
@@ -137,6 +139,19 @@ pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, 
     Ok(TrainData { train, test, points, extent, warnings })
 }
 
+/// Refuses a dataset whose camera files name photos that are not there, before any is decoded.
+fn check_photos<'a>(views: impl Iterator<Item = &'a View>) -> Result<(), IoError> {
+    let photos: Vec<&Path> = views.map(|view| view.image_path.as_path()).collect();
+    let missing: Vec<&Path> = photos.iter().copied().filter(|path| !path.is_file()).collect();
+    let Some(first) = missing.first() else { return Ok(()) };
+    let more = match missing.len() - 1 {
+        0 => String::new(),
+        n => format!(", as are {n} of the other {} photos", photos.len() - 1),
+    };
+    let error = IoError::new(first, format!("is missing{more}"));
+    Err(error.advise("put it there, or take its view out of the camera files"))
+}
+
 /// Everything that is read before the first step.
 pub(super) struct Loaded {
     pub(super) data: TrainData,
@@ -153,12 +168,14 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
     let config = &job.config;
     let resumed = find_checkpoint(job)?;
     let mut data = read_data(&job.data, needs_points(config, &resumed))?;
+    check_photos(data.train.iter().chain(&data.test))?;
     let variant = Variant::for_device(gpu.caps());
     let start = match config.method {
         Method::Gaussians => first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?,
         Method::Instanced => first_instanced(gpu, job, resumed, &mut data, variant.workgroup_size)?,
     };
-    data.warnings.iter().for_each(|warning| warn(warning));
+    let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
+    data.warnings.extend(doubts(&cameras, &data.points, data.extent, config.near));
     let budget_bytes = match config.device_memory_mb {
         0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
         // Half of the budget.
@@ -168,7 +185,19 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
     let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
     let views = TrainViews::load(gpu, &plan, || ())?;
     // Test pictures too: a damaged one should be found now, not after hours.
-    view_store::load_all::<TrainError>(&data.test, width, PrefetchLimits::default(), &mut |_, _| Ok(()))?;
+    let mut is_shown = Vec::new();
+    view_store::load_all::<TrainError>(&data.test, width, PrefetchLimits::default(), &mut |_, view| {
+        is_shown.push(view.image.rgba.iter().any(|rgba| rgba[3] != IGNORED));
+        Ok(())
+    })?;
+    let empty = data.test.iter().zip(&is_shown).find(|(_, shown)| !**shown);
+    if let Some((view, _)) = empty {
+        let (count, path) = (is_shown.iter().filter(|shown| !**shown).count(), view.image_path.display());
+        data.warnings.push(format!("{path}: its mask leaves nothing to compare; {count} such test views are left out"));
+        let mut shown = is_shown.into_iter();
+        data.test.retain(|_| shown.next() == Some(true));
+    }
+    data.warnings.iter().for_each(|warning| warn(warning));
     Ok(Loaded { data, variant, start, views })
 }
 
@@ -342,6 +371,8 @@ mod tests {
         assert!(text_of(true).contains("points3d.ply"), "{}", text_of(true));
         let data = read_data(folder.path(), false)?;
         assert!(data.points.is_empty() && data.warnings.len() == 1, "{:?}", data.warnings);
+        let missing = check_photos(data.train.iter().chain(&data.test)).unwrap_err().to_string();
+        assert!(missing.contains("1.png") && missing.contains("2 of the other 2 photos"), "{missing}");
         // Cameras for training at 1 and 5: 1.1 times 2.
         assert!((data.extent - 2.2).abs() < 1e-9, "{}", data.extent);
         Ok(())

@@ -173,13 +173,22 @@ pub fn train(
     stages.push(Stage { name: "save".into(), seconds: save.elapsed().as_secs_f64() });
 
     let interrupted = done < job.config.steps;
+    let gaussians = run.state.source_count as u64;
+    let (dataset, times) = (run.facts(&data), run.times);
+    // What training takes goes first: the pictures of the test views and the scene a second time may need its memory.
+    drop((run.runner, run.views, run.state));
     let evaluation = Instant::now();
-    let eval = if interrupted || data.test.is_empty() { None } else { Some(run.evaluate_saved(&scene, on_picture)?) };
+    let eval = if interrupted || data.test.is_empty() {
+        None
+    } else {
+        let mut renderer = Renderer::new(gpu)?;
+        let device_scene = renderer.upload(&scene)?;
+        Some(evaluate_with(&mut renderer, &device_scene, (&data.test, &job.config), on_picture)?)
+    };
     if let Some(report) = &eval {
         sink.event(&evaluated(done, report))?;
         stages.push(Stage { name: "eval".into(), seconds: evaluation.elapsed().as_secs_f64() });
     }
-    let gaussians = run.state.source_count as u64;
     sink.event(&Event::Finished { step: done, interrupted, gaussians, seconds: train_seconds })?;
     let steps = (done - first_step) as f64;
     Ok(Trained {
@@ -191,8 +200,8 @@ pub fn train(
         eval,
         stages,
         steps_per_second: if train_seconds > 0.0 { steps / train_seconds } else { 0.0 },
-        dataset: run.facts(&data),
-        times: run.times,
+        dataset,
+        times,
         train_seconds,
         memory,
         device_peak,
@@ -315,7 +324,10 @@ impl<'a> Run<'a> {
             sink.event(&Event::Checkpoint { step: done, path })?;
         }
         if config.evaluates_at(done) && done < config.steps && !self.test.is_empty() {
-            let report = self.evaluate()?;
+            let report = match self.evaluate() {
+                Ok(report) => report,
+                Err(error) => return Err(self.given_up(done, error, sink)),
+            };
             sink.event(&evaluated(done, &report))?;
         }
         self.clock.elsewhere += pause.elapsed().as_secs_f64();
@@ -350,10 +362,15 @@ impl<'a> Run<'a> {
             Ok(Some(outcome)) => self.report(&outcome, sink),
             Err(error) => {
                 let step = self.runner.settle();
-                let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step, false).ok());
-                Err(TrainError::Step { step, error: Box::new(error), saved })
+                Err(self.given_up(step, error, sink))
             }
         }
+    }
+
+    /// Saves the state after `step` steps, and says why and where.
+    fn given_up(&mut self, step: u64, error: TrainError, sink: &mut dyn EventSink) -> TrainError {
+        let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step, false).ok());
+        TrainError::Step { step, error: Box::new(error), saved }
     }
 
     fn report(&mut self, outcome: &StepOutcome, sink: &mut dyn EventSink) -> Result<(), TrainError> {
@@ -426,33 +443,7 @@ impl<'a> Run<'a> {
     /// Renders and compares the test views as the state is now.
     fn evaluate(&mut self) -> Result<EvalReport, TrainError> {
         let mut renderer = Renderer::new(self.gpu)?;
-        self.evaluate_with(&mut renderer, &self.state.scene, &mut |_| ())
-    }
-
-    /// The same for the scene that was saved.
-    fn evaluate_saved(
-        &mut self,
-        scene: &InstancedScene,
-        on_picture: &mut dyn FnMut(Evaluated<'_>),
-    ) -> Result<EvalReport, TrainError> {
-        let mut renderer = Renderer::new(self.gpu)?;
-        let scene = renderer.upload(scene)?;
-        self.evaluate_with(&mut renderer, &scene, on_picture)
-    }
-
-    fn evaluate_with(
-        &self,
-        renderer: &mut Renderer,
-        scene: &DeviceScene,
-        on_picture: &mut dyn FnMut(Evaluated<'_>),
-    ) -> Result<EvalReport, TrainError> {
-        let config = &self.job.config;
-        let width = (config.width > 0).then_some(config.width);
-        let options = eval_options(config);
-        evaluate::<TrainError>(renderer, scene, self.test, width, &options, None, |view| {
-            on_picture(view);
-            Ok(())
-        })
+        evaluate_with(&mut renderer, &self.state.scene, (self.test, &self.job.config), &mut |_| ())
     }
 
     fn facts(&self, data: &TrainData) -> DatasetFacts {
@@ -467,6 +458,20 @@ impl<'a> Run<'a> {
             extent: data.extent,
         }
     }
+}
+
+/// Renders a scene from test views and compares it with their photos.
+fn evaluate_with(
+    renderer: &mut Renderer,
+    scene: &DeviceScene,
+    (test, config): (&[View], &TrainConfig),
+    on_picture: &mut dyn FnMut(Evaluated<'_>),
+) -> Result<EvalReport, TrainError> {
+    let width = (config.width > 0).then_some(config.width);
+    evaluate::<TrainError>(renderer, scene, test, width, &eval_options(config), None, |view| {
+        on_picture(view);
+        Ok(())
+    })
 }
 
 fn options(config: &TrainConfig, background: [f32; 3]) -> RenderOptions {

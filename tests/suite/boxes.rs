@@ -113,7 +113,8 @@ impl Synthetic {
             masks.push(mask.clone());
             Ok::<_, SegmentError>(())
         };
-        draw_masks(&gpu().unwrap(), &self.cloud, labels, &self.views, &BoxOptions::default().render, keep).unwrap();
+        draw_masks(&gpu().unwrap(), &self.cloud, labels, &self.views, None, &BoxOptions::default().render, keep)
+            .unwrap();
         masks
     }
 

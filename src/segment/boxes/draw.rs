@@ -6,13 +6,14 @@ use std::sync::Arc;
 use crate::gpu::Gpu;
 use crate::io::View;
 use crate::io::masks::Mask;
+use crate::io::view_image::camera_at_width;
 use crate::render::{RenderOptions, Renderer, Surfaces};
-use crate::scene::InstancedScene;
+use crate::scene::{Camera, InstancedScene};
 use crate::segment::error::SegmentError;
 
 /// Draws the mask of every view of a plain cloud, one after another, and gives it to `sink` with the view's index: a pixel
 /// has the label of the Gaussian at its surface, 0 where more than half of the light passes. Masks have the photos' sizes
-/// and lens distortion. Returns by label, 0 left out, the number of masks that have it.
+/// and lens distortion; they are drawn at `width`, `None` = the photos' own or what the device holds. Returns by label, 0 left out, the number of masks that have it.
 ///
 /// # Errors
 /// A cloud beyond the device, a camera that cannot be rendered, what `sink` returns.
@@ -21,6 +22,7 @@ pub fn draw_masks<E: From<SegmentError>>(
     cloud: &InstancedScene,
     labels: &[u16],
     views: &[View],
+    width: Option<u32>,
     render: &RenderOptions,
     mut sink: impl FnMut(usize, &Mask) -> Result<(), E>,
 ) -> Result<BTreeMap<u16, usize>, E> {
@@ -29,15 +31,24 @@ pub fn draw_masks<E: From<SegmentError>>(
     let mut surfaces = Surfaces::new(gpu).map_err(SegmentError::Cloud)?;
     let mut views_of_label = BTreeMap::new();
     for (i, view) in views.iter().enumerate() {
-        let camera = &view.camera;
+        let camera = camera_at_width(&view.camera, width.or_else(|| width_that_fits(gpu, &view.camera)));
         let failed = |error| SegmentError::View { view: camera.name.clone(), error };
-        renderer.render_with_surfaces(&scene, camera, render, &mut surfaces).map_err(failed)?;
+        renderer.render_with_surfaces(&scene, &camera, render, &mut surfaces).map_err(failed)?;
         let points = surfaces.download().map_err(failed)?;
         let label = |point: &crate::render::SurfacePoint| labels.get(point.local as usize).copied().unwrap_or(0);
         let ids = points.iter().map(|point| point.as_ref().map_or(0, label)).collect();
-        let mask = Mask { width: camera.width, height: camera.height, ids }.as_photographed(view);
+        let mask = Mask { width: camera.width, height: camera.height, ids };
+        let mask = mask.resized(view.camera.width, view.camera.height).as_photographed(view);
         mask.ids_present().keys().for_each(|&id| *views_of_label.entry(id).or_default() += 1);
         sink(i, &mask)?;
     }
     Ok(views_of_label)
+}
+
+/// A width of the camera's picture at which its largest buffer, a colour of four floats a pixel, fits one binding of the
+/// device; `None` if it does anyway.
+fn width_that_fits(gpu: &Gpu, camera: &Camera) -> Option<u32> {
+    let bytes = 16 * u64::from(camera.width) * u64::from(camera.height);
+    let part = gpu.caps().max_storage_bytes as f64 / bytes as f64;
+    (part < 1.0).then(|| (f64::from(camera.width) * part.sqrt()) as u32)
 }

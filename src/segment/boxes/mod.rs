@@ -48,7 +48,8 @@ pub struct BoxOptions {
     pub inside_part: f64,
     /// What objects stand on is left out.
     pub leave_out_support: bool,
-    /// Boxes in photos are carved at this width of the photos, `None` = their own. Masks have the photos' size always.
+    /// Boxes in photos are carved, and masks drawn, at this width of the photos, `None` = their own. Masks have the photos'
+    /// size always.
     pub width: Option<u32>,
     /// Gaussians that no view shows follow the majority of this many neighbours; 0 leaves them out.
     pub unseen_neighbours: usize,
@@ -99,7 +100,7 @@ pub fn masks_from_boxes<E: From<SegmentError>>(
     let sweeps = if found.placed.has_boxes() { 2 * views.len() } else { 0 };
     let total = sweeps + views.len();
     let labels = found.labels(gpu, cloud, boxes, options, |done| progress(LabelProgress { done, total }))?;
-    let views_of_id = draw_masks(gpu, cloud, &labels, views, &options.render, |view, mask| {
+    let views_of_id = draw_masks(gpu, cloud, &labels, views, options.width, &options.render, |view, mask| {
         sink(view, mask)?;
         progress(LabelProgress { done: sweeps + view + 1, total })
     })?;

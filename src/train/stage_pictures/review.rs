@@ -22,6 +22,12 @@ const NAMED_VIEWS: usize = 5;
 /// Views with fewer masks than this part of the median are named: there a detector has probably missed objects.
 const FEW_MASKS: f64 = 0.5;
 
+/// Host bytes that photos may take while they are decoded: with one for each of many cores, large ones would take tens of
+/// gigabytes.
+const PHOTO_BYTES: u64 = 2 << 30;
+/// Host bytes that a pixel takes meanwhile: 16 for the photo, 2 for its mask and as much while that is read.
+const BYTES_PER_PIXEL: u64 = 20;
+
 /// Writes the sheet of the masks of `views`; with `found`, what became of them, too: the views are then those that
 /// consensus counted by.
 ///
@@ -36,11 +42,14 @@ fn sheet(views: &[View], masks: &MaskFolder, found: Option<&Consensus>) -> Resul
     let facts = facts.into_iter().collect::<Result<Vec<_>, IoError>>()?;
     let given = Colors::of_ids(facts.iter().flat_map(|f| f.part_of_id.keys().copied()));
     let objects = found.map(|found| Colors::of_ids(found.report.objects.iter().map(|object| object.id)));
-    let draw = |(index, view): (usize, &View)| -> Result<ReviewView, TrainError> {
+    let draw = |index: usize| -> Result<ReviewView, TrainError> {
+        let view = &views[index];
         let pictures = pictures(index, view, masks, &given, found.zip(objects.as_ref()))?;
         Ok(ReviewView { name: view.camera.name.clone(), masks: facts[index].masks(), pictures })
     };
-    let drawn = views.par_iter().enumerate().map(draw).collect::<Vec<_>>();
+    let indices: Vec<usize> = (0..views.len()).collect();
+    let at_a_time = |some: &[usize]| some.par_iter().map(|&index| draw(index)).collect::<Vec<_>>();
+    let drawn: Vec<_> = indices.chunks(photos_at_a_time(views)).flat_map(at_a_time).collect();
     let names = |found: &Consensus, id: u32| found.report.objects.iter().find(|o| o.id == id)?.category.clone();
     let legend = |(found, colors): (&Consensus, &Colors)| -> Vec<ObjectColor> {
         colors.ids().filter_map(|id| Some(ObjectColor { id, name: names(found, id), color: colors.of(id)? })).collect()
@@ -54,6 +63,13 @@ fn sheet(views: &[View], masks: &MaskFolder, found: Option<&Consensus>) -> Resul
         colors: found.zip(objects.as_ref()).map(legend).unwrap_or_default(),
         views: drawn.into_iter().collect::<Result<_, _>>()?,
     })
+}
+
+/// How many of the photos may be decoded at a time.
+fn photos_at_a_time(views: &[View]) -> usize {
+    let pixels = |view: &View| u64::from(view.camera.width) * u64::from(view.camera.height);
+    let largest = views.iter().map(pixels).max().unwrap_or(0).max(1);
+    usize::try_from(PHOTO_BYTES / (BYTES_PER_PIXEL * largest)).unwrap_or(usize::MAX).max(1)
 }
 
 /// What a view's mask holds.
