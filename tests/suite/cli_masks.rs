@@ -160,6 +160,8 @@ fn what_is_missing_is_said() {
     assert!(!at.join("out").exists(), "a failed call leaves a folder");
     let mut page = program();
     page.arg("masks").arg("--data").arg(&data).arg("--masks").arg(data.join("masks")).arg("--out").arg(at.join("page"));
-    page.assert().success();
+    let said = page.arg("--json").output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&said.stdout).unwrap();
+    assert_eq!(report, serde_json::json!({ "views": 2, "page": at.join("page/review.html") }));
     assert_eq!(fs::read_to_string(at.join("page/review.html")).unwrap().matches("<img").count(), 2);
 }

@@ -58,13 +58,25 @@ struct SourceArgs {
     masks: Option<PathBuf>,
 }
 
+/// What is said of masks that were there already.
+#[derive(serde::Serialize)]
+struct PageReport {
+    /// Views of the dataset.
+    views: usize,
+    /// The page that shows them.
+    page: PathBuf,
+}
+
 pub(super) fn run(args: &MasksArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let views = read_views(&args.data)?.views;
     let source = &args.source;
     if let Some(masks) = &source.masks {
         let masks = MaskFolder::open(masks)?;
         create_folder(&args.out)?;
-        write_page(&args.out, &views, &masks, printer)?;
+        let page = write_page(&args.out, &views, &masks, printer)?;
+        if args.json {
+            return printer.json(&PageReport { views: views.len(), page });
+        }
     } else if let Some(text) = &source.prompt {
         check_folder(&args.out)?;
         let report = prompt::make(&views, text, &args.prompt, &args.out, printer)?;
@@ -94,9 +106,9 @@ fn check_folder(out: &Path) -> Result<(), CliError> {
     }
 }
 
-fn write_page(out: &Path, views: &[View], masks: &MaskFolder, printer: &Printer) -> Result<(), CliError> {
+fn write_page(out: &Path, views: &[View], masks: &MaskFolder, printer: &Printer) -> Result<PathBuf, CliError> {
     let page = out.join(REVIEW);
     review(&page, views, masks, None)?;
     printer.line(format_args!("every view with its masks: {}", page.display()));
-    Ok(())
+    Ok(page)
 }

@@ -26,6 +26,17 @@ pub(in crate::cli) struct MaskArgs {
 }
 
 impl MaskArgs {
+    /// The flags, and whether each was given.
+    pub(super) fn given(&self) -> impl Iterator<Item = (&'static str, bool)> {
+        [
+            ("--masks", self.masks.is_some()),
+            ("--boxes", self.boxes.is_some()),
+            ("--prompt", self.prompt.is_some()),
+            ("--models", self.models.is_some()),
+        ]
+        .into_iter()
+    }
+
     /// A configuration with what was given.
     pub(in crate::cli) fn put_into(&self, mut builder: ConfigBuilder) -> Result<ConfigBuilder, CliError> {
         if let Some(prompt) = &self.prompt {

@@ -52,7 +52,7 @@ pub(super) struct TrainArgs {
     /// Start from this scene instead of the dataset's points
     #[arg(long, value_name = "SCENE")]
     init: Option<PathBuf>,
-    /// A preset (default, quick, paper, mcmc) or a TOML file
+    /// A preset (default, quick, paper, mcmc, instgs, instgs_quick) or a TOML file
     #[arg(long, value_name = "F")]
     config: Option<String>,
     /// One value of the configuration, for instance --set rates.means=1e-4; may be repeated
@@ -127,7 +127,22 @@ impl TrainArgs {
                 builder = builder.flag(flag, key, value)?;
             }
         }
-        Ok(builder.finish()?)
+        let config = builder.finish()?;
+        self.check_method(config.method)?;
+        Ok(config)
+    }
+
+    /// Refuses flags that the method would not read.
+    fn check_method(&self, method: Method) -> Result<(), CliError> {
+        let of_groups = [("--groups", self.groups.is_some()), ("--joint-steps", self.joint_steps.is_some())];
+        let given = self.masks.given().chain(of_groups).find(|(_, given)| *given);
+        match (method, given) {
+            (Method::Gaussians, Some((flag, _))) => Err(CliError::Other(format!(
+                "{flag} is for templates and instances, and this run trains a plain cloud; add --method instgs, or a \
+                 preset that has it (--config instgs_quick)"
+            ))),
+            _ => Ok(()),
+        }
     }
 
     fn check_folder(&self) -> Result<(), CliError> {
@@ -233,6 +248,21 @@ mod tests {
         assert_eq!(resolved(folder.path(), &["--resume"])?.init_scene, config.init_scene);
         assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.init_scene, "/x.ply");
         assert_eq!(resolved(folder.path(), &[])?.init_scene, "");
+        Ok(())
+    }
+
+    #[test]
+    fn what_a_plain_cloud_would_not_read_is_refused() -> Test {
+        let folder = tempfile::tempdir()?;
+        let flags =
+            [["--masks", "m"], ["--boxes", "b"], ["--prompt", "car."], ["--groups", "g"], ["--joint-steps", "9"]];
+        for flag in flags {
+            let error = resolved(folder.path(), &flag).err().ok_or("taken")?.to_string();
+            assert!(error.starts_with(flag[0]) && error.contains("--method instgs"), "{error}");
+            for method in [["--method", "instgs"], ["--config", "instgs_quick"]] {
+                resolved(folder.path(), &[flag, method].concat())?;
+            }
+        }
         Ok(())
     }
 }
