@@ -186,6 +186,13 @@ mod tests {
         let got: Vec<_> = pair.views.iter().map(|v| (v.camera.name.as_str(), v.split)).collect();
         assert_eq!(got, [("2", Split::Test), ("left_1", Split::Train), ("right_1", Split::Train)]);
         assert_eq!(pair.views[1].image_path, root.join("left/1.jpg"));
+
+        // As masks are: masks/left/1.png.
+        std::fs::write(root.join("transforms_train.json"), transforms(&["images/left/1.jpg", "./images/right/1.jpg"]))?;
+        std::fs::write(root.join("transforms_test.json"), transforms(&["images/left/2.jpg"]))?;
+        let rig = read_views(root)?;
+        let names: Vec<_> = rig.views.iter().map(|v| v.camera.name.as_str()).collect();
+        assert_eq!(names, ["left_1", "2", "right_1"], "without the folder that all are in");
         Ok(())
     }
 

@@ -440,10 +440,9 @@ impl Stage {
     fn follow(&mut self, changed: &Changed) -> Result<(), PlayerError> {
         match changed {
             Changed::Places(instances) => {
-                for &k in instances {
-                    let place = &self.scene.instances[k].world_from_template;
-                    self.device_scene.place_instance(&self.gpu, k, place)?;
-                }
+                let place = |&k: &usize| (k, self.scene.instances[k].world_from_template);
+                let places: Vec<_> = instances.iter().map(place).collect();
+                self.device_scene.place_instances(&self.gpu, &places)?;
             }
             Changed::Shown(instances) => self.show(instances.iter().copied())?,
             Changed::Everything => self.upload()?,
@@ -453,9 +452,7 @@ impl Stage {
 
     /// Makes the device draw these instances, or leave them out, as the editor says.
     fn show(&mut self, instances: impl IntoIterator<Item = usize>) -> Result<(), PlayerError> {
-        for k in instances {
-            self.device_scene.show_instance(&self.gpu, k, !self.editor.hidden().contains(&k))?;
-        }
-        Ok(())
+        let shown: Vec<_> = instances.into_iter().map(|k| (k, !self.editor.hidden().contains(&k))).collect();
+        Ok(self.device_scene.show_instances(&self.gpu, &shown)?)
     }
 }

@@ -212,50 +212,57 @@ impl DeviceScene {
         Ok(())
     }
 
-    /// Moves one instance: its entry of the instance table, and those of its levels, go to the device, and nothing else.
+    /// Moves instances: their entries of the instance table, and those of their levels, go to the device, and what lies
+    /// between them. Of one instance that is 128 bytes.
     ///
     /// # Panics
     /// If there is no such instance.
-    pub fn place_instance(
-        &mut self,
-        gpu: &Arc<Gpu>,
-        instance: usize,
-        world_from_template: &Similarity,
-    ) -> Result<(), RenderError> {
-        self.change_instance(gpu, instance, |_, entry| {
+    pub fn place_instances(&mut self, gpu: &Arc<Gpu>, places: &[(usize, Similarity)]) -> Result<(), RenderError> {
+        self.change_instances(gpu, places, |world_from_template, _, entry| {
             entry.world_from_template = world_from_template.rows();
             entry.scale = scale_bound(world_from_template);
         })
     }
 
-    /// Draws an instance, or leaves it out: without Gaussians, culling passes nothing of it on. Its entry of the instance
-    /// table, and those of its levels, go to the device, and nothing else.
+    /// Draws instances (true), or leaves them out: without Gaussians, culling passes nothing of them on. As
+    /// [`DeviceScene::place_instances`], only entries of the instance table go to the device.
     ///
     /// # Panics
     /// If there is no such instance.
-    pub fn show_instance(&mut self, gpu: &Arc<Gpu>, instance: usize, shown: bool) -> Result<(), RenderError> {
+    pub fn show_instances(&mut self, gpu: &Arc<Gpu>, shown: &[(usize, bool)]) -> Result<(), RenderError> {
         let counts = std::mem::take(&mut self.source_counts);
-        let done =
-            self.change_instance(gpu, instance, |k, entry| entry.source_count = if shown { counts[k] } else { 0 });
+        let done = self
+            .change_instances(gpu, shown, |shown, k, entry| entry.source_count = if *shown { counts[k] } else { 0 });
         self.source_counts = counts;
         done
     }
 
-    /// Changes the entries of an instance and of its levels, by their index.
-    fn change_instance(
+    /// Changes the entries of instances and of their levels, by their index: one copy from the device, and one to it for
+    /// each of the two, however many instances there are.
+    fn change_instances<T>(
         &mut self,
         gpu: &Arc<Gpu>,
-        instance: usize,
-        change: impl Fn(usize, &mut types::Instance),
+        instances: &[(usize, T)],
+        change: impl Fn(&T, usize, &mut types::Instance),
     ) -> Result<(), RenderError> {
-        assert!(instance < self.posed_instances() as usize, "there is no instance {instance}");
-        let coarser = self.coarser.as_ref().map_or(0..0, |coarser| coarser[instance].clone());
-        for run in [instance..instance + 1, coarser.start as usize..coarser.end as usize] {
-            let mut entries = download(gpu, &self.instances, run.end)?.split_off(run.start);
-            entries.iter_mut().zip(run.clone()).for_each(|(entry, k)| change(k, entry));
-            if !entries.is_empty() {
-                write_at(gpu, (&mut self.instances, run.start), &entries)?;
+        let posed = self.posed_instances() as usize;
+        let own = |k: usize| k..k + 1;
+        let levels = |k: usize| self.coarser.as_ref().map_or(0..0, |c| c[k].start as usize..c[k].end as usize);
+        let last = |k: usize| own(k).end.max(levels(k).end);
+        let mut table = download(gpu, &self.instances, instances.iter().map(|(k, _)| last(*k)).max().unwrap_or(0))?;
+        let mut touched: [Option<Range<usize>>; 2] = [None, None];
+        for (k, to) in instances {
+            assert!(*k < posed, "there is no instance {k}");
+            for (run, entries) in
+                touched.iter_mut().zip([own(*k), levels(*k)]).filter(|(_, entries)| !entries.is_empty())
+            {
+                let so_far = run.take().unwrap_or(entries.clone());
+                *run = Some(so_far.start.min(entries.start)..so_far.end.max(entries.end));
+                entries.for_each(|entry| change(to, entry, &mut table[entry]));
             }
+        }
+        for run in touched.into_iter().flatten() {
+            write_at(gpu, (&mut self.instances, run.start), &table[run])?;
         }
         Ok(())
     }
