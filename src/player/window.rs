@@ -187,10 +187,14 @@ impl ApplicationHandler for Player {
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
-        let wakes_at = self.live.as_ref().and_then(|live| {
-            // A picture that could not be shown, of a hidden window, does not ask again.
-            let later = [live.refine_at, live.ui_at].into_iter().flatten().filter(|at| *at > Instant::now());
-            later.chain(live.boxing.wakes_at()).min()
+        let wakes_at = self.live.as_mut().and_then(|live| {
+            let now = Instant::now();
+            // Once, even if the picture cannot be shown, as of a hidden window.
+            let due = [&mut live.refine_at, &mut live.ui_at].map(|at| at.take_if(|at| *at <= now));
+            if due.iter().any(Option::is_some) {
+                live.window.request_redraw();
+            }
+            [live.refine_at, live.ui_at, live.boxing.wakes_at()].into_iter().flatten().min()
         });
         event_loop.set_control_flow(wakes_at.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
@@ -409,7 +413,7 @@ impl Live {
         let primitives = ctx.tessellate(output.shapes, output.pixels_per_point);
         let delay = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
         let animated = delay.is_some_and(|delay| delay.is_zero());
-        self.ui_at = delay.and_then(|delay| Instant::now().checked_add(delay));
+        self.ui_at = delay.filter(|_| !animated).and_then(|delay| Instant::now().checked_add(delay));
         let frame = UiFrame { textures: output.textures_delta, primitives, pixels_per_point: output.pixels_per_point };
         Ok((frame, animated || acts || self.next_mode.is_some()))
     }

@@ -174,7 +174,10 @@ fn open_device(
     let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], mode) }?;
     let painter = UiPainter::new(&gpu, &swapchain)?;
     let scale = window.scale_factor() as f32;
-    let ui = egui_winit::State::new(egui::Context::default(), egui::ViewportId::ROOT, window, Some(scale), None, None);
+    let ctx = egui::Context::default();
+    // Each blink would be a picture of the scene.
+    ctx.all_styles_mut(|style| style.visuals.text_cursor.blink = false);
+    let ui = egui_winit::State::new(ctx, egui::ViewportId::ROOT, window, Some(scale), None, None);
     Ok((gpu, swapchain, painter, ui))
 }
 
