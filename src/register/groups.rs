@@ -83,7 +83,7 @@ pub fn register<'a>(
     Ok(run.out)
 }
 
-fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
+pub(super) fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
     let (cloud, count) = (input.cloud, input.cloud.len());
     if let Some((array, len, want)) = cloud.wrong_length() {
         return Err(RegisterError::Cloud { array, len, want });

@@ -15,7 +15,7 @@ const SETTLED: f64 = 1e-3;
 /// Points farther than this from the other surface do not agree with it, base voxels.
 pub(super) const INLIER_VOXELS: f64 = 1.5;
 /// Distances count as at most this, base voxels: beyond it the surfaces just differ.
-const MOST_VOXELS: f64 = 3.0;
+pub(super) const MOST_VOXELS: f64 = 3.0;
 
 /// How to go on with it.
 #[derive(Clone, Copy, Debug)]

@@ -7,7 +7,7 @@
 //! (`check`, `verify`, `decide`). Then every object is laid on what all others of its group show (`together`), with
 //! steps from points to planes (`plane`), and rival poses are compared there once more (`members`). Poses are found again
 //! from halves of the Gaussians: those that scatter are in doubt (`spread`). [`register()`] forms the groups and says what
-//! became of every object.
+//! became of every object; [`polished()`] refines poses that are given.
 //!
 //! # What was measured
 //!
@@ -78,6 +78,7 @@ pub mod options;
 mod outcome;
 mod outline;
 mod plane;
+mod polish;
 pub mod pose;
 pub mod report;
 mod sample;
@@ -94,6 +95,7 @@ pub use find::{
 };
 pub use groups::{RegisterInput, Registered, register};
 pub use options::RegisterOptions;
+pub use polish::polished;
 pub use report::{InstanceRegistration, Verdict};
 pub use sample::MIN_SURFACE_GAUSSIANS;
 pub use spread::PoseUncertainty;

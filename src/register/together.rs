@@ -54,6 +54,17 @@ pub(super) fn refine_together(members: &mut [Member<'_>], axis: Option<DVec3>, a
     }
 }
 
+/// How far the objects' points are from what all others show, voxels of each, each point's at most
+/// [`MOST_VOXELS`](super::icp::MOST_VOXELS); the mean over the objects.
+pub(super) fn mean_cost(members: &[Member<'_>]) -> f64 {
+    let cost = |(k, member): (usize, &Member<'_>)| {
+        let model = model_without(members, k, |i| all_of(&members[i]))?;
+        Some(mean_distance(&model, &member.surface.levels[BASE], &member.pose))
+    };
+    let costs: Vec<f64> = members.par_iter().enumerate().filter_map(cost).collect();
+    costs.iter().sum::<f64>() / costs.len().max(1) as f64
+}
+
 /// A pose turned by half about `up` and the object's own middle: front and back of many things are much alike.
 pub(super) fn half_turned(pose: &Pose, up: DVec3) -> Pose {
     let rotation = DMat3::from_axis_angle(up, std::f64::consts::PI) * pose.rotation;

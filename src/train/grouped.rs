@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use crate::gpu::Gpu;
 use crate::io::{read_groups, write_groups};
-use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, Verdict, register};
+use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, Verdict, polished, register};
 use crate::scene::{InstancedScene, PosedGroup};
 
 use super::config::TrainConfig;
@@ -30,7 +30,7 @@ pub struct Grouped {
     pub stages: Vec<Stage>,
 }
 
-/// The groups of the configuration, or those that registration finds. The run folder gets a `groups.json` either way.
+/// The groups of the configuration, their poses refined unless it says otherwise, or those that registration finds. The run folder gets a `groups.json` either way.
 ///
 /// # Errors
 /// A groups.json that is missing or damaged, or a device that fails.
@@ -44,10 +44,30 @@ pub(super) fn grouped(
         registered(gpu, &job.config, cloud, segmented)?
     } else {
         let groups = read_groups(Path::new(&job.config.groups))?;
-        Grouped { groups, registration: Vec::new(), stages: Vec::new() }
+        if job.config.joint.refine_poses {
+            refined(&job.config, cloud, segmented, &groups)?
+        } else {
+            Grouped { groups, registration: Vec::new(), stages: Vec::new() }
+        }
     };
     write_groups(&job.out.join(GROUPS), &grouped.groups)?;
     Ok(grouped)
+}
+
+/// Given groups with poses that fit the cloud's objects; scales are free if the configuration refines them.
+fn refined(
+    config: &TrainConfig,
+    cloud: &InstancedScene,
+    segmented: &Segmented,
+    groups: &[PosedGroup],
+) -> Result<Grouped, TrainError> {
+    let started = Instant::now();
+    let (labels, cameras, none) = (segmented.labels.as_slice(), &segmented.cameras, BTreeMap::new());
+    let input = RegisterInput { cloud: &cloud.background, instance_of_gaussian: labels, categories: &none, cameras };
+    let options =
+        RegisterOptions { allow_scale: config.joint.refine_scales, seed: config.seed, ..RegisterOptions::default() };
+    let groups = polished(&input, groups, &options)?;
+    Ok(Grouped { groups, registration: Vec::new(), stages: vec![stage("refine poses", started)] })
 }
 
 /// Registers the objects of a segmented cloud; scales are free if the configuration refines them.
