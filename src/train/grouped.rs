@@ -30,7 +30,8 @@ pub struct Grouped {
     pub stages: Vec<Stage>,
 }
 
-/// The groups of the configuration, their poses refined unless it says otherwise, or those that registration finds. The run folder gets a `groups.json` either way.
+/// The groups of the configuration, their poses refined unless it says otherwise, or those that registration finds. The run
+/// folder gets a `groups.json` either way.
 ///
 /// # Errors
 /// A groups.json that is missing or damaged, or a device that fails.

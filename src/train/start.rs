@@ -176,6 +176,7 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
     };
     let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
     data.warnings.extend(doubts(&cameras, &data.points, data.extent, config.near));
+    data.warnings.iter().for_each(|warning| warn(warning));
     let budget_bytes = match config.device_memory_mb {
         0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
         // Half of the budget.
@@ -193,11 +194,10 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
     let empty = data.test.iter().zip(&is_shown).find(|(_, shown)| !**shown);
     if let Some((view, _)) = empty {
         let (count, path) = (is_shown.iter().filter(|shown| !**shown).count(), view.image_path.display());
-        data.warnings.push(format!("{path}: its mask leaves nothing to compare; {count} such test views are left out"));
+        warn(&format!("{path}: its mask leaves nothing to compare; {count} such test views are left out"));
         let mut shown = is_shown.into_iter();
         data.test.retain(|_| shown.next() == Some(true));
     }
-    data.warnings.iter().for_each(|warning| warn(warning));
     Ok(Loaded { data, variant, start, views })
 }
 

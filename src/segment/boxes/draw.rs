@@ -13,7 +13,8 @@ use crate::segment::error::SegmentError;
 
 /// Draws the mask of every view of a plain cloud, one after another, and gives it to `sink` with the view's index: a pixel
 /// has the label of the Gaussian at its surface, 0 where more than half of the light passes. Masks have the photos' sizes
-/// and lens distortion; they are drawn at `width`, `None` = the photos' own or what the device holds. Returns by label, 0 left out, the number of masks that have it.
+/// and lens distortion; they are drawn at `width`, `None` = the photos' own or what the device holds. Returns by label, 0 left
+/// out, the number of masks that have it.
 ///
 /// # Errors
 /// A cloud beyond the device, a camera that cannot be rendered, what `sink` returns.
@@ -50,5 +51,6 @@ pub fn draw_masks<E: From<SegmentError>>(
 fn width_that_fits(gpu: &Gpu, camera: &Camera) -> Option<u32> {
     let bytes = 16 * u64::from(camera.width) * u64::from(camera.height);
     let part = gpu.caps().max_storage_bytes as f64 / bytes as f64;
-    (part < 1.0).then(|| (f64::from(camera.width) * part.sqrt()) as u32)
+    // Less by what rounding the height may add.
+    (part < 1.0).then(|| (0.99 * f64::from(camera.width) * part.sqrt()) as u32)
 }
