@@ -3,6 +3,7 @@
 // Grid: one thread per four values: on a CPU driver every access to a buffer is a loop over lanes, whatever its width.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "gradient_limit.glsl"
 #include "train_status.glsl"
 
@@ -25,7 +26,7 @@ void main() {
     if (4 * i >= count || status[STATUS_OVERFLOW] != 0) return;
     vec4 g = gradients[i];
     // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
-    g = mix(vec4(0.0), g, lessThan(abs(g), vec4(GRADIENT_LIMIT)));
+    g = mix(vec4(0.0), g, is_below(g, GRADIENT_LIMIT));
     // Nor is what lies beyond the last value, where there are no moments either.
     uvec4 value = 4 * i + uvec4(0, 1, 2, 3);
     g = mix(vec4(0.0), g, lessThan(value, uvec4(count)));

@@ -4,6 +4,7 @@
 // Reads instances; writes instance_chunks. Grid: one thread per instance.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
 #include "lod.glsl"

@@ -3,6 +3,7 @@
 // smaller ones in its place (split). Grid: one thread per Gaussian.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "strategy.glsl"
 #include "finite.glsl"
 

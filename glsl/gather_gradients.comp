@@ -4,6 +4,7 @@
 // Grid: one work-group per chunk of source Gaussians.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
 #include "gradients.glsl"
@@ -115,8 +116,8 @@ void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms,
                               w * (d[0].y - d[1].x) + x * (d[0].z + d[2].x) + y * (d[1].z + d[2].y) - 2.0 * z * (d[0].x + d[1].y));
     by_quat = (by_unit - q * dot(q, by_unit)) / (len * largest);
     // Also runs for what is never drawn: no gradient times an infinite scale, or by a quaternion of zero, is not a number.
-    by_quat = all(lessThan(abs(by_quat), vec4(GRADIENT_MAX))) ? by_quat : vec4(0.0);
-    by_log_scales = all(lessThan(abs(by_log_scales), vec3(GRADIENT_MAX))) ? by_log_scales : vec3(0.0);
+    by_quat = all(is_below(by_quat, GRADIENT_MAX)) ? by_quat : vec4(0.0);
+    by_log_scales = all(is_below(by_log_scales, GRADIENT_MAX)) ? by_log_scales : vec3(0.0);
 }
 
 // Adds the gradient by an instance's own shape, and writes that by its offsets, whose only owner it is.

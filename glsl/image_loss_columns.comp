@@ -3,6 +3,7 @@
 // Grid: one thread per STRIP pixels of a column.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "image_loss.glsl"
 
 layout(scalar, binding = 0) readonly buffer RowMoments { Moments row_moments[]; };             // moments along rows, by pixel

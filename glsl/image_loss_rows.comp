@@ -3,6 +3,7 @@
 // Grid: one thread per STRIP pixels of a row.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "counters.glsl"
 #include "image_loss.glsl"
 

@@ -35,9 +35,10 @@ void main() {
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         uvec2 at = corner + pixel_step(p);
         uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
-        bool inside = all(lessThan(at, size_px)) && pixel_ids[i] == unit.id;
+        bool inside = all(bvec2(all(lessThan(at, size_px)), pixel_ids[i] == unit.id));
         // Pixels of other ids are none of this subgroup's business: it ends when its own have ended.
-        t[p] = !inside ? 0.0 : first_slab != 0 ? 1.0 : live_depths[i].y;
+        t[p] = float(inside);
+        if (first_slab == 0) t[p] *= live_depths[i].y;
     }
 
     vec2 center = vec2(corner) + 0.5;
@@ -48,7 +49,7 @@ void main() {
         Splat mine = splats[slot];
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
-        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         uint own = 0;
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
@@ -59,11 +60,11 @@ void main() {
                 vec2 d = delta + vec2(pixel_step(p));
                 float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
                 float alpha = min(ALPHA_MAX, opacity * exp2(q));
-                bool hit = alpha >= ALPHA_MIN && q <= 0.0;
+                bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
                 float t_next = t[p] * (1.0 - alpha);
-                bool blended = hit && t_next >= T_STOP;
-                sum += blended ? uint(alpha * t[p] * float(CONTRIBUTION_ONE)) : 0;
-                t[p] = hit ? (blended ? t_next : 0.0) : t[p];
+                bool blended = all(bvec2(hit, t_next >= T_STOP));
+                sum += uint(mix(0.0, alpha * t[p], blended) * float(CONTRIBUTION_ONE));
+                t[p] = mix(t[p], mix(0.0, t_next, blended), hit);
             }
             // Integers: the same sum in any order.
             [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) sum += subgroupShuffleXor(sum, mask);

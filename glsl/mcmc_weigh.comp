@@ -2,6 +2,7 @@
 // Fixed-point opacities of living Gaussians, by which relocation draws; 0 for dead ones. Grid: one thread per Gaussian.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "strategy.glsl"
 #include "finite.glsl"
 

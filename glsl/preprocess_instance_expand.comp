@@ -4,6 +4,7 @@
 // Grid: one work-group per work item (indirect).
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
 #include "lod.glsl"
@@ -100,8 +101,8 @@ Projection project(vec3 mean_view, mat3 axes, float opacity) {
     p.footprint.slope = xy / yy;
     p.footprint.chord_px = sqrt(2.0 * tau * det / yy);
     p.footprint.extreme_dy = p.footprint.half_px.x * xy / xx;
-    // Positive guards: NaN fails them, and products of two of these stay finite.
-    bool in_range = z < 1e15 && abs(p.a.x) < 1e15 && abs(p.a.y) < 1e15 && xx < 1e15 && yy < 1e15 && det < 1e30;
+    // Products of two of these stay finite.
+    bool in_range = is_below(z, 1e15) && all(is_below(vec4(p.a.xy, xx, yy), 1e15)) && is_below(det, 1e30) && is_below(opacity, 2.0);
     p.visible = z > view.near && opacity >= 1.0 / 255.0 && det > 0.0 && in_range;
     p.tiles = p.visible ? count_tiles(p.footprint) : 0;
     p.visible = p.visible && p.tiles > 0;
@@ -195,7 +196,7 @@ void main() {
         vec4 b = shared_b[lane];
         // A colour that is not finite (poisoned SH) must not spread: such a splat blends nothing. Nor does an absurd one,
         // which would leave nothing but infinities of the gradients of all that is blended with it.
-        bool finite = all(lessThan(abs(color), vec3(3.4e38))) && all(lessThan(color, vec3(COLOR_LIMIT)));
+        bool finite = all(is_below(color, 3.4e38)) && all(lessThan(color, vec3(COLOR_LIMIT)));
         b.y = finite ? b.y : 0.0;
         color = finite ? max(color, 0.0) : vec3(0.0);
         splats[w * WORKGROUP_SIZE + lane] = Splat(shared_a[lane], vec4(b.xy, color.rg), vec2(color.b, b.z));

@@ -3,6 +3,7 @@
 // here, by their one owner, and with POSES sums of the gradient by the instance's place. Grid: one work-group per work item (indirect).
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "counters.glsl"
 #include "scene.glsl"
 #include "splat.glsl"
@@ -201,10 +202,9 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec
 
 // A splat that blends nothing still gets here, and no gradient times an infinite parameter is not a number.
 bool is_finite(SourceGradient g) {
-    vec3 limit = vec3(GRADIENT_MAX);
-    bool shape = all(lessThan(abs(g.mean), limit)) && all(lessThan(abs(g.covariance), limit)) && all(lessThan(abs(g.covariance_cross), limit));
-    bool look = all(lessThan(abs(g.color), limit)) && all(lessThan(abs(g.direction), limit)) && abs(g.opacity_logit) < GRADIENT_MAX;
-    return shape && look && g.mean_ndc < GRADIENT_MAX && g.radius_px < GRADIENT_MAX;
+    bool shape = all(is_below(g.mean, GRADIENT_MAX)) && all(is_below(g.covariance, GRADIENT_MAX)) && all(is_below(g.covariance_cross, GRADIENT_MAX));
+    bool look = all(is_below(g.color, GRADIENT_MAX)) && all(is_below(g.direction, GRADIENT_MAX));
+    return shape && look && all(is_below(vec3(g.opacity_logit, g.mean_ndc, g.radius_px), GRADIENT_MAX));
 }
 
 // What one Gaussian adds to the gradient by its instance's place. Turning it by w moves the mean by w x mean, the
@@ -221,8 +221,7 @@ PoseGradient pose_gradient(Instance instance, uint local, SourceGradient g, vec3
     p.rotation = cross(mean, g.mean) - cross(g.direction, by_dir) +
                  2.0 * vec3(product[2].y - product[1].z, product[0].z - product[2].x, product[1].x - product[0].y);
     p.log_scale = dot(mean, g.mean) + 2.0 * (product[0].x + product[1].y + product[2].z);
-    vec3 limit = vec3(GRADIENT_MAX);
-    bool finite = all(lessThan(abs(p.translation), limit)) && all(lessThan(abs(p.rotation), limit)) && abs(p.log_scale) < GRADIENT_MAX;
+    bool finite = all(is_below(p.translation, GRADIENT_MAX)) && all(is_below(vec4(p.rotation, p.log_scale), GRADIENT_MAX));
     return finite ? p : PoseGradient(vec3(0.0), vec3(0.0), 0.0);
 }
 

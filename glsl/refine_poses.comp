@@ -3,6 +3,7 @@
 // a buffer has overflowed. Grid: one thread per instance besides the background.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
+#include "numbers.glsl"
 #include "gradient_limit.glsl"
 #include "scene.glsl"
 #include "gradients.glsl"
@@ -26,7 +27,7 @@ layout(scalar, push_constant) uniform RefinePosesParams {
 // As `adam`: updates moment `i` and returns how far its value moves.
 float adam_step(uint i, float gradient, float rate) {
     // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
-    float g = abs(gradient) < GRADIENT_LIMIT ? gradient : 0.0;
+    float g = is_below(gradient, GRADIENT_LIMIT) ? gradient : 0.0;
     vec2 moments = pose_moments[i];
     moments = vec2(beta1 * moments.x + (1.0 - beta1) * g, beta2 * moments.y + (1.0 - beta2) * g * g);
     pose_moments[i] = moments;

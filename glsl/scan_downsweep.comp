@@ -13,7 +13,7 @@ void main() {
     const uint per_thread = BLOCK_SIZE / WORKGROUP_SIZE;
     uint n = scan_length();
     uint block = group_index();
-    uint first = block * BLOCK_SIZE + gl_LocalInvocationID.x * per_thread;
+    uint first = block * BLOCK_SIZE + subgroup_thread() * per_thread;
     uint sum = 0;
     for (uint k = 0; k < per_thread; ++k) sum = add_saturating(sum, scan_value(first + k, n));
     uint total;

@@ -16,7 +16,7 @@ void main() {
     uint blocks = divide_up(scan_length(), BLOCK_SIZE);
     uint running = 0;
     for (uint base = 0; base < blocks; base += WORKGROUP_SIZE) {
-        uint i = base + gl_LocalInvocationID.x;
+        uint i = base + subgroup_thread();
         uint value = i < blocks ? block_sums[min(i, blocks - 1)] : 0;
         uint total;
         uint exclusive = workgroup_exclusive_sum(value, total);

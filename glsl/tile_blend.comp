@@ -46,8 +46,9 @@ void main() {
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         pixels[p] = Pixel(vec3(0.0), 0.0, 0.0, 1.0);
         uvec2 at = corner + pixel_step(p);
-        if (!first_slab && all(lessThan(at, size_px))) {
-            uint i = at.y * size_px.x + at.x;
+        if (!first_slab) {
+            // Lanes outside the image look at its border, which they never write.
+            uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
             pixels[p] = Pixel(colors[i].rgb, colors[i].a, depths[i].x, depths[i].y);
         }
     }
@@ -62,7 +63,7 @@ void main() {
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
         // Past the end of the list: opacity 0 blends nothing.
-        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         // Unrolled: constant shuffles, and the loop's masks are applied once per SUBGROUP_SIZE splats.
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
@@ -74,12 +75,12 @@ void main() {
                 vec2 d = delta + vec2(pixel_step(p));
                 float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
                 float alpha = min(ALPHA_MAX, opacity * exp2(q));
-                bool hit = alpha >= ALPHA_MIN && q <= 0.0;
+                bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
                 float t_next = pixels[p].t * (1.0 - alpha);
-                bool blended = hit && t_next >= T_STOP;
-                float weight = blended ? alpha * pixels[p].t : 0.0;
+                bool blended = all(bvec2(hit, t_next >= T_STOP));
+                float weight = mix(0.0, alpha * pixels[p].t, blended);
                 // A hit that would bring T below the limit ends the pixel and is not blended.
-                pixels[p].t = hit ? (blended ? t_next : 0.0) : pixels[p].t;
+                pixels[p].t = mix(pixels[p].t, mix(0.0, t_next, blended), hit);
                 pixels[p].color += weight * color;
                 pixels[p].alpha += weight;
                 pixels[p].depth += weight * depth;

@@ -41,7 +41,7 @@ SplatMoments plus_lane(SplatMoments a, uint mask) {
 
 float merged(float low, float high, uint mask) {
     bool upper = (gl_SubgroupInvocationID & mask) != 0;
-    return (upper ? high : low) + subgroupShuffle(upper ? low : high, gl_SubgroupInvocationID ^ mask);
+    return mix(low, high, upper) + subgroupShuffle(mix(high, low, upper), gl_SubgroupInvocationID ^ mask);
 }
 
 vec3 merged(vec3 low, vec3 high, uint mask) {
@@ -67,10 +67,10 @@ void main() {
         bool inside = all(lessThan(at, size_px));
         uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
         vec4 color = colors[i];
-        vec4 g = inside ? cotangents[i] : vec4(0.0);
+        vec4 g = mix(vec4(0.0), cotangents[i], bvec4(inside));
         g.a -= dot(background, g.rgb);
         float rest = dot(color.rgb - (1.0 - color.a) * background, g.rgb) + g.a * color.a;
-        pixels[p] = Pixel(g, inside ? 1.0 : 0.0, rest);
+        pixels[p] = Pixel(g, float(inside), rest);
     }
 
     vec2 center = vec2(corner) + 0.5;
@@ -81,7 +81,7 @@ void main() {
         Splat mine = splats[slot_from_emission[emission]];
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
-        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         SplatMoments sums[64];
         SplatMoments own = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
@@ -95,18 +95,18 @@ void main() {
                 float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
                 float alpha_raw = opacity * exp2(q);
                 float alpha = min(ALPHA_MAX, alpha_raw);
-                bool hit = alpha >= ALPHA_MIN && q <= 0.0;
+                bool hit = all(bvec2(alpha >= ALPHA_MIN, q <= 0.0));
                 float t = pixels[p].t;
                 float t_next = t * (1.0 - alpha);
-                bool blended = hit && t_next >= T_STOP;
-                float weight = blended ? alpha * t : 0.0;
+                bool blended = all(bvec2(hit, t_next >= T_STOP));
+                float weight = mix(0.0, alpha * t, blended);
                 float value = dot(color, pixels[p].g.rgb) + pixels[p].g.a;
                 float rest = pixels[p].rest - weight * value;
                 // dL/dalpha; a clamped alpha passes nothing on to opacity and shape.
                 float by_alpha = t * value - rest / (1.0 - alpha);
-                float s = blended && alpha_raw <= ALPHA_MAX ? by_alpha * alpha : 0.0;
+                float s = mix(0.0, by_alpha * alpha, all(bvec2(blended, alpha_raw <= ALPHA_MAX)));
                 pixels[p].rest = rest;
-                pixels[p].t = hit ? (blended ? t_next : 0.0) : t;
+                pixels[p].t = mix(t, mix(0.0, t_next, blended), hit);
                 vec2 sd = s * d;
                 sum.color += weight * pixels[p].g.rgb;
                 sum.first += vec3(s, sd);

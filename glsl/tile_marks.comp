@@ -43,7 +43,9 @@ void main() {
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         uvec2 at = corner + pixel_step(p);
         bool inside = all(lessThan(at, size_px));
-        open[p] = inside && (first_slab || marks[inside ? at.y * size_px.x + at.x : 0] == 0);
+        open[p] = inside;
+        uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
+        if (!first_slab) open[p] = all(bvec2(inside, marks[i] == 0));
         found[p] = NO_SLOT;
         part[p] = 0.0;
     }
@@ -52,7 +54,7 @@ void main() {
     for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
         uint slot = isect_values[min(base + lane, range.y - 1)];
         Splat mine = splats[slot];
-        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
             float opacity = subgroupShuffle(mine.b.y, j);
@@ -61,12 +63,12 @@ void main() {
             [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
                 vec2 d = delta + vec2(pixel_step(p));
                 float square = d.x * (xx * d.x + 2.0 * xy * d.y) + yy * d.y * d.y;
-                bool there = square >= 0.0 && opacity * exp2(-0.5 * LOG2_E * square) >= alpha_min;
+                bool there = all(bvec2(square >= 0.0, opacity * exp2(-0.5 * LOG2_E * square) >= alpha_min));
                 float reach = shape == MARK_POINTS ? dot(d, d) / (POINT_RADIUS_PX * POINT_RADIUS_PX) : square;
-                bool hit = open[p] && there && reach <= 1.0;
-                found[p] = hit ? slot_j : found[p];
-                part[p] = hit ? reach : part[p];
-                open[p] = open[p] && !hit;
+                bool hit = all(bvec3(open[p], there, reach <= 1.0));
+                found[p] = mix(found[p], slot_j, hit);
+                part[p] = mix(part[p], reach, hit);
+                open[p] = all(bvec2(open[p], !hit));
             }
         }
         bool any_open = false;

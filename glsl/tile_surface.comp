@@ -47,10 +47,14 @@ void main() {
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         uvec2 at = corner + pixel_step(p);
         bool inside = all(lessThan(at, size_px));
-        uint i = inside ? at.y * size_px.x + at.x : 0;
+        uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
         // Pixels outside the image are done.
-        t[p] = !inside ? 0.0 : first_slab ? 1.0 : uintBitsToFloat(surfaces[i].y);
-        found[p] = inside && !first_slab ? surfaces[i].x : NO_SLOT;
+        t[p] = float(inside);
+        found[p] = NO_SLOT;
+        if (!first_slab) {
+            t[p] *= uintBitsToFloat(surfaces[i].y);
+            found[p] = surfaces[i].x;
+        }
     }
 
     vec2 center = vec2(corner) + 0.5;
@@ -60,7 +64,7 @@ void main() {
         // As in tile_blend, bit for bit.
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
-        mine.b.y = base + lane < range.y ? mine.b.y : 0.0;
+        mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);
         [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; ++j) {
             vec2 delta = center - vec2(subgroupShuffle(mine.a.x, j), subgroupShuffle(mine.a.y, j));
             float opacity = subgroupShuffle(mine.b.y, j);
@@ -70,10 +74,10 @@ void main() {
                 vec2 d = delta + vec2(pixel_step(p));
                 float q = d.x * (xx * d.x + xy * d.y) + yy * d.y * d.y;
                 float alpha = min(ALPHA_MAX, opacity * exp2(q));
-                bool hit = alpha >= ALPHA_MIN && q <= 0.0 && t[p] >= T_SURFACE;
+                bool hit = all(bvec3(alpha >= ALPHA_MIN, q <= 0.0, t[p] >= T_SURFACE));
                 float t_next = t[p] * (1.0 - alpha);
-                found[p] = hit && t_next < T_SURFACE ? slot_j : found[p];
-                t[p] = hit ? t_next : t[p];
+                found[p] = mix(found[p], slot_j, all(bvec2(hit, t_next < T_SURFACE)));
+                t[p] = mix(t[p], t_next, hit);
             }
         }
         float live = 0.0;

@@ -1,4 +1,8 @@
 // How subgroups and lanes share the pixels of a tile, and the rules of blending; forward and backward use the same.
+//
+// Between shuffles nothing may branch by lane: Vulkan does not promise that lanes come together again behind a branch, and
+// a shuffle from a lane that has not is undefined. So conditions are joined by all(bvec), which evaluates both, not by &&,
+// and values are chosen by mix, not by ?:.
 
 layout(constant_id = 3) const uint COLUMNS_PER_LANE = 1;  // 2 at subgroup size 4, where a row of 8 has more pixels than lanes
 

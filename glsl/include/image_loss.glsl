@@ -43,7 +43,7 @@ struct ColorPair {
 };
 
 ColorPair color_pair(vec4 rendered, uint rgba, vec3 background) {
-    vec3 picture = mix(vec3(LARGEST_COLOR), rendered.rgb, lessThan(abs(rendered.rgb), vec3(LARGEST_COLOR)));
+    vec3 picture = mix(vec3(LARGEST_COLOR), rendered.rgb, is_below(rendered.rgb, LARGEST_COLOR));
     vec4 c = unpackUnorm4x8(rgba);
     bool counts = c.a > 0.0;
     vec3 target = counts ? mix(background, c.rgb, (c.a * 255.0 - 1.0) / 254.0) : c.rgb;

@@ -10,7 +10,7 @@ float pixels_per_unit(View view, Instance instance) {
     vec3 center = transform_point(view.view_from_world, transform_point(instance.world_from_template, instance.bound_center));
     float z = max(center.z - instance.scale * instance.bound_radius, view.near);
     float px = max(view.focal_px.x, view.focal_px.y) * instance.scale / z;
-    return px < 1e30 ? px : 1e30;  // NaN and infinity: in full
+    return is_below(px, 1e30) ? px : 1e30;  // NaN and infinity: in full
 }
 
 // 0 = cells are too wide, 1 = narrow enough to need nothing finer.

@@ -31,7 +31,8 @@ float uniform_from_bits(uint bits) {
 
 // Two independent standard normals from two uniforms (Box and Muller 1958); at most 5.77.
 vec2 normal_pair(uint a, uint b) {
-    float radius = sqrt(-2.0 * log(uniform_from_bits(a)));
+    // Logarithms near 1 may come out on the wrong side of 0.
+    float radius = sqrt(max(0.0, -2.0 * log(uniform_from_bits(a))));
     float angle = 6.283185307179586 * (uniform_from_bits(b) - 0.5);
     return radius * vec2(cos(angle), sin(angle));
 }

@@ -15,12 +15,3 @@ const uint GROWTH_SPLIT = 2;          // is replaced by smaller ones
 const uint MADE_KEPT = 0;             // a Gaussian as it was, with its moments
 const uint MADE_CLONE = 1;            // a copy
 const uint MADE_CHILD = 2;            // and above: child number `made - MADE_CHILD` of a split Gaussian
-
-// True for all numbers but infinities and NaN, by bits: compilers may assume that neither occurs.
-bool is_finite(float x) {
-    return (floatBitsToUint(x) & 0x7F800000) != 0x7F800000;
-}
-
-bool is_finite(vec3 v) {
-    return is_finite(v.x) && is_finite(v.y) && is_finite(v.z);
-}

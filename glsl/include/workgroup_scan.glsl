@@ -2,6 +2,11 @@
 
 shared uint subgroup_totals[64];
 
+// The thread's place in the order of the sums. Vulkan does not say that gl_LocalInvocationID has the same.
+uint subgroup_thread() {
+    return gl_SubgroupID * SUBGROUP_SIZE + gl_SubgroupInvocationID;
+}
+
 // Exclusive prefix of `value` within the subgroup: log steps by shuffle.
 uint subgroup_exclusive_sum(uint value) {
     uint lane = gl_SubgroupInvocationID;

@@ -38,7 +38,7 @@ pub(super) fn validation() -> bool {
 
 /// Opens the device.
 pub(super) fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
-    Ok(Gpu::open(&GpuOptions { device: choice, validation: validation(), display: None })?)
+    Ok(Gpu::open(&GpuOptions { device: choice, validation: validation(), ..Default::default() })?)
 }
 
 /// Fails if the validation layers had anything to say; without them there is nothing to check.

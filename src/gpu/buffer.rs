@@ -22,6 +22,11 @@ pub struct Buffer<T> {
     marker: PhantomData<T>,
 }
 
+/// Kernels look at four elements at a time, whole or not: 16 bytes of f32, and 32 of Adam's pairs of moments.
+fn padded_bytes(bytes: u64) -> u64 {
+    bytes.next_multiple_of(32)
+}
+
 impl<T: bytemuck::NoUninit> Buffer<T> {
     /// A device-local storage buffer with undefined contents. `len` 0 is made 1, since Vulkan has no empty buffers.
     ///
@@ -52,8 +57,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
             | vk::BufferUsageFlags::INDIRECT_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
-        // Whole vectors of four, so that `quads` may look at the last one.
-        let info = vk::BufferCreateInfo::default().size(bytes.next_multiple_of(16)).usage(usage);
+        let info = vk::BufferCreateInfo::default().size(padded_bytes(bytes)).usage(usage);
         // SAFETY: a valid create-info; the handle is destroyed in drop.
         let handle = unsafe { gpu.device.create_buffer(&info, None) }.map_err(GpuError::vulkan(name))?;
         let mut buffer =
@@ -67,6 +71,11 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         bound.map_err(GpuError::vulkan(name))?;
         gpu.set_name(handle, name);
         Ok(buffer)
+    }
+
+    /// Bytes that kernels may touch: the elements and what pads them.
+    pub fn padded_bytes(&self) -> u64 {
+        padded_bytes(self.bytes)
     }
 
     /// Number of elements.

@@ -42,6 +42,8 @@ pub struct GpuOptions {
     pub validation: bool,
     /// The display whose windows the device is to draw into; without one it draws into buffers only.
     pub display: Option<RawDisplayHandle>,
+    /// Behave as a device whose bindings have at most this many bytes would, to see what becomes of large scenes there.
+    pub most_binding_bytes: Option<u64>,
 }
 
 /// The open device. Shared by everything that allocates or submits.
@@ -75,7 +77,8 @@ impl Gpu {
         let messages = ValidationMessages::default();
         let (entry, instance) = create_instance(options, &messages)?;
         let messenger = options.validation.then(|| create_messenger(&entry, &instance, &messages)).transpose()?;
-        let (physical, caps) = choose_device(&instance, &options.device)?;
+        let (physical, mut caps) = choose_device(&instance, &options.device)?;
+        caps.max_storage_bytes = caps.max_storage_bytes.min(options.most_binding_bytes.unwrap_or(u64::MAX));
         let (device, queue_family, timestamp_bits) =
             create_device(&instance, physical, &caps, options.display.is_some())?;
         // SAFETY: the family was requested with one queue at device creation.
@@ -200,10 +203,21 @@ fn create_instance(
     if options.validation {
         extensions.push(ext::debug_utils::NAME.as_ptr());
     }
+    // Without it, loaders hide devices that lack corners of Vulkan, as MoltenVK's do; nothing here needs those.
+    // SAFETY: the entry is loaded.
+    let offered = unsafe { entry.enumerate_instance_extension_properties(None) };
+    let offered = offered.map_err(GpuError::vulkan("listing instance extensions"))?;
+    let portable = has_extension(&offered, khr::portability_enumeration::NAME);
+    if portable {
+        extensions.push(khr::portability_enumeration::NAME.as_ptr());
+    }
     let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
     let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
     let mut messenger = messages.messenger_info();
     let mut info = vk::InstanceCreateInfo::default().application_info(&app).enabled_extension_names(&extensions);
+    if portable {
+        info = info.flags(vk::InstanceCreateFlags::ENUMERATE_PORTABILITY_KHR);
+    }
     if options.validation {
         info = info.enabled_layer_names(&layers).push_next(&mut features).push_next(&mut messenger);
     }
@@ -307,10 +321,17 @@ fn create_device(
         .subgroup_size_control(true)
         .compute_full_subgroups(true)
         .dynamic_rendering(shows);
-    let extensions = [khr::swapchain::NAME.as_ptr()];
+    let mut extensions = Vec::new();
+    if shows {
+        extensions.push(khr::swapchain::NAME.as_ptr());
+    }
+    // A device that offers it must have it enabled.
+    if has_extension(&device_extensions(instance, physical)?, khr::portability_subset::NAME) {
+        extensions.push(khr::portability_subset::NAME.as_ptr());
+    }
     let info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
-        .enabled_extension_names(if shows { &extensions } else { &[] })
+        .enabled_extension_names(&extensions)
         .push_next(&mut v12)
         .push_next(&mut v13);
     // SAFETY: features were checked, pointers live through the call.
@@ -318,17 +339,28 @@ fn create_device(
     Ok((device, family, timestamp_bits))
 }
 
-/// Fails if the device cannot show pictures in windows.
-fn check_shows(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &DeviceCaps) -> Result<(), GpuError> {
+fn device_extensions(
+    instance: &ash::Instance,
+    physical: vk::PhysicalDevice,
+) -> Result<Vec<vk::ExtensionProperties>, GpuError> {
     // SAFETY: `physical` comes from `instance`.
     let extensions = unsafe { instance.enumerate_device_extension_properties(physical) };
-    let extensions = extensions.map_err(GpuError::vulkan("listing device extensions"))?;
+    extensions.map_err(GpuError::vulkan("listing device extensions"))
+}
+
+fn has_extension(offered: &[vk::ExtensionProperties], name: &CStr) -> bool {
+    offered.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
+}
+
+/// Fails if the device cannot show pictures in windows.
+fn check_shows(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &DeviceCaps) -> Result<(), GpuError> {
+    let extensions = device_extensions(instance, physical)?;
     let mut v13 = vk::PhysicalDeviceVulkan13Features::default();
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut v13);
-    // SAFETY: as above; the chain holds a Vulkan 1.3 struct.
+    // SAFETY: `physical` comes from `instance`; the chain holds a Vulkan 1.3 struct.
     unsafe { instance.get_physical_device_features2(physical, &mut features) };
     let missing = |feature: &str| Err(GpuError::MissingFeature { device: caps.name.clone(), feature: feature.into() });
-    if !extensions.iter().any(|e| e.extension_name_as_c_str() == Ok(khr::swapchain::NAME)) {
+    if !has_extension(&extensions, khr::swapchain::NAME) {
         return missing("VK_KHR_swapchain (pictures in windows)");
     }
     if v13.dynamic_rendering == 0 { missing("dynamicRendering") } else { Ok(()) }

@@ -67,6 +67,17 @@ impl DeviceAdam {
     }
 }
 
+/// The last thread steps four values whatever their number: all of them have memory.
+#[test]
+fn the_last_four_values_have_memory() {
+    let Some(gpu) = gpu() else { return };
+    for count in 1..10 {
+        let quads = (count as u64).div_ceil(4);
+        assert!(zero_moments(&gpu, "moments", count).unwrap().padded_bytes() >= 32 * quads, "{count}");
+        assert!(upload(&gpu, "parameters", &vec![0.0f32; count]).unwrap().padded_bytes() >= 16 * quads, "{count}");
+    }
+}
+
 /// Gradients whose sizes differ by ten orders of magnitude from value to value and vary from step to step.
 fn gradients(rng: &mut Rng, count: usize) -> Vec<f32> {
     (0..count).map(|i| (10f64.powi(i as i32 % 11 - 8) * (rng.normal() + 0.3)) as f32).collect()

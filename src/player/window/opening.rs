@@ -167,7 +167,8 @@ fn open_device(
     mode: PresentMode,
 ) -> Result<(Arc<Gpu>, Swapchain, UiPainter, egui_winit::State), PlayerError> {
     let (display, handle) = handles(window)?;
-    let options = GpuOptions { device: job.device.clone(), validation: job.validation, display: Some(display) };
+    let (device, validation) = (job.device.clone(), job.validation);
+    let options = GpuOptions { device, validation, display: Some(display), ..Default::default() };
     let gpu = Gpu::open(&options)?;
     let size = window.inner_size();
     // SAFETY: `Live` keeps the window behind the swapchain, which is dropped first; the device was opened for its display.
