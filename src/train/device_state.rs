@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use crate::gpu::interface::types::SourceGradient;
 use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::BackwardPipelines;
 use crate::optim::{Adam, MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
@@ -83,12 +84,28 @@ pub struct DeviceState {
     pub source_count: usize,
 }
 
+/// The most source Gaussians of SH degree `sh_degree` that training has room for where a binding has at most
+/// `binding_bytes`. The largest arrays are Adam's moments, 8 bytes for each f32 of the quaternions or the highest SH band,
+/// and the gradients before they are gathered, whole work groups of them.
+pub fn most_in_training(binding_bytes: u64, sh_degree: u32) -> u32 {
+    let moments = 8 * u64::from(4.max(3 * (2 * sh_degree + 1)));
+    let most = binding_bytes / moments.max(size_of::<SourceGradient>() as u64);
+    // No work group has more threads than 1024.
+    (most - most % 1024).min(u64::from(u32::MAX)) as u32
+}
+
 impl DeviceState {
     /// Uploads a scene, with moments of zero.
     ///
     /// # Errors
     /// An inconsistent scene, or one beyond the device's limits.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
+        let sh_degree = scene.templates.sh_degree.max(scene.background.sh_degree);
+        let limit = u64::from(most_in_training(gpu.caps().max_storage_bytes, sh_degree));
+        let needed = (scene.templates.len() + scene.background.len()) as u64;
+        if needed > limit {
+            return Err(RenderError::TooMany { what: "Gaussians in training", needed, limit });
+        }
         let device_scene = DeviceScene::unbounded(gpu, scene, chunk_size)?;
         Ok(Self {
             tables: SourceTables::new(gpu, scene, chunk_size)?,
@@ -177,5 +194,20 @@ pub(super) fn zeros(count: usize, sh_degree: u32) -> Gaussians {
         log_scales: vec![[0.0; 3]; count],
         opacity_logits: vec![0.0; count],
         sh: vec![[0.0; 3]; count * sh_coefficients(sh_degree)],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn training_has_room_for_what_its_largest_array_takes() {
+        // 128 MiB, the least of Vulkan devices in use: 168 bytes of moments of SH band 3; without SH, 72 of gradients.
+        assert_eq!(most_in_training(128 << 20, 3), (128 << 20) / 168 / 1024 * 1024);
+        assert_eq!(most_in_training(128 << 20, 0), (128 << 20) / 72 / 1024 * 1024);
+        assert_eq!(most_in_training(72 * 2048, 0), 2048);
+        assert_eq!(most_in_training(72 * 2048 - 1, 0), 1024, "whole work groups");
+        assert_eq!((most_in_training(1000, 3), most_in_training(u64::MAX, 3)), (0, u32::MAX));
     }
 }

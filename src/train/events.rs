@@ -80,6 +80,13 @@ pub enum Event {
         /// How many there are now.
         gaussians: u64,
     },
+    /// The cloud can grow no further: it has as many Gaussians as the device's largest binding has room for.
+    DeviceFull {
+        /// Finished steps.
+        step: u64,
+        /// Gaussians.
+        gaussians: u64,
+    },
     /// Opacities were lowered.
     OpacityReset {
         /// Finished steps.
@@ -146,6 +153,7 @@ impl Event {
             Self::Started { step, .. }
             | Self::Step { step, .. }
             | Self::Densified { step, .. }
+            | Self::DeviceFull { step, .. }
             | Self::OpacityReset { step, .. }
             | Self::ShDegree { step, .. }
             | Self::Overflow { step, .. }

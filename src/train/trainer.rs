@@ -92,6 +92,8 @@ struct Run<'a> {
     strategy: Strategy,
     times: StepTimes,
     clock: Clock,
+    /// It was said that the cloud can grow no further.
+    said_full: bool,
 }
 
 /// Wall time of the steps alone, without evaluations and checkpoints.
@@ -167,7 +169,7 @@ pub fn train(
         return Err(TrainError::Other(format!("after {done} steps no Gaussian is left that is finite")));
     }
     if job.config.method == Method::Gaussians {
-        write_ply(&job.out.join("point_cloud.ply"), &scene.background)?;
+        write_ply(&job.out.join("point_cloud.ply"), &scene.background, scene.antialias)?;
     }
     write_scene_file(&job.out.join("scene.instgs"), &scene)?;
     stages.push(Stage { name: "save".into(), seconds: save.elapsed().as_secs_f64() });
@@ -243,6 +245,7 @@ impl<'a> Run<'a> {
             state,
             times: StepTimes::default(),
             clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses: Vec::new() },
+            said_full: false,
         })
     }
 
@@ -433,6 +436,9 @@ impl<'a> Run<'a> {
                 relocated: u64::from(outcome.relocated),
                 gaussians: u64::from(outcome.gaussians),
             })?;
+        }
+        if outcome.device_full && !std::mem::replace(&mut self.said_full, true) {
+            sink.event(&Event::DeviceFull { step: done, gaussians: u64::from(outcome.gaussians) })?;
         }
         if outcome.opacity_reset {
             sink.event(&Event::OpacityReset { step: done, to: config.densify.opacity_reset_to })?;

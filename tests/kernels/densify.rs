@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use instgs_vk::gpu::staging::{download, write};
-use instgs_vk::gpu::{Buffer, Gpu};
+use instgs_vk::gpu::{Buffer, DeviceChoice, Gpu, GpuOptions};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::reference::densify::{Densified, Limits, Made, densify, reset_opacity, shape};
@@ -243,6 +243,29 @@ fn caps_hold_exactly_and_the_largest_gradients_win() {
         assert!(count <= cap.max(least) && count + 1 >= cap.clamp(least, most), "{count} for {cap}");
     }
     assert_silent(&gpu);
+}
+
+/// A device of small bindings bounds the growth, says so, and refuses what is more from the start; a lower bound of the
+/// configuration is not its doing.
+#[test]
+fn a_device_of_small_bindings_is_filled_and_no_more() {
+    let Some(shared) = gpu() else { return };
+    let device = DeviceChoice::Name(shared.caps().name.clone());
+    let most = 2048;
+    let options = GpuOptions { device, validation: true, most_binding_bytes: Some(72 * most), ..Default::default() };
+    let small = Gpu::open(&options).unwrap();
+    let case = random_case(77, 1800, 0);
+    let limits = Limits { max_gaussians: most as u32, ..limits(&config(&[]), 200) };
+    let want = densify(&case.cloud, &case.statistics, &limits);
+    let (outcome, got) = run(&small, &case, &config(&[]), 200);
+    check(&case, &limits, &want, &got);
+    assert_eq!((u64::from(outcome.gaussians), outcome.device_full), (most, true));
+    assert!(run(&shared, &case, &config(&[]), 200).0.gaussians > outcome.gaussians);
+    assert!(!run(&small, &case, &config(&["max_gaussians=1900"]), 200).0.device_full);
+    let scene = InstancedScene { background: random_case(3, 2049, 0).cloud, ..Default::default() };
+    let error = DeviceState::new(&small, &scene, 64).err().unwrap().to_string();
+    assert!(error.contains("2049") && error.contains("2048") && error.contains("Gaussians in training"), "{error}");
+    assert_silent(&small);
 }
 
 /// The error names what happened, and the state is as before.

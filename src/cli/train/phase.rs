@@ -118,6 +118,13 @@ impl EventSink for TrainProgress<'_> {
             Event::Evaluated { step, psnr, ssim, .. } => {
                 self.printer.line(format_args!("step {step}: test PSNR {psnr:.2} dB, SSIM {ssim:.3}"));
             }
+            Event::DeviceFull { step, gaussians } => {
+                let gaussians = grouped(*gaussians);
+                self.printer.line(format_args!(
+                    "step {step}: {gaussians} Gaussians, as many as a binding of this device has room for: no more are added \
+                     (max_gaussians allows more)"
+                ));
+            }
             _ => {}
         }
         Ok(())

@@ -17,7 +17,7 @@ use crate::gpu::Gpu;
 use crate::render::{RenderError, TrainFrame};
 
 use super::config::{self, TrainConfig};
-use super::device_state::DeviceState;
+use super::device_state::{DeviceState, most_in_training};
 use tools::Tools;
 
 /// What a change of the Gaussians did.
@@ -37,6 +37,8 @@ pub struct DensifyOutcome {
     pub gaussians: u32,
     /// True if opacities were lowered.
     pub opacity_reset: bool,
+    /// True if there are now as many as the device has room for, and the configuration would let there be more.
+    pub device_full: bool,
 }
 
 /// The strategy of a run, with its pipelines.
@@ -54,15 +56,33 @@ impl Strategy {
     }
 
     /// Does what is due once `done` steps are finished; to be called when no step is in flight. `extent` is the scene's,
-    /// scene units. `None` if nothing was due.
+    /// scene units. `None` if nothing was due. A cloud grows no further than the device's bindings have room for.
     ///
     /// # Errors
-    /// No Gaussian would be left: then nothing has changed. There are more than the device takes, or it ran out of memory or
+    /// No Gaussian would be left: then nothing has changed. The device ran out of memory or
     /// failed: then the state is lost, since arrays are replaced one at a time.
     ///
     /// # Panics
     /// If something is due and the scene has templates.
     pub fn after_step(
+        &mut self,
+        state: &mut DeviceState,
+        config: &TrainConfig,
+        done: u64,
+        extent: f64,
+    ) -> Result<Option<DensifyOutcome>, RenderError> {
+        let most = most_in_training(self.tools.gpu.caps().max_storage_bytes, state.scene.counts.background_sh_degree);
+        let limited = TrainConfig { max_gaussians: config.max_gaussians.min(most), ..config.clone() };
+        let mut outcome = self.change(state, &limited, done, extent)?;
+        if let Some(outcome) = &mut outcome {
+            // What splits takes the room of its children or stays as it is.
+            let room = config.densify.split_count.saturating_sub(2);
+            outcome.device_full = most < config.max_gaussians && outcome.gaussians.saturating_add(room) >= most;
+        }
+        Ok(outcome)
+    }
+
+    fn change(
         &mut self,
         state: &mut DeviceState,
         config: &TrainConfig,
