@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             cloud.sh.push([0; 3].map(|_| (amplitude * rng.normal()) as f32));
         }
     }
-    write_ply(&out.join("cloud.ply"), &cloud)?;
+    write_ply(&out.join("cloud.ply"), &cloud, false)?;
     let eye = DVec3::new(0.0, 0.0, -2.2);
     let camera = Camera::look_at("front", eye, DVec3::ZERO, DVec3::NEG_Y, 0.9, (1920, 1080));
     write_cameras(&out.join("camera.json"), &[camera])?;

@@ -178,12 +178,11 @@ impl LookArgs {
     }
 }
 
-/// Opens a scene and says what was dropped.
+/// Opens a scene and says what is worth knowing about its file.
 pub(super) fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliError> {
     let loaded = load_scene(path)?;
-    if loaded.dropped_non_finite > 0 {
-        let count = loaded.dropped_non_finite;
-        printer.warning(format_args!("{}: dropped {count} Gaussians with a non-finite parameter", path.display()));
+    for what in loaded.warnings() {
+        printer.warning(format_args!("{}: {what}", path.display()));
     }
     Ok(loaded)
 }

@@ -76,10 +76,9 @@ pub(super) fn run(args: &ExportArgs, printer: &Printer) -> Result<(), CliError> 
     }
     let scene = open_scene(&args.scene, printer)?.scene;
     let gaussians = export_scene(to, &scene, format, Orbit::around(&scene, args.up.map(Triple::direction)).up)?;
-    if matches!(format, ExportFormat::Ply | ExportFormat::Glb) && scene.antialias {
-        let ending = if format == ExportFormat::Ply { ".ply" } else { ".glb" };
+    if format == ExportFormat::Glb && scene.antialias {
         printer.warning(format_args!(
-            "{}: {ending} has no place for the scene's antialias flag; render it with --antialias",
+            "{}: .glb has no place for the scene's antialias flag; render it with --antialias",
             to.display()
         ));
     }

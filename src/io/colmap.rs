@@ -70,7 +70,7 @@ pub fn parse_colmap_txt(cameras: &[u8], images: &[u8], path: &Path) -> Result<Ve
 }
 
 /// COLMAP's models by number: name and number of parameters.
-const MODELS: [(&str, usize); 11] = [
+const MODELS: [(&str, usize); 17] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
     ("SIMPLE_RADIAL", 4),
@@ -82,7 +82,15 @@ const MODELS: [(&str, usize); 11] = [
     ("SIMPLE_RADIAL_FISHEYE", 4),
     ("RADIAL_FISHEYE", 5),
     ("THIN_PRISM_FISHEYE", 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    ("SIMPLE_DIVISION", 4),
+    ("DIVISION", 5),
+    ("SIMPLE_FISHEYE", 3),
+    ("FISHEYE", 4),
+    ("EUCM", 6),
 ];
+
+const UNDISTORT: &str = "undistort with `colmap image_undistorter`";
 
 fn intrinsics(model: &str, size: [u64; 2], p: &[f64], fail: &dyn Fn(String) -> IoError) -> Result<Intrinsics, IoError> {
     let (fx, fy, cx, cy, distortion) = match (model, p) {
@@ -90,12 +98,18 @@ fn intrinsics(model: &str, size: [u64; 2], p: &[f64], fail: &dyn Fn(String) -> I
         ("PINHOLE", &[fx, fy, cx, cy]) => (fx, fy, cx, cy, Distortion::default()),
         ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => (f, f, cx, cy, Distortion { k1, ..Distortion::default() }),
         ("RADIAL", &[f, cx, cy, k1, k2]) => (f, f, cx, cy, Distortion { k1, k2, ..Distortion::default() }),
-        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => (fx, fy, cx, cy, Distortion { k1, k2, p1, p2 }),
-        _ if MODELS.iter().any(|(name, count)| *name == model && *count == p.len()) => {
-            return Err(fail(format!("camera model {model} is not supported"))
-                .advise("undistort with `colmap image_undistorter`"));
+        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3: 0.0 }),
+        // k4 to k6, which divide, are zero where nobody fitted them.
+        ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]) => {
+            (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3 })
         }
-        _ => return Err(fail(format!("camera model {model} with {} parameters is not known", p.len()))),
+        _ if MODELS.iter().any(|(name, count)| *name == model && *count == p.len()) => {
+            return Err(fail(format!("camera model {model} is not supported")).advise(UNDISTORT));
+        }
+        _ => {
+            let what = format!("camera model {model} with {} parameters is not known", p.len());
+            return Err(fail(what).advise(UNDISTORT));
+        }
     };
     let [Ok(width), Ok(height)] = size.map(u32::try_from) else {
         return Err(fail(format!("image size {}x{}", size[0], size[1])));
@@ -116,7 +130,7 @@ fn parse_cameras_bin(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
         let (id, model) = (c.u32("a camera")?, c.u32("a camera")?);
         let size = [c.u64("a camera")?, c.u64("a camera")?];
         let Some(&(name, parameters)) = MODELS.get(model as usize) else {
-            return Err(fail(format!("camera model {model} is not known")));
+            return Err(fail(format!("camera model {model} is not known")).advise(UNDISTORT));
         };
         let parameters: Vec<f64> = (0..parameters).map(|_| c.f64("a camera")).collect::<Result<_, _>>()?;
         cameras.insert(id, intrinsics(name, size, &parameters, &fail)?);
@@ -248,8 +262,11 @@ mod tests {
         assert_eq!((out[0].file.as_str(), out[0].camera.name.as_str()), ("a b.jpg", "a b"));
         assert_eq!(out[0].camera.view_from_world[1], [0.0, 1.0, 0.0, 2.0]);
         assert_eq!((out[0].camera.fx, out[0].camera.fy, out[0].distortion), (15.0, 16.0, None));
-        assert_eq!(out[1].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2 }));
+        assert_eq!(out[1].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2, k3: 0.0 }));
         assert_eq!((out[1].camera.name.as_str(), out[1].camera.view_from_world[2][2]), ("c", -1.0));
+        let cameras = b"2 FULL_OPENCV 20 10 15 16 10 5 0.1 0 0 0.2 0.3 0 0 0\n";
+        let out = parse_colmap_txt(cameras, b"2 0 1 0 0 0 0 0 2 c.png\n\n", Path::new("m"))?;
+        assert_eq!(out[0].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2, k3: 0.3 }));
         Ok(())
     }
 
@@ -264,6 +281,8 @@ mod tests {
         assert!(text(cameras, b"1 0 0 0 0 0 0 0 1 a.jpg\n\n").contains("rotation"));
         assert!(text(b"1 OPENCV_FISHEYE 20 10 1 1 1 1 0 0 0 0\n", b"").contains("image_undistorter"));
         assert!(text(b"1 NEW 20 10 1\n", b"").contains("not known"));
+        assert!(text(b"1 EUCM 20 10 1 1 1 1 1 1\n", b"").contains("EUCM is not supported"));
+        assert!(text(b"1 FULL_OPENCV 20 10 1 1 1 1 0 0 0 0 0.1 0.1 0 0\n", b"").contains("image_undistorter"));
         assert!(
             parse_colmap_bin(&u64::MAX.to_le_bytes(), &[], Path::new("m"))
                 .is_err_and(|e| e.to_string().contains("byte 8"))

@@ -15,6 +15,7 @@ pub mod dataset;
 pub mod error;
 pub mod glb;
 pub mod groups;
+pub mod host_memory;
 mod jpeg_end;
 pub mod json;
 pub mod ktx2;

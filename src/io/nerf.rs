@@ -1,7 +1,7 @@
 //! `transforms.json` of NeRF (Blender), instant-ngp and nerfstudio: camera-to-world poses in OpenGL axes.
 //!
-//! Intrinsics stand in the file or in a frame, which wins: `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1`, `k2`, `p1`, `p2`,
-//! or `camera_angle_x` (and `_y`). A size that is not given is read from the image's own header.
+//! Intrinsics stand in the file or in a frame, which wins: `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1` to `k3`, `p1`,
+//! `p2`, or `camera_angle_x` (and `_y`). A size that is not given is read from the image's own header.
 //!
 //! Of nerfstudio's additions: `mask_path` of a frame, and the lists `train_filenames`, `val_filenames` and
 //! `test_filenames`. The test split is `test_filenames`, or `val_filenames` if that is missing or empty; it wins over
@@ -23,6 +23,11 @@ use crate::scene::camera::Camera;
 
 /// Endings tried, in this order, for a `file_path` without one, as Blender's data sets have it.
 const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
+
+/// Fields that, where they are set, make a camera something else than a lens before a plane (instant-ngp).
+const OTHER_LENSES: [&str; 6] =
+    ["is_fisheye", "ftheta_p0", "latlong", "equirectangular", "orthographic", "rolling_shutter"];
+const UNDISTORT: &str = "undistort the images to PINHOLE";
 
 /// Reads a transforms file; images are looked for next to it.
 pub fn read_transforms(path: &Path) -> Result<Vec<PosedImage>, IoError> {
@@ -114,17 +119,20 @@ impl Frame<'_> {
         if let Some(model) = self.get("camera_model").and_then(Value::as_str)
             && !["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "RADIAL", "SIMPLE_RADIAL"].contains(&model)
         {
-            return Err(self
-                .error("camera_model", format!("{model} is not supported"))
-                .advise("undistort the images to PINHOLE"));
+            return Err(self.error("camera_model", format!("{model} is not supported")).advise(UNDISTORT));
         }
-        for higher in ["k3", "k4"] {
-            if self.number(higher)?.is_some_and(|v| v != 0.0) {
-                return Err(self.error(higher, "distortion beyond k1 k2 p1 p2 is not supported"));
+        for lens in OTHER_LENSES {
+            if self.get(lens).is_some_and(|v| !matches!(v, Value::Null | Value::Bool(false))) {
+                return Err(self.error(lens, "such lenses are not supported").advise(UNDISTORT));
             }
         }
-        let term = |name| Ok(self.number(name)?.unwrap_or(0.0));
-        let distortion = Distortion { k1: term("k1")?, k2: term("k2")?, p1: term("p1")?, p2: term("p2")? }.if_any();
+        if self.number("k4")?.is_some_and(|v| v != 0.0) {
+            return Err(self.error("k4", "distortion beyond k1 k2 k3 p1 p2 is not supported").advise(UNDISTORT));
+        }
+        let [k1, k2, k3, p1, p2] = ["k1", "k2", "k3", "p1", "p2"].map(|term| self.number(term));
+        let term = |value: Option<f64>| value.unwrap_or(0.0);
+        let distortion =
+            Distortion { k1: term(k1?), k2: term(k2?), p1: term(p1?), p2: term(p2?), k3: term(k3?) }.if_any();
         let (width, height) = self.size(&folder.join(&file))?;
         let (w, h) = (f64::from(width), f64::from(height));
         let from_angle = |angle: f64, side: f64| 0.5 * side / (0.5 * angle).tan();
@@ -148,7 +156,7 @@ impl Frame<'_> {
             cy: self.number("cy")?.unwrap_or(0.5 * h),
             view_from_world: self.view_from_world()?,
         };
-        camera.validate().map_err(|e| self.error("transform_matrix", e))?;
+        camera.validate().map_err(|e| IoError::new(self.path, e).at(Place::Field(self.name.clone())))?;
         let mask = match self.frame.get("mask_path").filter(|v| !v.is_null()) {
             Some(value) => Some(value.as_str().ok_or_else(|| self.error("mask_path", "is no text"))?.to_owned()),
             None => None,
@@ -195,8 +203,12 @@ impl Frame<'_> {
     }
 }
 
-/// `file`, with the first of [`ENDINGS`] under which an image exists if it has no image ending itself.
+/// `file`, with the first of [`ENDINGS`] under which an image exists if it has no image ending itself. One written on
+/// Windows has its `\` as `/`, unless it is a file's name as it is.
 fn with_ending(folder: &Path, file: &str) -> String {
+    if file.contains('\\') && !folder.join(file).is_file() {
+        return with_ending(folder, &file.replace('\\', "/"));
+    }
     let known = Path::new(file).extension().is_some_and(|e| ENDINGS.contains(&&*e.to_string_lossy()));
     if known || folder.join(file).is_file() {
         return file.to_owned();
@@ -209,6 +221,11 @@ fn with_ending(folder: &Path, file: &str) -> String {
 pub(crate) fn train_test_files(dataset: &Path) -> Option<(PathBuf, PathBuf)> {
     let pair = (dataset.join("transforms_train.json"), dataset.join("transforms_test.json"));
     (pair.0.is_file() && pair.1.is_file()).then_some(pair)
+}
+
+/// True if the cameras of a dataset are those of transforms files.
+pub(crate) fn has_transforms(dataset: &Path) -> bool {
+    dataset.join("transforms.json").is_file() || train_test_files(dataset).is_some()
 }
 
 /// The point cloud that the dataset's `transforms.json`, else its `transforms_train.json`, names as `ply_file_path`.
@@ -256,6 +273,12 @@ mod tests {
         let b = &out[1].camera;
         assert_eq!((b.fx, b.fy, b.cx, b.cy, out[1].distortion), (8.0, 7.0, 3.0, 4.0, None));
         assert_eq!(out[1].file, "./i/b.png");
+        let text = format!(
+            r#"{{"w":20,"h":10,"fl_x":9,"k3":0.25,"frames":[{{"file_path":"i\\j\\a.jpg","transform_matrix":{POSE}}}]}}"#
+        );
+        let out = parse(&text)?;
+        assert_eq!(out[0].distortion, Some(Distortion { k3: 0.25, ..Distortion::default() }));
+        assert_eq!((out[0].file.as_str(), out[0].camera.name.as_str()), ("i/j/a.jpg", "a"));
         Ok(())
     }
 
@@ -286,5 +309,13 @@ mod tests {
                 .contains("camera_model")
         );
         assert!(text(&frame(&format!(r#""w":"x","transform_matrix":{POSE}"#))).contains("frames[0].w"));
+        let lens = |lens: &str| text(&frame(&format!(r#"{lens},"transform_matrix":{POSE}"#)));
+        for (field, value) in [("is_fisheye", "true"), ("k4", "0.1"), ("rolling_shutter", "[0,0,0,1]")] {
+            let error = lens(&format!(r#""{field}":{value}"#));
+            assert!(error.contains(&format!("frames[0].{field}")) && error.contains("undistort"), "{error}");
+        }
+        assert_eq!(lens(r#""is_fisheye":false,"latlong":null,"k4":0"#), "");
+        let error = lens(r#""fl_x":0"#);
+        assert!(error.contains("frames[0]: ") && error.contains("positive"), "{error}");
     }
 }

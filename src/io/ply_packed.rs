@@ -18,8 +18,8 @@ const SH_C0: f64 = 0.28209479177387814;
 /// Per chunk: the range of x, y, z, of the three log scales, and of r, g, b.
 type Ranges = [(f64, f64); 9];
 
-/// Reads a table whose vertices are packed.
-pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<Gaussians, IoError> {
+/// Reads a table whose vertices are packed: the cloud, and the SH degree of the file.
+pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<(Gaussians, u32), IoError> {
     let missing = |element: &str, name: &str| {
         IoError::new(path, format!("compressed PLY: element {element} has no property {name}"))
     };
@@ -40,7 +40,9 @@ pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<Gaussians, IoErr
     let words =
         [packed("packed_position")?, packed("packed_rotation")?, packed("packed_scale")?, packed("packed_color")?];
     let sh = table.element("sh");
-    let (sh_degree, rest) = sh.map_or(Ok((0, Vec::new())), |e| rest_columns(e, path))?;
+    let rest = sh.map(|e| rest_columns(e, path)).transpose()?;
+    let (sh_degree, stored) = rest.as_ref().map_or((0, 0), |rest| (rest.kept, rest.stored));
+    let triples = rest.map_or(Vec::new(), |rest| rest.triples);
     if sh.is_some_and(|e| e.count != vertex.count) {
         return Err(IoError::new(path, "compressed PLY: elements sh and vertex differ in length"));
     }
@@ -52,12 +54,12 @@ pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<Gaussians, IoErr
 
     let mut ranges: Vec<Ranges> = Vec::new();
     let mut splats: Vec<[u32; 4]> = Vec::new();
-    let mut rest_values: Vec<f32> = Vec::new();
+    let mut rest_values: Vec<[f32; 3]> = Vec::new();
     let mut on_chunk = |_: usize, row: &[f64]| {
         ranges.push(range_columns.map(|pair| pair.map_or((0.0, 1.0), |(low, high)| (row[low], row[high]))));
     };
     let mut on_vertex = |_: usize, row: &[f64]| splats.push(words.map(|c| row[c] as u32));
-    let mut on_sh = |_: usize, row: &[f64]| rest_values.extend(rest.iter().map(|&c| sh_of_byte(row[c])));
+    let mut on_sh = |_: usize, row: &[f64]| rest_values.extend(triples.iter().map(|t| t.map(|c| sh_of_byte(row[c]))));
     match sh {
         Some(_) => table.walk(&mut [("chunk", &mut on_chunk), ("vertex", &mut on_vertex), ("sh", &mut on_sh)])?,
         None => table.walk(&mut [("chunk", &mut on_chunk), ("vertex", &mut on_vertex)])?,
@@ -80,10 +82,9 @@ pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<Gaussians, IoErr
         let dc =
             |channel: usize, byte: u8| ((f64::from(within(channel, f64::from(byte) / 255.0)) - 0.5) / SH_C0) as f32;
         out.sh.push([dc(6, r), dc(7, g), dc(8, b)]);
-        let values = &rest_values[3 * per_channel * i..3 * per_channel * (i + 1)];
-        out.sh.extend((0..per_channel).map(|k| [values[k], values[per_channel + k], values[2 * per_channel + k]]));
+        out.sh.extend_from_slice(&rest_values[per_channel * i..per_channel * (i + 1)]);
     }
-    Ok(out)
+    Ok((out, stored))
 }
 
 fn unpack_11_10_11(word: u32) -> [f64; 3] {

@@ -110,6 +110,8 @@ enum Encoding {
 /// A PLY file whose header is parsed; rows are read with [`PlyTable::walk`].
 pub(crate) struct PlyTable<'a> {
     pub(crate) elements: Vec<Element>,
+    /// The words of every comment, by the order of the lines.
+    pub(crate) comments: Vec<Vec<String>>,
     path: &'a Path,
     bytes: &'a [u8],
     encoding: Encoding,
@@ -122,7 +124,8 @@ pub(crate) type RowSink<'s> = dyn FnMut(usize, &[f64]) + 's;
 impl<'a> PlyTable<'a> {
     pub(crate) fn parse(bytes: &'a [u8], path: &'a Path) -> Result<Self, IoError> {
         let head = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
-        let mut table = Self { elements: Vec::new(), path, bytes, encoding: Encoding::Ascii, body: 0 };
+        let mut table =
+            Self { elements: Vec::new(), comments: Vec::new(), path, bytes, encoding: Encoding::Ascii, body: 0 };
         let (mut position, mut line_number, mut encoding) = (0, 0u64, None);
         loop {
             line_number += 1;
@@ -152,7 +155,10 @@ impl<'a> PlyTable<'a> {
                         other => return fail(format!("unknown PLY encoding {other}")),
                     });
                 }
-                ["comment" | "obj_info", ..] | [] => {}
+                ["comment", words @ ..] => {
+                    table.comments.push(words.iter().map(|&word| word.into()).collect());
+                }
+                ["obj_info", ..] | [] => {}
                 ["element", name, count] => {
                     let Ok(count) = count.parse::<u64>() else {
                         return fail(format!("element {name} has the count {count}, which is no number"));

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::io::bytes::Cursor;
 use crate::io::colmap::{lines, number};
 use crate::io::error::{IoError, Place};
-use crate::io::nerf::named_point_file;
+use crate::io::nerf::{has_transforms, named_point_file};
 use crate::io::ply_table::PlyTable;
 use crate::io::{atomic_write, read_bytes};
 use crate::scene::point_cloud::PointCloud;
@@ -14,14 +14,17 @@ use crate::scene::point_cloud::PointCloud;
 const NO_COLOR: [u8; 3] = [128; 3];
 
 /// Looked for in this order if no transforms file names one.
-const PLACES: [&str; 7] = [
-    "points3d.ply",
-    "points3D.ply",
-    "sparse_pc.ply",
+const PLACES: [&str; 3] = ["points3d.ply", "points3D.ply", "sparse_pc.ply"];
+
+/// And then these, beside the COLMAP cameras that they belong to. Tools that make a transforms file of such cameras turn,
+/// move and scale them (instant-ngp, nerfstudio), but not these points.
+const COLMAP_PLACES: [&str; 6] = [
     "sparse/0/points3D.bin",
     "sparse/0/points3D.txt",
+    "sparse/0/points3D.ply",
     "sparse/points3D.bin",
     "sparse/points3D.txt",
+    "sparse/points3D.ply",
 ];
 
 /// The points of a dataset, and what is known about them.
@@ -36,16 +39,13 @@ pub struct LoadedPoints {
 }
 
 /// Reads the points of a dataset folder, `None` if it has none. The first of these counts: the `ply_file_path` of
-/// `transforms.json` (else of `transforms_train.json`), `points3d.ply`, `points3D.ply`, `sparse_pc.ply`, and `points3D.bin`
-/// or `.txt` in `sparse/0` or `sparse`. A file that is named but missing, or has no (finite) points, is an error.
+/// `transforms.json` (else of `transforms_train.json`), `points3d.ply`, `points3D.ply`, `sparse_pc.ply`, and, if the cameras
+/// are COLMAP's, `points3D.bin`, `.txt` or `.ply` in `sparse/0` or `sparse`. A file that is named but missing, or has no
+/// (finite) points, is an error.
 pub fn read_points(folder: &Path) -> Result<Option<LoadedPoints>, IoError> {
-    let path = match named_point_file(folder)? {
-        Some(path) => path,
-        None => match PLACES.iter().map(|place| folder.join(place)).find(|path| path.is_file()) {
-            Some(path) => path,
-            None => return Ok(None),
-        },
-    };
+    let first_of = |places: &[&str]| places.iter().map(|place| folder.join(place)).find(|path| path.is_file());
+    let colmap = || if has_transforms(folder) { None } else { first_of(&COLMAP_PLACES) };
+    let Some(path) = named_point_file(folder)?.or_else(|| first_of(&PLACES)).or_else(colmap) else { return Ok(None) };
     let bytes = read_bytes(&path)?;
     let ending = path.extension().map(|e| e.to_ascii_lowercase());
     let mut points = match ending.as_deref().and_then(|e| e.to_str()) {
@@ -59,6 +59,20 @@ pub fn read_points(folder: &Path) -> Result<Option<LoadedPoints>, IoError> {
         return Err(IoError::new(&path, what).advise("remove the file to start from random points"));
     }
     Ok(Some(LoadedPoints { points, path, dropped_non_finite }))
+}
+
+/// What can be done about a dataset without points.
+pub fn advice_without_points(folder: &Path) -> String {
+    let unused = COLMAP_PLACES.iter().find(|place| has_transforms(folder) && folder.join(place).is_file());
+    match unused {
+        Some(place) => format!(
+            "{place} may be in other axes than transforms.json: name a .ply there as ply_file_path, or remove \
+             transforms.json to take COLMAP's cameras, or --set init=random"
+        ),
+        None => {
+            "put a point cloud there as points3d.ply, give a trained scene with --init, or --set init=random".into()
+        }
+    }
 }
 
 fn drop_non_finite(cloud: &mut PointCloud) -> usize {
@@ -185,7 +199,8 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let root = folder.path();
         assert_eq!(read_points(root)?, None);
-        let mut order: Vec<String> = PLACES.iter().rev().map(|p| (*p).to_owned()).collect();
+        let places = PLACES.iter().chain(&COLMAP_PLACES);
+        let mut order: Vec<String> = places.rev().map(|p| (*p).to_owned()).collect();
         order.push("named/own.ply".into());
         for (i, place) in order.iter().enumerate() {
             let bytes = match place.rsplit_once('.') {
@@ -207,6 +222,23 @@ mod tests {
         std::fs::remove_file(root.join("named/own.ply"))?;
         let text = read_points(root).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(text.contains("ply_file_path") && text.contains("own.ply"), "{text}");
+        Ok(())
+    }
+
+    /// Points of COLMAP's cameras are not those of a transforms file.
+    #[test]
+    fn points_of_other_cameras_are_left_alone() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let root = folder.path();
+        assert!(advice_without_points(root).contains("points3d.ply"));
+        write(&root.join("sparse/0/points3D.bin"), &points_bin(1.0))?;
+        assert!(read_points(root)?.is_some());
+        std::fs::write(root.join("transforms.json"), r#"{"frames":[]}"#)?;
+        assert_eq!(read_points(root)?, None);
+        let advice = advice_without_points(root);
+        assert!(advice.contains("sparse/0/points3D.bin") && advice.contains("ply_file_path"), "{advice}");
+        write(&root.join("points3d.ply"), &one_point_ply("1"))?;
+        assert!(read_points(root)?.is_some());
         Ok(())
     }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
+use crate::io::host_memory::available_bytes;
 use crate::io::{IoError, Pack, glb, ply, scene_write, spz};
 use crate::scene::gaussians::sh_coefficients;
 use crate::scene::instanced_scene::InstancedScene;
@@ -64,7 +65,7 @@ pub fn export_scene(to: &Path, scene: &InstancedScene, format: ExportFormat, up:
             let cloud = scene.flatten();
             match format {
                 ExportFormat::Spz => spz::write_spz(to, &cloud, scene.antialias)?,
-                _ => ply::write_ply(to, &cloud)?,
+                _ => ply::write_ply(to, &cloud, scene.antialias)?,
             }
             return Ok(cloud.len() as u64);
         }
@@ -89,11 +90,4 @@ fn check_memory(to: &Path, what: &str, need: u64) -> Result<(), IoError> {
         }
         _ => Ok(()),
     }
-}
-
-/// Memory that can be had without swapping; Linux only.
-fn available_bytes() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
 }

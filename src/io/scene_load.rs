@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use crate::io::ply::PlyCloud;
+use crate::io::spz::SpzCloud;
 use crate::io::{IoError, ply, read_bytes, scene_file, scene_write, splat, spz};
 use crate::scene::instanced_scene::InstancedScene;
 
@@ -13,8 +15,18 @@ pub struct LoadedScene {
     /// Gaussians of templates and background that were dropped because a parameter of theirs is not finite (a template
     /// Gaussian counts once, however many instances it had).
     pub dropped_non_finite: usize,
+    /// What else the user should know, one line each.
+    pub notes: Vec<String>,
     /// Length of the file.
     pub file_bytes: u64,
+}
+
+impl LoadedScene {
+    /// All that the user should know, one line each.
+    pub fn warnings(&self) -> Vec<String> {
+        let dropped = format!("dropped {} Gaussians with a non-finite parameter", self.dropped_non_finite);
+        (self.dropped_non_finite > 0).then_some(dropped).into_iter().chain(self.notes.iter().cloned()).collect()
+    }
 }
 
 /// Opens `.instgs`, `.ply`, `.spz` or `.splat`. A template Gaussian is dropped, in all instances, when it or the offset
@@ -27,21 +39,25 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz or .splat"));
     }
     let bytes = read_bytes(path)?;
-    let mut scene = match extension.as_str() {
-        "instgs" => scene_file::parse_scene_file(&bytes, path)?,
+    let of_cloud = |cloud, antialias| InstancedScene { antialias, ..InstancedScene::from_cloud(cloud) };
+    let (mut scene, notes) = match extension.as_str() {
+        "instgs" => (scene_file::parse_scene_file(&bytes, path)?, Vec::new()),
         "spz" => {
-            let cloud = spz::parse_spz(&bytes, path)?;
-            InstancedScene { antialias: cloud.antialias, ..InstancedScene::from_cloud(cloud.gaussians) }
+            let SpzCloud { gaussians, antialias, notes } = spz::parse_spz(&bytes, path)?;
+            (of_cloud(gaussians, antialias), notes)
         }
-        "splat" => InstancedScene::from_cloud(splat::parse_splat(&bytes, path)?),
-        _ => InstancedScene::from_cloud(ply::parse_ply(&bytes, path)?),
+        "splat" => (of_cloud(splat::parse_splat(&bytes, path)?, false), Vec::new()),
+        _ => {
+            let PlyCloud { gaussians, antialias, notes } = ply::parse_ply(&bytes, path)?;
+            (of_cloud(gaussians, antialias), notes)
+        }
     };
     let before = scene.templates.len() + scene.background.len();
     let dropped_non_finite = scene.drop_non_finite();
     if before > 0 && dropped_non_finite == before {
         return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters")));
     }
-    Ok(LoadedScene { scene, dropped_non_finite, file_bytes: bytes.len() as u64 })
+    Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes: bytes.len() as u64 })
 }
 
 /// Saves a scene as `.instgs`. Plain clouds have functions of their own: [`crate::io::write_ply`],
@@ -91,14 +107,21 @@ mod tests {
 
         let mut cloud = sample(1, 3);
         cloud.quats[0] = [0.0; 4];
-        crate::io::write_ply(&at("b.PLY"), &cloud)?;
+        crate::io::write_ply(&at("b.PLY"), &cloud, false)?;
         let loaded = load_scene(&at("b.PLY"))?;
         assert_eq!((loaded.scene.background.len(), loaded.dropped_non_finite), (2, 1));
         cloud.means.iter_mut().for_each(|m| m[0] = f32::NAN);
-        crate::io::write_ply(&at("c.ply"), &cloud)?;
+        crate::io::write_ply(&at("c.ply"), &cloud, false)?;
         assert!(load_scene(&at("c.ply")).is_err_and(|e| e.to_string().contains("none of its 3")));
-        crate::io::write_ply(&at("d.ply"), &sample(0, 0))?;
+        crate::io::write_ply(&at("d.ply"), &sample(0, 0), false)?;
         assert!(load_scene(&at("d.ply"))?.scene.background.is_empty());
+        let nothing: [String; 0] = [];
+        assert_eq!(
+            (load_scene(&at("b.PLY"))?.warnings().len(), load_scene(&at("d.ply"))?.warnings()),
+            (1, nothing.into())
+        );
+        crate::io::write_ply(&at("e.ply"), &sample(0, 1), true)?;
+        assert!(load_scene(&at("e.ply"))?.scene.antialias);
         assert!(load_scene(&at("x.obj")).is_err() && load_scene(&at("missing.ply")).is_err());
         assert!(save_scene(&at("x.ply"), &sample_scene()).is_err());
         Ok(())

@@ -3,13 +3,12 @@
 use std::path::Path;
 
 use crate::io::error::{IoError, Place};
+use crate::io::ply::LEAST_LOG_SCALE;
 use crate::io::{logit_of_byte, read_bytes};
 use crate::scene::gaussians::Gaussians;
 
 const BYTES_PER_SPLAT: usize = 32;
 const SH_C0: f32 = 0.282_094_79;
-/// Smallest scale whose logarithm we give, scene units: the smallest normal f32. Zero and negative scales become it.
-const MIN_SCALE: f32 = f32::MIN_POSITIVE;
 
 /// Reads a `.splat` file: SH degree 0, logits of opacity, logarithms of scales.
 pub fn read_splat(path: &Path) -> Result<Gaussians, IoError> {
@@ -28,8 +27,9 @@ pub fn parse_splat(bytes: &[u8], path: &Path) -> Result<Gaussians, IoError> {
         let float = |at: usize| f32::from_le_bytes([splat[at], splat[at + 1], splat[at + 2], splat[at + 3]]);
         out.means.push([float(0), float(4), float(8)]);
         // NaN stays NaN: the loader drops and counts such splats.
-        out.log_scales
-            .push([float(12), float(16), float(20)].map(|s| if s < MIN_SCALE { MIN_SCALE.ln() } else { s.ln() }));
+        out.log_scales.push(
+            [float(12), float(16), float(20)].map(|s| if s < f32::MIN_POSITIVE { LEAST_LOG_SCALE } else { s.ln() }),
+        );
         out.sh.push(std::array::from_fn(|k| (f32::from(splat[24 + k]) / 255.0 - 0.5) / SH_C0));
         out.opacity_logits.push(logit_of_byte(splat[27]));
         out.quats.push(std::array::from_fn(|k| (f32::from(splat[28 + k]) - 128.0) / 128.0));

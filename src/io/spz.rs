@@ -17,12 +17,14 @@ use std::path::Path;
 
 use crate::io::bytes::Cursor;
 use crate::io::error::{IoError, Place};
+use crate::io::ply::cut_note;
 use crate::io::spz_codec::{self, Layout};
 use crate::io::{atomic_write, read_bytes};
 use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE};
 
 const MAGIC: u32 = u32::from_le_bytes(*b"NGSP");
 const FLAG_ANTIALIAS: u8 = 1;
+const FLAG_EXTENSIONS: u8 = 2;
 /// Deflate packs at most about 1032:1.
 const MAX_GZIP_RATIO: u64 = 1040;
 /// Positions alone are 9 bytes a splat, and no real stream is packed 1024:1: the reference refuses beyond it as well.
@@ -39,6 +41,8 @@ pub struct SpzCloud {
     pub gaussians: Gaussians,
     /// The cloud was trained with opacity compensation.
     pub antialias: bool,
+    /// What the user should know, one line each.
+    pub notes: Vec<String>,
 }
 
 /// Reads an `.spz` file.
@@ -122,7 +126,13 @@ impl Header {
 
     fn decode(&self, arrays: &[&[u8]; 6]) -> SpzCloud {
         let gaussians = spz_codec::decode(&self.layout(), u32::from(self.fractional_bits), arrays);
-        SpzCloud { gaussians, antialias: self.flags & FLAG_ANTIALIAS != 0 }
+        let mut notes: Vec<String> = cut_note(u32::from(self.sh_degree)).into_iter().collect();
+        if self.flags & FLAG_EXTENSIONS != 0 {
+            notes.push(
+                "has vendor extensions, which are not read; should one name other axes, the scene is turned".into(),
+            );
+        }
+        SpzCloud { gaussians, antialias: self.flags & FLAG_ANTIALIAS != 0, notes }
     }
 }
 

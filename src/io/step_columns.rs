@@ -16,6 +16,8 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::host_memory::available_bytes;
+
 /// Rows, width, rows of a block.
 pub(super) const HEADER_BYTES: usize = 16;
 /// Of zstd: see above.
@@ -114,6 +116,10 @@ pub(super) fn decode(coded: &[u8]) -> Result<Vec<f32>, String> {
     let blocks: Vec<Block> = blocks.chunks_exact(BLOCK_BYTES as usize).map(Block::read).collect();
     if let Some(block) = blocks.iter().find(|block| !block.step.is_finite()) {
         return Err(format!("has a step of {}", block.step));
+    }
+    let need = shape.rows as u64 * shape.width as u64 * size_of::<f32>() as u64;
+    if let Some(have) = available_bytes().filter(|&have| need > have) {
+        return Err(format!("claims numbers of {} MiB, where {} MiB of memory are to spare", need >> 20, have >> 20));
     }
     let mut values = Vec::new();
     values.try_reserve_exact(shape.rows * shape.width).map_err(|e| format!("takes too much memory: {e}"))?;

@@ -231,8 +231,8 @@ fn undistortion_error(lens: Distortion, d: Distortion) -> (f64, f64, usize) {
 #[test]
 fn undistortion_gives_the_pinhole_picture() {
     for (d, ignores) in [
-        (Distortion { k1: -0.2, k2: 0.03, p1: 0.002, p2: -0.003 }, false),
-        (Distortion { k1: 0.15, k2: -0.02, p1: -0.004, p2: 0.001 }, true),
+        (Distortion { k1: -0.2, k2: 0.03, p1: 0.002, p2: -0.003, k3: 0.0 }, false),
+        (Distortion { k1: 0.15, k2: -0.02, p1: -0.004, p2: 0.001, k3: 0.0 }, true),
     ] {
         let (worst, mean, ignored) = undistortion_error(d, d);
         assert!(worst < 5.0 && mean < 0.35, "{d:?}: worst {worst}, mean {mean}, {ignored} ignored");
@@ -250,7 +250,7 @@ fn undistortion_gives_the_pinhole_picture() {
 #[test]
 fn undistortion_of_partly_transparent_pictures() {
     let camera = camera(64, 48);
-    let d = Distortion { k1: -0.2, k2: 0.03, p1: 0.002, p2: -0.003 };
+    let d = Distortion { k1: -0.2, k2: 0.03, p1: 0.002, p2: -0.003, k3: 0.0 };
     let opaque = ViewImage { width: 64, height: 48, rgba: distorted_picture(&camera, d) };
     let with = |byte: u8| {
         let rgba = opaque.rgba.iter().map(|p| [p[0], p[1], p[2], byte]).collect();
@@ -271,7 +271,7 @@ fn undistortion_of_partly_transparent_pictures() {
 #[test]
 fn masks_are_undistorted_as_photos_are() {
     let camera = camera(100, 80);
-    let d = Distortion { k1: 0.15, k2: -0.02, p1: -0.004, p2: 0.001 };
+    let d = Distortion { k1: 0.15, k2: -0.02, p1: -0.004, p2: 0.001, k3: 0.0 };
     let place = |k: u32| (k % 100, k / 100);
     let rgba = (0..8000).map(|k| [2 * place(k).0 as u8, 2 * place(k).1 as u8, 0, 255]).collect();
     let photo = view_resample::undistort(&ViewImage { width: 100, height: 80, rgba }, &camera, &d);

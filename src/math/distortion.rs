@@ -1,4 +1,4 @@
-//! Lens distortion of the OpenCV model with two radial and two tangential terms, on normalised image coordinates.
+//! Lens distortion of the OpenCV model with three radial and two tangential terms, on normalised image coordinates.
 
 /// Radial and tangential lens distortion of the OpenCV model. Coordinates are those of the view's plane z = 1 (x right,
 /// y down, no unit): `x = (u - cx) / fx`.
@@ -12,6 +12,8 @@ pub struct Distortion {
     pub p1: f64,
     /// Tangential.
     pub p2: f64,
+    /// Radial, sixth order.
+    pub k3: f64,
 }
 
 /// Newton's method doubles the digits with every step; from any place in a real picture it needs less than ten.
@@ -20,16 +22,16 @@ const NEWTON_STEPS: usize = 30;
 const UNDISTORTED: f64 = 1e-11;
 
 impl Distortion {
-    /// `None` if all four are zero: then nothing needs to be undone.
+    /// `None` if all are zero: then nothing needs to be undone.
     pub fn if_any(self) -> Option<Self> {
         (self != Self::default()).then_some(self)
     }
 
     /// Where the lens draws what a pinhole would draw at (x, y).
     pub fn distort(&self, x: f64, y: f64) -> [f64; 2] {
-        let Self { k1, k2, p1, p2 } = *self;
+        let Self { k1, k2, p1, p2, k3 } = *self;
         let r2 = x * x + y * y;
-        let radial = 1.0 + r2 * (k1 + r2 * k2);
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
         [
             x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
@@ -39,16 +41,18 @@ impl Distortion {
     /// What a pinhole would draw at the place that the lens draws at (x, y): the inverse of [`Distortion::distort`], by
     /// Newton's method; `None` beyond the radius where the model folds over.
     pub fn undistort(&self, x: f64, y: f64) -> Option<[f64; 2]> {
-        let Self { k1, k2, p1, p2 } = *self;
+        let Self { k1, k2, p1, p2, k3 } = *self;
+        let fold = self.fold_radius_squared();
         let [mut u, mut v] = [x, y];
         for _ in 0..NEWTON_STEPS {
             let [drawn_x, drawn_y] = self.distort(u, v);
             let (off_x, off_y) = (drawn_x - x, drawn_y - y);
             let r2 = u * u + v * v;
             if off_x.abs().max(off_y.abs()) < UNDISTORTED {
-                return (r2 < self.fold_radius_squared()).then_some([u, v]);
+                return (r2 < fold).then_some([u, v]);
             }
-            let (radial, slope) = (1.0 + r2 * (k1 + r2 * k2), 2.0 * (k1 + 2.0 * r2 * k2));
+            let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+            let slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3));
             let xx = radial + slope * u * u + 2.0 * p1 * v + 6.0 * p2 * u;
             let xy = slope * u * v + 2.0 * p1 * u + 2.0 * p2 * v;
             let yy = radial + slope * v * v + 6.0 * p1 * v + 2.0 * p2 * u;
@@ -60,18 +64,63 @@ impl Distortion {
         None
     }
 
-    /// Squared radius from which the radial terms fold the picture over: the drawn radius `r (1 + k1 r^2 + k2 r^4)`
+    /// Squared radius from which the radial terms fold the picture over: the drawn radius `r (1 + k1 r^2 + k2 r^4 + k3 r^6)`
     /// grows up to there and no further. Infinite if it grows everywhere. The model says nothing from there on.
     pub fn fold_radius_squared(&self) -> f64 {
-        // The derivative is 1 + 3 k1 s + 5 k2 s^2 with s = r^2; this is its smallest positive root, in the form that
-        // needs no division by a k2 of zero: s = 2 c / (-b + sqrt(b^2 - 4 a c)), or the same with the other sign.
-        let (a, b) = (5.0 * self.k2, 3.0 * self.k1);
-        let discriminant = b * b - 4.0 * a;
-        if discriminant < 0.0 {
-            return f64::INFINITY;
+        // The derivative with s = r^2.
+        first_root([3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3])
+    }
+}
+
+/// The smallest positive root of 1 + b s + a s^2 + c s^3; infinite if there is none.
+fn first_root([b, a, c]: [f64; 3]) -> f64 {
+    if c == 0.0 {
+        return smaller_root(1.0, b, a);
+    }
+    let at = |s: f64| 1.0 + s * (b + s * (a + s * c));
+    // All roots are nearer than this (Cauchy's bound).
+    let farthest = 1.0 + [1.0, b, a].into_iter().fold(0.0, |most: f64, v| most.max((v / c).abs()));
+    // It falls, if at all, from its maximum, or 0, to its minimum, or beyond all roots: the first root is between two of these.
+    let turns = [smaller_root(b, 2.0 * a, 3.0 * c), larger_root(b, 2.0 * a, 3.0 * c), farthest];
+    let mut low = 0.0;
+    for high in turns.into_iter().filter(|s| *s <= farthest) {
+        if at(high) <= 0.0 {
+            return bisected(at, low, high);
         }
-        let roots = [discriminant.sqrt(), -discriminant.sqrt()].map(|d| 2.0 / (d - b));
-        roots.into_iter().filter(|s| *s > 0.0).fold(f64::INFINITY, f64::min)
+        low = high;
+    }
+    f64::INFINITY
+}
+
+/// The smallest positive root of c + b s + a s^2; infinite if there is none.
+fn smaller_root(c: f64, b: f64, a: f64) -> f64 {
+    positive_roots(c, b, a).into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// The other positive root; infinite if there is none.
+fn larger_root(c: f64, b: f64, a: f64) -> f64 {
+    positive_roots(c, b, a).into_iter().fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// Both roots of c + b s + a s^2, infinite for those that are not positive numbers. In the form that needs no division by
+/// an a of zero: s = 2 c / (-b + sqrt(b^2 - 4 a c)), or the same with the other sign.
+fn positive_roots(c: f64, b: f64, a: f64) -> [f64; 2] {
+    let root = (b * b - 4.0 * a * c).sqrt();
+    [root, -root].map(|d| 2.0 * c / (d - b)).map(|s| if s > 0.0 { s } else { f64::INFINITY })
+}
+
+/// Where a function that is positive at `low` and not at `high` is zero.
+fn bisected(at: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
+    loop {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            return high;
+        }
+        if at(middle) > 0.0 {
+            low = middle;
+        } else {
+            high = middle;
+        }
     }
 }
 
@@ -82,20 +131,22 @@ mod tests {
     /// x = 0.5, y = -0.25: r^2 = 0.3125, radial = 1 + 0.03125 - 0.01953125 = 1.01171875; by hand.
     #[test]
     fn the_model_by_hand() {
-        let d = Distortion { k1: 0.1, k2: -0.2, p1: 0.01, p2: -0.02 };
+        let d = Distortion { k1: 0.1, k2: -0.2, p1: 0.01, p2: -0.02, k3: 0.0 };
         let [x, y] = d.distort(0.5, -0.25);
         let want_x = 0.505859375 + 2.0 * 0.01 * -0.125 - 0.02 * (0.3125 + 0.5);
         let want_y = -0.2529296875 + 0.01 * (0.3125 + 0.125) + 2.0 * -0.02 * -0.125;
         assert!((x - want_x).abs() < 1e-15 && (y - want_y).abs() < 1e-15, "{x} {y}");
         assert_eq!(Distortion::default().distort(3.0, 4.0), [3.0, 4.0]);
+        // r^6 = 64.
+        assert_eq!(Distortion { k3: 0.5, ..Distortion::default() }.distort(0.0, 2.0), [0.0, 66.0]);
         assert_eq!((Distortion::default().if_any(), d.if_any()), (None, Some(d)));
     }
 
     #[test]
     fn undistorting_finds_what_was_distorted() {
         for d in [
-            Distortion { k1: 0.1, k2: -0.02, p1: 0.01, p2: -0.02 },
-            Distortion { k1: -0.3, k2: 0.1, p1: 0.0, p2: 0.001 },
+            Distortion { k1: 0.1, k2: -0.02, p1: 0.01, p2: -0.02, k3: 0.0 },
+            Distortion { k1: -0.3, k2: 0.1, p1: 0.0, p2: 0.001, k3: -0.02 },
             Distortion::default(),
         ] {
             for i in 0..100 {
@@ -113,15 +164,20 @@ mod tests {
 
     #[test]
     fn the_fold_is_where_the_drawn_radius_stops_growing() {
-        let fold = |k1, k2| Distortion { k1, k2, ..Distortion::default() }.fold_radius_squared();
+        let fold = |k1, k2, k3| Distortion { k1, k2, k3, ..Distortion::default() }.fold_radius_squared();
         // No root, none positive, one (k2 = 0), two, and one of each sign.
-        assert_eq!((fold(0.0, 0.0), fold(0.3, 0.0), fold(0.1, 0.2)), (f64::INFINITY, f64::INFINITY, f64::INFINITY));
-        assert!((fold(-0.25, 0.0) - 4.0 / 3.0).abs() < 1e-15);
-        for (k1, k2) in [(-0.25, 0.0), (-0.5, 0.05), (0.3, -0.1), (0.0, -0.2), (-0.2, -0.1)] {
-            let s: f64 = fold(k1, k2);
-            let drawn = |r2: f64| Distortion { k1, k2, p1: 0.0, p2: 0.0 }.distort(r2.sqrt(), 0.0)[0];
+        for (k1, k2, k3) in [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.1, 0.2, 0.0), (0.1, 0.2, 0.3), (-0.2, 0.1, 0.05)] {
+            assert_eq!(fold(k1, k2, k3), f64::INFINITY, "{k1} {k2} {k3}");
+        }
+        assert!((fold(-0.25, 0.0, 0.0) - 4.0 / 3.0).abs() < 1e-15);
+        let radial = [(-0.25, 0.0), (-0.5, 0.05), (0.3, -0.1), (0.0, -0.2), (-0.2, -0.1)].map(|(k1, k2)| (k1, k2, 0.0));
+        // With the sixth order: the same and a little more, folds that it makes, and one that it cannot prevent.
+        let sixth = [(-0.25, 0.0, 1e-9), (0.3, -0.1, -1e-9), (0.2, 0.1, -0.3), (0.0, 0.0, -0.1), (-0.5, 0.05, 0.01)];
+        for (k1, k2, k3) in radial.into_iter().chain(sixth) {
+            let s: f64 = fold(k1, k2, k3);
+            let drawn = |r2: f64| Distortion { k1, k2, k3, ..Distortion::default() }.distort(r2.sqrt(), 0.0)[0];
             let grows = (1..1000).all(|i| drawn(s * f64::from(i) / 1000.0) > drawn(s * f64::from(i - 1) / 1000.0));
-            assert!(s.is_finite() && grows && drawn(s * 1.01) < drawn(s), "{k1} {k2}: {s}");
+            assert!(s.is_finite() && grows && drawn(s * 1.01) < drawn(s), "{k1} {k2} {k3}: {s}");
         }
     }
 }

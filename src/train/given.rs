@@ -43,9 +43,7 @@ pub fn given_plain_cloud(path: &Path, config: &TrainConfig) -> Result<GivenCloud
 fn of_scene(path: &Path, loaded: LoadedScene, config: &TrainConfig) -> Result<GivenCloud, IoError> {
     let mut warnings = Vec::new();
     let mut warn = |what: String| warnings.push(format!("{}: {what}", path.display()));
-    if loaded.dropped_non_finite > 0 {
-        warn(format!("dropped {} Gaussians with a non-finite parameter", loaded.dropped_non_finite));
-    }
+    loaded.warnings().into_iter().for_each(&mut warn);
     if loaded.scene.antialias && !config.antialias {
         warn("was trained with opacity compensation, which is off; see --set antialias=true".into());
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::gpu::Gpu;
 use crate::io::checkpoint::{self, Checkpoint};
 use crate::io::dataset::{Dataset, Split, read_views};
-use crate::io::point_cloud::read_points;
+use crate::io::point_cloud::{advice_without_points, read_points};
 use crate::io::view_image::IGNORED;
 use crate::io::{IoError, View, load_scene};
 use crate::kernels::Variant;
@@ -130,7 +130,7 @@ pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, 
         }
         Ok(None) if needs_points => {
             let error = IoError::new(folder, "has no point cloud to start from");
-            return Err(error.advise("give a .ply with --init, or --set init=random").into());
+            return Err(error.advise(advice_without_points(folder)).into());
         }
         Ok(None) => PointCloud::default(),
     };

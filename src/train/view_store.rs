@@ -10,6 +10,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
+use crate::io::host_memory::available_bytes;
 use crate::io::{IoError, LoadedView, View, load_view};
 
 /// Host bytes that decoding needs per pixel of the file: 8 from the decoder (16 bits, four channels), 4 as 8-bit RGBA
@@ -30,11 +31,28 @@ pub struct PrefetchLimits {
     pub cache_bytes: u64,
 }
 
+/// Images in flight may take this part of the memory that is to spare, within the bounds: a photo of 20 million pixels
+/// takes 320 MB while it is decoded, and every thread should have one.
+const AHEAD_PART: u64 = 8;
+const AHEAD_BYTES: [u64; 2] = [256 << 20, 4 << 30];
+/// Images that are kept may take this part.
+const CACHE_PART: u64 = 4;
+
 impl Default for PrefetchLimits {
-    /// A thread per CPU, 256 MiB in flight, no cache.
+    /// A thread per CPU, an eighth of the machine's spare memory in flight (256 MiB to 4 GiB), no cache.
     fn default() -> Self {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Self { threads, ahead: 4 * threads, ahead_bytes: 256 << 20, cache_bytes: 0 }
+        let [least, most] = AHEAD_BYTES;
+        let ahead_bytes = (available_bytes().unwrap_or(0) / AHEAD_PART).clamp(least, most);
+        Self { threads, ahead: 4 * threads, ahead_bytes, cache_bytes: 0 }
+    }
+}
+
+impl PrefetchLimits {
+    /// The default, with a cache of a quarter of the machine's spare memory: for images that are decoded again and again,
+    /// beside a device with memory of its own.
+    pub fn with_cache() -> Self {
+        Self { cache_bytes: available_bytes().unwrap_or(0) / CACHE_PART, ..Self::default() }
     }
 }
 

@@ -86,7 +86,11 @@ impl TrainViews {
             let mut order = ViewOrder::new(plan.seed, out.count);
             let sequence =
                 (plan.first_step..).map_while(move |step| order.view_at(step)).filter(move |&i| i >= resident);
-            let limits = PrefetchLimits::default();
+            // Elsewhere the device's memory, which is full, is the machine's.
+            let limits = match gpu.caps().device_type {
+                "discrete" => PrefetchLimits::with_cache(),
+                _ => PrefetchLimits::default(),
+            };
             out.prefetcher = Some(Prefetcher::new(plan.views.to_vec(), plan.width, sequence, limits));
         }
         Ok(out)

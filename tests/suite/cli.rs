@@ -92,10 +92,10 @@ fn instanced_scene() -> InstancedScene {
 fn folder() -> (tempfile::TempDir, impl Fn(&str) -> PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().to_path_buf();
-    write_ply(&root.join("three.ply"), &three_gaussians()).unwrap();
+    write_ply(&root.join("three.ply"), &three_gaussians(), false).unwrap();
     let scene = instanced_scene();
     save_scene(&root.join("scene.instgs"), &scene).unwrap();
-    write_ply(&root.join("flat.ply"), &scene.flatten()).unwrap();
+    write_ply(&root.join("flat.ply"), &scene.flatten(), false).unwrap();
     let camera = |name, eye, size| Camera::look_at(name, eye, DVec3::ZERO, DVec3::NEG_Y, 1.0, size);
     let front = camera("front", DVec3::new(0.0, 0.0, -3.0), (64, 48));
     let side = camera("side.jpg", DVec3::new(2.0, -1.0, -3.0), (40, 30));
@@ -330,7 +330,7 @@ fn dropped_gaussians_are_counted_aloud() {
     let (_folder, at) = folder();
     let mut cloud = three_gaussians();
     cloud.means[1][0] = f32::NAN;
-    write_ply(&at("nan.ply"), &cloud).unwrap();
+    write_ply(&at("nan.ply"), &cloud, false).unwrap();
     let output = program().arg("inspect").arg(at("nan.ply")).assert().success().get_output().clone();
     let text = String::from_utf8(output.stderr).unwrap();
     assert!(text.starts_with("warning: ") && text.contains("nan.ply: dropped 1 Gaussians"), "{text}");

@@ -175,7 +175,7 @@ fn the_command_writes_boxes_and_counts() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let scene = instgs_vk::scene::InstancedScene { background: labelled.cloud.clone(), ..Default::default() };
-    write_ply(&path("scene.ply"), &scene.background).unwrap();
+    write_ply(&path("scene.ply"), &scene.background, false).unwrap();
     write_groups(&path("groups.json"), &labelled.truth).unwrap();
     let both = [1, 2].map(|id| ObjectBox { category: Some("car".into()), ..box_of(&recipe, id) });
     write_boxes(&path("one.json"), &Boxes { objects: both.to_vec(), ..Boxes::default() }).unwrap();

@@ -79,7 +79,7 @@ fn real_clouds_survive_ply_and_spz() -> Outcome {
     for name in ["playbot_lod3.ply", "pc_short.ply", "playcanvas_test.ply"] {
         let cloud = load_scene(&folder.join(name))?.scene.background;
         let ply = temporary.path().join("again.ply");
-        write_ply(&ply, &cloud)?;
+        write_ply(&ply, &cloud, false)?;
         assert_eq!(load_scene(&ply)?.scene.background, cloud, "{name}");
         let spz = temporary.path().join("again.spz");
         write_spz(&spz, &cloud, false)?;

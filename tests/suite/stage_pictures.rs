@@ -141,7 +141,7 @@ fn run_folder(gpu: &std::sync::Arc<Gpu>, at: &Path) -> TrainJob {
     }
     let run = at.join("run");
     fs::create_dir_all(&run).unwrap();
-    write_ply(&run.join("point_cloud.ply"), &cloud).unwrap();
+    write_ply(&run.join("point_cloud.ply"), &cloud, false).unwrap();
     let mut file = Checkpoint::default();
     file.put("instance_of_gaussian", &[labels.len()], labels.clone());
     file.write(&run.join("labels.safetensors")).unwrap();

@@ -82,7 +82,7 @@ pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer:
     create_folder(&args.out)?;
     let text = job.config.to_toml()?;
     atomic_write(&args.out.join(CONFIG), |out| out.write_all(text.as_bytes()))?;
-    write_ply(&args.out.join(CLOUD), &given.cloud)?;
+    write_ply(&args.out.join(CLOUD), &given.cloud, job.config.antialias)?;
     let cloud = read_cloud(&args.out)?;
     let mut lines = LabelLines::new(printer);
     let found = segmented(&gpu, &job, &cloud, &mut |at| lines.at(at));

@@ -191,7 +191,7 @@ fn taken_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliE
     let started = Instant::now();
     let GivenCloud { cloud, file_bytes, warnings } = given_cloud(Path::new(&job.config.init_scene), &job.config)?;
     warnings.iter().for_each(|text| session.printer.warning(text));
-    write_ply(&job.out.join(CLOUD), &cloud)?;
+    write_ply(&job.out.join(CLOUD), &cloud, job.config.antialias)?;
     let scene = InstancedScene { antialias: job.config.antialias, ..InstancedScene::from_cloud(cloud) };
     let eval = evaluated(session, job, &scene)?;
     let seconds = started.elapsed().as_secs_f64();
