@@ -8,10 +8,10 @@ use rayon::prelude::*;
 use super::components::{components, usual_reach};
 use super::ground_plane::ground_plane;
 use crate::math::covariance::sigmoid;
-use crate::math::nearest::PointSet;
+use crate::math::nearest::{Neighbour, PointSet};
 use crate::math::plane::Plane;
 use crate::math::sh::widened;
-use crate::math::statistics::median;
+use crate::math::statistics::{median, percentile};
 use crate::scene::Gaussians;
 
 /// Gaussians that are fainter belong to no surface: as in registration.
@@ -35,6 +35,18 @@ const ROUNDS: usize = 5;
 const VOTERS: usize = 8;
 /// Gaussians around the place that are searched for what hangs together.
 const MOST: usize = 200_000;
+/// What hangs in the air among others is a part of its object, as a bunch of leaves is of a tree: it is widened by this
+/// factor until it reaches the ground or nothing is beside it, this many times at most. Measured on trained orchards (three
+/// clouds of 40,000 Gaussians, twelve places on each of 36 trees): 81 % of the boxes hold their tree without it, 87 % with
+/// it; most others are of trunks. With 1.25 and 8 times 84 %. On two halls and two sets of cars nothing changes.
+const WIDER: f64 = 1.4;
+const WIDENINGS: usize = 5;
+/// More than this part of its members have something beside them: it is among others.
+const AMONG_PART: f64 = 0.1;
+/// What a piece lies on is not beside it, nor what is no higher than this part of its members: they may sink in.
+const BOTTOM_PART: f64 = 0.1;
+/// Neighbours of a member that are looked at for it.
+const BESIDE: usize = 24;
 /// A piece with more than this part of all that stands is no object but, for instance, a wall.
 const MOST_PART: f64 = 0.5;
 /// A box around what is unclear, in distances from the eye: a sixth of what a picture is high.
@@ -108,8 +120,10 @@ impl Surroundings {
         }
         let points: Vec<[f32; 3]> = near.iter().map(|n| self.positions[n.index as usize]).collect();
         let unclear = || Standing::Unclear(UprightBox::cube(place, USUAL_SIZE * eye.distance(place), self.up));
-        let Some((piece, spacing)) = self.piece_around(&points) else { return unclear() };
-        if piece.len() < FEWEST || piece.len() as f64 > MOST_PART * self.positions.len() as f64 {
+        let Some(close) = self.piece_around(&points) else { return unclear() };
+        let near: Vec<u32> = near.iter().map(|n| n.index).collect();
+        let (piece, spacing) = self.widened_to_the_ground((&near, &points), close);
+        if piece.len() < FEWEST || self.is_too_large(&piece) {
             return unclear();
         }
         let members: Vec<DVec3> = piece.iter().map(|&i| widened(points[i as usize])).collect();
@@ -128,10 +142,7 @@ impl Surroundings {
             if spacing <= 0.0 {
                 break;
             }
-            let pieces = components(points, REACH * spacing);
-            let votes = |piece: &&Vec<u32>| piece.iter().take_while(|&&i| (i as usize) < VOTERS).count();
-            // Of equals the last one wins: the largest.
-            let piece = pieces.iter().rev().max_by_key(votes)?.clone();
+            let piece = first_piece(points, spacing)?;
             let wider = self.spacing(points, &piece);
             best = Some((piece, spacing));
             if wider <= spacing {
@@ -140,6 +151,48 @@ impl Surroundings {
             spacing = wider;
         }
         best
+    }
+
+    /// A piece that does not stand but has others beside it, with more of what is around it; the piece itself if that does
+    /// not make it an object. `near` are the points as indices of the set.
+    fn widened_to_the_ground(&self, (near, points): (&[u32], &[[f32; 3]]), close: (Vec<u32>, f64)) -> (Vec<u32>, f64) {
+        let Some(ground) = self.ground else { return close };
+        let (mut piece, mut spacing) = close.clone();
+        for _ in 0..WIDENINGS {
+            let heights: Vec<f64> = piece.iter().map(|&i| ground.height(widened(points[i as usize]))).collect();
+            let stands = percentile(&heights, 0.0) < 2.0 * self.lift + spacing;
+            let bottom = percentile(&heights, BOTTOM_PART);
+            if stands || !self.is_among_others(near, &piece, (ground, bottom), WIDER * REACH * spacing) {
+                return (piece, spacing);
+            }
+            spacing *= WIDER;
+            match first_piece(points, spacing) {
+                Some(wider) if !self.is_too_large(&wider) => piece = wider,
+                _ => break,
+            }
+        }
+        close
+    }
+
+    /// True if much of a piece has something else within `reach` that is higher above the ground than `bottom`.
+    fn is_among_others(&self, near: &[u32], piece: &[u32], (ground, bottom): (Plane, f64), reach: f64) -> bool {
+        let mut is_member = vec![false; self.positions.len()];
+        piece.iter().for_each(|&i| is_member[near[i as usize] as usize] = true);
+        let is_beside = |n: &Neighbour| {
+            let other = n.index as usize;
+            !is_member[other]
+                && n.squared_distance < reach * reach
+                && ground.height(widened(self.positions[other])) > bottom
+        };
+        let has_beside = |&&i: &&u32| {
+            let from = self.positions[near[i as usize] as usize];
+            self.set.nearest(from, BESIDE).iter().any(is_beside)
+        };
+        piece.par_iter().filter(has_beside).count() as f64 > AMONG_PART * piece.len() as f64
+    }
+
+    fn is_too_large(&self, piece: &[u32]) -> bool {
+        piece.len() as f64 > MOST_PART * self.positions.len() as f64
     }
 
     /// How far apart some of the points usually are from their neighbours; 0 if there are none.
@@ -173,6 +226,14 @@ impl Surroundings {
             world_from_box: DQuat::from_mat3(&DMat3::from_cols(x, y, self.up)),
         }
     }
+}
+
+/// What hangs together with the first points when neighbours are `spacing` apart.
+fn first_piece(points: &[[f32; 3]], spacing: f64) -> Option<Vec<u32>> {
+    let pieces = components(points, REACH * spacing);
+    let votes = |piece: &&Vec<u32>| piece.iter().take_while(|&&i| (i as usize) < VOTERS).count();
+    // Of equals the last one wins: the largest.
+    pieces.iter().rev().max_by_key(votes).cloned()
 }
 
 impl UprightBox {
@@ -289,6 +350,54 @@ mod tests {
             }
             assert_eq!(around.at(turn * DVec3::new(-3.0, -3.0, 1.0), eye), Standing::Ground);
         }
+    }
+
+    /// Points near those of a floor, each of these groups: (middle, radius, count), and a table: its top at height 1.8,
+    /// one leg.
+    fn cloud_of_bunches(bunches: &[(DVec3, f64, usize)]) -> Gaussians {
+        let mut rng = Rng::new(5);
+        let mut out = cloud(&[], DVec3::Z);
+        let mut points = Vec::new();
+        for &(middle, radius, count) in bunches {
+            points.extend((0..count).map(|_| middle + radius * rng.unit_vector()));
+        }
+        let mut around = |height: f64| DVec3::new(rng.range(-0.05, 0.05), rng.range(-0.05, 0.05), height);
+        // Trunk and leg, at the bunches' and the table's middle.
+        points.extend((0..200).map(|i| around(1.0 + 0.006 * f64::from(i))));
+        points.extend((0..200).map(|i| DVec3::new(4.0, 4.0, 0.0) + around(1.0 + 0.004 * f64::from(i))));
+        points.extend((0..1500).map(|_| DVec3::new(rng.range(3.2, 4.8), rng.range(3.2, 4.8), 1.8)));
+        for p in points {
+            out.means.push(p.as_vec3().to_array());
+            out.quats.push([1.0, 0.0, 0.0, 0.0]);
+            out.log_scales.push([-4.0; 3]);
+            out.opacity_logits.push(logit(0.9) as f32);
+            out.sh.push([0.0; 3]);
+        }
+        out
+    }
+
+    #[test]
+    fn a_bunch_of_leaves_is_of_its_tree_and_a_vase_is_not_of_its_table() {
+        let crown = (0..48).map(|i| {
+            // Evenly around a ball.
+            let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 48.0;
+            let turn = 2.399_963 * f64::from(i);
+            let level = (1.0 - z * z).sqrt();
+            (DVec3::new(0.0, 0.0, 2.8) + 0.7 * DVec3::new(level * turn.cos(), level * turn.sin(), z), 0.1, 20)
+        });
+        let vase = (DVec3::new(4.1, 3.9, 2.06), 0.12, 300);
+        let bunches: Vec<_> = crown.chain([vase]).collect();
+        let around = Surroundings::new(&cloud_of_bunches(&bunches), DVec3::Z);
+        let eye = DVec3::new(0.0, -20.0, 10.0);
+        let holds_tree = |&&(middle, ..): &&(DVec3, f64, usize)| match around.at(middle, eye) {
+            Standing::Object(found) => (found.size - DVec3::new(1.6, 1.6, 2.6)).abs().max_element() < 0.3,
+            _ => false,
+        };
+        // A few have nothing within reach. Without widening it is none.
+        let whole = bunches[..48].iter().filter(holds_tree).count();
+        assert!(whole >= 30, "{whole}");
+        let Standing::Object(found) = around.at(vase.0 + DVec3::Z * 0.12, eye) else { panic!() };
+        assert!((found.size - DVec3::splat(0.25)).abs().max_element() < 0.08, "{found:?}");
     }
 
     #[test]
