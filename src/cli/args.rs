@@ -160,6 +160,7 @@ impl LodArgs {
 
 impl LookArgs {
     /// Opacity compensation, if a flag says which.
+    #[cfg(feature = "player")]
     pub(super) fn antialias(&self) -> Option<bool> {
         self.antialias
     }
