@@ -46,6 +46,8 @@ use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
+use crate::scene::gaussians::MAX_SH_DEGREE;
+
 pub use boxes::{read_boxes, write_boxes};
 pub use camera_file::{read_cameras, write_cameras};
 pub use checkpoint::Checkpoint;
@@ -106,6 +108,14 @@ pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
 pub(crate) fn logit_of_byte(alpha: u8) -> f32 {
     let a = (f64::from(alpha) / 255.0).clamp(1e-6, 1.0 - 1e-6);
     (a / (1.0 - a)).ln() as f32
+}
+
+/// The logarithm of a scale of zero, scene units: of the smallest normal f32.
+pub(crate) const LEAST_LOG_SCALE: f32 = -87.336_54;
+
+/// What there is to say of a scene's file of SH degree `stored`.
+pub(crate) fn cut_note(stored: u32) -> Option<String> {
+    (stored > MAX_SH_DEGREE).then(|| format!("has colours of SH degree {stored}, of which {MAX_SH_DEGREE} are kept"))
 }
 
 #[cfg(test)]

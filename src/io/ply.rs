@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use crate::io::error::IoError;
 use crate::io::ply_table::{Element, PlyTable};
-use crate::io::{atomic_write, logit_of_byte, ply_packed, read_bytes};
+use crate::io::{LEAST_LOG_SCALE, atomic_write, cut_note, logit_of_byte, ply_packed, read_bytes};
 use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// What a `.ply` file holds.
@@ -49,14 +49,6 @@ pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<PlyCloud, IoError> {
     gaussians.opacity_logits.par_iter_mut().filter(|l| l.is_infinite()).for_each(|l| *l = l.clamp(transparent, opaque));
     let notes = cut_note(file_degree).into_iter().collect();
     Ok(PlyCloud { gaussians, antialias, notes })
-}
-
-/// The logarithm of a scale of zero, scene units: of the smallest normal f32.
-pub(crate) const LEAST_LOG_SCALE: f32 = -87.336_54;
-
-/// What there is to say of a file of SH degree `stored`.
-pub(crate) fn cut_note(stored: u32) -> Option<String> {
-    (stored > MAX_SH_DEGREE).then(|| format!("has colours of SH degree {stored}, of which {MAX_SH_DEGREE} are kept"))
 }
 
 /// What the last comment about it says.

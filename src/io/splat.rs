@@ -3,8 +3,7 @@
 use std::path::Path;
 
 use crate::io::error::{IoError, Place};
-use crate::io::ply::LEAST_LOG_SCALE;
-use crate::io::{logit_of_byte, read_bytes};
+use crate::io::{LEAST_LOG_SCALE, logit_of_byte, read_bytes};
 use crate::scene::gaussians::Gaussians;
 
 const BYTES_PER_SPLAT: usize = 32;

@@ -17,9 +17,8 @@ use std::path::Path;
 
 use crate::io::bytes::Cursor;
 use crate::io::error::{IoError, Place};
-use crate::io::ply::cut_note;
 use crate::io::spz_codec::{self, Layout};
-use crate::io::{atomic_write, read_bytes};
+use crate::io::{atomic_write, cut_note, read_bytes};
 use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE};
 
 const MAGIC: u32 = u32::from_le_bytes(*b"NGSP");
