@@ -30,7 +30,7 @@ pub struct Built {
 /// instance ids, and poses that are similarities.
 ///
 /// Gaussians of an instance that are not finite are left out and counted in the report. A group without a usable instance
-/// is left out, and its Gaussians stay in the background. Otherwise all its instances become instances of the scene, in
+/// is left out, as is one with a worse match than the options allow, and its Gaussians stay in the background. Otherwise all its instances become instances of the scene, in
 /// the groups' order, each with its own offset records (none if no kind of offset is asked for); `scene.groups` numbers templates as the scene does.
 ///
 /// The same input gives the same bits. Time grows as N log N with the Gaussians of a group.
@@ -67,14 +67,18 @@ fn add_group(
     if !instances.iter().any(OwnGaussians::is_usable) {
         return Ok(report);
     }
+    let distances = match_distances(instances);
+    report.match_distance = group_match_distance(&distances);
+    report.instances.iter_mut().zip(&distances).for_each(|(instance, distance)| instance.match_distance = *distance);
+    if options.worst_match.is_some_and(|worst| report.match_distance > worst) {
+        return Ok(report);
+    }
     let template = draw_template(cloud, instances, options, group.template_id);
     let count = template.gaussians.len();
     let records = scene.offsets.len() as u64 + count as u64 * instances.len() as u64;
     if records >= u64::from(u32::MAX) {
         return Err(TemplateError::TooMany { what: "offset records", count: records });
     }
-    let distances = match_distances(instances);
-    report.match_distance = group_match_distance(&distances);
     report.template = Some(scene.template_ranges.len() as u32);
     report.template_gaussians = count;
     let range = TemplateRange { first: scene.templates.len() as u32, count: count as u32 };
@@ -87,7 +91,6 @@ fn add_group(
         if options.kinds.any() {
             report.instances[k].lacking = push_offsets(&template, cloud, own, options, &mut scene.offsets);
         }
-        report.instances[k].match_distance = distances[k];
     }
     let instance_ids = group.instances.iter().map(|i| i.id).collect();
     let template_id = scene.template_ranges.len() as u32;

@@ -2,8 +2,10 @@
 
 use rayon::prelude::*;
 
+use super::offsets::{LACKING_LOGIT, clamped_logit};
 use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
+use crate::math::covariance::{logit, sigmoid};
 use crate::math::nearest::{Neighbour, PointSet};
 use crate::scene::Gaussians;
 
@@ -22,6 +24,29 @@ pub(super) struct Match {
     pub squared_distance: f64,
     /// What the matching minimises: the squared distance, more if the sizes differ.
     cost: f64,
+    /// Template Gaussians that stand for the same own one, at least 1.
+    sharing: u32,
+}
+
+impl Match {
+    /// Whether it is near enough for template Gaussian `i` to stand for it; else the instance lacks that.
+    pub(super) fn is_near(&self, template: &TemplateCloud, i: usize) -> bool {
+        self.squared_distance.sqrt() <= template.reach(i)
+    }
+
+    /// Logit of the opacity at which those that share an own Gaussian cover together what it covers alone:
+    /// 1 - (1 - alpha)^(1 / sharing), as for the copies of 3DGS-MCMC (Kheradmand et al. 2024, eq. 9). Brought into the
+    /// range that training can move.
+    pub(super) fn opacity_logit(&self, cloud: &Gaussians, own: &OwnGaussians) -> f32 {
+        let alone = clamped_logit(cloud.opacity_logits[own.indices[self.own as usize] as usize]);
+        if self.sharing <= 1 {
+            return alone;
+        }
+        let transmitted = 1.0 - sigmoid(f64::from(alone));
+        let shared = logit(1.0 - transmitted.powf(1.0 / f64::from(self.sharing))) as f32;
+        // Not fainter than what is hidden, unless it was: such would never come back.
+        clamped_logit(shared.max(LACKING_LOGIT.min(alone)))
+    }
 }
 
 /// A match for every template Gaussian: pairs are taken in order of cost, and an own Gaussian takes part in at most
@@ -40,7 +65,14 @@ pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &
             *place = Some(pair);
         }
     }
-    matches.into_iter().zip(candidates).map(|(matched, near)| matched.unwrap_or(near[0])).collect()
+    let mut matches: Vec<Match> =
+        matches.into_iter().zip(candidates).map(|(matched, near)| matched.unwrap_or(near[0])).collect();
+    let mut sharing = vec![0u32; own.len()];
+    for (_, matched) in matches.iter().enumerate().filter(|(i, m)| m.is_near(template, *i)) {
+        sharing[matched.own as usize] += 1;
+    }
+    matches.iter_mut().for_each(|matched| matched.sharing = sharing[matched.own as usize].max(1));
+    matches
 }
 
 /// Per template Gaussian its nearest own ones, in order of cost.
@@ -56,7 +88,7 @@ fn candidates(template: &TemplateCloud, cloud: &Gaussians, own: &OwnGaussians) -
         let matched = |n: Neighbour| {
             let larger = own_log_areas[n.index as usize] - template_log_area;
             let cost = n.squared_distance + weight * larger * larger;
-            Match { own: n.index, squared_distance: n.squared_distance, cost }
+            Match { own: n.index, squared_distance: n.squared_distance, cost, sharing: 1 }
         };
         let mut near: Vec<Match> = set.nearest(mean, CANDIDATES).into_iter().map(matched).collect();
         near.sort_by(|a, b| a.cost.total_cmp(&b.cost));

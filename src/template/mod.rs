@@ -39,6 +39,14 @@
 //!           matched by the whole shape instead of the area 23.57
 //! ```
 //!
+//! Where a template has more Gaussians than an instance, several stand for one own Gaussian, and each covered what that
+//! covers alone. Now they share its opacity (`matching`). Training loss right after the merge per that of the plain cloud,
+//! cars_1 at 320x180, 40,000 Gaussians after 400 steps, over the first ten views (nothing learns): templates of 1.3
+//! times an object's Gaussians 1.19 before, 1.17 now; of three times 1.35 before, 1.14 now. What is left is shape: with
+//! covariance offsets 1.06, with those of SH as well 1.04. Matching by the 2-Wasserstein distance (its weight of places
+//! 0.03 to 1, 16 to 64 candidates) 1.16 to 1.18; with the mean of square roots of covariances instead of logarithms
+//! 1.18 to 1.21; one to ten rounds of settling the same 1.17.
+//!
 //! Match distance ([`GroupReport::match_distance`]): cars 0.000 to 0.009, cars of which a third was not seen 0.015 to 0.02
 //! (single ones up to 0.05), two cars nose to tail 0.035, one a fifth larger 0.05, a ball of the car's size 0.21, a car
 //! turned by 90 degrees 0.23. Hence [`POOR_MATCH`] 0.1. With some thirty Gaussians per instance it says little: 0.12 for
@@ -60,4 +68,4 @@ pub use assemble::{Built, build};
 pub use error::TemplateError;
 pub use options::{Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
 pub use own::MIN_OWN_GAUSSIANS;
-pub use report::{GroupReport, InstanceReport, POOR_MATCH};
+pub use report::{GroupReport, HOPELESS_MATCH, InstanceReport, POOR_MATCH};

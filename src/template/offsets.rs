@@ -1,6 +1,6 @@
 //! Offsets of one instance: how its own Gaussians differ from the template's.
 
-use super::matching::match_template;
+use super::matching::{Match, match_template};
 use super::options::{Keep, OffsetInit, TemplateOptions};
 use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
@@ -31,11 +31,11 @@ pub(super) fn push_offsets(
     let mut lacking = 0;
     for (i, matched) in matches.iter().enumerate() {
         let record = Record { template: &template.gaussians, i, out, index: first + i, options };
-        if matched.squared_distance.sqrt() > template.reach(i) {
+        if matched.is_near(template, i) {
+            record.set_difference(cloud, own, matched);
+        } else {
             record.hide();
             lacking += 1;
-        } else {
-            record.set_difference(cloud, own, matched.own as usize);
         }
     }
     lacking
@@ -73,8 +73,9 @@ impl Record<'_> {
         }
     }
 
-    /// The difference to own Gaussian `j`. What a template does not keep of its Gaussians has none.
-    fn set_difference(self, cloud: &Gaussians, own: &OwnGaussians, j: usize) {
+    /// The difference to the own Gaussian that it is matched to. What a template does not keep of its Gaussians has none.
+    fn set_difference(self, cloud: &Gaussians, own: &OwnGaussians, matched: &Match) {
+        let j = matched.own as usize;
         let (template, i, out, index) = (self.template, self.i, self.out, self.index);
         let kinds = self.options.kinds;
         let source = own.indices[j] as usize;
@@ -88,7 +89,7 @@ impl Record<'_> {
             return;
         }
         if kinds.opacity {
-            out.opacity_logits[index] = clamped_logit(cloud.opacity_logits[source]) - template.opacity_logits[i];
+            out.opacity_logits[index] = matched.opacity_logit(cloud, own) - template.opacity_logits[i];
         }
         let frame = &own.template_from_world;
         if kinds.sh_rest {

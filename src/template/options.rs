@@ -100,6 +100,9 @@ pub struct TemplateOptions {
     pub count_factor: f64,
     /// How often a merged template is made the mean of what it stands for in the instances; 0 = it stays as drawn.
     pub settle_rounds: u32,
+    /// A group whose match distance ([`GroupReport::match_distance`](super::GroupReport::match_distance)) is above this
+    /// stays in the background; `None` = all become templates.
+    pub worst_match: Option<f64>,
     /// Seed of what is drawn.
     pub seed: u64,
 }
@@ -114,6 +117,7 @@ impl Default for TemplateOptions {
             kinds: OffsetKinds::default(),
             count_factor: 1.0,
             settle_rounds: 2,
+            worst_match: None,
             seed: 0,
         }
     }

@@ -17,7 +17,8 @@ pub struct Merged {
     pub hardly_seen: u64,
 }
 
-/// Merges the objects of a segmented plain cloud. A group of which no object has Gaussians stays in the background.
+/// Merges the objects of a segmented plain cloud. A group of which no object has Gaussians stays in the background, as does
+/// one that is hardly a group, unless the configuration has it given.
 ///
 /// # Errors
 /// Groups that do not fit each other, or more Gaussians than can be counted.
@@ -43,8 +44,8 @@ pub fn warnings(groups: &[GroupReport]) -> Vec<String> {
     let mut out: Vec<String> = nothing_shared(groups).into_iter().collect();
     for group in groups {
         let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
-        if group.template.is_none() {
-            out.push(format!("{name}: no instance has enough Gaussians; it stays in the background"));
+        if let Some(why) = group.left_out() {
+            out.push(format!("{name}: {why}"));
             continue;
         }
         if group.is_poor_match() {
@@ -69,10 +70,12 @@ pub fn warnings(groups: &[GroupReport]) -> Vec<String> {
 fn nothing_shared(groups: &[GroupReport]) -> Option<String> {
     let why = if groups.is_empty() {
         "no two objects are alike"
-    } else if groups.iter().all(|group| group.template.is_none()) {
-        "none of the groups has an object with Gaussians; check that masks and groups have the same ids"
-    } else {
+    } else if groups.iter().any(|group| group.template.is_some()) {
         return None;
+    } else if groups.iter().any(|group| group.instances.iter().any(|i| i.is_usable)) {
+        "no group's objects are alike"
+    } else {
+        "none of the groups has an object with Gaussians; check that masks and groups have the same ids"
     };
     Some(format!("nothing is shared, and the whole scene is background: {why}"))
 }

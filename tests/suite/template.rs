@@ -249,7 +249,8 @@ fn unrelated_objects_are_a_poor_match() {
     assert!(!report(&[car_at(1), car_at(2)]).is_poor_match());
 }
 
-/// Every kind of offset: template plus offset is one of the instance's own Gaussians, parameter by parameter.
+/// Every kind of offset: template plus offset is one of the instance's own Gaussians, parameter by parameter. Where several
+/// are the same one, they cover together what it covers.
 #[test]
 fn template_plus_offset_is_an_own_gaussian() {
     let input = lumps(1, &[300, 280, 310]);
@@ -264,6 +265,7 @@ fn template_plus_offset_is_an_own_gaussian() {
         let world: Vec<[f32; 3]> = own.means.clone();
         let set = PointSet::new(&world);
         let sh_rotation = ShRotation::new(pose.rotation());
+        let mut transmitted = vec![None; own.len()];
         for i in 0..297 {
             let o = 297 * k + i;
             let mean = pose.transform_point(widened(template.means[i]) + widened(offsets.means[o]));
@@ -285,7 +287,11 @@ fn template_plus_offset_is_an_own_gaussian() {
             let sh = sh_rotation.rotate(&sh);
             assert!(sh.iter().zip(own.sh_of(j)).all(|(a, b)| a.distance(widened(*b)) < 1e-5));
             let logit = template.opacity_logits[i] + offsets.opacity_logits[o];
-            assert!((logit - own.opacity_logits[j].clamp(-7.0, 7.0)).abs() < 1e-5);
+            *transmitted[j].get_or_insert(1.0) *= sigmoid(-f64::from(logit));
+        }
+        for (j, transmitted) in transmitted.into_iter().enumerate() {
+            let want = sigmoid(-f64::from(own.opacity_logits[j].clamp(-7.0, 7.0)));
+            assert!(transmitted.is_none_or(|t: f64| (t / want - 1.0).abs() < 1e-5), "{transmitted:?} {want}");
         }
         assert_eq!(used, 297 - built.report[0].instances[k].lacking);
     }
@@ -310,6 +316,24 @@ fn only_wanted_kinds_differ() {
     }
     let zero = build_one(&input, &TemplateOptions { offsets: OffsetInit::Zero, ..TemplateOptions::default() });
     assert!(zero.scene.offsets.means.iter().flatten().all(|&v| v == 0.0) && zero.scene.offsets.len() == 400);
+}
+
+/// Objects that are not alike stay in the background, if the options say so, and the report says how far they are apart.
+#[test]
+fn a_hopeless_group_stays_in_the_background() {
+    let input = lumps(2, &[200, 200]);
+    let all = build_one(&input, &TemplateOptions::default());
+    let distance = all.report[0].match_distance;
+    let within =
+        |worst: f64| build_one(&input, &TemplateOptions { worst_match: Some(worst), ..TemplateOptions::default() });
+    assert_eq!(within(distance), all);
+    // Objects as alike as these have a distance of 0; none is better than less.
+    let left = within(distance - 0.01);
+    assert_eq!((left.scene.instances.len(), &left.scene.background), (0, &input.cloud));
+    let report = &left.report[0];
+    assert_eq!((report.template, report.match_distance, report.template_gaussians), (None, distance, 0));
+    assert_eq!(report.instances[1].match_distance, all.report[0].instances[1].match_distance);
+    assert!(report.left_out().unwrap().contains("not alike") && all.report[0].left_out().is_none());
 }
 
 /// The half that one instance lacks is transparent there, and only there.

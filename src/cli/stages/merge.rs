@@ -11,6 +11,7 @@ use crate::cli::table::grouped;
 use crate::cli::train::counts;
 use crate::io::{read_groups, save_scene};
 use crate::template::GroupReport;
+use crate::train::config::TrainConfig;
 use crate::train::merged;
 use crate::train::merged::warnings;
 use crate::train::report::Counts;
@@ -55,7 +56,8 @@ pub(in crate::cli) fn run(args: &MergeArgs, printer: &Printer) -> Result<(), Cli
     let groups = read_groups(&args.groups)?;
     create_folder_of(&args.out)?;
     printer.line(format_args!("merging {} groups", groups.len()));
-    let found = merged(&segments.cloud, &segments.segmented, &groups, &segments.config)?;
+    let config = TrainConfig { groups: args.groups.display().to_string(), ..segments.config.clone() };
+    let found = merged(&segments.cloud, &segments.segmented, &groups, &config)?;
     save_scene(&args.out, &found.scene)?;
     let report = Report {
         segments: &args.segments.segments,

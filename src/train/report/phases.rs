@@ -167,8 +167,8 @@ fn group(group: &GroupReport) -> Vec<String> {
 /// What the table does not say.
 fn notes(group: &GroupReport) -> Vec<String> {
     let name = name(group);
-    if group.template.is_none() {
-        return vec![warning(&format!("{name}: no instance has enough Gaussians; it stays in the background"))];
+    if let Some(why) = group.left_out() {
+        return vec![warning(&format!("{name}: {why}"))];
     }
     let mut out = Vec::new();
     if group.is_poor_match() {
