@@ -85,6 +85,17 @@ pub(super) fn decide(
     Some(Decision { hypothesis: chosen, agreement, certainty, rivals })
 }
 
+/// What speaks against the second of two poses, per what speaks against the first: the ratio of how surfaces fit, times
+/// those of unexplained colour and of what pictures say. Below 1 the second is better.
+pub(super) fn doubt_ratio(surfaces: f64, colors: [f64; 2], seen: Option<[Agreement; 2]>) -> f64 {
+    let ratio = |[first, second]: [f64; 2], floor: f64| (second + floor) / (first + floor);
+    let pictures = seen.map_or(1.0, |seen| {
+        let photometric = ratio(seen.map(|s| s.photometric), PHOTOMETRIC_FLOOR);
+        photometric * ratio(seen.map(|s| s.silhouette), SILHOUETTE_FLOOR)
+    });
+    surfaces * ratio(colors, COLOR_FLOOR) * pictures
+}
+
 /// True if the motion brings the reference onto itself, as well as it lies on the target.
 pub(super) fn is_symmetry(reference: &ObjectSurface, motion: &Pose, cost: f64) -> bool {
     fit_at((reference, reference), motion, BASE).cost <= SYMMETRIC * cost

@@ -5,22 +5,24 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::alike::{check_fit, check_shape};
+use super::alike::{Unlike, check_fit, check_shape};
 use super::check::{Agreement, PoseCheck};
 use super::decide::{Decision, decide};
 use super::error::RegisterError;
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::members::{Aligned, Group};
 use super::options::RegisterOptions;
-use super::outcome::{posed_group, rejected, reports};
-use super::pose::Pose;
+use super::outcome::{posed_group, rejected, reports, target_from_reference};
 use super::report::InstanceRegistration;
-use super::sample::ObjectSurface;
+use super::sample::{FEW_GAUSSIANS, ObjectSurface};
 use crate::math::similarity::Similarity;
 use crate::scene::{Camera, Gaussians, PosedGroup, up_direction};
 
 /// References that are tried for a category before the rest of it counts as unlike one another.
-const MOST_REFERENCES: usize = 4;
+const MOST_REFERENCES: usize = 12;
+/// Objects larger than is usual in their category by more than this factor are the last that others are registered to: masks
+/// that hold two objects make the largest, and each of them would fit a half of it.
+const OVERSIZE: f64 = 1.4;
 /// What is registered.
 #[derive(Clone, Copy, Debug)]
 pub struct RegisterInput<'a> {
@@ -78,7 +80,7 @@ pub fn register<'a>(
         groups.extend(run.class(name, members)?);
     }
     let axis = run.up.map(|up| Group::axis_of(&groups, up));
-    groups.into_iter().for_each(|group| run.settle(group, axis));
+    groups.into_iter().try_for_each(|group| run.settle(group, axis))?;
     run.out.instances.sort_by_key(|i| i.instance);
     Ok(run.out)
 }
@@ -95,7 +97,7 @@ pub(super) fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
 }
 
 /// A target and its pose, or why it has none.
-type Outcome<'s> = (&'s ObjectSurface, Result<Decision, String>);
+type Outcome<'s> = (&'s ObjectSurface, Result<Decision, Unlike>);
 
 /// What is known while groups form.
 struct Run<'a> {
@@ -103,6 +105,13 @@ struct Run<'a> {
     options: &'a RegisterOptions,
     check: Option<&'a mut (dyn PoseCheck + 'a)>,
     out: Registered,
+}
+
+/// Median size of the objects that were seen well, scene units; infinite if they are too few to say what is usual.
+fn usual_size(objects: &[&ObjectSurface]) -> f64 {
+    let mut sizes: Vec<f64> = objects.iter().filter(|s| s.gaussians >= FEW_GAUSSIANS).map(|s| s.size).collect();
+    sizes.sort_by(f64::total_cmp);
+    if sizes.len() < 3 { f64::INFINITY } else { sizes[(sizes.len() - 1) / 2] }
 }
 
 impl Run<'_> {
@@ -113,8 +122,10 @@ impl Run<'_> {
         mut open: Vec<&'s ObjectSurface>,
     ) -> Result<Vec<Group<'s>>, RegisterError> {
         let mut groups = Vec::new();
-        open.sort_by_key(|s| (std::cmp::Reverse(s.gaussians), s.id));
-        let mut reasons: BTreeMap<u32, String> = BTreeMap::new();
+        let usual = usual_size(&open);
+        open.sort_by_key(|s| (s.size > OVERSIZE * usual, std::cmp::Reverse(s.gaussians), s.id));
+        // By object: of what it came nearest to.
+        let mut reasons: BTreeMap<u32, Unlike> = BTreeMap::new();
         let mut tried = 0;
         let most = if name.is_some() { MOST_REFERENCES } else { open.len() };
         while open.len() > 1 && tried < most {
@@ -123,15 +134,19 @@ impl Run<'_> {
             for (surface, outcome) in self.align(reference, &open, name.is_some())? {
                 match outcome {
                     Ok(decision) => members.push(Aligned { surface, decision }),
-                    Err(reason) => {
-                        reasons.entry(surface.id).or_insert(reason);
+                    Err(unlike) => {
+                        let nearer = reasons.get(&surface.id).is_none_or(|before| before.agree < unlike.agree);
+                        if nearer {
+                            reasons.insert(surface.id, unlike);
+                        }
                         left.push(surface);
                     }
                 }
             }
             if members.is_empty() {
                 tried += 1;
-                let reason = reasons.remove(&reference.id).unwrap_or_else(|| "no other object is like it".into());
+                let reason =
+                    reasons.remove(&reference.id).map_or_else(|| "no other object is like it".into(), |u| u.reason);
                 self.out.instances.push(rejected((reference.id, name), reference.gaussians, reason));
             } else {
                 groups.push(Group::new(name, reference, members));
@@ -143,7 +158,7 @@ impl Run<'_> {
                 Some(name) => format!("the only {name}: one object alone shares nothing"),
                 None => "no other object is like it".into(),
             };
-            let reason = reasons.remove(&surface.id).unwrap_or_else(alone);
+            let reason = reasons.remove(&surface.id).map_or_else(alone, |unlike| unlike.reason);
             self.out.instances.push(rejected((surface.id, name), surface.gaussians, reason));
         }
         Ok(groups)
@@ -157,19 +172,17 @@ impl Run<'_> {
         named: bool,
     ) -> Result<Vec<Outcome<'s>>, RegisterError> {
         let (up, options) = (self.up, self.options);
-        let found = |target: &&'s ObjectSurface| -> Result<Vec<Hypothesis>, String> {
+        let found = |target: &&'s ObjectSurface| -> Result<Vec<Hypothesis>, Unlike> {
             check_shape(reference, target, named, options)?;
-            let found = hypotheses(reference, target, up, options);
-            check_fit(&found, reference.id, options)?;
-            Ok(found)
+            check_fit(hypotheses(reference, target, up, options), reference.id, options)
         };
-        let all: Vec<Result<Vec<Hypothesis>, String>> = targets.par_iter().map(found).collect();
+        let all: Vec<Result<Vec<Hypothesis>, Unlike>> = targets.par_iter().map(found).collect();
         let mut out = Vec::with_capacity(targets.len());
         for (&target, found) in targets.iter().zip(all) {
             let decision = match found {
                 Ok(found) => {
                     let seen = self.pictures(reference, target, &found)?;
-                    decide(reference, &found, seen.as_deref(), options).ok_or_else(|| "has no points".to_string())
+                    decide(reference, &found, seen.as_deref(), options).ok_or_else(|| Unlike::at_once("has no points"))
                 }
                 Err(reason) => Err(reason),
             };
@@ -191,18 +204,13 @@ impl Run<'_> {
     }
 
     /// Adds a group; `axis` is what upright objects are turned about.
-    fn settle(&mut self, mut group: Group<'_>, axis: Option<DVec3>) {
-        let uncertainties = group.settle(axis, self.options);
+    fn settle(&mut self, mut group: Group<'_>, axis: Option<DVec3>) -> Result<(), RegisterError> {
+        let uncertainties = group.settle(axis, self.check.as_deref_mut(), self.options)?;
         let Group { name, reference, members, .. } = group;
         let template_id = self.out.groups.len() as u32;
         let instances = reports((template_id, name), reference, &members, &uncertainties);
         self.out.groups.push(posed_group((template_id, name), reference, &members));
         self.out.instances.extend(instances);
+        Ok(())
     }
-}
-
-/// The pose as a map of the world onto itself.
-fn target_from_reference(reference: &ObjectSurface, target: &ObjectSurface, pose: &Pose) -> Similarity {
-    let translation = target.centroid + pose.apply(-reference.centroid);
-    Similarity::from_parts(pose.rotation, pose.scale, translation)
 }

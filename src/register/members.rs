@@ -3,9 +3,13 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::decide::{Certainty, Decision, is_symmetry};
+use super::check::{Agreement, PoseCheck};
+use super::color::unexplained_color;
+use super::decide::{Certainty, Decision, doubt_ratio, is_symmetry};
+use super::error::RegisterError;
 use super::hypotheses::fit_at;
 use super::options::RegisterOptions;
+use super::outcome::target_from_reference;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
 use super::spread::{PoseUncertainty, Spread};
@@ -13,6 +17,9 @@ use super::together::{Member, best_rival, common_axis, half_turned, refine_toget
 
 /// From so many members on, all others together say more than the reference alone had.
 const ENOUGH: usize = 3;
+/// A rival whose surface and colours fit worse by more than this factor is not looked at in pictures: these differ by
+/// less between the front and the back of one thing.
+const WORTH_PICTURES: f64 = 1.25;
 
 /// A member and its pose against the reference.
 pub(super) struct Aligned<'a> {
@@ -50,7 +57,15 @@ impl<'a> Group<'a> {
 
     /// Lays the members on each other, those that stand upright turned about `axis` only if most do, and gives them another
     /// pose where that fits better. Says how sure each pose against the reference is.
-    pub(super) fn settle(&mut self, axis: Option<DVec3>, options: &RegisterOptions) -> Vec<Option<PoseUncertainty>> {
+    ///
+    /// # Errors
+    /// Those of the check.
+    pub(super) fn settle(
+        &mut self,
+        axis: Option<DVec3>,
+        check: Option<&mut (dyn PoseCheck + '_)>,
+        options: &RegisterOptions,
+    ) -> Result<Vec<Option<PoseUncertainty>>, RegisterError> {
         let (scale, all) = (options.allow_scale, &mut self.placed);
         let upright = axis.filter(|axis| stand_upright(all, *axis));
         refine_together(all, upright, scale);
@@ -60,7 +75,7 @@ impl<'a> Group<'a> {
             best_rival(all, k + 1, &starts, scale)
         };
         let rivals: Vec<Option<(Pose, f64)>> = self.members.par_iter().enumerate().map(rival).collect();
-        if self.take_better(rivals, options.min_margin) {
+        if self.take_better(rivals, check, options.min_margin)? {
             refine_together(&mut self.placed, upright, scale);
         }
         for (member, refined) in self.members.iter_mut().zip(&self.placed[1..]) {
@@ -70,25 +85,52 @@ impl<'a> Group<'a> {
         }
         let costs: Vec<f64> = self.members.iter().map(|m| m.decision.hypothesis.fit.cost).collect();
         let RegisterOptions { min_margin, seed, .. } = *options;
-        uncertainties(&self.placed, &costs, Spread { axis: upright, allow_scale: scale, min_margin, seed })
+        Ok(uncertainties(&self.placed, &costs, Spread { axis: upright, allow_scale: scale, min_margin, seed }))
     }
 
-    /// Moves members to rival poses that fit better, by the ratio of costs, and puts those in doubt whose rivals fit about
-    /// as well. True if any was moved.
-    fn take_better(&mut self, rivals: Vec<Option<(Pose, f64)>>, min_margin: f64) -> bool {
+    /// Moves members to rival poses that fit better, by surface (the ratio of costs given), colours and pictures together,
+    /// and puts those in doubt whose rivals fit about as well. True if any was moved.
+    fn take_better(
+        &mut self,
+        rivals: Vec<Option<(Pose, f64)>>,
+        mut check: Option<&mut (dyn PoseCheck + '_)>,
+        min_margin: f64,
+    ) -> Result<bool, RegisterError> {
         let (mut any, count) = (false, self.members.len());
         for ((member, place), rival) in self.members.iter_mut().zip(&mut self.placed[1..]).zip(rivals) {
             let Some((pose, ratio)) = rival else { continue };
+            let pair = (self.reference, member.surface);
+            let colors = [place.pose, pose].map(|pose| unexplained_color(pair.0, pair.1, &pose));
+            let mut ratio = doubt_ratio(ratio, colors, None);
+            let mut seen = None;
+            if ratio < WORTH_PICTURES {
+                seen = pictures(check.as_deref_mut(), pair, [place.pose, pose])?;
+                ratio = doubt_ratio(ratio, [0.0; 2], seen);
+            }
+            let decision = &mut member.decision;
             if ratio * (1.0 + min_margin) < 1.0 {
                 (place.pose, any) = (pose, true);
+                decision.agreement = seen.map(|[_, rival]| rival).or(decision.agreement);
             } else if ratio < 1.0 + min_margin {
-                doubt(self.reference, &mut member.decision, &place.pose.inverse().after(&pose), ratio - 1.0);
-            } else if count >= ENOUGH && matches!(member.decision.certainty, Certainty::Ambiguous(_)) {
-                member.decision.certainty = Certainty::Certain;
+                doubt(self.reference, decision, &place.pose.inverse().after(&pose), ratio - 1.0);
+            } else if count >= ENOUGH && matches!(decision.certainty, Certainty::Ambiguous(_)) {
+                decision.certainty = Certainty::Certain;
             }
         }
-        any
+        Ok(any)
     }
+}
+
+/// How pictures see two poses of (reference, target), if there are any of it.
+fn pictures(
+    check: Option<&mut (dyn PoseCheck + '_)>,
+    (reference, target): (&ObjectSurface, &ObjectSurface),
+    poses: [Pose; 2],
+) -> Result<Option<[Agreement; 2]>, RegisterError> {
+    let Some(check) = check else { return Ok(None) };
+    let poses = poses.map(|pose| target_from_reference(reference, target, &pose));
+    let seen = check.check(reference.id, target.id, &poses)?;
+    Ok(seen.and_then(|seen| seen.try_into().ok()))
 }
 
 /// By member besides the reference, the first; `costs` are those of their lying on it.
@@ -107,9 +149,9 @@ fn uncertainties(all: &[Member<'_>], costs: &[f64], spread: Spread) -> Vec<Optio
     costs.par_iter().enumerate().map(of).collect()
 }
 
-/// Puts a pose in doubt, because the object fits about as well after a motion; unless pictures had decided.
+/// Puts a pose in doubt, because the object fits about as well after a motion.
 fn doubt(reference: &ObjectSurface, decision: &mut Decision, motion: &Pose, lead: f64) {
-    if decision.certainty == Certainty::Certain && decision.agreement.is_none() {
+    if decision.certainty == Certainty::Certain {
         let symmetric = is_symmetry(reference, motion, decision.hypothesis.fit.cost);
         decision.certainty = if symmetric { Certainty::Symmetric(2) } else { Certainty::Ambiguous(lead.max(0.0)) };
     }

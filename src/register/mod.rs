@@ -5,7 +5,8 @@
 //! start from matched features (`global`) and from turns about the up axis, and are refined from coarse to fine
 //! (`icp`, `hypotheses`). Those that are nearly as good as the best are told apart by colour and by pictures
 //! (`check`, `verify`, `decide`). Then every object is laid on what all others of its group show (`together`), with
-//! steps from points to planes (`plane`), and rival poses are compared there once more (`members`). Poses are found again
+//! steps from points to planes (`plane`), and rival poses are compared there once more, by surface, colours and pictures
+//! (`members`). Poses are found again
 //! from halves of the Gaussians: those that scatter are in doubt (`spread`). [`register()`] forms the groups and says what
 //! became of every object; [`polished()`] refines poses that are given.
 //!

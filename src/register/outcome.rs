@@ -4,6 +4,7 @@ use glam::DMat3;
 
 use super::decide::{Certainty, Decision};
 use super::members::Aligned;
+use super::pose::Pose;
 use super::report::{InstanceRegistration, Verdict};
 use super::sample::ObjectSurface;
 use super::spread::PoseUncertainty;
@@ -24,6 +25,12 @@ const SLIGHT_PART: f64 = 0.01;
 
 /// A template's id and its name.
 type Label<'a> = (u32, Option<&'a String>);
+
+/// A pose against the reference as a map of the world onto itself.
+pub(super) fn target_from_reference(reference: &ObjectSurface, target: &ObjectSurface, pose: &Pose) -> Similarity {
+    let translation = target.centroid + pose.apply(-reference.centroid);
+    Similarity::from_parts(pose.rotation, pose.scale, translation)
+}
 
 /// The group as `groups.json` has it: the reference first, in whose box's middle the template's origin is.
 pub(super) fn posed_group(

@@ -62,7 +62,7 @@ fn step((model, data): (&Surface, &Surface), reach: f64, pose: &Pose, options: S
         }
         let x = pose.apply(model.positions[j]);
         let off = normal.dot(q - x);
-        let weight = 1.0 / (1.0 + (off / (HALF_WEIGHT * model.voxel)).powi(2));
+        let weight = 1.0 / (1.0 + (off / (HALF_WEIGHT * model.voxel * pose.scale)).powi(2));
         let turn = x.cross(normal) / reach;
         let turn = options.axis.map_or(turn, |axis| axis * axis.dot(turn));
         let growth = if options.allow_scale { (x - pose.translation).dot(normal) / reach } else { 0.0 };

@@ -1,15 +1,28 @@
 //! Which way is up, as far as photos tell.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::camera::Camera;
+use crate::math::eigen::symmetric_eigen;
 
-/// The direction that is up in the pictures, world frame: the mean of the cameras' up, if they agree on it at all.
+/// Weight of the mean of the cameras' up beside what their horizontal axes say, per camera. These are level to some
+/// degrees, 0.001 in squares; where the pictures' directions span less than 8 degrees, 0.02 in squares, the mean decides.
+const MEAN_WEIGHT: f64 = 0.02;
+
+/// The direction that is up in the pictures, world frame: what the cameras' horizontal axes are across, near the mean of
+/// their up, if they agree on that at all. Cameras that look down from one side share an up that leans; those axes do not.
 pub fn up_direction(cameras: &[Camera]) -> Option<DVec3> {
     let sum: DVec3 = cameras.iter().map(|c| -c.rotation().row(1)).filter(|up| up.is_finite()).sum();
     // Cameras turned every which way add up to less than this part of their number.
     let agree = sum.length() > 0.3 * cameras.len() as f64;
-    agree.then(|| sum.normalize_or_zero()).filter(|up| *up != DVec3::ZERO)
+    let mean = agree.then(|| sum.normalize_or_zero()).filter(|up| *up != DVec3::ZERO)?;
+    let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
+    let prior = (DMat3::IDENTITY - outer(mean)) * MEAN_WEIGHT * cameras.len() as f64;
+    let sideways = cameras.iter().map(|c| c.rotation().row(0)).filter(|right| right.is_finite());
+    let level = sideways.map(outer).fold(prior, |sum, right| sum + right);
+    let (_, least) = symmetric_eigen(level.to_cols_array_2d())[0];
+    let up = DVec3::from_array(least);
+    Some(if up.dot(mean) < 0.0 { -up } else { up })
 }
 
 #[cfg(test)]
@@ -24,5 +37,20 @@ mod tests {
         let mut turned = ring(DVec3::Z);
         turned.extend(ring(DVec3::NEG_Z));
         assert!(up_direction(&turned).is_none() && up_direction(&[]).is_none());
+    }
+
+    #[test]
+    fn cameras_that_look_down_from_one_side_do_not_tilt_it() {
+        let eye = |i: u32| DVec3::new(3.0 * (0.1 * f64::from(i)).cos(), 3.0 * (0.1 * f64::from(i)).sin(), 8.0);
+        let side: Vec<Camera> =
+            (0..12).map(|i| Camera::look_at("", eye(i), DVec3::ZERO, DVec3::Z, 0.8, (64, 48))).collect();
+        let degrees = |up: DVec3| up.angle_between(DVec3::Z).to_degrees();
+        // The mean of their up leans by 70 degrees.
+        let mean: DVec3 = side.iter().map(|c| -c.rotation().row(1)).sum();
+        assert!(degrees(mean) > 60.0);
+        assert!(degrees(up_direction(&side).unwrap()) < 30.0);
+        // All from one place, nothing but the mean is known.
+        let still = vec![side[0].clone(); 5];
+        assert!(degrees(up_direction(&still).unwrap()) > 60.0);
     }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::components::{components, usual_reach};
 
-/// A group of less than this part of its object is stray. Legs of furniture that are hidden where they meet it are
+/// A group of less than this part of its object's largest is stray. Legs of furniture that are hidden where they meet it are
 /// more.
 const STRAY_PART: f64 = 0.05;
 
@@ -30,8 +30,11 @@ fn strays(means: &[[f32; 3]], members: &[usize]) -> Vec<usize> {
         members.iter().partition(|&&i| means[i].iter().all(|v| v.is_finite()));
     let positions: Vec<[f32; 3]> = finite.iter().map(|&i| means[i]).collect();
     let Some(reach) = usual_reach(&positions) else { return out };
-    for group in components(&positions, reach) {
-        if (group.len() as f64) < STRAY_PART * finite.len() as f64 {
+    let groups = components(&positions, reach);
+    // Of foliage, say, each of many groups is a small part of all.
+    let largest = groups.iter().map(|group| group.len()).max().unwrap_or(0);
+    for group in groups {
+        if (group.len() as f64) < STRAY_PART * largest as f64 {
             out.extend(group.iter().map(|&member| finite[member as usize]));
         }
     }
@@ -56,5 +59,13 @@ mod tests {
         let zeros: Vec<usize> = (0..labels.len()).filter(|&i| labels[i] == 0).collect();
         assert_eq!(zeros, [41, 42, 49, 50], "two alone are no strays of each other");
         assert_eq!(drop_strays(&means, &mut labels), 0);
+    }
+
+    #[test]
+    fn an_object_in_many_small_parts_stays() {
+        let clump = |k: usize| (0..4).map(move |i| [100.0 * k as f32 + i as f32, 0.0, 0.0]);
+        let means: Vec<[f32; 3]> = (0..30).flat_map(clump).collect();
+        let mut labels = vec![3; means.len()];
+        assert_eq!((drop_strays(&means, &mut labels), &labels[..]), (0, &[3; 120][..]));
     }
 }

@@ -2,6 +2,7 @@
 
 mod coarse;
 pub(crate) mod labelled;
+mod painted;
 mod score;
 
 use std::collections::BTreeMap;
