@@ -40,4 +40,5 @@ pub use mask_source::MaskSource;
 pub use merged::{Merged, merged};
 pub use prepare::{Prepared, prepare};
 pub use segmented::{Segmented, segmented};
+pub use start::leave_out_masked;
 pub use trainer::{TrainJob, Trained, eval_options, train};

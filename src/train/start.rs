@@ -12,7 +12,7 @@ use crate::io::{IoError, View, load_scene};
 use crate::kernels::Variant;
 use crate::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
 
-use super::config::{Init, Method, TrainConfig};
+use super::config::{Init, Method, Strategy, TrainConfig};
 use super::data_doubts::doubts;
 use super::device_state::DeviceState;
 use super::error::TrainError;
@@ -186,19 +186,28 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
     let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
     let views = TrainViews::load(gpu, &plan, || ())?;
     // Test pictures too: a damaged one should be found now, not after hours.
+    leave_out_masked(&mut data.test, width)?.iter().for_each(|warning| warn(warning));
+    Ok(Loaded { data, variant, start, views })
+}
+
+/// Removes views whose masks leave nothing to compare, and says so. Decodes all of them.
+///
+/// # Errors
+/// The first picture that cannot be read.
+pub fn leave_out_masked(views: &mut Vec<View>, width: Option<u32>) -> Result<Option<String>, IoError> {
     let mut is_shown = Vec::new();
-    view_store::load_all::<TrainError>(&data.test, width, PrefetchLimits::default(), &mut |_, view| {
+    view_store::load_all::<IoError>(views, width, PrefetchLimits::default(), &mut |_, view| {
         is_shown.push(view.image.rgba.iter().any(|rgba| rgba[3] != IGNORED));
         Ok(())
     })?;
-    let empty = data.test.iter().zip(&is_shown).find(|(_, shown)| !**shown);
-    if let Some((view, _)) = empty {
+    let masked = views.iter().zip(&is_shown).find(|(_, shown)| !**shown);
+    let warning = masked.map(|(view, _)| {
         let (count, path) = (is_shown.iter().filter(|shown| !**shown).count(), view.image_path.display());
-        warn(&format!("{path}: its mask leaves nothing to compare; {count} such test views are left out"));
-        let mut shown = is_shown.into_iter();
-        data.test.retain(|_| shown.next() == Some(true));
-    }
-    Ok(Loaded { data, variant, start, views })
+        format!("{path}: its mask leaves nothing to compare; {count} such test views are left out")
+    });
+    let mut shown = is_shown.into_iter();
+    views.retain(|_| shown.next() == Some(true));
+    Ok(warning)
 }
 
 /// What a run starts from.
@@ -240,7 +249,7 @@ pub(super) fn first_state(
             random_in_view(&cameras, config.init_count as usize, seed, degree, shape)
         }
     };
-    let cloud = capped(cloud, config.max_gaussians as usize, &mut data.warnings);
+    let cloud = capped(cloud, most_at_first(config), &mut data.warnings);
     let state = DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?;
     Ok(Start { state, names: InstancedScene::default(), step: 0, due: false })
 }
@@ -273,6 +282,14 @@ fn first_instanced(
     scene.background = Gaussians::default();
     scene.offsets = Offsets::default();
     Ok(Start { state, names: scene, step, due: false })
+}
+
+/// Gaussians that training may start from. Of points at most half of those that it may have at all, if it adds some: a
+/// start that leaves no room cannot grow where there is detail. See docs/measurements.md.
+fn most_at_first(config: &TrainConfig) -> usize {
+    let most = config.max_gaussians as usize;
+    let grows = config.strategy != Strategy::None && config.init_scene.is_empty();
+    if grows { most.div_ceil(2) } else { most }
 }
 
 /// Every k-th Gaussian, so that at most `most` are left.

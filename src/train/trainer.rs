@@ -133,15 +133,19 @@ pub fn train(
     });
     let load = Instant::now();
     let config_path = job.out.join("config.toml");
-    let is_new = !config_path.exists();
+    let before = std::fs::read(&config_path).ok();
     let text = job.config.to_toml()?;
     // Before pictures are read, which may take minutes: a run that is killed then must know itself.
     atomic_write(&config_path, |out| out.write_all(text.as_bytes()))?;
     let job = &TrainJob { config: job.config.own_phase(), ..job.clone() };
     let loaded = load_all(gpu, job, warn);
-    if loaded.is_err() && is_new {
-        // Nothing began: the folder is free again. If the file cannot be removed, --resume still works.
-        let _ = std::fs::remove_file(&config_path);
+    if loaded.is_err() {
+        // Nothing began: the folder is free again, or still that of the run that was there. If this fails as well, the
+        // first error is the one to tell.
+        let _ = match before {
+            None => std::fs::remove_file(&config_path).ok(),
+            Some(bytes) => atomic_write(&config_path, |out| out.write_all(&bytes)).ok(),
+        };
     }
     let Loaded { data, variant, start, views } = loaded?;
     let first_step = start.step;

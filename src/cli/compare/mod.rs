@@ -19,9 +19,10 @@ use super::printer::Printer;
 use super::train::{MaskArgs, Session, absolute};
 use crate::bench::comparison::SeedResult;
 use crate::eval::{Evaluated, Lpips};
-use crate::io::IoError;
+use crate::io::{Dataset, IoError, Split, View, read_views};
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
 use crate::train::interrupt::Interrupt;
+use crate::train::leave_out_masked;
 
 /// Compares an instanced scene with plain clouds that had as much time, or may have as many bytes.
 ///
@@ -163,6 +164,7 @@ pub(super) fn compare(
     comparison: &Comparison,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
 ) -> Result<Vec<SeedResult>, CliError> {
+    let views = test_views(session, comparison)?;
     create_folder(&comparison.out)?;
     keep_config(comparison)?;
     let mut results = Vec::new();
@@ -172,7 +174,7 @@ pub(super) fn compare(
                 on_picture(name, view);
             }
         };
-        results.push(compare_seed(session, comparison, seed, &mut first_only)?);
+        results.push(compare_seed(session, (comparison, &views), seed, &mut first_only)?);
         session.printer.json_file(&comparison.out.join("compare.json"), &results)?;
     }
     let table = summary(&results);
@@ -182,10 +184,25 @@ pub(super) fn compare(
     Ok(results)
 }
 
-/// Writes the configuration down; refuses a folder with runs of another one, which would be taken for results of this one.
+/// The views that are compared. Before anything is trained for them.
+fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View>, CliError> {
+    let mut views: Vec<View> = Dataset::split(&read_views(&comparison.data)?, Split::Test).cloned().collect();
+    let width = (comparison.config.width > 0).then_some(comparison.config.width);
+    let masked = leave_out_masked(&mut views, width)?;
+    masked.iter().for_each(|text| session.printer.warning(text));
+    if views.is_empty() {
+        let error = IoError::new(&comparison.data, "has no test views to compare");
+        return Err(error.advise("add a test split, or photos: every eighth of more than eight is one").into());
+    }
+    Ok(views)
+}
+
+/// Writes down what is compared; refuses a folder with runs of something else, which would be taken for results of this.
 fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
     let path = comparison.out.join("config.toml");
-    let text = comparison.config.to_toml()?;
+    let data = std::fs::canonicalize(&comparison.data).unwrap_or_else(|_| comparison.data.clone());
+    let more = comparison.more_steps.map_or("by the clock".into(), |steps| steps.to_string());
+    let text = format!("# data: {}\n# more steps: {more}\n{}", data.display(), comparison.config.to_toml()?);
     match std::fs::read(&path) {
         Ok(there) if there != text.as_bytes() => {
             let error = IoError::new(&path, "is of another comparison");

@@ -35,14 +35,14 @@ impl Runs<'_> {
         train_job(self.session, &TrainJob { data: self.data.into(), out, config, resume: true })
     }
 
-    /// The plain cloud of the instanced run, trained on for `more` steps.
+    /// The plain cloud of the instanced run, trained on for `more` steps, and ended as the joint phase is.
     pub(in crate::cli) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
         let (from, to) = (self.out.join("instgs/vanilla"), self.out.join(name));
         if !to.join("config.toml").exists() {
             copy_run(&from, &to)?;
         }
         let steps = self.config.steps + more;
-        self.train(name, TrainConfig { steps, ..self.config.cloud_phase() })
+        self.train(name, TrainConfig { steps, ..self.config.cloud_alone() })
     }
 
     /// An instanced run of other settings that starts from the same plain cloud.
@@ -58,10 +58,12 @@ impl Runs<'_> {
 /// What a run is resumed from.
 fn copy_run(from: &Path, to: &Path) -> Result<(), CliError> {
     create_folder(&to.join("checkpoints"))?;
-    let mut files = vec!["events.jsonl".to_owned(), "config.toml".into()];
-    let newest = crate::io::checkpoint::latest(&from.join("checkpoints"))?.found;
-    files.extend(newest.and_then(|(path, _)| Some(format!("checkpoints/{}", path.file_name()?.to_str()?))));
-    copy_files(from, to, files)
+    let checkpoints = from.join("checkpoints");
+    let newest = crate::io::checkpoint::latest(&checkpoints)?.found;
+    let name = newest.as_ref().and_then(|(path, _)| path.file_name()?.to_str());
+    let name = name.ok_or_else(|| IoError::new(&checkpoints, "has no checkpoint to go on from"))?;
+    // The configuration last: with it the run counts as copied.
+    copy_files(from, to, [format!("checkpoints/{name}"), "events.jsonl".into(), "config.toml".into()])
 }
 
 fn copy_files(from: &Path, to: &Path, files: impl IntoIterator<Item = String>) -> Result<(), CliError> {

@@ -11,9 +11,7 @@ use crate::cli::inspect_groups::ply_row_bytes;
 use crate::cli::train::Session;
 use crate::eval::Evaluated;
 use crate::io::view_image::camera_at_width;
-use crate::io::{
-    Dataset, IoError, MaskFolder, Pack, Split, View, load_scene, read_views, write_scene_file_packed, write_spz,
-};
+use crate::io::{IoError, MaskFolder, Pack, View, load_scene, write_scene_file_packed, write_spz};
 use crate::scene::{Camera, InstancedScene, RepeatedBytes};
 use crate::train::config::{Strategy, TrainConfig};
 use crate::train::eval_options;
@@ -32,7 +30,7 @@ struct Subject {
 /// Trains what is not there yet, and measures.
 pub(super) fn compare_seed(
     session: &Session<'_>,
-    comparison: &Comparison,
+    (comparison, views): (&Comparison, &[View]),
     seed: u64,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
 ) -> Result<SeedResult, CliError> {
@@ -86,7 +84,7 @@ pub(super) fn compare_seed(
         warnings: ours.warnings,
         ..SeedResult::default()
     };
-    measure(session, comparison, &runs, &subjects, &mut result, on_picture)?;
+    measure(session, (comparison, views), &runs, &subjects, &mut result, on_picture)?;
     Ok(result)
 }
 
@@ -105,7 +103,7 @@ impl Runs<'_> {
     /// Trains or writes what is measured besides.
     fn rival(&self, rival: Rival, same_time: &RunReport, instanced: &InstancedScene) -> Result<Subject, CliError> {
         let (seed, printer) = (self.config.seed, self.session.printer);
-        let as_long = TrainConfig { steps: same_time.steps, ..self.config.cloud_phase() };
+        let as_long = TrainConfig { steps: same_time.steps, ..self.config.cloud_alone() };
         match rival {
             Rival::SameBytes => {
                 let bytes_each = ply_row_bytes(instanced.templates.sh_degree);
@@ -157,20 +155,19 @@ impl Runs<'_> {
 /// Renders the test views of every subject, and times two of them.
 fn measure(
     session: &Session<'_>,
-    comparison: &Comparison,
+    (comparison, views): (&Comparison, &[View]),
     runs: &Runs<'_>,
     subjects: &[Subject],
     result: &mut SeedResult,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
 ) -> Result<(), CliError> {
-    let views: Vec<View> = Dataset::split(&read_views(&comparison.data)?, Split::Test).cloned().collect();
     let given = (!runs.config.masks.is_empty()).then(|| PathBuf::from(&runs.config.masks));
     let masks = given.or_else(|| MaskFolder::default_for(&comparison.data));
     let masks = masks.map(|folder| MaskFolder::open(&folder)).transpose()?;
     let width = (runs.config.width > 0).then_some(runs.config.width);
     let options = eval_options(&runs.config);
     let (masks, lpips) = (masks.as_ref(), comparison.lpips.as_ref());
-    let measure = Measure { gpu: session.gpu, views: &views, width, options, masks, lpips };
+    let measure = Measure { gpu: session.gpu, views, width, options, masks, lpips };
     for Subject { name, file, seconds, steps } in subjects {
         let row =
             measure.row(name, &runs.out.join(file), &mut |view| on_picture(name, view)).map_err(measure_failed)?;

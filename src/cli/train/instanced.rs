@@ -21,15 +21,17 @@ use crate::train::given::{GivenCloud, given_cloud};
 use crate::train::report::{Bytes, JointMatch, Quality, ReportData, RunReport, Stage, StagePictures};
 use crate::train::segmented::{CLOUD, require_segments};
 use crate::train::{
-    MaskSource, Prepared, TrainError, TrainJob, check_masks, eval_options, masks_from_prompt, prepare, stage_pictures,
+    MaskSource, Prepared, TrainError, TrainJob, check_masks, eval_options, leave_out_masked, masks_from_prompt,
+    prepare, stage_pictures,
 };
 
 /// The configuration, in the run folder.
 const CONFIG: &str = "config.toml";
 /// How the keys begin that only the joint phase goes by, or that say nothing of the outcome.
-const OF_JOINT_PHASE: [&str; 11] = [
+const OF_JOINT_PHASE: [&str; 12] = [
     "joint.steps",
     "joint.final_factor",
+    "joint.decay_start",
     "joint.prune_opacity",
     "joint.refine_poses",
     "template_rates.",
@@ -213,13 +215,15 @@ fn taken_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliE
 
 /// Means over the test views; `None` if there are none.
 fn evaluated(session: &Session<'_>, job: &TrainJob, scene: &InstancedScene) -> Result<Option<Quality>, CliError> {
-    let test: Vec<_> = Dataset::split(&read_views(&job.data)?, Split::Test).cloned().collect();
+    let mut test: Vec<_> = Dataset::split(&read_views(&job.data)?, Split::Test).cloned().collect();
+    let width = (job.config.width > 0).then_some(job.config.width);
+    // The joint phase, which leaves them out as well, tells of them.
+    leave_out_masked(&mut test, width)?;
     if test.is_empty() {
         return Ok(None);
     }
     let mut renderer = Renderer::new(session.gpu).map_err(TrainError::from)?;
     let device_scene = renderer.upload(scene).map_err(TrainError::from)?;
-    let width = (job.config.width > 0).then_some(job.config.width);
     let options = eval_options(&job.config);
     let report =
         crate::eval::evaluate::<TrainError>(&mut renderer, &device_scene, &test, width, &options, None, |_| Ok(()))?;

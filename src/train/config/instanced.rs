@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::schedule::{OffsetRates, PoseRates, Rates, SourceRates, log_linear};
+use super::schedule::{OffsetRates, PoseRates, Rates, SourceRates, late_decay, log_linear};
 use super::{Method, Strategy, TrainConfig};
 use crate::detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
-use crate::template::{Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
+use crate::template::{HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
 
 /// How things are found by name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -88,6 +88,8 @@ pub struct JointConfig {
     pub refine_scales: bool,
     /// Factor that rates other than the centres' have reached at the end.
     pub final_factor: f64,
+    /// Part of the steps after which they begin to decay, in 0..1.
+    pub decay_start: f64,
     /// Gaussians whose blending weight (sum over pixels) per training view that shows them is less than this part of the
     /// mean, and whose centre is in the frame of one, are removed before the phase; 0 = none.
     pub prune_weight: f64,
@@ -170,6 +172,13 @@ impl TrainConfig {
         Self { method: Method::Gaussians, ..self.clone() }
     }
 
+    /// A plain cloud that nothing comes after: its rates end as those of the joint phase do.
+    pub fn cloud_alone(&self) -> Self {
+        let mut config = self.cloud_phase();
+        (config.rates.final_factor, config.rates.decay_start) = (self.joint.final_factor, self.joint.decay_start);
+        config
+    }
+
     /// The configuration of the joint phase: its steps, all SH coefficients from the start, no densification.
     pub fn joint_phase(&self) -> Self {
         Self {
@@ -198,13 +207,15 @@ impl TrainConfig {
             },
             count_factor: template.count_factor,
             settle_rounds: template.settle_rounds,
+            // What the user has as a group is one.
+            worst_match: self.groups.is_empty().then_some(HOPELESS_MATCH),
             seed: self.seed,
         }
     }
 
     /// Learning rates of step index `step` of the joint phase; `extent` is the scene's, scene units.
     pub(super) fn joint_rates_at(&self, step: u64, extent: f64) -> Rates {
-        let factor = log_linear(1.0, self.joint.final_factor, step, self.steps);
+        let factor = late_decay(self.joint.final_factor, self.joint.decay_start, step, self.steps);
         let at = |rates: &JointRates| rates.at(step, self.steps, extent, factor);
         let poses = &self.pose_rates;
         let refined = |refine: bool, rate: f64| if refine { rate * factor } else { 0.0 };
@@ -246,12 +257,15 @@ mod tests {
 
     #[test]
     fn phases_have_their_own_steps_and_rates() -> Result<(), ConfigError> {
-        let config = joint(&["joint.steps=40", "steps=1000", "joint.final_factor=0.25"])?;
+        let config = joint(&["joint.steps=40", "steps=1000", "joint.final_factor=0.25", "joint.decay_start=0"])?;
         assert_eq!((config.steps, config.method, config.strategy), (40, Method::Instanced, Strategy::None));
         assert_eq!(config.sh_degree_at(0), 3);
         let half = config.rates_at(20, 1.0);
         assert!((half.template.opacity / 0.0125 - 1.0).abs() < 1e-12);
         assert!((half.offsets.means / (8e-5f64 * 1.6e-6).sqrt() - 1.0).abs() < 1e-12);
+        let alone = config.cloud_alone();
+        assert_eq!((alone.method, alone.rates.final_factor), (Method::Gaussians, 0.25));
+        assert!((alone.rates_at(20, 1.0).background.opacity / 0.0125 - 1.0).abs() < 1e-12);
         let first = config.cloud_phase();
         assert_eq!((first.method, first.rates_at(0, 1.0).offsets.means), (Method::Gaussians, 0.0));
         Ok(())

@@ -46,7 +46,7 @@ const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key, in the order of `configs/default.toml` and `configs/instgs.toml`.
-pub const KEYS: [Key; 107] = [
+pub const KEYS: [Key; 109] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -76,6 +76,7 @@ pub const KEYS: [Key; 107] = [
     key("rates.log_scales", Real(0.0, RATE_MAX)),
     key("rates.quats", Real(0.0, RATE_MAX)),
     key("rates.final_factor", RealAbove(0.0, RATE_MAX)),
+    key("rates.decay_start", RealBelow(0.0, 1.0)),
     key("rates.beta1", RealBelow(0.0, 1.0)),
     key("rates.beta2", RealBelow(0.0, 1.0)),
     // Below the smallest normal f32 it would count as 0 on the device.
@@ -129,6 +130,7 @@ pub const KEYS: [Key; 107] = [
     key("joint.refine_poses", Flag),
     key("joint.refine_scales", Flag),
     key("joint.final_factor", RealAbove(0.0, RATE_MAX)),
+    key("joint.decay_start", RealBelow(0.0, 1.0)),
     key("joint.prune_weight", RealBelow(0.0, 1.0)),
     key("joint.prune_opacity", RealBelow(0.0, 1.0)),
     key("template_rates.means", Real(0.0, RATE_MAX)),

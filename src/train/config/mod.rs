@@ -167,6 +167,8 @@ pub struct RateConfig {
     pub quats: f64,
     /// Factor that all rates but the centres' have reached at the end.
     pub final_factor: f64,
+    /// Part of the steps after which they begin to decay, in 0..1.
+    pub decay_start: f64,
     /// Adam's decay of the mean gradient, in 0..1.
     pub beta1: f64,
     /// Adam's decay of the mean squared gradient, in 0..1.

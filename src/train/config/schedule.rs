@@ -83,7 +83,7 @@ impl TrainConfig {
         }
         let rates = &self.rates;
         let means_steps = if rates.means_steps == 0 { self.steps } else { rates.means_steps };
-        let factor = log_linear(1.0, rates.final_factor, step, self.steps);
+        let factor = late_decay(rates.final_factor, rates.decay_start, step, self.steps);
         let source = SourceRates {
             means: log_linear(rates.means, rates.means_final, step, means_steps) * extent,
             sh_dc: rates.sh_dc * factor,
@@ -162,6 +162,12 @@ pub(super) fn log_linear(first: f64, last: f64, step: u64, steps: u64) -> f64 {
     first * (last / first).powf(step as f64 / steps as f64)
 }
 
+/// 1 for the part `start` of the steps, then by equal factors to `last` at step `steps`.
+pub(super) fn late_decay(last: f64, start: f64, step: u64, steps: u64) -> f64 {
+    let first_decaying = ((start * steps as f64).round() as u64).min(steps);
+    log_linear(1.0, last, step.saturating_sub(first_decaying), steps - first_decaying)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,6 +202,11 @@ mod tests {
         assert_eq!(decaying.rates_at(0, 1.0).template.quats, 1e-3);
         assert!((decaying.rates_at(100, 1.0).template.quats / 1e-4 - 1.0).abs() < 1e-12);
         assert_eq!(decaying.rates_at(200, 1.0).template.opacity, 0.025 * 0.01);
+        let late = with(&["rates.final_factor=0.01", "rates.decay_start=0.8", "steps=200"])?;
+        let opacity = |step| late.rates_at(step, 1.0).template.opacity / 0.025;
+        assert_eq!([opacity(0), opacity(160)], [1.0, 1.0]);
+        assert!((opacity(180) / 0.1 - 1.0).abs() < 1e-12 && opacity(161) < 1.0);
+        assert_eq!(opacity(200), 0.01);
         Ok(())
     }
 

@@ -87,7 +87,7 @@ pub struct Stage {
 impl Stage {
     /// True for what stands between the plain cloud's training and the joint phase's: from masks to templates.
     pub fn is_preparation(&self) -> bool {
-        ["consensus", "segment", "register", "merge"].contains(&self.name.as_str())
+        ["consensus", "segment", "register", "refine poses", "merge"].contains(&self.name.as_str())
     }
 
     /// True for what a scene needs: training, its preparation, and making masks; not loading, evaluating and drawing.
