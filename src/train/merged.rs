@@ -28,7 +28,7 @@ pub fn merged(
     groups: &[PosedGroup],
     config: &TrainConfig,
 ) -> Result<Merged, TrainError> {
-    let is_kept = segmented.well_seen(&cloud.background.means, config.joint.prune_weight);
+    let is_kept = segmented.well_seen(&cloud.background.means, groups, config.joint.prune_weight);
     let kept = cloud.background.filtered(|i| is_kept[i]);
     let labels: Vec<u32> =
         segmented.labels.iter().zip(&is_kept).filter(|(_, kept)| **kept).map(|(&id, _)| id).collect();

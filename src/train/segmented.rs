@@ -2,6 +2,7 @@
 //! stands in a folder: the cloud with the configuration, `cameras.json`, `consensus.json` and `labels.safetensors`. The
 //! stages that follow need no more than that.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,7 +14,7 @@ use crate::io::checkpoint::Checkpoint;
 use crate::io::json::{read_json, write_json};
 use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, MaskFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
-use crate::scene::{Camera, InstancedScene};
+use crate::scene::{Camera, InstancedScene, PosedGroup};
 use crate::segment::{
     Consensus, ConsensusOptions, ConsensusReport, KEPT_BYTES, LabelOptions, LabelProgress, ViewContributions,
     consensus, label_views,
@@ -58,15 +59,31 @@ pub struct Segmented {
 }
 
 impl Segmented {
-    /// By Gaussian, at `means`: true if its weight per view that shows it is at least this part of the mean, or if its
-    /// centre is in the frame of no view. Per view, because what only a few pictures show, at their borders, may be all
-    /// that there is in other pictures; and what no picture has in its frame nobody has looked at, while a camera between
-    /// the others may see it.
-    pub fn well_seen(&self, means: &[[f32; 3]], part_of_mean: f64) -> Vec<bool> {
+    /// By Gaussian, at `means`: true if its weight per view that shows it is at least this part of the mean of its kind, or
+    /// if its centre is in the frame of no view. Per view, because what only a few pictures show, at their borders, may be
+    /// all that there is in other pictures; and what no picture has in its frame nobody has looked at, while a camera
+    /// between the others may see it. A kind is an object's group, or the background: thin chairs beside walls and a floor
+    /// would lose what they consist of.
+    pub fn well_seen(&self, means: &[[f32; 3]], groups: &[PosedGroup], part_of_mean: f64) -> Vec<bool> {
         let per_view = |(&weight, &views): (&f32, &u32)| f64::from(weight) / f64::from(views.max(1));
         let weights: Vec<f64> = self.weights_px.iter().zip(&self.views_seen).map(per_view).collect();
-        let least = part_of_mean * weights.iter().sum::<f64>() / weights.len().max(1) as f64;
-        weights.iter().zip(means).map(|(&weight, &mean)| weight >= least || !self.is_framed(mean)).collect()
+        let kinds = self.kinds(groups);
+        let mut sums = vec![(0.0, 0usize); 1 + groups.len()];
+        for (&kind, &weight) in kinds.iter().zip(&weights) {
+            sums[kind].0 += weight;
+            sums[kind].1 += 1;
+        }
+        let least: Vec<f64> = sums.iter().map(|&(sum, count)| part_of_mean * sum / count.max(1) as f64).collect();
+        let is_kept =
+            |((&weight, &mean), &kind): ((&f64, &[f32; 3]), &usize)| weight >= least[kind] || !self.is_framed(mean);
+        weights.iter().zip(means).zip(&kinds).map(is_kept).collect()
+    }
+
+    /// By Gaussian: 0 for the background, 1 + g for objects of group g.
+    fn kinds(&self, groups: &[PosedGroup]) -> Vec<usize> {
+        let ids = groups.iter().enumerate().flat_map(|(g, group)| group.instances.iter().map(move |i| (i.id, 1 + g)));
+        let kind_of_id: BTreeMap<u32, usize> = ids.collect();
+        self.labels.iter().map(|id| kind_of_id.get(id).copied().unwrap_or_default()).collect()
     }
 
     /// True if a point of the world is in the frame of a view, hidden or not.
@@ -210,6 +227,8 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use crate::math::similarity::Similarity;
+    use crate::scene::PosedInstance;
     use crate::scene::test_cameras::ring;
 
     /// The first two add as much to all pictures, the first in one of them, the second in 40 and hardly in any. By sums the
@@ -217,29 +236,53 @@ mod tests {
     #[test]
     fn what_one_picture_shows_well_stays_and_what_many_hardly_show_goes() {
         let segmented = Segmented {
+            labels: vec![0; 4],
             weights_px: vec![3.0, 3.0, 100.0, 0.0],
             views_seen: vec![1, 40, 20, 0],
             cameras: ring(DVec3::Z),
             ..Segmented::default()
         };
-        let well_seen = |part| segmented.well_seen(&[[0.0; 3]; 4], part);
+        let well_seen = |part| segmented.well_seen(&[[0.0; 3]; 4], &[], part);
         // Per view 3, 0.075, 5, 0: the mean is 2.02.
         assert_eq!(well_seen(0.1), [true, false, true, false]);
         assert_eq!(well_seen(0.03), [true, true, true, false]);
         assert_eq!(well_seen(0.0), [true; 4]);
-        assert!(Segmented::default().well_seen(&[], 0.1).is_empty());
+        assert!(Segmented::default().well_seen(&[], &[], 0.1).is_empty());
     }
 
     /// The cameras look at the origin from 9 units aside and 4 above: far above them is in no frame.
     #[test]
     fn what_no_picture_has_in_its_frame_stays() {
         let segmented = Segmented {
+            labels: vec![0; 3],
             weights_px: vec![9.0, 0.0, 0.0],
             views_seen: vec![1, 0, 0],
             cameras: ring(DVec3::Z),
             ..Segmented::default()
         };
         let means = [[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.0, 50.0]];
-        assert_eq!(segmented.well_seen(&means, 0.1), [true, false, true]);
+        assert_eq!(segmented.well_seen(&means, &[], 0.1), [true, false, true]);
+    }
+
+    /// Two of three Gaussians of objects are seen as well as any of theirs, and far less than the background.
+    #[test]
+    fn objects_are_judged_among_themselves() {
+        let segmented = Segmented {
+            labels: vec![0, 0, 7, 8, 8],
+            weights_px: vec![100.0, 9.0, 2.0, 2.0, 0.1],
+            views_seen: vec![1; 5],
+            cameras: ring(DVec3::Z),
+            ..Segmented::default()
+        };
+        let group = PosedGroup {
+            template_id: 3,
+            name: None,
+            score: None,
+            instances: [7, 8].map(|id| PosedInstance { id, world_from_template: Similarity::IDENTITY }).into(),
+        };
+        let means = [[0.0; 3]; 5];
+        // The mean of all is 22.6; of the background alone 54.5, of the objects 1.37.
+        assert_eq!(segmented.well_seen(&means, &[], 0.2), [true, true, false, false, false]);
+        assert_eq!(segmented.well_seen(&means, std::slice::from_ref(&group), 0.2), [true, false, true, true, false]);
     }
 }

@@ -349,6 +349,51 @@ mod tests {
     }
 
     #[test]
+    fn a_start_of_points_leaves_room_to_grow() -> Test {
+        let most = |sets: &[&str]| Ok::<_, ConfigError>(most_at_first(&with(sets)?));
+        assert_eq!(most(&["max_gaussians=41"])?, 21);
+        // What adds none may start with all, and a given cloud is kept whole.
+        assert_eq!(most(&["max_gaussians=41", "strategy=none"])?, 41);
+        assert_eq!(most(&["max_gaussians=41", "init_scene=a.ply"])?, 41);
+        Ok(())
+    }
+
+    #[test]
+    fn views_that_are_all_masked_are_left_out_and_told_of() -> Test {
+        let folder = tempfile::tempdir()?;
+        let view = |name: &str, mask: &[u8]| {
+            let [image_path, mask_path] = ["png", "mask.png"].map(|end| folder.path().join(format!("{name}.{end}")));
+            image::RgbImage::from_pixel(2, 1, image::Rgb([9; 3])).save(&image_path)?;
+            image::GrayImage::from_vec(2, 1, mask.into()).ok_or("size")?.save(&mask_path)?;
+            let pose = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+            let sides = Camera {
+                name: name.into(),
+                width: 2,
+                height: 1,
+                fx: 1.0,
+                fy: 1.0,
+                cx: 1.0,
+                cy: 0.5,
+                view_from_world: pose,
+            };
+            let split = crate::io::Split::Test;
+            Ok::<_, Box<dyn std::error::Error>>(View {
+                camera: sides,
+                image_path,
+                split,
+                distortion: None,
+                mask_path: Some(mask_path),
+            })
+        };
+        let mut views = vec![view("half", &[0, 255])?, view("none", &[0, 0])?, view("all", &[255, 255])?];
+        let warning = leave_out_masked(&mut views, None)?.ok_or("no warning")?;
+        assert!(warning.contains("none.png") && warning.contains("1 such test view"), "{warning}");
+        assert_eq!(views.iter().map(|view| view.camera.name.as_str()).collect::<Vec<_>>(), ["half", "all"]);
+        assert_eq!(leave_out_masked(&mut views, None)?, None);
+        Ok(())
+    }
+
+    #[test]
     fn points_are_needed_only_by_a_run_that_starts_from_them() -> Test {
         let folder = tempfile::tempdir()?;
         let out = folder.path().to_path_buf();

@@ -135,9 +135,12 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         command.args(["train", "--resume", "--data"]).arg(at.join("data")).arg("--out").arg(at.join("b")).args(more);
         command
     };
+    let configs = || ["b/config.toml", "b/vanilla/config.toml"].map(|path| fs::read(at.join(path)).unwrap());
+    let before = configs();
     let text = resume(["--steps", "240"]).assert().code(1).get_output().stderr.clone();
     let text = String::from_utf8(text).unwrap();
     assert!(text.contains("steps = 120") && text.contains("240") && text.contains("another folder"), "{text}");
+    assert!(configs() == before);
     resume(["--joint-steps", "70"]).assert().success();
     assert_eq!(json(at.join("b/report.json"))["steps"], 70);
     // Poses and offsets are in the checkpoint.

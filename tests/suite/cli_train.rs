@@ -220,6 +220,11 @@ fn folders_caps_and_more_steps() {
     train(&at, "run", &["--steps", "90", "--resume"]).assert().success();
     let longer = report(&at, "run");
     assert_eq!((&longer["steps"], &longer["config"]["steps"]), (&90.into(), &90.into()));
+    // What is refused leaves the run as it was.
+    let config = fs::read(at.join("run/config.toml")).unwrap();
+    let text = error_of(&mut train(&at, "run", &["--steps", "70", "--resume"]));
+    assert!(text.contains("step 90") && text.contains("steps = 70"), "{text}");
+    assert!(fs::read(at.join("run/config.toml")).unwrap() == config);
     fs::remove_file(at.join("data/points3d.ply")).unwrap();
     let random = ["--set", "init=random", "--set", "init_count=500", "--steps", "10", "--width", "64"];
     train(&at, "random", &random).assert().success();

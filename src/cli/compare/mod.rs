@@ -225,6 +225,27 @@ mod tests {
         compare: CompareArgs,
     }
 
+    /// Results of one comparison are not taken for those of another.
+    #[test]
+    fn a_folder_of_another_comparison_is_refused() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let out = folder.path().display().to_string();
+        let keep = |words: &str| {
+            let words = format!("x --out {out} --masks m {words}");
+            let line = Line::try_parse_from(words.split_whitespace())?;
+            Ok::<_, Box<dyn std::error::Error>>(keep_config(&line.compare.comparison()?))
+        };
+        keep("--data d --set steps=9")??;
+        let kept = std::fs::read(folder.path().join("config.toml"))?;
+        keep("--data d --set steps=9")??;
+        for other in ["--data d --set steps=8", "--data e --set steps=9", "--data d --set steps=9 --more-steps 4"] {
+            let text = keep(other)?.expect_err(other).to_string();
+            assert!(text.contains("config.toml") && text.contains("another comparison"), "{text}");
+        }
+        assert_eq!(std::fs::read(folder.path().join("config.toml"))?, kept);
+        Ok(())
+    }
+
     /// Masks come from where `train` may have them from.
     #[test]
     fn boxes_and_words_reach_the_configuration() -> Result<(), Box<dyn std::error::Error>> {

@@ -91,7 +91,8 @@ pub struct JointConfig {
     /// Part of the steps after which they begin to decay, in 0..1.
     pub decay_start: f64,
     /// Gaussians whose blending weight (sum over pixels) per training view that shows them is less than this part of the
-    /// mean, and whose centre is in the frame of one, are removed before the phase; 0 = none.
+    /// mean of their kind (an object's group, or the background), and whose centre is in the frame of one, are removed
+    /// before the phase; 0 = none.
     pub prune_weight: f64,
     /// Opacity below which Gaussians are removed at the end; 0 = none.
     pub prune_opacity: f64,
