@@ -7,16 +7,15 @@ use serde::{Deserialize, Serialize};
 use super::training_clock::{TrainingClock, training_seconds};
 use crate::train::events::{Event, null_is_nan};
 
-/// Steps that are compared at a time. The loss of one view scatters by a few percent from look to look; the joint phase
-/// gains as much in ten steps, when it comes near.
+/// Steps that are compared at a time: their mean loss stands for that of the middle one. The loss of one view scatters by a
+/// few percent from look to look; the joint phase gains as much in ten steps, when it comes near.
 const STEPS: usize = 30;
 
 /// When the training loss of the joint phase came down to the plain cloud's final one.
 ///
 /// The loss of a step is that of one view, and views differ more than the phases do. So each is compared with the plain
-/// cloud's at its last look at the same view: the match is at the first reported step of the joint phase at which the last
-/// 30 steps, or some more as they are reported several at a time, have no higher mean than their views had then. As this
-/// looks back, it is late by half of them.
+/// cloud's at its last look at the same view: the match is in the middle of the first 30 steps of the joint phase that have
+/// no higher mean than their views had then.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct JointMatch {
@@ -57,26 +56,29 @@ fn last_losses(events: &[Event]) -> BTreeMap<u32, f64> {
     events.iter().flat_map(of_event).map(|(view, loss)| (view, f64::from(loss))).collect()
 }
 
-/// Training time at which the last steps were no worse than the views' losses `then`.
+/// Training time in the middle of the first steps that were no worse than the views' losses `then`.
 fn match_seconds(then: &BTreeMap<u32, f64>, joint: &[Event]) -> Option<f64> {
+    let steps = excesses(then, joint);
+    let first = steps.windows(STEPS).find(|window| window.iter().map(|(_, excess)| excess).sum::<f64>() <= 0.0)?;
+    Some(first[STEPS / 2 - 1].0)
+}
+
+/// By step: training time at its end, and its loss minus its view's `then`. A report's steps share its time evenly.
+fn excesses(then: &BTreeMap<u32, f64>, joint: &[Event]) -> Vec<(f64, f64)> {
     let mut clock = TrainingClock::default();
-    // (Loss now, loss then) of every step.
-    let mut steps: Vec<(f64, f64)> = Vec::new();
-    // Reported steps before the last report.
-    let mut reported = Vec::new();
+    let mut steps = Vec::new();
+    let mut before = 0.0;
     for event in joint {
         let seconds = clock.at(event);
-        let Event::Step { view_losses, .. } = event else { continue };
-        reported.push(steps.len());
-        steps.extend(view_losses.iter().filter_map(|(view, now)| Some((f64::from(*now), *then.get(view)?))));
-        // Whole reports, as many as make enough steps.
-        let first = reported.iter().rev().find(|&&first| steps.len() - first >= STEPS);
-        let of_window = |first: &usize| steps[*first..].iter().fold((0.0, 0.0), |sum, s| (sum.0 + s.0, sum.1 + s.1));
-        if first.map(of_window).is_some_and(|(now, then)| now <= then) {
-            return Some(seconds);
+        if let Event::Step { view_losses, .. } = event {
+            for (i, (view, now)) in view_losses.iter().enumerate() {
+                let at = before + (seconds - before) * (i + 1) as f64 / view_losses.len() as f64;
+                steps.extend(then.get(view).map(|then| (at, f64::from(*now) - then)));
+            }
         }
+        before = seconds;
     }
-    None
+    steps
 }
 
 #[cfg(test)]
@@ -101,12 +103,12 @@ mod tests {
     fn the_match_by_hand() {
         let plain = log(&[9.0, 9.0, 5.0, 4.0, 3.0, 2.0, 1.0]);
         assert_eq!(final_loss(&plain, 4), Some(13.0));
-        // Means of three reports: 4.67, 3.67, 2.33, 1.0. A single report below is not enough.
+        // A single report below is not enough: the fourth to the sixth are the first three whose mean, 1, is no higher.
         let joint = log(&[6.0, 6.0, 2.0, 3.0, 2.0, -2.0, 1.0, 1.0]);
         let found = JointMatch::of(&plain, &joint, 4);
-        assert_eq!(found, Some(JointMatch { seconds: 30.0, fraction_of_vanilla: 30.0 / 35.0, loss: 13.0 }));
+        assert_eq!(found, Some(JointMatch { seconds: 22.5, fraction_of_vanilla: 22.5 / 35.0, loss: 13.0 }));
         assert_eq!(JointMatch::of(&plain, &joint[..5], 4), None);
-        assert_eq!(JointMatch::of(&plain, &log(&[1.0; 5]), 4).map(|m| m.seconds), Some(15.0));
+        assert_eq!(JointMatch::of(&plain, &log(&[1.0; 5]), 4).map(|m| m.seconds), Some(7.5));
         assert_eq!(JointMatch::of(&plain, &log(&[1.01; 50]), 4), None);
     }
 
@@ -124,7 +126,7 @@ mod tests {
                 view_losses.clear();
             }
         }
-        assert_eq!(JointMatch::of(&plain, &holes, 4).map(|m| m.seconds), Some(25.0));
+        assert_eq!(JointMatch::of(&plain, &holes, 4).map(|m| m.seconds), Some(17.5));
     }
 
     #[test]

@@ -228,7 +228,7 @@ fn a_run_in_two_phases_shows_both() {
     let count = |name: &str| tags.iter().filter(|t| *t == name).count();
     assert_eq!((count("svg"), count("table")), (4, 7));
     let found = data.report.joint_match.expect("a match");
-    // 0.05 exp(-step / 600), averaged over nine reports, is down to 0.0097 near step 1000, 125 s of 875.
+    // 0.05 exp(-step / 600), is down to 0.0097 near step 980, 122.5 s of 875.
     assert!((110.0..150.0).contains(&found.seconds) && (0.12..0.18).contains(&found.fraction_of_vanilla), "{found:?}");
     let sentence = format!("after {:.1} s ({:.1} % of", found.seconds, 100.0 * found.fraction_of_vanilla);
     for want in [
