@@ -373,6 +373,16 @@ set = ["offsets.init=zero"]
     let text = String::from_utf8(command(&[]).assert().success().get_output().stdout.clone()).unwrap();
     assert!(text.contains("as measured before") && text.contains("rigid copies"), "{text}");
     assert_eq!(fs::metadata(&report).unwrap().modified().unwrap(), before);
+    // Less of it, from the runs that are there.
+    let output = command(&["--also", "small", "--no-ablations", "--json"]).assert().success().get_output().clone();
+    let fewer: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let names = |scene: &Value| {
+        let rows = scene["seeds"][0]["rows"].as_array().unwrap().clone();
+        rows.iter().map(|r| r["name"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(names(&fewer[0])[..3], ["3DGS, the start", "3DGS, same time", "3DGS, same time, small"]);
+    assert!(names(&fewer[0]).len() == 7 && fewer[0]["ablations"].as_array().unwrap().is_empty());
+    assert_eq!(fs::metadata(&report).unwrap().modified().unwrap(), before);
     let text = error_of(&mut command(&["--only", "boat"]));
     assert!(text.contains("boat") && text.contains("data"), "{text}");
     let text = error_of(&mut command(&["--size", "huge"]));

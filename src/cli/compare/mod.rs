@@ -91,6 +91,11 @@ pub(super) enum Rival {
     Rigid,
 }
 
+impl Rival {
+    /// In the order of the tables.
+    pub(super) const ALL: [Self; 6] = [Self::AtOnce, Self::Mcmc, Self::SameBytes, Self::Spz, Self::Small, Self::Rigid];
+}
+
 /// What is compared.
 pub(super) struct Comparison {
     /// Dataset folder.

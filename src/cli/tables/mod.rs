@@ -11,6 +11,7 @@ mod scene;
 use self::files::write_all;
 use self::scene::{Evidence, run_scene};
 use super::args::create_folder;
+use super::compare::Rival;
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::eval::LpipsArgs;
@@ -33,6 +34,7 @@ use crate::train::interrupt::Interrupt;
 #[command(after_help = "Examples:\n  \
     instgs-vk tables configs/rescene.toml --size ci --out out/tables\n  \
     instgs-vk tables configs/rescene.toml --size ci --only cars,hall --out out/tables\n  \
+    instgs-vk tables configs/rescene.toml --size ci --also same-bytes,spz --no-ablations --out out/tables\n  \
     instgs-vk tables configs/bench/ci.toml --out out/bench")]
 pub(super) struct TablesArgs {
     /// List of scenes, a TOML file
@@ -50,6 +52,12 @@ pub(super) struct TablesArgs {
     /// Seeds of training; figures are medians over them
     #[arg(long, value_name = "S,S,...", value_delimiter = ',', default_value = "0")]
     seeds: Vec<u64>,
+    /// What is measured beside an instanced scene, its start, and 3DGS of the same time; of what the scene's kind has
+    #[arg(long, value_enum, value_name = "RIVAL,...", value_delimiter = ',', default_values_t = Rival::ALL)]
+    also: Vec<Rival>,
+    /// Without the ablations that scenes ask for
+    #[arg(long)]
+    no_ablations: bool,
     /// A line to put on top of the tables, for instance machine and commit
     #[arg(long, value_name = "TEXT", default_value = "")]
     note: String,
@@ -66,6 +74,7 @@ pub(super) fn run(args: &TablesArgs, device_args: &DeviceArgs, printer: &Printer
     let folder = args.list.parent().unwrap_or(Path::new(""));
     let mut jobs = chosen(list.jobs(folder, size), &args.only)?;
     jobs.retain(|job| is_there(job, printer));
+    jobs.iter_mut().for_each(|job| job.ablations &= !args.no_ablations);
     let lpips = match args.lpips.open()? {
         Ok(network) => Some(network),
         Err(why) => {
@@ -77,7 +86,7 @@ pub(super) fn run(args: &TablesArgs, device_args: &DeviceArgs, printer: &Printer
     let gpu = device::open(device_args.choice())?;
     create_folder(&args.out)?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
-    let evidence = Evidence { session, list: &list, size, seeds: &args.seeds, out: &args.out, lpips };
+    let evidence = Evidence { session, list: &list, size, seeds: &args.seeds, also: &args.also, out: &args.out, lpips };
     let mut results: Vec<SceneResult> = Vec::new();
     for (i, job) in jobs.iter().enumerate() {
         printer.line(format_args!("scene {} of {}: {}", i + 1, jobs.len(), job.name));

@@ -30,6 +30,8 @@ pub(super) struct Evidence<'a> {
     pub(super) size: &'a Size,
     /// Of training.
     pub(super) seeds: &'a [u64],
+    /// What is measured, of what a scene's kind has.
+    pub(super) also: &'a [Rival],
     pub(super) out: &'a Path,
     pub(super) lpips: Option<Lpips>,
 }
@@ -49,8 +51,8 @@ pub(super) fn run_scene(evidence: &Evidence<'_>, job: &SceneJob) -> Result<Scene
     let data = data_of(evidence, job)?;
     let config = config_of(evidence.list, job, &data)?;
     let ablations = if job.ablations { evidence.list.ablations.as_slice() } else { &[] };
-    let (seeds, lpips) = (evidence.seeds, evidence.lpips.is_some());
-    let made_by = format!("{job:?} {:?} {seeds:?} {lpips} {ablations:?} {}", evidence.size, config.to_toml()?);
+    let (seeds, also, lpips) = (evidence.seeds, evidence.also, evidence.lpips.is_some());
+    let made_by = format!("{job:?} {:?} {seeds:?} {also:?} {lpips} {ablations:?} {}", evidence.size, config.to_toml()?);
     let path = out.join("result.json");
     if let Ok(kept) = read_json::<Kept>(&path)
         && kept.made_by == made_by
@@ -106,11 +108,12 @@ fn measured(
     out: &Path,
 ) -> Result<SceneResult, CliError> {
     let session = &evidence.session;
-    let rivals = match job.part {
-        Part::Scene => vec![Rival::AtOnce, Rival::Mcmc, Rival::SameBytes, Rival::Spz, Rival::Small, Rival::Rigid],
+    let mut rivals = match job.part {
+        Part::Scene => Rival::ALL.to_vec(),
         Part::Scaling | Part::Differences => vec![Rival::SameBytes],
         Part::Failure => Vec::new(),
     };
+    rivals.retain(|rival| evidence.also.contains(rival));
     let comparison = Comparison {
         data: data.into(),
         out: out.into(),
