@@ -12,6 +12,7 @@ pub mod offsets;
 pub mod point_cloud;
 pub mod posed_group;
 pub mod prune;
+pub mod recentre;
 pub mod repeated_bytes;
 #[cfg(test)]
 pub(crate) mod test_cameras;

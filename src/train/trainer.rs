@@ -214,11 +214,14 @@ pub fn train(
     })
 }
 
-/// Removes what is not finite and what no instance shows; how many of each.
+/// Removes what is not finite and what no instance shows, and leaves in offsets only what is an instance's own; how many
+/// of each went.
 fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
     let dropped = scene.drop_non_finite();
     let prune = config.method == Method::Instanced && config.joint.prune_opacity > 0.0;
-    (dropped, if prune { scene.prune_transparent(config.joint.prune_opacity) } else { 0 })
+    let pruned = if prune { scene.prune_transparent(config.joint.prune_opacity) } else { 0 };
+    scene.recentre_offsets();
+    (dropped, pruned)
 }
 
 fn evaluated(step: u64, report: &EvalReport) -> Event {
