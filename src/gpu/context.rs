@@ -10,6 +10,7 @@ use super::caps::DeviceCaps;
 use super::error::GpuError;
 use super::interface::ALL_SHADERS;
 use super::memory::Memory;
+use super::pipeline::PipelineStore;
 use super::timeline::{Ticket, Timeline};
 use super::validation::ValidationMessages;
 
@@ -55,6 +56,7 @@ pub struct Gpu {
     pub(crate) timestamp_bits: u32,
     pub(crate) memory: Memory,
     pub(crate) timeline: Timeline,
+    pub(super) pipelines: PipelineStore,
     pub(crate) debug_names: Option<ext::debug_utils::Device>,
     caps: DeviceCaps,
     pub(super) instance: ash::Instance,
@@ -93,6 +95,7 @@ impl Gpu {
             timestamp_bits,
             memory,
             timeline,
+            pipelines: PipelineStore::default(),
             debug_names,
             caps,
             instance,
@@ -175,6 +178,7 @@ impl Drop for Gpu {
         // wait (or lost, when destruction is allowed too). Each object is destroyed once, children before parents.
         unsafe {
             let _ = self.device.device_wait_idle();
+            self.pipelines.destroy(&self.device);
             self.device.destroy_semaphore(self.timeline.semaphore, None);
             self.memory.destroy();
             self.device.destroy_device(None);

@@ -1,9 +1,10 @@
-//! Compute pipelines: one per kernel and set of specialisation constants.
+//! Compute pipelines: one per kernel and set of specialisation constants, made once per device.
 
+use std::collections::HashMap;
 use std::io::Write as _;
 use std::marker::PhantomData;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::vk;
 
@@ -81,9 +82,60 @@ impl Drop for PipelineCache {
     }
 }
 
+/// What a pipeline is made of.
+#[derive(Clone, Copy)]
+struct Compiled {
+    handle: vk::Pipeline,
+    layout: vk::PipelineLayout,
+    set_layout: vk::DescriptorSetLayout,
+}
+
+/// Kernel, subgroup size, specialisation constants.
+type Key = (&'static str, u32, Vec<(String, u32)>);
+
+/// The pipelines of a device. They live as long as it does: the phases of a run, and the pictures between them, take those
+/// that are there. Drivers may compile a kernel when it is first run, not when its pipeline is made, so that Vulkan's cache
+/// does not spare that; lavapipe does, 0.2 s for those of training.
+#[derive(Default)]
+pub(super) struct PipelineStore(Mutex<HashMap<Key, Compiled>>);
+
+impl PipelineStore {
+    /// The pipeline of `key`; made by `create` if there is none.
+    fn get_or_create(
+        &self,
+        key: Key,
+        create: impl FnOnce() -> Result<Compiled, GpuError>,
+    ) -> Result<Compiled, GpuError> {
+        // A panic elsewhere leaves the map whole.
+        let mut pipelines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(&compiled) = pipelines.get(&key) {
+            return Ok(compiled);
+        }
+        let compiled = create()?;
+        pipelines.insert(key, compiled);
+        Ok(compiled)
+    }
+
+    /// Destroys all of them.
+    ///
+    /// # Safety
+    /// They are of `device`, it is done with them, and nobody uses them afterwards.
+    pub(super) unsafe fn destroy(&self, device: &ash::Device) {
+        for (_, compiled) in self.0.lock().unwrap_or_else(PoisonError::into_inner).drain() {
+            // SAFETY: as this function's; drained, so each only once.
+            unsafe {
+                device.destroy_pipeline(compiled.handle, None);
+                device.destroy_pipeline_layout(compiled.layout, None);
+                device.destroy_descriptor_set_layout(compiled.set_layout, None);
+            }
+        }
+    }
+}
+
 /// A compiled kernel with its spec constants fixed.
 pub struct Pipeline<K> {
-    gpu: Arc<Gpu>,
+    /// Keeps the device, which owns the handles.
+    _gpu: Arc<Gpu>,
     pub(crate) handle: vk::Pipeline,
     pub(crate) layout: vk::PipelineLayout,
     pub(crate) set_layout: vk::DescriptorSetLayout,
@@ -91,7 +143,7 @@ pub struct Pipeline<K> {
 }
 
 impl<K: Kernel> Pipeline<K> {
-    /// Compiles kernel `K` for `subgroup_size` with the named 32-bit specialisation constants.
+    /// Kernel `K` for `subgroup_size` with the named 32-bit specialisation constants; compiled, unless the device has it.
     ///
     /// # Errors
     /// A name that the shader does not declare, or the driver refuses the pipeline.
@@ -101,49 +153,50 @@ impl<K: Kernel> Pipeline<K> {
         subgroup_size: u32,
         constants: &[(&str, u32)],
     ) -> Result<Self, GpuError> {
-        let shader = K::SHADER;
-        let (entries, data) = specialisation(shader, constants)?;
-        let words = ash::util::read_spv(&mut std::io::Cursor::new(shader.spirv))
-            .map_err(|e| GpuError::Kernel { kernel: shader.name.into(), reason: e.to_string() })?;
-        let set_layout = create_set_layout(gpu, shader)?;
-        let layout = create_layout(gpu, shader, set_layout)?;
-        let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
-        // SAFETY: words are the SPIR-V that shaderc made; the module is destroyed below, after pipeline creation.
-        let module =
-            unsafe { gpu.device.create_shader_module(&module_info, None) }.map_err(GpuError::vulkan(shader.name))?;
-        let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(&data);
-        let mut required =
-            vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default().required_subgroup_size(subgroup_size);
-        let mut stage = vk::PipelineShaderStageCreateInfo::default()
-            .stage(vk::ShaderStageFlags::COMPUTE)
-            .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
-            .module(module)
-            .name(c"main")
-            .specialization_info(&specialization);
-        if gpu.caps().can_require_subgroup_size {
-            stage = stage.push_next(&mut required);
-        }
-        let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
-        // SAFETY: every pointer of `info` lives through the call.
-        let created = unsafe { gpu.device.create_compute_pipelines(cache.handle, &info, None) };
-        // SAFETY: the module is not needed once the pipeline exists.
-        unsafe { gpu.device.destroy_shader_module(module, None) };
-        let handle = created.map_err(|(_, e)| e).map_err(GpuError::vulkan(shader.name))?[0];
-        gpu.set_name(handle, shader.name);
-        Ok(Self { gpu: gpu.clone(), handle, layout, set_layout, kernel: PhantomData })
+        let named = constants.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
+        let key = (K::SHADER.name, subgroup_size, named);
+        let create = || compile(gpu, cache, K::SHADER, subgroup_size, constants);
+        let Compiled { handle, layout, set_layout } = gpu.pipelines.get_or_create(key, create)?;
+        Ok(Self { _gpu: gpu.clone(), handle, layout, set_layout, kernel: PhantomData })
     }
 }
 
-impl<K> Drop for Pipeline<K> {
-    fn drop(&mut self) {
-        let _ = self.gpu.wait_all();
-        // SAFETY: the device is done with the pipeline and nothing else owns these handles.
-        unsafe {
-            self.gpu.device.destroy_pipeline(self.handle, None);
-            self.gpu.device.destroy_pipeline_layout(self.layout, None);
-            self.gpu.device.destroy_descriptor_set_layout(self.set_layout, None);
-        }
+fn compile(
+    gpu: &Gpu,
+    cache: &PipelineCache,
+    shader: &Shader,
+    subgroup_size: u32,
+    constants: &[(&str, u32)],
+) -> Result<Compiled, GpuError> {
+    let (entries, data) = specialisation(shader, constants)?;
+    let words = ash::util::read_spv(&mut std::io::Cursor::new(shader.spirv))
+        .map_err(|e| GpuError::Kernel { kernel: shader.name.into(), reason: e.to_string() })?;
+    let set_layout = create_set_layout(gpu, shader)?;
+    let layout = create_layout(gpu, shader, set_layout)?;
+    let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
+    // SAFETY: words are the SPIR-V that shaderc made; the module is destroyed below, after pipeline creation.
+    let module =
+        unsafe { gpu.device.create_shader_module(&module_info, None) }.map_err(GpuError::vulkan(shader.name))?;
+    let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(&data);
+    let mut required =
+        vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default().required_subgroup_size(subgroup_size);
+    let mut stage = vk::PipelineShaderStageCreateInfo::default()
+        .stage(vk::ShaderStageFlags::COMPUTE)
+        .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
+        .module(module)
+        .name(c"main")
+        .specialization_info(&specialization);
+    if gpu.caps().can_require_subgroup_size {
+        stage = stage.push_next(&mut required);
     }
+    let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
+    // SAFETY: every pointer of `info` lives through the call.
+    let created = unsafe { gpu.device.create_compute_pipelines(cache.handle, &info, None) };
+    // SAFETY: the module is not needed once the pipeline exists.
+    unsafe { gpu.device.destroy_shader_module(module, None) };
+    let handle = created.map_err(|(_, e)| e).map_err(GpuError::vulkan(shader.name))?[0];
+    gpu.set_name(handle, shader.name);
+    Ok(Compiled { handle, layout, set_layout })
 }
 
 fn specialisation(
