@@ -5,8 +5,8 @@
 //! `Out` of the pairs that the first sweep found; the second renders nothing while the views fit into memory
 //! ([`super::sweep`]).
 //!
-//! Large faint Gaussians (haze) need no rule of their own at alpha = 0.8: most of their weight is outside of any one
-//! object. `tests/suite/segment.rs` has some.
+//! Large faint Gaussians (haze) need no rule of their own: most of their weight is outside of any one object.
+//! `tests/suite/segment.rs` has some.
 
 use std::collections::BTreeMap;
 use std::num::NonZero;

@@ -165,6 +165,11 @@ fn labels_of_a_known_cloud_are_right() {
         assert!(stats.gaussians.abs_diff((DRAWN + NEVER_DRAWN) as u32) < 60, "{id}: {stats:?}");
     }
 
+    // The preset's alpha gives objects more.
+    let generous = synthetic.label(&LabelOptions { alpha: 0.4, ..LabelOptions::default() }).unwrap();
+    let rights = [synthetic.right(&generous, seen), synthetic.right(&generous, haze)];
+    assert!(rights[0] >= 0.95 && rights[1] == 1.0, "{rights:?}");
+
     let without = synthetic.label(&LabelOptions { unseen_neighbours: 0, ..LabelOptions::default() }).unwrap();
     assert_eq!(without.filled, 0);
     assert!((1..=unseen).contains(&labels.filled), "{} filled", labels.filled);
