@@ -21,7 +21,7 @@ use crate::train::interrupt::Interrupt;
 
 /// Steps of the plain cloud, of the joint phase, and the most Gaussians: with the build less than ten minutes on two CPU cores
 /// without AVX-512.
-const QUICK: [&str; 3] = ["steps=400", "joint.steps=450", "max_gaussians=30000"];
+const QUICK: [&str; 3] = ["steps=400", "joint.steps=400", "max_gaussians=26000"];
 /// Timed frames of each scene.
 const FRAMES: u32 = 18;
 
