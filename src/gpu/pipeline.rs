@@ -95,7 +95,7 @@ type Key = (&'static str, u32, Vec<(String, u32)>);
 
 /// The pipelines of a device. They live as long as it does: the phases of a run, and the pictures between them, take those
 /// that are there. Drivers may compile a kernel when it is first run, not when its pipeline is made, so that Vulkan's cache
-/// does not spare that; lavapipe does, 0.2 s for those of training.
+/// does not spare that; lavapipe does, 0.1 to 0.15 s for those of training.
 #[derive(Default)]
 pub(super) struct PipelineStore(Mutex<HashMap<Key, Compiled>>);
 
