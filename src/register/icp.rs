@@ -11,6 +11,8 @@ const TRIM: f64 = 0.9;
 const REACH: f64 = 4.0;
 /// Steps that move no point by more than this part of a voxel end it.
 const SETTLED: f64 = 1e-3;
+/// Poses between which no point moves by more than this part of a voxel are of one basin.
+const JOINED: f64 = 0.25;
 
 /// Points farther than this from the other surface do not agree with it, base voxels.
 pub(super) const INLIER_VOXELS: f64 = 1.5;
@@ -28,17 +30,31 @@ pub(super) struct IcpOptions {
 
 /// Moves `start` to where `data` (points of the target) lies best on `model` (the reference's, at a finer level).
 pub(super) fn icp(model: &Surface, data: &Surface, start: Pose, options: IcpOptions) -> Pose {
+    icp_apart(model, data, start, options, &[]).unwrap_or(start)
+}
+
+/// As [`icp`]; `None` as soon as a step ends so near to one of `known` that it is on its way there.
+pub(super) fn icp_apart(
+    model: &Surface,
+    data: &Surface,
+    start: Pose,
+    options: IcpOptions,
+    known: &[Pose],
+) -> Option<Pose> {
     let reach = reach_of(data);
     let mut pose = start;
     for _ in 0..options.steps {
-        let Some(next) = best_pose(&closest_pairs(model, data, &pose), options.allow_scale) else { return pose };
+        let Some(next) = best_pose(&closest_pairs(model, data, &pose), options.allow_scale) else { break };
         let moved = next.movement_from(&pose, reach);
         pose = next;
+        if known.iter().any(|known| pose.movement_from(known, reach) <= JOINED * data.voxel) {
+            return None;
+        }
         if moved <= SETTLED * data.voxel {
             break;
         }
     }
-    pose
+    Some(pose)
 }
 
 /// Each point of `data` with the nearest of `model`, if it is within reach and not among the farthest.
@@ -49,10 +65,13 @@ fn closest_pairs(model: &Surface, data: &Surface, pose: &Pose) -> Vec<Pair> {
             pairs.push((distance * pose.scale, i, j));
         }
     }
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let kept = (TRIM * pairs.len() as f64).ceil() as usize;
+    if kept < pairs.len() {
+        pairs.select_nth_unstable_by(kept, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        pairs.truncate(kept);
+    }
     let reach = REACH * data.voxel;
-    let within = pairs.iter().take(kept).take_while(|(distance, ..)| *distance <= reach);
+    let within = pairs.iter().filter(|(distance, ..)| *distance <= reach);
     within.map(|&(_, i, j)| Pair { from: model.positions[j], to: data.positions[i], weight: 1.0 }).collect()
 }
 

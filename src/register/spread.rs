@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::decide::is_symmetry;
-use super::icp::{IcpOptions, icp, mean_distance};
+use super::icp::{IcpOptions, icp_apart, mean_distance};
 use super::plane::{Slide, slide};
 use super::pose::Pose;
 use super::sample::{FINE, ObjectSurface};
@@ -97,11 +97,11 @@ impl Spread {
         let rng = Rng::new(self.seed).fork(HALF_STREAM).fork(u64::from(surface.id)).fork((HALVES + half) as u64);
         let points = base_points(&part(k), surface);
         let options = IcpOptions { steps: STEPS, allow_scale: self.allow_scale };
-        let refined = |start: Pose| {
-            let found = icp(&model, &points, start, options);
-            (found, mean_distance(&model, &points, &found))
-        };
-        let all = starts(&pose, surface.size, rng).map(refined);
+        let mut found = Vec::new();
+        for start in starts(&pose, surface.size, rng) {
+            found.extend(icp_apart(&model, &points, start, options, &found));
+        }
+        let all: Vec<(Pose, f64)> = found.into_iter().map(|p| (p, mean_distance(&model, &points, &p))).collect();
         let best = *all.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
         let off = |found: &Pose| found.translation.distance(pose.translation);
         let is_rival = |f: &&(Pose, f64)| off(&f.0) > OTHER * surface.size && f.1 <= (1.0 + self.min_margin) * best.1;

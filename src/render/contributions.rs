@@ -240,7 +240,9 @@ fn run_batch(
 /// Entries of a view while they are added up.
 #[derive(Default)]
 struct Sums {
-    /// (Gaussian, id) in one number that sorts like the pair, and a weight.
+    /// By Gaussian, as far as any has come: the weight of id 0, which most entries have.
+    unmasked: Vec<u64>,
+    /// (Gaussian, id above 0) in one number that sorts like the pair, and a weight.
     keyed: Vec<(u64, u64)>,
     /// Keys up to here are sorted and different.
     merged: usize,
@@ -253,10 +255,12 @@ impl Sums {
     fn add(&mut self, batch: &Batch, entries: &[[u32; 2]]) {
         let ends = batch.units.iter().skip(1).map(|u| u.first_entry).chain([batch.entries]);
         for (unit, end) in batch.units.iter().zip(ends) {
-            for &[gaussian, weight] in &entries[unit.first_entry as usize..end as usize] {
-                if weight > 0 {
-                    self.keyed.push((u64::from(gaussian) << 16 | u64::from(unit.id), u64::from(weight)));
-                }
+            let entries = entries[unit.first_entry as usize..end as usize].iter().filter(|[_, weight]| *weight > 0);
+            if unit.id == 0 {
+                entries.for_each(|&[gaussian, weight]| self.add_unmasked(gaussian as usize, weight));
+            } else {
+                let key = |gaussian: u32| u64::from(gaussian) << 16 | u64::from(unit.id);
+                self.keyed.extend(entries.map(|&[gaussian, weight]| (key(gaussian), u64::from(weight))));
             }
         }
         if self.keyed.len() - self.merged >= MERGE_AT {
@@ -264,9 +268,16 @@ impl Sums {
         }
     }
 
+    fn add_unmasked(&mut self, gaussian: usize, weight: u32) {
+        if gaussian >= self.unmasked.len() {
+            self.unmasked.resize(gaussian + 1, 0);
+        }
+        // Weights of one (Gaussian, id) stay below the pixels of a picture times 2^24: far from 2^64.
+        self.unmasked[gaussian] += u64::from(weight);
+    }
+
     fn merge(&mut self) {
         self.keyed.par_sort_unstable_by_key(|(key, _)| *key);
-        // Weights of one (Gaussian, id) stay below the pixels of a picture times 2^24: far from 2^64.
         self.keyed.dedup_by(|later, kept| {
             let same = later.0 == kept.0;
             kept.1 += if same { later.1 } else { 0 };
@@ -275,10 +286,22 @@ impl Sums {
         self.merged = self.keyed.len();
     }
 
+    /// By Gaussian, then by id.
     fn finish(mut self) -> Vec<Contribution> {
         self.merge();
-        let split = |(key, weight): (u64, u64)| Contribution { gaussian: (key >> 16) as u32, id: key as u16, weight };
-        self.keyed.into_iter().map(split).collect()
+        let split = |&(key, weight): &(u64, u64)| Contribution { gaussian: (key >> 16) as u32, id: key as u16, weight };
+        let mut keyed = self.keyed.iter().map(split).peekable();
+        let mut out = Vec::with_capacity(self.keyed.len() + self.unmasked.len());
+        for (gaussian, &weight) in (0..).zip(&self.unmasked) {
+            while let Some(earlier) = keyed.next_if(|c| c.gaussian < gaussian) {
+                out.push(earlier);
+            }
+            if weight > 0 {
+                out.push(Contribution { gaussian, id: 0, weight });
+            }
+        }
+        out.extend(keyed);
+        out
     }
 }
 
