@@ -260,7 +260,9 @@ impl Editor {
     fn exchange(&mut self, scene: &mut InstancedScene, mut step: Step) -> (Step, Changed) {
         // What removes instances changes everything, so that lists of different numbering are never compared.
         let changed = if step.parts.is_empty() {
-            Changed::Shown(step.hidden.symmetric_difference(&self.hidden).copied().collect())
+            let shown: Vec<usize> = step.hidden.symmetric_difference(&self.hidden).copied().collect();
+            // A drag that has not moved anything yet: nothing must go to the device again.
+            if shown.is_empty() { Changed::Places(shown) } else { Changed::Shown(shown) }
         } else {
             step.parts.changed(scene)
         };

@@ -138,17 +138,19 @@ struct Live {
     stats: FrameStats,
     arrived: Vec<FrameStats>,
     pixel_times: PixelTimes,
-    /// Views of the data set, and which one is next.
-    cameras: (Vec<Camera>, usize),
-    /// Cameras that the user kept, and which one is next.
-    kept: (Vec<Camera>, usize),
+    /// Views of the data set, and which one was shown last.
+    cameras: (Vec<Camera>, Option<usize>),
+    /// Cameras that the user kept, and which one was shown last.
+    kept: (Vec<Camera>, Option<usize>),
     opened: Instant,
     /// When the last picture was shown, if the one to come follows it without a pause.
     last_shown: Option<Instant>,
     /// Chosen, but not yet in use.
     next_mode: Option<PresentMode>,
     /// The user was told just now that changes are not saved, and what goes on without.
-    warned: Option<&'static str>,
+    warned: Option<String>,
+    /// A scene is shown: none is if the file could not be read, or was too large for the device.
+    has_scene: bool,
     script: VecDeque<Step>,
     /// Pictures that the first step of the script has waited.
     waited: u32,

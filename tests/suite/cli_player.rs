@@ -301,9 +301,11 @@ fn unsaved_work_is_asked_for() {
     let [x, y] = chair_px(&chairs());
     let cloud = folder.path().join("scene.ply");
     program().args(["export", "--scene"]).arg(&file).arg("--to").arg(&cloud).assert().success();
+    std::fs::copy(&cloud, folder.path().join("other.ply")).unwrap();
+    // Two files at once are two questions, not one and its answer.
     let text = format!(
-        "key KeyH\n click {x} {y}\n key Delete\n close\n drop scene.ply\n frames 1\n key ctrl+KeyS\n drop scene.ply\n frames 1\n \
-         key ctrl+KeyS\n frames 1\n close\n"
+        "key KeyH\n click {x} {y}\n key Delete\n close\n drop scene.ply\n drop other.ply\n frames 1\n key ctrl+KeyS\n \
+         drop scene.ply\n frames 1\n key ctrl+KeyS\n frames 1\n close\n"
     );
     let output = play_script(&display, &file, &text);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -314,6 +316,16 @@ fn unsaved_work_is_asked_for() {
     );
     let saved = load_scene(&folder.path().join("scene.000.instgs")).unwrap().scene;
     assert!(saved.instances.is_empty() && !saved.background.is_empty(), "the cloud, beside it");
+}
+
+/// Ctrl+S while there is no scene leaves the file that could not be opened as it is.
+#[test]
+fn what_cannot_be_opened_is_not_written_over() {
+    let Some((display, _folder, file)) = open_display() else { return };
+    std::fs::write(&file, b"no scene").unwrap();
+    let output = play_script(&display, &file, "frames 1\n key ctrl+KeyS\n frames 1\n quit\n");
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(std::fs::read(&file).unwrap(), b"no scene", "{words}");
 }
 
 /// What is not saved when the device is lost for good is written beside the scene, and only then.

@@ -356,8 +356,12 @@ impl Live {
         if beside == self.path || !beside.exists() { beside } else { self.free_name("instgs") }
     }
 
-    /// Saves to a file, which is the scene's from now on.
+    /// Saves to a file, which is the scene's from now on. What could not be opened is not overwritten.
     fn save(&mut self, path: &Path) {
+        if !self.has_scene {
+            self.hud.message = Some(format!("{} was not opened: there is nothing to save", self.path.display()));
+            return;
+        }
         self.hud.message = Some(match self.stage.save(path) {
             Ok(()) => {
                 self.path = path.to_path_buf();

@@ -62,7 +62,9 @@ impl Live {
                 }
             }
             WindowEvent::DroppedFile(path) => {
-                if !self.asks_first("dropping the file once more opens it without") {
+                // Named, so that the second of two files that are dropped together is not taken for the answer.
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                if !self.asks_first(&format!("dropping {name} once more opens it without")) {
                     self.open_file(path, job)?;
                 }
                 true

@@ -15,7 +15,7 @@ impl Live {
         let mut camera = self.navigator.camera(self.swapchain.size_px());
         camera.name = format!("{:03}", self.kept.0.len());
         self.kept.0.push(camera);
-        self.kept.1 = 0;
+        self.kept.1 = None;
         let path = cameras_path(&self.path);
         self.hud.message = Some(match write_cameras(&path, &self.kept.0) {
             Ok(()) => format!("camera {} is in {}", self.kept.0.len(), path.display()),
@@ -57,16 +57,28 @@ impl Live {
     }
 }
 
-/// The next or previous of some cameras, all round.
-pub(super) fn step((cameras, at): &mut (Vec<Camera>, usize), by: isize, navigator: &mut Navigator, hud: &mut Hud) {
-    let Some(last) = cameras.len().checked_sub(1) else {
+/// The next or previous of some cameras, all round; from none to the first or the last.
+pub(super) fn step(
+    (cameras, at): &mut (Vec<Camera>, Option<usize>),
+    by: isize,
+    navigator: &mut Navigator,
+    hud: &mut Hud,
+) {
+    if cameras.is_empty() {
         hud.message = Some("there are no cameras to step through (--data DIR, or C keeps one)".into());
         return;
-    };
-    let camera = &cameras[(*at).min(last)];
+    }
+    let next = stepped(*at, by, cameras.len());
+    let camera = &cameras[next];
     navigator.stand_at(camera);
-    hud.message = Some(format!("camera {} of {}: {}", *at + 1, cameras.len(), camera.name));
-    *at = (*at as isize + by).rem_euclid(cameras.len() as isize) as usize;
+    hud.message = Some(format!("camera {} of {}: {}", next + 1, cameras.len(), camera.name));
+    *at = Some(next);
+}
+
+/// The index `by` from `at`, all round `count` of them; forward from none is the first, backward the last.
+fn stepped(at: Option<usize>, by: isize, count: usize) -> usize {
+    let from = at.map_or(if by > 0 { -1 } else { 0 }, |at| at as isize);
+    (from + by).rem_euclid(count as isize) as usize
 }
 
 /// Where kept cameras of a scene are; `render --camera` takes them too.
@@ -77,4 +89,16 @@ fn cameras_path(scene: &Path) -> PathBuf {
 /// The cameras kept earlier; none if there is no such file, or another program's.
 pub(super) fn kept_cameras(scene: &Path) -> Vec<Camera> {
     read_cameras(&cameras_path(scene)).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::stepped;
+
+    #[test]
+    fn back_and_forth_is_where_one_was() {
+        assert_eq!((stepped(None, 1, 3), stepped(None, -1, 3)), (0, 2));
+        assert_eq!((stepped(Some(0), 1, 3), stepped(Some(2), 1, 3), stepped(Some(0), -1, 3)), (1, 0, 2));
+        assert_eq!(stepped(Some(stepped(Some(1), 1, 3)), -1, 3), 1);
+    }
 }

@@ -7,7 +7,7 @@ use crate::io::write_boxes;
 
 impl Live {
     /// Ends; but if something is not saved, says so first.
-    pub(super) fn leave(&mut self, once_more: &'static str) -> After {
+    pub(super) fn leave(&mut self, once_more: &str) -> After {
         if self.asks_first(once_more) { After::Redraw } else { After::Quit }
     }
 
@@ -18,11 +18,11 @@ impl Live {
 
     /// True if something is not saved and the user has not been told so just now; then the window says it, and that doing
     /// the same `once_more` goes on without it. A key or a button in between starts this again.
-    pub(super) fn asks_first(&mut self, once_more: &'static str) -> bool {
-        if !self.is_unsaved() || self.warned == Some(once_more) {
+    pub(super) fn asks_first(&mut self, once_more: &str) -> bool {
+        if !self.is_unsaved() || self.warned.as_deref() == Some(once_more) {
             return false;
         }
-        self.warned = Some(once_more);
+        self.warned = Some(once_more.to_string());
         let which = if self.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
         self.hud.message = Some(format!("the {which}Ctrl+S saves, {once_more}"));
         true

@@ -53,8 +53,10 @@ impl Live {
             stats: FrameStats::default(),
             arrived: Vec::new(),
             pixel_times: PixelTimes::default(),
-            cameras: (std::mem::take(&mut job.cameras), 0),
-            kept: (kept_cameras(&job.path), 0),
+            // The first of the data set is where the view starts.
+            cameras: (std::mem::take(&mut job.cameras), Some(0)),
+            kept: (kept_cameras(&job.path), None),
+            has_scene: false,
             opened: Instant::now(),
             last_shown: None,
             next_mode: None,
@@ -136,8 +138,9 @@ impl Live {
         (self.recording, self.refine_at, self.warned) = (None, None, None);
         self.file_bytes = bytes;
         self.clock.clear();
+        self.has_scene = false;
         match Stage::new(&self.gpu, scene, options) {
-            Ok(stage) => self.stage = stage,
+            Ok(stage) => (self.stage, self.has_scene) = (stage, true),
             Err(error) if error.is_lost() => return Err(error),
             // Of no use to this device; the next file may be.
             Err(error) => self.hud.message = Some(error.to_string()),
@@ -152,8 +155,8 @@ impl Live {
             self.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
             self.path = path.to_path_buf();
             self.window.set_title(&format!("{} - instgs-player", self.title));
-            self.cameras = (Vec::new(), 0);
-            self.kept = (kept_cameras(path), 0);
+            self.cameras = (Vec::new(), None);
+            self.kept = (kept_cameras(path), None);
             self.hud.message = None;
         }
         self.take_scene(loaded, job)
