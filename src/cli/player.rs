@@ -202,23 +202,26 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
         None => Vec::new(),
     };
     if args.headless {
-        return headless(args, &loaded?, &cameras, printer);
+        return headless(args, loaded?, &cameras, printer);
     }
     let boxes = args.boxes.as_ref().map(|path| read_boxes(path).map(|boxes| (path.clone(), boxes))).transpose()?;
     let script = script(args.script.as_deref())?;
-    let job = WindowJob { script, boxes, ..window_job(args, &loaded, &cameras)? };
+    let counts = loaded.as_ref().map_or([0; 2], |loaded| gaussian_counts(&loaded.scene));
+    let job = WindowJob { script, boxes, ..window_job(args, loaded, &cameras)? };
     match window::run(job) {
         Err(PlayerError::Window(reason)) if args.frames.is_some() => {
             printer.warning(format_args!("{reason}; drawing without a window"));
-            headless(args, &loaded?, &cameras, printer)
+            headless(args, load_scene(&args.scene)?, &cameras, printer)
         }
         Err(error) => Err(error.into()),
         Ok(report) => {
             if let Some(message) = report.validation_message {
                 return Err(CliError::Other(format!("validation layers: {message}")));
             }
-            let Some(loaded) = loaded.ok().filter(|_| args.frames.is_some()) else { return Ok(()) };
-            let played = played(args, &loaded.scene, (report.device, report.size_px, true), &report.timings);
+            if args.frames.is_none() {
+                return Ok(());
+            }
+            let played = played(args, counts, (report.device, report.size_px, true), &report.timings);
             print(args, &played, printer)
         }
     }
@@ -247,15 +250,16 @@ fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -
 
 fn window_job(
     args: &PlayerArgs,
-    loaded: &Result<LoadedScene, IoError>,
+    loaded: Result<LoadedScene, IoError>,
     cameras: &[Camera],
 ) -> Result<WindowJob, CliError> {
     let empty = InstancedScene::default();
     let scene = loaded.as_ref().map_or(&empty, |loaded| &loaded.scene);
+    let (options, path_cameras) = (stage_options(args, scene)?, path_cameras(args, scene, cameras));
     Ok(WindowJob {
         path: args.scene.clone(),
-        scene: loaded.as_ref().map(|l| (l.scene.clone(), l.file_bytes)).map_err(ToString::to_string),
-        options: stage_options(args, scene)?,
+        scene: loaded.map(|loaded| (loaded.scene, loaded.file_bytes)).map_err(|error| error.to_string()),
+        options,
         antialias: args.look.antialias(),
         cameras: cameras.to_vec(),
         up: args.up.map(Triple::direction),
@@ -268,7 +272,7 @@ fn window_job(
         device: args.device.choice(),
         validation: device::validation(),
         frames: args.frames,
-        path_cameras: path_cameras(args, scene, cameras),
+        path_cameras,
         screenshot: args.screenshot.clone(),
         script: VecDeque::new(),
         budget_ms: args.budget_ms,
@@ -276,22 +280,32 @@ fn window_job(
     })
 }
 
-fn headless(args: &PlayerArgs, loaded: &LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
+fn headless(args: &PlayerArgs, loaded: LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
     let options = stage_options(args, &loaded.scene)?;
     let gpu = device::open(args.device.choice())?;
-    let mut stage = Stage::new(&gpu, loaded.scene.clone(), options)?;
-    let timings = play(&mut stage, &path_cameras(args, &loaded.scene, cameras), args.frames.unwrap_or(1))?;
+    let mut stage = Stage::new(&gpu, loaded.scene, options)?;
+    let path_cameras = path_cameras(args, stage.scene(), cameras);
+    let timings = play(&mut stage, &path_cameras, args.frames.unwrap_or(1))?;
     if let Some(path) = &args.screenshot {
         stage.screenshot(path)?;
     }
     device::check_validation(&gpu)?;
     let size = stage.size_px().unwrap_or_default();
-    print(args, &played(args, &loaded.scene, (gpu.caps().name.clone(), size, false), &timings), printer)
+    print(
+        args,
+        &played(args, gaussian_counts(stage.scene()), (gpu.caps().name.clone(), size, false), &timings),
+        printer,
+    )
+}
+
+/// Stored and expanded.
+fn gaussian_counts(scene: &InstancedScene) -> [u64; 2] {
+    [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()]
 }
 
 fn played(
     args: &PlayerArgs,
-    scene: &InstancedScene,
+    [stored, expanded]: [u64; 2],
     (device, resolution, window): (String, [u32; 2], bool),
     timings: &Timings,
 ) -> Played {
@@ -311,8 +325,8 @@ fn played(
         present_ms: known_median(&timings.present_ms),
         ui_ms: known_median(&timings.ui_ms),
         gaussians: PlayedGaussians {
-            stored: (scene.templates.len() + scene.background.len()) as u64,
-            expanded: scene.expanded_len(),
+            stored,
+            expanded,
             visible: mean(|s| s.visible),
             intersections: mean(|s| s.intersections),
         },

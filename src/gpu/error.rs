@@ -92,6 +92,11 @@ impl GpuError {
         }
     }
 
+    /// The device has no room for what was asked of it, but goes on.
+    pub fn is_out_of_memory(&self) -> bool {
+        matches!(self, Self::OutOfMemory { .. } | Self::BufferTooLarge { .. })
+    }
+
     /// The device, or the surface of a window, is gone for good.
     pub fn is_lost(&self) -> bool {
         let surface = vk::Result::ERROR_SURFACE_LOST_KHR;

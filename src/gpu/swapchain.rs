@@ -30,6 +30,18 @@ pub enum PresentMode {
 }
 
 impl PresentMode {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Fifo, Self::Mailbox, Self::Immediate];
+
+    /// What users call it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Fifo => "fifo",
+            Self::Mailbox => "mailbox",
+            Self::Immediate => "immediate",
+        }
+    }
+
     const fn vulkan(self) -> vk::PresentModeKHR {
         match self {
             Self::Fifo => vk::PresentModeKHR::FIFO,
@@ -128,12 +140,12 @@ impl Swapchain {
         self.size_px
     }
 
-    /// When pictures replace each other.
+    /// When pictures replace each other: FIFO if the window does not offer what was asked for.
     pub fn mode(&self) -> PresentMode {
         self.mode
     }
 
-    /// Changes when pictures replace each other.
+    /// Changes when pictures replace each other, if the window offers that; see [`Swapchain::mode`].
     pub fn set_mode(&mut self, mode: PresentMode) -> Result<(), GpuError> {
         self.mode = mode;
         self.resize(self.size_px)
@@ -265,7 +277,7 @@ impl Swapchain {
     }
 
     fn create(
-        &self,
+        &mut self,
         abilities: &vk::SurfaceCapabilitiesKHR,
         old: vk::SwapchainKHR,
     ) -> Result<vk::SwapchainKHR, GpuError> {
@@ -273,8 +285,9 @@ impl Swapchain {
         let modes =
             unsafe { self.surface_calls.get_physical_device_surface_present_modes(self.gpu.physical, self.surface) };
         let modes = modes.map_err(GpuError::vulkan("present modes"))?;
-        let wanted = self.mode.vulkan();
-        let mode = if modes.contains(&wanted) { wanted } else { vk::PresentModeKHR::FIFO };
+        if !modes.contains(&self.mode.vulkan()) {
+            self.mode = PresentMode::Fifo;
+        }
         // One to draw into while one is shown and one waits.
         let most = if abilities.max_image_count == 0 { u32::MAX } else { abilities.max_image_count };
         let [width, height] = self.size_px;
@@ -294,7 +307,7 @@ impl Swapchain {
             .image_usage(vk::ImageUsageFlags::TRANSFER_DST | vk::ImageUsageFlags::COLOR_ATTACHMENT)
             .pre_transform(abilities.current_transform)
             .composite_alpha(alpha)
-            .present_mode(mode)
+            .present_mode(self.mode.vulkan())
             .clipped(true)
             .old_swapchain(old);
         // SAFETY: a valid create-info; the old swapchain is of the same surface.

@@ -62,12 +62,23 @@ pub struct Controls {
     /// Pixels of a point, the unit of interfaces: 2 on a screen whose pixels are half as large.
     pub per_point: f64,
     last_click: Option<(f64, [f64; 2])>,
+    /// Where something was taken hold of that has not been dragged yet.
+    still_hold_px: Option<[f64; 2]>,
 }
 
 impl Default for Controls {
     fn default() -> Self {
         let (pointer_px, held) = ([0.0; 2], [false; 6]);
-        Self { pointer_px, press: None, held, shift: false, control: false, per_point: 1.0, last_click: None }
+        Self {
+            pointer_px,
+            press: None,
+            held,
+            shift: false,
+            control: false,
+            per_point: 1.0,
+            last_click: None,
+            still_hold_px: None,
+        }
     }
 }
 
@@ -81,8 +92,10 @@ impl Controls {
     pub fn pointer_moved(&mut self, to_px: [f64; 2], navigator: &mut Navigator, height_px: f64) -> bool {
         let by = [to_px[0] - self.pointer_px[0], to_px[1] - self.pointer_px[1]];
         self.pointer_px = to_px;
+        let reach_px = CLICK_POINTS * self.per_point;
+        self.still_hold_px.take_if(|at| distance(to_px, *at) > reach_px);
         let Some(press) = &mut self.press else { return false };
-        if !press.dragged && distance(to_px, press.at_px) <= CLICK_POINTS * self.per_point {
+        if !press.dragged && distance(to_px, press.at_px) <= reach_px {
             return false;
         }
         // What the threshold held back is made good.
@@ -114,12 +127,42 @@ impl Controls {
         if press.dragged || button != Button::Left {
             return None;
         }
-        let at_px = press.at_px;
+        Some(self.clicked(press.at_px, seconds))
+    }
+
+    /// The button went down on a handle: it moves only when the pointer has gone as far as makes a drag.
+    pub fn take_hold(&mut self) {
+        self.still_hold_px = Some(self.pointer_px);
+    }
+
+    /// Nothing is held by the pointer.
+    pub fn forget_hold(&mut self) {
+        self.still_hold_px = None;
+    }
+
+    /// A handle is held that must not move yet.
+    pub fn holds_still(&self) -> bool {
+        self.still_hold_px.is_some()
+    }
+
+    /// The handle is let go; a click if it was not dragged.
+    pub fn let_hold_go(&mut self, seconds: f64) -> Option<Click> {
+        self.still_hold_px.take().map(|at_px| self.clicked(at_px, seconds))
+    }
+
+    fn clicked(&mut self, at_px: [f64; 2], seconds: f64) -> Click {
         let (time, reach) = (DOUBLE_CLICK.0, DOUBLE_CLICK.1 * self.per_point);
         let double = self.last_click.is_some_and(|(then, at)| seconds - then < time && distance(at, at_px) < reach);
         // A third click is the first of a new pair.
         self.last_click = (!double).then_some((seconds, at_px));
-        Some(Click { at_px, double })
+        Click { at_px, double }
+    }
+
+    /// What a click led to is done by now: what came meanwhile has waited, and a double click is no slower for it.
+    pub fn click_done(&mut self, seconds: f64) {
+        if let Some((then, _)) = &mut self.last_click {
+            *then = seconds;
+        }
     }
 
     /// A flight key goes down or up.
@@ -129,7 +172,7 @@ impl Controls {
 
     /// Nothing is held any more: the window lost the keyboard.
     pub fn let_go(&mut self) {
-        (self.held, self.press) = ([false; 6], None);
+        (self.held, self.press, self.still_hold_px) = ([false; 6], None, None);
         (self.shift, self.control) = (false, false);
     }
 
@@ -205,6 +248,10 @@ mod tests {
         assert_eq!(click([12.0, 10.0], 0.0, 1.4), Some(false), "the third is a first again");
         assert_eq!(click([30.0, 10.0], 0.0, 1.5), Some(false), "elsewhere");
         assert_eq!(click([30.0, 10.0], 0.0, 2.5), Some(false), "too late");
+        controls.click_done(4.5);
+        controls.pressed(Button::Left);
+        let second = controls.released(Button::Left, 4.6);
+        assert_eq!(second.map(|c| c.double), Some(true), "the first took two seconds to be done");
         assert_eq!(n, here, "clicks change nothing");
     }
 
@@ -226,6 +273,25 @@ mod tests {
         controls.pointer_moved([40.0, 0.0], &mut n, 180.0);
         controls.pointer_moved([0.0, 0.0], &mut n, 180.0);
         assert_eq!(controls.released(Button::Left, 0.0), None);
+    }
+
+    /// A chosen thing has a handle in its middle: a double click there is one all the same.
+    #[test]
+    fn a_handle_that_is_not_dragged_was_clicked() {
+        let (mut controls, mut n) = start();
+        let here = n.clone();
+        controls.pressed(Button::Left);
+        assert!(controls.released(Button::Left, 1.0).is_some_and(|click| !click.double));
+        controls.take_hold();
+        controls.pointer_moved([2.0, 0.0], &mut n, 180.0);
+        assert!(controls.holds_still());
+        assert_eq!(controls.let_hold_go(1.2), Some(Click { at_px: [0.0, 0.0], double: true }));
+        controls.take_hold();
+        controls.pointer_moved([40.0, 0.0], &mut n, 180.0);
+        controls.pointer_moved([0.0, 0.0], &mut n, 180.0);
+        assert!(!controls.holds_still());
+        assert_eq!(controls.let_hold_go(1.3), None, "dragged, if only to and fro");
+        assert_eq!(n, here, "handles do not turn the view");
     }
 
     #[test]

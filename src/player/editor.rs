@@ -65,6 +65,11 @@ impl Editor {
         [self.undo.len(), self.redo.len()]
     }
 
+    /// True if an instance of the template is chosen.
+    pub fn has_chosen_of(&self, scene: &InstancedScene, template: u32) -> bool {
+        self.chosen.iter().any(|&k| scene.instances[k].template == template)
+    }
+
     /// A click on an instance (`None`: beside all of them) chooses it alone; with `more` it adds it, or takes it out again.
     pub fn click(&mut self, instance: Option<usize>, more: bool) {
         self.finish();
@@ -201,6 +206,17 @@ impl Editor {
     pub fn refuse(&mut self, scene: &mut InstancedScene, unsaved: bool) {
         if self.undo(scene).is_some() {
             self.redo.pop();
+        }
+        self.unsaved = unsaved;
+    }
+
+    /// Undoes an [`Editor::undo`] that the device has no room for, or with `redone` an [`Editor::redo`]. `unsaved` was so before
+    /// it.
+    pub fn refuse_step(&mut self, scene: &mut InstancedScene, redone: bool, unsaved: bool) {
+        if redone {
+            self.undo(scene);
+        } else {
+            self.redo(scene);
         }
         self.unsaved = unsaved;
     }

@@ -32,6 +32,18 @@ pub enum PlayerError {
 impl PlayerError {
     /// The device or the window's surface is lost; what was on it can be made anew on another.
     pub fn is_lost(&self) -> bool {
-        matches!(self, Self::Gpu(gpu) | Self::Render(RenderError::Gpu(gpu)) if gpu.is_lost())
+        self.of_device().is_some_and(GpuError::is_lost)
+    }
+
+    /// The device has no room for what was asked of it; less may fit.
+    pub fn is_out_of_memory(&self) -> bool {
+        self.of_device().is_some_and(GpuError::is_out_of_memory)
+    }
+
+    fn of_device(&self) -> Option<&GpuError> {
+        match self {
+            Self::Gpu(gpu) | Self::Render(RenderError::Gpu(gpu)) => Some(gpu),
+            _ => None,
+        }
     }
 }

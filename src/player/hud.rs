@@ -47,7 +47,7 @@ pub(super) struct Facts<'a> {
     /// Stored and expanded Gaussians.
     pub(super) gaussians: [u64; 2],
     /// Bytes by kind.
-    pub(super) bytes: [(&'static str, u64); 5],
+    pub(super) bytes: [(&'static str, u64); 6],
     /// Indices of what is chosen, and how many instances there are.
     pub(super) chosen: Vec<usize>,
     pub(super) instances: usize,
@@ -185,10 +185,8 @@ fn set(ui: &mut egui::Ui, settings: Settings<'_>, slabs: u32) {
         *budget_ms = limited.then_some(ms);
     });
     ui.horizontal(|ui| {
-        for (name, value) in
-            [("fifo", PresentMode::Fifo), ("mailbox", PresentMode::Mailbox), ("immediate", PresentMode::Immediate)]
-        {
-            ui.selectable_value(mode, value, name);
+        for value in PresentMode::ALL {
+            ui.selectable_value(mode, value, value.name());
         }
     });
 }

@@ -6,6 +6,7 @@
 //! pointer 120 80        the pointer goes there, pixels
 //! press left            left, right or middle; release alike
 //! click 120 80          pointer, press and release
+//! double 120 80         pointer, and two clicks before the next picture
 //! drag left 10 10 90 60 pointer, press, pointer in eight steps, release
 //! wheel 2               steps towards the scene
 //! key ctrl+shift+KeyZ   a key with what is held, by the name of its place on a US keyboard; keys that fly only tap
@@ -43,6 +44,8 @@ pub enum Step {
     Pointer([f64; 2]),
     /// A button goes down (true) or up.
     Button(Button, bool),
+    /// The left button is clicked twice.
+    DoubleClick,
     /// Steps of the wheel.
     Wheel(f64),
     /// A key is pressed and released.
@@ -99,6 +102,7 @@ fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, String
             let at = Step::Pointer([number(x)?, number(y)?]);
             vec![at, Step::Button(Button::Left, true), Step::Button(Button::Left, false)]
         }
+        ("double", [x, y]) => vec![Step::Pointer([number(x)?, number(y)?]), Step::DoubleClick],
         ("drag", [button, x0, y0, x1, y1]) => {
             drag(button_of(button)?, [number(x0)?, number(y0)?], [number(x1)?, number(y1)?])
         }
@@ -178,7 +182,7 @@ mod tests {
     #[test]
     fn lines_become_steps() {
         let text = "# a comment\n size 640 480\n\nclick 3 4.5 # there\nkey ctrl+shift+KeyZ\nhold KeyW 2\nshot a.png\nfound\n\
-                    boxes b.json\ndrop c.ply\nclose\n";
+                    boxes b.json\ndrop c.ply\ndouble 5 6\nclose\n";
         let steps = parse(text, Path::new("there")).unwrap();
         let want = [
             Step::Size([640, 480]),
@@ -194,6 +198,8 @@ mod tests {
             Step::Found,
             Step::Boxes("there/b.json".into()),
             Step::Drop("there/c.ply".into()),
+            Step::Pointer([5.0, 6.0]),
+            Step::DoubleClick,
             Step::Close,
         ];
         assert_eq!(Vec::from(steps), want);

@@ -108,6 +108,23 @@ impl Stage {
         })
     }
 
+    /// Shows another scene in place of this one, whose memory goes first: both may not fit. Nothing is chosen or can be taken
+    /// back.
+    ///
+    /// # Errors
+    /// The device refuses it: an empty scene is shown.
+    pub fn open(&mut self, scene: InstancedScene, options: StageOptions) -> Result<(), PlayerError> {
+        while self.ahead.arrive()?.is_some() {}
+        (self.scene, self.options, self.editor) = (InstancedScene::default(), options, Editor::default());
+        (self.camera, self.slabs, self.has_surfaces, self.has_marks) = (None, 0, false, None);
+        self.arrived.clear();
+        self.renderer.forget_picture();
+        self.device_scene = self.renderer.upload_for(&self.scene, &options.render)?;
+        self.device_scene = self.renderer.upload_for(&scene, &options.render)?;
+        self.scene = scene;
+        Ok(())
+    }
+
     /// The same scene, with what is chosen and can be taken back, on another device.
     ///
     /// # Errors
@@ -197,6 +214,44 @@ impl Stage {
         self.renderer.submit_ahead(&mut self.ahead, &self.device_scene, camera, &self.options.render)?;
         self.camera = Some(camera.clone());
         Ok(())
+    }
+
+    /// As [`Stage::draw_ahead`]; but where the device has no room for how the scene is shown, it is shown in a way that takes
+    /// less, and the words say why and which.
+    pub fn draw_what_fits(&mut self, camera: &Camera) -> Result<Option<String>, PlayerError> {
+        let mut words = None;
+        loop {
+            match self.draw_ahead(camera) {
+                Err(error) if error.is_out_of_memory() => match self.ask_for_less()? {
+                    Some(instead) => words = Some(format!("{instead}: {error}")),
+                    None => return Err(error),
+                },
+                done => return done.map(|()| words),
+            }
+        }
+    }
+
+    /// Gives up the next of what takes memory besides the scene itself; `None` if there is nothing of that kind.
+    fn ask_for_less(&mut self) -> Result<Option<&'static str>, PlayerError> {
+        if self.options.render.lod_error_px > 0.0 {
+            self.options.render.lod_error_px = 0.0;
+            self.upload()?;
+            return Ok(Some("detail is not merged"));
+        }
+        if self.options.show.needs_surfaces() || self.options.show.marks().is_some() {
+            self.options.show = Show::Color;
+            return Ok(Some("the view is the colours again"));
+        }
+        if !self.editor.chosen().is_empty() {
+            self.editor.click(None, false);
+            return Ok(Some("nothing is chosen any more"));
+        }
+        Ok(None)
+    }
+
+    /// Pictures that the device may still be drawing.
+    pub fn in_flight(&self) -> usize {
+        self.ahead.pending_len()
     }
 
     /// Waits for the last picture. False if it had to be drawn again, since a buffer was too small for it: what was shown
@@ -389,16 +444,22 @@ impl Stage {
         self.follow(&changed)
     }
 
-    /// Takes the last edit back; false if there is none.
-    pub fn undo(&mut self) -> Result<bool, PlayerError> {
-        let done = self.editor.undo(&mut self.scene);
-        done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
+    /// Takes the last edit back; false if there is none. The words say why the device refuses it, which leaves it as it is.
+    pub fn undo(&mut self) -> Result<Result<bool, String>, PlayerError> {
+        self.step(false)
     }
 
-    /// Does again what was taken back last; false if there is nothing.
-    pub fn redo(&mut self) -> Result<bool, PlayerError> {
-        let done = self.editor.redo(&mut self.scene);
-        done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
+    /// Does again what was taken back last; false if there is nothing. Words as of [`Stage::undo`].
+    pub fn redo(&mut self) -> Result<Result<bool, String>, PlayerError> {
+        self.step(true)
+    }
+
+    fn step(&mut self, redo: bool) -> Result<Result<bool, String>, PlayerError> {
+        let unsaved = self.editor.is_unsaved();
+        let done = if redo { self.editor.redo(&mut self.scene) } else { self.editor.undo(&mut self.scene) };
+        let Some(changed) = done else { return Ok(Ok(false)) };
+        let refused = self.follow_or(&changed, |editor, scene| editor.refuse_step(scene, redo, unsaved))?;
+        Ok(refused.map_or(Ok(true), Err))
     }
 
     /// Writes the scene as `.instgs`.

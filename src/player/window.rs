@@ -155,8 +155,9 @@ struct Live {
     /// Pictures that the first step of the script has waited.
     waited: u32,
     resolution: Resolution,
-    /// When a picture of fewer pixels is drawn again with all of them.
+    /// When a picture of fewer pixels is drawn again with all of them, and that this is due.
     refine_at: Option<Instant>,
+    refine: bool,
     /// When the interface wants to be drawn again, for instance with a hint.
     ui_at: Option<Instant>,
     /// The camera path that is being recorded.
@@ -193,6 +194,7 @@ impl ApplicationHandler for Player {
             let now = Instant::now();
             // Once, even if the picture cannot be shown, as of a hidden window.
             let due = [&mut live.refine_at, &mut live.ui_at].map(|at| at.take_if(|at| *at <= now));
+            live.refine |= due[0].is_some();
             if due.iter().any(Option::is_some) {
                 live.window.request_redraw();
             }
@@ -233,7 +235,7 @@ impl Player {
 
     fn redraw(&mut self) -> Result<After, PlayerError> {
         let Some(live) = &mut self.live else { return Ok(After::Nothing) };
-        let done = self.outcome.as_ref().map_or(0, |report| report.timings.ms.len() as u64);
+        let done = self.outcome.as_ref().map_or(0, |report| report.timings.submitted_len() as u64);
         if self.job.frames.is_some() && !self.job.path_cameras.is_empty() {
             let cameras = &self.job.path_cameras;
             live.navigator.stand_at(&cameras[(done % cameras.len() as u64) as usize]);
@@ -241,14 +243,17 @@ impl Player {
         if let After::Quit = live.play_step(&self.job)? {
             return Ok(After::Quit);
         }
+        if let Ok(report) = &mut self.outcome {
+            report.timings.begin();
+        }
         let shown = live.picture(self.job.frames.is_some() || !live.script.is_empty())?;
         let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
-        if let (Some(ms), Ok(report)) = (shown, &mut self.outcome) {
-            report.timings.ms.push(ms);
+        if let (true, Ok(report)) = (shown, &mut self.outcome) {
+            report.timings.submitted(live.stage.in_flight());
             report.timings.note(live.pixel_times);
             report.timings.stats.append(&mut live.arrived);
         }
-        Ok(if done + u64::from(shown.is_some()) >= frames { After::Quit } else { After::Nothing })
+        Ok(if done + u64::from(shown) >= frames { After::Quit } else { After::Nothing })
     }
 
     /// After the loss of the device, goes on with one that is opened anew; ends else, and if it is lost again soon. What is
@@ -288,6 +293,7 @@ impl Player {
         report.device = live.gpu.caps().name.clone();
         report.size_px = live.swapchain.size_px();
         live.stage.settle()?;
+        report.timings.arrived(live.stage.in_flight());
         report.timings.stats.extend(live.stage.take_arrived());
         if let Some(path) = &self.job.screenshot {
             live.stage.screenshot(path)?;
@@ -300,19 +306,19 @@ impl Player {
 }
 
 impl Live {
-    /// Draws and shows a picture; milliseconds since the one before, or of this one alone after a pause. `None` if there is
-    /// nowhere to show it now. `goes_on` says that another one follows at once.
-    fn picture(&mut self, goes_on: bool) -> Result<Option<f64>, PlayerError> {
+    /// Draws and shows a picture; false if there is nowhere to show it now. `goes_on` says that another one follows at once.
+    fn picture(&mut self, goes_on: bool) -> Result<bool, PlayerError> {
         let start = Instant::now();
         if let Some(mode) = self.next_mode.take() {
             self.swapchain.set_mode(mode)?;
+            self.check_mode(mode);
         }
         let mut target = self.swapchain.acquire()?;
         if target.is_none() {
             self.resize()?;
             target = self.swapchain.acquire()?;
         }
-        let Some(target) = target else { return Ok(None) };
+        let Some(target) = target else { return Ok(false) };
         let since = self.last_shown.map(|then| start.duration_since(then).as_secs_f64());
         let flight = self.controls.flight();
         self.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
@@ -321,10 +327,16 @@ impl Live {
         let (frame, animated) = self.lay_out()?;
         self.painter.prepare(&frame)?;
         // All pixels when nothing moves: then there is time.
-        let moves = goes_on || !flight.is_still() || self.controls.is_dragging() || self.is_held();
+        let waits = std::mem::take(&mut self.refine);
+        let drags = !waits && (self.controls.is_dragging() || self.is_held());
+        let moves = goes_on || !flight.is_still() || drags;
         let scale = if moves { self.resolution.scale() } else { 1.0 };
         let size_px = Resolution::of(target.size_px, scale);
-        self.stage.draw_ahead(&self.navigator.camera(size_px))?;
+        let resized = self.stage.size_px() != Some(size_px);
+        if let Some(words) = self.stage.draw_what_fits(&self.navigator.camera(size_px))? {
+            self.hud.message = Some(words);
+            self.window.request_redraw();
+        }
         let (recorder, pixels) = self.stage.record_pixels(target.size_px, target.blue_first)?;
         let fits = self.swapchain.present(recorder, target, pixels, Some((&mut self.painter, &frame)))?;
         if !fits {
@@ -339,7 +351,10 @@ impl Live {
         self.arrived = self.stage.take_arrived();
         self.stats = self.arrived.last().unwrap_or(&self.stats).clone();
         if moves {
-            self.arrived.iter().for_each(|stats| self.resolution.took(stats.total_ms().unwrap_or(ms)));
+            // With another size all that were on their way arrive, and are of the size before.
+            let first = if resized { self.arrived.len().saturating_sub(1) } else { 0 };
+            let of_this_size = &self.arrived[first..];
+            of_this_size.iter().for_each(|stats| self.resolution.took(stats.total_ms().unwrap_or(ms)));
         }
         self.refine_at = (!goes_on && scale < 1.0).then(|| Instant::now() + REFINE_AFTER);
         if let Some(recording) = &mut self.recording {
@@ -348,7 +363,16 @@ impl Live {
         if goes_on || animated || !fits || !is_shown {
             self.window.request_redraw();
         }
-        Ok(Some(ms))
+        Ok(true)
+    }
+
+    /// Says so if the window has not the mode that was asked for.
+    fn check_mode(&mut self, wanted: PresentMode) {
+        let mode = self.swapchain.mode();
+        // What went wrong with the file says more.
+        if mode != wanted && self.hud.message.is_none() {
+            self.hud.message = Some(format!("this window has no {}: {}", wanted.name(), mode.name()));
+        }
     }
 
     fn resize(&mut self) -> Result<(), PlayerError> {
@@ -364,7 +388,8 @@ impl Live {
         let gaussians = [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()];
         let bytes = [
             ("file", self.file_bytes),
-            ("scene on the device", self.stage.device_bytes()),
+            ("on the device", self.gpu.memory_usage().0),
+            ("of it the scene", self.stage.device_bytes()),
             ("of it templates", scene.templates.tensor_bytes()),
             ("offsets", scene.offsets.tensor_bytes()),
             ("background", scene.background.tensor_bytes()),

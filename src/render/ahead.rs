@@ -64,6 +64,11 @@ impl Ahead {
         self.free.is_empty()
     }
 
+    /// How many are on their way.
+    pub fn pending_len(&self) -> usize {
+        self.pending.len()
+    }
+
     /// Waits for the oldest; `None` if none is on its way.
     pub fn arrive(&mut self) -> Result<Option<Arrived>, RenderError> {
         let Some((slot, ticket, capacities)) = self.pending.pop_front() else { return Ok(None) };

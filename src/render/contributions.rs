@@ -97,7 +97,7 @@ impl ContributionRenderer {
         let Self { gpu, renderer, scene, pipelines, recorder, batch_entries } = self;
         let mut view = ViewBuffers::new(gpu, ids)?;
         let mut sums = Sums::default();
-        let result = renderer.render_slabs(scene, camera, options, &mut |slab| {
+        let result = renderer.list_slabs(scene, camera, options, &mut |slab| {
             if pipelines.as_ref().is_none_or(|p| p.variant != slab.variant) {
                 *pipelines = Some(SegmentPipelines::new(slab.gpu, slab.cache, slab.variant)?);
             }
@@ -105,7 +105,7 @@ impl ContributionRenderer {
             for batch in &batches_of_slab(&slab, ids, *batch_entries)? {
                 sums.add(batch, &run_batch(recorder, pipelines, &slab, &view, batch)?);
             }
-            view.keep_depths(recorder, &slab)
+            if slab.last { Ok(()) } else { view.keep_depths(recorder, &slab) }
         });
         if result.is_err() {
             recorder.abandon();

@@ -198,6 +198,16 @@ pub fn record_slab(
     inputs: &ForwardInputs<'_>,
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
+    record_lists(recorder, inputs, frame)?;
+    record_blend(recorder, inputs, frame)
+}
+
+/// The first part of [`record_slab`]: the splats of each tile, front to back.
+pub(super) fn record_lists(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
     let p = inputs.pipelines;
     let plan = frame.plan;
     let mut scan = plain(COUNTER_VISIBLE);
@@ -244,11 +254,15 @@ pub fn record_slab(
     };
     let per_isect = (&frame.scratch.args, args(FAMILY_INTERSECTIONS, ARGS_THREADS));
     let params = tile_ranges::Params { tile_count: plan.tile_count() };
-    recorder.dispatch_indirect(&p.tile_ranges, per_isect, &params, bindings)?;
-    record_blend(recorder, inputs, frame)
+    recorder.dispatch_indirect(&p.tile_ranges, per_isect, &params, bindings)
 }
 
-fn record_blend(recorder: &mut Recorder, inputs: &ForwardInputs<'_>, frame: &mut FrameBuffers) -> Result<(), GpuError> {
+/// The second part: the lists, blended.
+pub(super) fn record_blend(
+    recorder: &mut Recorder,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
     let p = inputs.pipelines;
     let plan = frame.plan;
     let bindings = tile_blend::Bindings {

@@ -13,7 +13,8 @@ use crate::scene::Camera;
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::forward::{
-    ForwardInputs, read_counters, record_begin, record_end, record_slab, record_visibility, write_counters,
+    ForwardInputs, read_counters, record_begin, record_blend, record_end, record_lists, record_visibility,
+    write_counters,
 };
 use super::frame_buffers::FrameBuffers;
 use super::picture::Picture;
@@ -116,6 +117,8 @@ pub(super) struct BlendedSlab<'a> {
     pub(super) frame: &'a FrameBuffers,
     /// Nothing lies in front of the slab.
     pub(super) first: bool,
+    /// Nothing lies behind it.
+    pub(super) last: bool,
 }
 
 /// Called after each depth slab of a frame that is not redone.
@@ -190,6 +193,11 @@ impl Renderer {
         self.capacities = capacities;
     }
 
+    /// Gives back the memory of the last picture: the next one may be of another scene.
+    pub fn forget_picture(&mut self) {
+        self.frame = None;
+    }
+
     /// Uploads a scene for this renderer.
     pub fn upload(&self, scene: &crate::scene::InstancedScene) -> Result<DeviceScene, RenderError> {
         DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size)
@@ -227,8 +235,30 @@ impl Renderer {
         options: &RenderOptions,
         after_slab: &mut AfterSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
+        self.slabs(scene, camera, options, true, after_slab)
+    }
+
+    /// As [`Renderer::render_slabs`], for whom lists are enough: the last slab is not blended, and there is no picture.
+    pub(super) fn list_slabs(
+        &mut self,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+        after_slab: &mut AfterSlab<'_>,
+    ) -> Result<FrameStats, RenderError> {
+        self.slabs(scene, camera, options, false, after_slab)
+    }
+
+    fn slabs(
+        &mut self,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+        blends_last: bool,
+        after_slab: &mut AfterSlab<'_>,
+    ) -> Result<FrameStats, RenderError> {
         self.prepare(scene, camera, options)?;
-        let stats = self.render_prepared(scene, camera, options, after_slab);
+        let stats = self.render_prepared(scene, camera, options, blends_last, after_slab);
         if stats.is_err() {
             self.recorder.abandon();
         }
@@ -273,20 +303,23 @@ impl Renderer {
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
+        blends_last: bool,
         after_slab: &mut AfterSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
         let view = view_of(camera, options);
         let mut stats = FrameStats::default();
         loop {
             self.prepare_frame(scene, camera, options)?;
-            let counters = self.submit_first(scene, view, options)?;
+            let mut counters = [0; COUNTER_COUNT as usize];
+            counters[COUNTER_INSTANCES as usize] = scene.instance_count;
+            let counters = self.submit_slab(scene, view, options, blends_last, (counters, true))?;
             if self.grow(scene, &counters)? {
                 stats.redone += 1;
                 continue;
             }
             stats.passes_ms = self.recorder.passes_ms()?;
-            after_slab(self.blended_slab(true))?;
-            self.finish_slabs(scene, view, options, (counters, &mut stats), after_slab)?;
+            after_slab(self.blended_slab(true, &counters))?;
+            self.finish_slabs(scene, view, options, blends_last, (counters, &mut stats), after_slab)?;
             return Ok(stats);
         }
     }
@@ -368,33 +401,47 @@ impl Renderer {
     }
 
     /// Everything up to and including the first slab.
-    fn submit_first(
+    /// Does a slab, of which `counters` are those before it; the first one comes after culling. Returns those after it.
+    fn submit_slab(
         &mut self,
         scene: &DeviceScene,
         view: types::View,
         options: &RenderOptions,
-    ) -> Result<[u32; COUNTER_COUNT as usize], RenderError> {
+        blends_last: bool,
+        (counters, first): (Counters, bool),
+    ) -> Result<Counters, RenderError> {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
         let inputs = Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options);
-        let mut counters = [0; COUNTER_COUNT as usize];
-        counters[COUNTER_INSTANCES as usize] = scene.instance_count;
+        let recorder = &mut self.recorder;
         write_counters(&mut frame.counters_start, &counters);
-        record_begin(&mut self.recorder, frame)?;
-        record_visibility(&mut self.recorder, &inputs, frame)?;
-        record_slab(&mut self.recorder, &inputs, frame)?;
-        record_end(&mut self.recorder, frame)?;
-        let ticket = self.recorder.submit()?;
-        self.recorder.wait(ticket)?;
-        Ok(read_counters(frame))
+        record_begin(recorder, frame)?;
+        if first {
+            record_visibility(recorder, &inputs, frame)?;
+        }
+        record_lists(recorder, &inputs, frame)?;
+        if blends_last {
+            record_blend(recorder, &inputs, frame)?;
+        }
+        record_end(recorder, frame)?;
+        let ticket = recorder.submit()?;
+        recorder.wait(ticket)?;
+        let counters = read_counters(frame);
+        if !blends_last && !is_last(&counters) {
+            record_blend(recorder, &inputs, frame)?;
+            let ticket = recorder.submit()?;
+            recorder.wait(ticket)?;
+        }
+        Ok(counters)
     }
 
-    fn blended_slab(&self, first: bool) -> BlendedSlab<'_> {
+    fn blended_slab(&self, first: bool, counters: &Counters) -> BlendedSlab<'_> {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
-        BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant: pipelines.variant, frame, first }
+        let last = is_last(counters);
+        BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant: pipelines.variant, frame, first, last }
     }
 
     /// Enlarges buffers that the frame overflowed; true if it must be done again.
-    fn grow(&mut self, scene: &DeviceScene, counters: &[u32; COUNTER_COUNT as usize]) -> Result<bool, RenderError> {
+    fn grow(&mut self, scene: &DeviceScene, counters: &Counters) -> Result<bool, RenderError> {
         let Some(frame) = &self.frame else { unreachable_state() };
         let have = frame.plan.capacities;
         let candidates = counters[COUNTER_CANDIDATES_NEEDED as usize];
@@ -423,7 +470,8 @@ impl Renderer {
         scene: &DeviceScene,
         view: types::View,
         options: &RenderOptions,
-        (mut counters, stats): ([u32; COUNTER_COUNT as usize], &mut FrameStats),
+        blends_last: bool,
+        (mut counters, stats): (Counters, &mut FrameStats),
         after_slab: &mut AfterSlab<'_>,
     ) -> Result<(), RenderError> {
         let needed = counters[COUNTER_INTERSECTIONS as usize];
@@ -431,18 +479,10 @@ impl Renderer {
         stats.work_items = u64::from(counters[COUNTER_WORK_ITEMS as usize]);
         stats.visible = u64::from(counters[COUNTER_VISIBLE as usize]);
         stats.intersections = u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
-        while counters[COUNTER_SLAB_END as usize] < counters[COUNTER_VISIBLE as usize] {
-            counters[COUNTER_SLAB_BEGIN as usize] = counters[COUNTER_SLAB_END as usize];
-            let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
-            let inputs = Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options);
-            write_counters(&mut frame.counters_start, &counters);
-            record_begin(&mut self.recorder, frame)?;
-            record_slab(&mut self.recorder, &inputs, frame)?;
-            record_end(&mut self.recorder, frame)?;
-            let ticket = self.recorder.submit()?;
-            self.recorder.wait(ticket)?;
-            let begin = counters[COUNTER_SLAB_BEGIN as usize];
-            counters = read_counters(frame);
+        while !is_last(&counters) {
+            let begin = counters[COUNTER_SLAB_END as usize];
+            counters[COUNTER_SLAB_BEGIN as usize] = begin;
+            counters = self.submit_slab(scene, view, options, blends_last, (counters, false))?;
             if counters[COUNTER_SLAB_END as usize] <= begin {
                 let reason = format!("made no progress at splat {begin}");
                 return Err(GpuError::Kernel { kernel: "plan_slab".into(), reason }.into());
@@ -450,7 +490,7 @@ impl Renderer {
             stats.slabs += 1;
             stats.intersections += u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
             stats.passes_ms.extend(self.recorder.passes_ms()?);
-            after_slab(self.blended_slab(false))?;
+            after_slab(self.blended_slab(false, &counters))?;
         }
         let most = (self.gpu.caps().max_storage_bytes / 4).min(MOST_INTERSECTIONS) as u32;
         if needed > self.capacities.intersections {
@@ -458,6 +498,14 @@ impl Renderer {
         }
         Ok(())
     }
+}
+
+/// Values of the counters' slots.
+type Counters = [u32; COUNTER_COUNT as usize];
+
+/// No visible splat is behind the slab that was done last.
+fn is_last(counters: &Counters) -> bool {
+    counters[COUNTER_SLAB_END as usize] >= counters[COUNTER_VISIBLE as usize]
 }
 
 /// Most splats of one slab: a tile's list is at most as long as its slab, and the blend loop takes one iteration per

@@ -318,6 +318,17 @@ fn unsaved_work_is_asked_for() {
     assert!(saved.instances.is_empty() && !saved.background.is_empty(), "the cloud, beside it");
 }
 
+/// A camera file that is not ours stays as it is when a camera is kept.
+#[test]
+fn unreadable_cameras_are_not_written_over() {
+    let Some((display, _folder, file)) = open_display() else { return };
+    let cameras = file.with_extension("cameras.json");
+    std::fs::write(&cameras, b"no cameras").unwrap();
+    let output = play_script(&display, &file, "frames 1\n key KeyC\n frames 1\n quit\n");
+    let words = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && std::fs::read(&cameras).unwrap() == b"no cameras", "{words}");
+}
+
 /// Ctrl+S while there is no scene leaves the file that could not be opened as it is.
 #[test]
 fn what_cannot_be_opened_is_not_written_over() {
@@ -373,6 +384,33 @@ fn a_chair_is_dragged_by_its_handle() {
     };
     assert!(by(1)[axis] > 0.05 && (by(1) - by(1)[axis] * DVec3::AXES[axis]).length() < 1e-6, "{}", by(1));
     assert!(by(0) == DVec3::ZERO && by(2) == DVec3::ZERO);
+}
+
+/// A handle that is pressed without a drag moves nothing, and a double click on the one in the middle of what is chosen is
+/// one: the view turns about what is there.
+#[test]
+fn handles_that_are_clicked_move_nothing() {
+    let Some((display, folder, file)) = open_display() else { return };
+    let before = chairs();
+    let place = before.instances[1].world_from_template;
+    let camera = Navigator::around(&Orbit::around(&before, None)).camera([320, 240]);
+    let px = |point: DVec3| camera.pixel_of(place.transform_point(point)).unwrap();
+    let [x, y] = px(DVec3::from_array(before.templates.means[2].map(f64::from)));
+    let centre = template_centres(&before)[0];
+    let (_, [tip_x, tip_y]) = arrow_tip(place.transform_point(centre), &camera);
+    let [mid_x, mid_y] = px(centre);
+    let text = format!(
+        "key KeyH\n click {x} {y}\n pointer {tip_x} {tip_y}\n press left\n frames 1\n pointer {} {}\n frames 1\n release left\n \
+         key ctrl+KeyS\n frames 40\n shot before.png\n double {mid_x} {mid_y}\n frames 2\n shot turned.png\n \
+         key ctrl+KeyS\n quit\n",
+        tip_x + 2.0,
+        tip_y + 1.0
+    );
+    let output = play_script(&display, &file, &text);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(load_scene(&file).unwrap().scene.instances == before.instances);
+    let shot = |name: &str| pixels(&folder.path().join(name)).2;
+    assert_ne!(shot("before.png"), shot("turned.png"));
 }
 
 /// Windows that change their size all the time neither leak nor offend the validation layers; 10,000 pictures with 100 sizes

@@ -115,13 +115,15 @@ fn one_is_clicked_and_the_rest_is_found() {
         &display,
         &file,
         &format!(
-            "key KeyH\n frames 2\n shot plain.png\n key KeyB\n click {x} {y}\n key ctrl+KeyS\n key KeyF\n found\n frames 2\n \
+            "key KeyH\n frames 2\n shot plain.png\n key KeyB\n double {x} {y}\n boxes none.json\n key KeyR\n frames 40\n \
+             click {x} {y}\n key ctrl+KeyS\n key KeyF\n found\n frames 2\n \
              boxes all.json\n key Delete\n boxes left.json\n key ctrl+KeyZ\n lose\n frames 2\n \
              boxes after.json\n key KeyB\n frames 1\n shot again.png\n quit\n"
         ),
     );
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let boxes = |name: &str| read_boxes(&folder.path().join(name)).unwrap().objects;
+    assert!(!folder.path().join("none.json").exists(), "a double click leaves no box to save");
     let drawn = boxes("place.boxes.json");
     assert_eq!(drawn.iter().map(bench_of).collect::<Vec<_>>(), [Some(0)], "{drawn:?}");
     let all = boxes("all.json");
@@ -129,7 +131,8 @@ fn one_is_clicked_and_the_rest_is_found() {
     found.sort();
     assert_eq!(found, [0, 1, 2, 3], "each bench once: {all:?}");
     let ids: Vec<u32> = all.iter().map(|object| object.id).collect();
-    assert_eq!(ids, (1..=all.len() as u32).collect::<Vec<_>>());
+    // The double click's box had 1.
+    assert_eq!(ids, (2..=all.len() as u32 + 1).collect::<Vec<_>>());
     // The chosen one is the one that was clicked.
     assert_eq!((all[0].clone(), boxes("left.json")), (drawn[0].clone(), all[1..].to_vec()));
     assert_eq!(boxes("after.json"), all, "another device has the boxes too");

@@ -1,19 +1,28 @@
 //! What the player draws after edits is what it draws of a scene that was opened so; and a picture shows whom one clicks on.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
 use instgs_vk::io::load_scene;
 use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
 use instgs_vk::player::navigation::Navigator;
 use instgs_vk::player::views::View;
 use instgs_vk::player::{Stage, StageOptions};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Selector, Turn, apply};
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{Gaussians, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
 
 use crate::common::chairs::chairs;
 use crate::common::gpu::{assert_silent, gpu};
+
+fn undo(stage: &mut Stage) -> bool {
+    stage.undo().unwrap().unwrap()
+}
+
+fn redo(stage: &mut Stage) -> bool {
+    stage.redo().unwrap().unwrap()
+}
 
 #[test]
 fn edited_scenes_look_as_if_opened_so() {
@@ -49,11 +58,11 @@ fn edited_scenes_look_as_if_opened_so() {
         pictures.push(now);
     }
     for want in pictures.iter().rev().skip(1) {
-        assert!(stage.undo().unwrap());
+        assert!(undo(&mut stage));
         stage.click(None, false);
         assert!(picture(&mut stage) == *want);
     }
-    assert!(!stage.undo().unwrap() && stage.redo().unwrap() && stage.editor().is_unsaved());
+    assert!(!undo(&mut stage) && redo(&mut stage) && stage.editor().is_unsaved());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("edited.instgs");
     stage.save(&path).unwrap();
@@ -144,7 +153,7 @@ fn what_is_dragged_is_seen_at_once() {
         drag.iter().for_each(|edit| drop(stage.edit_live(edit).unwrap().unwrap()));
         stage.finish_live();
         assert!(stage.editor().steps() == [1, 0] && picture(&mut stage) == *seen.last().unwrap());
-        assert!(stage.undo().unwrap() && picture(&mut stage) == at_first && !stage.undo().unwrap());
+        assert!(undo(&mut stage) && picture(&mut stage) == at_first && !undo(&mut stage));
     }
     assert_silent(&gpu);
 }
@@ -188,11 +197,11 @@ fn hidden_instances_are_as_if_they_were_not_there() {
     // Moved while it is hidden, and the table's entry read back: still hidden.
     stage.edit(&Edit::MoveBy { which: Selector::Index(1), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
     assert!(picture(&mut stage) == without(stage.scene()));
-    (0..3).for_each(|_| assert!(stage.undo().unwrap()));
+    (0..3).for_each(|_| assert!(undo(&mut stage)));
     assert!(picture(&mut stage) == hidden);
     assert!(stage.show_all().unwrap() && picture(&mut stage) == at_first);
-    assert!(stage.undo().unwrap() && picture(&mut stage) == hidden);
-    assert!(stage.undo().unwrap() && picture(&mut stage) == at_first);
+    assert!(undo(&mut stage) && picture(&mut stage) == hidden);
+    assert!(undo(&mut stage) && picture(&mut stage) == at_first);
     assert_silent(&gpu);
 }
 
@@ -220,7 +229,7 @@ fn hidden_levels_are_as_if_they_were_not_there() {
     let mut left = stage.scene().clone();
     apply(&mut left, &Edit::Delete { which: Selector::Index(1) }).unwrap();
     assert!(picture(&mut stage) == fresh(left));
-    (0..2).for_each(|_| assert!(stage.undo().unwrap()));
+    (0..2).for_each(|_| assert!(undo(&mut stage)));
     assert!(picture(&mut stage) == at_first);
     assert_silent(&gpu);
 }
@@ -323,4 +332,91 @@ fn every_view_looks_its_own_way_and_picks_the_same() {
         }
     }
     assert_silent(&gpu);
+}
+
+/// What the device has no room for is not done or done without, in words: the pictures are those of before.
+#[test]
+fn what_does_not_fit_is_done_without() {
+    if gpu().is_none() {
+        return;
+    }
+    // Its own device: others have no limit.
+    let gpu = Gpu::open(&GpuOptions { device: DeviceChoice::Best, validation: true, ..Default::default() }).unwrap();
+    let scene = crowd();
+    let navigator = Navigator::around(&Orbit::around(&scene, None));
+    let camera = navigator.camera([192, 128]);
+    let mut stage = Stage::new(&gpu, scene.clone(), StageOptions::default()).unwrap();
+    let picture = |stage: &mut Stage| {
+        let words = stage.draw_what_fits(&camera).unwrap();
+        // Reading the picture takes memory that the player has no need of.
+        let budget = gpu.memory_budget();
+        gpu.set_memory_budget(u64::MAX);
+        let picture = stage.rgb8().unwrap();
+        gpu.set_memory_budget(budget);
+        (picture, words)
+    };
+    let (in_full, None) = picture(&mut stage) else { panic!("there is room") };
+    // Half of the chairs go; then there is room for these, but not for all.
+    let gone = Edit::Delete { which: Selector::Indices((0..scene.instances.len() / 2).collect()) };
+    let fewer = |stage: &mut Stage| {
+        stage.edit(&gone).unwrap().unwrap();
+        picture(stage).0
+    };
+    let of_fewer = fewer(&mut stage);
+    assert!(undo(&mut stage));
+    assert!(redo(&mut stage));
+    gpu.set_memory_budget(upload_peak(&gpu, &mut stage));
+    let refused = stage.undo().unwrap().unwrap_err();
+    assert!(refused.contains("out of device memory") && stage.editor().steps() == [1, 0], "{refused}");
+    assert!(picture(&mut stage) == (of_fewer.clone(), None) && stage.scene().instances.len() < scene.instances.len());
+    gpu.set_memory_budget(u64::MAX);
+    assert!(undo(&mut stage) && picture(&mut stage) == (in_full.clone(), None));
+
+    // Levels of detail, a view that needs surfaces, and what is chosen.
+    gpu.set_memory_budget(upload_peak(&gpu, &mut stage));
+    stage.options.render.lod_error_px = 2.0;
+    let (got, words) = picture(&mut stage);
+    assert!(got == in_full && stage.options.render.lod_error_px == 0.0);
+    assert!(words.is_some_and(|words| words.starts_with("detail is not merged: out of device memory")));
+    gpu.set_memory_budget(gpu.memory_usage().0);
+    stage.options.show = View::Instances.show(navigator.distance());
+    let (got, words) = picture(&mut stage);
+    assert!(got == in_full && View::of(stage.options.show) == View::Color);
+    assert!(words.is_some_and(|words| words.starts_with("the view is the colours again: out of device memory")));
+    stage.click(Some(0), false);
+    let (got, words) = picture(&mut stage);
+    assert!(got == in_full && stage.editor().chosen().is_empty());
+    assert!(words.is_some_and(|words| words.starts_with("nothing is chosen any more: out of device memory")));
+    assert_silent(&gpu);
+}
+
+/// Bytes in use at most while the scene goes to the device again.
+fn upload_peak(gpu: &Gpu, stage: &mut Stage) -> u64 {
+    gpu.reset_memory_peak();
+    stage.edit_live(&Edit::Recolour { which: Selector::Template(0), rgb: [0.1; 3] }).unwrap().unwrap();
+    stage.cancel_live().unwrap();
+    gpu.memory_usage().1
+}
+
+/// Twenty bushes, each with offsets of its own.
+fn crowd() -> InstancedScene {
+    let mut scene = bushes();
+    let instance = |k: u32| Instance {
+        world_from_template: Similarity::from_parts(
+            DMat3::IDENTITY,
+            1.0,
+            DVec3::new(f64::from(k % 5), 0.0, f64::from(k / 5)),
+        ),
+        template: 0,
+        first_offset: Some(200 * k),
+    };
+    scene.instances = (0..20).map(instance).collect();
+    scene.groups.clear();
+    scene.offsets = Offsets {
+        means: vec![[0.01; 3]; 4000],
+        sh_dc: vec![[0.1; 3]; 4000],
+        opacity_logits: vec![0.1; 4000],
+        ..Offsets::default()
+    };
+    scene
 }

@@ -20,8 +20,9 @@ fn clicks_choose_one_or_more_and_alike_all_of_a_kind() {
     assert_eq!(editor.chosen_flags(&scene)[..2], [true, true]);
     editor.click(Some(0), true);
     assert_eq!(editor.selector(), Some(Selector::Indices(vec![1])));
-    editor.choose_alike(&scene);
     let template = scene.instances[1].template;
+    assert!(editor.has_chosen_of(&scene, template) && !editor.has_chosen_of(&scene, template + 1));
+    editor.choose_alike(&scene);
     assert!(editor.chosen().iter().all(|&k| scene.instances[k].template == template));
     assert_eq!(editor.chosen().len(), scene.instances.iter().filter(|i| i.template == template).count());
     editor.click(None, true);

@@ -34,6 +34,8 @@ pub(super) struct Boxing {
     /// Searches find other sizes too.
     other_sizes: bool,
     panel: BoxPanel,
+    /// The last click drew a box.
+    drew: bool,
     /// Where the boxes are from or were saved.
     file: Option<PathBuf>,
 }
@@ -101,6 +103,7 @@ impl Live {
         let handles = self.box_handles();
         self.boxing.grip = handles.and_then(|handles| handles.part_at(at).and_then(|part| handles.grab(part, at)));
         if self.boxing.grip.is_some() {
+            self.controls.take_hold();
             // What a field of the panel began is a change of its own.
             self.boxing.list.finish();
         }
@@ -109,7 +112,7 @@ impl Live {
 
     /// What is held goes where the pointer is.
     pub(super) fn box_follow(&mut self) {
-        let Some(drag) = &self.boxing.grip else { return };
+        let Some(drag) = self.boxing.grip.as_ref().filter(|_| !self.controls.holds_still()) else { return };
         if let Some(object) = drag.moved(&self.handle_camera(), self.pointer_points()) {
             self.boxing.list.change(object);
         }
@@ -138,6 +141,7 @@ impl Live {
     /// away.
     pub(super) fn box_click(&mut self, at_px: [f64; 2]) -> Result<(), PlayerError> {
         self.hud.message = None;
+        self.boxing.drew = false;
         let in_picture = self.in_picture(at_px);
         let place = self.stage.point_at(in_picture)?;
         let objects = self.boxing.list.boxes().iter().map(|listed| &listed.object);
@@ -148,7 +152,7 @@ impl Live {
             (None, _) if self.controls.shift => self.says("there is no box to take away"),
             (Some(index), _) => self.boxing.list.choose(Some(index)),
             (None, None) => self.boxing.list.choose(None),
-            (None, Some(place)) => match self.stage.instance_at(in_picture)? {
+            (None, Some(place)) => match self.instance_at(at_px)? {
                 Some(k) => self.says(format!("that is instance {k} of the scene: boxes are for what has no instance")),
                 None => self.box_around(place),
             },
@@ -157,15 +161,26 @@ impl Live {
         Ok(())
     }
 
+    /// The last click was the first of a double click, which is not for boxes: the box it drew goes.
+    pub(super) fn box_unclick(&mut self) {
+        if std::mem::take(&mut self.boxing.drew) && self.boxing.on {
+            self.boxing.list.undo();
+        }
+    }
+
     /// Puts a box around what stands at a place of the world.
     fn box_around(&mut self, place: glam::DVec3) {
         let [_, _, up] = self.navigator.level_axes();
         let cloud = &self.stage.scene().background;
         let around = self.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
         match around.at(place, self.navigator.eye()) {
-            Standing::Object(found) => self.boxing.list.draw(object_of(found)),
+            Standing::Object(found) => {
+                self.boxing.list.draw(object_of(found));
+                self.boxing.drew = true;
+            }
             Standing::Unclear(usual) => {
                 self.boxing.list.draw(object_of(usual));
+                self.boxing.drew = true;
                 self.says("where it ends cannot be told from what is around it: drag the dots until the box fits");
             }
             Standing::Ground => {

@@ -124,6 +124,7 @@ impl Live {
     /// The left button goes down over the picture; true if it takes hold of something.
     pub(super) fn grab(&mut self) -> Result<bool, PlayerError> {
         self.let_go()?;
+        self.controls.forget_hold();
         if self.controls.shift {
             // A click chooses one more, a drag moves the view.
             return Ok(false);
@@ -133,14 +134,19 @@ impl Live {
         }
         self.editing.grip = if self.has_brush() {
             let at = self.controls.pointer_px();
-            let touched = self.stage.instance_at(self.in_picture(at))?;
-            let template = touched.map(|k| self.stage.scene().instances[k].template);
-            template.map(|template| {
+            let touched = self.instance_at(at)?;
+            let (scene, editor) = (self.stage.scene(), self.stage.editor());
+            let template = touched.map(|k| scene.instances[k].template);
+            // Of what is chosen: a stroke that begins elsewhere turns the view.
+            template.filter(|&template| editor.has_chosen_of(scene, template)).map(|template| {
                 Grip::Brush(Stroke { template, centres: Vec::new(), pending_px: vec![at], last_px: at })
             })
         } else {
             let (gizmo, at) = (self.gizmo(), self.pointer_points());
             let drag = gizmo.and_then(|gizmo| gizmo.handle_at(at).and_then(|handle| gizmo.grab(handle, at)));
+            if drag.is_some() {
+                self.controls.take_hold();
+            }
             drag.map(Grip::Handle)
         };
         if self.editing.grip.is_some() {
@@ -154,7 +160,8 @@ impl Live {
     pub(super) fn follow_grip(&mut self) -> Result<(), PlayerError> {
         match self.editing.grip.take() {
             Some(Grip::Handle(drag)) => {
-                let motion = drag.motion(&self.handle_camera(), self.pointer_points());
+                let moves = !self.controls.holds_still();
+                let motion = moves.then(|| drag.motion(&self.handle_camera(), self.pointer_points())).flatten();
                 if let (Some(motion), Some(which)) = (motion, self.stage.editor().selector()) {
                     let done = self.stage.edit_live(&motion.edit(which))?;
                     self.said(done);
@@ -237,8 +244,8 @@ impl Live {
                 }
                 Action::Finish => self.stage.finish_live(),
                 Action::Cancel => self.stage.cancel_live()?,
-                Action::Undo => drop(self.stage.undo()?),
-                Action::Redo => drop(self.stage.redo()?),
+                Action::Undo => self.hud.message = self.stage.undo()?.err(),
+                Action::Redo => self.hud.message = self.stage.redo()?.err(),
                 Action::Hide => drop(self.stage.hide_chosen()?),
                 Action::ShowAll => drop(self.stage.show_all()?),
                 Action::ChooseAlike => self.stage.choose_alike(),
@@ -306,18 +313,22 @@ impl Live {
                 KeyCode::KeyY => self.stage.redo()?,
                 KeyCode::KeyS => {
                     self.save(&self.save_path());
-                    true
+                    Ok(true)
                 }
                 KeyCode::KeyH => {
                     self.let_go()?;
-                    if self.controls.shift { self.stage.show_all()? } else { self.stage.hide_chosen()? }
+                    Ok(if self.controls.shift { self.stage.show_all()? } else { self.stage.hide_chosen()? })
                 }
-                KeyCode::KeyD => true,
+                KeyCode::KeyD => Ok(true),
                 _ => return Ok(false),
             };
-            if !done {
-                let nothing = if code == KeyCode::KeyH { "hide or to show" } else { "take back or to do again" };
-                self.hud.message = Some(format!("there is nothing to {nothing}"));
+            match done {
+                Ok(true) => {}
+                Ok(false) => {
+                    let nothing = if code == KeyCode::KeyH { "hide or to show" } else { "take back or to do again" };
+                    self.hud.message = Some(format!("there is nothing to {nothing}"));
+                }
+                Err(reason) => self.hud.message = Some(reason),
             }
             if code != KeyCode::KeyD {
                 return Ok(true);

@@ -27,8 +27,9 @@ impl Live {
                 true
             }
             WindowEvent::Focused(false) => {
+                let held = self.let_go()?;
                 self.controls.let_go();
-                self.let_go()?
+                held
             }
             WindowEvent::ModifiersChanged(modifiers) => {
                 let state = modifiers.state();
@@ -89,26 +90,49 @@ impl Live {
             }
             return Ok(false);
         }
-        if button == Button::Left && self.let_go()? {
-            return Ok(true);
+        let seconds = self.opened.elapsed().as_secs_f64();
+        if button == Button::Left && self.is_held() {
+            self.let_go()?;
+            // A handle that was clicked is not dragged, and not what is behind it.
+            return match self.controls.let_hold_go(seconds) {
+                Some(click) if click.double => self.focus_at(click.at_px),
+                _ => Ok(true),
+            };
         }
-        let click = self.controls.released(button, self.opened.elapsed().as_secs_f64());
-        let Some(click) = click else { return Ok(false) };
-        if !click.double && self.boxing.on {
+        let Some(click) = self.controls.released(button, seconds) else { return Ok(false) };
+        if click.double {
+            return self.focus_at(click.at_px);
+        }
+        if self.boxing.on {
             self.box_click(click.at_px)?;
-            return Ok(true);
-        }
-        if !click.double {
-            let instance = self.stage.instance_at(self.in_picture(click.at_px))?;
+        } else {
+            let instance = self.instance_at(click.at_px)?;
             self.stage.click(instance, self.controls.shift);
-            self.hud.message = None;
-            return Ok(true);
         }
-        let point = self.stage.point_at(self.in_picture(click.at_px))?;
+        self.controls.click_done(self.opened.elapsed().as_secs_f64());
+        Ok(true)
+    }
+
+    /// After a double click: turns about what is at a place of the window from now on; false if nothing is there.
+    fn focus_at(&mut self, at_px: [f64; 2]) -> Result<bool, PlayerError> {
+        self.box_unclick();
+        let point = self.stage.point_at(self.in_picture(at_px))?;
         if let Some(point) = point {
             self.navigator.focus(point);
         }
         Ok(point.is_some())
+    }
+
+    /// The instance at a place of the window. Where the device has no room to find it, there is none, and the message says so.
+    pub(super) fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
+        self.hud.message = None;
+        match self.stage.instance_at(self.in_picture(at_px)) {
+            Err(error) if error.is_out_of_memory() => {
+                self.hud.message = Some(error.to_string());
+                Ok(None)
+            }
+            found => found,
+        }
     }
 
     /// True if the pointer is over a part of the interface. What an event says of it is of the last picture, since when the

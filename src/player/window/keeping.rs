@@ -12,11 +12,15 @@ use crate::scene::Camera;
 impl Live {
     /// Keeps the camera, in memory and in a camera file beside the scene.
     pub(super) fn keep_camera(&mut self) {
+        let path = cameras_path(&self.path);
+        if let (true, true, Err(error)) = (self.kept.0.is_empty(), path.exists(), read_cameras(&path)) {
+            self.hud.message = Some(format!("{error}; it is not written over"));
+            return;
+        }
         let mut camera = self.navigator.camera(self.swapchain.size_px());
         camera.name = format!("{:03}", self.kept.0.len());
         self.kept.0.push(camera);
         self.kept.1 = None;
-        let path = cameras_path(&self.path);
         self.hud.message = Some(match write_cameras(&path, &self.kept.0) {
             Ok(()) => format!("camera {} is in {}", self.kept.0.len(), path.display()),
             Err(error) => error.to_string(),

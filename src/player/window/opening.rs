@@ -65,6 +65,7 @@ impl Live {
             waited: 0,
             resolution: Resolution::with_budget(job.budget_ms),
             refine_at: None,
+            refine: false,
             ui_at: None,
             recording: None,
             reopened: None,
@@ -76,6 +77,7 @@ impl Live {
         live.controls.per_point = live.window.scale_factor();
         let scene = std::mem::replace(&mut job.scene, Err(String::new()));
         live.take_scene(scene, job)?;
+        live.check_mode(job.mode);
         if let Some((path, boxes)) = job.boxes.take() {
             live.boxing = Boxing::from_file(path, boxes);
         }
@@ -130,8 +132,6 @@ impl Live {
         if let Show::Depth(_) = options.show {
             options.show = View::Depth.show(orbit.distance);
         }
-        // The old scene's memory first.
-        self.stage = Stage::new(&self.gpu, InstancedScene::default(), options)?;
         self.editing = Editing::default();
         self.stop_search();
         self.boxing = Boxing::default();
@@ -139,8 +139,8 @@ impl Live {
         self.file_bytes = bytes;
         self.clock.clear();
         self.has_scene = false;
-        match Stage::new(&self.gpu, scene, options) {
-            Ok(stage) => (self.stage, self.has_scene) = (stage, true),
+        match self.stage.open(scene, options) {
+            Ok(()) => self.has_scene = true,
             Err(error) if error.is_lost() => return Err(error),
             // Of no use to this device; the next file may be.
             Err(error) => self.hud.message = Some(error.to_string()),

@@ -32,10 +32,11 @@ impl Live {
                 let device_id = DeviceId::dummy();
                 self.event(&WindowEvent::CursorMoved { device_id, position }, job)?;
             }
-            Step::Button(button, down) => {
-                let (device_id, button) = (DeviceId::dummy(), mouse_button(button));
-                let state = if down { ElementState::Pressed } else { ElementState::Released };
-                self.event(&WindowEvent::MouseInput { device_id, state, button }, job)?;
+            Step::Button(button, down) => self.play_button(button, down, job)?,
+            Step::DoubleClick => {
+                for down in [true, false, true, false] {
+                    self.play_button(Button::Left, down, job)?;
+                }
             }
             Step::Wheel(steps) => {
                 let (device_id, phase) = (DeviceId::dummy(), TouchPhase::Moved);
@@ -68,6 +69,13 @@ impl Live {
             Step::Quit => return Ok(After::Quit),
         }
         Ok(After::Redraw)
+    }
+
+    fn play_button(&mut self, button: Button, down: bool, job: &WindowJob) -> Result<(), PlayerError> {
+        let (device_id, button) = (DeviceId::dummy(), mouse_button(button));
+        let state = if down { ElementState::Pressed } else { ElementState::Released };
+        self.event(&WindowEvent::MouseInput { device_id, state, button }, job)?;
+        Ok(())
     }
 }
 
