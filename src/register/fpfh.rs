@@ -25,7 +25,7 @@ pub(super) type Feature = [f32; FEATURE_LEN];
 pub(super) fn features(surface: &Surface) -> Vec<Feature> {
     let radius = RADIUS * surface.voxel;
     let neighbours = |i: usize| -> Vec<Neighbour> {
-        let near = surface.set.nearest(surface.positions[i].as_vec3().to_array(), MOST_NEIGHBOURS + 1);
+        let near = surface.set().nearest(surface.positions[i].as_vec3().to_array(), MOST_NEIGHBOURS + 1);
         near.into_iter().filter(|n| n.index as usize != i && n.squared_distance <= radius * radius).collect()
     };
     let near: Vec<Vec<Neighbour>> = (0..surface.len()).into_par_iter().map(neighbours).collect();
@@ -100,7 +100,6 @@ pub(super) fn squared_difference(a: &Feature, b: &Feature) -> f32 {
 mod tests {
     use super::*;
     use crate::math::covariance::rotation_from_quat;
-    use crate::math::nearest::PointSet;
     use crate::math::rng::Rng;
     use crate::register::surface::Sample;
     use glam::DMat3;
@@ -121,8 +120,7 @@ mod tests {
 
     fn surface_of(points: Vec<(DVec3, DVec3)>) -> Surface {
         let (positions, normals): (Vec<DVec3>, Vec<DVec3>) = points.into_iter().unzip();
-        let set = PointSet::new(&positions.iter().map(|p| p.as_vec3().to_array()).collect::<Vec<_>>());
-        Surface { voxel: 1.0, colors: positions.clone(), positions, normals, set }
+        Surface::of_points(1.0, positions.clone(), normals, positions)
     }
 
     /// A turn changes no feature but by rounding, which could move a pair to the next bin; a point on an edge has another

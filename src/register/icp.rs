@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::pose::{Pair, Pose, best_pose};
-use super::surface::{Surface, reach_of};
+use super::surface::{Followed, Surface, reach_of};
 
 /// The part of the pairs that counts: what one object has and the other lacks is among the rest.
 const TRIM: f64 = 0.9;
@@ -43,9 +43,10 @@ pub(super) fn icp_apart(
     known: &[Pose],
 ) -> Option<Pose> {
     let reach = reach_of(data);
-    let mut pose = start;
+    let (mut pose, mut followed) = (start, Followed::new(model, data.len()));
     for _ in 0..options.steps {
-        let Some(next) = best_pose(&closest_pairs(model, data, &pose), options.allow_scale) else { break };
+        let pairs = closest_pairs((model, &mut followed), data, &pose);
+        let Some(next) = best_pose(&pairs, options.allow_scale) else { break };
         let moved = next.movement_from(&pose, reach);
         pose = next;
         if known.iter().any(|known| pose.movement_from(known, reach) <= JOINED * data.voxel) {
@@ -59,10 +60,10 @@ pub(super) fn icp_apart(
 }
 
 /// Each point of `data` with the nearest of `model`, if it is within reach and not among the farthest.
-fn closest_pairs(model: &Surface, data: &Surface, pose: &Pose) -> Vec<Pair> {
+fn closest_pairs((model, followed): (&Surface, &mut Followed<'_>), data: &Surface, pose: &Pose) -> Vec<Pair> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::with_capacity(data.len());
     for (i, &to) in data.positions.iter().enumerate() {
-        if let Some((j, distance)) = model.nearest(pose.apply_inverse(to)) {
+        if let Some((j, distance)) = followed.nearest(i, pose.apply_inverse(to)) {
             pairs.push((distance * pose.scale, i, j));
         }
     }

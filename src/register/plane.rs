@@ -4,7 +4,7 @@
 use glam::{DMat3, DVec3};
 
 use super::pose::Pose;
-use super::surface::{Surface, reach_of};
+use super::surface::{Followed, Surface, reach_of};
 use crate::math::eigen::symmetric_eigen;
 
 /// Unknowns: turn, shift, growth.
@@ -35,9 +35,9 @@ pub(super) struct Slide {
 /// `options.steps`. Both have unit normals.
 pub(super) fn slide(model: &Surface, data: &Surface, start: Pose, options: Slide) -> Pose {
     let reach = reach_of(data);
-    let mut pose = start;
+    let (mut pose, mut followed) = (start, Followed::new(model, data.len()));
     for _ in 0..options.steps {
-        let next = step((model, data), reach, &pose, options);
+        let next = step((model, &mut followed), data, reach, &pose, options);
         if !next.is_finite() {
             return pose;
         }
@@ -52,10 +52,16 @@ pub(super) fn slide(model: &Surface, data: &Surface, start: Pose, options: Slide
 
 /// One Gauss-Newton step, in the target's frame.
 /// Angles count as lengths at `reach`.
-fn step((model, data): (&Surface, &Surface), reach: f64, pose: &Pose, options: Slide) -> Pose {
+fn step(
+    (model, followed): (&Surface, &mut Followed<'_>),
+    data: &Surface,
+    reach: f64,
+    pose: &Pose,
+    options: Slide,
+) -> Pose {
     let (mut matrix, mut right) = ([[0.0; UNKNOWNS]; UNKNOWNS], [0.0; UNKNOWNS]);
-    for (&q, q_normal) in data.positions.iter().zip(&data.normals) {
-        let Some((j, distance)) = model.nearest(pose.apply_inverse(q)) else { continue };
+    for (i, (&q, q_normal)) in data.positions.iter().zip(&data.normals).enumerate() {
+        let Some((j, distance)) = followed.nearest(i, pose.apply_inverse(q)) else { continue };
         let normal = pose.rotation * model.normals[j];
         if distance * pose.scale > REACH * data.voxel || normal.dot(*q_normal) < SAME_SIDE {
             continue;

@@ -20,11 +20,13 @@ const METHODS: [&str; 12] = [
     names::OURS_Q8,
     names::OURS_SMALL,
 ];
-/// Published figures, on Mip-NeRF 360: name, source, PSNR, SSIM, LPIPS, file in MB.
-const PUBLISHED: [(&str, &str, [f64; 4]); 3] = [
+/// Published figures, on Mip-NeRF 360: name, source, PSNR, SSIM, LPIPS, file in MB (NaN: not published).
+const PUBLISHED: [(&str, &str, [f64; 4]); 5] = [
     ("Instant-NGP (big)", "3DGS paper, 2023, table 1", [25.59, 0.699, 0.331, 48.0]),
     ("3DGS, 30,000 steps", "3DGS paper, 2023, table 1", [27.21, 0.815, 0.214, 734.0]),
     ("Compact 3DGS", "Lee et al. 2024, table 1", [27.08, 0.798, 0.247, 48.8]),
+    ("Self-Organizing Gaussians", "Morgenstern et al. 2024, their repository", [27.08, 0.799, 0.230, 40.3]),
+    ("Octree-GS", "Ren et al. 2024, by the survey 3DGS.zip", [28.05, 0.819, 0.217, f64::NAN]),
 ];
 const MEGABYTE: f64 = 1e6;
 
@@ -414,14 +416,16 @@ fn published() -> Sheet {
             Cell::Number(psnr, 2),
             Cell::Number(ssim, 3),
             Cell::Number(lpips, 3),
-            Cell::Number(megabytes, 0),
+            Cell::maybe(Some(megabytes), 0),
             source.into(),
         ]
     };
     Sheet {
         key: "published",
         title: "Published by others, on other data (Mip-NeRF 360, LPIPS of VGG)".into(),
-        note: "Not measured here, and not comparable with the tables above.".into(),
+        note: "Not measured here, and not comparable with the tables above. No figures of the hierarchical 3DGS (Kerbl et al. \
+               2024) on these scenes were found."
+            .into(),
         head: vec!["", "PSNR", "SSIM", "LPIPS", "file MB", "source"],
         rows: PUBLISHED.iter().map(row).collect(),
     }

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use rayon::prelude::*;
+
 use crate::io::{IoError, atomic_write};
 use crate::train::error::TrainError;
 use crate::train::report::{Rgb8, StagePictures};
@@ -14,12 +16,11 @@ pub const FOLDER: &str = "stages";
 pub(super) fn write(job: &TrainJob, pictures: &StagePictures) -> Result<(), TrainError> {
     let folder = job.out.join(FOLDER);
     fs::create_dir_all(&folder).map_err(|e| IoError::new(&folder, format!("cannot create: {e}")))?;
-    for (name, picture) in named(pictures) {
+    named(pictures).par_iter().try_for_each(|(name, picture)| {
         let path = folder.join(format!("{name}.png"));
         let bytes = picture.png().map_err(|what| IoError::new(&path, what))?;
-        atomic_write(&path, |out| out.write_all(&bytes))?;
-    }
-    Ok(())
+        Ok(atomic_write(&path, |out| out.write_all(&bytes))?)
+    })
 }
 
 /// All pictures with the names of their files.

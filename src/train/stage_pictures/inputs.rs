@@ -96,7 +96,7 @@ impl Inputs {
 }
 
 /// A camera for a picture of this width, larger or smaller than the photo.
-pub(super) fn picture_camera(camera: &Camera, width: u32) -> Camera {
+fn picture_camera(camera: &Camera, width: u32) -> Camera {
     if camera.width >= width {
         return camera_at_width(camera, Some(width));
     }

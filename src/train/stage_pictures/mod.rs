@@ -149,7 +149,8 @@ fn views(
 fn photo(view: &View, camera: &Camera) -> Result<Rgb8, TrainError> {
     let image = load_view(view, Some(camera.width))?.image;
     let colors = image.rgba.iter().flat_map(|&pixel| composited(pixel, [0.0; 3]));
-    let pixels = colors.map(|c| (c * 255.0).round() as u8).collect();
+    // Rounded: no colour is below 0.
+    let pixels = colors.map(|c| (c * 255.0 + 0.5) as u8).collect();
     let photo = Rgb8 { width: image.width, height: image.height, pixels };
     let fail = |what: String| IoError::new(&view.image_path, what);
     Ok(photo.resized(camera.width, camera.height).map_err(fail)?)

@@ -6,9 +6,10 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use super::colors::Colors;
-use super::inputs::{consensus_notes, picture_camera};
+use super::inputs::consensus_notes;
 use super::masks::{Paint, painted};
 use super::{VIEW_WIDTH_PX, object_paint, photo};
+use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, Mask, MaskFolder, View};
 use crate::math::statistics::median;
 use crate::segment::Consensus;
@@ -101,7 +102,8 @@ fn pictures(
     given: &Colors,
     found: Option<(&Consensus, &Colors)>,
 ) -> Result<Vec<(&'static str, String)>, TrainError> {
-    let photo = photo(view, &picture_camera(&view.camera, VIEW_WIDTH_PX))?;
+    // No larger than it is: the page sees to that.
+    let photo = photo(view, &camera_at_width(&view.camera, Some(VIEW_WIDTH_PX.min(view.camera.width))))?;
     let fail = |what: String| IoError::new(&view.image_path, what);
     let Some(mask) = masks.of_view(view)? else { return Ok(vec![("photograph", photo.jpeg_address().map_err(fail)?)]) };
     let as_given = painted(&photo, &mask, |id| given.of(u32::from(id)).map_or(Paint::Nothing, Paint::Color));
