@@ -13,6 +13,8 @@ const CELLS_PER_POINT: usize = 16;
 const FEW_CELLS: usize = 64;
 /// Cells along an axis are fewer: there would be too many of them.
 const FARTHEST_CELL: f64 = 1e9;
+/// Smaller cells have no sound reciprocal, and may be asked for where all points are in one place.
+const LEAST_EDGE: f64 = 1e-150;
 /// What cells grow by until they are few enough.
 const COARSER: f64 = 1.5;
 
@@ -47,13 +49,13 @@ pub struct NearGrid {
 }
 
 impl NearGrid {
-    /// From finite positions, fewer than 2^32 of them, in cells of `edge`, above 0; larger ones where these would be too many.
+    /// From finite positions, fewer than 2^32 of them, in cells of `edge`; larger ones where these would be too many or too small.
     pub fn new(positions: &[DVec3], edge: f64) -> Self {
         let wider = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
         let (low, high) = positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
         let (low, size) = if positions.is_empty() { (DVec3::ZERO, DVec3::ZERO) } else { (low, high - low) };
         let most = ((CELLS_PER_POINT * positions.len() + FEW_CELLS) as f64).min(FARTHEST_CELL);
-        let mut edge = edge;
+        let mut edge = if edge >= LEAST_EDGE { edge } else { 1.0 };
         let cells_along = |edge: f64| (size / edge).floor() + 1.0;
         while cells_along(edge).element_product() > most {
             edge *= COARSER;
@@ -202,6 +204,11 @@ mod tests {
                 }
             }
             assert!(found > 0);
+        }
+        for edge in [0.0, 1e-310, f64::NAN] {
+            let [there, here] = [DVec3::ONE, DVec3::ONE + 1e-9 * DVec3::X];
+            assert_eq!(NearGrid::new(&[there; 2], edge).nearest(DVec3::ONE).map(|n| n.distance), Some(0.0));
+            assert_eq!(NearGrid::new(&[there, here], edge).nearest(here).map(|n| n.index), Some(1));
         }
         assert_eq!(NearGrid::new(&[], 1.0).nearest(DVec3::ZERO), None);
         assert_eq!(NearGrid::new(&[DVec3::ZERO; 3], 1.0).nearest(DVec3::X).map(|n| n.index), Some(0));

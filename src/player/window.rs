@@ -390,7 +390,7 @@ impl Live {
             ("file", self.file_bytes),
             ("on the device", self.gpu.memory_usage().0),
             ("of it the scene", self.stage.device_bytes()),
-            ("of it templates", scene.templates.tensor_bytes()),
+            ("in it templates", scene.templates.tensor_bytes()),
             ("offsets", scene.offsets.tensor_bytes()),
             ("background", scene.background.tensor_bytes()),
         ];
