@@ -41,6 +41,8 @@ pub struct BoxList {
     now: State,
     undo: Vec<State>,
     redo: Vec<State>,
+    /// What could be done again before a box was drawn last.
+    redo_before_draw: Vec<State>,
     /// Before the change that goes on.
     before: Option<State>,
     /// The boxes as they were saved last.
@@ -122,6 +124,8 @@ impl BoxList {
 
     /// Adds a box by hand, under an id that no other had, and chooses it. It is of the last drawn box's category.
     pub fn draw(&mut self, object: ObjectBox) {
+        self.finish();
+        self.redo_before_draw = std::mem::take(&mut self.redo);
         self.begin();
         let last = self.now.boxes.iter().rev().find(|listed| listed.origin == Origin::Drawn);
         let category = object.category.clone().or_else(|| last.and_then(|listed| listed.object.category.clone()));
@@ -129,6 +133,13 @@ impl BoxList {
         self.now.boxes.push(ListedBox { object, origin: Origin::Drawn });
         self.now.chosen = Some(self.now.boxes.len() - 1);
         self.finish();
+    }
+
+    /// As if [`BoxList::draw`], which was the last change, had not been.
+    pub fn undraw(&mut self) {
+        if let Some(before) = self.undo.pop() {
+            (self.now, self.redo) = (before, std::mem::take(&mut self.redo_before_draw));
+        }
     }
 
     /// Takes what was found to be like the box `id` in place of what was found so before; what has a box already is left
@@ -272,6 +283,19 @@ mod tests {
         list.draw(at(5.0));
         assert_eq!(list.take_found(1, vec![at(9.0)]), None, "the search was for the box that is gone");
         assert_eq!((list.boxes().len(), list.boxes()[0].object.id), (1, 2));
+    }
+
+    /// The first click of a double click is undone without a trace.
+    #[test]
+    fn what_is_undrawn_leaves_what_can_be_done_again() {
+        let mut list = BoxList::default();
+        list.draw(at(0.0));
+        list.draw(at(5.0));
+        assert!(list.undo());
+        list.draw(at(9.0));
+        list.undraw();
+        assert_eq!((places(&list), list.steps()), (vec![(1, 0.0)], [1, 1]));
+        assert!(list.redo() && places(&list) == [(1, 0.0), (2, 5.0)]);
     }
 
     #[test]

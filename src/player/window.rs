@@ -155,7 +155,8 @@ struct Live {
     /// Pictures that the first step of the script has waited.
     waited: u32,
     resolution: Resolution,
-    /// When a picture of fewer pixels is drawn again with all of them, and that this is due.
+    /// When a picture of fewer pixels is drawn again with all of them, and that this was due: window systems differ in whether
+    /// the picture or the wait comes first.
     refine_at: Option<Instant>,
     refine: bool,
     /// When the interface wants to be drawn again, for instance with a hint.
@@ -327,8 +328,9 @@ impl Live {
         let (frame, animated) = self.lay_out()?;
         self.painter.prepare(&frame)?;
         // All pixels when nothing moves: then there is time.
-        let waits = std::mem::take(&mut self.refine);
-        let drags = !waits && (self.controls.is_dragging() || self.is_held());
+        // One that rests has waited for it.
+        let rests = std::mem::take(&mut self.refine) || self.refine_at.is_some_and(|at| at <= start);
+        let drags = !rests && (self.controls.is_dragging() || self.is_held());
         let moves = goes_on || !flight.is_still() || drags;
         let scale = if moves { self.resolution.scale() } else { 1.0 };
         let size_px = Resolution::of(target.size_px, scale);

@@ -1,4 +1,4 @@
-//! What every Gaussian of a plain cloud adds to the pixels of every mask of a view: `mask_contribution` after the blend
+//! What every Gaussian of a plain cloud adds to the pixels of every mask of a view: `mask_contribution` on the lists
 //! of each depth slab, its entries added up on the host.
 
 use std::sync::Arc;

@@ -105,7 +105,8 @@ impl FrameStats {
     }
 }
 
-/// A depth slab that has just been blended: for passes that look at the same lists as the blend.
+/// A depth slab that has just been blended, or listed only if it is the last of [`Renderer::list_slabs`]: for passes that look
+/// at the same lists as the blend.
 pub(super) struct BlendedSlab<'a> {
     /// The device.
     pub(super) gpu: &'a Arc<Gpu>,
@@ -113,7 +114,7 @@ pub(super) struct BlendedSlab<'a> {
     pub(super) cache: &'a PipelineCache,
     /// The variant of the lists, with the tile size of this picture.
     pub(super) variant: Variant,
-    /// Lists and splats; its `depths` hold the transmittances behind the slab.
+    /// Lists and splats; its `depths` hold the transmittances behind the slab if it was blended.
     pub(super) frame: &'a FrameBuffers,
     /// Nothing lies in front of the slab.
     pub(super) first: bool,
@@ -193,9 +194,9 @@ impl Renderer {
         self.capacities = capacities;
     }
 
-    /// Gives back the memory of the last picture: the next one may be of another scene.
+    /// Gives back the memory of the last picture and forgets how much it took: the next one is of another scene.
     pub fn forget_picture(&mut self) {
-        self.frame = None;
+        (self.frame, self.capacities, self.most_intersections) = (None, INITIAL, u32::MAX);
     }
 
     /// Uploads a scene for this renderer.
@@ -238,7 +239,8 @@ impl Renderer {
         self.slabs(scene, camera, options, true, after_slab)
     }
 
-    /// As [`Renderer::render_slabs`], for whom lists are enough: the last slab is not blended, and there is no picture.
+    /// As [`Renderer::render_slabs`], for whom lists are enough: the last slab is not blended, and there is no picture. Pass times
+    /// are those of the last slab.
     pub(super) fn list_slabs(
         &mut self,
         scene: &DeviceScene,
@@ -366,6 +368,7 @@ impl Renderer {
         let size = [camera.width, camera.height];
         let workgroup = self.variant.workgroup_size;
         let tile_size = tile_size_for(&self.gpu, &self.variant, size);
+        let most_before = self.most_intersections;
         loop {
             capacities.intersections = capacities.intersections.min(self.most_intersections);
             let plan = FramePlan::new(size, tile_size, scene.instance_count, capacities, workgroup);
@@ -383,7 +386,11 @@ impl Renderer {
                 Err(GpuError::OutOfMemory { .. }) if plan.capacities.intersections > plan.tile_count() => {
                     self.most_intersections = plan.capacities.intersections / 2;
                 }
-                Err(error) => return Err(error.into()),
+                Err(error) => {
+                    // What helped nothing is no limit for what may be tried instead.
+                    self.most_intersections = most_before;
+                    return Err(error.into());
+                }
             }
         }
     }
@@ -400,7 +407,6 @@ impl Renderer {
         ForwardInputs { scene, pipelines, primitives, view, background, lod_error_px, max_slab_splats }
     }
 
-    /// Everything up to and including the first slab.
     /// Does a slab, of which `counters` are those before it; the first one comes after culling. Returns those after it.
     fn submit_slab(
         &mut self,

@@ -116,8 +116,8 @@ fn one_is_clicked_and_the_rest_is_found() {
         &file,
         &format!(
             "key KeyH\n frames 2\n shot plain.png\n key KeyB\n double {x} {y}\n boxes none.json\n key KeyR\n frames 40\n \
-             click {x} {y}\n key ctrl+KeyS\n key KeyF\n found\n frames 2\n \
-             boxes all.json\n key Delete\n boxes left.json\n key ctrl+KeyZ\n lose\n frames 2\n \
+             click {x} {y}\n key ctrl+KeyS\n key KeyF\n found\n frames 40\n double {x} {y}\n \
+             boxes all.json\n key KeyR\n key Delete\n boxes left.json\n key ctrl+KeyZ\n lose\n frames 2\n \
              boxes after.json\n key KeyB\n frames 1\n shot again.png\n quit\n"
         ),
     );

@@ -377,6 +377,7 @@ fn what_does_not_fit_is_done_without() {
     stage.options.render.lod_error_px = 2.0;
     let (got, words) = picture(&mut stage);
     assert!(got == in_full && stage.options.render.lod_error_px == 0.0);
+    assert!(stage.take_arrived().iter().all(|stats| stats.slabs == 1), "nor is it slower");
     assert!(words.is_some_and(|words| words.starts_with("detail is not merged: out of device memory")));
     gpu.set_memory_budget(gpu.memory_usage().0);
     stage.options.show = View::Instances.show(navigator.distance());

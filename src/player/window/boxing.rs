@@ -143,7 +143,8 @@ impl Live {
         self.hud.message = None;
         self.boxing.drew = false;
         let in_picture = self.in_picture(at_px);
-        let place = self.stage.point_at(in_picture)?;
+        let place = self.stage.point_at(in_picture);
+        let place = self.found(place)?;
         let objects = self.boxing.list.boxes().iter().map(|listed| &listed.object);
         let at_edge = box_at_edge(objects, &self.handle_camera(), at_px.map(|v| v / self.per_point()));
         let there = at_edge.or_else(|| self.boxing.list.containing(place?));
@@ -164,8 +165,14 @@ impl Live {
     /// The last click was the first of a double click, which is not for boxes: the box it drew goes.
     pub(super) fn box_unclick(&mut self) {
         if std::mem::take(&mut self.boxing.drew) && self.boxing.on {
-            self.boxing.list.undo();
+            self.boxing.list.undraw();
+            self.hud.message = None;
         }
+    }
+
+    /// What is clicked or pressed next has nothing to do with the box that the last click drew.
+    pub(super) fn box_stays(&mut self) {
+        self.boxing.drew = false;
     }
 
     /// Puts a box around what stands at a place of the world.
@@ -196,6 +203,7 @@ impl Live {
 
     /// Keys of the tool; false for others.
     pub(super) fn box_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
+        self.box_stays();
         if self.controls.control {
             let action = match code {
                 KeyCode::KeyZ if self.controls.shift => BoxAction::Redo,

@@ -191,7 +191,8 @@ impl Live {
     fn stroke(&mut self, stroke: &mut Stroke) -> Result<(), PlayerError> {
         let before = stroke.centres.len();
         for at in std::mem::take(&mut stroke.pending_px) {
-            let touched = self.stage.template_point_at(self.in_picture(at))?;
+            let touched = self.stage.template_point_at(self.in_picture(at));
+            let touched = self.found(touched)?;
             stroke.centres.extend(touched.filter(|touched| touched.0 == stroke.template).map(|touched| touched.1));
         }
         if stroke.centres.len() == before {

@@ -96,7 +96,10 @@ impl Live {
             // A handle that was clicked is not dragged, and not what is behind it.
             return match self.controls.let_hold_go(seconds) {
                 Some(click) if click.double => self.focus_at(click.at_px),
-                _ => Ok(true),
+                _ => {
+                    self.box_stays();
+                    Ok(true)
+                }
             };
         }
         let Some(click) = self.controls.released(button, seconds) else { return Ok(false) };
@@ -116,7 +119,8 @@ impl Live {
     /// After a double click: turns about what is at a place of the window from now on; false if nothing is there.
     fn focus_at(&mut self, at_px: [f64; 2]) -> Result<bool, PlayerError> {
         self.box_unclick();
-        let point = self.stage.point_at(self.in_picture(at_px))?;
+        let point = self.stage.point_at(self.in_picture(at_px));
+        let point = self.found(point)?;
         if let Some(point) = point {
             self.navigator.focus(point);
         }
@@ -126,7 +130,13 @@ impl Live {
     /// The instance at a place of the window. Where the device has no room to find it, there is none, and the message says so.
     pub(super) fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
         self.hud.message = None;
-        match self.stage.instance_at(self.in_picture(at_px)) {
+        let instance = self.stage.instance_at(self.in_picture(at_px));
+        self.found(instance)
+    }
+
+    /// What was found in a picture: nothing, and a message, where the device had no room to look.
+    pub(super) fn found<T>(&mut self, found: Result<Option<T>, PlayerError>) -> Result<Option<T>, PlayerError> {
+        match found {
             Err(error) if error.is_out_of_memory() => {
                 self.hud.message = Some(error.to_string());
                 Ok(None)
