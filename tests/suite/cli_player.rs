@@ -268,6 +268,25 @@ fn arrow_tip(centre: DVec3, camera: &Camera) -> (usize, [f64; 2]) {
     arrows.next_back().unwrap()
 }
 
+/// Places of the second chair in a window of 320x240 at the start, pixels.
+struct MiddleChair {
+    /// Where a Gaussian of it shows.
+    shows: [f64; 2],
+    /// Its middle, where handles are.
+    centre: [f64; 2],
+    /// As [`arrow_tip`].
+    arrow: (usize, [f64; 2]),
+}
+
+fn middle_chair(scene: &InstancedScene) -> MiddleChair {
+    let camera = Navigator::around(&Orbit::around(scene, None)).camera([320, 240]);
+    let of_template = |point: DVec3| scene.instances[1].world_from_template.transform_point(point);
+    let px = |point: DVec3| camera.pixel_of(of_template(point)).unwrap();
+    let centre = template_centres(scene)[0];
+    let shows = px(DVec3::from_array(scene.templates.means[2].map(f64::from)));
+    MiddleChair { shows, centre: px(centre), arrow: arrow_tip(of_template(centre), &camera) }
+}
+
 /// On a screen of half the pixels' size an arrow is twice as many pixels long.
 #[test]
 fn handles_are_as_large_on_a_fine_screen() {
@@ -358,13 +377,8 @@ fn unsaved_work_outlives_the_device() {
 fn a_chair_is_dragged_by_its_handle() {
     let Some((display, folder, file)) = open_display() else { return };
     let before = chairs();
-    let place = before.instances[1].world_from_template;
-    let camera = Navigator::around(&Orbit::around(&before, None)).camera([320, 240]);
-    let px = |point: DVec3| camera.pixel_of(place.transform_point(point)).unwrap();
-    let [x, y] = px(DVec3::from_array(before.templates.means[2].map(f64::from)));
-    let centre = template_centres(&before)[0];
-    let (axis, [tip_x, tip_y]) = arrow_tip(place.transform_point(centre), &camera);
-    let [to_x, to_y] = [tip_x + 0.3 * (tip_x - px(centre)[0]), tip_y + 0.3 * (tip_y - px(centre)[1])];
+    let MiddleChair { shows: [x, y], centre: [mid_x, mid_y], arrow: (axis, [tip_x, tip_y]) } = middle_chair(&before);
+    let [to_x, to_y] = [tip_x + 0.3 * (tip_x - mid_x), tip_y + 0.3 * (tip_y - mid_y)];
     let text = format!(
         "key KeyH\n click {x} {y}\n shot chosen.png\n drag left {tip_x} {tip_y} {to_x} {to_y}\n frames 1\n shot dragged.png\n \
          key ctrl+KeyS\n key ctrl+KeyZ\n shot undone.png\n pointer {tip_x} {tip_y}\n press left\n pointer {to_x} {to_y}\n \
@@ -392,13 +406,7 @@ fn a_chair_is_dragged_by_its_handle() {
 fn handles_that_are_clicked_move_nothing() {
     let Some((display, folder, file)) = open_display() else { return };
     let before = chairs();
-    let place = before.instances[1].world_from_template;
-    let camera = Navigator::around(&Orbit::around(&before, None)).camera([320, 240]);
-    let px = |point: DVec3| camera.pixel_of(place.transform_point(point)).unwrap();
-    let [x, y] = px(DVec3::from_array(before.templates.means[2].map(f64::from)));
-    let centre = template_centres(&before)[0];
-    let (_, [tip_x, tip_y]) = arrow_tip(place.transform_point(centre), &camera);
-    let [mid_x, mid_y] = px(centre);
+    let MiddleChair { shows: [x, y], centre: [mid_x, mid_y], arrow: (_, [tip_x, tip_y]) } = middle_chair(&before);
     let text = format!(
         "key KeyH\n click {x} {y}\n pointer {tip_x} {tip_y}\n press left\n frames 1\n pointer {} {}\n frames 1\n release left\n \
          key ctrl+KeyS\n frames 40\n shot before.png\n double {mid_x} {mid_y}\n frames 2\n shot turned.png\n \
