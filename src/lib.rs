@@ -201,22 +201,9 @@
 //!   fail, unless `INSTGS_SKIP_GPU=1` is set. `tools/test` repeats them on lavapipe at subgroup sizes 4, 8 and, with AVX-512, 16.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
-pub mod bench;
-pub mod cli;
-pub mod detect;
-pub mod eval;
 pub mod gpu;
-pub mod io;
 pub mod kernels;
 pub mod math;
 pub mod optim;
-#[cfg(feature = "player")]
-pub mod player;
-pub mod reference;
-pub mod register;
 pub mod render;
 pub mod scene;
-pub mod segment;
-pub mod synth;
-pub mod template;
-pub mod train;

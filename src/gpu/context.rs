@@ -64,7 +64,7 @@ pub struct Gpu {
     messages: ValidationMessages,
     pub(super) physical: vk::PhysicalDevice,
     /// Keeps the loader library loaded.
-    #[cfg_attr(not(feature = "player"), allow(dead_code, reason = "only windows ask it for anything"))]
+    #[cfg_attr(not(feature = "window"), allow(dead_code, reason = "only windows ask it for anything"))]
     pub(super) entry: ash::Entry,
 }
 

@@ -15,10 +15,10 @@ pub mod pipeline;
 pub mod profiler;
 pub mod recorder;
 pub mod staging;
-#[cfg(feature = "player")]
+#[cfg(feature = "window")]
 pub mod swapchain;
 pub mod timeline;
-#[cfg(feature = "player")]
+#[cfg(feature = "window")]
 pub mod ui_painter;
 pub mod validation;
 
@@ -28,8 +28,8 @@ pub use context::{DeviceChoice, Gpu, GpuOptions};
 pub use error::GpuError;
 pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
-#[cfg(feature = "player")]
+#[cfg(feature = "window")]
 pub use swapchain::{PresentMode, Swapchain, Target, UI_PASS};
 pub use timeline::Ticket;
-#[cfg(feature = "player")]
+#[cfg(feature = "window")]
 pub use ui_painter::{UiFrame, UiPainter};

@@ -276,7 +276,7 @@ impl Recorder {
     }
 
     /// Starts a command that is recorded by hand and reads the whole of `source` by a copy.
-    #[cfg(feature = "player")]
+    #[cfg(feature = "window")]
     pub(super) fn raw_copy<T: bytemuck::NoUninit>(
         &mut self,
         source: &Buffer<T>,
@@ -289,14 +289,14 @@ impl Recorder {
     }
 
     /// Starts a pass of commands that are recorded by hand; give what comes back to [`Recorder::end_by_hand`].
-    #[cfg(feature = "player")]
+    #[cfg(feature = "window")]
     pub(super) fn begin_by_hand(&mut self, name: &'static str) -> Option<u32> {
         self.mark(name);
         self.profiler.as_mut().and_then(|profiler| profiler.begin(self.commands, name))
     }
 
     /// Ends the pass.
-    #[cfg(feature = "player")]
+    #[cfg(feature = "window")]
     pub(super) fn end_by_hand(&mut self, timer: Option<u32>) {
         if let Some(profiler) = &mut self.profiler {
             profiler.end(self.commands, timer);

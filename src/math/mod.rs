@@ -5,7 +5,7 @@ pub mod covariance;
 pub mod digits;
 pub mod distortion;
 pub mod eigen;
-pub(crate) mod morton;
+pub mod morton;
 pub mod near_grid;
 pub mod nearest;
 pub mod plane;

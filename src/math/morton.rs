@@ -7,7 +7,7 @@ const MORTON_BITS: u32 = 21;
 
 /// Point indices along a Morton curve through the box that holds all but the outermost percent on each side of each
 /// axis; what is outside counts as on its faces, so that a few stray points do not coarsen the curve.
-pub(crate) fn morton_order(means: &[[f32; 3]]) -> Vec<u32> {
+pub fn morton_order(means: &[[f32; 3]]) -> Vec<u32> {
     let bounds: [(f64, f64); 3] = std::array::from_fn(|axis| {
         let mut values: Vec<f32> = means.iter().map(|m| m[axis]).collect();
         values.sort_unstable_by(f32::total_cmp);

@@ -31,7 +31,7 @@ impl Offsets {
     }
 
     /// The SH coefficients 1.. of record `m`; none without `sh_rest`.
-    pub(crate) fn rest_of(&self, m: usize) -> &[[f32; 3]] {
+    pub fn rest_of(&self, m: usize) -> &[[f32; 3]] {
         let coefficients = self.sh_rest.len() / self.len().max(1);
         &self.sh_rest[m * coefficients..][..coefficients]
     }

@@ -1,0 +1,25 @@
+//! L4: how good pictures are: PSNR, SSIM, LPIPS.
+//!
+//! A [`PicturePair`] is a rendered picture and its photo, checked, clamped and masked once, so that every metric sees the
+//! same pixels: [`psnr`], [`ssim`], and [`Lpips::distance`] where the user has the network's weights. [`evaluate`]
+//! renders a dataset's views and compares each with its photo. Pictures are compared as they are rendered, in floats:
+//! clamped to 0..1, never rounded to 8 bits.
+
+use instgs_io as io;
+use instgs_vk::render;
+
+mod error;
+pub mod lpips;
+mod pair;
+mod psnr;
+mod report;
+mod ssim;
+mod views;
+
+pub use error::{EvalError, PairError};
+pub use lpips::{InputRange, Lpips, LpipsError, Net};
+pub use pair::PicturePair;
+pub use psnr::{MAX_PSNR_DB, psnr};
+pub use report::{EvalReport, Metrics, ViewMetrics};
+pub use ssim::ssim;
+pub use views::{Evaluated, composited, evaluate, pair_of};

@@ -1,0 +1,291 @@
+//! COLMAP models (`sparse/0`, binary or text): cameras and image poses.
+//!
+//! COLMAP's axes are ours (OpenCV, pixel centres at +0.5). Observations of points are skipped; `points3D` is read by
+//! [`crate::point_cloud`].
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DQuat};
+
+use crate::bytes::Cursor;
+use crate::dataset::Split;
+use crate::error::{IoError, Place};
+use crate::read_bytes;
+pub use crate::math::distortion::Distortion;
+use crate::scene::camera::Camera;
+
+/// A view before it is part of a dataset: a camera and the image's name as in the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PosedImage {
+    /// The pinhole part. Its name is the image's file name without extension.
+    pub camera: Camera,
+    /// Image path as written in the file (COLMAP: relative to `images/`; transforms.json: to its folder).
+    pub file: String,
+    /// Lens distortion that the image still has.
+    pub distortion: Option<Distortion>,
+    /// Mask of the pixels that count, as written in the file; only transforms.json has it.
+    pub mask: Option<String>,
+    /// What the file says the view is for. Either all views of a file have it or none has.
+    pub split: Option<Split>,
+}
+
+struct Intrinsics {
+    size: [u32; 2],
+    focal: [f64; 2],
+    centre: [f64; 2],
+    distortion: Option<Distortion>,
+}
+
+/// The folder of the COLMAP model of a dataset, if it has one: `sparse/0`, else `sparse`.
+pub fn colmap_folder(dataset: &Path) -> Option<PathBuf> {
+    let has = |folder: &Path, ending: &str| {
+        ["cameras", "images"].iter().all(|f| folder.join(format!("{f}.{ending}")).is_file())
+    };
+    [dataset.join("sparse/0"), dataset.join("sparse")].into_iter().find(|f| has(f, "bin") || has(f, "txt"))
+}
+
+/// Reads `cameras` and `images` of a model folder; `.bin` wins over `.txt`.
+pub fn read_colmap(folder: &Path) -> Result<Vec<PosedImage>, IoError> {
+    let binary = folder.join("cameras.bin").is_file();
+    let ending = if binary { "bin" } else { "txt" };
+    let (cameras_path, images_path) =
+        (folder.join(format!("cameras.{ending}")), folder.join(format!("images.{ending}")));
+    let (cameras, images) = (read_bytes(&cameras_path)?, read_bytes(&images_path)?);
+    if binary {
+        parse_images_bin(&images, &images_path, &parse_cameras_bin(&cameras, &cameras_path)?)
+    } else {
+        parse_images_txt(&images, &images_path, &parse_cameras_txt(&cameras, &cameras_path)?)
+    }
+}
+
+/// Parses the bytes of the two binary files; the paths are for messages only.
+pub fn parse_colmap_bin(cameras: &[u8], images: &[u8], path: &Path) -> Result<Vec<PosedImage>, IoError> {
+    parse_images_bin(images, path, &parse_cameras_bin(cameras, path)?)
+}
+
+/// Parses the bytes of the two text files; the paths are for messages only.
+pub fn parse_colmap_txt(cameras: &[u8], images: &[u8], path: &Path) -> Result<Vec<PosedImage>, IoError> {
+    parse_images_txt(images, path, &parse_cameras_txt(cameras, path)?)
+}
+
+/// COLMAP's models by number: name and number of parameters.
+const MODELS: [(&str, usize); 17] = [
+    ("SIMPLE_PINHOLE", 3),
+    ("PINHOLE", 4),
+    ("SIMPLE_RADIAL", 4),
+    ("RADIAL", 5),
+    ("OPENCV", 8),
+    ("OPENCV_FISHEYE", 8),
+    ("FULL_OPENCV", 12),
+    ("FOV", 5),
+    ("SIMPLE_RADIAL_FISHEYE", 4),
+    ("RADIAL_FISHEYE", 5),
+    ("THIN_PRISM_FISHEYE", 12),
+    ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    ("SIMPLE_DIVISION", 4),
+    ("DIVISION", 5),
+    ("SIMPLE_FISHEYE", 3),
+    ("FISHEYE", 4),
+    ("EUCM", 6),
+];
+
+const UNDISTORT: &str = "undistort with `colmap image_undistorter`";
+
+fn intrinsics(model: &str, size: [u64; 2], p: &[f64], fail: &dyn Fn(String) -> IoError) -> Result<Intrinsics, IoError> {
+    let (fx, fy, cx, cy, distortion) = match (model, p) {
+        ("SIMPLE_PINHOLE", &[f, cx, cy]) => (f, f, cx, cy, Distortion::default()),
+        ("PINHOLE", &[fx, fy, cx, cy]) => (fx, fy, cx, cy, Distortion::default()),
+        ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => (f, f, cx, cy, Distortion { k1, ..Distortion::default() }),
+        ("RADIAL", &[f, cx, cy, k1, k2]) => (f, f, cx, cy, Distortion { k1, k2, ..Distortion::default() }),
+        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3: 0.0 }),
+        // k4 to k6, which divide, are zero where nobody fitted them.
+        ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]) => {
+            (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3 })
+        }
+        _ if MODELS.iter().any(|(name, count)| *name == model && *count == p.len()) => {
+            return Err(fail(format!("camera model {model} is not supported")).advise(UNDISTORT));
+        }
+        _ => {
+            let what = format!("camera model {model} with {} parameters is not known", p.len());
+            return Err(fail(what).advise(UNDISTORT));
+        }
+    };
+    let [Ok(width), Ok(height)] = size.map(u32::try_from) else {
+        return Err(fail(format!("image size {}x{}", size[0], size[1])));
+    };
+    Ok(Intrinsics { size: [width, height], focal: [fx, fy], centre: [cx, cy], distortion: distortion.if_any() })
+}
+
+type Cameras = BTreeMap<u32, Intrinsics>;
+
+fn parse_cameras_bin(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
+    let mut c = Cursor::new(bytes, path);
+    let count = c.u64("the number of cameras")?;
+    let mut cameras = Cameras::new();
+    // Each turn consumes bytes, so a wrong count ends at the end of the file.
+    for _ in 0..count {
+        let at = c.position() as u64;
+        let fail = |what: String| IoError::new(path, what).at(Place::Byte(at));
+        let (id, model) = (c.u32("a camera")?, c.u32("a camera")?);
+        let size = [c.u64("a camera")?, c.u64("a camera")?];
+        let Some(&(name, parameters)) = MODELS.get(model as usize) else {
+            return Err(fail(format!("camera model {model} is not known")).advise(UNDISTORT));
+        };
+        let parameters: Vec<f64> = (0..parameters).map(|_| c.f64("a camera")).collect::<Result<_, _>>()?;
+        cameras.insert(id, intrinsics(name, size, &parameters, &fail)?);
+    }
+    Ok(cameras)
+}
+
+fn parse_images_bin(bytes: &[u8], path: &Path, cameras: &Cameras) -> Result<Vec<PosedImage>, IoError> {
+    let mut c = Cursor::new(bytes, path);
+    let count = c.u64("the number of images")?;
+    let mut out = Vec::new();
+    for _ in 0..count {
+        let at = c.position() as u64;
+        let fail = |what: String| IoError::new(path, what).at(Place::Byte(at));
+        c.u32("an image")?;
+        let mut pose = [0.0; 7];
+        for v in &mut pose {
+            *v = c.f64("an image")?;
+        }
+        let camera = c.u32("an image")?;
+        let name = c.c_string("an image's name")?;
+        let points = c.u64("an image's point count")?;
+        let skip = points.checked_mul(24).and_then(|n| usize::try_from(n).ok()).unwrap_or(usize::MAX);
+        c.take(skip, "an image's points")?;
+        out.push(posed(pose, camera, name, cameras, &fail)?);
+    }
+    Ok(out)
+}
+
+/// Lines with their numbers; comments are empty.
+pub(crate) fn lines<'a>(bytes: &'a [u8], path: &Path) -> Result<Vec<(u64, &'a str)>, IoError> {
+    let text = std::str::from_utf8(bytes)
+        .map_err(|e| IoError::new(path, "is not UTF-8 text").at(Place::Byte(e.valid_up_to() as u64)))?;
+    Ok((1..).zip(text.lines()).filter(|(_, line)| !line.trim_start().starts_with('#')).collect())
+}
+
+pub(crate) fn number<T: std::str::FromStr>(word: Option<&str>, fail: &dyn Fn(String) -> IoError) -> Result<T, IoError> {
+    let word = word.ok_or_else(|| fail("ends early".into()))?;
+    word.parse().map_err(|_| fail(format!("\"{}\" is no number of the kind that belongs here", word.escape_debug())))
+}
+
+fn parse_cameras_txt(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
+    let mut cameras = Cameras::new();
+    for (n, line) in lines(bytes, path)?.into_iter().filter(|(_, l)| !l.trim().is_empty()) {
+        let fail = |what: String| IoError::new(path, what).at(Place::Line(n));
+        let mut words = line.split_whitespace();
+        let id = number(words.next(), &fail)?;
+        let model = words.next().ok_or_else(|| fail("ends early".into()))?;
+        let size = [number(words.next(), &fail)?, number(words.next(), &fail)?];
+        let parameters: Vec<f64> = words.map(|w| number(Some(w), &fail)).collect::<Result<_, _>>()?;
+        cameras.insert(id, intrinsics(model, size, &parameters, &fail)?);
+    }
+    Ok(cameras)
+}
+
+fn parse_images_txt(bytes: &[u8], path: &Path, cameras: &Cameras) -> Result<Vec<PosedImage>, IoError> {
+    let mut out = Vec::new();
+    let all = lines(bytes, path)?;
+    let mut rest = all.iter();
+    while let Some(&(n, line)) = rest.next() {
+        if line.trim().is_empty() {
+            continue;
+        }
+        let fail = |what: String| IoError::new(path, what).at(Place::Line(n));
+        let mut words = line.split_whitespace();
+        number::<u32>(words.next(), &fail)?;
+        let mut pose = [0.0; 7];
+        for v in &mut pose {
+            *v = number(words.next(), &fail)?;
+        }
+        let camera = number(words.next(), &fail)?;
+        // A file name may hold spaces.
+        let name = words.collect::<Vec<_>>().join(" ");
+        out.push(posed(pose, camera, name, cameras, &fail)?);
+        // The line of points, often empty, belongs to the image.
+        rest.next();
+    }
+    Ok(out)
+}
+
+/// `pose` = rotation quaternion w x y z, translation of view_from_world.
+fn posed(
+    pose: [f64; 7],
+    camera: u32,
+    file: String,
+    cameras: &Cameras,
+    fail: &dyn Fn(String) -> IoError,
+) -> Result<PosedImage, IoError> {
+    let Some(intrinsics) = cameras.get(&camera) else {
+        return Err(fail(format!("image {file} uses camera {camera}, which the cameras file has not")));
+    };
+    let [w, x, y, z, t @ ..] = pose;
+    let q = DQuat::from_xyzw(x, y, z, w);
+    let length = q.length();
+    if !(length.is_finite() && length > 1e-6) {
+        return Err(fail(format!("image {file} has a rotation of length {length}")));
+    }
+    let r = DMat3::from_quat(q / length);
+    let row = |i: usize| [r.row(i).x, r.row(i).y, r.row(i).z, t[i]];
+    let camera = Camera {
+        name: stem(&file),
+        width: intrinsics.size[0],
+        height: intrinsics.size[1],
+        fx: intrinsics.focal[0],
+        fy: intrinsics.focal[1],
+        cx: intrinsics.centre[0],
+        cy: intrinsics.centre[1],
+        view_from_world: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+    };
+    camera.validate().map_err(fail)?;
+    Ok(PosedImage { camera, file, distortion: intrinsics.distortion, mask: None, split: None })
+}
+
+/// File name without folders and extension.
+pub(crate) fn stem(file: &str) -> String {
+    Path::new(file).file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_with_empty_point_lines_comments_and_distortion() -> Result<(), IoError> {
+        let cameras = b"# c\n1 PINHOLE 20 10 15 16 10 5\n2 OPENCV 20 10 15 16 10 5 0.1 0 0 0.2\n";
+        let images = b"# i\n1 1 0 0 0 1 2 3 1 a b.jpg\n\n2 0 1 0 0 0 0 0 2 sub/c.png\n1.5 2.5 -1\n";
+        let out = parse_colmap_txt(cameras, images, Path::new("m"))?;
+        assert_eq!(out.len(), 2);
+        assert_eq!((out[0].file.as_str(), out[0].camera.name.as_str()), ("a b.jpg", "a b"));
+        assert_eq!(out[0].camera.view_from_world[1], [0.0, 1.0, 0.0, 2.0]);
+        assert_eq!((out[0].camera.fx, out[0].camera.fy, out[0].distortion), (15.0, 16.0, None));
+        assert_eq!(out[1].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2, k3: 0.0 }));
+        assert_eq!((out[1].camera.name.as_str(), out[1].camera.view_from_world[2][2]), ("c", -1.0));
+        let cameras = b"2 FULL_OPENCV 20 10 15 16 10 5 0.1 0 0 0.2 0.3 0 0 0\n";
+        let out = parse_colmap_txt(cameras, b"2 0 1 0 0 0 0 0 2 c.png\n\n", Path::new("m"))?;
+        assert_eq!(out[0].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2, k3: 0.3 }));
+        Ok(())
+    }
+
+    #[test]
+    fn errors_name_line_or_byte() {
+        let cameras: &[u8] = b"1 PINHOLE 20 10 15 16 10 5\n";
+        let text = |c: &[u8], i: &[u8]| {
+            parse_colmap_txt(c, i, Path::new("m")).err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        assert!(text(cameras, b"\n1 1 0 0 x").contains("line 2"));
+        assert!(text(cameras, b"1 1 0 0 0 0 0 0 7 a.jpg\n\n").contains("camera 7"));
+        assert!(text(cameras, b"1 0 0 0 0 0 0 0 1 a.jpg\n\n").contains("rotation"));
+        assert!(text(b"1 OPENCV_FISHEYE 20 10 1 1 1 1 0 0 0 0\n", b"").contains("image_undistorter"));
+        assert!(text(b"1 NEW 20 10 1\n", b"").contains("not known"));
+        assert!(text(b"1 EUCM 20 10 1 1 1 1 1 1\n", b"").contains("EUCM is not supported"));
+        assert!(text(b"1 FULL_OPENCV 20 10 1 1 1 1 0 0 0 0 0.1 0.1 0 0\n", b"").contains("image_undistorter"));
+        assert!(
+            parse_colmap_bin(&u64::MAX.to_le_bytes(), &[], Path::new("m"))
+                .is_err_and(|e| e.to_string().contains("byte 8"))
+        );
+    }
+}

@@ -1,0 +1,278 @@
+//! The views of a dataset folder, from whichever camera files it has.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::colmap::{self, Distortion, PosedImage};
+use crate::error::IoError;
+use crate::nerf;
+use crate::scene::camera::Camera;
+
+/// Without a split of its own, every eighth view of a dataset by name, from the first, is a test view.
+const TEST_EVERY: usize = 8;
+
+/// What a view is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Split {
+    /// Trained on.
+    Train,
+    /// Held out, for evaluation only.
+    Test,
+}
+
+/// A photo with its camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct View {
+    /// The camera of the undistorted image. Its name is the image's stem, and unique in the dataset.
+    pub camera: Camera,
+    /// The image's file; not checked for existence.
+    pub image_path: PathBuf,
+    /// Train or test.
+    pub split: Split,
+    /// Lens distortion that the image still has; `None` for pinhole images.
+    pub distortion: Option<Distortion>,
+    /// An image of the same size whose zero pixels are not trained on and not compared; not checked for existence.
+    pub mask_path: Option<PathBuf>,
+}
+
+/// All views of a folder, sorted by image path.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dataset {
+    /// The views.
+    pub views: Vec<View>,
+}
+
+impl Dataset {
+    /// The views of one split, in order.
+    pub fn split(&self, split: Split) -> impl Iterator<Item = &View> {
+        self.views.iter().filter(move |v| v.split == split)
+    }
+}
+
+/// Reads the views of a dataset folder. Of several camera files the first of these counts: `transforms_train.json` with
+/// `transforms_test.json`, `transforms.json`, `sparse/0` (or `sparse`). The split is the pair's, or that of `transforms.json`
+/// ([`nerf`]), else views 0, 8, 16 ... by name are for test.
+///
+/// A `mask_path` is an instance mask (ids of objects, 0 = none) if a `categories.json` lies beside it, in a folder above
+/// it within the dataset, or in the dataset's `masks/`, where this crate takes them from. It does not say which pixels
+/// count, and is not used here.
+pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
+    let mut views = Vec::new();
+    let mut split_given = false;
+    let mut add = |images: Vec<PosedImage>, root: &Path, given: Option<Split>| {
+        for PosedImage { camera, file, distortion, mask, split } in images {
+            let relative = without_dots(&file);
+            let mask_path = mask.map(|m| root.join(without_dots(&m))).filter(|m| !is_instance_mask(folder, m));
+            let split = given.or(split);
+            split_given |= split.is_some();
+            let split = split.unwrap_or(Split::Train);
+            let view = View { camera, image_path: root.join(&relative), split, distortion, mask_path };
+            views.push((view, relative));
+        }
+    };
+    let single = folder.join("transforms.json");
+    if let Some((train, test)) = nerf::train_test_files(folder) {
+        add(nerf::read_transforms(&train)?, folder, Some(Split::Train));
+        add(nerf::read_transforms(&test)?, folder, Some(Split::Test));
+    } else if single.is_file() {
+        add(nerf::read_transforms(&single)?, folder, None);
+    } else if let Some(model) = colmap::colmap_folder(folder) {
+        add(colmap::read_colmap(&model)?, &folder.join("images"), None);
+    } else {
+        let error = IoError::new(folder, "has no cameras");
+        return Err(
+            error.advise("a dataset has transforms_train.json and transforms_test.json, transforms.json, or sparse/0")
+        );
+    }
+    if views.is_empty() {
+        return Err(IoError::new(folder, "its camera files have no views"));
+    }
+    views.sort_by(|a, b| a.0.image_path.cmp(&b.0.image_path));
+    if let Some(pair) = views.windows(2).find(|w| w[0].0.image_path == w[1].0.image_path) {
+        return Err(IoError::new(
+            folder,
+            format!("the image {} appears twice in its camera files", pair[0].1.display()),
+        ));
+    }
+    unique_names(&mut views);
+    let mut views: Vec<View> = views.into_iter().map(|(view, _)| view).collect();
+    // A single view is for training.
+    if !split_given && views.len() > 1 {
+        views.iter_mut().step_by(TEST_EVERY).for_each(|v| v.split = Split::Test);
+    }
+    Ok(Dataset { views })
+}
+
+/// `./a/b` as `a/b`, so that a path has one spelling.
+pub(crate) fn without_dots(file: &str) -> PathBuf {
+    Path::new(file).components().filter(|c| !matches!(c, std::path::Component::CurDir)).collect()
+}
+
+/// True if `mask`, of a dataset in `folder`, holds ids of objects. With ids in `masks/` no mask of the dataset is taken for
+/// one of pixels to ignore: `masks_2/` may be the same at half the size, and ids that hide every pixel without an object
+/// would spoil a training silently.
+fn is_instance_mask(folder: &Path, mask: &Path) -> bool {
+    let has_categories = |folder: &Path| folder.join("categories.json").is_file();
+    // One spelling of both, as a file may name its masks by absolute paths.
+    let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.into());
+    let (folder, mask) = (absolute(folder), absolute(mask));
+    let mut within = mask.ancestors().skip(1).take_while(|above| above.starts_with(&folder));
+    mask.parent().is_some_and(has_categories) || within.any(has_categories) || has_categories(&folder.join("masks"))
+}
+
+/// Views whose stems are the same are named after their path instead: `left/0001.jpg` is `left_0001`; should that be
+/// taken too (`a.png` beside `a.jpg`), the ending joins the name. Folders that all photos are in say nothing and are left
+/// out, as `images` in front of `left`, so that masks are found in `masks/left`.
+fn unique_names(views: &mut [(View, PathBuf)]) {
+    let shared = shared_folders(views.iter().map(|(_, relative)| relative.as_path()));
+    for round in 0..2 {
+        let mut count: BTreeMap<String, usize> = BTreeMap::new();
+        views.iter().for_each(|(v, _)| *count.entry(v.camera.name.clone()).or_default() += 1);
+        for (view, relative) in views.iter_mut().filter(|(v, _)| count[&v.camera.name] > 1) {
+            let relative: PathBuf = relative.components().skip(shared).collect();
+            let path = if round == 0 { relative.with_extension("") } else { relative };
+            view.camera.name = path.to_string_lossy().replace(['/', '\\'], "_");
+        }
+    }
+}
+
+/// How many folders at the front all paths have in common.
+fn shared_folders<'a>(mut paths: impl Iterator<Item = &'a Path>) -> usize {
+    let folders = |path: &'a Path| path.parent().unwrap_or(path).components().collect::<Vec<_>>();
+    let first = paths.next().map(folders).unwrap_or_default();
+    let shared = |most: usize, path| first[..most].iter().zip(folders(path)).take_while(|(a, b)| *a == b).count();
+    paths.fold(first.len(), shared)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POSE: &str = "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]";
+
+    fn transforms(names: &[&str]) -> String {
+        let frames: Vec<_> =
+            names.iter().map(|n| format!(r#"{{"file_path":"{n}","transform_matrix":{POSE}}}"#)).collect();
+        format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{}]}}"#, frames.join(","))
+    }
+
+    #[test]
+    fn precedence_split_and_names() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let root = folder.path();
+        assert!(read_views(root).is_err_and(|e| e.to_string().contains("no cameras")));
+        std::fs::create_dir_all(root.join("sparse/0"))?;
+        std::fs::write(root.join("sparse/0/cameras.txt"), "1 PINHOLE 2 2 1 1 1 1\n")?;
+        std::fs::write(root.join("sparse/0/images.txt"), "1 1 0 0 0 0 0 0 1 z.jpg\n\n")?;
+        let colmap = read_views(root)?;
+        assert_eq!(
+            (colmap.views[0].image_path.clone(), colmap.views[0].split),
+            (root.join("images/z.jpg"), Split::Train),
+            "a single one"
+        );
+
+        let names: Vec<String> = (0..18).rev().map(|i| format!("images/{i:02}.jpg")).collect();
+        std::fs::write(
+            root.join("transforms.json"),
+            transforms(&names.iter().map(String::as_str).collect::<Vec<_>>()),
+        )?;
+        let single = read_views(root)?;
+        let test: Vec<_> = single.split(Split::Test).map(|v| v.camera.name.as_str()).collect();
+        assert_eq!((single.views.len(), test), (18, vec!["00", "08", "16"]));
+
+        std::fs::write(root.join("transforms_train.json"), transforms(&["./left/1.jpg", "right/1.jpg"]))?;
+        std::fs::write(root.join("transforms_test.json"), transforms(&["2.jpg"]))?;
+        let pair = read_views(root)?;
+        let got: Vec<_> = pair.views.iter().map(|v| (v.camera.name.as_str(), v.split)).collect();
+        assert_eq!(got, [("2", Split::Test), ("left_1", Split::Train), ("right_1", Split::Train)]);
+        assert_eq!(pair.views[1].image_path, root.join("left/1.jpg"));
+
+        // As masks are: masks/left/1.png.
+        std::fs::write(root.join("transforms_train.json"), transforms(&["images/left/1.jpg", "./images/right/1.jpg"]))?;
+        std::fs::write(root.join("transforms_test.json"), transforms(&["images/left/2.jpg"]))?;
+        let rig = read_views(root)?;
+        let names: Vec<_> = rig.views.iter().map(|v| v.camera.name.as_str()).collect();
+        assert_eq!(names, ["left_1", "2", "right_1"], "without the folder that all are in");
+        Ok(())
+    }
+
+    #[test]
+    fn instance_masks_ignore_no_pixels() -> Result<(), Box<dyn std::error::Error>> {
+        // Folder of the mask, folder of categories.json (from the one above the dataset), whether the mask is used.
+        for (mask, categories, used) in [
+            ("masks", "", true),
+            ("masks", "data/masks", false),
+            ("masks/left/8bit", "data/masks", false),
+            ("masks/left/8bit", "data/masks/left", false),
+            ("masks/left/8bit", "data/masks/left/8bit", false),
+            ("masks/left/8bit", "data/masks/right", true),
+            ("masks_2", "data/masks", false),
+            ("ids/left", "data/ids", false),
+            ("ids/left", "data", false),
+            ("ids/left", "data/images", true),
+            // Beyond the dataset it is somebody else's.
+            ("masks", ".", true),
+            ("../elsewhere", "elsewhere", false),
+        ] {
+            let folder = tempfile::tempdir()?;
+            let root = folder.path().join("data");
+            std::fs::create_dir(&root)?;
+            if !categories.is_empty() {
+                std::fs::create_dir_all(folder.path().join(categories))?;
+                std::fs::write(folder.path().join(categories).join("categories.json"), "{}")?;
+            }
+            for mask_path in [format!("./{mask}/a.png"), root.join(mask).join("a.png").display().to_string()] {
+                let frame = format!(r#"{{"file_path":"a.png","mask_path":{mask_path:?},"transform_matrix":{POSE}}}"#);
+                let text = format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{frame}]}}"#);
+                std::fs::write(root.join("transforms.json"), text)?;
+                let used_mask = read_views(&root)?.views[0].mask_path.clone();
+                assert_eq!(used_mask, used.then(|| root.join(mask).join("a.png")), "{mask_path} {categories}");
+            }
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn nerfstudio_masks_and_filenames() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let root = folder.path();
+        let frame =
+            |n: &str| format!(r#"{{"file_path":"./i/{n}.png","mask_path":"./m/{n}.png","transform_matrix":{POSE}}}"#);
+        let frames = ["a", "b", "c", "d"].map(frame).join(",");
+        let read = |lists: &str| {
+            let text = format!(r#"{{"w":2,"h":2,"fl_x":1,{lists}"frames":[{frames}]}}"#);
+            std::fs::write(root.join("transforms.json"), text)?;
+            Ok::<_, std::io::Error>(read_views(root))
+        };
+        let names = |dataset: &Dataset, split| dataset.split(split).map(|v| v.camera.name.clone()).collect::<String>();
+        for (lists, train, test) in [
+            ("", "bcd", "a"),
+            (r#""test_filenames":["i/c.png"],"#, "abd", "c"),
+            // What is held out for validation is not trained on, even where it is not the test split.
+            (r#""test_filenames":["i/c.png"],"val_filenames":["./i/b.png"],"#, "ad", "c"),
+            (r#""train_filenames":["i/a.png","i/b.png"],"val_filenames":["./i/b.png"],"test_filenames":[],"#, "a", "b"),
+            (r#""train_filenames":["i/a.png","i/b.png"],"#, "ab", "cd"),
+        ] {
+            let dataset = read(lists)??;
+            assert_eq!(
+                (names(&dataset, Split::Train), names(&dataset, Split::Test)),
+                (train.into(), test.into()),
+                "{lists}"
+            );
+            assert!(dataset.views[0].mask_path.as_ref().is_some_and(|m| m.starts_with(root.join("m"))));
+        }
+        let error = |lists| Ok::<_, std::io::Error>(read(lists)?.err().map(|e| e.to_string()).unwrap_or_default());
+        assert!(
+            error(r#""val_filenames":["i/c.png","i/x.png"],"#)?
+                .contains("val_filenames[1]: no frame has the file i/x.png")
+        );
+        assert!(error(r#""val_filenames":[3],"#)?.contains("val_filenames[0]: is no text"));
+        assert!(
+            error(r#""train_filenames":["i/a.png"],"val_filenames":["i/a.png"],"#)?.contains("no view to train on")
+        );
+        std::fs::create_dir(root.join("m"))?;
+        std::fs::write(root.join("m/categories.json"), "{}")?;
+        assert_eq!(read("")??.views[0].mask_path, None);
+        Ok(())
+    }
+}

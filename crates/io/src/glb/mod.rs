@@ -1,0 +1,257 @@
+//! Writing `.glb`: binary glTF 2.0 with `KHR_gaussian_splatting`, without expanding the instances.
+//!
+//! Every instance is a node with its `world_from_template` as rotation, scale and translation, and a mesh of points. The
+//! meshes of a template share its accessors for scale, rotation and SH of degree 1 and more; a run of offsets owns
+//! position, opacity and SH of degree 0: 28 bytes a Gaussian. Instances without offsets, or with the same ones, are the
+//! same mesh. The background is one more mesh. Readers that know the extension rotate SH with the node, as instances
+//! here do, so the picture is that of the expanded scene. They need not know that meshes share accessors.
+//!
+//! glTF is right-handed with y up; scenes come as they were trained, mostly with y down (COLMAP). The vertices keep the
+//! scene's axes, and the root node turns its `up` to +y: the scene stands upright in a viewer, and its world frame is one
+//! level below the root. For -y that is half a turn about x, the usual step from OpenCV's axes to OpenGL's.
+//!
+//! Scale is linear, opacity is after the sigmoid, rotations are unit quaternions (x, y, z, w), SH are raw coefficients in
+//! INRIA's order and signs, which are the extension's. Colours are marked `srgb_rec709_display`: the values of sRGB photos
+//! that they were fitted to. The extension has no word for opacity compensation (`antialias`), nor for templates without
+//! instances. The fallback `COLOR_0` for viewers without the extension is left out: it would cost 4 bytes a Gaussian.
+
+mod document;
+mod meshes;
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use glam::{DMat3, DVec3};
+
+use crate::atomic_write;
+use crate::error::{IoError, Place};
+use crate::glb::document::{Buffer, Document, Node, SPLATS};
+use crate::glb::meshes::MeshWriter;
+use crate::math::covariance::quat_from_rotation;
+use crate::scene::instanced_scene::{Instance, InstancedScene, SceneError};
+
+/// First word of a GLB file, "glTF".
+const MAGIC: u32 = 0x4654_6C67;
+/// The container's version.
+const VERSION: u32 = 2;
+/// Type of the first chunk, "JSON".
+const JSON_CHUNK: u32 = 0x4E4F_534A;
+/// Type of the second chunk, "BIN" and a zero.
+const BINARY_CHUNK: u32 = 0x004E_4942;
+/// Name of the node that holds the background's mesh.
+const BACKGROUND: &str = "background";
+
+/// Writes the scene as `.glb`; `up` is the world direction that becomes glTF's +y, of any length but zero.
+///
+/// Errors: an inconsistent scene, a value that is not finite, more than the 4 GiB that the container can hold.
+pub fn write_glb(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(), IoError> {
+    let (json, binary) = chunks(path, scene, up)?;
+    let chunk_bytes = |chunk: &[u8]| if chunk.is_empty() { 0 } else { 8 + chunk.len() as u64 };
+    let total = 12 + chunk_bytes(&json) + chunk_bytes(&binary);
+    let total = u32::try_from(total).map_err(|_| too_large(path, total))?;
+    atomic_write(path, |out| {
+        for word in [MAGIC, VERSION, total] {
+            out.write_all(&word.to_le_bytes())?;
+        }
+        for (kind, chunk) in [(JSON_CHUNK, &json), (BINARY_CHUNK, &binary)] {
+            if !chunk.is_empty() {
+                out.write_all(&(chunk.len() as u32).to_le_bytes())?;
+                out.write_all(&kind.to_le_bytes())?;
+                out.write_all(chunk)?;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Bytes of Gaussian data that a valid scene's `.glb` holds, which is about its length.
+pub fn glb_data_bytes(scene: &InstancedScene) -> u64 {
+    let offsets = &scene.offsets;
+    let sh_rest = 12 * (scene.templates.sh_coefficients() as u64 - 1);
+    // Bytes a Gaussian, and whether a run of offsets has its own: position, opacity and SH 0; scale; rotation; SH.
+    let attributes = [
+        (28, true),
+        (12, !offsets.log_scales.is_empty()),
+        (16, !offsets.quats.is_empty()),
+        (sh_rest, !offsets.sh_rest.is_empty()),
+    ];
+    let accessor_bytes = |(bytes, owned): (u64, bool)| -> u64 {
+        let key = |i: &Instance| (i.template, i.first_offset.filter(|_| owned));
+        let accessors: BTreeSet<_> = scene.instances.iter().map(key).collect();
+        let count = |template: u32| u64::from(scene.template_ranges[template as usize].count);
+        accessors.iter().map(|&(template, _)| bytes * count(template)).sum()
+    };
+    attributes.into_iter().map(accessor_bytes).sum::<u64>() + scene.background.tensor_bytes()
+}
+
+/// The JSON and the binary chunk, both padded to 4 bytes; the latter is empty if the scene is.
+fn chunks(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(Vec<u8>, Vec<u8>), IoError> {
+    let invalid = |e: SceneError| IoError::new(path, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor));
+    scene.validate().map_err(invalid)?;
+    let data_bytes = glb_data_bytes(scene);
+    // Refused before it is made.
+    let fits = u32::try_from(data_bytes).ok().and_then(|bytes| usize::try_from(bytes).ok());
+    let data_bytes = fits.ok_or_else(|| too_large(path, data_bytes))?;
+    let up_to_y = up_to_y(up).ok_or_else(|| IoError::new(path, "cannot write: the up direction has no length"))?;
+
+    let mut writer = MeshWriter::new(scene, data_bytes);
+    let nodes =
+        nodes(&mut writer, scene, up_to_y).map_err(|what| IoError::new(path, format!("cannot write: {what}")))?;
+    let MeshWriter { mut document, binary, .. } = writer;
+    document.nodes = nodes;
+    finish(&mut document, binary.len());
+    let mut json = serde_json::to_vec(&document).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
+    // The container pads JSON with spaces. Binary data are whole floats.
+    json.resize(json.len().next_multiple_of(4), b' ');
+    Ok((json, binary))
+}
+
+fn finish(document: &mut Document, binary_bytes: usize) {
+    if !document.meshes.is_empty() {
+        document.extensions_used.push(SPLATS);
+    }
+    if binary_bytes > 0 {
+        document.buffers.push(Buffer { byte_length: binary_bytes });
+    }
+}
+
+fn too_large(path: &Path, bytes: u64) -> IoError {
+    IoError::new(path, format!("cannot write: {bytes} bytes are more than the 4 GiB a .glb can hold"))
+        .advise("keep it as .instgs")
+}
+
+/// The root, then the instances in file order, then the background.
+fn nodes(writer: &mut MeshWriter, scene: &InstancedScene, up_to_y: DMat3) -> Result<Vec<Node>, String> {
+    let root = Node { name: "world".into(), rotation: Some(xyzw(up_to_y)), ..Node::default() };
+    let mut nodes = vec![root];
+    for (k, (instance, label)) in scene.instances.iter().zip(scene.instance_labels()).enumerate() {
+        let kind = label.group.and_then(|g| scene.groups[g].name.clone());
+        let kind = kind.unwrap_or_else(|| format!("template {}", instance.template));
+        let placement = &instance.world_from_template;
+        let mesh = writer.instance_mesh(instance, &kind).map_err(|e| format!("instance {k}: {e}"))?;
+        nodes.push(Node {
+            name: label.id.map_or_else(|| format!("instance {k}"), |id| format!("{kind} {id}")),
+            mesh,
+            rotation: Some(xyzw(placement.rotation())),
+            scale: Some([placement.scale() as f32; 3]),
+            translation: Some(placement.translation().as_vec3().to_array()),
+            children: Vec::new(),
+        });
+    }
+    if let Some(mesh) = writer.background_mesh().map_err(|e| format!("background: {e}"))? {
+        nodes.push(Node { name: BACKGROUND.into(), mesh: Some(mesh), ..Node::default() });
+    }
+    nodes[0].children = (1..nodes.len()).collect();
+    Ok(nodes)
+}
+
+fn xyzw(rotation: DMat3) -> [f32; 4] {
+    let [w, x, y, z] = quat_from_rotation(rotation);
+    [x, y, z, w].map(|c| c as f32)
+}
+
+/// The rotation that brings `up` to +y and keeps the x axis where it can; `None` if `up` has no direction.
+fn up_to_y(up: DVec3) -> Option<DMat3> {
+    let up = up.try_normalize()?;
+    let side = if up.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
+    let right = (side - side.dot(up) * up).normalize();
+    Some(DMat3::from_cols(right, up, right.cross(up)).transpose())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene_file::tests::sample_scene;
+    use crate::scene::gaussians::Gaussians;
+
+    fn document(scene: &InstancedScene) -> serde_json::Value {
+        let (json, binary) = chunks(Path::new("x.glb"), scene, DVec3::NEG_Y).unwrap();
+        assert_eq!(binary.len() as u64, glb_data_bytes(scene));
+        assert!(json.len().is_multiple_of(4) && binary.len().is_multiple_of(4));
+        serde_json::from_slice(&json).unwrap()
+    }
+
+    #[test]
+    fn up_becomes_y() {
+        assert_eq!(up_to_y(DVec3::NEG_Y).unwrap(), DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)));
+        for up in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X, DVec3::new(1.0, -2.0, 3.0)] {
+            let rotation = up_to_y(up).unwrap();
+            assert!((rotation * up.normalize() - DVec3::Y).length() < 1e-15, "{up}");
+            assert!(
+                (rotation.determinant() - 1.0).abs() < 1e-14
+                    && (rotation.transpose() * rotation - DMat3::IDENTITY)
+                        .to_cols_array()
+                        .iter()
+                        .all(|v| v.abs() < 1e-15)
+            );
+        }
+        assert!(up_to_y(DVec3::ZERO).is_none() && up_to_y(DVec3::NAN).is_none());
+    }
+
+    #[test]
+    fn instances_share_what_they_do_not_own() {
+        let mut scene = sample_scene();
+        let json = document(&scene);
+        let attribute = |json: &serde_json::Value, mesh: usize, name: &str| {
+            json["meshes"][mesh]["primitives"][0]["attributes"][name].as_u64().unwrap()
+        };
+        // Instances 0 and 2 are of template 0 with offsets, 1 and 3 of template 1, 1 without offsets.
+        assert_eq!(json["meshes"].as_array().unwrap().len(), 5);
+        for shared in [
+            "KHR_gaussian_splatting:SCALE",
+            "KHR_gaussian_splatting:ROTATION",
+            "KHR_gaussian_splatting:SH_DEGREE_2_COEF_4",
+        ] {
+            assert_eq!(attribute(&json, 0, shared), attribute(&json, 2, shared));
+            assert_ne!(attribute(&json, 0, shared), attribute(&json, 1, shared));
+        }
+        for own in ["POSITION", "KHR_gaussian_splatting:OPACITY", "KHR_gaussian_splatting:SH_DEGREE_0_COEF_0"] {
+            assert_ne!(attribute(&json, 0, own), attribute(&json, 2, own));
+        }
+        let names: Vec<_> = json["nodes"].as_array().unwrap().iter().map(|n| n["name"].as_str().unwrap()).collect();
+        assert_eq!(names, ["world", "chair \"a\" 4", "instance 1", "chair \"a\" 9", "instance 3", "background"]);
+        // The same template and offsets: the same mesh.
+        scene.instances[2].first_offset = Some(0);
+        let json = document(&scene);
+        assert_eq!((json["nodes"][1]["mesh"].as_u64(), json["nodes"][3]["mesh"].as_u64()), (Some(0), Some(0)));
+        // Offsets of shape: each instance owns these too.
+        scene.instances[2].first_offset = Some(3);
+        scene.offsets.log_scales = vec![[0.1; 3]; 8];
+        let json = document(&scene);
+        let (scale, rotation) = ("KHR_gaussian_splatting:SCALE", "KHR_gaussian_splatting:ROTATION");
+        assert_ne!(attribute(&json, 0, scale), attribute(&json, 2, scale));
+        assert_eq!(attribute(&json, 0, rotation), attribute(&json, 2, rotation));
+    }
+
+    #[test]
+    fn empty_scenes_and_templates_have_no_empty_arrays() {
+        let json = document(&InstancedScene::default());
+        assert_eq!(json["nodes"].as_array().unwrap().len(), 1);
+        for key in ["meshes", "accessors", "bufferViews", "buffers", "extensionsUsed"] {
+            assert!(json.get(key).is_none(), "{key}");
+        }
+        let mut scene = sample_scene();
+        scene.template_ranges[1].count = 0;
+        scene.background = Gaussians::default();
+        let json = document(&scene);
+        assert!(json["nodes"][2].get("mesh").is_none() && json["nodes"].as_array().unwrap().len() == 5);
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_named() {
+        let text = |scene: &InstancedScene, up| {
+            chunks(Path::new("x.glb"), scene, up).err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        let mut scene = sample_scene();
+        assert!(text(&scene, DVec3::ZERO).contains("up direction"));
+        scene.templates.log_scales[1][0] = 89.0;
+        let huge = text(&scene, DVec3::Y);
+        assert!(huge.contains("instance 0") && huge.contains("SCALE of Gaussian 1 is not finite"), "{huge}");
+        scene = sample_scene();
+        scene.background.quats[2] = [0.0; 4];
+        assert!(text(&scene, DVec3::Y).contains("background: KHR_gaussian_splatting:ROTATION of Gaussian 2"));
+        scene.instances[0].template = 7;
+        assert!(text(&scene, DVec3::Y).contains("instance.template"));
+        assert!(too_large(Path::new("x.glb"), 1 << 33).to_string().contains("4 GiB"));
+    }
+}

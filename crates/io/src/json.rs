@@ -1,0 +1,44 @@
+//! Records as JSON files.
+
+use std::path::Path;
+
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::{IoError, atomic_write, read_bytes};
+use crate::error::Place;
+
+/// Reads a record.
+///
+/// # Errors
+/// A file that is missing, is not JSON, or is of something else; with the line.
+pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, IoError> {
+    serde_json::from_slice(&read_bytes(path)?)
+        .map_err(|e| IoError::new(path, format!("cannot be used: {e}")).at(Place::Line(e.line() as u64)))
+}
+
+/// Writes a record, for people to read, too.
+///
+/// # Errors
+/// A file that cannot be written, or what JSON cannot hold.
+pub fn write_json(path: &Path, record: &(impl Serialize + ?Sized)) -> Result<(), IoError> {
+    let bytes = serde_json::to_vec_pretty(record).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
+    atomic_write(path, |out| out.write_all(&bytes).and_then(|()| out.write_all(b"\n")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn records_come_back_and_errors_name_the_line() -> Result<(), IoError> {
+        let folder = tempfile::tempdir().map_err(|e| IoError::new(Path::new("."), e.to_string()))?;
+        let path = folder.path().join("a.json");
+        write_json(&path, &[(1u32, "a")])?;
+        assert_eq!(read_json::<Vec<(u32, String)>>(&path)?, [(1, "a".into())]);
+        std::fs::write(&path, "[\n1,\n}").map_err(|e| IoError::new(&path, e.to_string()))?;
+        let text = read_json::<Vec<u32>>(&path).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text.contains("a.json") && text.contains("line 3"), "{text}");
+        Ok(())
+    }
+}

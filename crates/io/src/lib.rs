@@ -1,0 +1,141 @@
+//! L2: files. Readers check every count against the real length of the file before anything is allocated, never panic
+//! on input, and report one-line errors ([`IoError`]). Writers replace files atomically and write the same bytes for
+//! the same data each time.
+//!
+//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`); [`write_glb`]. Views: [`dataset::read_views`],
+//! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Which objects repeat: [`MaskFolder`] and
+//! [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`].
+
+use instgs_vk::{math, scene};
+
+pub mod boxes;
+mod bytes;
+pub mod camera_file;
+pub mod checkpoint;
+pub mod colmap;
+pub mod dataset;
+pub mod error;
+pub mod glb;
+pub mod groups;
+pub mod host_memory;
+mod jpeg_end;
+pub mod json;
+pub mod ktx2;
+pub mod mask_png;
+pub mod masks;
+pub mod nerf;
+pub mod nerf_write;
+pub mod picture_png;
+pub mod ply;
+mod ply_packed;
+mod ply_table;
+pub mod point_cloud;
+mod safetensors_header;
+pub mod scene_export;
+pub mod scene_file;
+pub mod scene_load;
+pub mod scene_pack;
+pub(crate) mod scene_small;
+pub mod scene_write;
+pub mod splat;
+pub mod spz;
+mod spz_codec;
+mod step_columns;
+pub mod view_image;
+mod view_resample;
+
+use std::fs;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+
+use crate::scene::gaussians::MAX_SH_DEGREE;
+
+pub use boxes::{read_boxes, write_boxes};
+pub use camera_file::{read_cameras, write_cameras};
+pub use checkpoint::Checkpoint;
+pub use dataset::{Dataset, Split, View, read_views};
+pub use error::{IoError, Place};
+pub use glb::write_glb;
+pub use groups::{read_groups, write_groups};
+pub use masks::{Mask, MaskFolder, read_mask, write_categories, write_mask};
+pub use nerf_write::write_transforms;
+pub use ply::{read_ply, write_ply};
+pub use point_cloud::{LoadedPoints, read_points, write_points};
+pub use scene_export::{ExportFormat, export_scene};
+pub use scene_file::read_scene_file;
+pub use scene_load::{LoadedScene, load_scene, save_scene};
+pub use scene_pack::Pack;
+pub use scene_write::{write_scene_file, write_scene_file_packed};
+pub use splat::read_splat;
+pub use spz::{read_spz, write_spz};
+pub use view_image::{LoadedView, ViewImage, load_view};
+
+/// How the names of [`atomic_write`]'s temporary files begin; a killed process may leave one.
+pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
+
+/// Writes a file so that readers see the old content or all of the new: into a temporary file in the same folder, then
+/// a rename. On failure the old file is untouched and the temporary file is gone.
+pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), IoError> {
+    let fail = |error: &std::io::Error| IoError::os(path, "cannot write", error);
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // The process's umask takes its part away, as for any new file; the crate's own default is owner-only.
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    let mut file = builder.prefix(TEMPORARY_PREFIX).tempfile_in(folder).map_err(|e| fail(&e))?;
+    {
+        let mut buffered = BufWriter::with_capacity(1 << 20, file.as_file_mut());
+        write(&mut buffered).and_then(|()| buffered.flush()).map_err(|e| fail(&e))?;
+    }
+    file.persist(path).map_err(|e| fail(&e.error))?;
+    Ok(())
+}
+
+/// The whole file.
+pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
+    if path.is_dir() {
+        return Err(IoError::new(path, "is a folder, not a file"));
+    }
+    fs::read(path).map_err(|e| IoError::os(path, "cannot read", &e))
+}
+
+/// Logit of an opacity stored in 8 bits: 0 and 255 stand for opacities that no finite logit reaches, so they become
+/// those of 1e-6 and 1 - 1e-6 (logits -+13.8), which round back to the same byte.
+pub(crate) fn logit_of_byte(alpha: u8) -> f32 {
+    let a = (f64::from(alpha) / 255.0).clamp(1e-6, 1.0 - 1e-6);
+    (a / (1.0 - a)).ln() as f32
+}
+
+/// The logarithm of a scale of zero, scene units: of the smallest normal f32.
+pub(crate) const LEAST_LOG_SCALE: f32 = -87.336_54;
+
+/// What there is to say of a scene's file of SH degree `stored`.
+pub(crate) fn cut_note(stored: u32) -> Option<String> {
+    (stored > MAX_SH_DEGREE).then(|| format!("has colours of SH degree {stored}, of which {MAX_SH_DEGREE} are kept"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_write_leaves_the_old_file_and_no_temporary() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("x.bin");
+        atomic_write(&path, |w| w.write_all(b"old"))?;
+        let failed = atomic_write(&path, |w| {
+            w.write_all(b"half")?;
+            Err(std::io::Error::other("disk full"))
+        });
+        assert!(failed.is_err_and(|e| e.to_string().contains("disk full")));
+        assert_eq!(fs::read(&path)?, b"old");
+        assert_eq!(fs::read_dir(folder.path())?.count(), 1);
+        Ok(())
+    }
+}

@@ -1,0 +1,159 @@
+//! Instance masks as PNG bytes; which pixels mean what is told at [`crate::masks::read_mask`].
+
+use std::io::Cursor;
+use std::path::Path;
+
+use png::{BitDepth, ColorType, Transformations};
+
+use crate::error::IoError;
+use crate::masks::Mask;
+
+/// Deflate makes at most 1032 bytes of one: a file whose header states more pixels than that is damaged, and nothing is
+/// allocated for it.
+const MAX_INFLATION: u64 = 1032;
+
+/// The mask in the bytes of a PNG; `path` is for messages only.
+pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
+    let fail = |e: png::DecodingError| IoError::new(path, format!("cannot decode the mask: {e}"));
+    let mut decoder = png::Decoder::new(Cursor::new(bytes));
+    decoder.set_transformations(Transformations::IDENTITY);
+    let mut reader = decoder.read_info().map_err(fail)?;
+    let info = reader.info();
+    let (width, height, bits) = (info.width, info.height, info.bit_depth as u8);
+    let palette = info.palette.as_ref().map(|p| p.to_vec());
+    let color = info.color_type;
+    match (color, info.bit_depth) {
+        (ColorType::Grayscale, BitDepth::Eight | BitDepth::Sixteen) | (ColorType::Indexed, _) => {}
+        (color, _) => {
+            let what = format!("the mask is a PNG of {bits} bits of {color:?}");
+            return Err(IoError::new(path, what)
+                .advise("save it with 8 or 16 bits of grey (ids up to 255 or 65535), or with a palette"));
+        }
+    }
+    let row_bytes = (u64::from(width) * u64::from(bits)).div_ceil(8);
+    let most = (bytes.len() as u64).saturating_mul(MAX_INFLATION);
+    let whole = row_bytes.checked_mul(u64::from(height)).filter(|&total| total <= most);
+    let Some(data_bytes) = whole.and_then(|total| usize::try_from(total).ok()) else {
+        return Err(IoError::new(path, format!("the mask is too short for its {width}x{height} pixels")));
+    };
+    let mut data = vec![0; data_bytes];
+    reader.next_frame(&mut data).map_err(fail)?;
+    // The image may be whole and the file not: the end mark is asked for too.
+    reader.finish().map_err(fail)?;
+    let ids = match color {
+        ColorType::Indexed => palette_ids(&data, width as usize, usize::from(bits), &palette.unwrap_or_default()),
+        _ if bits == 16 => data.as_chunks::<2>().0.iter().map(|&b| u16::from_be_bytes(b)).collect(),
+        _ => data.iter().map(|&b| u16::from(b)).collect(),
+    };
+    Ok(Mask { width, height, ids })
+}
+
+/// Ids of an image with a palette of `bits` a pixel, rows padded to bytes: grey levels if it has only greys, else
+/// indices.
+fn palette_ids(data: &[u8], width: usize, bits: usize, palette: &[u8]) -> Vec<u16> {
+    let colours = palette.as_chunks::<3>().0;
+    let greys = colours.iter().all(|[r, g, b]| r == g && g == b);
+    let id = |index: u8| match colours.get(usize::from(index)) {
+        Some(colour) if greys => u16::from(colour[0]),
+        _ => u16::from(index),
+    };
+    let mask = ((1u16 << bits) - 1) as u8;
+    // The first pixel of a byte is in its highest bits.
+    let pixel = |row: &[u8], i: usize| (row[i * bits / 8] >> (8 - bits - i * bits % 8)) & mask;
+    let row_bytes = (width * bits).div_ceil(8).max(1);
+    data.chunks_exact(row_bytes).flat_map(|row| (0..width).map(move |i| id(pixel(row, i)))).collect()
+}
+
+/// The PNG of a mask, 16 bits of grey; `path` is for messages only.
+pub fn mask_bytes(mask: &Mask, path: &Path) -> Result<Vec<u8>, IoError> {
+    let pixels = u64::from(mask.width) * u64::from(mask.height);
+    if pixels == 0 || pixels != mask.ids.len() as u64 {
+        let (width, height, count) = (mask.width, mask.height, mask.ids.len());
+        return Err(IoError::new(path, format!("cannot write: {count} ids are no mask of {width}x{height} pixels")));
+    }
+    let data: Vec<u8> = mask.ids.iter().flat_map(|id| id.to_be_bytes()).collect();
+    let mut out = Vec::new();
+    let mut encoder = png::Encoder::new(&mut out, mask.width, mask.height);
+    encoder.set_color(ColorType::Grayscale);
+    encoder.set_depth(BitDepth::Sixteen);
+    let written = encoder.write_header().and_then(|mut writer| {
+        writer.write_image_data(&data)?;
+        writer.finish()
+    });
+    written.map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Outcome = Result<(), Box<dyn std::error::Error>>;
+
+    /// A PNG of 5x2 pixels with these bytes.
+    fn encoded(color: ColorType, depth: BitDepth, palette: &[u8], data: &[u8]) -> Result<Vec<u8>, png::EncodingError> {
+        let mut out = Vec::new();
+        let mut encoder = png::Encoder::new(&mut out, 5, 2);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        if !palette.is_empty() {
+            encoder.set_palette(palette.to_vec());
+        }
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(data)?;
+        writer.finish()?;
+        Ok(out)
+    }
+
+    #[test]
+    fn what_is_written_is_read() -> Outcome {
+        let path = Path::new("m.png");
+        let mask = Mask { width: 5, height: 2, ids: vec![0, 1, 255, 256, 65535, 4, 3, 2, 1, 0] };
+        assert_eq!(parse_mask(&mask_bytes(&mask, path)?, path)?, mask);
+        for (width, height, ids) in [(0, 0, vec![]), (2, 2, vec![1; 3]), (0, 4, vec![])] {
+            assert!(mask_bytes(&Mask { width, height, ids }, path).is_err());
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn grey_levels_and_palette_indices_are_ids() -> Outcome {
+        let path = Path::new("m.png");
+        let ids = |file: Vec<u8>| parse_mask(&file, path).map(|m| m.ids);
+        let bytes = [0, 1, 2, 3, 200, 0, 0, 3, 2, 1];
+        assert_eq!(ids(encoded(ColorType::Grayscale, BitDepth::Eight, &[], &bytes)?)?, bytes.map(u16::from));
+        let low = [0, 1, 2, 3, 1, 0, 0, 3, 2, 1];
+        let colours = [0, 0, 0, 128, 0, 0, 0, 128, 0, 128, 128, 0];
+        let greys = [9, 9, 9, 0, 0, 0, 255, 255, 255, 7, 7, 7];
+        let of_grey = low.map(|i: u8| u16::from(greys[3 * usize::from(i)]));
+        // The same indices in 2 bits a pixel, 5 pixels in 2 bytes.
+        let packed = [0b00_01_10_11, 0b01_000000, 0b00_00_11_10, 0b01_000000];
+        for (depth, data) in [(BitDepth::Eight, low.as_slice()), (BitDepth::Two, &packed)] {
+            assert_eq!(ids(encoded(ColorType::Indexed, depth, &colours, data)?)?, low.map(u16::from));
+            assert_eq!(ids(encoded(ColorType::Indexed, depth, &greys, data)?)?, of_grey);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn other_pictures_are_refused() -> Outcome {
+        let text = |file: &[u8]| parse_mask(file, Path::new("m.png")).err().map(|e| e.to_string()).unwrap_or_default();
+        let rgb = encoded(ColorType::Rgb, BitDepth::Eight, &[], &[0; 30])?;
+        assert!(text(&rgb).contains("8 bits of Rgb; save it"), "{}", text(&rgb));
+        let bits = encoded(ColorType::Grayscale, BitDepth::One, &[], &[0; 2])?;
+        assert!(text(&bits).contains("1 bits of Grayscale"), "{}", text(&bits));
+        let good = encoded(ColorType::Grayscale, BitDepth::Eight, &[], &[7; 10])?;
+        for end in 0..good.len() {
+            assert!(!text(&good[..end]).is_empty(), "cut to {end} of {}", good.len());
+        }
+        assert!(text(b"GIF89a").contains("m.png: cannot decode the mask"));
+        // A header of 2^20 by 2^20 pixels over the data of ten; its checksum is right.
+        let mut huge = good.clone();
+        huge[16..24].copy_from_slice(&[0, 0x10, 0, 0, 0, 0x10, 0, 0]);
+        let mut crc = flate2::Crc::new();
+        crc.update(&huge[12..29]);
+        huge[29..33].copy_from_slice(&crc.sum().to_be_bytes());
+        assert!(text(&huge).contains("too short for its 1048576x1048576"), "{}", text(&huge));
+        Ok(())
+    }
+}

@@ -1,0 +1,302 @@
+//! Instance masks: one image per view whose pixels are ids of objects, and the categories of those ids.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::camera_file::parse_json;
+use crate::error::{IoError, Place};
+use crate::json::write_json;
+use crate::mask_png::{mask_bytes, parse_mask};
+use crate::{View, atomic_write, read_bytes, view_resample};
+use crate::math::distortion::Distortion;
+
+/// Name of the file that says what the ids are, beside the masks.
+pub const CATEGORIES: &str = "categories.json";
+/// Folders below the masks' folder that are searched: `left/8bit/a.png` is found, a folder with a data set in it is not
+/// walked through.
+const FOLDER_DEPTH: usize = 3;
+
+/// Which object each pixel shows.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Mask {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// `width * height` instance ids, row by row from the top; 0 = none.
+    pub ids: Vec<u16>,
+}
+
+impl Mask {
+    /// The mask at another size: each pixel takes the id at the place of its centre, so no ids are made up.
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        if self.ids.is_empty() {
+            return Self { width, height, ids: vec![0; width as usize * height as usize] };
+        }
+        // The place of the centre (i + 1/2) / new * old, rounded down, in whole numbers.
+        let places = |new: u32, old: u32| {
+            (0..u64::from(new)).map(move |i| ((2 * i + 1) * u64::from(old) / (2 * u64::from(new))) as usize)
+        };
+        let columns: Vec<usize> = places(width, self.width).collect();
+        let row = |j: usize| &self.ids[j * self.width as usize..][..self.width as usize];
+        let ids = places(height, self.height).flat_map(|j| columns.iter().map(move |&i| row(j)[i])).collect();
+        Self { width, height, ids }
+    }
+
+    /// A mask of the size of a view's camera, drawn by that camera, as it lies over the view's photo, which may have the
+    /// lens distortion that the camera has not: what [`MaskFolder::of_view`] takes.
+    pub fn as_photographed(self, view: &View) -> Self {
+        match &view.distortion {
+            Some(distortion) => view_resample::distort_ids(&self, &view.camera, distortion),
+            None => self,
+        }
+    }
+
+    /// The ids that occur, 0 left out, with their numbers of pixels.
+    pub fn ids_present(&self) -> BTreeMap<u16, u64> {
+        let mut pixels = BTreeMap::new();
+        for run in self.ids.chunk_by(|a, b| a == b).filter(|run| run[0] != 0) {
+            *pixels.entry(run[0]).or_default() += run.len() as u64;
+        }
+        pixels
+    }
+}
+
+/// Reads a mask: a PNG of 8 or 16 bits of grey, whose grey levels are the ids. With a palette an id is the index of the
+/// colour, as segmentation tools write it; but if all colours are greys it is the grey level, because programs that
+/// shrink PNGs turn a greyscale image into such a palette. Transparency is not looked at.
+///
+/// Errors: a file that is missing, no PNG, damaged, in colour, or with fewer than 8 bits of grey.
+pub fn read_mask(path: &Path) -> Result<Mask, IoError> {
+    parse_mask(&read_bytes(path)?, path)
+}
+
+/// Writes a mask as PNG with 16 bits of grey. Errors: a mask without pixels, or with more or fewer ids than pixels.
+pub fn write_mask(path: &Path, mask: &Mask) -> Result<(), IoError> {
+    let bytes = mask_bytes(mask, path)?;
+    atomic_write(path, |out| out.write_all(&bytes))
+}
+
+/// Reads a `categories.json`: an object from ids to names. An entry for 0, which is no object, is left out.
+pub fn read_categories(path: &Path) -> Result<BTreeMap<u32, String>, IoError> {
+    let serde_json::Value::Object(entries) = parse_json(&read_bytes(path)?, path)? else {
+        return Err(IoError::new(path, "is no JSON object from ids to names"));
+    };
+    let mut categories = BTreeMap::new();
+    for (key, value) in entries {
+        let fail = |what: &str| IoError::new(path, what).at(Place::Field(format!("{key:?}")));
+        let id: u16 = key.parse().map_err(|_| fail("is no id of a mask, 1 to 65535"))?;
+        let name = value.as_str().ok_or_else(|| fail("its name is no text"))?;
+        if categories.insert(u32::from(id), name.to_owned()).is_some() {
+            return Err(fail("stands there twice"));
+        }
+    }
+    categories.remove(&0);
+    Ok(categories)
+}
+
+/// Writes a `categories.json`: the names of ids.
+pub fn write_categories(path: &Path, categories: &BTreeMap<u32, String>) -> Result<(), IoError> {
+    if let Some(id) = categories.keys().find(|id| !(1..=u32::from(u16::MAX)).contains(*id)) {
+        return Err(IoError::new(path, format!("cannot write: {id} is no id of a mask, 1 to 65535")));
+    }
+    write_json(path, categories)
+}
+
+/// The masks of a dataset.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MaskFolder {
+    folder: PathBuf,
+    /// What the ids are, from `categories.json`; empty without that file.
+    pub categories: BTreeMap<u32, String>,
+    /// By the path within the folder without its ending, `/` as `_`: views whose stems are the same are named so.
+    by_path: BTreeMap<String, PathBuf>,
+    /// By stem, for views of subfolders that are named after the stem alone.
+    by_stem: BTreeMap<String, Vec<PathBuf>>,
+}
+
+impl MaskFolder {
+    /// Lists the PNGs of a folder and its subfolders and reads its categories. Errors: no folder, no PNG in it, two
+    /// files for one name (`a.png` and `a.PNG`), and damaged categories.
+    pub fn open(folder: &Path) -> Result<Self, IoError> {
+        let categories = folder.join(CATEGORIES);
+        let categories = if categories.is_file() { read_categories(&categories)? } else { BTreeMap::new() };
+        let mut files = Vec::new();
+        list_pngs(folder, FOLDER_DEPTH, &mut files)?;
+        if files.is_empty() {
+            let error = IoError::new(folder, "has no masks");
+            return Err(error.advise("a mask is a PNG of instance ids with the stem of its view's image"));
+        }
+        files.sort();
+        let mut out = Self { folder: folder.into(), categories, by_path: BTreeMap::new(), by_stem: BTreeMap::new() };
+        for file in files {
+            let name = |path: &Path| path.with_extension("").to_string_lossy().replace(['/', '\\'], "_");
+            let stem = name(Path::new(file.file_name().unwrap_or_default()));
+            out.by_stem.entry(stem).or_default().push(file.clone());
+            let path = name(file.strip_prefix(folder).unwrap_or(&file));
+            if let Some(other) = out.by_path.insert(path, file.clone()) {
+                return Err(IoError::new(&file, format!("is for the same view as {}", other.display())));
+            }
+        }
+        Ok(out)
+    }
+
+    /// Where the masks of a dataset are unless the user says otherwise: `masks` in its folder, if there is one.
+    pub fn default_for(data: &Path) -> Option<PathBuf> {
+        Some(data.join("masks")).filter(|folder| folder.is_dir())
+    }
+
+    /// The mask of a view, as its pinhole camera sees it: masks are drawn over the image, so lens distortion is undone as
+    /// for the image. `None` if it has none.
+    ///
+    /// # Errors
+    /// A mask that is damaged or of another size than the image; two subfolders with a file of the view's stem of which
+    /// neither is the view's by its path.
+    pub fn of_view(&self, view: &View) -> Result<Option<Mask>, IoError> {
+        let camera = &view.camera;
+        let Some(path) = self.path_of(&camera.name)? else { return Ok(None) };
+        let mask = read_mask(path)?;
+        let (size, want) = ((mask.width, mask.height), (camera.width, camera.height));
+        if size != want {
+            let what = format!("the mask has {}x{} pixels, and its view {}x{}", size.0, size.1, want.0, want.1);
+            return Err(IoError::new(path, what).advise("use the masks that were made from the view's image"));
+        }
+        let undistorted = |d: &Distortion| view_resample::undistort_ids(&mask, camera, d);
+        Ok(Some(view.distortion.as_ref().map(undistorted).unwrap_or(mask)))
+    }
+
+    /// True if there is a mask for the view with this name ([`View`]'s camera name). Errors: as [`Self::of_view`], but no
+    /// file is read.
+    pub fn has_view(&self, name: &str) -> Result<bool, IoError> {
+        Ok(self.path_of(name)?.is_some())
+    }
+
+    fn path_of(&self, name: &str) -> Result<Option<&Path>, IoError> {
+        if let Some(path) = self.by_path.get(name) {
+            return Ok(Some(path));
+        }
+        match self.by_stem.get(name).map(Vec::as_slice) {
+            None | Some([]) => Ok(None),
+            Some([one]) => Ok(Some(one)),
+            Some([first, second, ..]) => {
+                let what = format!("may be the mask of the view {name}, and so may {}", second.display());
+                Err(IoError::new(first, what).advise("keep one of them, or name the folder that holds only one kind"))
+            }
+        }
+    }
+}
+
+/// Adds the PNGs of a folder and of `depth` levels of folders below it. Links to folders are not followed.
+fn list_pngs(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), IoError> {
+    let fail = |e: std::io::Error| IoError::os(folder, "cannot read", &e);
+    for entry in std::fs::read_dir(folder).map_err(fail)? {
+        let entry = entry.map_err(fail)?;
+        let path = entry.path();
+        if entry.file_type().map_err(fail)?.is_dir() {
+            if depth > 0 {
+                list_pngs(&path, depth - 1, files)?;
+            }
+        } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Split;
+    use crate::scene::Camera;
+
+    type Outcome = Result<(), Box<dyn std::error::Error>>;
+
+    /// A view of so many pixels in a row.
+    fn view(name: &str, width: u32) -> View {
+        let view_from_world = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+        let (cx, cy) = (0.5 * f64::from(width), 0.5);
+        let camera = Camera { name: name.into(), width, height: 1, fx: 1.0, fy: 1.0, cx, cy, view_from_world };
+        View { camera, image_path: PathBuf::new(), split: Split::Train, distortion: None, mask_path: None }
+    }
+
+    fn mask() -> Mask {
+        Mask { width: 3, height: 2, ids: vec![0, 1, 65535, 256, 0, 1] }
+    }
+
+    #[test]
+    fn resizing_takes_the_pixel_at_the_centre() {
+        let double = mask().resized(6, 4);
+        assert_eq!(double.ids[..6], [0, 0, 1, 1, 65535, 65535]);
+        assert_eq!((double.ids.len(), double.ids[12], double.ids[23]), (24, 256, 1));
+        assert_eq!(double.resized(3, 2), mask());
+        // Centres of one pixel over three, and of two over three: 1.5, and 0.75 and 2.25.
+        assert_eq!(mask().resized(1, 1).ids, [0]);
+        assert_eq!(mask().resized(2, 1).ids, [256, 1]);
+        assert_eq!(mask().resized(0, 5).ids, [0u16; 0]);
+        assert_eq!(Mask::default().resized(2, 1).ids, [0, 0]);
+    }
+
+    #[test]
+    fn ids_are_counted_without_zero() {
+        assert_eq!(mask().ids_present(), BTreeMap::from([(1, 2), (256, 1), (65535, 1)]));
+    }
+
+    #[test]
+    fn views_find_their_masks() -> Outcome {
+        let folder = tempfile::tempdir()?;
+        let root = folder.path().join("masks");
+        assert_eq!(MaskFolder::default_for(folder.path()), None);
+        std::fs::create_dir_all(root.join("left"))?;
+        std::fs::create_dir_all(root.join("right"))?;
+        assert_eq!(MaskFolder::default_for(folder.path()), Some(root.clone()));
+        assert!(MaskFolder::open(&root).is_err_and(|e| e.to_string().contains("has no masks")));
+        let of = |id: u16| Mask { width: 1, height: 1, ids: vec![id] };
+        for (id, name) in [(1, "a.b.PNG"), (2, "left/1.png"), (3, "right/1.png"), (4, "right/2.png")] {
+            write_mask(&root.join(name), &of(id))?;
+        }
+        std::fs::write(root.join("notes.txt"), "not a mask")?;
+        let masks = MaskFolder::open(&root)?;
+        assert!(masks.categories.is_empty());
+        for (id, name) in [(1, "a.b"), (2, "left_1"), (3, "right_1"), (4, "2"), (4, "right_2")] {
+            assert_eq!(masks.of_view(&view(name, 1))?, Some(of(id)), "{name}");
+        }
+        assert_eq!(masks.of_view(&view("a", 1))?, None);
+        assert!(masks.has_view("left_1")? && masks.has_view("2")? && !masks.has_view("a")?);
+        assert!(masks.of_view(&view("1", 1)).is_err_and(|e| e.to_string().contains("view 1")));
+        let text = masks.of_view(&view("2", 3)).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text.contains("2.png") && text.contains("1x1") && text.contains("3x1"), "{text}");
+        std::fs::write(root.join("a.b.png"), "")?;
+        // Where names differ in more than case, they are two files for one view.
+        if std::fs::read_dir(&root)?.count() == 5 {
+            assert!(MaskFolder::open(&root).is_err_and(|e| e.to_string().contains("same view")));
+        }
+        assert!(MaskFolder::open(&root.join("none")).is_err());
+        Ok(())
+    }
+
+    #[test]
+    fn categories_name_ids() -> Outcome {
+        let folder = tempfile::tempdir()?;
+        write_mask(&folder.path().join("a.png"), &mask())?;
+        let path = folder.path().join(CATEGORIES);
+        let categories = BTreeMap::from([(1, "chair".to_owned()), (65535, "a \"vase\"".to_owned())]);
+        write_categories(&path, &categories)?;
+        assert_eq!(MaskFolder::open(folder.path())?.categories, categories);
+        std::fs::write(&path, r#"{"0": "background", "7": "table"}"#)?;
+        assert_eq!(read_categories(&path)?, BTreeMap::from([(7, "table".to_owned())]));
+        for (text, want) in [
+            ("[]", "no JSON object"),
+            (r#"{"65536": "x"}"#, "\"65536\": is no id"),
+            (r#"{"chair": "1"}"#, "\"chair\": is no id"),
+            (r#"{"1": 2}"#, "no text"),
+            (r#"{"1": "a", "01": "b"}"#, "twice"),
+            ("{", "not valid JSON"),
+        ] {
+            std::fs::write(&path, text)?;
+            let text = MaskFolder::open(folder.path()).err().map(|e| e.to_string()).unwrap_or_default();
+            assert!(text.contains(want), "{text} lacks {want}");
+        }
+        assert!(write_categories(&path, &BTreeMap::from([(0, "x".to_owned())])).is_err());
+        Ok(())
+    }
+}

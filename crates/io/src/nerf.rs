@@ -1,0 +1,321 @@
+//! `transforms.json` of NeRF (Blender), instant-ngp and nerfstudio: camera-to-world poses in OpenGL axes.
+//!
+//! Intrinsics stand in the file or in a frame, which wins: `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1` to `k3`, `p1`,
+//! `p2`, or `camera_angle_x` (and `_y`). A size that is not given is read from the image's own header.
+//!
+//! Of nerfstudio's additions: `mask_path` of a frame, and the lists `train_filenames`, `val_filenames` and
+//! `test_filenames`. The test split is `test_filenames`, or `val_filenames` if that is missing or empty; it wins over
+//! `train_filenames`. Frames that no list has are for training if there is no `train_filenames`; with
+//! `train_filenames` alone they are the test split. All others (validation beside a test split) are left out.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat4, DVec4};
+use serde_json::Value;
+
+use crate::camera_file::parse_json;
+use crate::colmap::{Distortion, PosedImage, stem};
+use crate::dataset::{Split, without_dots};
+use crate::error::{IoError, Place};
+use crate::read_bytes;
+use crate::scene::camera::Camera;
+
+/// Endings tried, in this order, for a `file_path` without one, as Blender's data sets have it.
+const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
+
+/// Fields that, where they are set, make a camera something else than a lens before a plane (instant-ngp).
+const OTHER_LENSES: [&str; 6] =
+    ["is_fisheye", "ftheta_p0", "latlong", "equirectangular", "orthographic", "rolling_shutter"];
+const UNDISTORT: &str = "undistort the images to PINHOLE";
+
+/// Reads a transforms file; images are looked for next to it.
+pub fn read_transforms(path: &Path) -> Result<Vec<PosedImage>, IoError> {
+    parse_transforms(&read_bytes(path)?, path)
+}
+
+/// Parses the bytes of a transforms file; `path` is for messages and for finding images whose ending or size the file
+/// does not give.
+pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Vec<PosedImage>, IoError> {
+    let root = parse_json(bytes, path)?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let field = |name: &str, what: &str| IoError::new(path, what).at(Place::Field(name.into()));
+    let frames =
+        root.get("frames").and_then(Value::as_array).ok_or_else(|| field("frames", "is missing or not a list"))?;
+    let mut images = frames
+        .iter()
+        .enumerate()
+        .map(|(i, frame)| Frame { root: &root, frame, name: format!("frames[{i}]"), path }.read(folder))
+        .collect::<Result<Vec<_>, _>>()?;
+    apply_filenames(&root, &mut images, path)?;
+    Ok(images)
+}
+
+/// Sets the split of all images, and removes those of no split, if the file has nerfstudio's lists.
+fn apply_filenames(root: &Value, images: &mut Vec<PosedImage>, path: &Path) -> Result<(), IoError> {
+    let known: BTreeSet<PathBuf> = images.iter().map(|i| without_dots(&i.file)).collect();
+    let list = |field: &str| -> Result<BTreeSet<PathBuf>, IoError> {
+        let Some(value) = root.get(field).filter(|v| !v.is_null()) else { return Ok(BTreeSet::new()) };
+        let fail = |place: String, what: String| IoError::new(path, what).at(Place::Field(place));
+        let names = value.as_array().ok_or_else(|| fail(field.into(), "is not a list".into()))?;
+        let name = |(i, name): (usize, &Value)| {
+            let place = || format!("{field}[{i}]");
+            let file = name.as_str().ok_or_else(|| fail(place(), "is no text".into()))?;
+            let file = without_dots(&with_ending(path.parent().unwrap_or(Path::new(".")), file));
+            let missing = || fail(place(), format!("no frame has the file {}", file.display()));
+            known.contains(&file).then_some(()).ok_or_else(missing)?;
+            Ok(file)
+        };
+        names.iter().enumerate().map(name).collect()
+    };
+    let (train, val, test) = (list("train_filenames")?, list("val_filenames")?, list("test_filenames")?);
+    if train.is_empty() && val.is_empty() && test.is_empty() {
+        return Ok(());
+    }
+    let held_out = if test.is_empty() { &val } else { &test };
+    images.retain_mut(|image| {
+        let file = without_dots(&image.file);
+        image.split = match (held_out.contains(&file), train.is_empty()) {
+            (true, _) => Some(Split::Test),
+            (false, true) => (!val.contains(&file)).then_some(Split::Train),
+            (false, false) if train.contains(&file) => Some(Split::Train),
+            (false, false) => held_out.is_empty().then_some(Split::Test),
+        };
+        image.split.is_some()
+    });
+    if !images.iter().any(|i| i.split == Some(Split::Train)) {
+        let error = IoError::new(path, "its lists of filenames leave no view to train on");
+        return Err(error.advise("a view for test or validation is never trained on"));
+    }
+    Ok(())
+}
+
+struct Frame<'a> {
+    root: &'a Value,
+    frame: &'a Value,
+    name: String,
+    path: &'a Path,
+}
+
+impl Frame<'_> {
+    fn error(&self, field: &str, what: impl Into<String>) -> IoError {
+        IoError::new(self.path, what).at(Place::Field(format!("{}.{field}", self.name)))
+    }
+
+    /// A field of the frame, else of the file.
+    fn get(&self, field: &str) -> Option<&Value> {
+        self.frame.get(field).or_else(|| self.root.get(field))
+    }
+
+    fn number(&self, field: &str) -> Result<Option<f64>, IoError> {
+        let Some(value) = self.get(field) else { return Ok(None) };
+        value.as_f64().map(Some).ok_or_else(|| self.error(field, "is not a number"))
+    }
+
+    fn read(&self, folder: &Path) -> Result<PosedImage, IoError> {
+        let file =
+            self.frame.get("file_path").and_then(Value::as_str).ok_or_else(|| self.error("file_path", "is missing"))?;
+        let file = with_ending(folder, file);
+        if let Some(model) = self.get("camera_model").and_then(Value::as_str)
+            && !["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "RADIAL", "SIMPLE_RADIAL"].contains(&model)
+        {
+            return Err(self.error("camera_model", format!("{model} is not supported")).advise(UNDISTORT));
+        }
+        for lens in OTHER_LENSES {
+            if self.get(lens).is_some_and(|v| !matches!(v, Value::Null | Value::Bool(false))) {
+                return Err(self.error(lens, "such lenses are not supported").advise(UNDISTORT));
+            }
+        }
+        if self.number("k4")?.is_some_and(|v| v != 0.0) {
+            return Err(self.error("k4", "distortion beyond k1 k2 k3 p1 p2 is not supported").advise(UNDISTORT));
+        }
+        let [k1, k2, k3, p1, p2] = ["k1", "k2", "k3", "p1", "p2"].map(|term| self.number(term));
+        let term = |value: Option<f64>| value.unwrap_or(0.0);
+        let distortion =
+            Distortion { k1: term(k1?), k2: term(k2?), p1: term(p1?), p2: term(p2?), k3: term(k3?) }.if_any();
+        let (width, height) = self.size(&folder.join(&file))?;
+        let (w, h) = (f64::from(width), f64::from(height));
+        let from_angle = |angle: f64, side: f64| 0.5 * side / (0.5 * angle).tan();
+        let fx = match (self.number("fl_x")?, self.number("camera_angle_x")?) {
+            (Some(f), _) => f,
+            (None, Some(angle)) => from_angle(angle, w),
+            (None, None) => return Err(self.error("fl_x", "is missing, and so is camera_angle_x")),
+        };
+        let fy = match (self.number("fl_y")?, self.number("camera_angle_y")?, self.number("fl_x")?) {
+            (Some(f), _, _) => f,
+            (None, Some(angle), None) => from_angle(angle, h),
+            _ => fx,
+        };
+        let camera = Camera {
+            name: stem(&file),
+            width,
+            height,
+            fx,
+            fy,
+            cx: self.number("cx")?.unwrap_or(0.5 * w),
+            cy: self.number("cy")?.unwrap_or(0.5 * h),
+            view_from_world: self.view_from_world()?,
+        };
+        camera.validate().map_err(|e| IoError::new(self.path, e).at(Place::Field(self.name.clone())))?;
+        let mask = match self.frame.get("mask_path").filter(|v| !v.is_null()) {
+            Some(value) => Some(value.as_str().ok_or_else(|| self.error("mask_path", "is no text"))?.to_owned()),
+            None => None,
+        };
+        Ok(PosedImage { camera, file, distortion, mask, split: None })
+    }
+
+    fn size(&self, image: &Path) -> Result<(u32, u32), IoError> {
+        if let (Some(w), Some(h)) = (self.number("w")?, self.number("h")?) {
+            let whole = |v: f64| v >= 1.0 && v <= f64::from(u32::MAX) && v.fract() == 0.0;
+            if !(whole(w) && whole(h)) {
+                return Err(self.error("w", format!("the image size {w}x{h} is not of whole pixels")));
+            }
+            return Ok((w as u32, h as u32));
+        }
+        image::ImageReader::open(image)
+            .and_then(|r| r.with_guessed_format())
+            .map_err(|e| IoError::os(image, "the file gives no w and h, and the image cannot be read", &e))?
+            .into_dimensions()
+            .map_err(|e| {
+                IoError::new(image, format!("the file gives no w and h, and the image's size cannot be read: {e}"))
+            })
+    }
+
+    fn view_from_world(&self) -> Result<[[f64; 4]; 4], IoError> {
+        const FIELD: &str = "transform_matrix";
+        let value = self.frame.get(FIELD).ok_or_else(|| self.error(FIELD, "is missing"))?;
+        let rows: Vec<[f64; 4]> = serde_json::from_value(value.clone())
+            .map_err(|e| self.error(FIELD, format!("is not a 4x4 matrix: {e}")))?;
+        // Some tools leave the last row out.
+        let [a, b, c, ..] = rows.as_slice() else {
+            return Err(self.error(FIELD, "is not a 4x4 matrix"));
+        };
+        if rows.get(3).is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0]) || rows.len() > 4 {
+            return Err(self.error(FIELD, "is not a rigid transform: its last row is not 0 0 0 1"));
+        }
+        // OpenGL's camera looks along -z with y up: turn the camera's own y and z around.
+        let row = |r: &[f64; 4]| DVec4::new(r[0], -r[1], -r[2], r[3]);
+        let world_from_view = DMat4::from_cols(row(a), row(b), row(c), DVec4::W).transpose();
+        if world_from_view.determinant().abs() < 1e-9 {
+            return Err(self.error(FIELD, "is singular"));
+        }
+        Ok(world_from_view.inverse().transpose().to_cols_array_2d())
+    }
+}
+
+/// `file`, with the first of [`ENDINGS`] under which an image exists if it has no image ending itself. One written on
+/// Windows has its `\` as `/`, unless it is a file's name as it is.
+fn with_ending(folder: &Path, file: &str) -> String {
+    if file.contains('\\') && !folder.join(file).is_file() {
+        return with_ending(folder, &file.replace('\\', "/"));
+    }
+    let known = Path::new(file).extension().is_some_and(|e| ENDINGS.contains(&&*e.to_string_lossy()));
+    if known || folder.join(file).is_file() {
+        return file.to_owned();
+    }
+    let candidates = ENDINGS.iter().map(|e| format!("{file}.{e}"));
+    candidates.into_iter().find(|c| folder.join(c).is_file()).unwrap_or_else(|| format!("{file}.png"))
+}
+
+/// The transforms files of a dataset: `transforms_train.json` with `transforms_test.json`.
+pub(crate) fn train_test_files(dataset: &Path) -> Option<(PathBuf, PathBuf)> {
+    let pair = (dataset.join("transforms_train.json"), dataset.join("transforms_test.json"));
+    (pair.0.is_file() && pair.1.is_file()).then_some(pair)
+}
+
+/// True if the cameras of a dataset are those of transforms files.
+pub(crate) fn has_transforms(dataset: &Path) -> bool {
+    dataset.join("transforms.json").is_file() || train_test_files(dataset).is_some()
+}
+
+/// The point cloud that the dataset's `transforms.json`, else its `transforms_train.json`, names as `ply_file_path`.
+pub(crate) fn named_point_file(dataset: &Path) -> Result<Option<PathBuf>, IoError> {
+    const FIELD: &str = "ply_file_path";
+    for file in ["transforms.json", "transforms_train.json"] {
+        let path = dataset.join(file);
+        if !path.is_file() {
+            continue;
+        }
+        let root = parse_json(&read_bytes(&path)?, &path)?;
+        let Some(value) = root.get(FIELD).filter(|v| !v.is_null()) else { continue };
+        let fail = |what: String| IoError::new(&path, what).at(Place::Field(FIELD.into()));
+        let named = dataset.join(without_dots(value.as_str().ok_or_else(|| fail("is no text".into()))?));
+        if !named.is_file() {
+            let error = fail(format!("there is no file {}", named.display()));
+            return Err(error.advise("copy it there, or remove the field"));
+        }
+        return Ok(Some(named));
+    }
+    Ok(None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POSE: &str = "[[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]";
+
+    fn parse(text: &str) -> Result<Vec<PosedImage>, IoError> {
+        parse_transforms(text.as_bytes(), Path::new("nowhere/transforms.json"))
+    }
+
+    #[test]
+    fn frame_fields_win_and_axes_turn() -> Result<(), IoError> {
+        let text = format!(
+            r#"{{"w":20,"h":10,"fl_x":9,"k1":0.5,"frames":[{{"file_path":"i/a.jpg","transform_matrix":{POSE}}},
+            {{"file_path":"./i/b","fl_x":8,"fl_y":7,"cx":3,"cy":4,"k1":0,"transform_matrix":{POSE}}}]}}"#
+        );
+        let out = parse(&text)?;
+        let a = &out[0].camera;
+        assert_eq!((a.fx, a.fy, a.cx, a.cy, a.name.as_str()), (9.0, 9.0, 10.0, 5.0, "a"));
+        assert_eq!(a.view_from_world, [[1., 0., 0., -1.], [0., -1., 0., 2.], [0., 0., -1., 3.], [0., 0., 0., 1.]]);
+        assert_eq!(out[0].distortion, Some(Distortion { k1: 0.5, ..Distortion::default() }));
+        let b = &out[1].camera;
+        assert_eq!((b.fx, b.fy, b.cx, b.cy, out[1].distortion), (8.0, 7.0, 3.0, 4.0, None));
+        assert_eq!(out[1].file, "./i/b.png");
+        let text = format!(
+            r#"{{"w":20,"h":10,"fl_x":9,"k3":0.25,"frames":[{{"file_path":"i\\j\\a.jpg","transform_matrix":{POSE}}}]}}"#
+        );
+        let out = parse(&text)?;
+        assert_eq!(out[0].distortion, Some(Distortion { k3: 0.25, ..Distortion::default() }));
+        assert_eq!((out[0].file.as_str(), out[0].camera.name.as_str()), ("i/j/a.jpg", "a"));
+        Ok(())
+    }
+
+    #[test]
+    fn blender_files_take_the_size_from_the_image() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        image::GrayImage::new(40, 30).save(folder.path().join("r_0.png"))?;
+        let text = format!(
+            r#"{{"camera_angle_x":1.5707963267948966,"frames":[{{"file_path":"./r_0","transform_matrix":{POSE}}}]}}"#
+        );
+        let out = parse_transforms(text.as_bytes(), &folder.path().join("transforms_train.json"))?;
+        let camera = &out[0].camera;
+        assert_eq!((camera.width, camera.height, camera.cx, camera.name.as_str()), (40, 30, 20.0, "r_0"));
+        assert!((camera.fx - 20.0).abs() < 1e-9 && camera.fx == camera.fy);
+        Ok(())
+    }
+
+    #[test]
+    fn errors_name_the_field() {
+        let text = |json: &str| parse(json).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text("{}").contains("frames"));
+        let frame = |rest: &str| format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{{"file_path":"a.png",{rest}}}]}}"#);
+        assert!(text(&frame(r#""transform_matrix":[[1]]"#)).contains("frames[0].transform_matrix"));
+        assert!(text(&frame(r#""transform_matrix":[[0,0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,1]]"#)).contains("singular"));
+        assert!(text(&frame(r#""transform_matrix":[[2,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]"#)).contains("rigid"));
+        assert!(
+            text(&frame(&format!(r#""camera_model":"OPENCV_FISHEYE","transform_matrix":{POSE}"#)))
+                .contains("camera_model")
+        );
+        assert!(text(&frame(&format!(r#""w":"x","transform_matrix":{POSE}"#))).contains("frames[0].w"));
+        let lens = |lens: &str| text(&frame(&format!(r#"{lens},"transform_matrix":{POSE}"#)));
+        for (field, value) in [("is_fisheye", "true"), ("k4", "0.1"), ("rolling_shutter", "[0,0,0,1]")] {
+            let error = lens(&format!(r#""{field}":{value}"#));
+            assert!(error.contains(&format!("frames[0].{field}")) && error.contains("undistort"), "{error}");
+        }
+        assert_eq!(lens(r#""is_fisheye":false,"latlong":null,"k4":0"#), "");
+        let error = lens(r#""fl_x":0"#);
+        assert!(error.contains("frames[0]: ") && error.contains("positive"), "{error}");
+    }
+}

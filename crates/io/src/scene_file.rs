@@ -1,0 +1,308 @@
+//! `.instgs`: instanced scenes as a safetensors file (DESIGN section 5).
+//!
+//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]) and clouds in coded tables
+//! (`scene_small.rs`, format 2). Tensors and metadata that this version
+//! does not know are kept and written again. Writing is in [`crate::scene_write`].
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+
+use crate::error::{IoError, Place};
+use crate::read_bytes;
+use crate::scene_pack::{CHANNELS, OffsetRanges, segments};
+use crate::scene_small::{SUFFIX, small_shape, small_values};
+use crate::math::similarity::Similarity;
+use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
+use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, TemplateRange};
+use crate::scene::offsets::Offsets;
+
+pub(crate) const FORMAT: &str = "instgs/1";
+/// Of files with coded tables, so that older versions say that they cannot read them.
+pub(crate) const FORMAT_SMALL: &str = "instgs/2";
+/// `instance.first_offset` of an instance without offsets.
+pub(crate) const NO_OFFSET: u32 = u32::MAX;
+
+/// Reads an `.instgs` file. Values may be non-finite (see [`crate::load_scene`]); indices and transforms are
+/// checked.
+pub fn read_scene_file(path: &Path) -> Result<InstancedScene, IoError> {
+    parse_scene_file(&read_bytes(path)?, path)
+}
+
+/// Parses the bytes of an `.instgs` file; `path` is for messages only.
+pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoError> {
+    let malformed = |e| IoError::new(path, format!("is not a whole safetensors file: {e}"));
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(malformed)?;
+    let mut metadata: BTreeMap<String, String> =
+        header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
+    let field = |name: &str, what: String| IoError::new(path, what).at(Place::Field(format!("metadata {name}")));
+    match metadata.remove("format").as_deref() {
+        Some(FORMAT | FORMAT_SMALL) => {}
+        Some(other) if other.starts_with("instgs/") => {
+            return Err(field("format", format!("{other} is neither {FORMAT} nor {FORMAT_SMALL}"))
+                .advise("this file needs a newer version of instgs-vk"));
+        }
+        _ => return Err(field("format", format!("is missing or not \"{FORMAT}\": this is no instgs scene"))),
+    }
+    let mut reader = Reader { path, left: tensors.iter().map(|(name, view)| (name.to_owned(), view)).collect() };
+
+    let mut scene = InstancedScene {
+        templates: reader.cloud("template")?,
+        background: reader.cloud("background")?,
+        source: metadata.remove("source").unwrap_or_default(),
+        antialias: match metadata.remove("antialias").as_deref() {
+            None | Some("false") => false,
+            Some("true") => true,
+            Some(other) => return Err(field("antialias", format!("is \"{other}\", not \"true\" or \"false\""))),
+        },
+        groups: match metadata.remove("groups") {
+            None => Vec::new(),
+            Some(text) => serde_json::from_str::<Vec<Group>>(&text).map_err(|e| field("groups", e.to_string()))?,
+        },
+        ..InstancedScene::default()
+    };
+    if let Some(degree) = metadata.remove("sh_degree") {
+        // The shapes of the tensors decide; the string is for people and must only not contradict them.
+        if degree.parse() != Ok(scene.sh_degree()) && !(scene.templates.is_empty() && scene.background.is_empty()) {
+            return Err(field(
+                "sh_degree",
+                format!("is \"{degree}\", but the tensors have degree {}", scene.sh_degree()),
+            ));
+        }
+    }
+    scene.template_ranges = reader
+        .u32s("template.ranges", &[2])?
+        .as_chunks::<2>()
+        .0
+        .iter()
+        .map(|&[first, count]| TemplateRange { first, count })
+        .collect();
+    scene.instances = reader.instances()?;
+    scene.offsets = reader.offsets(&scene)?;
+    scene.validate().map_err(|e| IoError::new(path, e.reason).at(Place::Tensor(e.tensor)))?;
+    for (name, view) in reader.left {
+        let foreign = ForeignTensor {
+            dtype: dtype_name(view.dtype()),
+            shape: view.shape().to_vec(),
+            bytes: view.data().to_vec(),
+        };
+        scene.foreign_tensors.insert(name, foreign);
+    }
+    scene.foreign_metadata = metadata;
+    Ok(scene)
+}
+
+/// The tensors not read yet.
+struct Reader<'a> {
+    path: &'a Path,
+    left: BTreeMap<String, TensorView<'a>>,
+}
+
+impl<'a> Reader<'a> {
+    fn error(&self, tensor: &str, what: impl Into<String>) -> IoError {
+        IoError::new(self.path, what).at(Place::Tensor(tensor.into()))
+    }
+
+    fn is_u8(&self, name: &str) -> bool {
+        self.left.get(name).is_some_and(|t| t.dtype() == Dtype::U8)
+    }
+
+    /// True if any tensor of the group is there: then all of them must be.
+    fn any(&self, names: &[&str]) -> bool {
+        names.iter().any(|n| self.left.contains_key(*n))
+    }
+
+    /// Takes a tensor of shape `[rows, inner...]`; `rows` is checked if given. Returns its rows and bytes.
+    fn take(&mut self, name: &str, inner: &[usize], rows: Option<usize>) -> Result<(Dtype, Vec<u8>, usize), IoError> {
+        let Some(view) = self.left.remove(name) else {
+            return Err(self.error(name, "is missing"));
+        };
+        let shape = view.shape();
+        let fits = shape.len() == inner.len() + 1 && shape[1..] == *inner && rows.is_none_or(|r| r == shape[0]);
+        if !fits {
+            let first = rows.map_or("N".into(), |r| r.to_string());
+            let want: Vec<String> = std::iter::once(first).chain(inner.iter().map(usize::to_string)).collect();
+            return Err(self.error(name, format!("has the shape {shape:?}, not [{}]", want.join(", "))));
+        }
+        Ok((view.dtype(), view.data().to_vec(), shape[0]))
+    }
+
+    fn floats(&mut self, name: &str, inner: &[usize], rows: Option<usize>) -> Result<Vec<f32>, IoError> {
+        if let Some((coded, view)) = self.take_small(name)? {
+            let fail = |what: String| self.error(&coded, what);
+            let (has_rows, width) = small_shape(view.data()).map_err(fail)?;
+            let want = inner.iter().product::<usize>();
+            if width != want || rows.is_some_and(|rows| rows != has_rows) {
+                let rows = rows.map_or("N".into(), |rows| rows.to_string());
+                return Err(fail(format!("has {has_rows} rows of {width} numbers, not {rows} of {want}")));
+            }
+            return small_values(view.data(), name.ends_with(".quats")).map_err(fail);
+        }
+        let (dtype, data, _) = self.take(name, inner, rows)?;
+        match dtype {
+            Dtype::F32 => Ok(data.as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect()),
+            Dtype::F16 => Ok(data.as_chunks::<2>().0.iter().map(|&b| half::f16::from_le_bytes(b).to_f32()).collect()),
+            other => Err(self.error(name, format!("has the type {}, not F32 or F16", dtype_name(other)))),
+        }
+    }
+
+    /// Takes the coded table that stands for a tensor, with its own name.
+    fn take_small(&mut self, name: &str) -> Result<Option<(String, TensorView<'a>)>, IoError> {
+        let coded = format!("{name}{SUFFIX}");
+        let Some(view) = self.left.remove(&coded) else { return Ok(None) };
+        if self.left.contains_key(name) {
+            return Err(self.error(&coded, format!("is there beside {name}")));
+        }
+        if view.dtype() != Dtype::U8 {
+            return Err(self.error(&coded, format!("has the type {}, not U8", dtype_name(view.dtype()))));
+        }
+        Ok(Some((coded, view)))
+    }
+
+    fn vectors<const D: usize>(&mut self, name: &str, rows: Option<usize>) -> Result<Vec<[f32; D]>, IoError> {
+        Ok(self.floats(name, &[D], rows)?.as_chunks::<D>().0.to_vec())
+    }
+
+    /// Empty if the tensor is absent.
+    fn u32s(&mut self, name: &str, inner: &[usize]) -> Result<Vec<u32>, IoError> {
+        if !self.left.contains_key(name) {
+            return Ok(Vec::new());
+        }
+        let (dtype, data, _) = self.take(name, inner, None)?;
+        if dtype != Dtype::U32 {
+            return Err(self.error(name, format!("has the type {}, not U32", dtype_name(dtype))));
+        }
+        Ok(data.as_chunks::<4>().0.iter().map(|&b| u32::from_le_bytes(b)).collect())
+    }
+
+    fn cloud(&mut self, group: &str) -> Result<Gaussians, IoError> {
+        let [means, quats, log_scales, logits, sh] =
+            ["means", "quats", "log_scales", "opacity_logits", "sh"].map(|f| format!("{group}.{f}"));
+        let coded = [&means, &quats, &log_scales, &logits, &sh].map(|name| format!("{name}{SUFFIX}"));
+        if !self.any(&[&means, &quats, &log_scales, &logits, &sh]) && !self.any(&coded.each_ref().map(String::as_str)) {
+            return Ok(Gaussians::default());
+        }
+        let means = self.vectors::<3>(&means, None)?;
+        let n = Some(means.len());
+        let coefficients = match self.left.get(&coded[4]) {
+            Some(view) => {
+                let (rows, width) = small_shape(view.data()).map_err(|what| self.error(&coded[4], what))?;
+                Some(vec![rows, width / 3, if width % 3 == 0 { 3 } else { 0 }])
+            }
+            None => self.left.get(&sh).map(|t| t.shape().to_vec()),
+        };
+        let degree = match coefficients.as_deref() {
+            Some(&[_, c, 3]) => (0..=MAX_SH_DEGREE).find(|&d| sh_coefficients(d) == c),
+            _ => None,
+        };
+        let Some(sh_degree) = degree else {
+            let what = coefficients
+                .map_or("is missing".into(), |s| format!("has the shape {s:?}, not [N, C, 3] with C = 1, 4, 9 or 16"));
+            return Err(self.error(&sh, what));
+        };
+        Ok(Gaussians {
+            sh_degree,
+            quats: self.vectors::<4>(&quats, n)?,
+            log_scales: self.vectors::<3>(&log_scales, n)?,
+            opacity_logits: self.floats(&logits, &[], n)?,
+            sh: self.floats(&sh, &[sh_coefficients(sh_degree), 3], n)?.as_chunks::<3>().0.to_vec(),
+            means,
+        })
+    }
+
+    fn instances(&mut self) -> Result<Vec<Instance>, IoError> {
+        const POSES: &str = "instance.world_from_template";
+        if !self.any(&["instance.template", POSES, "instance.first_offset"]) {
+            return Ok(Vec::new());
+        }
+        let rows = self.floats(POSES, &[3, 4], None)?;
+        let rows = rows.as_chunks::<4>().0.as_chunks::<3>().0;
+        let templates = self.u32s("instance.template", &[])?;
+        let firsts = self.u32s("instance.first_offset", &[])?;
+        for (name, len) in [("instance.template", templates.len()), ("instance.first_offset", firsts.len())] {
+            if len != rows.len() {
+                return Err(self.error(name, format!("has {len} entries where {POSES} has {}", rows.len())));
+            }
+        }
+        let mut instances = Vec::with_capacity(rows.len());
+        for (k, rows) in rows.iter().enumerate() {
+            let world_from_template =
+                Similarity::from_rows(*rows).map_err(|e| self.error(POSES, format!("instance {k} {e}")))?;
+            let first_offset = Some(firsts[k]).filter(|&f| f != NO_OFFSET);
+            instances.push(Instance { template: templates[k], world_from_template, first_offset });
+        }
+        Ok(instances)
+    }
+
+    /// The offsets of a scene whose templates and instances are read.
+    fn offsets(&mut self, scene: &InstancedScene) -> Result<Offsets, IoError> {
+        const MEANS: &str = "offset.means";
+        const SH_DC: &str = "offset.sh_dc";
+        const LOGITS: &str = "offset.opacity_logits";
+        const RANGE: &str = "offset.range";
+        const SH_REST: &str = "offset.sh_rest";
+        const LOG_SCALES: &str = "offset.log_scales";
+        const QUATS: &str = "offset.quats";
+        if !self.any(&[MEANS, SH_DC, LOGITS, RANGE, SH_REST, LOG_SCALES, QUATS]) {
+            return Ok(Offsets::default());
+        }
+        let Some(&m) = self.left.get(MEANS).and_then(|means| means.shape().first()) else {
+            return Err(self.error(MEANS, "is missing"));
+        };
+        let ranges = match ([MEANS, SH_DC, LOGITS].iter().any(|name| self.is_u8(name)), self.left.contains_key(RANGE)) {
+            (false, false) => None,
+            (false, true) => return Err(self.error(RANGE, "is there, but no tensor of offsets is U8")),
+            (true, _) => {
+                let segments = segments(&scene.instances, &scene.template_ranges, m);
+                let values = self.floats(RANGE, &[CHANNELS, 2], Some(segments.len()))?;
+                Some(OffsetRanges::from_values(segments, &values))
+            }
+        };
+        let rest = scene.templates.sh_coefficients() - 1;
+        Ok(Offsets {
+            means: self.channels(MEANS, &[3], m, &ranges, 0)?.as_chunks::<3>().0.to_vec(),
+            sh_dc: self.channels(SH_DC, &[3], m, &ranges, 3)?.as_chunks::<3>().0.to_vec(),
+            opacity_logits: self.channels(LOGITS, &[], m, &ranges, 6)?,
+            sh_rest: self.optional(SH_REST, &[rest, 3], m)?.as_chunks::<3>().0.to_vec(),
+            log_scales: self.optional(LOG_SCALES, &[3], m)?.as_chunks::<3>().0.to_vec(),
+            quats: self.optional(QUATS, &[4], m)?.as_chunks::<4>().0.to_vec(),
+        })
+    }
+
+    /// Offsets as floats or as bytes of the channels from `first`.
+    fn channels(
+        &mut self,
+        name: &str,
+        inner: &[usize],
+        rows: usize,
+        ranges: &Option<OffsetRanges>,
+        first: usize,
+    ) -> Result<Vec<f32>, IoError> {
+        match ranges.as_ref().filter(|_| self.is_u8(name)) {
+            None => self.floats(name, inner, Some(rows)),
+            Some(ranges) => {
+                let (_, bytes, _) = self.take(name, inner, Some(rows))?;
+                Ok(ranges.unpack(&bytes, inner.iter().product(), first))
+            }
+        }
+    }
+
+    /// Empty if the tensor is absent.
+    fn optional(&mut self, name: &str, inner: &[usize], rows: usize) -> Result<Vec<f32>, IoError> {
+        if self.left.contains_key(name) { self.floats(name, inner, Some(rows)) } else { Ok(Vec::new()) }
+    }
+}
+
+/// The name that safetensors files use for a type.
+fn dtype_name(dtype: Dtype) -> String {
+    match serde_json::to_value(dtype) {
+        Ok(serde_json::Value::String(name)) => name,
+        _ => format!("{dtype:?}"),
+    }
+}
+
+#[cfg(test)]
+#[path = "scene_file_tests.rs"]
+pub(crate) mod tests;

@@ -1,0 +1,149 @@
+use super::*;
+use crate::ply::tests::sample;
+use crate::scene_pack::floats;
+use crate::scene_write::{assemble, scene_file_bytes, u32s};
+
+/// Two templates (3 and 2 Gaussians), four instances, 8 offset records, a background of 4.
+pub(crate) fn sample_scene() -> InstancedScene {
+    let pose = |x: f32| {
+        Similarity::from_rows([[0.0, -2.0, 0.0, x], [2.0, 0.0, 0.0, 1.0], [0.0, 0.0, 2.0, -x]])
+            .unwrap_or(Similarity::IDENTITY)
+    };
+    let instance = |template, x, first_offset| Instance { template, world_from_template: pose(x), first_offset };
+    let values = sample(0, 8);
+    InstancedScene {
+        templates: sample(2, 5),
+        template_ranges: vec![TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }],
+        instances: vec![
+            instance(0, 0.0, Some(0)),
+            instance(1, 1.0, None),
+            instance(0, 2.0, Some(3)),
+            instance(1, 3.0, Some(6)),
+        ],
+        offsets: Offsets {
+            means: values.means,
+            sh_dc: values.sh,
+            opacity_logits: values.opacity_logits,
+            ..Offsets::default()
+        },
+        background: sample(3, 4),
+        antialias: true,
+        groups: vec![Group { template_id: 0, name: Some("chair \"a\"".into()), instance_ids: vec![4, 9] }],
+        source: "test".into(),
+        foreign_tensors: BTreeMap::from([
+            ("x.odd".into(), ForeignTensor { dtype: "U8".into(), shape: vec![3], bytes: vec![1, 2, 3] }),
+            ("a.wide".into(), ForeignTensor { dtype: "I64".into(), shape: vec![1], bytes: vec![7; 8] }),
+        ]),
+        foreign_metadata: (0..9).map(|i| (format!("key{i}"), format!("value {i}"))).collect(),
+    }
+}
+
+/// The sample with offsets of everything.
+pub(crate) fn with_ablations() -> InstancedScene {
+    let mut scene = sample_scene();
+    let values = sample(2, 8);
+    // Without coefficient 0 of each record.
+    scene.offsets.sh_rest = values.sh.chunks(9).flat_map(|record| record[1..].to_vec()).collect();
+    scene.offsets.log_scales = values.log_scales;
+    scene.offsets.quats = values.quats;
+    scene
+}
+
+#[test]
+fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoError> {
+    let path = Path::new("x.instgs");
+    let cloud = InstancedScene::from_cloud(sample(1, 2));
+    for scene in [sample_scene(), with_ablations(), InstancedScene::default(), cloud] {
+        let bytes = scene_file_bytes(&scene, path)?;
+        for _ in 0..5 {
+            let back = parse_scene_file(&bytes, path)?;
+            assert_eq!(back, scene);
+            assert_eq!(scene_file_bytes(&back, path)?, bytes);
+        }
+    }
+    Ok(())
+}
+
+/// The sample's file with one change to its tensors or metadata.
+fn changed(
+    change: impl FnOnce(&mut BTreeMap<String, ForeignTensor>, &mut BTreeMap<String, String>),
+) -> Result<InstancedScene, IoError> {
+    let path = Path::new("x.instgs");
+    let bytes = scene_file_bytes(&sample_scene(), path)?;
+    let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| IoError::new(path, e.to_string()))?;
+    let views = SafeTensors::deserialize(&bytes).map_err(|e| IoError::new(path, e.to_string()))?;
+    let mut metadata = header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
+    let mut tensors = views
+        .iter()
+        .map(|(n, v)| {
+            (
+                n.to_owned(),
+                ForeignTensor { dtype: dtype_name(v.dtype()), shape: v.shape().to_vec(), bytes: v.data().to_vec() },
+            )
+        })
+        .collect();
+    change(&mut tensors, &mut metadata);
+    parse_scene_file(&assemble(&metadata, &tensors, path)?, path)
+}
+
+#[test]
+fn errors_name_the_tensor_and_the_reason() {
+    let text = |result: Result<InstancedScene, IoError>| result.err().map(|e| e.to_string()).unwrap_or_default();
+    let missing = text(changed(|t, _| drop(t.remove("template.quats"))));
+    assert!(missing.contains("tensor template.quats: is missing"), "{missing}");
+    let shape = text(changed(|t, _| drop(t.insert("offset.sh_dc".into(), floats(&[8, 2], &[0.0; 16])))));
+    assert!(shape.contains("offset.sh_dc") && shape.contains("[8, 3]"), "{shape}");
+    let dtype = text(changed(|t, _| drop(t.insert("background.means".into(), u32s(&[4, 3], 0..12)))));
+    assert!(dtype.contains("background.means") && dtype.contains("U32"), "{dtype}");
+    let pose =
+        text(changed(|t, _| drop(t.insert("instance.world_from_template".into(), floats(&[4, 3, 4], &[0.0; 48])))));
+    assert!(pose.contains("instance.world_from_template") && pose.contains("instance 0"), "{pose}");
+    let index = text(changed(|t, _| drop(t.insert("instance.template".into(), u32s(&[4], [0, 1, 2, 0].into_iter())))));
+    assert!(index.contains("instance.template"), "{index}");
+    let bytes = |shape: &[usize]| ForeignTensor {
+        dtype: "U8".into(),
+        shape: shape.into(),
+        bytes: vec![3; shape.iter().product()],
+    };
+    let lone = text(changed(|t, _| drop(t.insert("offset.range".into(), floats(&[3, 7, 2], &[0.0; 42])))));
+    assert!(lone.contains("offset.range: is there, but no"), "{lone}");
+    let bare = text(changed(|t, _| drop(t.insert("offset.sh_dc".into(), bytes(&[8, 3])))));
+    assert!(bare.contains("offset.range: is missing"), "{bare}");
+    let ranges = text(changed(|t, _| {
+        t.insert("offset.sh_dc".into(), bytes(&[8, 3]));
+        t.insert("offset.range".into(), floats(&[4, 7, 2], &[0.0; 56]));
+    }));
+    assert!(ranges.contains("offset.range") && ranges.contains("[3, 7, 2]"), "{ranges}");
+    let packed = text(changed(|t, _| drop(t.insert("template.quats".into(), bytes(&[5, 4])))));
+    assert!(packed.contains("template.quats: has the type U8"), "{packed}");
+    let rest = text(changed(|t, _| drop(t.insert("offset.sh_rest".into(), floats(&[8, 3, 3], &[0.0; 72])))));
+    assert!(rest.contains("offset.sh_rest") && rest.contains("[8, 8, 3]"), "{rest}");
+    let orphan = text(changed(|t, _| drop(t.remove("offset.means"))));
+    assert!(orphan.contains("offset.means: is missing"), "{orphan}");
+    assert!(text(changed(|_, m| drop(m.remove("format")))).contains("metadata format"));
+    assert!(text(changed(|_, m| drop(m.insert("format".into(), "instgs/3".into())))).contains("newer version"));
+    assert!(text(changed(|_, m| drop(m.insert("antialias".into(), "yes".into())))).contains("antialias"));
+    assert!(text(changed(|_, m| drop(m.insert("groups".into(), "[{}]".into())))).contains("groups"));
+}
+
+#[test]
+fn optional_parts_may_be_absent_and_halves_are_read() -> Result<(), IoError> {
+    let scene = changed(|tensors, metadata| {
+        tensors.retain(|n, _| n.starts_with("background."));
+        metadata.retain(|n, _| n == "format");
+        for tensor in tensors.values_mut() {
+            tensor.dtype = "F16".into();
+            tensor.bytes = tensor
+                .bytes
+                .as_chunks::<4>()
+                .0
+                .iter()
+                .flat_map(|&b| half::f16::from_f32(f32::from_le_bytes(b)).to_le_bytes())
+                .collect();
+        }
+    })?;
+    assert!(scene.instances.is_empty() && scene.templates.is_empty() && !scene.antialias);
+    let want = sample_scene().background;
+    assert!((scene.background.means[3][2] - want.means[3][2]).abs() < 2e-3);
+    Ok(())
+}

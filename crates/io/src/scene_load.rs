@@ -1,0 +1,129 @@
+//! Opening and saving a scene by its file name's extension.
+
+use std::path::Path;
+
+use crate::ply::PlyCloud;
+use crate::spz::SpzCloud;
+use crate::{IoError, ply, read_bytes, scene_file, scene_write, splat, spz};
+use crate::scene::instanced_scene::InstancedScene;
+
+/// A scene as it came from a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedScene {
+    /// The scene, with finite parameters only.
+    pub scene: InstancedScene,
+    /// Gaussians of templates and background that were dropped because a parameter of theirs is not finite (a template
+    /// Gaussian counts once, however many instances it had).
+    pub dropped_non_finite: usize,
+    /// What else the user should know, one line each.
+    pub notes: Vec<String>,
+    /// Length of the file.
+    pub file_bytes: u64,
+}
+
+impl LoadedScene {
+    /// All that the user should know, one line each.
+    pub fn warnings(&self) -> Vec<String> {
+        let dropped = format!("dropped {} Gaussians with a non-finite parameter", self.dropped_non_finite);
+        (self.dropped_non_finite > 0).then_some(dropped).into_iter().chain(self.notes.iter().cloned()).collect()
+    }
+}
+
+/// Opens `.instgs`, `.ply`, `.spz` or `.splat`. A template Gaussian is dropped, in all instances, when it or the offset
+/// record of any instance is not finite, so that offsets stay aligned with templates. An empty scene is no error; one of
+/// which nothing finite remains is.
+pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
+    let extension = extension(path);
+    if !["instgs", "ply", "spz", "splat"].contains(&extension.as_str()) {
+        let what = format!("unknown scene format \".{extension}\"");
+        return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz or .splat"));
+    }
+    let bytes = read_bytes(path)?;
+    let of_cloud = |cloud, antialias| InstancedScene { antialias, ..InstancedScene::from_cloud(cloud) };
+    let (mut scene, notes) = match extension.as_str() {
+        "instgs" => (scene_file::parse_scene_file(&bytes, path)?, Vec::new()),
+        "spz" => {
+            let SpzCloud { gaussians, antialias, notes } = spz::parse_spz(&bytes, path)?;
+            (of_cloud(gaussians, antialias), notes)
+        }
+        "splat" => (of_cloud(splat::parse_splat(&bytes, path)?, false), Vec::new()),
+        _ => {
+            let PlyCloud { gaussians, antialias, notes } = ply::parse_ply(&bytes, path)?;
+            (of_cloud(gaussians, antialias), notes)
+        }
+    };
+    let before = scene.templates.len() + scene.background.len();
+    let dropped_non_finite = scene.drop_non_finite();
+    if before > 0 && dropped_non_finite == before {
+        return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters")));
+    }
+    Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes: bytes.len() as u64 })
+}
+
+/// Saves a scene as `.instgs`. Plain clouds have functions of their own: [`crate::write_ply`],
+/// [`crate::write_spz`].
+pub fn save_scene(path: &Path, scene: &InstancedScene) -> Result<(), IoError> {
+    match extension(path).as_str() {
+        "instgs" => scene_write::write_scene_file(path, scene),
+        other => Err(IoError::new(path, format!("an instanced scene cannot be saved as \".{other}\""))
+            .advise("save it as .instgs")),
+    }
+}
+
+fn extension(path: &Path) -> String {
+    path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ply::tests::sample;
+    use crate::scene_file::tests::{sample_scene, with_ablations};
+
+    #[test]
+    fn offsets_of_sh_and_shape_follow_their_records() -> Result<(), Box<dyn std::error::Error>> {
+        let mut scene = with_ablations();
+        let clean = scene.offsets.clone();
+        scene.offsets.quats[4][1] = f32::NAN;
+        assert_eq!(scene.drop_non_finite(), 1);
+        scene.validate()?;
+        let kept = [0, 2, 3, 5, 6, 7];
+        let want: Vec<_> = kept.iter().flat_map(|&m| clean.sh_rest[8 * m..8 * (m + 1)].to_vec()).collect();
+        assert_eq!(scene.offsets.sh_rest, want);
+        assert_eq!(scene.offsets.log_scales, kept.map(|m| clean.log_scales[m]));
+        assert_eq!(scene.offsets.quats, kept.map(|m| clean.quats[m]));
+        Ok(())
+    }
+
+    #[test]
+    fn by_extension() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let at = |name: &str| folder.path().join(name);
+        let scene = sample_scene();
+        save_scene(&at("a.instgs"), &scene)?;
+        let loaded = load_scene(&at("a.instgs"))?;
+        assert_eq!((loaded.scene, loaded.dropped_non_finite), (scene, 0));
+        assert_eq!(loaded.file_bytes, std::fs::metadata(at("a.instgs"))?.len());
+
+        let mut cloud = sample(1, 3);
+        cloud.quats[0] = [0.0; 4];
+        crate::write_ply(&at("b.PLY"), &cloud, false)?;
+        let loaded = load_scene(&at("b.PLY"))?;
+        assert_eq!((loaded.scene.background.len(), loaded.dropped_non_finite), (2, 1));
+        cloud.means.iter_mut().for_each(|m| m[0] = f32::NAN);
+        crate::write_ply(&at("c.ply"), &cloud, false)?;
+        assert!(load_scene(&at("c.ply")).is_err_and(|e| e.to_string().contains("none of its 3")));
+        crate::write_ply(&at("d.ply"), &sample(0, 0), false)?;
+        assert!(load_scene(&at("d.ply"))?.scene.background.is_empty());
+        let nothing: [String; 0] = [];
+        assert_eq!(
+            (load_scene(&at("b.PLY"))?.warnings().len(), load_scene(&at("d.ply"))?.warnings()),
+            (1, nothing.into())
+        );
+        crate::write_ply(&at("e.ply"), &sample(0, 1), true)?;
+        assert!(load_scene(&at("e.ply"))?.scene.antialias);
+        assert!(load_scene(&at("x.obj")).is_err() && load_scene(&at("missing.ply")).is_err());
+        assert!(save_scene(&at("x.ply"), &sample_scene()).is_err());
+        Ok(())
+    }
+}

@@ -1,0 +1,171 @@
+//! Writing `.instgs` files; reading and the format's description are in [`crate::scene_file`].
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use safetensors::tensor::Dtype;
+
+use crate::atomic_write;
+use crate::error::{IoError, Place};
+use crate::safetensors_header::{Entry, header};
+use crate::scene_file::{FORMAT, FORMAT_SMALL, NO_OFFSET};
+use crate::scene_pack::{OffsetRanges, Pack, Underflow, fits_half, floats, halves, segments};
+use crate::scene_small::{in_space_order, small_tensors};
+use crate::scene::gaussians::Gaussians;
+use crate::scene::instanced_scene::{ForeignTensor, InstancedScene};
+use crate::scene::offsets::Offsets;
+
+/// Writes an `.instgs` file: all known tensors as F32 and U32, then what else the scene carries. The same scene gives
+/// the same bytes.
+pub fn write_scene_file(path: &Path, scene: &InstancedScene) -> Result<(), IoError> {
+    write_scene_file_packed(path, scene, Pack::F32)
+}
+
+/// Writes an `.instgs` file whose numbers are packed. A tensor whose values do not fit the format (not finite, beyond
+/// 65504, or so small that halves lose what they mean) stays F32.
+pub fn write_scene_file_packed(path: &Path, scene: &InstancedScene, pack: Pack) -> Result<(), IoError> {
+    let bytes = packed_scene_file_bytes(scene, pack, path)?;
+    atomic_write(path, |out| out.write_all(&bytes))
+}
+
+/// The bytes that [`write_scene_file`] writes.
+pub fn scene_file_bytes(scene: &InstancedScene, path: &Path) -> Result<Vec<u8>, IoError> {
+    packed_scene_file_bytes(scene, Pack::F32, path)
+}
+
+/// The bytes that [`write_scene_file_packed`] writes.
+pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) -> Result<Vec<u8>, IoError> {
+    scene
+        .validate()
+        .map_err(|e| IoError::new(path, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor)))?;
+    let mut tensors = scene.foreign_tensors.clone();
+    if pack == Pack::Small {
+        // What this version does not know may follow the background's order.
+        let ordered = scene.foreign_tensors.is_empty().then(|| in_space_order(&scene.background));
+        put_small(&mut tensors, "template", &scene.templates, path)?;
+        put_small(&mut tensors, "background", ordered.as_ref().unwrap_or(&scene.background), path)?;
+    } else {
+        put_cloud(&mut tensors, "template", &scene.templates, pack);
+        put_cloud(&mut tensors, "background", &scene.background, pack);
+    }
+    put_instances(&mut tensors, scene);
+    put_offsets(&mut tensors, scene, pack);
+
+    let json_error = |e: serde_json::Error| IoError::new(path, format!("cannot write: {e}"));
+    let mut metadata = scene.foreign_metadata.clone();
+    metadata.insert("format".into(), if pack == Pack::Small { FORMAT_SMALL } else { FORMAT }.into());
+    metadata.insert("antialias".into(), scene.antialias.to_string());
+    metadata.insert("sh_degree".into(), scene.sh_degree().to_string());
+    metadata.insert("source".into(), scene.source.clone());
+    metadata.insert("groups".into(), serde_json::to_string(&scene.groups).map_err(json_error)?);
+    assemble(&metadata, &tensors, path)
+}
+
+type Tensors = BTreeMap<String, ForeignTensor>;
+
+fn small_floats(pack: Pack, shape: &[usize], values: &[f32], underflow: Underflow) -> ForeignTensor {
+    if pack == Pack::F32 { floats(shape, values) } else { halves(shape, values, underflow) }
+}
+
+fn put_cloud(tensors: &mut Tensors, group: &str, cloud: &Gaussians, pack: Pack) {
+    let n = cloud.len();
+    let mut put = |name: &str, tensor| tensors.insert(format!("{group}.{name}"), tensor);
+    let small = |shape: &[usize], values: &[f32]| small_floats(pack, shape, values, Underflow::Harmless);
+    put("means", floats(&[n, 3], cloud.means.as_flattened()));
+    // Short quaternions turn as long ones do, and must not become 0.
+    put("quats", small_floats(pack, &[n, 4], cloud.quats.as_flattened(), Underflow::Rows(4)));
+    put("log_scales", small(&[n, 3], cloud.log_scales.as_flattened()));
+    put("opacity_logits", small(&[n], &cloud.opacity_logits));
+    put("sh", small(&[n, cloud.sh_coefficients(), 3], cloud.sh.as_flattened()));
+}
+
+fn put_small(tensors: &mut Tensors, group: &str, cloud: &Gaussians, path: &Path) -> Result<(), IoError> {
+    let small =
+        small_tensors(cloud).map_err(|e| IoError::new(path, format!("cannot write: compressing {group}: {e}")))?;
+    tensors.extend(small.into_iter().map(|(name, tensor)| (format!("{group}.{name}"), tensor)));
+    Ok(())
+}
+
+fn put_instances(tensors: &mut Tensors, scene: &InstancedScene) {
+    let (g, k) = (scene.template_ranges.len(), scene.instances.len());
+    let mut put = |name: &str, tensor| tensors.insert(name.into(), tensor);
+    put("template.ranges", u32s(&[g, 2], scene.template_ranges.iter().flat_map(|r| [r.first, r.count])));
+    put("instance.template", u32s(&[k], scene.instances.iter().map(|i| i.template)));
+    put("instance.first_offset", u32s(&[k], scene.instances.iter().map(|i| i.first_offset.unwrap_or(NO_OFFSET))));
+    let poses: Vec<f32> = scene.instances.iter().flat_map(|i| i.world_from_template.rows()).flatten().collect();
+    put("instance.world_from_template", floats(&[k, 3, 4], &poses));
+}
+
+fn put_offsets(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {
+    let Offsets { means, sh_dc, opacity_logits, sh_rest, log_scales, quats } = &scene.offsets;
+    let m = scene.offsets.len();
+    let mut ranges = OffsetRanges::empty(segments(&scene.instances, &scene.template_ranges, m));
+    let mut any_bytes = false;
+    let mut channels = |shape: &[usize], values: &[f32], first: usize, underflow: Underflow| {
+        if !matches!(pack, Pack::Q8 | Pack::Small) || !fits_half(values) {
+            return small_floats(pack, shape, values, underflow);
+        }
+        any_bytes = true;
+        ForeignTensor {
+            dtype: "U8".into(),
+            shape: shape.into(),
+            bytes: ranges.pack(values, shape[1..].iter().product(), first),
+        }
+    };
+    let mut put = |name: &str, tensor| tensors.insert(name.into(), tensor);
+    // Positions are in scene units, which may be small as a whole.
+    put("offset.means", channels(&[m, 3], means.as_flattened(), 0, Underflow::Rows(3 * m)));
+    put("offset.sh_dc", channels(&[m, 3], sh_dc.as_flattened(), 3, Underflow::Harmless));
+    put("offset.opacity_logits", channels(&[m], opacity_logits, 6, Underflow::Harmless));
+    if any_bytes {
+        put("offset.range", ranges.tensor());
+    }
+    let rest = scene.templates.sh_coefficients() - 1;
+    for (name, shape, values) in [
+        ("offset.sh_rest", &[m, rest, 3][..], sh_rest.as_flattened()),
+        ("offset.log_scales", &[m, 3], log_scales.as_flattened()),
+        ("offset.quats", &[m, 4], quats.as_flattened()),
+    ] {
+        if !values.is_empty() {
+            put(name, small_floats(pack, shape, values, Underflow::Harmless));
+        }
+    }
+}
+
+pub(crate) fn u32s(shape: &[usize], values: impl Iterator<Item = u32>) -> ForeignTensor {
+    ForeignTensor { dtype: "U32".into(), shape: shape.into(), bytes: values.flat_map(u32::to_le_bytes).collect() }
+}
+
+/// The file: tensors with the widest element type first, so that each is aligned to its type, then by name.
+pub(crate) fn assemble(
+    metadata: &BTreeMap<String, String>,
+    tensors: &BTreeMap<String, ForeignTensor>,
+    path: &Path,
+) -> Result<Vec<u8>, IoError> {
+    let mut order = Vec::with_capacity(tensors.len());
+    for (name, tensor) in tensors {
+        let fail = |what: String| IoError::new(path, format!("cannot write: {what}")).at(Place::Tensor(name.clone()));
+        let dtype: Dtype = serde_json::from_value(tensor.dtype.clone().into())
+            .map_err(|_| fail(format!("{} is no safetensors type", tensor.dtype)))?;
+        let bits = tensor.shape.iter().try_fold(dtype.bitsize(), |n, &d| n.checked_mul(d));
+        if bits != tensor.bytes.len().checked_mul(8) {
+            return Err(fail(format!("{} bytes are not what shape and type call for", tensor.bytes.len())));
+        }
+        order.push((std::cmp::Reverse(dtype.bitsize()), name, tensor));
+    }
+    order.sort_by(|a, b| (a.0, a.1).cmp(&(b.0, b.1)));
+
+    let entries = order.iter().map(|(_, name, tensor)| Entry {
+        name,
+        dtype: &tensor.dtype,
+        shape: &tensor.shape,
+        bytes: tensor.bytes.len(),
+    });
+    let mut out = header(metadata, entries).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
+    order.iter().for_each(|(_, _, tensor)| out.extend_from_slice(&tensor.bytes));
+    Ok(out)
+}
+
+#[cfg(test)]
+#[path = "scene_write_tests.rs"]
+mod tests;

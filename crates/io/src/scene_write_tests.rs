@@ -1,0 +1,252 @@
+//! Packed files: what they keep, how large they are, and what happens to values that do not fit.
+
+use super::*;
+use crate::ply::tests::sample;
+use crate::scene_file::parse_scene_file;
+use crate::scene_file::tests::{sample_scene, with_ablations};
+use crate::math::rng::Rng;
+use crate::math::similarity::Similarity;
+use crate::scene::instanced_scene::{Instance, TemplateRange};
+
+fn path() -> &'static Path {
+    Path::new("x.instgs")
+}
+
+fn through(scene: &InstancedScene, pack: Pack) -> Result<InstancedScene, IoError> {
+    parse_scene_file(&packed_scene_file_bytes(scene, pack, path())?, path())
+}
+
+/// `instances` copies of a template of `count` Gaussians, each with offsets of its own scale.
+fn repeated(instances: usize, count: usize) -> InstancedScene {
+    let mut rng = Rng::new(5);
+    let mut scene = InstancedScene {
+        templates: sample(3, count),
+        template_ranges: vec![TemplateRange { first: 0, count: count as u32 }],
+        ..InstancedScene::default()
+    };
+    for k in 0..instances {
+        let first_offset = Some((k * count) as u32);
+        scene.instances.push(Instance { template: 0, world_from_template: Similarity::IDENTITY, first_offset });
+        let scale = 10.0f64.powi(k as i32 % 5 - 3);
+        let mut normal = || (scale * rng.normal()) as f32;
+        for _ in 0..count {
+            scene.offsets.means.push([normal(), normal(), normal()]);
+            scene.offsets.sh_dc.push([normal(), normal(), normal()]);
+            scene.offsets.opacity_logits.push(normal());
+        }
+    }
+    scene
+}
+
+/// Largest difference, relative to `scale`; NaN and NaN are alike.
+fn difference(a: &[f32], b: &[f32], scale: f32) -> f32 {
+    assert_eq!(a.len(), b.len());
+    let of = |(x, y): (&f32, &f32)| if x.to_bits() == y.to_bits() { 0.0 } else { (x - y).abs() / scale };
+    a.iter().zip(b).map(of).fold(0.0, f32::max)
+}
+
+#[test]
+fn f16_keeps_eleven_bits_and_means_and_poses_whole() -> Result<(), IoError> {
+    for scene in [sample_scene(), with_ablations(), repeated(3, 20), InstancedScene::default()] {
+        let bytes = packed_scene_file_bytes(&scene, Pack::F16, path())?;
+        let back = parse_scene_file(&bytes, path())?;
+        assert_eq!(packed_scene_file_bytes(&back, Pack::F16, path())?, bytes, "a second packing loses more");
+        assert_eq!(
+            (&back.instances, &back.groups, &back.foreign_tensors),
+            (&scene.instances, &scene.groups, &scene.foreign_tensors)
+        );
+        for (a, b) in [(&scene.templates, &back.templates), (&scene.background, &back.background)] {
+            assert_eq!(a.means, b.means);
+            let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(x, y)| (x - y).abs() <= x.abs() / 2048.0 + 3e-8);
+            assert!(near(a.sh.as_flattened(), b.sh.as_flattened()) && near(&a.opacity_logits, &b.opacity_logits));
+            assert!(near(a.quats.as_flattened(), b.quats.as_flattened()));
+            assert!(near(a.log_scales.as_flattened(), b.log_scales.as_flattened()));
+        }
+        let (a, b) = (&scene.offsets, &back.offsets);
+        let largest = |values: &[f32]| values.iter().fold(1e-30f32, |m, v| m.max(v.abs()));
+        for (a, b) in [
+            (a.means.as_flattened(), b.means.as_flattened()),
+            (a.sh_dc.as_flattened(), b.sh_dc.as_flattened()),
+            (&a.opacity_logits, &b.opacity_logits),
+            (a.sh_rest.as_flattened(), b.sh_rest.as_flattened()),
+            (a.log_scales.as_flattened(), b.log_scales.as_flattened()),
+            (a.quats.as_flattened(), b.quats.as_flattened()),
+        ] {
+            assert!(difference(a, b, largest(a)) <= 1.0 / 2048.0);
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn q8_keeps_half_a_step_of_each_instance() -> Result<(), IoError> {
+    let (scene, count) = (repeated(5, 40), 40);
+    let back = through(&scene, Pack::Q8)?;
+    assert_eq!(back.templates, through(&scene, Pack::F16)?.templates);
+    for k in 0..5 {
+        let records = k * count..(k + 1) * count;
+        let channel = |scene: &InstancedScene, c: usize| -> Vec<f32> {
+            let offsets = &scene.offsets;
+            let of = |i: usize| [&offsets.means[i][..], &offsets.sh_dc[i], &offsets.opacity_logits[i..=i]].concat()[c];
+            records.clone().map(of).collect()
+        };
+        for c in 0..7 {
+            let (want, got) = (channel(&scene, c), channel(&back, c));
+            let [low, high] = want.iter().fold([f32::MAX, f32::MIN], |[l, h], &v| [l.min(v), h.max(v)]);
+            let error = difference(&want, &got, high - low);
+            assert!(error <= 1.0 / 507.0 && error > 1e-4, "instance {k}, channel {c}: {error}");
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn q8_of_shared_overlapping_and_unused_records() -> Result<(), IoError> {
+    let mut scene = repeated(4, 6);
+    scene.instances[1].first_offset = Some(0);
+    scene.instances[2].first_offset = Some(9);
+    scene.instances[3].first_offset = None;
+    let back = through(&scene, Pack::Q8)?;
+    assert_eq!(back.instances, scene.instances);
+    // Segments 0..6, 6..9, 9..15, 15..24: the records of the four scales 0.001 .. 1 keep to their segment's step.
+    let worst = |records: std::ops::Range<usize>| {
+        difference(scene.offsets.means[records.clone()].as_flattened(), back.offsets.means[records].as_flattened(), 1.0)
+    };
+    assert!(worst(0..6) < 2e-5 && worst(6..9) < 2e-4 && worst(9..15) < 2e-3 && worst(15..24) < 2e-2);
+    Ok(())
+}
+
+#[test]
+fn values_that_do_not_fit_stay() -> Result<(), IoError> {
+    for pack in [Pack::F16, Pack::Q8] {
+        let mut scene = sample_scene();
+        scene.templates.sh[3][1] = 70000.0;
+        scene.templates.quats[2] = [1e-9, 0.0, 2e-9, 0.0];
+        scene.background.log_scales[0][0] = f32::NEG_INFINITY;
+        scene.offsets.means[5][2] = f32::NAN;
+        scene.offsets.opacity_logits[1] = -1e9;
+        let back = through(&scene, pack)?;
+        assert_eq!((&back.templates.sh, &back.templates.quats), (&scene.templates.sh, &scene.templates.quats));
+        assert_eq!(back.background.log_scales, scene.background.log_scales);
+        assert_eq!(difference(back.offsets.means.as_flattened(), scene.offsets.means.as_flattened(), 1.0), 0.0);
+        assert_eq!(back.offsets.opacity_logits, scene.offsets.opacity_logits);
+        // The other tensors are packed all the same.
+        assert_ne!(back.templates.log_scales, scene.templates.log_scales);
+        assert_ne!(back.offsets.sh_dc, scene.offsets.sh_dc);
+        let mut tiny = sample_scene();
+        tiny.offsets.means.as_flattened_mut().iter_mut().for_each(|v| *v *= 1e-9);
+        let (a, b) = (through(&tiny, pack)?.offsets.means, tiny.offsets.means);
+        assert!(difference(a.as_flattened(), b.as_flattened(), 1e-9) <= 1.0 / 250.0);
+    }
+    Ok(())
+}
+
+#[test]
+fn sizes_are_those_of_the_analytic_bound() -> Result<(), IoError> {
+    let (k, n) = (8, 700);
+    let scene = repeated(k, n);
+    // Transform, template and first offset of an instance; one template range.
+    let tables = 56 * k + 8;
+    for (pack, want) in [
+        (Pack::F32, 236 * n + 28 * k * n + tables),
+        (Pack::F16, 124 * n + 14 * k * n + tables),
+        (Pack::Q8, 124 * n + 7 * k * n + tables + 56 * k),
+    ] {
+        let bytes = packed_scene_file_bytes(&scene, pack, path())?;
+        let header = 8 + u64::from_le_bytes(bytes[..8].try_into().unwrap_or_default()) as usize;
+        assert_eq!(bytes.len() - header, want, "{pack:?}");
+        assert!(header < 2048, "{header}");
+    }
+    Ok(())
+}
+
+/// Largest difference of the angle that two quaternions turn by, radians.
+fn turned(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
+    let angle = |(a, b): (&[f32; 4], &[f32; 4])| {
+        let [a, b] =
+            [a, b].map(|q| glam::DQuat::from_xyzw(q[1].into(), q[2].into(), q[3].into(), q[0].into()).normalize());
+        a.angle_between(b).min(a.angle_between(-b))
+    };
+    a.iter().zip(b).map(angle).fold(0.0, f64::max)
+}
+
+#[test]
+fn small_keeps_half_a_step() -> Result<(), IoError> {
+    for scene in [sample_scene(), with_ablations(), repeated(3, 20), InstancedScene::default()] {
+        let back = through(&scene, Pack::Small)?;
+        assert_eq!(
+            (&back.instances, &back.groups, &back.foreign_tensors, &back.template_ranges),
+            (&scene.instances, &scene.groups, &scene.foreign_tensors, &scene.template_ranges)
+        );
+        assert_eq!(back.offsets, through(&scene, Pack::Q8)?.offsets);
+        let order = crate::math::morton::morton_order(&scene.background.means);
+        let mut background = Gaussians::with_capacity(scene.background.sh_degree, scene.background.len());
+        order.into_iter().for_each(|i| background.push_from(&scene.background, i as usize));
+        let want = if scene.foreign_tensors.is_empty() { &background } else { &scene.background };
+        for (a, b) in [(&scene.templates, &back.templates), (want, &back.background)] {
+            assert_eq!((a.sh_degree, a.len()), (b.sh_degree, b.len()));
+            // Half a step, and what f32 rounds.
+            assert!(difference(a.log_scales.as_flattened(), b.log_scales.as_flattened(), 1.0) <= 0.02501);
+            assert!(difference(&a.opacity_logits, &b.opacity_logits, 1.0) <= 0.05001);
+            assert!(difference(a.sh.as_flattened(), b.sh.as_flattened(), 1.0) <= 0.01001);
+            // Three components of up to half a step of 0.0056, twice their length as an angle.
+            assert!(turned(&a.quats, &b.quats) < 2.0 * 0.0028 * 3.0f64.sqrt() * 1.5);
+            let size = a.log_scales.iter().map(|s| (s.iter().sum::<f32>() / 3.0).exp()).fold(0.0, f32::max);
+            assert!(difference(a.means.as_flattened(), b.means.as_flattened(), 1.0) <= size / 31.9);
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn small_keeps_what_has_no_place_in_a_table() -> Result<(), IoError> {
+    let mut scene = sample_scene();
+    scene.foreign_tensors.clear();
+    scene.templates.sh[3][1] = f32::NAN;
+    scene.templates.quats[2] = [0.0; 4];
+    scene.templates.means[1][0] = 3e30;
+    scene.templates.log_scales[0][0] = f32::NEG_INFINITY;
+    let back = through(&scene, Pack::Small)?.templates;
+    assert!(difference(back.sh.as_flattened(), scene.templates.sh.as_flattened(), 1.0) == 0.0);
+    assert_eq!((&back.quats, &back.log_scales), (&scene.templates.quats, &scene.templates.log_scales));
+    assert!((back.means[1][0] - 3e30).abs() < 1e26);
+    Ok(())
+}
+
+#[test]
+fn small_is_a_quarter_of_halves_or_less() -> Result<(), IoError> {
+    // Colours and sizes as noisy as of trained clouds (standard deviations of SH 0.03, of logarithms of sizes 1).
+    let mut rng = Rng::new(8);
+    let mut cloud = sample(3, 4000);
+    cloud.sh.iter_mut().flatten().for_each(|v| *v = (0.03 * rng.normal()) as f32);
+    cloud.log_scales.iter_mut().flatten().for_each(|v| *v = (rng.normal() - 3.0) as f32);
+    cloud.quats.iter_mut().flatten().for_each(|v| *v = rng.normal() as f32);
+    cloud.opacity_logits.iter_mut().for_each(|v| *v = rng.normal() as f32);
+    cloud.means.iter_mut().flatten().for_each(|v| *v = rng.uniform() as f32);
+    let scene = InstancedScene::from_cloud(cloud);
+    let bytes = |pack| packed_scene_file_bytes(&scene, pack, path()).map(|bytes| bytes.len());
+    let (f16, small) = (bytes(Pack::F16)?, bytes(Pack::Small)?);
+    assert!(4 * small < f16, "{small} {f16}");
+    Ok(())
+}
+
+#[test]
+fn damaged_tables_are_named() -> Result<(), IoError> {
+    let bytes = packed_scene_file_bytes(&repeated(2, 30), Pack::Small, path())?;
+    let names = ["template.means", "template.quats", "template.log_scales", "template.opacity_logits", "template.sh"];
+    let (header_bytes, metadata) = safetensors::SafeTensors::read_metadata(&bytes).expect("a header");
+    for name in names {
+        let name = format!("{name}.small");
+        let at = 8 + header_bytes + metadata.info(&name).expect("is there").data_offsets.0;
+        // Rows, width, and a byte of the compressed stream's first word.
+        for offset in [0, 8, 16] {
+            let mut other = bytes.clone();
+            other[at + offset] ^= 1;
+            let error = parse_scene_file(&other, path()).expect_err("is damaged").to_string();
+            assert!(error.contains("template."), "{error}");
+        }
+    }
+    let text = String::from_utf8_lossy(&bytes[..header_bytes]).into_owned();
+    assert!(text.contains("instgs/2"), "{text}");
+    Ok(())
+}

@@ -1,0 +1,130 @@
+//! The image of a dataset view, ready for training: decoded, masked, undistorted and downscaled.
+
+use std::io::Cursor;
+use std::path::Path;
+
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+
+use crate::dataset::View;
+use crate::error::IoError;
+use crate::{jpeg_end, read_bytes, view_resample};
+use crate::scene::camera::Camera;
+
+/// An image to train on or to compare with: `width * height` pixels, row by row from the top.
+///
+/// The first three bytes are red, green and blue in the file's own encoding (sRGB), straight, not premultiplied. The
+/// fourth is 0 for a pixel that is ignored, which says nothing about the scene; otherwise it is the pixel's coverage:
+/// byte a stands for `(a - 1) / 254`, so 255 is opaque and 1 wholly transparent.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ViewImage {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Red, green, blue, and coverage or 0.
+    pub rgba: Vec<[u8; 4]>,
+}
+
+/// Fourth byte of a pixel that is ignored.
+pub const IGNORED: u8 = 0;
+/// Fourth byte of an opaque pixel.
+pub const OPAQUE: u8 = 255;
+
+impl ViewImage {
+    /// Bytes of the pixels.
+    pub fn bytes(&self) -> u64 {
+        self.rgba.len() as u64 * 4
+    }
+
+    /// True if every pixel is opaque: neither ignored nor partly transparent.
+    pub fn is_opaque(&self) -> bool {
+        self.rgba.iter().all(|p| p[3] == OPAQUE)
+    }
+}
+
+/// An image and the camera that took it, of the same size.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedView {
+    /// The pixels.
+    pub image: ViewImage,
+    /// The pinhole camera, scaled with the image.
+    pub camera: Camera,
+}
+
+/// Reads the image of a view (JPEG or PNG of any depth and channels; alpha becomes coverage, metadata such as the EXIF
+/// orientation is not looked at). Pixels that are 0 in the view's mask are ignored. Lens distortion is undone with the
+/// same intrinsics, so pixels at the border may be ignored after it. `width` smaller than the image's downscales to it:
+/// the height is `round(height * width / old width)`, at least 1, and the intrinsics are scaled per axis. A `width` that
+/// is larger or `None` changes nothing.
+///
+/// Errors: a file that is missing, cannot be decoded or ends early, and an image or mask whose size is not its camera's.
+pub fn load_view(view: &View, width: Option<u32>) -> Result<LoadedView, IoError> {
+    let mut camera = view.camera.clone();
+    let mut image = decode(&view.image_path, &camera)?;
+    if let Some(mask) = &view.mask_path {
+        apply_mask(&mut image, mask, &camera)?;
+    }
+    if let Some(distortion) = &view.distortion {
+        image = view_resample::undistort(&image, &camera, distortion);
+    }
+    let small = camera_at_width(&camera, width);
+    if (small.width, small.height) != (camera.width, camera.height) {
+        image = view_resample::downscale(&image, small.width, small.height);
+        camera = small;
+    }
+    Ok(LoadedView { image, camera })
+}
+
+/// The camera of a view as [`load_view`] returns it.
+pub fn camera_at_width(camera: &Camera, width: Option<u32>) -> Camera {
+    let Some(width) = width.filter(|w| *w < camera.width) else { return camera.clone() };
+    let [width, height] = view_resample::downscaled_size(camera.width, camera.height, width);
+    camera.resized(width, height)
+}
+
+fn decode(path: &Path, camera: &Camera) -> Result<ViewImage, IoError> {
+    let decoded = decode_sized(path, camera, "image")?.into_rgba8().into_raw();
+    let rgba = decoded.as_chunks().0.iter().map(|&[r, g, b, alpha]| [r, g, b, coverage_byte(alpha)]).collect();
+    Ok(ViewImage { width: camera.width, height: camera.height, rgba })
+}
+
+/// The fourth byte of [`ViewImage`] for an 8-bit alpha: `1 + alpha * 254 / 255`, rounded.
+fn coverage_byte(alpha: u8) -> u8 {
+    let scaled = (u32::from(alpha) * 254 * 2 + 255) / (2 * 255);
+    scaled as u8 + 1
+}
+
+fn apply_mask(image: &mut ViewImage, path: &Path, camera: &Camera) -> Result<(), IoError> {
+    // 16 bits, because the smallest values of a deeper mask would become 0 in 8.
+    let mask = decode_sized(path, camera, "mask")?.into_luma16().into_raw();
+    for (pixel, _) in image.rgba.iter_mut().zip(&mask).filter(|(_, m)| **m == 0) {
+        pixel[3] = IGNORED;
+    }
+    Ok(())
+}
+
+/// Decodes an image that must have the camera's size; that is checked before anything is allocated for the pixels.
+fn decode_sized(path: &Path, camera: &Camera, kind: &str) -> Result<DynamicImage, IoError> {
+    let fail = |e: &dyn std::fmt::Display| IoError::new(path, format!("cannot decode the {kind}: {e}"));
+    let bytes = read_bytes(path)?;
+    if jpeg_end::is_cut_jpeg(&bytes) {
+        return Err(fail(&"the JPEG ends early").advise("copy it again"));
+    }
+    let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| fail(&e))?;
+    let mut decoder = reader.into_decoder().map_err(|e| fail(&e))?;
+    let (size, want) = (decoder.dimensions(), (camera.width, camera.height));
+    if size != want {
+        let what = format!("the {kind} has {}x{} pixels, and its camera {}x{}", size.0, size.1, want.0, want.1);
+        return Err(IoError::new(path, what)
+            .advise("use the images that the cameras were made for; --width trains at a smaller size"));
+    }
+    let mut limits = Limits::no_limits();
+    // 16 bytes a pixel are the widest format there is; the rest is for the decoder's own tables.
+    limits.max_alloc = Some(u64::from(size.0) * u64::from(size.1) * 16 + (64 << 20));
+    decoder.set_limits(limits).map_err(|e| fail(&e))?;
+    DynamicImage::from_decoder(decoder).map_err(|e| fail(&e))
+}
+
+#[cfg(test)]
+#[path = "view_image_tests.rs"]
+mod tests;

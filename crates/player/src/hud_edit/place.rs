@@ -1,0 +1,137 @@
+//! Where things stand, as numbers: of one instance as they are, of several by how much they change.
+
+use egui::{DragValue, Ui};
+use glam::{DMat3, DQuat, DVec3, EulerRot};
+
+use super::{Action, EditFacts, EditPanel};
+use crate::math::similarity::Similarity;
+use crate::scene::edit::{Edit, Selector, Turn, instance_centres};
+
+/// Degrees for a point of dragging a number.
+const DEGREES_PER_POINT: f64 = 0.5;
+/// Scales for a point of dragging a number, relative.
+const SCALE_PER_POINT: f64 = 0.005;
+/// Scales that can be typed: what f32 placements of any scene can do with.
+const SCALES: std::ops::RangeInclusive<f64> = 1e-4..=1e4;
+
+/// How several instances change, while a number is held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Relative {
+    /// World units.
+    by: [f64; 3],
+    /// About the vertical, degrees.
+    yaw: f64,
+    scale: f64,
+}
+
+impl Default for Relative {
+    fn default() -> Self {
+        Self { by: [0.0; 3], yaw: 0.0, scale: 1.0 }
+    }
+}
+
+impl EditPanel {
+    /// Position of the centre, rotation and scale of one instance.
+    pub(super) fn place_of_one(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, k: usize, actions: &mut Vec<Action>) {
+        let now = facts.scene.instances[k].world_from_template;
+        let which = Selector::Index(k);
+        let mut at = instance_centres(facts.scene, [k])[0].to_array();
+        let id = ui.id().with("position");
+        if three(ui, "position", &mut at, facts.step, "") {
+            self.change(id, Edit::MoveTo { which: which.clone(), to: DVec3::from_array(at) }, actions);
+        }
+        // Edits of a drag begin with the scene as it was before it.
+        let live = self.live;
+        let begin = |id| if live == Some(id) { facts.editor.place_before(facts.scene, k) } else { now };
+        let id = ui.id().with("rotation");
+        let mut degrees = euler_degrees(&now);
+        if three(ui, "rotation", &mut degrees, DEGREES_PER_POINT, "°") {
+            let turn = turn_between(&begin(id), degrees);
+            self.change(id, Edit::Rotate { which: which.clone(), turn }, actions);
+        }
+        let id = ui.id().with("scale");
+        let mut scale = now.scale();
+        let speed = SCALE_PER_POINT * scale;
+        // A scene may have what cannot be typed.
+        let value = DragValue::new(&mut scale).speed(speed).range(SCALES).clamp_existing_to_range(false);
+        if one(ui, "scale", value) {
+            let by = scale / begin(id).scale();
+            self.change(id, Edit::Scale { which, by }, actions);
+        }
+    }
+
+    /// By how much several instances change, each about its own centre.
+    pub(super) fn place_of_several(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
+        let Some(which) = facts.editor.selector() else { return };
+        let mut to = self.relative;
+        let none = Relative::default();
+        if three(ui, "move by", &mut to.by, facts.step, "") {
+            self.relative = Relative { by: to.by, ..none };
+            let by = DVec3::from_array(to.by);
+            self.change(ui.id().with("move by"), Edit::MoveBy { which: which.clone(), by }, actions);
+        }
+        if one(ui, "turn by", DragValue::new(&mut to.yaw).speed(DEGREES_PER_POINT).suffix("°")) {
+            self.relative = Relative { yaw: to.yaw, ..none };
+            let turn = Turn { axis: facts.up, angle: to.yaw.to_radians() };
+            self.change(ui.id().with("turn by"), Edit::Rotate { which: which.clone(), turn }, actions);
+        }
+        if one(ui, "scale by", DragValue::new(&mut to.scale).speed(SCALE_PER_POINT).range(SCALES)) {
+            self.relative = Relative { scale: to.scale, ..none };
+            self.change(ui.id().with("scale by"), Edit::Scale { which, by: to.scale }, actions);
+        }
+    }
+}
+
+/// A row of three numbers; true if one changed.
+pub(crate) fn three(ui: &mut Ui, label: &str, values: &mut [f64; 3], speed: f64, suffix: &str) -> bool {
+    ui.horizontal(|ui| {
+        ui.label(label);
+        values.iter_mut().fold(false, |changed, value| {
+            ui.add(DragValue::new(value).speed(speed).max_decimals(3).suffix(suffix)).changed() | changed
+        })
+    })
+    .inner
+}
+
+/// A row of one number; true if it changed.
+pub(crate) fn one(ui: &mut Ui, label: &str, value: DragValue<'_>) -> bool {
+    ui.horizontal(|ui| {
+        ui.label(label);
+        ui.add(value.max_decimals(4)).changed()
+    })
+    .inner
+}
+
+/// Angles about x, then y, then z, each as turned by those before; degrees.
+fn euler_degrees(place: &Similarity) -> [f64; 3] {
+    let (x, y, z) = DQuat::from_mat3(&place.rotation()).to_euler(EulerRot::XYZ);
+    [x, y, z].map(f64::to_degrees)
+}
+
+/// The turn that gives a placement other angles.
+fn turn_between(from: &Similarity, degrees: [f64; 3]) -> Turn {
+    let [x, y, z] = degrees.map(f64::to_radians);
+    let to = DMat3::from_euler(EulerRot::XYZ, x, y, z);
+    let (axis, angle) = DQuat::from_mat3(&(to * from.rotation().transpose())).to_axis_angle();
+    Turn { axis, angle }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::io::scene_file::tests::sample_scene;
+    use crate::scene::edit::apply;
+
+    #[test]
+    fn typed_angles_are_those_that_are_read_back() {
+        let mut scene = sample_scene();
+        for degrees in [[10.0, 20.0, 30.0], [-170.0, 80.0, 5.0], [0.0, -60.0, 179.0], [0.0; 3], [0.0; 3]] {
+            let turn = turn_between(&scene.instances[0].world_from_template, degrees);
+            let scale = scene.instances[0].world_from_template.scale();
+            apply(&mut scene, &Edit::Rotate { which: Selector::Index(0), turn }).unwrap();
+            let got = euler_degrees(&scene.instances[0].world_from_template);
+            assert!((0..3).all(|k| (got[k] - degrees[k]).abs() < 1e-3), "{got:?} {degrees:?}");
+            assert!((scene.instances[0].world_from_template.scale() - scale).abs() < 1e-5);
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! The panel as a person uses it, without a window.
+
+use egui::{Event, Pos2, Rect};
+
+use super::*;
+use crate::io::scene_file::tests::sample_scene;
+use crate::test_screen::{TestScreen, click, drag, press};
+
+/// A panel and what it is about.
+struct Desk {
+    screen: TestScreen,
+    panel: EditPanel,
+    scene: InstancedScene,
+    editor: Editor,
+}
+
+impl Desk {
+    fn new(chosen: &[usize]) -> Self {
+        let mut editor = Editor::default();
+        chosen.iter().for_each(|&k| editor.click(Some(k), true));
+        let (screen, panel, scene) = (TestScreen::default(), EditPanel::default(), sample_scene());
+        let mut desk = Self { screen, panel, scene, editor };
+        // Windows find their size in the first pictures.
+        (0..4).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
+        desk
+    }
+
+    /// One picture; what was asked for is done, as the window does it.
+    fn frame(&mut self, events: Vec<Event>) -> Vec<Action> {
+        let facts = EditFacts {
+            scene: &self.scene,
+            editor: &self.editor,
+            up: DVec3::Z,
+            step: 0.1,
+            beside: DVec3::X,
+            mode: GizmoMode::Move,
+            file: "x.instgs".into(),
+        };
+        let mut actions = Vec::new();
+        self.screen.frame(events, |ctx| actions.extend(self.panel.lay_out(ctx, &facts)));
+        for action in &actions {
+            match action {
+                Action::Edit(edit) => drop(self.editor.apply(&mut self.scene, edit).unwrap()),
+                Action::Live(edit) => drop(self.editor.apply_live(&mut self.scene, edit).0.unwrap()),
+                Action::Finish => self.editor.finish(),
+                Action::Cancel => drop(self.editor.cancel(&mut self.scene)),
+                _ => {}
+            }
+        }
+        actions
+    }
+
+    fn pictures(&mut self, pictures: Vec<Vec<Event>>) -> Vec<Action> {
+        pictures.into_iter().flat_map(|events| self.frame(events)).collect()
+    }
+
+    fn place(&self, text: &str) -> Rect {
+        self.screen.place(text)
+    }
+
+    fn press(&mut self, at: Pos2, pressed: bool) -> Vec<Action> {
+        self.pictures(press(at, pressed).into())
+    }
+
+    fn click(&mut self, text: &str) -> Vec<Action> {
+        self.pictures(click(self.place(text).center()))
+    }
+
+    /// Drags what is right of a label.
+    fn drag(&mut self, label: &str, by: f32) -> Vec<Action> {
+        self.pictures(drag(self.place(label).right_center() + egui::vec2(14.0, 0.0), by))
+    }
+}
+
+#[test]
+fn buttons_ask_for_what_they_say() {
+    let which = || Selector::Indices(vec![1]);
+    for (text, want) in [
+        ("hide", Action::Hide),
+        ("all alike", Action::ChooseAlike),
+        ("its group", Action::ChooseGroup),
+        ("turn", Action::Mode(GizmoMode::Turn)),
+        ("copy", Action::Edit(Edit::Duplicate { which: which(), by: DVec3::X, turn: None })),
+        ("delete", Action::Edit(Edit::Delete { which: which() })),
+        ("write", Action::Write("x.instgs".into())),
+    ] {
+        assert_eq!(Desk::new(&[1]).click(text), [want]);
+    }
+    assert_eq!(Desk::new(&[1]).click("undo"), [], "nothing to take back");
+    assert!(Desk::new(&[]).screen.says("Click an object"));
+}
+
+/// Each number, held and dragged: it changes while it is held, and is one step.
+#[test]
+fn a_dragged_number_is_one_step() {
+    for (chosen, label) in [
+        (&[0][..], "position"),
+        (&[0], "rotation"),
+        (&[0], "scale"),
+        (&[0, 1], "move by"),
+        (&[0, 1], "turn by"),
+        (&[0, 1], "scale by"),
+    ] {
+        let mut desk = Desk::new(chosen);
+        let actions = desk.drag(label, 30.0);
+        let live = actions.iter().filter(|action| matches!(action, Action::Live(_))).count();
+        assert!(live >= 2, "{label}: {actions:?}");
+        assert!(actions.first() == Some(&Action::Finish) && actions.last() == Some(&Action::Finish));
+        assert!(desk.editor.steps() == [1, 0] && !desk.editor.is_live());
+        let before = sample_scene();
+        let moved = |k: usize| desk.scene.instances[k].world_from_template != before.instances[k].world_from_template;
+        assert!((0..before.instances.len()).all(|k| moved(k) == chosen.contains(&k)), "{label}");
+        // The next drag of it goes on from there.
+        desk.drag(label, 30.0);
+        assert_eq!(desk.editor.steps(), [2, 0]);
+        (0..2).for_each(|_| drop(desk.editor.undo(&mut desk.scene).unwrap()));
+        assert!(desk.scene == before);
+    }
+}
+
+/// The centre moves as far as the number says, along its axis alone.
+#[test]
+fn the_position_is_that_of_the_centre() {
+    let mut desk = Desk::new(&[1]);
+    let before = crate::scene::edit::instance_centres(&desk.scene, [1])[0];
+    let actions = desk.drag("position", 30.0);
+    let last = actions.iter().rev().find_map(|action| match action {
+        Action::Live(Edit::MoveTo { to, .. }) => Some(*to),
+        _ => None,
+    });
+    let after = crate::scene::edit::instance_centres(&desk.scene, [1])[0];
+    assert!(last.is_some_and(|to| to.distance(after) < 1e-5 && to.x > before.x + 1.0), "{before} {last:?}");
+    assert!((after.y - before.y).abs() < 1e-5 && (after.z - before.z).abs() < 1e-5);
+}
+
+#[test]
+fn a_shift_of_colours_adds_up_over_drags() {
+    let mut desk = Desk::new(&[0]);
+    desk.click("Colour and template");
+    let before = desk.scene.clone();
+    // Right of the colour button is the first number.
+    let red =
+        |desk: &Desk| f64::from(desk.scene.offsets.sh_dc[0][0] - before.offsets.sh_dc[0][0]) * crate::math::sh::SH_C0;
+    let from = desk.place("colour shift").right_center() + egui::vec2(66.0, 0.0);
+    for want in [1, 2] {
+        desk.press(from, true);
+        (1..4).for_each(|k| drop(desk.frame(vec![Event::PointerMoved(from + egui::vec2(10.0 * k as f32, 0.0))])));
+        desk.press(from + egui::vec2(30.0, 0.0), false);
+        desk.frame(Vec::new());
+        assert_eq!(desk.editor.steps(), [want, 0]);
+        assert!((red(&desk) - f64::from(desk.panel.shift.red())).abs() < 1e-5, "{}", red(&desk));
+        assert!(red(&desk) > 0.05 * want as f64, "{}", red(&desk));
+    }
+    desk.editor.undo(&mut desk.scene);
+    desk.frame(Vec::new());
+    assert_eq!(desk.panel.shift.red(), 0.0, "the fields begin anew");
+}
+
+/// A crop goes on over several sliders until it is applied or given up.
+#[test]
+fn a_crop_is_one_step_or_none() {
+    for (button, steps) in [("apply", [1, 0]), ("give up", [0, 0])] {
+        let mut desk = Desk::new(&[0]);
+        let before = desk.scene.clone();
+        desk.click("Crop and erase in the template");
+        desk.click("crop with a box");
+        // Sliders are left of their texts; a press in the middle sets them.
+        let slider = desk.place("x from").left_center() - egui::vec2(110.0, 0.0);
+        let actions: Vec<Action> = [true, false].into_iter().flat_map(|pressed| desk.press(slider, pressed)).collect();
+        assert!(
+            actions.iter().any(|action| matches!(action, Action::Live(Edit::Crop { template: 0, .. }))),
+            "{actions:?}"
+        );
+        (0..3).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
+        assert!(desk.editor.is_live() && desk.scene.templates.len() < before.templates.len());
+        desk.click(button);
+        assert!(!desk.editor.is_live() && desk.editor.steps() == steps);
+        assert_eq!(desk.scene == before, button == "give up");
+        desk.editor.undo(&mut desk.scene);
+        assert!(desk.scene == before);
+    }
+}
+
+#[test]
+fn scattering_and_the_brush_are_set_in_the_panel() {
+    let mut desk = Desk::new(&[0]);
+    desk.click("Scatter copies");
+    let actions = desk.click("scatter");
+    assert!(matches!(actions.as_slice(), [Action::Edit(Edit::Scatter(s))] if s.count == 5), "{actions:?}");
+    let mut desk = Desk::new(&[0]);
+    desk.click("Crop and erase in the template");
+    assert!(!desk.panel.brush.on && desk.panel.brush.radius > 0.0);
+    assert_eq!(desk.click("erase by clicking and dragging"), []);
+    assert!(desk.panel.brush.on);
+}

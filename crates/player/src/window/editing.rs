@@ -1,0 +1,385 @@
+//! Editing in the window: handles and a brush that are dragged, the panel, and keys.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use winit::keyboard::KeyCode;
+
+use super::Live;
+use crate::error::PlayerError;
+use crate::gizmo::{Drag, Gizmo, GizmoMode, Handle};
+use crate::hud_edit::{Action, EditFacts, EditPanel};
+use crate::scene::Camera;
+use crate::scene::edit::{Edit, EditOutcome};
+
+/// Points of a brush's stroke are so many pixels apart.
+const BRUSH_STEP_PX: f64 = 3.0;
+
+/// What the pointer does besides turning the view, and the panel.
+#[derive(Default)]
+pub(super) struct Editing {
+    /// Which handles there are.
+    pub(super) mode: GizmoMode,
+    /// What is held.
+    grip: Option<Grip>,
+    /// The handle under the pointer.
+    hovered: Option<Handle>,
+    /// Fields and tools.
+    pub(super) panel: EditPanel,
+}
+
+/// Something that is held.
+enum Grip {
+    Handle(Drag),
+    Brush(Stroke),
+}
+
+/// What a brush has touched since it was put down.
+struct Stroke {
+    template: u32,
+    /// In the template's frame.
+    centres: Vec<DVec3>,
+    /// Where the pointer was since the last picture.
+    pending_px: Vec<[f64; 2]>,
+    last_px: [f64; 2],
+}
+
+impl Editing {
+    /// The handle that is drawn bright.
+    pub(super) fn hot(&self) -> Option<Handle> {
+        match &self.grip {
+            Some(Grip::Handle(drag)) => Some(drag.handle()),
+            Some(Grip::Brush(_)) => None,
+            None => self.hovered,
+        }
+    }
+}
+
+impl Live {
+    /// Pixels of a point of the interface.
+    pub(super) fn per_point(&self) -> f64 {
+        f64::from(self.ui.egui_ctx().pixels_per_point())
+    }
+
+    /// Where the pointer is, points of the interface.
+    pub(super) fn pointer_points(&self) -> [f64; 2] {
+        self.controls.pointer_px().map(|v| v / self.per_point())
+    }
+
+    /// The camera with points of the interface for pixels: handles are laid out and held in these.
+    pub(super) fn handle_camera(&self) -> Camera {
+        let (camera, per_point) = (self.navigator.camera(self.swapchain.size_px()), self.per_point());
+        let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v / per_point);
+        Camera { fx, fy, cx, cy, ..camera }
+    }
+
+    /// The handles of what is chosen, as the camera sees them now.
+    pub(super) fn gizmo(&self) -> Option<Gizmo> {
+        if self.has_brush() || self.boxing.on {
+            return None;
+        }
+        let centre = self.stage.editor().chosen_centre(self.stage.scene())?;
+        Gizmo::new(self.editing.mode, centre, &self.handle_camera())
+    }
+
+    /// True if clicks and drags erase: what they erase from is chosen.
+    fn has_brush(&self) -> bool {
+        self.editing.panel.brush.on && !self.stage.editor().chosen().is_empty()
+    }
+
+    /// Where the brush is, and how far it reaches on what is chosen, pixels; `None` if it is put away.
+    pub(super) fn brush_px(&self) -> Option<([f64; 2], f64)> {
+        let (brush, scene, editor) = (self.editing.panel.brush, self.stage.scene(), self.stage.editor());
+        let centre = editor.chosen_centre(scene).filter(|_| brush.on)?;
+        let scale = scene.instances[*editor.chosen().first()?].world_from_template.scale();
+        let camera = self.navigator.camera(self.swapchain.size_px());
+        let depth = camera.view_from_point(centre).z;
+        (depth > 0.0).then(|| (self.controls.pointer_px(), brush.radius * scale * camera.fy / depth))
+    }
+
+    /// The pointer is somewhere else, maybe over the interface; true if the picture changes with it.
+    pub(super) fn hover(&mut self, over_interface: bool) -> bool {
+        if self.boxing.on {
+            return self.box_hover(over_interface);
+        }
+        let (at, has_brush) = (self.controls.pointer_px(), self.has_brush());
+        match &mut self.editing.grip {
+            Some(Grip::Handle(_)) => return true,
+            Some(Grip::Brush(stroke)) => {
+                let far = (at[0] - stroke.last_px[0]).hypot(at[1] - stroke.last_px[1]) >= BRUSH_STEP_PX;
+                if far {
+                    stroke.last_px = at;
+                    stroke.pending_px.push(at);
+                }
+                return true;
+            }
+            // Its circle goes with the pointer.
+            None if has_brush => return true,
+            None => {}
+        }
+        let hovered = self.gizmo().filter(|_| !over_interface).and_then(|gizmo| gizmo.handle_at(self.pointer_points()));
+        std::mem::replace(&mut self.editing.hovered, hovered) != hovered
+    }
+
+    /// The left button goes down over the picture; true if it takes hold of something.
+    pub(super) fn grab(&mut self) -> Result<bool, PlayerError> {
+        self.let_go()?;
+        self.controls.forget_hold();
+        if self.controls.shift {
+            // A click chooses one more, a drag moves the view.
+            return Ok(false);
+        }
+        if self.boxing.on {
+            return Ok(self.box_grab());
+        }
+        self.editing.grip = if self.has_brush() {
+            let at = self.controls.pointer_px();
+            let touched = self.instance_at(at)?;
+            let (scene, editor) = (self.stage.scene(), self.stage.editor());
+            let template = touched.map(|k| scene.instances[k].template);
+            // Of what is chosen: a stroke that begins elsewhere turns the view.
+            template.filter(|&template| editor.has_chosen_of(scene, template)).map(|template| {
+                Grip::Brush(Stroke { template, centres: Vec::new(), pending_px: vec![at], last_px: at })
+            })
+        } else {
+            let (gizmo, at) = (self.gizmo(), self.pointer_points());
+            let drag = gizmo.and_then(|gizmo| gizmo.handle_at(at).and_then(|handle| gizmo.grab(handle, at)));
+            if drag.is_some() {
+                self.controls.take_hold();
+            }
+            drag.map(Grip::Handle)
+        };
+        if self.editing.grip.is_some() {
+            // What a field of the panel began is a change of its own.
+            self.stage.finish_live();
+        }
+        Ok(self.editing.grip.is_some())
+    }
+
+    /// What is held goes where the pointer is. Done once for a picture, however many events came before it.
+    pub(super) fn follow_grip(&mut self) -> Result<(), PlayerError> {
+        match self.editing.grip.take() {
+            Some(Grip::Handle(drag)) => {
+                let moves = !self.controls.holds_still();
+                let motion = moves.then(|| drag.motion(&self.handle_camera(), self.pointer_points())).flatten();
+                if let (Some(motion), Some(which)) = (motion, self.stage.editor().selector()) {
+                    let done = self.stage.edit_live(&motion.edit(which))?;
+                    self.said(done);
+                }
+                self.editing.grip = Some(Grip::Handle(drag));
+            }
+            Some(Grip::Brush(mut stroke)) => {
+                self.stroke(&mut stroke)?;
+                self.editing.grip = Some(Grip::Brush(stroke));
+            }
+            None => self.box_follow(),
+        }
+        Ok(())
+    }
+
+    /// True if closing the window would lose changes of the scene or of boxes.
+    pub(super) fn is_unsaved(&self) -> bool {
+        self.stage.editor().is_unsaved() || self.boxing.is_unsaved()
+    }
+
+    /// True while something is dragged.
+    pub(super) fn is_held(&self) -> bool {
+        self.editing.grip.is_some() || self.boxing.is_held()
+    }
+
+    /// Erases where the brush went since the last picture.
+    fn stroke(&mut self, stroke: &mut Stroke) -> Result<(), PlayerError> {
+        let before = stroke.centres.len();
+        for at in std::mem::take(&mut stroke.pending_px) {
+            let touched = self.stage.template_point_at(self.in_picture(at));
+            let touched = self.found(touched)?;
+            stroke.centres.extend(touched.filter(|touched| touched.0 == stroke.template).map(|touched| touched.1));
+        }
+        if stroke.centres.len() == before {
+            return Ok(());
+        }
+        let (template, radius) = (stroke.template, self.editing.panel.brush.radius);
+        let erase = |centres: &[DVec3]| Edit::Erase { template, centres: centres.to_vec(), radius };
+        let done = self.stage.edit_live(&erase(&stroke.centres))?;
+        if done.is_err() {
+            // Nothing would be left: what was erased before stays so.
+            stroke.centres.truncate(before);
+            if before > 0 {
+                self.stage.edit_live(&erase(&stroke.centres))?.ok();
+            }
+        }
+        self.said(done);
+        Ok(())
+    }
+
+    /// What was held stays where it is now: one change. False if nothing was held.
+    pub(super) fn let_go(&mut self) -> Result<bool, PlayerError> {
+        self.follow_grip()?;
+        let held = self.editing.grip.take().is_some();
+        if held {
+            self.stage.finish_live();
+        }
+        Ok(held | self.box_let_go())
+    }
+
+    /// What was held goes back to where it was, or the brush is put away. False if there was neither.
+    pub(super) fn drop_grip(&mut self) -> Result<bool, PlayerError> {
+        if self.editing.grip.take().is_some() {
+            self.stage.cancel_live()?;
+            return Ok(true);
+        }
+        Ok(std::mem::take(&mut self.editing.panel.brush.on))
+    }
+
+    /// Does what the panel asks for.
+    pub(super) fn act(&mut self, actions: Vec<Action>) -> Result<(), PlayerError> {
+        for action in actions {
+            match action {
+                Action::Edit(edit) => {
+                    let done = self.stage.edit(&edit)?;
+                    self.said(done);
+                }
+                Action::Live(edit) => {
+                    let done = self.stage.edit_live(&edit)?;
+                    self.said(done);
+                }
+                Action::Finish => self.stage.finish_live(),
+                Action::Cancel => self.stage.cancel_live()?,
+                Action::Undo => self.hud.message = self.stage.undo()?.err(),
+                Action::Redo => self.hud.message = self.stage.redo()?.err(),
+                Action::Hide => drop(self.stage.hide_chosen()?),
+                Action::ShowAll => drop(self.stage.show_all()?),
+                Action::ChooseAlike => self.stage.choose_alike(),
+                Action::ChooseGroup => self.stage.choose_group(),
+                Action::Mode(mode) => self.editing.mode = mode,
+                Action::Write(path) => self.write(&path),
+            }
+        }
+        Ok(())
+    }
+
+    /// Lays out the panel, where the interface is shown; what its user wants done.
+    pub(super) fn lay_out_panel(&mut self, ctx: &egui::Context) -> Vec<Action> {
+        if !self.hud.visible || self.boxing.on || self.stage.scene().instances.is_empty() {
+            return Vec::new();
+        }
+        let [_, _, up] = self.navigator.level_axes();
+        let facts = EditFacts {
+            scene: self.stage.scene(),
+            editor: self.stage.editor(),
+            up,
+            step: self.number_step(),
+            beside: self.beside(),
+            mode: self.editing.mode,
+            file: self.save_path().display().to_string(),
+        };
+        self.editing.panel.lay_out(ctx, &facts)
+    }
+
+    /// Saves under another name, from now on the scene's, or exports.
+    fn write(&mut self, path: &Path) {
+        self.stage.finish_live();
+        let saves = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
+        if saves {
+            return self.save(path);
+        }
+        let [_, _, up] = self.navigator.level_axes();
+        self.hud.message = Some(match self.stage.export(path, up) {
+            Ok(()) => format!("exported to {}", path.display()),
+            Err(error) => error.to_string(),
+        });
+    }
+
+    /// What there is to say of an edit.
+    fn said(&mut self, done: Result<EditOutcome, String>) {
+        match done {
+            Ok(outcome) => self.hud.message = outcome.warnings.into_iter().next(),
+            Err(reason) => self.hud.message = Some(reason),
+        }
+        self.warned = None;
+    }
+
+    /// Keys that change the scene; false for others.
+    pub(super) fn edit_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
+        if self.boxing.on && self.box_key(code)? {
+            return Ok(true);
+        }
+        if self.controls.control {
+            if matches!(code, KeyCode::KeyZ | KeyCode::KeyY | KeyCode::KeyS) {
+                self.let_go()?;
+            }
+            let done = match code {
+                KeyCode::KeyZ if self.controls.shift => self.stage.redo()?,
+                KeyCode::KeyZ => self.stage.undo()?,
+                KeyCode::KeyY => self.stage.redo()?,
+                KeyCode::KeyS => {
+                    self.save(&self.save_path());
+                    Ok(true)
+                }
+                KeyCode::KeyH => {
+                    self.let_go()?;
+                    Ok(if self.controls.shift { self.stage.show_all()? } else { self.stage.hide_chosen()? })
+                }
+                KeyCode::KeyD => Ok(true),
+                _ => return Ok(false),
+            };
+            match done {
+                Ok(true) => {}
+                Ok(false) => {
+                    let nothing = if code == KeyCode::KeyH { "hide or to show" } else { "take back or to do again" };
+                    self.hud.message = Some(format!("there is nothing to {nothing}"));
+                }
+                Err(reason) => self.hud.message = Some(reason),
+            }
+            if code != KeyCode::KeyD {
+                return Ok(true);
+            }
+        }
+        let mode = match code {
+            KeyCode::KeyM => Some(GizmoMode::Move),
+            KeyCode::KeyT => Some(GizmoMode::Turn),
+            KeyCode::KeyX => Some(GizmoMode::Scale),
+            KeyCode::KeyN => Some(GizmoMode::Off),
+            _ => None,
+        };
+        if let Some(mode) = mode {
+            self.let_go()?;
+            self.editing.mode = mode;
+            return Ok(true);
+        }
+        let Some(which) = self.stage.editor().selector() else { return Ok(false) };
+        let edit = match code {
+            KeyCode::KeyD if self.controls.control => Edit::Duplicate { which, by: self.beside(), turn: None },
+            KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
+            _ => match self.key_motion(code) {
+                Some(motion) => motion.edit(which),
+                None => return Ok(false),
+            },
+        };
+        self.let_go()?;
+        let done = self.stage.edit(&edit)?;
+        self.said(done);
+        Ok(true)
+    }
+
+    /// Where the scene is saved: the file it is from, if that is an `.instgs`; else one beside it, under a name that is free.
+    fn save_path(&self) -> PathBuf {
+        let beside = self.path.with_extension("instgs");
+        if beside == self.path || !beside.exists() { beside } else { self.free_name("instgs") }
+    }
+
+    /// Saves to a file, which is the scene's from now on. What could not be opened is not overwritten.
+    fn save(&mut self, path: &Path) {
+        if !self.has_scene {
+            self.hud.message = Some(format!("{} was not opened: there is nothing to save", self.path.display()));
+            return;
+        }
+        self.hud.message = Some(match self.stage.save(path) {
+            Ok(()) => {
+                self.path = path.to_path_buf();
+                format!("saved to {}", path.display())
+            }
+            Err(error) => error.to_string(),
+        });
+    }
+}

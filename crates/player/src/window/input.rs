@@ -1,0 +1,300 @@
+//! Events of the window, as what they change.
+
+use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
+use winit::keyboard::{Key, KeyCode, PhysicalKey};
+use winit::window::Fullscreen;
+
+use super::keeping::step;
+use super::{After, Live, WindowJob};
+use crate::controls::{Button, FlightKey};
+use crate::error::PlayerError;
+use crate::views::View;
+
+/// Points of a touch pad's scroll that count as one step of a wheel.
+const POINTS_PER_STEP: f64 = 40.0;
+/// What one press of a speed key does.
+const SPEED_STEP: f64 = 1.5;
+
+impl Live {
+    /// What an event of the window changes.
+    pub(super) fn event(&mut self, event: &WindowEvent, job: &WindowJob) -> Result<After, PlayerError> {
+        let response = self.ui.on_window_event(&self.window, event);
+        let height = f64::from(self.swapchain.size_px()[1]);
+        let changed = match event {
+            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
+                self.controls.per_point = self.window.scale_factor();
+                self.resize()?;
+                true
+            }
+            WindowEvent::Focused(false) => {
+                let held = self.let_go()?;
+                self.controls.let_go();
+                held
+            }
+            WindowEvent::ModifiersChanged(modifiers) => {
+                let state = modifiers.state();
+                (self.controls.shift, self.controls.control) =
+                    (state.shift_key(), state.control_key() || state.super_key());
+                false
+            }
+            WindowEvent::CursorMoved { position, .. } => {
+                let moved = self.controls.pointer_moved([position.x, position.y], &mut self.navigator, height);
+                moved | self.hover(response.consumed)
+            }
+            WindowEvent::MouseInput { state, button, .. } => {
+                let consumed = response.consumed || self.is_over_interface();
+                self.button(*state, *button, consumed)?
+            }
+            WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
+                let steps = match delta {
+                    MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
+                    MouseScrollDelta::PixelDelta(by) => by.y / (POINTS_PER_STEP * self.per_point()),
+                };
+                self.navigator.zoom(steps, self.controls.pointer_px(), self.swapchain.size_px());
+                steps != 0.0
+            }
+            // A key that was held already when the window got the keyboard was meant for another one.
+            WindowEvent::KeyboardInput { event, is_synthetic, .. } if !(*is_synthetic && event.state.is_pressed()) => {
+                let Some(code) = code_of(event, self.controls.control) else { return Ok(After::Nothing) };
+                let down = event.state == ElementState::Pressed;
+                match self.key_event(code, down, event.repeat, response.consumed)? {
+                    After::Nothing => false,
+                    after => return Ok(after),
+                }
+            }
+            WindowEvent::DroppedFile(path) => {
+                // Named, so that the second of two files that are dropped together is not taken for the answer.
+                let name = path.file_name().unwrap_or_default().to_string_lossy();
+                if !self.asks_first(&format!("dropping {name} once more opens it without")) {
+                    self.open_file(path, job)?;
+                }
+                true
+            }
+            _ => false,
+        };
+        Ok(if changed || response.repaint { After::Redraw } else { After::Nothing })
+    }
+
+    fn button(&mut self, state: ElementState, button: MouseButton, consumed: bool) -> Result<bool, PlayerError> {
+        let button = match button {
+            MouseButton::Left => Button::Left,
+            MouseButton::Right => Button::Right,
+            MouseButton::Middle => Button::Middle,
+            _ => return Ok(false),
+        };
+        if state == ElementState::Pressed {
+            self.warned = None;
+            let grabbed = !consumed && button == Button::Left && self.grab()?;
+            if !(consumed || grabbed) {
+                self.controls.pressed(button);
+            }
+            return Ok(false);
+        }
+        let seconds = self.opened.elapsed().as_secs_f64();
+        if button == Button::Left && self.is_held() {
+            self.let_go()?;
+            // A handle that was clicked is not dragged, and not what is behind it.
+            return match self.controls.let_hold_go(seconds) {
+                Some(click) if click.double => self.focus_at(click.at_px),
+                _ => {
+                    self.box_stays();
+                    Ok(true)
+                }
+            };
+        }
+        let Some(click) = self.controls.released(button, seconds) else { return Ok(false) };
+        if click.double {
+            return self.focus_at(click.at_px);
+        }
+        if self.boxing.on {
+            self.box_click(click.at_px)?;
+        } else {
+            let instance = self.instance_at(click.at_px)?;
+            self.stage.click(instance, self.controls.shift);
+        }
+        self.controls.click_done(self.opened.elapsed().as_secs_f64());
+        Ok(true)
+    }
+
+    /// After a double click: turns about what is at a place of the window from now on; false if nothing is there.
+    fn focus_at(&mut self, at_px: [f64; 2]) -> Result<bool, PlayerError> {
+        self.box_unclick();
+        let point = self.stage.point_at(self.in_picture(at_px));
+        let point = self.found(point)?;
+        if let Some(point) = point {
+            self.navigator.focus(point);
+        }
+        Ok(point.is_some())
+    }
+
+    /// The instance at a place of the window. Where the device has no room to find it, there is none, and the message says so.
+    pub(super) fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
+        self.hud.message = None;
+        let instance = self.stage.instance_at(self.in_picture(at_px));
+        self.found(instance)
+    }
+
+    /// What was found in a picture: nothing, and a message, where the device had no room to look.
+    pub(super) fn found<T>(&mut self, found: Result<Option<T>, PlayerError>) -> Result<Option<T>, PlayerError> {
+        match found {
+            Err(error) if error.is_out_of_memory() => {
+                self.hud.message = Some(error.to_string());
+                Ok(None)
+            }
+            found => found,
+        }
+    }
+
+    /// True if the pointer is over a part of the interface. What an event says of it is of the last picture, since when the
+    /// pointer may have gone there.
+    fn is_over_interface(&self) -> bool {
+        let ctx = self.ui.egui_ctx();
+        let [x, y] = self.pointer_points();
+        ctx.layer_id_at(egui::pos2(x as f32, y as f32)).is_some_and(|layer| layer.order != egui::Order::Background)
+    }
+
+    /// A place in the window as one in the last picture, which may have fewer pixels.
+    pub(super) fn in_picture(&self, at_px: [f64; 2]) -> [f64; 2] {
+        let shown = self.swapchain.size_px();
+        let picture = self.stage.size_px().unwrap_or(shown);
+        [0, 1].map(|axis| at_px[axis] * f64::from(picture[axis]) / f64::from(shown[axis].max(1)))
+    }
+
+    /// A key goes down or up; `consumed` by the interface.
+    pub(super) fn key_event(
+        &mut self,
+        code: KeyCode,
+        down: bool,
+        repeats: bool,
+        consumed: bool,
+    ) -> Result<After, PlayerError> {
+        // A field of the interface takes keys while it is typed into; saving is no text.
+        let consumed = consumed && !(self.controls.control && code == KeyCode::KeyS);
+        let flight = flight_key(code).filter(|_| !self.controls.control || !down);
+        if let Some(key) = flight {
+            self.controls.flight_key(key, down && !consumed);
+            return Ok(if down { After::Redraw } else { After::Nothing });
+        }
+        if down && !consumed { self.key(code, repeats) } else { Ok(After::Nothing) }
+    }
+
+    fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
+        self.hud.message = None;
+        self.warned.take_if(|_| code != KeyCode::Escape);
+        if self.edit_key(code)? {
+            return Ok(After::Redraw);
+        }
+        // With Ctrl a key means something else, or nothing.
+        if repeats || self.controls.control {
+            return Ok(After::Nothing);
+        }
+        if let Some(view) = view_key(code) {
+            self.stage.options.show = view.show(self.navigator.distance());
+            return Ok(After::Redraw);
+        }
+        match code {
+            // Closes the list of views.
+            KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
+            KeyCode::Escape if self.drop_grip()? => {}
+            KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
+            KeyCode::Escape => return Ok(self.leave("Escape once more leaves")),
+            KeyCode::KeyB => self.toggle_boxes()?,
+            KeyCode::KeyF => self.find_rest(),
+            KeyCode::KeyG => {
+                self.let_go()?;
+                self.stage.choose_alike();
+            }
+            KeyCode::KeyO if self.boxing.on => self.toggle_other_sizes(),
+            KeyCode::KeyH => self.hud.visible = !self.hud.visible,
+            KeyCode::KeyR => self.navigator = self.home.clone(),
+            KeyCode::BracketLeft => self.navigator.change_speed(1.0 / SPEED_STEP),
+            KeyCode::BracketRight => self.navigator.change_speed(SPEED_STEP),
+            KeyCode::PageDown => step(&mut self.cameras, 1, &mut self.navigator, &mut self.hud),
+            KeyCode::PageUp => step(&mut self.cameras, -1, &mut self.navigator, &mut self.hud),
+            KeyCode::KeyV => step(&mut self.kept, 1, &mut self.navigator, &mut self.hud),
+            KeyCode::KeyC => self.keep_camera(),
+            KeyCode::KeyP => self.record_path(),
+            KeyCode::F11 => {
+                let full = self.window.fullscreen().is_none();
+                self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+            }
+            KeyCode::F12 => self.write_picture(),
+            _ => return Ok(After::Nothing),
+        }
+        Ok(After::Redraw)
+    }
+}
+
+/// What a key means: those that fly by their place on the keyboard, others by what is written on them where that is a letter
+/// or a sign that means something here, so that Ctrl+Z is where a layout has its Z.
+fn code_of(event: &KeyEvent, control: bool) -> Option<KeyCode> {
+    let place = match event.physical_key {
+        PhysicalKey::Code(code) => Some(code),
+        PhysicalKey::Unidentified(_) => None,
+    };
+    let flies = !control || !event.state.is_pressed();
+    match &event.logical_key {
+        Key::Character(text) if !place.is_some_and(|code| flies && flight_key(code).is_some()) => {
+            written_key(text).or(place)
+        }
+        _ => place,
+    }
+}
+
+/// The key of a US keyboard that has this letter or sign; `None` for those that mean nothing here.
+fn written_key(text: &str) -> Option<KeyCode> {
+    use KeyCode::{
+        KeyA, KeyB, KeyC, KeyD, KeyE, KeyF, KeyG, KeyH, KeyI, KeyJ, KeyK, KeyL, KeyM, KeyN, KeyO, KeyP, KeyQ, KeyR,
+        KeyS, KeyT, KeyU, KeyV, KeyW, KeyX, KeyY, KeyZ,
+    };
+    const LETTERS: [KeyCode; 26] = [
+        KeyA, KeyB, KeyC, KeyD, KeyE, KeyF, KeyG, KeyH, KeyI, KeyJ, KeyK, KeyL, KeyM, KeyN, KeyO, KeyP, KeyQ, KeyR,
+        KeyS, KeyT, KeyU, KeyV, KeyW, KeyX, KeyY, KeyZ,
+    ];
+    let mut characters = text.chars();
+    let (first, None) = (characters.next()?.to_ascii_lowercase(), characters.next()) else { return None };
+    match first {
+        'a'..='z' => LETTERS.get(first as usize - 'a' as usize).copied(),
+        '+' => Some(KeyCode::Equal),
+        '-' => Some(KeyCode::Minus),
+        ',' => Some(KeyCode::Comma),
+        '.' => Some(KeyCode::Period),
+        '[' => Some(KeyCode::BracketLeft),
+        ']' => Some(KeyCode::BracketRight),
+        _ => None,
+    }
+}
+
+/// The view that a digit chooses.
+fn view_key(code: KeyCode) -> Option<View> {
+    use KeyCode::{Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9};
+    let digits = [Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9];
+    digits.iter().position(|&digit| digit == code).map(|k| View::ALL[k])
+}
+
+fn flight_key(code: KeyCode) -> Option<FlightKey> {
+    Some(match code {
+        KeyCode::KeyW => FlightKey::Forward,
+        KeyCode::KeyS => FlightKey::Back,
+        KeyCode::KeyA => FlightKey::Left,
+        KeyCode::KeyD => FlightKey::Right,
+        KeyCode::KeyE => FlightKey::Up,
+        KeyCode::KeyQ => FlightKey::Down,
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_known_by_what_is_written_on_them() {
+        for (text, code) in [("z", KeyCode::KeyZ), ("Z", KeyCode::KeyZ), ("a", KeyCode::KeyA), ("+", KeyCode::Equal)] {
+            assert_eq!(written_key(text), Some(code), "{text}");
+        }
+        for text in ["", "1", "ab", "\u{44f}", "{"] {
+            assert_eq!(written_key(text), None, "{text}");
+        }
+    }
+}

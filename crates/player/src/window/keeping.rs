@@ -1,0 +1,108 @@
+//! What goes to files beside the scene: cameras, camera paths, pictures.
+
+use std::path::{Path, PathBuf};
+
+use super::Live;
+use crate::io::{read_cameras, write_cameras};
+use crate::hud::Hud;
+use crate::navigation::Navigator;
+use crate::recording::{PATH_FPS, Recording};
+use crate::scene::Camera;
+
+impl Live {
+    /// Keeps the camera, in memory and in a camera file beside the scene.
+    pub(super) fn keep_camera(&mut self) {
+        let path = cameras_path(&self.path);
+        if let (true, true, Err(error)) = (self.kept.0.is_empty(), path.exists(), read_cameras(&path)) {
+            self.hud.message = Some(format!("{error}; it is not written over"));
+            return;
+        }
+        let mut camera = self.navigator.camera(self.swapchain.size_px());
+        camera.name = format!("{:03}", self.kept.0.len());
+        self.kept.0.push(camera);
+        self.kept.1 = None;
+        self.hud.message = Some(match write_cameras(&path, &self.kept.0) {
+            Ok(()) => format!("camera {} is in {}", self.kept.0.len(), path.display()),
+            Err(error) => error.to_string(),
+        });
+    }
+
+    /// Begins to record the camera path, or ends it and writes it beside the scene.
+    pub(super) fn record_path(&mut self) {
+        let Some(recording) = self.recording.take() else {
+            self.recording = Some(Recording::default());
+            self.hud.message = Some("the camera path is recorded: P ends it".into());
+            return;
+        };
+        let (path, cameras) = (self.free_name("path.json"), recording.cameras());
+        self.hud.message = Some(match write_cameras(&path, &cameras) {
+            Ok(()) => format!(
+                "{} cameras, {PATH_FPS} per second: instgs-vk render --camera {}",
+                cameras.len(),
+                path.display()
+            ),
+            Err(error) => error.to_string(),
+        });
+    }
+
+    /// Beside the scene, the first name with this ending that is free.
+    pub(super) fn free_name(&self, ending: &str) -> PathBuf {
+        let mut names = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.{ending}")));
+        names.find(|path| !path.exists()).unwrap_or_default()
+    }
+
+    /// Writes the last picture beside the scene.
+    pub(super) fn write_picture(&mut self) {
+        let path = self.free_name("png");
+        self.hud.message = Some(match self.stage.screenshot(&path) {
+            Ok(()) => path.display().to_string(),
+            Err(error) => error.to_string(),
+        });
+    }
+}
+
+/// The next or previous of some cameras, all round; from none to the first or the last.
+pub(super) fn step(
+    (cameras, at): &mut (Vec<Camera>, Option<usize>),
+    by: isize,
+    navigator: &mut Navigator,
+    hud: &mut Hud,
+) {
+    if cameras.is_empty() {
+        hud.message = Some("there are no cameras to step through (--data DIR, or C keeps one)".into());
+        return;
+    }
+    let next = stepped(*at, by, cameras.len());
+    let camera = &cameras[next];
+    navigator.stand_at(camera);
+    hud.message = Some(format!("camera {} of {}: {}", next + 1, cameras.len(), camera.name));
+    *at = Some(next);
+}
+
+/// The index `by` from `at`, all round `count` of them; forward from none is the first, backward the last.
+fn stepped(at: Option<usize>, by: isize, count: usize) -> usize {
+    let from = at.map_or(if by > 0 { -1 } else { 0 }, |at| at as isize);
+    (from + by).rem_euclid(count as isize) as usize
+}
+
+/// Where kept cameras of a scene are; `render --camera` takes them too.
+fn cameras_path(scene: &Path) -> PathBuf {
+    scene.with_extension("cameras.json")
+}
+
+/// The cameras kept earlier; none if there is no such file, or another program's.
+pub(super) fn kept_cameras(scene: &Path) -> Vec<Camera> {
+    read_cameras(&cameras_path(scene)).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::stepped;
+
+    #[test]
+    fn back_and_forth_is_where_one_was() {
+        assert_eq!((stepped(None, 1, 3), stepped(None, -1, 3)), (0, 2));
+        assert_eq!((stepped(Some(0), 1, 3), stepped(Some(2), 1, 3), stepped(Some(0), -1, 3)), (1, 0, 2));
+        assert_eq!(stepped(Some(stepped(Some(1), 1, 3)), -1, 3), 1);
+    }
+}

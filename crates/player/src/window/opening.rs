@@ -1,0 +1,192 @@
+//! From a file and a window to the first picture: devices, also anew after a loss, and scenes.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use raw_window_handle::{HasDisplayHandle, HasWindowHandle, RawDisplayHandle, RawWindowHandle};
+use winit::dpi::PhysicalSize;
+use winit::event_loop::ActiveEventLoop;
+use winit::window::Window;
+
+use super::boxing::Boxing;
+use super::editing::Editing;
+use super::keeping::kept_cameras;
+use super::{Live, WindowJob, window_error};
+use crate::gpu::{Gpu, GpuOptions, PresentMode, Swapchain, UiPainter};
+use crate::io::load_scene;
+use crate::clock::FrameClock;
+use crate::controls::Controls;
+use crate::error::PlayerError;
+use crate::hud::Hud;
+use crate::navigation::{Navigator, vertical_of};
+use crate::resolution::Resolution;
+use crate::stage::{PixelTimes, Stage};
+use crate::views::View;
+use crate::render::{FrameStats, Show};
+use crate::scene::InstancedScene;
+use crate::scene::trajectory::Orbit;
+
+impl Live {
+    pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
+        let title = job.path.file_name().map_or("instgs".into(), |name| name.to_string_lossy().into_owned());
+        let attributes = Window::default_attributes()
+            .with_title(format!("{title} - instgs-player"))
+            .with_inner_size(PhysicalSize::new(job.size_px.0, job.size_px.1));
+        let window = Arc::new(event_loop.create_window(attributes).map_err(window_error)?);
+        let (gpu, swapchain, painter, ui) = open_device(&window, job, job.mode)?;
+        let navigator = Navigator::around(&Orbit::around(&InstancedScene::default(), job.up));
+        let mut live = Self {
+            painter,
+            stage: Stage::new(&gpu, InstancedScene::default(), job.options)?,
+            swapchain,
+            gpu,
+            ui,
+            window,
+            title,
+            file_bytes: 0,
+            home: navigator.clone(),
+            navigator,
+            controls: Controls::default(),
+            hud: Hud { visible: job.frames.is_none(), message: None },
+            clock: FrameClock::default(),
+            stats: FrameStats::default(),
+            arrived: Vec::new(),
+            pixel_times: PixelTimes::default(),
+            // The first of the data set is where the view starts.
+            cameras: (std::mem::take(&mut job.cameras), Some(0)),
+            kept: (kept_cameras(&job.path), None),
+            has_scene: false,
+            opened: Instant::now(),
+            last_shown: None,
+            next_mode: None,
+            warned: None,
+            script: std::mem::take(&mut job.script),
+            waited: 0,
+            resolution: Resolution::with_budget(job.budget_ms),
+            refine_at: None,
+            refine: false,
+            ui_at: None,
+            recording: None,
+            reopened: None,
+            validation_message: None,
+            editing: Editing::default(),
+            boxing: Boxing::default(),
+            path: job.path.clone(),
+        };
+        live.controls.per_point = live.window.scale_factor();
+        let scene = std::mem::replace(&mut job.scene, Err(String::new()));
+        live.take_scene(scene, job)?;
+        live.check_mode(job.mode);
+        if let Some((path, boxes)) = job.boxes.take() {
+            live.boxing = Boxing::from_file(path, boxes);
+        }
+        Ok(live)
+    }
+
+    /// The same on a device that is opened anew, since the one that there was is lost.
+    pub(super) fn reopen(self, job: &WindowJob, reason: &PlayerError) -> Result<Self, PlayerError> {
+        let mode = self.swapchain.mode();
+        let last = self.gpu.validation_messages().take().into_iter().next();
+        // All that is of the old device, the window's images before those of the new one.
+        drop((self.painter, self.swapchain));
+        let (gpu, swapchain, painter, ui) = open_device(&self.window, job, mode)?;
+        let stage = Stage::reopened(&gpu, self.stage)?;
+        let hud = Hud { message: Some(format!("{reason}; drawing goes on with a device opened anew")), ..self.hud };
+        Ok(Self {
+            painter,
+            stage,
+            swapchain,
+            gpu,
+            ui,
+            hud,
+            last_shown: None,
+            reopened: Some(Instant::now()),
+            validation_message: self.validation_message.or(last),
+            ..self
+        })
+    }
+
+    /// Shows a scene, or says why there is none.
+    pub(super) fn take_scene(
+        &mut self,
+        scene: Result<(InstancedScene, u64), String>,
+        job: &WindowJob,
+    ) -> Result<(), PlayerError> {
+        let (scene, bytes) = match scene {
+            Ok(scene) => scene,
+            Err(reason) => {
+                self.hud.message = Some(reason);
+                return Ok(());
+            }
+        };
+        let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.cameras.0)));
+        self.home = Navigator::around(&orbit);
+        if let Some(camera) = self.cameras.0.first() {
+            self.home.stand_at(camera);
+            self.home.aim_at(orbit.center);
+        }
+        self.navigator = self.home.clone();
+        let mut options = self.stage.options;
+        options.render.antialias = job.antialias.unwrap_or(scene.antialias);
+        if let Show::Depth(_) = options.show {
+            options.show = View::Depth.show(orbit.distance);
+        }
+        self.editing = Editing::default();
+        self.stop_search();
+        self.boxing = Boxing::default();
+        (self.recording, self.refine_at, self.warned) = (None, None, None);
+        self.file_bytes = bytes;
+        self.clock.clear();
+        self.has_scene = false;
+        match self.stage.open(scene, options) {
+            Ok(()) => self.has_scene = true,
+            Err(error) if error.is_lost() => return Err(error),
+            // Of no use to this device; the next file may be.
+            Err(error) => self.hud.message = Some(error.to_string()),
+        }
+        Ok(())
+    }
+
+    /// Opens a file that was dropped on the window; what is wrong with it is said in the window.
+    pub(super) fn open_file(&mut self, path: &Path, job: &WindowJob) -> Result<(), PlayerError> {
+        let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes)).map_err(|e| e.to_string());
+        if loaded.is_ok() {
+            self.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+            self.path = path.to_path_buf();
+            self.window.set_title(&format!("{} - instgs-player", self.title));
+            self.cameras = (Vec::new(), None);
+            self.kept = (kept_cameras(path), None);
+            self.hud.message = None;
+        }
+        self.take_scene(loaded, job)
+    }
+}
+
+/// A device for a window, the window's images, and the interface over them.
+fn open_device(
+    window: &Window,
+    job: &WindowJob,
+    mode: PresentMode,
+) -> Result<(Arc<Gpu>, Swapchain, UiPainter, egui_winit::State), PlayerError> {
+    let (display, handle) = handles(window)?;
+    let (device, validation) = (job.device.clone(), job.validation);
+    let options = GpuOptions { device, validation, display: Some(display), ..Default::default() };
+    let gpu = Gpu::open(&options)?;
+    let size = window.inner_size();
+    // SAFETY: `Live` keeps the window behind the swapchain, which is dropped first; the device was opened for its display.
+    let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], mode) }?;
+    let painter = UiPainter::new(&gpu, &swapchain)?;
+    let scale = window.scale_factor() as f32;
+    let ctx = egui::Context::default();
+    // Each blink would be a picture of the scene.
+    ctx.all_styles_mut(|style| style.visuals.text_cursor.blink = false);
+    let ui = egui_winit::State::new(ctx, egui::ViewportId::ROOT, window, Some(scale), None, None);
+    Ok((gpu, swapchain, painter, ui))
+}
+
+/// The handles of a window.
+fn handles(window: &Window) -> Result<(RawDisplayHandle, RawWindowHandle), PlayerError> {
+    let display = window.display_handle().map_err(window_error)?.as_raw();
+    Ok((display, window.window_handle().map_err(window_error)?.as_raw()))
+}

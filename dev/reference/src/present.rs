@@ -1,0 +1,296 @@
+//! Twin of kernel `present`: a picture as the bytes of a window.
+
+use glam::DVec3;
+
+use crate::math::sh::widened;
+use crate::tile_surface::SurfacePoint;
+use crate::scene::{InstancedScene, TemplateRange};
+
+/// What is shown of each pixel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Show {
+    /// Colour over the background.
+    #[default]
+    Color,
+    /// 1 - T, grey.
+    Alpha,
+    /// View depth, grey: white at the first of these depths, black at the second and where nothing is.
+    Depth([f64; 2]),
+    /// A colour for each instance, black where there is none.
+    Instances,
+    /// A colour for each template, dark grey for the background's own, black where nothing is.
+    Templates,
+    /// Heat by the pairs of the pixel's tile, palest from this many on.
+    TileLoad(f64),
+    /// Heat by the length of the position offset at the surface over the template's radius, palest from this part on.
+    Offsets(f64),
+    /// What `tile_marks` left.
+    Marks,
+}
+
+/// A picture by pixel, row by row from the top. What a view does not need may be empty.
+#[derive(Clone, Default)]
+pub struct Shown<'a> {
+    /// Width and height, pixels.
+    pub size_px: [usize; 2],
+    /// rgb over the background, and alpha.
+    pub colors: &'a [[f32; 4]],
+    /// Expected view depth; 0 where nothing is.
+    pub depths: &'a [f32],
+    /// What is shown.
+    pub show: Show,
+    /// What is at the surface; empty if it is not known.
+    pub surfaces: &'a [Option<SurfacePoint>],
+    /// By instance: around what is chosen there is a line.
+    pub chosen: &'a [bool],
+    /// Whose instances these are; needed with surfaces.
+    pub scene: Option<&'a InstancedScene>,
+    /// Side of a tile, pixels, and (splat, tile) pairs by tile, row by row.
+    pub tile_loads: (usize, &'a [u32]),
+    /// Red, green and blue where there is a mark.
+    pub marks: &'a [Option<[u8; 3]>],
+}
+
+/// Of the line around what is chosen.
+const LINE_COLOR: [f64; 3] = [1.0, 0.72, 0.0];
+/// Of 25 pixels.
+const LINE_COUNTS: std::ops::RangeInclusive<usize> = 8..=17;
+/// Of the background among templates.
+const BACKGROUND_GREY: [f64; 3] = [0.2; 3];
+
+impl Shown<'_> {
+    fn is_chosen(&self, x: i64, y: i64) -> bool {
+        let inside = |v: i64, k: usize| v.clamp(0, self.size_px[k] as i64 - 1) as usize;
+        let surface = self.surfaces[inside(y, 1) * self.size_px[0] + inside(x, 0)];
+        surface.is_some_and(|s| self.chosen.get(s.instance as usize) == Some(&true))
+    }
+
+    /// On the outline of what is chosen: of the 5x5 pixels around, a third to two thirds are.
+    fn is_line(&self, x: i64, y: i64) -> bool {
+        let around = (-2..=2).flat_map(|dy| (-2..=2).map(move |dx| (x + dx, y + dy)));
+        !self.surfaces.is_empty() && LINE_COUNTS.contains(&around.filter(|&(x, y)| self.is_chosen(x, y)).count())
+    }
+
+    fn at(&self, x: usize, y: usize) -> [f64; 3] {
+        let i = y * self.size_px[0] + x;
+        if self.is_line(x as i64, y as i64) {
+            return LINE_COLOR;
+        }
+        let surface = self.surfaces.get(i).copied().flatten();
+        match self.show {
+            Show::Color => [0, 1, 2].map(|c| f64::from(self.colors[i][c])),
+            Show::Alpha => [f64::from(self.colors[i][3]); 3],
+            Show::Depth(range) => depth_grey(f64::from(self.depths[i]), range),
+            Show::Instances => surface.and_then(|s| self.instance_color(s)).unwrap_or_default(),
+            Show::Templates => surface.map_or([0.0; 3], |s| self.template_color(s)),
+            Show::Offsets(top) => surface.map_or([0.0; 3], |s| heat(self.offset_part(s) / top)),
+            Show::Marks => self.marks[i].unwrap_or_default().map(|level| f64::from(level) / 255.0),
+            Show::TileLoad(top) => {
+                let (side, loads) = self.tile_loads;
+                heat(f64::from(loads[y / side * self.size_px[0].div_ceil(side) + x / side]) / top)
+            }
+        }
+    }
+
+    /// `None` for the background's own.
+    fn instance_color(&self, surface: SurfacePoint) -> Option<[f64; 3]> {
+        ((surface.instance as usize) < self.scene?.instances.len()).then(|| color_of(surface.instance))
+    }
+
+    /// Of the template's radius; 0 without offsets.
+    fn offset_part(&self, surface: SurfacePoint) -> f64 {
+        let of_instance = |scene: &InstancedScene| {
+            let instance = scene.instances.get(surface.instance as usize)?;
+            let offset = scene.offsets.means[(instance.first_offset? + surface.local) as usize];
+            Some((widened(offset).length(), radius(scene, scene.template_ranges[instance.template as usize])))
+        };
+        let (moved, radius) = self.scene.and_then(of_instance).unwrap_or((0.0, 1.0));
+        if moved > 0.0 { moved / radius } else { 0.0 }
+    }
+
+    fn template_color(&self, surface: SurfacePoint) -> [f64; 3] {
+        let instance = self.scene.and_then(|scene| scene.instances.get(surface.instance as usize));
+        instance.map_or(BACKGROUND_GREY, |instance| color_of(instance.template))
+    }
+
+    /// Red, green and blue of a window of `shown_px`, levels 0 to 255 before rounding.
+    pub fn levels(&self, shown_px: [usize; 2]) -> Vec<[f64; 3]> {
+        let axis = |k: usize, at: usize| {
+            let place = (at as f64 + 0.5) * self.size_px[k] as f64 / shown_px[k] as f64 - 0.5;
+            let place = place.clamp(0.0, (self.size_px[k] - 1) as f64);
+            let low = place.floor() as usize;
+            (low, (low + 1).min(self.size_px[k] - 1), place.fract())
+        };
+        let level = |i: usize| {
+            let (left, right, part_x) = axis(0, i % shown_px[0]);
+            let (top, bottom, part_y) = axis(1, i / shown_px[0]);
+            let above = mix(self.at(left, top), self.at(right, top), part_x);
+            let below = mix(self.at(left, bottom), self.at(right, bottom), part_x);
+            let value: [f64; 3] = mix(above, below, part_y);
+            value.map(|v| v.clamp(0.0, 1.0) * 255.0)
+        };
+        (0..shown_px[0] * shown_px[1]).map(level).collect()
+    }
+}
+
+/// Of the ball around the middle of the template's box that holds its centres.
+fn radius(scene: &InstancedScene, range: TemplateRange) -> f64 {
+    let means = &scene.templates.means[range.first as usize..][..range.count as usize];
+    let all = || means.iter().map(|&mean| widened(mean));
+    let low = all().fold(DVec3::INFINITY, DVec3::min);
+    let middle = 0.5 * (low + all().fold(DVec3::NEG_INFINITY, DVec3::max));
+    all().map(|mean| mean.distance(middle)).fold(0.0, f64::max)
+}
+
+fn depth_grey(depth: f64, [white, black]: [f64; 2]) -> [f64; 3] {
+    [if depth > 0.0 { ((black - depth) / (black - white)).clamp(0.0, 1.0) } else { 0.0 }; 3]
+}
+
+/// Heat colours from 0 to 1: black, violet, red, orange, pale yellow. Ever lighter, so that they can be read as grey too.
+pub fn heat(part: f64) -> [f64; 3] {
+    const STOPS: [[f64; 3]; 5] =
+        [[0.0; 3], [0.34, 0.06, 0.47], [0.80, 0.22, 0.26], [0.98, 0.62, 0.11], [1.0, 1.0, 0.8]];
+    let place = part.clamp(0.0, 1.0) * 4.0;
+    let below = (place as usize).min(3);
+    mix(STOPS[below], STOPS[below + 1], place - below as f64)
+}
+
+fn mix(a: [f64; 3], b: [f64; 3], part: f64) -> [f64; 3] {
+    std::array::from_fn(|c| a[c] + (b[c] - a[c]) * part)
+}
+
+/// Neighbours in number far apart in hue: steps of the golden angle around the colour circle.
+fn color_of(number: u32) -> [f64; 3] {
+    // As the device has it: the product is f32.
+    let turn = f64::from((number as f32 * 0.618_034).fract());
+    [0.0, 2.0 / 3.0, 1.0 / 3.0].map(|shift| {
+        let place = (turn + shift).fract() * 6.0 - 3.0;
+        0.15 + 0.85 * (place.abs() - 1.0).clamp(0.0, 1.0)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::similarity::Similarity;
+    use crate::scene::Instance;
+
+    fn scene_of(templates: &[u32]) -> InstancedScene {
+        let instance =
+            |&template: &u32| Instance { template, world_from_template: Similarity::IDENTITY, first_offset: None };
+        InstancedScene { instances: templates.iter().map(instance).collect(), ..InstancedScene::default() }
+    }
+
+    fn surface(instance: u32) -> Option<SurfacePoint> {
+        Some(SurfacePoint { instance, local: 0 })
+    }
+
+    fn levels(color: [f64; 3]) -> [f64; 3] {
+        color.map(|v| v * 255.0)
+    }
+
+    #[test]
+    fn scaling_by_hand() {
+        let colors = [[0.0, 0.0, 0.0, 1.0], [1.0, 0.5, 2.0, 0.5]];
+        let depths = [0.0, 3.0];
+        let shown = |show| Shown { size_px: [2, 1], colors: &colors, depths: &depths, show, ..Shown::default() };
+        assert_eq!(shown(Show::Color).levels([2, 1]), vec![[0.0; 3], [255.0, 127.5, 255.0]]);
+        // Four pixels: a quarter and three quarters of the way between the centres, and the ends.
+        let reds: Vec<f64> = shown(Show::Color).levels([4, 1]).iter().map(|c| c[0]).collect();
+        assert_eq!(reds, [0.0, 63.75, 191.25, 255.0]);
+        // One pixel: half way.
+        assert_eq!(shown(Show::Alpha).levels([1, 3]), vec![[191.25; 3]; 3]);
+        assert_eq!(shown(Show::Depth([2.0, 4.0])).levels([2, 1]), vec![[0.0; 3], [127.5; 3]]);
+    }
+
+    #[test]
+    fn a_line_runs_along_the_edge_of_what_is_chosen() {
+        let surfaces: Vec<_> = (0..7).map(|x| surface(u32::from(x == 6)).filter(|_| x > 0)).collect();
+        let scene = scene_of(&[0, 0]);
+        let shown = Shown {
+            size_px: [7, 1],
+            show: Show::Instances,
+            surfaces: &surfaces,
+            chosen: &[true, false],
+            scene: Some(&scene),
+            ..Shown::default()
+        };
+        let line = levels(LINE_COLOR);
+        let first = levels(color_of(0));
+        assert_eq!(shown.levels([7, 1]), [line, line, first, first, first, line, line]);
+    }
+
+    /// Single pixels of what is chosen, and single ones of others within it, have no line of their own.
+    #[test]
+    fn speckles_have_no_line() {
+        for (rest, speckle) in [(0, 1), (1, 0)] {
+            let surfaces: Vec<_> = (0..49).map(|i| surface(if i == 24 { speckle } else { rest })).collect();
+            let scene = scene_of(&[0, 0]);
+            let shown = Shown {
+                size_px: [7, 7],
+                show: Show::Instances,
+                surfaces: &surfaces,
+                chosen: &[true, false],
+                scene: Some(&scene),
+                ..Shown::default()
+            };
+            assert!(!shown.levels([7, 7]).contains(&levels(LINE_COLOR)));
+        }
+    }
+
+    #[test]
+    fn templates_share_a_color_and_the_background_is_grey() {
+        let scene = scene_of(&[1, 0, 1]);
+        let surfaces = [surface(0), surface(1), surface(2), surface(3), None];
+        let shown = Shown {
+            size_px: [5, 1],
+            show: Show::Templates,
+            surfaces: &surfaces,
+            scene: Some(&scene),
+            ..Shown::default()
+        };
+        let [first, second] = [levels(color_of(0)), levels(color_of(1))];
+        assert_eq!(shown.levels([5, 1]), [second, first, second, levels(BACKGROUND_GREY), [0.0; 3]]);
+    }
+
+    /// Two Gaussians two units apart: offsets of a quarter and of half a radius; none; and the background.
+    #[test]
+    fn offsets_by_hand() {
+        let mut scene = scene_of(&[0, 0]);
+        scene.templates.means = vec![[1.0, 5.0, 0.0], [3.0, 5.0, 0.0]];
+        scene.template_ranges = vec![TemplateRange { first: 0, count: 2 }];
+        scene.instances[1].first_offset = Some(1);
+        scene.offsets.means = vec![[9.0; 3], [0.0, 0.25, 0.0], [0.3, 0.0, -0.4]];
+        let point = |instance, local| Some(SurfacePoint { instance, local });
+        let surfaces = [point(0, 1), point(1, 0), point(1, 1), point(2, 0), None];
+        let (size_px, show) = ([5, 1], Show::Offsets(0.5));
+        let shown = Shown { size_px, show, surfaces: &surfaces, scene: Some(&scene), ..Shown::default() };
+        let [none, half, full] = [0.0, 0.5, 1.0].map(|part| levels(heat(part)));
+        assert_eq!(shown.levels([5, 1]), [none, half, full, none, none]);
+    }
+
+    #[test]
+    fn tile_loads_by_hand() {
+        let show = Show::TileLoad(8.0);
+        let shown = Shown { size_px: [3, 3], show, tile_loads: (2, &[0, 2, 8, 9]), ..Shown::default() };
+        let [none, quarter, full] = [0.0, 0.25, 1.0].map(|part| levels(heat(part)));
+        let want = [none, none, quarter, none, none, quarter, full, full, full];
+        assert_eq!(shown.levels([3, 3]), want);
+    }
+
+    /// Lightness as CIE 1976 has it, of sRGB values.
+    #[test]
+    fn heat_grows_ever_lighter_in_even_steps() {
+        let linear = |v: f64| if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };
+        let lightness = |k: u32| {
+            let [r, g, b] = heat(f64::from(k) / 256.0).map(linear);
+            let y = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+            if y > 0.008856 { 116.0 * y.cbrt() - 16.0 } else { 903.3 * y }
+        };
+        let all: Vec<f64> = (0..=256).map(lightness).collect();
+        let steps: Vec<f64> = all.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        assert!(steps.iter().all(|step| (0.1..1.0).contains(step)), "{steps:?}");
+        assert!(all[0] == 0.0 && all[256] > 97.0);
+        assert_eq!((heat(-1.0), heat(7.0)), (heat(0.0), heat(1.0)));
+    }
+}

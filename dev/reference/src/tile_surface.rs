@@ -1,0 +1,99 @@
+//! Twin of kernel `tile_surface`: the Gaussian at the surface of every pixel, in f64.
+
+use crate::preprocess_instance_expand::ProjectedSplat;
+use crate::tile_blend::{ALPHA_MAX, BlendedPair, BlendedPixel, blend_row_with_pairs, candidate_boxes};
+use crate::view::View;
+use crate::scene::InstancedScene;
+
+/// A pixel's surface is where its transmittance falls below this.
+const T_SURFACE: f64 = 0.5;
+/// Not robust: a transmittance within this part of [`T_SURFACE`]: f32 products of some dozen factors are off by 1e-6.
+const MARGIN: f64 = 1e-4;
+
+/// The Gaussian at a pixel's surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SurfacePoint {
+    /// The instance, the background's own being one more than the last.
+    pub instance: u32,
+    /// Index of the Gaussian in its template, or in the background.
+    pub local: u32,
+}
+
+/// What a pixel shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Surface {
+    /// `None` where half of the light passes.
+    pub point: Option<SurfacePoint>,
+    /// No decision is so close that f32 may take another.
+    pub robust: bool,
+}
+
+/// All pixels of the view, row by row. `splats` come in depth order.
+pub fn surfaces(view: &View, splats: &[ProjectedSplat], scene: &InstancedScene) -> Vec<Surface> {
+    let firsts = first_flat(scene);
+    let boxes = candidate_boxes(view, splats);
+    let surface_of = |(pixel, pairs): &(BlendedPixel, Vec<BlendedPair>)| {
+        let mut out = Surface { point: None, robust: pixel.robust };
+        let mut transmittance = 1.0;
+        for pair in pairs {
+            transmittance *= 1.0 - pair.alpha_raw.min(ALPHA_MAX);
+            out.robust &= (transmittance / T_SURFACE - 1.0).abs() > MARGIN;
+            if transmittance < T_SURFACE {
+                let flat = splats[pair.splat].flat_index;
+                let instance = firsts.partition_point(|&first| first <= flat) - 1;
+                out.point = Some(SurfacePoint { instance: instance as u32, local: flat - firsts[instance] });
+                break;
+            }
+        }
+        out
+    };
+    let row = |y| blend_row_with_pairs(view, splats, &boxes, y).iter().map(surface_of).collect::<Vec<_>>();
+    (0..view.height).flat_map(row).collect()
+}
+
+/// First flat index of every instance, the background's own last.
+fn first_flat(scene: &InstancedScene) -> Vec<u32> {
+    let mut first = 0;
+    let mut out = Vec::new();
+    for instance in &scene.instances {
+        out.push(first);
+        first += scene.template_ranges[instance.template as usize].count;
+    }
+    out.push(first);
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+    use crate::preprocess_instance_expand::sources;
+    use crate::tile_blend::relaxed_limits;
+    use crate::{RenderOptions, splats_in_depth_order};
+    use crate::scene::{Camera, Gaussians};
+
+    /// Two Gaussians on the axis of view that let 0.7 and 0.6 through at the centre: the second one is the surface there.
+    #[test]
+    fn the_surface_is_where_half_of_the_light_is_gone() {
+        let mut cloud = Gaussians::with_capacity(0, 2);
+        for (z, opacity) in [(1.0, 0.3f32), (2.0, 0.4)] {
+            cloud.means.push([0.0, 0.0, z]);
+            cloud.quats.push([1.0, 0.0, 0.0, 0.0]);
+            cloud.log_scales.push([0.3f32.ln(); 3]);
+            cloud.opacity_logits.push((opacity / (1.0 - opacity)).ln());
+            cloud.sh.push([0.0; 3]);
+        }
+        let surface_of = |scene: &InstancedScene| {
+            let camera = Camera::look_at("view", DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, (9, 9));
+            let view = View::device(&camera, &RenderOptions::default());
+            let splats = splats_in_depth_order(&sources(scene), &view, &relaxed_limits(&view));
+            surfaces(&view, &splats, scene)
+        };
+        let both = surface_of(&InstancedScene::from_cloud(cloud.clone()));
+        assert_eq!(both[40], Surface { point: Some(SurfacePoint { instance: 0, local: 1 }), robust: true });
+        assert_eq!(both[0].point, None, "the corner");
+        let front = surface_of(&InstancedScene::from_cloud(cloud.filtered(|i| i == 0)));
+        assert!(front.iter().all(|s| s.point.is_none()));
+    }
+}
