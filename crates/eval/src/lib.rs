@@ -6,8 +6,9 @@
 //! clamped to 0..1, never rounded to 8 bits.
 
 use instgs_io as io;
-use instgs_vk::render;
+use instgs_vk::{gpu, kernels, math, render, scene};
 
+pub mod bench;
 mod error;
 pub mod lpips;
 mod pair;

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Serialize, Serializer};
 
 use super::{IoError, atomic_write, read_bytes};
 use crate::error::Place;
@@ -24,6 +24,14 @@ pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, IoError> {
 pub fn write_json(path: &Path, record: &(impl Serialize + ?Sized)) -> Result<(), IoError> {
     let bytes = serde_json::to_vec_pretty(record).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
     atomic_write(path, |out| out.write_all(&bytes).and_then(|()| out.write_all(b"\n")))
+}
+
+/// Serialises pairs as a JSON object whose members are in the order of the list.
+///
+/// # Errors
+/// Those of the serialiser.
+pub fn as_map<S: Serializer>(pairs: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(pairs.iter().copied())
 }
 
 #[cfg(test)]

@@ -43,6 +43,7 @@ mod hud_boxes;
 mod hud_edit;
 mod hud_gizmo;
 pub mod navigation;
+pub mod program;
 pub mod recording;
 pub mod resolution;
 pub mod script;

@@ -7,20 +7,18 @@ use std::process::ExitCode;
 use clap::builder::PossibleValue;
 use clap::{Parser, ValueEnum};
 
-use super::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
-use super::printer::Printer;
-use super::{FAILURE, SUCCESS, USAGE};
-use crate::bench::as_map;
+use instgs_console::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::{CliError, Printer, exit_code, parse};
 use crate::gpu::PresentMode;
+use crate::io::json::as_map;
 use crate::io::{IoError, LoadedScene, load_scene, read_boxes, read_views};
 use crate::math::statistics::{Percentiles, median};
-use crate::player::headless::{Timings, play};
-use crate::player::script::{self, Step};
-use crate::player::views::View;
-use crate::player::window::{self, WindowJob};
-use crate::player::{PlayerError, Stage, StageOptions};
+use crate::headless::{Timings, play};
+use crate::script::{self, Step};
+use crate::views::View;
+use crate::window::{self, WindowJob};
+use crate::{PlayerError, Stage, StageOptions};
 use crate::render::FrameStats;
 use crate::scene::trajectory::Orbit;
 use crate::scene::{Camera, InstancedScene};
@@ -169,23 +167,13 @@ struct PlayedGaussians {
 }
 
 /// Runs the player with the process's arguments.
-pub fn player_main() -> ExitCode {
-    let args = match PlayerArgs::try_parse() {
+pub fn main() -> ExitCode {
+    let args: PlayerArgs = match parse() {
         Ok(args) => args,
-        Err(error) => {
-            // Help goes to stdout and is no failure. A closed stream is nobody's to tell.
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { USAGE } else { SUCCESS });
-        }
+        Err(code) => return code,
     };
     let printer = Printer::new(args.json.as_ref().is_some_and(|path| path.as_os_str() == "-"));
-    match run(&args, &printer) {
-        Ok(()) => ExitCode::from(SUCCESS),
-        Err(error) => {
-            printer.error(&error);
-            ExitCode::from(FAILURE)
-        }
-    }
+    exit_code(run(&args, &printer), &printer)
 }
 
 fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
@@ -193,7 +181,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     if let Err(error) = &loaded {
         // A window can say it; a batch cannot.
         if args.frames.is_some() {
-            return Err(CliError::Other(error.to_string()));
+            return Err(CliError::msg(error.to_string()));
         }
         printer.warning(error);
     }
@@ -216,7 +204,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
         Err(error) => Err(error.into()),
         Ok(report) => {
             if let Some(message) = report.validation_message {
-                return Err(CliError::Other(format!("validation layers: {message}")));
+                return Err(CliError::msg(format!("validation layers: {message}")));
             }
             if args.frames.is_none() {
                 return Ok(());
@@ -235,7 +223,7 @@ fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<StageOptio
         Some(level) => view.show_at(distance, level),
     };
     let words = "--level is for --show tile-load, offsets and ellipses";
-    let show = show.ok_or_else(|| CliError::Other(words.into()))?;
+    let show = show.ok_or_else(|| CliError::msg(words))?;
     Ok(StageOptions { render: args.lod.apply(args.look.options(scene)), show })
 }
 

@@ -1,16 +1,16 @@
 //! Text tables: columns as wide as their widest cell, the first to the left, the others to the right.
 
-pub(super) use crate::math::digits::grouped;
+pub use crate::math::digits::grouped;
 
 /// Rows of cells.
 #[derive(Default)]
-pub(super) struct Table {
+pub struct Table {
     rows: Vec<Vec<String>>,
 }
 
 impl Table {
     /// Appends a row.
-    pub(super) fn row(&mut self, cells: impl Into<Vec<String>>) {
+    pub fn row(&mut self, cells: impl Into<Vec<String>>) {
         self.rows.push(cells.into());
     }
 }
@@ -35,7 +35,7 @@ impl std::fmt::Display for Table {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use crate::*;
 
     #[test]
     fn aligns_and_groups() {

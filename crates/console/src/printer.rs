@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::error::CliError;
+use crate::CliError;
 use crate::io::{IoError, atomic_write};
 
 /// Lines that a task of many steps prints where there is no terminal.
@@ -116,7 +116,7 @@ impl Drop for Progress {
 
 fn json_bytes(report: &impl serde::Serialize) -> Result<Vec<u8>, CliError> {
     let mut bytes = serde_json::to_vec_pretty(report)
-        .map_err(|e| CliError::Io(IoError::new(Path::new("report"), format!("is not valid JSON: {e}"))))?;
+        .map_err(|e| IoError::new(Path::new("report"), format!("is not valid JSON: {e}")))?;
     bytes.push(b'\n');
     Ok(bytes)
 }

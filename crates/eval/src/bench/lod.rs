@@ -10,7 +10,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::measure::{BenchError, Subject, warm_up};
-use crate::eval::{EvalError, PicturePair, pair_of, psnr};
+use crate::{EvalError, PicturePair, pair_of, psnr};
 use crate::gpu::Gpu;
 use crate::io::view_image::ViewImage;
 use crate::math::statistics::Percentiles;

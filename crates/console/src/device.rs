@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use clap::Args;
 
-use super::error::CliError;
+use crate::error::CliError;
 use crate::gpu::{DeviceChoice, Gpu, GpuOptions};
 
 /// Stands in for `--device`.
@@ -12,8 +12,9 @@ const DEVICE_VARIABLE: &str = "INSTGS_DEVICE";
 /// Set to 1, every command runs under the validation layers and fails on their first message; for tests.
 const VALIDATION_VARIABLE: &str = "INSTGS_VALIDATION";
 
+/// Which Vulkan device a command runs on.
 #[derive(Args)]
-pub(super) struct DeviceArgs {
+pub struct DeviceArgs {
     /// Vulkan device: its number in `instgs-vk info`, or a part of its name. The environment variable INSTGS_DEVICE
     /// does the same; without either the fastest kind of device is taken
     #[arg(long, global = true, value_name = "N|NAME")]
@@ -22,7 +23,7 @@ pub(super) struct DeviceArgs {
 
 impl DeviceArgs {
     /// The flag, else the variable, else the best device.
-    pub(super) fn choice(&self) -> DeviceChoice {
+    pub fn choice(&self) -> DeviceChoice {
         let variable = || std::env::var(DEVICE_VARIABLE).ok().filter(|text| !text.is_empty());
         let text = self.device.clone().or_else(variable);
         text.map_or(DeviceChoice::Best, |text| {
@@ -32,19 +33,19 @@ impl DeviceArgs {
 }
 
 /// True if the user wants the validation layers to watch.
-pub(super) fn validation() -> bool {
+pub fn validation() -> bool {
     std::env::var_os(VALIDATION_VARIABLE).is_some_and(|value| value == "1")
 }
 
 /// Opens the device.
-pub(super) fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
+pub fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
     Ok(Gpu::open(&GpuOptions { device: choice, validation: validation(), ..Default::default() })?)
 }
 
 /// Fails if the validation layers had anything to say; without them there is nothing to check.
-pub(super) fn check_validation(gpu: &Gpu) -> Result<(), CliError> {
+pub fn check_validation(gpu: &Gpu) -> Result<(), CliError> {
     match gpu.validation_messages().take().first() {
         None => Ok(()),
-        Some(message) => Err(CliError::Other(format!("validation layers: {message}"))),
+        Some(message) => Err(CliError::msg(format!("validation layers: {message}"))),
     }
 }

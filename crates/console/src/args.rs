@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 
-use super::error::CliError;
-use super::printer::Printer;
+use crate::error::CliError;
+use crate::printer::Printer;
 use crate::io::dataset::Split;
 use crate::io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views};
 use crate::render::RenderOptions;
@@ -17,9 +17,10 @@ use crate::scene::{Camera, InstancedScene};
 /// Picture size of `--orbit` without `--size`.
 const ORBIT_SIZE: (u32, u32) = (1280, 720);
 
+/// Where the cameras of a command come from: exactly one of its flags.
 #[derive(Args)]
 #[group(required = true, multiple = false)]
-pub(super) struct ViewSource {
+pub struct ViewSource {
     /// Views of a dataset folder: transforms_train/test.json, transforms.json, or COLMAP's sparse/0
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
@@ -31,8 +32,9 @@ pub(super) struct ViewSource {
     camera: Option<PathBuf>,
 }
 
+/// Which cameras a command renders, and at which size.
 #[derive(Args)]
-pub(super) struct ViewArgs {
+pub struct ViewArgs {
     #[command(flatten)]
     source: ViewSource,
     /// Which views of --data [default: test]
@@ -48,15 +50,21 @@ pub(super) struct ViewArgs {
 
 /// Which views of a dataset.
 #[derive(Clone, Copy, ValueEnum)]
-pub(super) enum SplitArg {
+pub enum SplitArg {
+    /// Held-out views.
+    #[value(help = None)]
     Test,
+    /// Views to train from.
+    #[value(help = None)]
     Train,
+    /// Both.
+    #[value(help = None)]
     All,
 }
 
 impl SplitArg {
     /// The dataset's views of this split, at least one.
-    pub(super) fn views(self, folder: &Path) -> Result<Vec<View>, CliError> {
+    pub fn views(self, folder: &Path) -> Result<Vec<View>, CliError> {
         let wanted = |of_view: Split| match self {
             Self::All => true,
             Self::Test => of_view == Split::Test,
@@ -72,18 +80,18 @@ impl SplitArg {
 
 /// Three numbers separated by commas; a type of its own because clap takes a bare array for a list of values.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Triple([f32; 3]);
+pub struct Triple([f32; 3]);
 
 impl Triple {
     /// As a vector.
-    pub(super) fn direction(self) -> DVec3 {
+    pub fn direction(self) -> DVec3 {
         DVec3::from_array(self.0.map(f64::from))
     }
 }
 
 impl ViewArgs {
     /// The cameras, at least one; warns if `near` cuts a circle's view off.
-    pub(super) fn cameras(
+    pub fn cameras(
         &self,
         scene: &InstancedScene,
         near: f32,
@@ -111,7 +119,7 @@ impl ViewArgs {
     }
 
     /// The views of `--data`, at the size of their photos; `None` for cameras without photos and for `--size`.
-    pub(super) fn photos(&self) -> Result<Option<Vec<View>>, CliError> {
+    pub fn photos(&self) -> Result<Option<Vec<View>>, CliError> {
         match (&self.source.data, self.size) {
             (Some(folder), None) => self.split.unwrap_or(SplitArg::Test).views(folder).map(Some),
             _ => Ok(None),
@@ -124,8 +132,9 @@ impl ViewArgs {
     }
 }
 
+/// How pictures look: background, near plane, antialiasing, dilation.
 #[derive(Args)]
-pub(super) struct LookArgs {
+pub struct LookArgs {
     /// Colour behind the scene, three numbers as in the pictures (0 to 1) [default: 0,0,0]
     #[arg(long, value_name = "R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
     background: Option<Triple>,
@@ -145,7 +154,7 @@ pub(super) struct LookArgs {
 
 /// Levels of detail, for the commands that make pictures to be looked at.
 #[derive(Args)]
-pub(super) struct LodArgs {
+pub struct LodArgs {
     /// Draws what is far away merged, over at most PX pixels; `bench --lod` says what it costs [default: all in full]
     #[arg(long, value_name = "PX", value_parser = parse_lod)]
     lod: Option<f32>,
@@ -153,20 +162,19 @@ pub(super) struct LodArgs {
 
 impl LodArgs {
     /// The options with the flag's error.
-    pub(super) fn apply(&self, options: RenderOptions) -> RenderOptions {
+    pub fn apply(&self, options: RenderOptions) -> RenderOptions {
         RenderOptions { lod_error_px: self.lod.unwrap_or(0.0), ..options }
     }
 }
 
 impl LookArgs {
     /// Opacity compensation, if a flag says which.
-    #[cfg(feature = "player")]
-    pub(super) fn antialias(&self) -> Option<bool> {
+    pub fn antialias(&self) -> Option<bool> {
         self.antialias
     }
 
     /// The options for a scene: the flags, else the scene's own, else the defaults.
-    pub(super) fn options(&self, scene: &InstancedScene) -> RenderOptions {
+    pub fn options(&self, scene: &InstancedScene) -> RenderOptions {
         let default = RenderOptions::default();
         RenderOptions {
             near: self.near.unwrap_or(default.near),
@@ -180,7 +188,7 @@ impl LookArgs {
 }
 
 /// Opens a scene and says what is worth knowing about its file.
-pub(super) fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliError> {
+pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliError> {
     let loaded = load_scene(path)?;
     for what in loaded.warnings() {
         printer.warning(format_args!("{}: {what}", path.display()));
@@ -189,18 +197,19 @@ pub(super) fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, 
 }
 
 /// Makes a folder and those above it.
-pub(super) fn create_folder(path: &Path) -> Result<(), CliError> {
+pub fn create_folder(path: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(path).map_err(|e| IoError::new(path, format!("cannot create the folder: {e}")).into())
 }
 
-/// `WxH`.
-pub(super) fn parse_size(text: &str) -> Result<(u32, u32), String> {
+/// Parses a picture size `WxH`, pixels.
+pub fn parse_size(text: &str) -> Result<(u32, u32), String> {
     let side = |text: &str| text.parse().ok().filter(|side| (1..=MAX_IMAGE_SIDE).contains(side));
     let sides = text.split_once(['x', 'X']).and_then(|(w, h)| Some((side(w)?, side(h)?)));
     sides.ok_or_else(|| format!("want WxH with sides of 1 to {MAX_IMAGE_SIDE} pixels, for instance 800x450"))
 }
 
-pub(super) fn parse_triple(text: &str) -> Result<Triple, String> {
+/// Parses `X,Y,Z`, three finite numbers.
+pub fn parse_triple(text: &str) -> Result<Triple, String> {
     let parts: Vec<f32> =
         text.split(',').map_while(|part| part.trim().parse().ok().filter(|v: &f32| v.is_finite())).collect();
     match <[f32; 3]>::try_from(parts) {
@@ -209,7 +218,8 @@ pub(super) fn parse_triple(text: &str) -> Result<Triple, String> {
     }
 }
 
-pub(super) fn parse_up(text: &str) -> Result<Triple, String> {
+/// Parses an up axis `X,Y,Z` of any length but zero.
+pub fn parse_up(text: &str) -> Result<Triple, String> {
     let up = parse_triple(text)?;
     if up.0 == [0.0; 3] { Err("a vector of length 0 has no direction".into()) } else { Ok(up) }
 }
@@ -219,7 +229,7 @@ fn parse_near(text: &str) -> Result<f32, String> {
 }
 
 /// Pixels that may be merged: above 0, and not more than the largest picture has.
-pub(super) fn parse_lod(text: &str) -> Result<f32, String> {
+pub fn parse_lod(text: &str) -> Result<f32, String> {
     let most = MAX_IMAGE_SIDE as f32;
     let px = text.trim().parse().ok().filter(|v: &f32| *v > 0.0 && *v <= most);
     px.ok_or_else(|| format!("want a number of pixels above 0, to {most}, for instance 2"))
@@ -231,7 +241,7 @@ fn parse_dilation(text: &str) -> Result<f32, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use crate::*;
 
     #[test]
     fn sizes_and_triples() {

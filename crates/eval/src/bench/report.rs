@@ -1,7 +1,8 @@
 //! What a measurement says, in the shape of the JSON (DESIGN section 6).
 
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 
+use crate::io::json::as_map;
 use crate::kernels::Variant;
 use crate::math::statistics::Percentiles;
 
@@ -126,9 +127,4 @@ impl Ratio {
             device_scene: bytes(|b| b.device_scene),
         }
     }
-}
-
-/// A JSON object in the order of the list.
-pub(crate) fn as_map<S: Serializer>(pairs: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(pairs.iter().copied())
 }
