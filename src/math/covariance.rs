@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-/// The unit quaternion along `quat`; not a number if `quat` is zero or not finite.
+/// The unit quaternion in the direction of `quat`; NaN if `quat` is zero or not finite.
 pub fn normalised_quat(quat: [f64; 4]) -> [f64; 4] {
     // Divide by the largest component first, so that tiny and huge quaternions neither underflow nor overflow.
     let largest = quat.iter().fold(0.0f64, |m, c| m.max(c.abs()));
@@ -11,7 +11,7 @@ pub fn normalised_quat(quat: [f64; 4]) -> [f64; 4] {
     q.map(|c| c / length)
 }
 
-/// The rotation matrix of `quat`, which is normalised first; not a number for a zero quaternion.
+/// The rotation matrix of `quat`, which is normalised first; NaN for a zero quaternion.
 pub fn rotation_from_quat(quat: [f64; 4]) -> DMat3 {
     let [w, x, y, z] = normalised_quat(quat);
     DMat3::from_cols(
@@ -21,12 +21,11 @@ pub fn rotation_from_quat(quat: [f64; 4]) -> DMat3 {
     )
 }
 
-/// The unit quaternion of a rotation matrix, the one of the two with its largest component positive. It divides by
-/// that component (at least 1/2), so it is accurate for every rotation, half turns included. Not a number in, not a
-/// number out.
+/// The unit quaternion of a rotation matrix, the one of the two with its largest component positive. It divides by that
+/// component (at least 1/2), so it is accurate for every rotation, half turns included. NaN in gives NaN out.
 pub fn quat_from_rotation(rotation: DMat3) -> [f64; 4] {
     let m = |i: usize, j: usize| rotation.col(j)[i];
-    // 4 w^2, 4 x^2, 4 y^2, 4 z^2.
+    // These are 4 w^2, 4 x^2, 4 y^2, 4 z^2.
     let squares = [
         1.0 + m(0, 0) + m(1, 1) + m(2, 2),
         1.0 + m(0, 0) - m(1, 1) - m(2, 2),
@@ -72,7 +71,7 @@ pub fn sigmoid(x: f64) -> f64 {
     }
 }
 
-/// The inverse of `sigmoid` for p in (0, 1).
+/// The inverse of `sigmoid`, for p in (0, 1).
 pub fn logit(p: f64) -> f64 {
     p.ln() - (-p).ln_1p()
 }
@@ -131,7 +130,7 @@ mod tests {
         assert!(max_difference(cov, DMat3::from_diagonal(DVec3::new(4.0, 9.0, 1.0))) < 1e-14);
     }
 
-    /// Measured: 4.5e-16.
+    /// Quaternions of any length are normalised. Measured: 4.5e-16.
     #[test]
     fn quaternions_of_any_length_are_normalised_and_zero_is_not_a_number() {
         let q = [0.3, -0.4, 0.5, 0.1];

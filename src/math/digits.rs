@@ -1,6 +1,6 @@
-//! Numbers as people read them.
+//! Numbers formatted for reading.
 
-/// A number with a separator between thousands.
+/// The number in decimal, with a comma between thousands.
 pub fn grouped(value: u64) -> String {
     let digits = value.to_string();
     let mut out = String::new();

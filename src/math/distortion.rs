@@ -1,33 +1,34 @@
 //! Lens distortion of the OpenCV model with three radial and two tangential terms, on normalised image coordinates.
 
 /// Radial and tangential lens distortion of the OpenCV model. Coordinates are those of the view's plane z = 1 (x right,
-/// y down, no unit): `x = (u - cx) / fx`.
+/// y down, no unit): `x = (u - cx) / fx`. The coefficients have no unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
-    /// Radial, second order.
+    /// Radial coefficient of r^2.
     pub k1: f64,
-    /// Radial, fourth order.
+    /// Radial coefficient of r^4.
     pub k2: f64,
-    /// Tangential.
+    /// First tangential coefficient.
     pub p1: f64,
-    /// Tangential.
+    /// Second tangential coefficient.
     pub p2: f64,
-    /// Radial, sixth order.
+    /// Radial coefficient of r^6.
     pub k3: f64,
 }
 
-/// Newton's method doubles the digits with every step; from any place in a real picture it needs less than ten.
+/// Upper limit on Newton steps. The number of correct digits doubles with every step; within a real photo fewer than
+/// ten are needed.
 const NEWTON_STEPS: usize = 30;
-/// Places are found to a millionth of a pixel or better: focal lengths are below 1e5 pixels.
+/// Tolerance of `undistort`: a millionth of a pixel or better, since focal lengths are below 1e5 pixels.
 const UNDISTORTED: f64 = 1e-11;
 
 impl Distortion {
-    /// `None` if all are zero: then nothing needs to be undone.
+    /// `None` if all coefficients are zero: then nothing needs to be undistorted.
     pub fn if_any(self) -> Option<Self> {
         (self != Self::default()).then_some(self)
     }
 
-    /// Where the lens draws what a pinhole would draw at (x, y).
+    /// Maps the undistorted (pinhole) position (x, y) to its distorted position in the photo.
     pub fn distort(&self, x: f64, y: f64) -> [f64; 2] {
         let Self { k1, k2, p1, p2, k3 } = *self;
         let r2 = x * x + y * y;
@@ -38,8 +39,8 @@ impl Distortion {
         ]
     }
 
-    /// What a pinhole would draw at the place that the lens draws at (x, y): the inverse of [`Distortion::distort`], by
-    /// Newton's method; `None` beyond the radius where the model folds over.
+    /// Maps the distorted position (x, y) to its undistorted (pinhole) position: the inverse of
+    /// [`Distortion::distort`], by Newton's method; `None` beyond the radius where the model folds over.
     pub fn undistort(&self, x: f64, y: f64) -> Option<[f64; 2]> {
         let Self { k1, k2, p1, p2, k3 } = *self;
         let fold = self.fold_radius_squared();
@@ -56,7 +57,7 @@ impl Distortion {
             let xx = radial + slope * u * u + 2.0 * p1 * v + 6.0 * p2 * u;
             let xy = slope * u * v + 2.0 * p1 * u + 2.0 * p2 * v;
             let yy = radial + slope * v * v + 6.0 * p1 * v + 2.0 * p2 * u;
-            // A determinant of 0 gives what is no number, and that never ends the loop.
+            // A determinant of 0 gives NaN or infinity, for which the loop never reports convergence.
             let determinant = xx * yy - xy * xy;
             u -= (yy * off_x - xy * off_y) / determinant;
             v -= (xx * off_y - xy * off_x) / determinant;
@@ -64,10 +65,10 @@ impl Distortion {
         None
     }
 
-    /// Squared radius from which the radial terms fold the picture over: the drawn radius `r (1 + k1 r^2 + k2 r^4 + k3 r^6)`
-    /// grows up to there and no further. Infinite if it grows everywhere. The model says nothing from there on.
+    /// Squared radius from which on the radial terms fold the image over: the distorted radius `r (1 + k1 r^2 + k2 r^4
+    /// + k3 r^6)` grows up to there and no further. Infinite if it grows everywhere. The model is meaningless beyond.
     pub fn fold_radius_squared(&self) -> f64 {
-        // The derivative with s = r^2.
+        // The derivative of the distorted radius, in s = r^2.
         first_root([3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3])
     }
 }
@@ -78,9 +79,10 @@ fn first_root([b, a, c]: [f64; 3]) -> f64 {
         return smaller_root(1.0, b, a);
     }
     let at = |s: f64| 1.0 + s * (b + s * (a + s * c));
-    // All roots are nearer than this (Cauchy's bound).
+    // All roots have a smaller magnitude than this (Cauchy's bound).
     let farthest = 1.0 + [1.0, b, a].into_iter().fold(0.0, |most: f64, v| most.max((v / c).abs()));
-    // It falls, if at all, from its maximum, or 0, to its minimum, or beyond all roots: the first root is between two of these.
+    // The polynomial is monotonic between its extrema, so the first root lies between two consecutive ones of 0, the
+    // extrema and the bound.
     let turns = [smaller_root(b, 2.0 * a, 3.0 * c), larger_root(b, 2.0 * a, 3.0 * c), farthest];
     let mut low = 0.0;
     for high in turns.into_iter().filter(|s| *s <= farthest) {
@@ -97,19 +99,19 @@ fn smaller_root(c: f64, b: f64, a: f64) -> f64 {
     positive_roots(c, b, a).into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// The other positive root; infinite if there is none.
+/// The largest positive root of c + b s + a s^2; negative infinity if there is none.
 fn larger_root(c: f64, b: f64, a: f64) -> f64 {
     positive_roots(c, b, a).into_iter().fold(f64::NEG_INFINITY, f64::max)
 }
 
-/// Both roots of c + b s + a s^2, infinite for those that are not positive numbers. In the form that needs no division by
-/// an a of zero: s = 2 c / (-b + sqrt(b^2 - 4 a c)), or the same with the other sign.
+/// Both roots of c + b s + a s^2, infinite for those that are not positive. Written so that a may be zero: s = 2 c /
+/// (-b + sqrt(b^2 - 4 a c)), and the same with the other sign of the square root.
 fn positive_roots(c: f64, b: f64, a: f64) -> [f64; 2] {
     let root = (b * b - 4.0 * a * c).sqrt();
     [root, -root].map(|d| 2.0 * c / (d - b)).map(|s| if s > 0.0 { s } else { f64::INFINITY })
 }
 
-/// Where a function that is positive at `low` and not at `high` is zero.
+/// The zero of a function that is positive at `low` and not positive at `high`, by bisection.
 fn bisected(at: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     loop {
         let middle = 0.5 * (low + high);
@@ -128,7 +130,7 @@ fn bisected(at: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// x = 0.5, y = -0.25: r^2 = 0.3125, radial = 1 + 0.03125 - 0.01953125 = 1.01171875; by hand.
+    /// By hand: x = 0.5, y = -0.25: r^2 = 0.3125, radial = 1 + 0.03125 - 0.01953125 = 1.01171875.
     #[test]
     fn the_model_by_hand() {
         let d = Distortion { k1: 0.1, k2: -0.2, p1: 0.01, p2: -0.02, k3: 0.0 };
@@ -137,7 +139,7 @@ mod tests {
         let want_y = -0.2529296875 + 0.01 * (0.3125 + 0.125) + 2.0 * -0.02 * -0.125;
         assert!((x - want_x).abs() < 1e-15 && (y - want_y).abs() < 1e-15, "{x} {y}");
         assert_eq!(Distortion::default().distort(3.0, 4.0), [3.0, 4.0]);
-        // r^6 = 64.
+        // Here r^6 = 64.
         assert_eq!(Distortion { k3: 0.5, ..Distortion::default() }.distort(0.0, 2.0), [0.0, 66.0]);
         assert_eq!((Distortion::default().if_any(), d.if_any()), (None, Some(d)));
     }
@@ -156,7 +158,7 @@ mod tests {
                 assert!((found[0] - x).abs() < 1e-9 && (found[1] - y).abs() < 1e-9, "{d:?} {x} {y} {found:?}");
             }
         }
-        // This lens draws nothing farther out than 2/3 of sqrt(4/3).
+        // This lens images nothing farther out than 2/3 of sqrt(4/3).
         let barrel = Distortion { k1: -0.25, ..Distortion::default() };
         assert!(barrel.undistort(0.7, 0.0).is_some() && barrel.undistort(0.8, 0.0).is_none());
         assert_eq!(barrel.undistort(f64::NAN, 0.0), None);
@@ -165,13 +167,13 @@ mod tests {
     #[test]
     fn the_fold_is_where_the_drawn_radius_stops_growing() {
         let fold = |k1, k2, k3| Distortion { k1, k2, k3, ..Distortion::default() }.fold_radius_squared();
-        // No root, none positive, one (k2 = 0), two, and one of each sign.
+        // No root, no positive root, one root (k2 = 0), two roots, and one of each sign.
         for (k1, k2, k3) in [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.1, 0.2, 0.0), (0.1, 0.2, 0.3), (-0.2, 0.1, 0.05)] {
             assert_eq!(fold(k1, k2, k3), f64::INFINITY, "{k1} {k2} {k3}");
         }
         assert!((fold(-0.25, 0.0, 0.0) - 4.0 / 3.0).abs() < 1e-15);
         let radial = [(-0.25, 0.0), (-0.5, 0.05), (0.3, -0.1), (0.0, -0.2), (-0.2, -0.1)].map(|(k1, k2)| (k1, k2, 0.0));
-        // With the sixth order: the same and a little more, folds that it makes, and one that it cannot prevent.
+        // Sixth order: nearly the same lenses, folds that k3 causes, and one that it cannot prevent.
         let sixth = [(-0.25, 0.0, 1e-9), (0.3, -0.1, -1e-9), (0.2, 0.1, -0.3), (0.0, 0.0, -0.1), (-0.5, 0.05, 0.01)];
         for (k1, k2, k3) in radial.into_iter().chain(sixth) {
             let s: f64 = fold(k1, k2, k3);

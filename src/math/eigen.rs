@@ -1,15 +1,15 @@
 //! Eigenvectors of small symmetric matrices, in f64.
 
-/// Sweeps after which Jacobi's method has long converged: it does so quadratically, and 4x4 matrices take about six.
+/// Upper limit on Jacobi sweeps. Convergence is quadratic; 4x4 matrices take about six.
 const SWEEPS: usize = 24;
-/// Sum of squares off the diagonal, relative to that on it, which counts as zero: the square of f64's precision.
+/// Sum of squares off the diagonal, relative to that on it, that counts as zero: the square of f64's precision.
 const CONVERGED: f64 = 1e-32;
 
 /// An eigenvalue and its unit eigenvector.
 pub type EigenPair<const N: usize> = (f64, [f64; N]);
 
-/// The eigenvalues of a symmetric matrix in ascending order with orthonormal eigenvectors, by Jacobi's method. Not a
-/// number in, not a number out.
+/// The eigenvalues of a symmetric matrix in ascending order with orthonormal eigenvectors, by Jacobi's method. NaN in
+/// gives NaN out.
 pub fn symmetric_eigen<const N: usize>(matrix: [[f64; N]; N]) -> [EigenPair<N>; N] {
     let mut a = matrix;
     let mut vectors: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
@@ -30,7 +30,7 @@ pub fn symmetric_eigen<const N: usize>(matrix: [[f64; N]; N]) -> [EigenPair<N>; 
     pairs
 }
 
-/// Turns the plane of axes p and q so that `a[p][q]` becomes 0.
+/// Rotates in the plane of axes p and q so that `a[p][q]` becomes 0.
 fn rotate<const N: usize>(a: &mut [[f64; N]; N], vectors: &mut [[f64; N]; N], p: usize, q: usize) {
     if a[p][q] == 0.0 {
         return;

@@ -1,5 +1,5 @@
-//! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens distortion,
-//! nearest points, Morton order, planes, seeded random numbers, order statistics, digits for reading.
+//! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens
+//! distortion, nearest points, Morton order, planes, seeded random numbers, order statistics, number formatting.
 
 pub mod covariance;
 pub mod digits;

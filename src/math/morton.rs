@@ -1,12 +1,12 @@
-//! Points in the order of a Morton curve, the depth-first order of an octree: neighbours in it are neighbours in space.
+//! Points sorted along a Morton curve, the depth-first order of an octree: neighbours in the order are close in space.
 
 use rayon::prelude::*;
 
-/// Bits of a Morton code per axis: 64 in all, less one.
+/// Bits of a Morton code per axis: three axes fill 63 of 64 bits.
 const MORTON_BITS: u32 = 21;
 
-/// Point indices along a Morton curve through the box that holds all but the outermost percent on each side of each
-/// axis; what is outside counts as on its faces, so that a few stray points do not coarsen the curve.
+/// Point indices along a Morton curve. The curve's box leaves out the outermost percent of points on each side of each
+/// axis; points outside are clamped to its faces, so that a few outliers do not coarsen the curve.
 pub fn morton_order(means: &[[f32; 3]]) -> Vec<u32> {
     let bounds: [(f64, f64); 3] = std::array::from_fn(|axis| {
         let mut values: Vec<f32> = means.iter().map(|m| m[axis]).collect();
@@ -14,7 +14,7 @@ pub fn morton_order(means: &[[f32; 3]]) -> Vec<u32> {
         let at = |rank: usize| values.get(rank).map_or(0.0, |&v| f64::from(v));
         (at(values.len() / 100), at(values.len() - values.len().min(1 + values.len() / 100)))
     });
-    // One cell size for all axes: cells are cubes.
+    // One cell size for all axes, so that cells are cubes.
     let side = bounds.iter().fold(f64::MIN_POSITIVE, |m, (low, high)| m.max(high - low));
     let cells = f64::from((1u32 << MORTON_BITS) - 1);
     let code = |mean: [f32; 3]| {
@@ -29,7 +29,7 @@ pub fn morton_order(means: &[[f32; 3]]) -> Vec<u32> {
     order.into_iter().map(|(_, i)| i).collect()
 }
 
-/// The low 21 bits, each followed by two zeros.
+/// The low 21 bits of `value`, each followed by two zero bits.
 fn spread_bits(value: u64) -> u64 {
     (0..MORTON_BITS).fold(0, |out, bit| out | (value >> bit & 1) << (3 * bit))
 }

@@ -1,4 +1,4 @@
-//! Planes, and the one of many through three points that most points are near.
+//! Planes, and the plane through three of many points that most points are near (RANSAC).
 
 use glam::DVec3;
 
@@ -7,40 +7,40 @@ use super::rng::Rng;
 /// The plane `normal . x = offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
-    /// A unit vector.
+    /// Unit normal of the plane.
     pub normal: DVec3,
-    /// Units of length.
+    /// Distance of the plane from the origin along the normal, units of length.
     pub offset: f64,
 }
 
 impl Plane {
-    /// How far a point is above it, along the normal; below it negative.
+    /// Signed distance of a point from the plane, positive on the side of the normal.
     pub fn height(&self, point: DVec3) -> f64 {
         self.normal.dot(point) - self.offset
     }
 
-    /// How many of the points are nearer to it than `reach`.
+    /// Number of points whose distance from the plane is below `reach`.
     pub fn count_near(&self, points: &[DVec3], reach: f64) -> usize {
         points.iter().filter(|&&p| self.height(p).abs() < reach).count()
     }
 }
 
-/// Planes through three points each, drawn at random.
+/// Options of a RANSAC search for a plane: each draw is a plane through three random points.
 #[derive(Clone, Copy, Debug)]
 pub struct PlaneDraws {
-    /// How many are tried.
+    /// Number of random draws.
     pub draws: usize,
-    /// Where normals point to, a unit vector.
+    /// The direction that normals are oriented to, a unit vector.
     pub up: DVec3,
-    /// Least cosine of the angle between a normal and `up`, above 0: steeper planes do not count.
+    /// Least cosine of the angle between a normal and `up`, above 0: steeper planes are rejected.
     pub level: f64,
-    /// Points nearer than this count.
+    /// Points nearer to a plane than this are its inliers, units of length.
     pub reach: f64,
 }
 
 impl PlaneDraws {
-    /// The plane that most of the points are near, of equals the first, and how many these are. `None` of fewer than three
-    /// points, or if no draw was level enough. The same points and generator give the same plane.
+    /// The plane with most inliers and their number; of equally good planes, the first drawn. `None` for fewer than
+    /// three points, or if no draw was level enough. The same points and generator give the same plane.
     pub fn best(&self, points: &[DVec3], mut rng: Rng) -> Option<(Plane, usize)> {
         if points.len() < 3 {
             return None;
@@ -67,7 +67,7 @@ impl PlaneDraws {
 mod tests {
     use super::*;
 
-    /// A level floor, a wall with more points, and points everywhere: only the floor is level.
+    /// A level floor, a wall with more points, and scattered points: only the floor is level.
     #[test]
     fn the_fullest_level_plane_is_found() {
         let mut rng = Rng::new(1);

@@ -27,7 +27,7 @@ impl Rng {
         Self { state: child.next_u64() }
     }
 
-    /// 64 uniform bits.
+    /// 64 uniform random bits.
     pub fn next_u64(&mut self) -> u64 {
         self.state = self.state.wrapping_add(GOLDEN_GAMMA);
         let mut z = self.state;
@@ -56,7 +56,7 @@ impl Rng {
         ((u128::from(self.next_u64()) * count as u128) >> 64) as usize
     }
 
-    /// True with the given probability (0..=1).
+    /// True with the given probability, 0..=1.
     pub fn chance(&mut self, probability: f64) -> bool {
         self.uniform() < probability
     }
@@ -80,7 +80,7 @@ impl Rng {
         DVec3::new(x, y, self.normal())
     }
 
-    /// Uniform on the unit sphere.
+    /// A direction uniform on the unit sphere.
     pub fn unit_vector(&mut self) -> DVec3 {
         loop {
             let v = DVec3::new(self.range(-1.0, 1.0), self.range(-1.0, 1.0), self.range(-1.0, 1.0));
@@ -175,7 +175,7 @@ mod tests {
             assert!((0.0..1.0).contains(&u));
             seen[rng.index(5)] += 1;
         }
-        // Expected 1000 each, deviation 28.
+        // Expected: 1000 each, standard deviation 28.
         assert!(seen.iter().all(|&c| (850..1150).contains(&c)), "{seen:?}");
         let mut items: Vec<u32> = (0..100).collect();
         rng.shuffle(&mut items);

@@ -6,11 +6,11 @@ use std::f64::consts::PI;
 
 use glam::{DMat3, DVec3};
 
-/// Degree 0: sqrt(1 / (4 pi)).
+/// Factor of degree 0: sqrt(1 / (4 pi)).
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
-/// Degree 1: sqrt(3 / (4 pi)); the signs of y and x are negative in the basis.
+/// Factor of degree 1: sqrt(3 / (4 pi)); the signs of y and x are negative in the basis.
 pub const SH_C1: f64 = 0.488_602_511_902_919_9;
-/// Degree 2, in order m = -2..=2: factors of xy, yz, 2zz - xx - yy, xz, xx - yy.
+/// Factors of degree 2, in order m = -2..=2: of xy, yz, 2zz - xx - yy, xz, xx - yy.
 pub const SH_C2: [f64; 5] = [
     1.092_548_430_592_079_2,
     -1.092_548_430_592_079_2,
@@ -18,8 +18,8 @@ pub const SH_C2: [f64; 5] = [
     -1.092_548_430_592_079_2,
     0.546_274_215_296_039_6,
 ];
-/// Degree 3, in order m = -3..=3: factors of y(3xx - yy), xyz, y(4zz - xx - yy), z(2zz - 3xx - 3yy),
-/// x(4zz - xx - yy), z(xx - yy), x(xx - 3yy).
+/// Factors of degree 3, in order m = -3..=3: of y(3xx - yy), xyz, y(4zz - xx - yy), z(2zz - 3xx - 3yy), x(4zz - xx -
+/// yy), z(xx - yy), x(xx - 3yy).
 pub const SH_C3: [f64; 7] = [
     -0.590_043_589_926_643_5,
     2.890_611_442_640_554,
@@ -54,7 +54,7 @@ pub fn sh_basis(dir: DVec3) -> [f64; 16] {
     ]
 }
 
-/// The gradients of `sh_basis` by `dir`: of the polynomials as they are written there, in all three coordinates.
+/// The gradients of `sh_basis` with respect to `dir`, as polynomials in three independent coordinates.
 pub fn sh_basis_gradient(dir: DVec3) -> [DVec3; 16] {
     let DVec3 { x, y, z } = dir;
     let (xx, yy, zz) = (x * x, y * y, z * z);
@@ -79,7 +79,7 @@ pub fn sh_basis_gradient(dir: DVec3) -> [DVec3; 16] {
     ]
 }
 
-/// Number of coefficients of degrees 0..=`degree` per channel.
+/// Number of coefficients of degrees 0..=`degree`, per channel.
 const fn sh_coefficients(degree: u32) -> usize {
     ((degree + 1) * (degree + 1)) as usize
 }
@@ -92,7 +92,7 @@ pub fn eval_sh_f64(degree: u32, coefficients: &[DVec3], dir: DVec3) -> DVec3 {
     basis.iter().zip(coefficients).take(count).fold(DVec3::ZERO, |sum, (&b, &c)| sum + b * c)
 }
 
-/// `eval_sh_f64` for coefficients as the scene stores them.
+/// [`eval_sh_f64`] for coefficients as the scene stores them.
 pub fn eval_sh(degree: u32, coefficients: &[[f32; 3]], dir: DVec3) -> DVec3 {
     let wide: Vec<DVec3> = coefficients.iter().map(|&c| widened(c)).collect();
     eval_sh_f64(degree, &wide, dir)
@@ -103,21 +103,21 @@ pub fn widened(c: [f32; 3]) -> DVec3 {
     DVec3::new(f64::from(c[0]), f64::from(c[1]), f64::from(c[2]))
 }
 
-/// The matrices that turn SH coefficients with a rotation: one block per degree, because rotations do not mix degrees.
+/// The matrices that rotate SH coefficients: one block per degree, because rotations do not mix degrees.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShRotation {
-    /// Degree 1: rows are output coefficients.
+    /// Block of degree 1: rows are output coefficients.
     band1: [[f64; 3]; 3],
-    /// Degree 2.
+    /// Block of degree 2: rows are output coefficients.
     band2: [[f64; 5]; 5],
-    /// Degree 3.
+    /// Block of degree 3: rows are output coefficients.
     band3: [[f64; 7]; 7],
 }
 
 impl ShRotation {
-    /// For the rotation R: `eval(rotated, d) == eval(original, R^T d)` for all unit d.
+    /// The matrices of the rotation R: `eval(rotated, d) == eval(original, R^T d)` for all unit d.
     ///
-    /// Entry (j, i) of a block is the projection of the turned function on the basis, the integral over the sphere of
+    /// Entry (j, i) of a block is the projection of the rotated function on the basis, the integral over the sphere of
     /// Y_j(d) Y_i(R^T d). The integrand is a polynomial of degree at most 6, which the quadrature below integrates
     /// exactly.
     pub fn new(rotation: DMat3) -> Self {
@@ -133,7 +133,7 @@ impl ShRotation {
         out
     }
 
-    /// The turned coefficients; `coefficients` has (degree + 1)^2 entries for a degree of 0..=3.
+    /// The rotated coefficients; `coefficients` has (degree + 1)^2 entries for a degree of 0..=3.
     pub fn rotate(&self, coefficients: &[DVec3]) -> Vec<DVec3> {
         let mut out = Vec::with_capacity(coefficients.len());
         out.extend_from_slice(&coefficients[..1]);
@@ -150,7 +150,7 @@ impl ShRotation {
     }
 }
 
-/// block += weight * fixed turned^T.
+/// Adds the outer product weight * fixed * turned^T to the block.
 fn accumulate<const N: usize>(block: &mut [[f64; N]; N], fixed: &[f64], turned: &[f64], weight: f64) {
     for (row, f) in block.iter_mut().zip(fixed) {
         for (entry, t) in row.iter_mut().zip(turned) {
@@ -159,7 +159,7 @@ fn accumulate<const N: usize>(block: &mut [[f64; N]; N], fixed: &[f64], turned: 
     }
 }
 
-/// block * coefficients.
+/// The matrix-vector product block * coefficients.
 fn product<const N: usize>(block: &[[f64; N]; N], coefficients: &[DVec3]) -> [DVec3; N] {
     block.map(|row| row.iter().zip(coefficients).fold(DVec3::ZERO, |sum, (&b, &c)| sum + b * c))
 }
@@ -257,13 +257,13 @@ mod tests {
         }
     }
 
-    /// Measured: 1.9 and more.
+    /// The difference that must be detected. Measured: 1.9 and more.
     #[test]
     fn the_rotation_check_fails_on_a_flipped_sign() {
         assert!((0..=3).all(|degree| worst_rotation_error(degree, true) > 0.1));
     }
 
-    /// Measured: 1.4e-15.
+    /// Rotating twice is rotating by the product. Measured: 1.4e-15.
     #[test]
     fn rotations_compose() {
         let mut rng = Rng::new(9);

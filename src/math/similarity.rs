@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 
 /// x -> A x + t with A = s R, R a rotation, s > 0. Kept as the 3x4 matrix of the files, so that reading and writing
-/// changes no bit; `scale` and `rotation` are derived.
+/// changes no bit; `scale` and `rotation` are derived from it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     rows: [[f32; 4]; 3],
@@ -13,10 +13,13 @@ pub struct Similarity {
 const SIMILARITY_TOLERANCE: f64 = 1e-3;
 
 impl Similarity {
-    /// The identity.
+    /// The identity transform.
     pub const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] };
 
-    /// From the rows of a 3x4 matrix. The error says why the matrix is no similarity.
+    /// From the rows of the 3x4 matrix (A | t).
+    ///
+    /// # Errors
+    /// The text says why the matrix is not a similarity.
     pub fn from_rows(rows: [[f32; 4]; 3]) -> Result<Self, String> {
         let out = Self { rows };
         if !rows.as_flattened().iter().all(|v| v.is_finite()) {
@@ -40,14 +43,14 @@ impl Similarity {
         Ok(out)
     }
 
-    /// From a rotation, a scale > 0 and a translation.
+    /// From a rotation, a scale > 0 and a translation, world units.
     pub fn from_parts(rotation: DMat3, scale: f64, translation: DVec3) -> Self {
         let a = rotation * scale;
         let row = |i: usize| [a.row(i).x as f32, a.row(i).y as f32, a.row(i).z as f32, translation[i] as f32];
         Self { rows: [row(0), row(1), row(2)] }
     }
 
-    /// The 3x4 matrix, rows.
+    /// The rows of the 3x4 matrix (A | t).
     pub fn rows(&self) -> [[f32; 4]; 3] {
         self.rows
     }
@@ -74,7 +77,7 @@ impl Similarity {
         DVec3::new(f64::from(self.rows[0][3]), f64::from(self.rows[1][3]), f64::from(self.rows[2][3]))
     }
 
-    /// A p + t.
+    /// The transformed point A p + t.
     pub fn transform_point(&self, p: DVec3) -> DVec3 {
         self.linear() * p + self.translation()
     }

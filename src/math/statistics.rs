@@ -1,18 +1,18 @@
-//! Order statistics of a few measurements.
+//! Order statistics of small sets of measurements.
 
-/// Median and the spread around it, in the unit of the values.
+/// Median and 10th and 90th percentile, in the unit of the values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Percentiles {
-    /// 50th percentile.
+    /// The 50th percentile.
     pub median: f64,
-    /// 10th percentile.
+    /// The 10th percentile.
     pub p10: f64,
-    /// 90th percentile.
+    /// The 90th percentile.
     pub p90: f64,
 }
 
 impl Percentiles {
-    /// Of values in any order; zeros if there are none.
+    /// The percentiles of values in any order; zeros if there are none.
     pub fn of(values: &[f64]) -> Self {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -25,14 +25,15 @@ pub fn median(values: &[f64]) -> f64 {
     Percentiles::of(values).median
 }
 
-/// The value below which a fraction of values in any order lies, linear between the two nearest ranks; 0 if there are none.
+/// The value below which `fraction` (0..=1) of the values lies, interpolated between the two nearest ranks; 0 if there
+/// are none. Values may be in any order.
 pub fn percentile(values: &[f64], fraction: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     interpolated(&sorted, fraction)
 }
 
-/// Linear between the two nearest ranks.
+/// Interpolates between the two nearest ranks of sorted values.
 fn interpolated(sorted: &[f64], fraction: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return 0.0 };
     let position = fraction * last as f64;

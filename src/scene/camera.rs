@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DMat4, DVec3};
 
-/// One view. `view_from_world` is kept in f64 because files carry it so; the device gets f32.
+/// One view. `view_from_world` is kept in f64, as files store it; the device gets f32.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Camera {
     /// Name of the view, without extension; output files are named after it.
@@ -15,15 +15,16 @@ pub struct Camera {
     pub fx: f64,
     /// Focal length along y in pixels.
     pub fy: f64,
-    /// Principal point x in pixels; the image centre is width / 2.
+    /// Principal point x in pixels; width / 2 is the image centre.
     pub cx: f64,
-    /// Principal point y in pixels.
+    /// Principal point y in pixels; height / 2 is the image centre.
     pub cy: f64,
-    /// 4x4 rigid transform, rows.
+    /// Rigid world-to-camera transform, rows of a 4x4 matrix, translation in scene units.
     pub view_from_world: [[f64; 4]; 4],
 }
 
-/// Largest image side: 2^14, the limit common to Vulkan devices' 2D images, so that a picture can also be shown.
+/// Largest image side: 2^14, the limit of 2D images that Vulkan devices have in common, so that a picture can also be
+/// shown.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
 
 impl Camera {
@@ -48,24 +49,25 @@ impl Camera {
         -(self.rotation().transpose() * self.translation())
     }
 
-    /// A point of the world in view space (x right, y down, z forward), scene units.
+    /// Transforms a world point to view space (x right, y down, z forward), scene units.
     pub fn view_from_point(&self, point_world: DVec3) -> DVec3 {
         self.rotation() * point_world + self.translation()
     }
 
-    /// Where a point of the world is in the picture, or would be beyond its border, pixels; `None` behind the camera.
+    /// Projects a world point to pixel coordinates, which may lie outside the image; `None` behind the camera.
     pub fn pixel_of(&self, point_world: DVec3) -> Option<[f64; 2]> {
         let v = self.view_from_point(point_world);
         (v.z > 0.0).then(|| [self.fx * v.x / v.z + self.cx, self.fy * v.y / v.z + self.cy])
     }
 
-    /// True if a place, in pixels, is in the picture.
+    /// True if a pixel position lies within the image.
     pub fn has_pixel(&self, [x, y]: [f64; 2]) -> bool {
         (0.0..f64::from(self.width)).contains(&x) && (0.0..f64::from(self.height)).contains(&y)
     }
 
-    /// A camera at `eye` that looks at `target`, `up` roughly upwards in the picture, with the vertical field of view
-    /// `fov_y` in radians and a centred principal point. `eye` must differ from `target` and `up` not be parallel to the view.
+    /// A camera at `eye` that looks at `target`, with `up` roughly upwards in the image, the vertical field of view
+    /// `fov_y` in radians and a centred principal point. `eye` must differ from `target`, and `up` must not be parallel
+    /// to the view.
     pub fn look_at(name: &str, eye: DVec3, target: DVec3, up: DVec3, fov_y: f64, size: (u32, u32)) -> Self {
         let forward = (target - eye).normalize();
         let right = forward.cross(up).normalize();
@@ -84,19 +86,22 @@ impl Camera {
         }
     }
 
-    /// The same view at another size; intrinsics are scaled per axis.
+    /// The same view at another image size; intrinsics are scaled per axis.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let sx = f64::from(width) / f64::from(self.width);
         let sy = f64::from(height) / f64::from(self.height);
         Self { width, height, fx: self.fx * sx, fy: self.fy * sy, cx: self.cx * sx, cy: self.cy * sy, ..self.clone() }
     }
 
-    /// `world_from_view` as a matrix.
+    /// The camera-to-world transform `world_from_view`.
     pub fn world_from_view(&self) -> DMat4 {
         DMat4::from_cols_array_2d(&self.view_from_world).transpose().inverse()
     }
 
-    /// Checks sizes, focal lengths and that the pose is finite and rigid within 1e-3; the text says what is wrong.
+    /// Checks sizes and focal lengths, and that the pose is finite and rigid within 1e-3.
+    ///
+    /// # Errors
+    /// The text says what is wrong.
     pub fn validate(&self) -> Result<(), String> {
         let name = &self.name;
         if self.width == 0 || self.height == 0 || self.width > MAX_IMAGE_SIDE || self.height > MAX_IMAGE_SIDE {
@@ -105,7 +110,7 @@ impl Camera {
                 self.width, self.height
             ));
         }
-        // The device computes in f32; beyond 1e9 pixels nothing of the image is left of its 24 bits.
+        // The device computes in f32, whose 24 bits resolve no pixel beyond 1e9.
         let fits = |v: f64| v.abs() < 1e9;
         let positive = |v: f64| fits(v) && v > 0.0;
         if !(positive(self.fx) && positive(self.fy) && fits(self.cx) && fits(self.cy)) {
@@ -116,7 +121,7 @@ impl Camera {
             .to_cols_array()
             .iter()
             .fold(0.0, |a: f64, v| a.max(v.abs()));
-        // Inverted poses of files carry rounding there.
+        // Inverted poses from files carry rounding in the last row.
         let last_row = self.view_from_world[3].iter().zip([0.0, 0.0, 0.0, 1.0]);
         let affine = last_row.map(|(v, want)| (v - want).abs()).fold(0.0, f64::max) < 1e-6;
         let rigid =
@@ -138,7 +143,7 @@ mod tests {
         let near =
             |at: Option<[f64; 2]>, want: [f64; 2]| at.is_some_and(|at| (0..2).all(|k| (at[k] - want[k]).abs() < 1e-9));
         assert!(near(camera.pixel_of(DVec3::ZERO), [32.0, 24.0]));
-        // To the right by 0.1 in distance 2, and up by as much.
+        // To the right by 0.1 at distance 2, and up by the same.
         let pixels = 0.05 * 24.0 / 0.25f64.tan();
         assert!(near(camera.pixel_of(DVec3::new(0.1, 0.0, 0.1)), [32.0 + pixels, 24.0 - pixels]));
         assert_eq!(camera.pixel_of(DVec3::new(0.0, -3.0, 0.0)), None, "behind");

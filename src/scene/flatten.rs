@@ -1,4 +1,4 @@
-//! Expands an instanced scene into a plain cloud that renders to the same image (DESIGN Eq. 6, section 2).
+//! Expands an instanced scene into a plain cloud that renders to the same image: Eq. 6 of the InstGS paper.
 
 use glam::DVec3;
 
@@ -9,10 +9,11 @@ use crate::scene::instanced_scene::{Instance, InstancedScene};
 
 impl InstancedScene {
     /// Every instance's Gaussians in the world frame, in flat order: instances in file order, each in template order,
-    /// then the background. SH degree is the scene's; SH is rotated exactly. Computed in f64 and rounded once to f32.
+    /// then the background. The SH degree is the scene's; SH is rotated exactly. Computed in f64 and rounded once to
+    /// f32.
     ///
-    /// The scene must be valid (`validate`); an instance's linear part is taken as the similarity s R it is documented
-    /// to be. Quaternions of instances come out normalised; the background is copied bit by bit.
+    /// The scene must be valid (`validate`), so that an instance's linear part is a similarity s R. Quaternions of
+    /// instances are normalised; the background is copied bit by bit.
     pub fn flatten(&self) -> Gaussians {
         let capacity = usize::try_from(self.expanded_len()).unwrap_or(0);
         let mut world = Gaussians::with_capacity(self.sh_degree(), capacity);
@@ -60,7 +61,7 @@ impl InstancedScene {
     }
 }
 
-/// Rounds to the stored precision.
+/// Rounds to the stored precision, f32.
 fn narrowed(v: DVec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
@@ -84,7 +85,7 @@ mod tests {
         out
     }
 
-    /// Quarter turn about z, scale 2, translation (0, 0, 5), by hand.
+    /// One Gaussian by hand: quarter turn about z, scale 2, translation (0, 0, 5).
     #[test]
     fn one_gaussian_by_hand() {
         let quarter = DMat3::from_cols(DVec3::Y, -DVec3::X, DVec3::Z);

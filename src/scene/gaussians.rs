@@ -5,21 +5,21 @@ pub const fn sh_coefficients(degree: u32) -> usize {
     ((degree + 1) * (degree + 1)) as usize
 }
 
-/// The largest spherical-harmonics degree the file formats and kernels know.
+/// The largest SH degree of the file formats and kernels.
 pub const MAX_SH_DEGREE: u32 = 3;
 
-/// N Gaussians in one frame. All arrays have N entries, but `sh` has `N * sh_coefficients(sh_degree)`.
+/// N Gaussians in one frame. All arrays have N entries, except `sh`, which has `N * sh_coefficients(sh_degree)`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians {
     /// Spherical-harmonics degree of `sh`, 0..=3.
     pub sh_degree: u32,
-    /// Centres, scene units, in the frame of the cloud (world for a background, template frame for a template).
+    /// Centres, scene units, in the frame of the cloud: world for a background, template frame for a template.
     pub means: Vec<[f32; 3]>,
-    /// Rotations as quaternions (w, x, y, z); not necessarily normalised, users normalise.
+    /// Rotations as quaternions (w, x, y, z) of any length but zero; code that uses them normalises.
     pub quats: Vec<[f32; 4]>,
-    /// Natural logarithm of the standard deviations along the local axes, scene units.
+    /// Natural logarithms of the standard deviations along the local axes, scene units.
     pub log_scales: Vec<[f32; 3]>,
-    /// Opacity before the sigmoid.
+    /// Logits of the opacities: the values before the sigmoid.
     pub opacity_logits: Vec<f32>,
     /// SH coefficients `[Gaussian][coefficient][rgb]`, flattened: entry `i * C + c` is coefficient c of Gaussian i.
     pub sh: Vec<[f32; 3]>,
@@ -48,12 +48,12 @@ impl Gaussians {
         self.means.is_empty()
     }
 
-    /// SH coefficients per Gaussian and channel.
+    /// Number of SH coefficients per Gaussian and channel.
     pub fn sh_coefficients(&self) -> usize {
         sh_coefficients(self.sh_degree)
     }
 
-    /// The first array that has another length than the means call for: its name, its length, and the length that fits.
+    /// The first array whose length does not match the means: its name, its length, and the expected length.
     pub fn wrong_length(&self) -> Option<(&'static str, usize, usize)> {
         let count = self.len();
         let lengths = [
@@ -71,7 +71,7 @@ impl Gaussians {
         &self.sh[i * c..(i + 1) * c]
     }
 
-    /// True if every parameter of Gaussian `i` is a finite number and its quaternion is not zero.
+    /// True if every parameter of Gaussian `i` is finite and its quaternion is not zero.
     pub fn is_finite(&self, i: usize) -> bool {
         let finite = |values: &[f32]| values.iter().all(|v| v.is_finite());
         finite(&self.means[i])
@@ -82,7 +82,7 @@ impl Gaussians {
             && self.sh_of(i).iter().all(|c| finite(c))
     }
 
-    /// Appends Gaussian `i` of `other`, padding or cutting its SH to this cloud's degree.
+    /// Appends Gaussian `i` of `other`, padding its SH with zeros or truncating it to this cloud's degree.
     pub fn push_from(&mut self, other: &Gaussians, i: usize) {
         self.means.push(other.means[i]);
         self.quats.push(other.quats[i]);
@@ -94,21 +94,21 @@ impl Gaussians {
         }
     }
 
-    /// Appends all of `other`, padding or cutting its SH to this cloud's degree.
+    /// Appends all of `other`, padding their SH with zeros or truncating it to this cloud's degree.
     pub fn append(&mut self, other: &Gaussians) {
         for i in 0..other.len() {
             self.push_from(other, i);
         }
     }
 
-    /// The Gaussians whose index satisfies `keep`, in order.
+    /// A cloud of the Gaussians whose index satisfies `keep`, in order.
     pub fn filtered(&self, keep: impl Fn(usize) -> bool) -> Gaussians {
         let mut out = Gaussians::with_capacity(self.sh_degree, self.len());
         (0..self.len()).filter(|&i| keep(i)).for_each(|i| out.push_from(self, i));
         out
     }
 
-    /// Changes the SH degree: coefficients above it go, missing ones are 0.
+    /// Changes the SH degree: higher coefficients are dropped, missing ones are 0.
     pub fn set_sh_degree(&mut self, sh_degree: u32) {
         let (have, want) = (self.sh_coefficients(), sh_coefficients(sh_degree));
         if have != want {
@@ -129,7 +129,7 @@ impl Gaussians {
         before - self.len()
     }
 
-    /// Bytes of the parameters as f32 tensors.
+    /// Size of the parameters as f32 tensors, bytes.
     pub fn tensor_bytes(&self) -> u64 {
         4 * (self.len() * (3 + 4 + 3 + 1 + 3 * self.sh_coefficients())) as u64
     }

@@ -1,4 +1,4 @@
-//! The one scene type: templates, instances with offsets, and a background. A plain cloud is "background only".
+//! The only scene type: templates, instances with offsets, and a background. A plain cloud has only a background.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use crate::math::similarity::Similarity;
 use crate::scene::gaussians::Gaussians;
 use crate::scene::offsets::Offsets;
 
-/// A range of the template pool: one template.
+/// One template: a range of the template pool.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct TemplateRange {
     /// Index of the template's first Gaussian in `InstancedScene::templates`.
@@ -20,50 +20,50 @@ pub struct TemplateRange {
 pub struct Instance {
     /// Index into `InstancedScene::template_ranges`.
     pub template: u32,
-    /// The similarity that brings template-frame points into the world.
+    /// The similarity that maps the template's frame to the world.
     pub world_from_template: Similarity,
-    /// Index of the instance's first record in `InstancedScene::offsets`; `None` = no offsets.
+    /// Index of the instance's first record in `InstancedScene::offsets`; `None` without offsets.
     pub first_offset: Option<u32>,
 }
 
-/// Name and instance ids of a group of instances, as in `groups.json`; carried through files, not used for rendering.
+/// Name and mask ids of a group of instances, as in `groups.json`; kept in files, not used for rendering.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Group {
-    /// Template index this group uses.
+    /// Index of the template that the group uses.
     pub template_id: u32,
-    /// Human name, for instance "chair".
+    /// Name of the kind of object, for instance "chair".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Mask ids of the group's instances, in instance order.
     pub instance_ids: Vec<u32>,
 }
 
-/// A tensor that this version does not know: kept on re-save.
+/// A tensor that this version does not know; it is preserved when the scene is written again.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForeignTensor {
-    /// Safetensors element type, for instance "F32".
+    /// Element type in safetensors' notation, for instance "F32".
     pub dtype: String,
-    /// Tensor shape.
+    /// Dimensions of the tensor.
     pub shape: Vec<usize>,
-    /// Little-endian bytes, row major.
+    /// Contents, little-endian, row major.
     pub bytes: Vec<u8>,
 }
 
-/// Everything that is rendered, trained or stored. Flat Gaussian order (ties in depth are broken by it):
-/// instances in file order, each in template order, then the background.
+/// All that is rendered, trained or stored. The flat order of Gaussians, which breaks ties in depth, is: instances in
+/// file order, each in template order, then the background.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InstancedScene {
-    /// All templates' Gaussians, one after another, each in its own template frame.
+    /// All templates' Gaussians, concatenated, each in its own template's frame.
     pub templates: Gaussians,
-    /// One range of `templates` per template.
+    /// One range of `templates` for each template.
     pub template_ranges: Vec<TemplateRange>,
-    /// The placed copies.
+    /// The placed copies of templates.
     pub instances: Vec<Instance>,
-    /// Offsets that instances point into.
+    /// Offset records; instances hold the index of their first one.
     pub offsets: Offsets,
     /// World-frame Gaussians that belong to no instance.
     pub background: Gaussians,
-    /// The scene was trained with opacity compensation (Mip-Splatting style); renderers should use it.
+    /// Whether the scene was trained with opacity compensation (Mip-Splatting style); renderers should then use it.
     pub antialias: bool,
     /// Groups of instances with names and mask ids.
     pub groups: Vec<Group>,
@@ -75,37 +75,37 @@ pub struct InstancedScene {
     pub foreign_metadata: BTreeMap<String, String>,
 }
 
-/// Why a scene is not consistent. The message names the tensor of `.instgs` that is at fault.
+/// Why a scene is inconsistent. The message names the `.instgs` tensor at fault.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{tensor}: {reason}")]
 pub struct SceneError {
     /// Tensor name as in the `.instgs` format, for instance "instance.template".
     pub tensor: String,
-    /// What is wrong.
+    /// What is inconsistent, one sentence.
     pub reason: String,
 }
 
 impl InstancedScene {
-    /// A plain 3DGS cloud.
+    /// A scene of a plain 3DGS cloud, which becomes the background.
     pub fn from_cloud(background: Gaussians) -> Self {
         Self { background, ..Self::default() }
     }
 
-    /// The SH degree the renderer evaluates: the larger of templates' and background's.
+    /// The SH degree that the renderer evaluates: the larger one of templates and background.
     pub fn sh_degree(&self) -> u32 {
         self.templates.sh_degree.max(self.background.sh_degree)
     }
 
-    /// Number of Gaussians after expanding every instance, background included.
+    /// Number of Gaussians after expanding every instance, the background included.
     pub fn expanded_len(&self) -> u64 {
         let instanced: u64 =
             self.instances.iter().map(|i| u64::from(self.template_ranges[i.template as usize].count)).sum();
         instanced + self.background.len() as u64
     }
 
-    /// Bytes of the scene tensors as f32: what `bench` reports as `bytes.host`.
+    /// Size of the scene tensors as f32, bytes: what `bench` reports as `bytes.host`.
     pub fn tensor_bytes(&self) -> u64 {
-        // 3x4 transform, template index, first offset; first and count per range.
+        // A 3x4 transform, template index and first offset per instance; first and count per range.
         self.templates.tensor_bytes()
             + self.background.tensor_bytes()
             + self.offsets.tensor_bytes()
@@ -113,7 +113,10 @@ impl InstancedScene {
             + 8 * self.template_ranges.len() as u64
     }
 
-    /// Checks every index and array length; the error names the first tensor that is inconsistent.
+    /// Checks every index and array length.
+    ///
+    /// # Errors
+    /// Names the first inconsistent tensor.
     pub fn validate(&self) -> Result<(), SceneError> {
         let fail = |tensor: &str, reason: String| Err(SceneError { tensor: tensor.into(), reason });
         for (name, cloud) in [("template", &self.templates), ("background", &self.background)] {

@@ -1,20 +1,20 @@
-//! Which group an instance belongs to, and its mask id: `groups` read per instance, and kept right when instances come
-//! and go.
+//! The group and mask id of an instance: `groups` looked up per instance, and updated when instances are added or
+//! removed.
 
 use crate::scene::instanced_scene::{Group, InstancedScene};
 
-/// What the groups say of one instance.
+/// The group and mask id of one instance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InstanceLabel {
-    /// Index into `InstancedScene::groups`.
+    /// Index into `InstancedScene::groups`, if it has a group.
     pub group: Option<usize>,
-    /// Mask id.
+    /// Mask id, if it has one.
     pub id: Option<u32>,
 }
 
 impl InstancedScene {
-    /// The label of every instance. The j-th instance of a template has the j-th id of the groups of that template,
-    /// one group after another; instances beyond the last id belong to the last group, without an id.
+    /// The label of every instance. The j-th instance of a template has the j-th id of the template's groups,
+    /// concatenated; instances beyond the last id belong to the last group, without an id.
     pub fn instance_labels(&self) -> Vec<InstanceLabel> {
         let mut rank_of_template = vec![0; self.template_ranges.len()];
         let mut labels = Vec::with_capacity(self.instances.len());
@@ -30,7 +30,7 @@ impl InstancedScene {
     }
 }
 
-/// The label of the instance that has `rank` instances of its template before it.
+/// The label of the instance with `rank` earlier instances of its template.
 fn label_at(groups: &[Group], template: u32, rank: usize) -> InstanceLabel {
     let mut ids_before = 0;
     let mut label = InstanceLabel::default();
@@ -49,7 +49,7 @@ fn of_template(groups: &[Group], template: u32) -> impl Iterator<Item = (usize, 
     groups.iter().enumerate().filter(move |(_, group)| group.template_id == template)
 }
 
-/// Removes the id of the instance with that rank among its template's, if it has one.
+/// Removes the mask id of the instance with that rank among its template's, if it has one.
 pub(crate) fn remove_id(groups: &mut [Group], template: u32, rank: usize) -> Option<u32> {
     let mut rank = rank;
     for group in groups.iter_mut().filter(|group| group.template_id == template) {
@@ -61,7 +61,7 @@ pub(crate) fn remove_id(groups: &mut [Group], template: u32, rank: usize) -> Opt
     None
 }
 
-/// An id that no instance has: the wanted one if that is free, else one more than the largest; `None` if there is none.
+/// An unused mask id: the wanted one if it is free, otherwise one more than the largest; `None` if there is none.
 pub(crate) fn free_id(groups: &[Group], wanted: Option<u32>) -> Option<u32> {
     let ids = || groups.iter().flat_map(|group| &group.instance_ids);
     match wanted.filter(|wanted| ids().all(|id| id != wanted)) {
@@ -70,14 +70,14 @@ pub(crate) fn free_id(groups: &[Group], wanted: Option<u32>) -> Option<u32> {
     }
 }
 
-/// Gives an id to the instance with that rank among its template's; false where the template has no group, or instances
-/// before this one have no ids either: theirs would be taken for it.
+/// Gives a mask id to the instance with that rank among its template's. False if the template has no group, or if
+/// earlier instances have no id: the new id would become theirs.
 pub(crate) fn insert_id(groups: &mut [Group], template: u32, rank: usize, id: u32) -> bool {
     let Some((last, _)) = of_template(groups, template).last() else { return false };
     let mut rank = rank;
     for (g, group) in groups.iter_mut().enumerate().filter(|(_, group)| group.template_id == template) {
         let count = group.instance_ids.len();
-        // An earlier group that is just full: the next one continues it.
+        // The end of a full group is the start of the next one, which takes the id.
         if rank < count || g == last && rank == count {
             group.instance_ids.insert(rank, id);
             return true;
@@ -120,7 +120,7 @@ mod tests {
             (g(2), None),
         ];
         assert_eq!(labels(&scene), want);
-        // The third instance of template 0 goes, and its id with it.
+        // The third instance of template 0 is removed with its id.
         assert_eq!(remove_id(&mut scene.groups, 0, 2), Some(7));
         scene.instances.remove(3);
         assert_eq!(labels(&scene)[2..], [(g(0), Some(6)), (g(1), None), (None, None), (g(2), None)]);
@@ -137,7 +137,8 @@ mod tests {
         assert!(
             insert_id(&mut groups, 0, 2, 10) && insert_id(&mut groups, 0, 0, 11) && insert_id(&mut groups, 1, 0, 77)
         );
-        // A fourth of template 1 when only two have ids would be taken for the third; template 2 has no group.
+        // An id for a fourth instance of template 1 would become the third's, since only two have ids; template 2 has
+        // no group.
         assert!(!insert_id(&mut groups, 1, 3, 78) && !insert_id(&mut groups, 2, 0, 78));
         let ids: Vec<_> = groups.iter().map(|g| g.instance_ids.as_slice()).collect();
         assert_eq!(ids, [[11, 5, 6, 10].as_slice(), [77, 9].as_slice()]);

@@ -1,31 +1,31 @@
-//! Boxes around objects: oriented ones in the world, and upright ones in a photo. `boxes.json` in memory.
+//! Boxes around objects: oriented boxes in the world and axis-aligned ones in a photo. The contents of `boxes.json`.
 
 use std::collections::BTreeMap;
 
 use glam::{DQuat, DVec3};
 
-/// A box around one object, in the world.
+/// An oriented box around one object in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObjectBox {
     /// The object's id, 1..=65535, as in masks.
     pub id: u32,
-    /// What it is, for instance "car".
+    /// The kind of object, for instance "car".
     pub category: Option<String>,
     /// Centre, world units.
     pub center: DVec3,
-    /// Lengths of the edges along the box's own axes, world units, above 0.
+    /// Lengths of the edges along the box's axes, world units, above 0.
     pub size: DVec3,
-    /// From the box's axes to the world's, of length 1.
+    /// Unit quaternion that rotates the box's axes to the world's.
     pub world_from_box: DQuat,
 }
 
 impl ObjectBox {
-    /// A point of the world in the box's axes, seen from its centre.
+    /// Transforms a world point to the box's axes, relative to its centre.
     pub fn local(&self, point_world: DVec3) -> DVec3 {
         self.world_from_box.inverse() * (point_world - self.center)
     }
 
-    /// True for points of the world inside of it or on its faces.
+    /// True for world points inside the box or on its faces.
     pub fn contains(&self, point_world: DVec3) -> bool {
         self.local(point_world).abs().cmple(0.5 * self.size).all()
     }
@@ -39,14 +39,14 @@ impl ObjectBox {
     }
 }
 
-/// A box around what one photo shows of an object.
+/// A rectangle around the visible part of an object in one photo.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewBox {
-    /// The object's id, 1..=65535, if it is known which of them it is; the same in all views.
+    /// The object's id, 1..=65535, if known; the same in all views.
     pub id: Option<u32>,
-    /// What it is, for instance "car".
+    /// The kind of object, for instance "car".
     pub category: Option<String>,
-    /// How sure a detector was, 0..=1.
+    /// A detector's confidence, 0..=1, if it came from one.
     pub score: Option<f64>,
     /// Left, top, right, bottom in pixels of the photo as it is stored; the left edge of its first pixel is 0.
     pub box_px: [f64; 4],
@@ -55,9 +55,9 @@ pub struct ViewBox {
 /// All boxes of a dataset.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Boxes {
-    /// In the world, one per object.
+    /// Boxes in the world, one per object.
     pub objects: Vec<ObjectBox>,
-    /// In photos, by view name (a camera's name).
+    /// Rectangles in photos, by view name (a camera's name).
     pub views: BTreeMap<String, Vec<ViewBox>>,
 }
 
@@ -74,7 +74,7 @@ mod tests {
             size: DVec3::new(4.0, 2.0, 1.0),
             world_from_box: DQuat::from_rotation_z(std::f64::consts::FRAC_PI_2),
         };
-        // Its long edge lies along the world's y.
+        // The long edge is along the world's y.
         assert!(turned.contains(DVec3::new(5.0, 1.9, 1.0)) && turned.contains(DVec3::new(4.1, 0.0, 1.4)));
         assert!(!turned.contains(DVec3::new(6.9, 0.0, 1.0)) && !turned.contains(DVec3::new(5.0, 0.0, 1.6)));
         let corners = turned.corners();

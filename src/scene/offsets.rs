@@ -1,21 +1,23 @@
-//! Per-instance, per-Gaussian differences from a template (DESIGN Eq. 6).
+//! Offsets: per-instance, per-Gaussian differences from a template, which are added to its parameters (Eq. 6 of the
+//! InstGS paper).
 
-/// M offset records, shared by all instances of a scene; instance k owns the run
-/// `first_offset .. first_offset + N` where N is the size of its template, in the template's order.
+/// M offset records, which all instances of a scene share; instance k uses the run `first_offset .. first_offset + N`,
+/// N being the size of its template, in the template's order.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Offsets {
-    /// Added to the template mean in the template's frame, before the instance transform.
+    /// Added to the template's means, in the template's frame, before the instance's transform.
     pub means: Vec<[f32; 3]>,
-    /// Added to SH coefficient 0, in SH units.
+    /// Added to SH coefficient 0; SH units, not colour.
     pub sh_dc: Vec<[f32; 3]>,
     /// Added to the opacity logit.
     pub opacity_logits: Vec<f32>,
     /// Added to SH coefficients 1.., 3 x RGB for degree 1, 8 for 2, 15 for 3 (the templates' degree), record by record;
-    /// empty = none. For ablations: the paper shares them.
+    /// empty without such offsets. Only for ablations: normally all instances share them.
     pub sh_rest: Vec<[f32; 3]>,
-    /// Added to the log standard deviations; empty = none. For ablations, as `quats`.
+    /// Added to the log standard deviations; empty without such offsets. Only for ablations.
     pub log_scales: Vec<[f32; 3]>,
-    /// Added to the quaternion as stored (w, x, y, z), before users normalise the sum; empty = none.
+    /// Added to the quaternions as stored (w, x, y, z), before the sum is normalised; empty without such offsets. Only
+    /// for ablations.
     pub quats: Vec<[f32; 4]>,
 }
 
@@ -30,13 +32,13 @@ impl Offsets {
         self.means.is_empty()
     }
 
-    /// The SH coefficients 1.. of record `m`; none without `sh_rest`.
+    /// The SH coefficients 1.. of record `m`; empty without `sh_rest`.
     pub fn rest_of(&self, m: usize) -> &[[f32; 3]] {
         let coefficients = self.sh_rest.len() / self.len().max(1);
         &self.sh_rest[m * coefficients..][..coefficients]
     }
 
-    /// True if every number of record `m` is finite.
+    /// True if every value of record `m` is finite.
     pub fn is_finite(&self, m: usize) -> bool {
         let colours = self.rest_of(m).iter().chain(self.log_scales.get(m)).chain([&self.means[m], &self.sh_dc[m]]);
         let scalars = self.quats.get(m).into_iter().flatten().chain([&self.opacity_logits[m]]);
@@ -53,7 +55,7 @@ impl Offsets {
         self.quats.extend(other.quats.get(m));
     }
 
-    /// Bytes of the offsets as f32 tensors: 28 per record without ablations.
+    /// Size of the offsets as f32 tensors, bytes: 28 per record without ablation offsets.
     pub fn tensor_bytes(&self) -> u64 {
         let ablations = 12 * (self.sh_rest.len() + self.log_scales.len()) + 16 * self.quats.len();
         (28 * self.len() + ablations) as u64

@@ -1,4 +1,4 @@
-//! A cloud of coloured points, as structure from motion leaves it.
+//! A cloud of coloured points, as structure from motion produces it.
 
 use glam::DVec3;
 
@@ -12,7 +12,7 @@ pub struct PointCloud {
 }
 
 impl PointCloud {
-    /// Number of points.
+    /// The number N of points.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
@@ -22,7 +22,7 @@ impl PointCloud {
         self.positions.is_empty()
     }
 
-    /// The median of the positions, each axis for itself: a middle that far outliers do not move. `None` without points.
+    /// The median of the positions, per axis: a centre that is robust against outliers. `None` without points.
     pub fn median(&self) -> Option<DVec3> {
         let axis = |k: usize| {
             let mut values: Vec<f32> = self.positions.iter().map(|p| p[k]).collect();

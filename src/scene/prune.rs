@@ -1,4 +1,4 @@
-//! Removes Gaussians from a scene so that offsets stay aligned with templates.
+//! Removing Gaussians from a scene while offsets stay aligned with templates.
 
 use std::collections::BTreeMap;
 
@@ -7,9 +7,9 @@ use crate::scene::instanced_scene::{InstancedScene, TemplateRange};
 use crate::scene::offsets::Offsets;
 
 impl InstancedScene {
-    /// Drops what is not finite from a consistent scene; returns how many Gaussians of templates and background went. A
-    /// template Gaussian goes, in all instances, if it or its offset record in any instance is not finite. A finite scene is
-    /// left as it is.
+    /// Removes non-finite Gaussians from a consistent scene; returns the number of removed Gaussians of templates and
+    /// background. A template Gaussian is removed from all instances if it or its offset record in any instance is not
+    /// finite. A finite scene is not changed.
     pub fn drop_non_finite(&mut self) -> usize {
         let dropped_background = self.background.drop_non_finite();
         let mut keep: Vec<bool> = (0..self.templates.len()).map(|i| self.templates.is_finite(i)).collect();
@@ -24,11 +24,11 @@ impl InstancedScene {
         self.keep_templates(&keep, dropped_background)
     }
 
-    /// Removes template Gaussians whose opacity, offset included, is below `opacity_min` in every instance, and background
-    /// Gaussians of a lower opacity; returns how many. Up to 1/255 no picture changes: the blend skips them. Templates
-    /// without instances stay as they are.
+    /// Removes template Gaussians whose opacity, offset included, is below `opacity_min` in every instance, and
+    /// background Gaussians of lower opacity; returns their number. Up to 1/255 no picture changes: blending skips
+    /// them. Templates without instances are not changed.
     pub fn prune_transparent(&mut self, opacity_min: f64) -> usize {
-        // Positive, so that what is no number goes.
+        // Written as >=, so that NaN counts as transparent.
         let seen = |logit: f32| sigmoid(f64::from(logit)) >= opacity_min;
         let mut keep = vec![true; self.templates.len()];
         for (t, range) in self.template_ranges.iter().enumerate() {
@@ -50,8 +50,9 @@ impl InstancedScene {
         self.keep_templates(&keep, before - self.background.len())
     }
 
-    /// Keeps the marked template Gaussians with their offset records; returns how many went, with those of the background.
-    /// Tensors of other versions that follow these arrays are dropped if any went: they would no longer be aligned.
+    /// Keeps the marked template Gaussians with their offset records; returns the number removed, including those of
+    /// the background. If any was removed, unknown tensors parallel to these arrays are dropped: they would no longer
+    /// be aligned.
     fn keep_templates(&mut self, keep: &[bool], dropped_background: usize) -> usize {
         let dropped = keep.iter().filter(|&&k| !k).count();
         if dropped > 0 {
@@ -64,7 +65,7 @@ impl InstancedScene {
         dropped + dropped_background
     }
 
-    /// Removes the template Gaussians that are not kept, with their offset records.
+    /// Removes the template Gaussians that are not marked, with their offset records.
     pub(super) fn compact_templates(&mut self, keep: &[bool]) {
         let mut kept_before = Vec::with_capacity(keep.len() + 1);
         let mut count = 0u32;
@@ -74,7 +75,7 @@ impl InstancedScene {
         }
         kept_before.push(count);
         let mut offsets = Offsets::default();
-        // Instances may share a run of records.
+        // Instances may share a run of records, which moves once.
         let mut moved = BTreeMap::new();
         for instance in &mut self.instances {
             let TemplateRange { first: range_first, count } = self.template_ranges[instance.template as usize];
@@ -156,7 +157,7 @@ mod tests {
         Ok(())
     }
 
-    /// Gaussian 1 is transparent in all instances, 2 in both of its own; 4 is seen in one.
+    /// Gaussian 1 is transparent in all instances, 2 in both of its instances; 4 is visible in one.
     #[test]
     fn what_no_instance_shows_is_removed() -> Result<(), Box<dyn std::error::Error>> {
         let mut scene = sample();

@@ -1,17 +1,17 @@
-//! What all instances' offsets have in common belongs to the template.
+//! Moves the common part of all instances' offsets into the template.
 
 use std::collections::BTreeSet;
 
 use crate::scene::instanced_scene::{Instance, InstancedScene};
 
 impl InstancedScene {
-    /// Moves the mean of what instances add to a template Gaussian into the template: every instance's Gaussians stay as
-    /// they are, to rounding. Training does not tell the two apart, and a template Gaussian may end far from where every
-    /// instance puts it: then q8, whose steps are a part of the largest offset, loses what the small ones say, and a copy
-    /// without offsets shows it astray.
+    /// Adds the mean over instances of the offsets of a template Gaussian to the template: every instance's Gaussians
+    /// stay as they are, up to rounding. Training cannot tell the two apart, and a template Gaussian may end up far
+    /// from its position in every instance. Then q8, whose steps are proportional to the largest offset, loses the
+    /// small differences, and a copy without offsets shows the Gaussian out of place.
     ///
-    /// Quaternions stay: a template's with a mean added may be zero. Templates with an
-    /// instance that has no offsets stay, and all do if runs of records overlap in part.
+    /// Quaternions stay, since a template's quaternion plus a mean may be zero. Templates with an instance without
+    /// offsets stay, and all templates do if runs of records overlap partially.
     pub fn recentre_offsets(&mut self) {
         if self.runs_overlap() {
             return;
@@ -30,7 +30,7 @@ impl InstancedScene {
         }
     }
 
-    /// True if a record belongs to two runs.
+    /// True if any record belongs to two different runs.
     fn runs_overlap(&self) -> bool {
         let of_instance = |i: &Instance| {
             let first = i.first_offset?;
@@ -40,7 +40,7 @@ impl InstancedScene {
         runs.iter().zip(runs.iter().skip(1)).any(|(a, b)| a.1 > b.0)
     }
 
-    /// Template Gaussian `i` and its offset `records`.
+    /// Recentres template Gaussian `i` and its offset `records`.
     fn recentre(&mut self, i: usize, records: &[usize]) {
         let (templates, offsets) = (&mut self.templates, &mut self.offsets);
         let coefficients = templates.sh_coefficients();
@@ -59,7 +59,7 @@ impl InstancedScene {
     }
 }
 
-/// Adds to `value` the mean of the `records`, and takes from each what was added.
+/// Adds the mean of the `records` to `value`, and subtracts the change of `value` from each of them.
 fn share<const N: usize>(value: &mut [f32; N], offsets: &mut [[f32; N]], records: &[usize]) {
     for (k, value) in value.iter_mut().enumerate() {
         let before = f64::from(*value);
@@ -77,7 +77,7 @@ mod tests {
     use crate::math::similarity::Similarity;
     use crate::scene::{Gaussians, Offsets, TemplateRange};
 
-    /// `n` Gaussians of degree 1 with every parameter another number.
+    /// `n` Gaussians of degree 1; every parameter has another value.
     fn cloud(n: usize) -> Gaussians {
         let at = |i: usize, k: usize| (i * 7 + k) as f32 * 0.37 % 1.9 - 0.8;
         Gaussians {
@@ -90,7 +90,8 @@ mod tests {
         }
     }
 
-    /// Templates of three and of two Gaussians; the first with runs 0 and 3 (twice), the second with run 6 and without.
+    /// Templates of three and of two Gaussians; the first with runs 0 and 3 (twice), the second with run 6 and one
+    /// instance without offsets.
     fn sample() -> InstancedScene {
         let placed =
             |template, first_offset| Instance { template, world_from_template: Similarity::IDENTITY, first_offset };
@@ -144,7 +145,7 @@ mod tests {
             assert!(all.iter().all(|&v| v < 4e-6), "{all:?}");
         }
         assert!(offsets.means[1][0].abs() < 0.51 && scene.templates.means[1][0] > 29.0);
-        // An instance without offsets shows the template as it is.
+        // An instance without offsets shows the template, which must not change.
         assert_eq!(scene.templates.means[3..], sample().templates.means[3..]);
         assert_eq!(offsets.means[6..], sample().offsets.means[6..]);
         let once = scene.clone();

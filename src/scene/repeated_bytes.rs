@@ -1,37 +1,37 @@
-//! What sharing saves: bytes of the repeated part of a scene beside those of separate copies.
+//! Memory saved by sharing: bytes of the repeated part of a scene compared with separate copies.
 
 use serde::{Deserialize, Serialize};
 
 use super::InstancedScene;
 
-/// Per instance: a 3x4 transform as f32, template and first offset.
+/// Bytes per instance: a 3x4 transform as f32, template and first offset.
 const INSTANCE: u64 = 56;
 
-/// How many bytes the repeated part of a scene takes beside what separate copies would: the analytic bound of DESIGN
-/// section 7, without a file's header and index.
+/// Bytes of the repeated part of a scene, and of separate copies of it: the analytic bound, without a file's header and
+/// index.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct RepeatedBytes {
-    /// As .ply: 62 f32 at degree 3, for each Gaussian of each instance.
+    /// As a .ply with separate copies: 62 f32 at degree 3 for each Gaussian of each instance.
     pub ply: u64,
     /// Templates, offsets and instances with `--pack f32`.
     pub f32: u64,
-    /// The same with `--pack f16`: means of templates and transforms stay f32.
+    /// The same with `--pack f16`: means of templates, and transforms, stay f32.
     pub f16: u64,
-    /// The same with `--pack q8`: as f16, but offsets of 8 bits.
+    /// The same with `--pack q8`: like f16, but offsets have 8 bits per value.
     pub q8: u64,
 }
 
 impl RepeatedBytes {
-    /// Offsets of 7 numbers, position, base colour and opacity, and what ablations add, which both packs keep as halves.
+    /// Offset records have 7 values (position, base colour, opacity) and ablation offsets, which stay f16 in q8.
     pub fn of(scene: &InstancedScene) -> Self {
         let coefficients = 3 * scene.templates.sh_coefficients() as u64;
         let templates = scene.templates.len() as u64;
         let offsets = scene.offsets.len() as u64;
         let instances = INSTANCE * scene.instances.len() as u64;
-        // Quaternion, scales, opacity.
+        // Quaternion, scales, opacity and SH.
         let beside_means = 4 + 3 + 1 + coefficients;
-        // A .ply also has three normals.
+        // A .ply also stores three unused normals.
         let ply = 4 * (3 + 3 + beside_means);
         let half = templates * (12 + 2 * beside_means) + instances;
         Self {
@@ -49,7 +49,7 @@ mod tests {
     use crate::math::similarity::Similarity;
     use crate::scene::{Gaussians, Instance, Offsets, TemplateRange};
 
-    /// 248 K N bytes against 124 N + 14 K N, as DESIGN has it, and the instances.
+    /// The analytic bound, 248 K N bytes against 124 N + 14 K N, plus the instances.
     #[test]
     fn the_bound_is_that_of_the_design() {
         let (k, n) = (3u32, 5u32);

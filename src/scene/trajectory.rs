@@ -1,4 +1,4 @@
-//! Camera paths around a scene that comes without cameras.
+//! Camera paths for scenes that come without cameras.
 
 use glam::DVec3;
 
@@ -6,46 +6,47 @@ use crate::math::sh::widened;
 use crate::scene::camera::Camera;
 use crate::scene::instanced_scene::InstancedScene;
 
-/// Field of view of the shorter image side, radians.
+/// Field of view along the shorter image side, radians.
 const FIELD_OF_VIEW: f64 = 50.0 * std::f64::consts::PI / 180.0;
-/// Height of the circle above the scene's centre, as an angle seen from it.
+/// Elevation of the circle above the scene's centre, an angle seen from the centre, radians.
 const ELEVATION: f64 = 20.0 * std::f64::consts::PI / 180.0;
-/// Means looked at: a percentile of this many is as good as one of all, and expanding millions costs seconds.
+/// Upper limit on means that are sampled: enough for percentiles, and expanding millions would take seconds.
 const MOST_SAMPLES: u64 = 1 << 16;
-/// An axis counts as the scene's vertical if the scene is at most this much as thick along it as along the next one.
+/// An axis counts as the scene's vertical if the scene's extent along it is at most this part of the next larger one.
 const CLEARLY_THINNER: f64 = 0.8;
-/// And only if it is a plate: at least this much as wide along the second axis as along the widest.
+/// The scene must also be a plate: its second extent is at least this part of the largest.
 const PLATE: f64 = 0.5;
-/// The largest ball shown, in radii of the one that holds half of the means: single objects fit, backgrounds do not count.
+/// Upper limit on the radius shown, relative to the radius that holds half of the means: objects fit, far backgrounds
+/// are ignored.
 const MOST_HALF_RADII: f64 = 1.6;
 
-/// A circle of cameras that look at its centre from above.
+/// A circle of cameras that look down at its centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orbit {
-    /// What the cameras look at, world units.
+    /// The point that the cameras look at, world units.
     pub center: DVec3,
     /// Distance of the cameras from the centre, world units.
     pub distance: f64,
-    /// Unit vector that points up in the pictures.
+    /// Unit vector that points up in the images, world frame.
     pub up: DVec3,
 }
 
 impl Orbit {
-    /// A circle that suits a scene, from the means of the expanded scene: the centre is their median per axis, and the
-    /// distance shows a ball with nine tenths of them, or 1.6 times as large as that with half of them if that is less,
-    /// so that far background and stray Gaussians do not count.
+    /// A circle that fits a scene, from the means of the expanded scene: the centre is their median per axis, and the
+    /// distance shows the smaller of the ball with nine tenths of them and 1.6 times the ball with half of them, so
+    /// that far background and outliers are ignored.
     ///
-    /// Without `up`, the axis across a scene that is a plate (clearly thinner along one world axis than along the other
-    /// two, 10th to 90th percentile) is the vertical: places are wider than high. Its sign follows the conventions that
-    /// go with it, -y (COLMAP and the public 3DGS files) or +z (Blender, nerfstudio), +x otherwise. Others, such as a
-    /// figure or a ball, get -y.
+    /// Without `up`, the vertical is the thin axis of a scene that is a plate (clearly thinner along one world axis
+    /// than along the other two, 10th to 90th percentile): places are wider than high. Its sign follows the usual
+    /// conventions, -y (COLMAP and the public 3DGS files) or +z (Blender, nerfstudio), +x otherwise. Other scenes, such
+    /// as a figure or a ball, get -y.
     pub fn around(scene: &InstancedScene, up: Option<DVec3>) -> Self {
         let means = sampled_means(scene);
         let axis = |k: usize| sorted(means.iter().map(|m| m[k]));
         let axes = [axis(0), axis(1), axis(2)];
         let center = DVec3::from_array([0, 1, 2].map(|k| percentile(&axes[k], 0.5)));
         let distances = sorted(means.iter().map(|m| m.distance(center)));
-        // Clouds with all means at one place: as large as their largest standard deviation.
+        // If all means coincide, the distance follows from the largest standard deviation.
         let [half, most, all] = [0.5, 0.9, 1.0].map(|p| percentile(&distances, p));
         let radius = [most.min(MOST_HALF_RADII * half), all].into_iter().find(|&r| r > 0.0);
         let radius = radius.unwrap_or_else(|| 2.0 * largest_deviation(scene));
@@ -55,7 +56,7 @@ impl Orbit {
         Self { center, distance: radius / (0.5 * FIELD_OF_VIEW).sin(), up }
     }
 
-    /// `count` cameras at equal angles, named 000, 001 ...
+    /// `count` cameras at equal angles, named 000, 001 and so on, with images of `size` pixels.
     pub fn cameras(&self, count: u32, size: (u32, u32)) -> Vec<Camera> {
         let reference = if self.up.x.abs() < 0.9 { DVec3::X } else { DVec3::Y };
         let side = self.up.cross(reference).normalize();
@@ -73,7 +74,7 @@ impl Orbit {
     }
 }
 
-/// World means of the expanded scene, of all Gaussians or of evenly spread ones.
+/// Means of the expanded scene in the world frame: all, or an evenly spaced sample.
 fn sampled_means(scene: &InstancedScene) -> Vec<DVec3> {
     let stride = scene.expanded_len().div_ceil(MOST_SAMPLES).max(1);
     let mut means = Vec::new();
@@ -103,7 +104,7 @@ fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
     values
 }
 
-/// The value below which a fraction of the sorted values lies; 0 without values.
+/// The value below which a fraction (0..=1) of the sorted values lies; 0 without values.
 fn percentile(sorted: &[f64], fraction: f64) -> f64 {
     let last = sorted.len().saturating_sub(1);
     sorted.get((fraction * last as f64).round() as usize).copied().unwrap_or(0.0)
@@ -147,7 +148,7 @@ mod tests {
         out
     }
 
-    /// A 9x9 grid in two axes, with one Gaussian far away.
+    /// A 9x9 grid along two axes, with one Gaussian far away.
     fn plate(thin: usize) -> Gaussians {
         let mut means: Vec<[f32; 3]> = Vec::new();
         for i in 0..81 {
@@ -204,7 +205,7 @@ mod tests {
                 let view = camera.rotation() * orbit.center + camera.translation();
                 assert!(view.truncate().length() < 1e-9 * orbit.distance && (view.z - orbit.distance).abs() < 1e-9);
                 assert!((camera.position_world() - orbit.center).dot(orbit.up) > 0.0);
-                // The shorter side, here the width, has the field of view.
+                // The field of view is along the shorter side, here the width.
                 assert!((camera.fx * (0.5 * FIELD_OF_VIEW).tan() - 32.0).abs() < 1e-9);
             }
         }

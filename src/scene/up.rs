@@ -1,19 +1,20 @@
-//! Which way is up, as far as photos tell.
+//! Estimates the up axis of a scene from its cameras.
 
 use glam::{DMat3, DVec3};
 
 use super::camera::Camera;
 use crate::math::eigen::symmetric_eigen;
 
-/// Weight of the mean of the cameras' up beside what their horizontal axes say, per camera. These are level to some
-/// degrees, 0.001 in squares; where the pictures' directions span less than 8 degrees, 0.02 in squares, the mean decides.
+/// Weight of the prior, the mean of the cameras' up vectors, per camera. Cameras are level within some degrees, about
+/// 0.001 in squared sine; where the view directions span less than 8 degrees, below 0.02, the prior decides.
 const MEAN_WEIGHT: f64 = 0.02;
 
-/// The direction that is up in the pictures, world frame: what the cameras' horizontal axes are across, near the mean of
-/// their up, if they agree on that at all. Cameras that look down from one side share an up that leans; those axes do not.
+/// The up axis, a unit vector in the world frame: the direction most perpendicular to the cameras' x axes, near the
+/// mean of their up vectors. `None` if these do not agree. The mean alone would lean if all cameras look down from one
+/// side; their x axes stay level.
 pub fn up_direction(cameras: &[Camera]) -> Option<DVec3> {
     let sum: DVec3 = cameras.iter().map(|c| -c.rotation().row(1)).filter(|up| up.is_finite()).sum();
-    // Cameras turned every which way add up to less than this part of their number.
+    // The sum of random up vectors stays below this part of their number.
     let agree = sum.length() > 0.3 * cameras.len() as f64;
     let mean = agree.then(|| sum.normalize_or_zero()).filter(|up| *up != DVec3::ZERO)?;
     let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
@@ -45,11 +46,11 @@ mod tests {
         let side: Vec<Camera> =
             (0..12).map(|i| Camera::look_at("", eye(i), DVec3::ZERO, DVec3::Z, 0.8, (64, 48))).collect();
         let degrees = |up: DVec3| up.angle_between(DVec3::Z).to_degrees();
-        // The mean of their up leans by 70 degrees.
+        // The mean of their up vectors leans by 70 degrees.
         let mean: DVec3 = side.iter().map(|c| -c.rotation().row(1)).sum();
         assert!(degrees(mean) > 60.0);
         assert!(degrees(up_direction(&side).unwrap()) < 30.0);
-        // All from one place, nothing but the mean is known.
+        // From a single direction only the mean is known.
         let still = vec![side[0].clone(); 5];
         assert!(degrees(up_direction(&still).unwrap()) > 60.0);
     }

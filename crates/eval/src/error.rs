@@ -13,23 +13,23 @@ pub enum EvalError {
     /// A view could not be rendered.
     #[error("view {view}: {error}")]
     Render {
-        /// The view's name.
+        /// Name of the failed view.
         view: String,
-        /// What is wrong.
+        /// The renderer's error.
         error: RenderError,
     },
     /// A view's two pictures cannot be compared.
     #[error("view {view}: {error}")]
     Pair {
-        /// The view's name.
+        /// Name of the failed view.
         view: String,
-        /// What is wrong.
+        /// Why the pair cannot be compared.
         error: PairError,
     },
-    /// The perceptual metric.
+    /// LPIPS could not be computed.
     #[error(transparent)]
     Lpips(#[from] LpipsError),
-    /// There is nothing to take a mean of.
+    /// The dataset has no views, so there is no mean.
     #[error("no views to evaluate")]
     NoViews,
 }
@@ -42,11 +42,11 @@ pub enum PairError {
     Size {
         /// `render`, `target` or `mask`.
         what: &'static str,
-        /// Its pixels.
+        /// Number of pixels of the buffer.
         len: usize,
-        /// Expected width.
+        /// Expected width, pixels.
         width: u32,
-        /// Expected height.
+        /// Expected height, pixels.
         height: u32,
     },
     /// A value is NaN or infinite.
@@ -54,12 +54,12 @@ pub enum PairError {
     NotFinite {
         /// `render` or `target`.
         what: &'static str,
-        /// Column.
+        /// Column of the first such pixel.
         x: usize,
-        /// Row.
+        /// Row of the first such pixel.
         y: usize,
     },
-    /// The mask leaves no pixel, or the pictures have none.
+    /// The mask excludes every pixel, or the pictures have none.
     #[error("no pixel of the photo counts: its mask excludes all of them; remove the view")]
     NothingToCompare,
 }

@@ -1,9 +1,9 @@
-//! L4: how good pictures are: PSNR, SSIM, LPIPS.
+//! L4: picture quality: PSNR, SSIM, LPIPS.
 //!
-//! A [`PicturePair`] is a rendered picture and its photo, checked, clamped and masked once, so that every metric sees the
-//! same pixels: [`psnr`], [`ssim`], and [`Lpips::distance`] where the user has the network's weights. [`evaluate`]
-//! renders a dataset's views and compares each with its photo. Pictures are compared as they are rendered, in floats:
-//! clamped to 0..1, never rounded to 8 bits.
+//! A [`PicturePair`] is a rendered picture and its photo, checked, clamped and masked once, so that every metric sees
+//! the same pixels: [`psnr`], [`ssim`], and [`Lpips::distance`] if the user has the network's weights. [`evaluate`]
+//! renders a dataset's views and compares each with its photo. Pictures are compared as rendered, in f32: clamped to
+//! 0..1, never rounded to 8 bits.
 
 use instgs_io as io;
 use instgs_vk::{gpu, kernels, math, render, scene};

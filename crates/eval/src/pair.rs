@@ -2,15 +2,15 @@
 
 use crate::error::PairError;
 
-/// Two pictures of one size, row by row from the top, rgb in 0..=1 (sRGB values). Where the photo does not count, the
-/// render holds the photo's own pixel, so that no metric sees a difference there.
+/// Two pictures of one size, row by row from the top, rgb in 0..=1 (sRGB values). Where a pixel is masked, the render
+/// holds the photo's pixel, so that no metric sees a difference there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PicturePair {
     width: u32,
     height: u32,
     render: Vec<[f32; 3]>,
     target: Vec<[f32; 3]>,
-    /// By pixel: it counts.
+    /// By pixel: true if it counts.
     valid: Vec<bool>,
     valid_pixels: usize,
 }
@@ -54,10 +54,10 @@ impl PicturePair {
         Ok(Self { width, height, render, target, valid, valid_pixels })
     }
 
-    /// The same pictures, of which only the pixels count that did before and are `true` in `part`.
+    /// The same pictures; only pixels that counted before and are `true` in `part` count.
     ///
     /// # Errors
-    /// A `part` of another length, or no pixel that counts.
+    /// `part` has another length, or no pixel counts.
     pub fn within(&self, part: &[bool]) -> Result<Self, PairError> {
         let (width, height) = (self.width, self.height);
         if part.len() != self.valid.len() {
@@ -67,27 +67,27 @@ impl PicturePair {
         Self::new((width, height), &self.render, &self.target, Some(&valid))
     }
 
-    /// Width in pixels.
+    /// Width of both pictures, pixels.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Height in pixels.
+    /// Height of both pictures, pixels.
     pub fn height(&self) -> u32 {
         self.height
     }
 
-    /// The rendered picture, 0..=1, with the target's pixels where they do not count.
+    /// The rendered picture, 0..=1, with the target's pixels where it is masked.
     pub fn render(&self) -> &[[f32; 3]] {
         &self.render
     }
 
-    /// The photo, 0..=1.
+    /// The photo's pixels, 0..=1.
     pub fn target(&self) -> &[[f32; 3]] {
         &self.target
     }
 
-    /// How many pixels count, at least 1.
+    /// Number of pixels that count, at least 1.
     pub fn valid_pixels(&self) -> usize {
         self.valid_pixels
     }

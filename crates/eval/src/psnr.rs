@@ -2,15 +2,15 @@
 
 use crate::pair::PicturePair;
 
-/// Pictures that differ less are reported as this good, dB: beyond it (a mean squared error of 1e-10) there is only the
-/// rounding of f32, and identical pictures would be infinitely good, which JSON cannot say.
+/// Upper limit of reported values, dB: beyond it (a mean squared error of 1e-10) only f32 rounding is left, and
+/// identical pictures would have an infinite PSNR, which JSON cannot represent.
 pub const MAX_PSNR_DB: f64 = 100.0;
 
 /// `-10 log10(MSE)` in dB, with the mean over the three channels of the pixels that count; at most [`MAX_PSNR_DB`].
 pub fn psnr(pair: &PicturePair) -> f64 {
     let squares =
         |(a, b): (&[f32; 3], &[f32; 3])| -> f64 { (0..3).map(|c| (f64::from(a[c]) - f64::from(b[c])).powi(2)).sum() };
-    // Pixels that do not count are equal in both.
+    // Masked pixels are equal in both pictures and add nothing.
     let sum: f64 = pair.render().iter().zip(pair.target()).map(squares).sum();
     let mse = sum / (3 * pair.valid_pixels()) as f64;
     (-10.0 * mse.log10()).min(MAX_PSNR_DB)
@@ -27,7 +27,7 @@ mod tests {
         let mut render = [[0.25f32; 3]; 4];
         let quarter = psnr(&PicturePair::new((2, 2), &render, &target, None)?);
         assert!((quarter - 40.0 * 2f64.log10()).abs() < 1e-12, "{quarter}");
-        // Half of the pixels count, and those differ as before: the others must not dilute the mean.
+        // Half of the pixels count, and those differ as before: masked pixels must not dilute the mean.
         render[0] = [1.0; 3];
         render[1] = [1.0; 3];
         let mask = [false, false, true, true];

@@ -1,4 +1,4 @@
-//! The figures of one evaluation, as they are written to JSON.
+//! The metrics of one evaluation, as they are written to JSON.
 
 use serde::Serialize;
 
@@ -8,36 +8,37 @@ use crate::pair::PicturePair;
 use crate::psnr::psnr;
 use crate::ssim::ssim;
 
-/// How close one picture is to another, or the mean over several.
+/// Metrics of one picture pair, or their mean over several.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Metrics {
-    /// dB, more is better; at most [`crate::MAX_PSNR_DB`]. A mean is of the views' dB.
+    /// Peak signal-to-noise ratio in dB, higher is better; at most [`crate::MAX_PSNR_DB`]. A mean is the mean of
+    /// the dB values.
     pub psnr: f64,
-    /// At most 1, more is better.
+    /// Structural similarity, at most 1, higher is better.
     pub ssim: f64,
-    /// At least 0, less is better; `None` (null in JSON) if not computed.
+    /// LPIPS distance, at least 0, lower is better; `None` (null in JSON) if not computed.
     pub lpips: Option<f64>,
 }
 
-/// The figures of one view.
+/// The metrics of one view.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ViewMetrics {
-    /// The view's name.
+    /// Name of the view's camera.
     pub name: String,
-    /// See [`Metrics::psnr`].
+    /// Peak signal-to-noise ratio; see [`Metrics::psnr`].
     pub psnr: f64,
-    /// See [`Metrics::ssim`].
+    /// Structural similarity; see [`Metrics::ssim`].
     pub ssim: f64,
-    /// See [`Metrics::lpips`].
+    /// LPIPS distance; see [`Metrics::lpips`].
     pub lpips: Option<f64>,
 }
 
 /// All views and their mean. JSON: `{"views":[{"name","psnr","ssim","lpips"}],"mean":{"psnr","ssim","lpips"}}`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct EvalReport {
-    /// In the dataset's order, at least one.
+    /// One entry per view in the dataset's order, at least one.
     pub views: Vec<ViewMetrics>,
-    /// The mean of each figure over the views; LPIPS only if every view has it.
+    /// The mean of each metric over the views; LPIPS only if every view has it.
     pub mean: Metrics,
 }
 
@@ -45,7 +46,7 @@ impl Metrics {
     /// All metrics of a pair; LPIPS if its network is given and the picture is large enough for it.
     ///
     /// # Errors
-    /// A network that gives no number.
+    /// LPIPS failed for another reason than the picture's size.
     pub fn of(pair: &PicturePair, lpips: Option<&Lpips>) -> Result<Self, LpipsError> {
         let lpips = match lpips.map(|lpips| lpips.distance(pair)).transpose() {
             Err(LpipsError::TooSmall { .. }) => None,
@@ -54,7 +55,7 @@ impl Metrics {
         Ok(Self { psnr: psnr(pair), ssim: ssim(pair), lpips })
     }
 
-    /// The same figures with a name.
+    /// The same metrics with a view's name.
     pub fn named(self, name: impl Into<String>) -> ViewMetrics {
         ViewMetrics { name: name.into(), psnr: self.psnr, ssim: self.ssim, lpips: self.lpips }
     }
@@ -64,7 +65,7 @@ impl EvalReport {
     /// The report of these views, with their mean.
     ///
     /// # Errors
-    /// No views.
+    /// `views` is empty.
     pub fn new(views: Vec<ViewMetrics>) -> Result<Self, EvalError> {
         if views.is_empty() {
             return Err(EvalError::NoViews);

@@ -8,29 +8,28 @@ use crate::pair::PicturePair;
 /// Half of the 11-pixel window.
 const RADIUS: usize = 5;
 const SIGMA_PX: f64 = 1.5;
-/// (0.01 * range)^2 and (0.03 * range)^2, for the range 0..=1.
+/// (0.01 * range)^2 and (0.03 * range)^2 with the range 1.
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// Windowed sums of x, y, x^2, y^2, xy.
+/// Windowed sums of x, y, x^2, y^2 and xy.
 type Moments = [f64; 5];
 
-/// Mean SSIM, -1..=1, of all pixels and channels; 1 for equal pictures. The window is 11x11, sigma 1.5, and counts what
-/// lies outside of the picture as 0 in both pictures. Pixels that do not count hold the target in both, and are part of
-/// the mean.
+/// Mean SSIM, -1..=1, of all pixels and channels; 1 for equal pictures. The window is 11x11 with sigma 1.5; pixels
+/// outside the picture are 0 in both pictures. Masked pixels hold the target in both and are part of the mean.
 pub fn ssim(pair: &PicturePair) -> f64 {
     let (width, height) = (pair.width() as usize, pair.height() as usize);
     let window = window();
     let channel_sum = |channel: usize| {
         let rows = horizontal(pair, channel, &window);
         let sums: Vec<f64> = (0..height).into_par_iter().map(|y| row_sum(&rows, width, y, &window)).collect();
-        // Row by row, so that the number of threads does not change the last bit.
+        // Summed row by row, so that the number of threads does not change the last bit.
         sums.iter().sum::<f64>()
     };
     (0..3).map(channel_sum).sum::<f64>() / (3 * width * height) as f64
 }
 
-/// The normalised Gaussian; the 2D window is its product with itself.
+/// The normalised 1D Gaussian; the 2D window is its outer product with itself.
 fn window() -> [f64; 2 * RADIUS + 1] {
     let gauss = |i: usize| (-(i as f64 - RADIUS as f64).powi(2) / (2.0 * SIGMA_PX * SIGMA_PX)).exp();
     let raw: [f64; 2 * RADIUS + 1] = std::array::from_fn(gauss);
@@ -38,7 +37,7 @@ fn window() -> [f64; 2 * RADIUS + 1] {
     raw.map(|w| w / sum)
 }
 
-/// For every pixel the moments of one channel under the horizontal window.
+/// Moments of one channel under the horizontal window, for every pixel.
 fn horizontal(pair: &PicturePair, channel: usize, window: &[f64]) -> Vec<Moments> {
     let width = pair.width() as usize;
     let mut out = vec![[0.0; 5]; pair.render().len()];
@@ -61,7 +60,7 @@ fn row_sum(rows: &[Moments], width: usize, y: usize, window: &[f64]) -> f64 {
     (0..width).map(|x| similarity(weighted(y, height, window, |j| &rows[j * width + x]))).sum()
 }
 
-/// The window's sum around place `center` of a line of `len` places; places outside of it are 0.
+/// The sum under the window around position `center` of a line of `len` positions; positions outside count as 0.
 fn weighted<'a>(center: usize, len: usize, window: &[f64], at: impl Fn(usize) -> &'a Moments) -> Moments {
     let mut sum = [0.0; 5];
     for j in center.saturating_sub(RADIUS)..(center + RADIUS + 1).min(len) {
@@ -97,7 +96,7 @@ mod tests {
         (0..pixels).map(|_| [0; 3].map(|_| rng.uniform() as f32)).collect()
     }
 
-    /// The definition, pixel by pixel over the 2D window.
+    /// The definition of SSIM, pixel by pixel over the 2D window.
     fn direct(pair: &PicturePair) -> f64 {
         let (width, height, window) = (pair.width() as i64, pair.height() as i64, window());
         let mut sum = 0.0;
@@ -142,7 +141,7 @@ mod tests {
         Ok(())
     }
 
-    /// An independent implementation's pictures and figures (../shared/golden/README.md).
+    /// Pictures and values of an independent implementation (`../shared/golden`).
     #[test]
     fn agrees_with_the_golden_file() -> Outcome {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/golden/loss_l1_dssim.npz");
@@ -166,7 +165,7 @@ mod tests {
             // Measured: 7e-16 and 2.5e-14 dB.
             let (ssim_error, psnr_error) = ((ssim(&pair) - want_ssim).abs(), (psnr(&pair) - want_psnr).abs());
             assert!(ssim_error < 1e-12 && psnr_error < 1e-10, "{case}: {ssim_error:e} {psnr_error:e}");
-            // The other border rule of the file must not pass for this one.
+            // The file's values for the other border rule must not agree.
             let valid_rule = read(&mut archive, &format!("{case}_ssim_valid"))?[0];
             assert!((ssim(&pair) - valid_rule).abs() > 1e-4);
         }

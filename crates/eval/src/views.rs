@@ -8,21 +8,22 @@ use crate::io::View;
 use crate::io::view_image::{ViewImage, load_view};
 use crate::render::{DeviceScene, Picture, RenderOptions, Renderer};
 
-/// One view as soon as it is compared.
+/// One view, reported as soon as it is compared.
 #[derive(Debug)]
 pub struct Evaluated<'a> {
-    /// The view's name.
+    /// Name of the view's camera.
     pub name: &'a str,
-    /// Render and photo.
+    /// The rendered picture and the photo.
     pub pair: &'a PicturePair,
-    /// How close they are.
+    /// Metrics of the pair.
     pub metrics: Metrics,
-    /// Gaussians seen.
+    /// Number of splats that contribute to the picture after culling.
     pub visible: u64,
 }
 
-/// Renders every view at the size of its photo (`width` pixels wide if given), compares the two, and tells `on_view`
-/// in order. Photos are read one at a time. `E` is an error of the caller's, with which `on_view` can stop.
+/// Renders every view at the size of its photo (`width` pixels wide if given), compares the two, and calls `on_view`
+/// for each view in order. Photos are read one at a time. `E` is the caller's error type, with which `on_view` can stop
+/// the evaluation.
 ///
 /// # Errors
 /// The first photo that cannot be read, view that cannot be rendered, or pair that cannot be compared; no views; or
@@ -52,11 +53,11 @@ pub fn evaluate<E: From<EvalError>>(
     Ok(EvalReport::new(figures)?)
 }
 
-/// A rendered picture beside a photo of the same size, whose uncovered parts show `background`; pixels that do not
-/// count are masked.
+/// The pair of a rendered picture and a photo of the same size. Transparent parts of the photo show `background`;
+/// ignored pixels are masked.
 ///
 /// # Errors
-/// See [`PicturePair::new`].
+/// The same as [`PicturePair::new`].
 pub fn pair_of(picture: &Picture, photo: &ViewImage, background: [f32; 3]) -> Result<PicturePair, PairError> {
     let render: Vec<[f32; 3]> = picture.colors.iter().map(|&[r, g, b, _]| [r, g, b]).collect();
     let valid: Vec<bool> = photo.rgba.iter().map(|p| p[3] != 0).collect();

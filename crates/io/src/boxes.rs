@@ -1,13 +1,14 @@
-//! `boxes.json`: boxes around objects, drawn by a user, found by a detector, or found by their shape.
+//! `boxes.json`: boxes around objects, drawn by a user, detected in photos, or found by shape.
 //!
 //! ```json
 //! {"objects": [{"id": 1, "category": "car", "center": [0, 0, 1], "size": [2, 4, 1.5], "rotation": [1, 0, 0, 0]}],
 //!  "views": {"view_000": [{"box_px": [10, 20, 110.5, 80], "category": "car", "score": 0.8, "id": 1}]}}
 //! ```
 //!
-//! `objects` are boxes in the world: centre, lengths of edges, and the turn from the box's axes to the world's as a
-//! quaternion (w, x, y, z), none if it is left out. `views` are boxes in photos: left, top, right, bottom in pixels of
-//! the photo. `category`, `score` and, in photos, `id` may be left out. Keys that are not listed here are ignored.
+//! `objects` are boxes in the world: centre, edge lengths (world units), and the rotation from the box's axes to the
+//! world's as a quaternion (w, x, y, z), the identity if it is omitted. `views` are rectangles in photos: left, top,
+//! right, bottom in pixels of the photo. `category`, `score` and, in photos, `id` are optional. Unknown keys are
+//! ignored.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -37,7 +38,7 @@ struct ObjectFields {
     category: Option<String>,
     center: [f64; 3],
     size: [f64; 3],
-    /// (w, x, y, z)
+    /// Quaternion (w, x, y, z)
     #[serde(default = "no_rotation")]
     rotation: [f64; 4],
 }
@@ -60,11 +61,12 @@ fn no_rotation() -> [f64; 4] {
 /// Reads a file of boxes. Quaternions may have any length but 0.
 ///
 /// # Errors
-/// A file that is missing or no JSON; an id outside 1..=65535, or in the world or in one photo twice; an edge that is not
-/// above 0, a box without area, a score outside 0..=1, numbers that are not finite; with the box.
+/// The file is missing or not JSON; an id is outside 1..=65535, or occurs twice in the world or in one photo; an edge
+/// is not above 0; a rectangle has no area; a score is outside 0..=1; or a value is not finite. The error names the
+/// box.
 pub fn read_boxes(path: &Path) -> Result<Boxes, IoError> {
     let value = parse_json(&read_bytes(path)?, path)?;
-    // As a structure serde would take a list, too.
+    // serde would accept a list for a struct, too.
     if !value.is_object() {
         return Err(IoError::new(path, "is no file of boxes: it has no objects and no views"));
     }
@@ -82,10 +84,10 @@ pub fn read_boxes(path: &Path) -> Result<Boxes, IoError> {
     Ok(boxes)
 }
 
-/// Writes boxes. Checks what [`read_boxes`] checks, so what is written can be read.
+/// Writes boxes. Checks the same as [`read_boxes`], so that the file can be read.
 ///
 /// # Errors
-/// A box that cannot be read again, or a file that cannot be written.
+/// A box that could not be read again, or a file that cannot be written.
 pub fn write_boxes(path: &Path, boxes: &Boxes) -> Result<(), IoError> {
     check(boxes, path)?;
     let object = |o: &ObjectBox| {
@@ -102,7 +104,7 @@ pub fn write_boxes(path: &Path, boxes: &Boxes) -> Result<(), IoError> {
 fn object_of(fields: ObjectFields) -> Result<ObjectBox, String> {
     let [w, x, y, z] = fields.rotation;
     let rotation = DQuat::from_xyzw(x, y, z, w);
-    // A length that is neither 0 nor infinite when squared.
+    // The squared length must be neither 0 nor infinite.
     if !(1e-100..1e100).contains(&rotation.length()) {
         return Err(format!("has the rotation {:?}, which is no quaternion", fields.rotation));
     }
@@ -115,7 +117,7 @@ fn object_of(fields: ObjectFields) -> Result<ObjectBox, String> {
     })
 }
 
-/// What holds for boxes in a file and in memory; the error names the box.
+/// Checks the rules for boxes in a file or in memory; the error names the box.
 fn check(boxes: &Boxes, path: &Path) -> Result<(), IoError> {
     let mut ids = BTreeSet::new();
     for (i, object) in boxes.objects.iter().enumerate() {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::error::{IoError, Place};
 
-/// Reads little-endian values one after another; running out of bytes is an error that names the offset.
+/// Reads consecutive little-endian values; running out of bytes is an error that names the offset.
 pub(crate) struct Cursor<'a> {
     bytes: &'a [u8],
     position: usize,
@@ -57,7 +57,7 @@ impl<'a> Cursor<'a> {
         Ok(f64::from_le_bytes(self.array(what)?))
     }
 
-    /// Text up to a zero byte.
+    /// Reads text up to a zero byte, which is consumed; `what` names it in the error.
     pub(crate) fn c_string(&mut self, what: &str) -> Result<String, IoError> {
         let rest = &self.bytes[self.position..];
         let Some(length) = rest.iter().position(|&b| b == 0) else {

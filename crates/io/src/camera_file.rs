@@ -7,12 +7,15 @@ use crate::json::write_json;
 use crate::read_bytes;
 use crate::scene::camera::Camera;
 
-/// Reads one camera object or a list of them; every camera is checked.
+/// Reads a camera file: one camera object or a list.
+///
+/// # Errors
+/// The file cannot be read or parsed, or a camera is invalid.
 pub fn read_cameras(path: &Path) -> Result<Vec<Camera>, IoError> {
     parse_cameras(&read_bytes(path)?, path)
 }
 
-/// Parses the bytes of a camera file; `path` is for messages only.
+/// Parses the bytes of a camera file; `path` is only used in messages.
 pub fn parse_cameras(bytes: &[u8], path: &Path) -> Result<Vec<Camera>, IoError> {
     let values = match parse_json(bytes, path)? {
         serde_json::Value::Array(values) if values.is_empty() => return Err(IoError::new(path, "holds no camera")),
@@ -31,12 +34,12 @@ pub fn parse_cameras(bytes: &[u8], path: &Path) -> Result<Vec<Camera>, IoError> 
     Ok(cameras)
 }
 
-/// Writes a list of cameras.
+/// Writes a list of cameras as JSON.
 pub fn write_cameras(path: &Path, cameras: &[Camera]) -> Result<(), IoError> {
     write_json(path, cameras)
 }
 
-/// JSON with the line in the error.
+/// Parses JSON; an error names the line.
 pub(crate) fn parse_json(bytes: &[u8], path: &Path) -> Result<serde_json::Value, IoError> {
     serde_json::from_slice(bytes)
         .map_err(|e| IoError::new(path, format!("is not valid JSON: {e}")).at(Place::Line(e.line() as u64)))

@@ -1,7 +1,7 @@
 //! COLMAP models (`sparse/0`, binary or text): cameras and image poses.
 //!
-//! COLMAP's axes are ours (OpenCV, pixel centres at +0.5). Observations of points are skipped; `points3D` is read by
-//! [`crate::point_cloud`].
+//! COLMAP's axes are the same as here (OpenCV, pixel centres at +0.5). Observations of points are skipped; `points3D`
+//! is read by [`crate::point_cloud`].
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -15,18 +15,18 @@ use crate::read_bytes;
 pub use crate::math::distortion::Distortion;
 use crate::scene::camera::Camera;
 
-/// A view before it is part of a dataset: a camera and the image's name as in the file.
+/// A camera with its image's name in the file, before it becomes a view of a dataset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PosedImage {
-    /// The pinhole part. Its name is the image's file name without extension.
+    /// The pinhole camera, named after the image file without its extension.
     pub camera: Camera,
-    /// Image path as written in the file (COLMAP: relative to `images/`; transforms.json: to its folder).
+    /// Image path as written in the file, relative to `images/` (COLMAP) or to the file's folder (transforms.json).
     pub file: String,
-    /// Lens distortion that the image still has.
+    /// Lens distortion of the image; `None` for a pinhole image.
     pub distortion: Option<Distortion>,
-    /// Mask of the pixels that count, as written in the file; only transforms.json has it.
+    /// Path of a mask of valid pixels, as written in the file; only transforms.json has it.
     pub mask: Option<String>,
-    /// What the file says the view is for. Either all views of a file have it or none has.
+    /// The split that the file assigns. Either all views of a file have one or none has.
     pub split: Option<Split>,
 }
 
@@ -45,7 +45,10 @@ pub fn colmap_folder(dataset: &Path) -> Option<PathBuf> {
     [dataset.join("sparse/0"), dataset.join("sparse")].into_iter().find(|f| has(f, "bin") || has(f, "txt"))
 }
 
-/// Reads `cameras` and `images` of a model folder; `.bin` wins over `.txt`.
+/// Reads `cameras` and `images` of a model folder; `.bin` files take precedence over `.txt`.
+///
+/// # Errors
+/// A file is missing or damaged, or a camera model is not supported.
 pub fn read_colmap(folder: &Path) -> Result<Vec<PosedImage>, IoError> {
     let binary = folder.join("cameras.bin").is_file();
     let ending = if binary { "bin" } else { "txt" };
@@ -59,17 +62,17 @@ pub fn read_colmap(folder: &Path) -> Result<Vec<PosedImage>, IoError> {
     }
 }
 
-/// Parses the bytes of the two binary files; the paths are for messages only.
+/// Parses the bytes of the two binary files; `path` is only used in messages.
 pub fn parse_colmap_bin(cameras: &[u8], images: &[u8], path: &Path) -> Result<Vec<PosedImage>, IoError> {
     parse_images_bin(images, path, &parse_cameras_bin(cameras, path)?)
 }
 
-/// Parses the bytes of the two text files; the paths are for messages only.
+/// Parses the bytes of the two text files; `path` is only used in messages.
 pub fn parse_colmap_txt(cameras: &[u8], images: &[u8], path: &Path) -> Result<Vec<PosedImage>, IoError> {
     parse_images_txt(images, path, &parse_cameras_txt(cameras, path)?)
 }
 
-/// COLMAP's models by number: name and number of parameters.
+/// COLMAP's camera models by number: name and number of parameters.
 const MODELS: [(&str, usize); 17] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -99,7 +102,7 @@ fn intrinsics(model: &str, size: [u64; 2], p: &[f64], fail: &dyn Fn(String) -> I
         ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => (f, f, cx, cy, Distortion { k1, ..Distortion::default() }),
         ("RADIAL", &[f, cx, cy, k1, k2]) => (f, f, cx, cy, Distortion { k1, k2, ..Distortion::default() }),
         ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3: 0.0 }),
-        // k4 to k6, which divide, are zero where nobody fitted them.
+        // k4 to k6 form a denominator; they are zero unless they were fitted.
         ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]) => {
             (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3 })
         }
@@ -123,7 +126,7 @@ fn parse_cameras_bin(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
     let mut c = Cursor::new(bytes, path);
     let count = c.u64("the number of cameras")?;
     let mut cameras = Cameras::new();
-    // Each turn consumes bytes, so a wrong count ends at the end of the file.
+    // Each iteration consumes bytes, so a wrong count stops at the end of the file.
     for _ in 0..count {
         let at = c.position() as u64;
         let fail = |what: String| IoError::new(path, what).at(Place::Byte(at));
@@ -160,7 +163,7 @@ fn parse_images_bin(bytes: &[u8], path: &Path, cameras: &Cameras) -> Result<Vec<
     Ok(out)
 }
 
-/// Lines with their numbers; comments are empty.
+/// Lines with their numbers; comment lines become empty.
 pub(crate) fn lines<'a>(bytes: &'a [u8], path: &Path) -> Result<Vec<(u64, &'a str)>, IoError> {
     let text = std::str::from_utf8(bytes)
         .map_err(|e| IoError::new(path, "is not UTF-8 text").at(Place::Byte(e.valid_up_to() as u64)))?;
@@ -205,13 +208,13 @@ fn parse_images_txt(bytes: &[u8], path: &Path, cameras: &Cameras) -> Result<Vec<
         // A file name may hold spaces.
         let name = words.collect::<Vec<_>>().join(" ");
         out.push(posed(pose, camera, name, cameras, &fail)?);
-        // The line of points, often empty, belongs to the image.
+        // The image's line of points, which is often empty.
         rest.next();
     }
     Ok(out)
 }
 
-/// `pose` = rotation quaternion w x y z, translation of view_from_world.
+/// Builds a view from `pose`: quaternion w, x, y, z and translation of view_from_world.
 fn posed(
     pose: [f64; 7],
     camera: u32,
@@ -244,7 +247,7 @@ fn posed(
     Ok(PosedImage { camera, file, distortion: intrinsics.distortion, mask: None, split: None })
 }
 
-/// File name without folders and extension.
+/// File name without its folders and extension.
 pub(crate) fn stem(file: &str) -> String {
     Path::new(file).file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! The views of a dataset folder, from whichever camera files it has.
+//! The views of a dataset folder, read from whichever camera files it has.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,54 +8,57 @@ use crate::error::IoError;
 use crate::nerf;
 use crate::scene::camera::Camera;
 
-/// Without a split of its own, every eighth view of a dataset by name, from the first, is a test view.
+/// Unless the dataset defines a split, every eighth view by name is a test view, starting with the first.
 const TEST_EVERY: usize = 8;
 
-/// What a view is for.
+/// The split that a view belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Split {
-    /// Trained on.
+    /// Views that are trained on.
     Train,
-    /// Held out, for evaluation only.
+    /// Held out, only for evaluation.
     Test,
 }
 
 /// A photo with its camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// The camera of the undistorted image. Its name is the image's stem, and unique in the dataset.
+    /// The camera of the undistorted image, named after the image file; the name is unique in the dataset.
     pub camera: Camera,
-    /// The image's file; not checked for existence.
+    /// Path of the image; it may not exist.
     pub image_path: PathBuf,
-    /// Train or test.
+    /// Training or test split.
     pub split: Split,
-    /// Lens distortion that the image still has; `None` for pinhole images.
+    /// Lens distortion of the image; `None` for a pinhole image.
     pub distortion: Option<Distortion>,
-    /// An image of the same size whose zero pixels are not trained on and not compared; not checked for existence.
+    /// Path of an image of the same size whose zero pixels are neither trained on nor compared; it may not exist.
     pub mask_path: Option<PathBuf>,
 }
 
 /// All views of a folder, sorted by image path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dataset {
-    /// The views.
+    /// All views, in that order.
     pub views: Vec<View>,
 }
 
 impl Dataset {
-    /// The views of one split, in order.
+    /// The views of one split, in the dataset's order.
     pub fn split(&self, split: Split) -> impl Iterator<Item = &View> {
         self.views.iter().filter(move |v| v.split == split)
     }
 }
 
-/// Reads the views of a dataset folder. Of several camera files the first of these counts: `transforms_train.json` with
-/// `transforms_test.json`, `transforms.json`, `sparse/0` (or `sparse`). The split is the pair's, or that of `transforms.json`
-/// ([`nerf`]), else views 0, 8, 16 ... by name are for test.
+/// Reads the views of a dataset folder from the first of these that exists: `transforms_train.json` with
+/// `transforms_test.json`, `transforms.json`, `sparse/0` (or `sparse`). The split is the pair's, or that of
+/// `transforms.json` ([`nerf`]), otherwise views 0, 8, 16 ... by name are the test split.
 ///
-/// A `mask_path` is an instance mask (ids of objects, 0 = none) if a `categories.json` lies beside it, in a folder above
-/// it within the dataset, or in the dataset's `masks/`, where this crate takes them from. It does not say which pixels
-/// count, and is not used here.
+/// A `mask_path` is an instance mask (ids of objects, 0 = none) if a `categories.json` is in its folder, in a parent
+/// folder within the dataset, or in the dataset's `masks/`, the default folder of instance masks. Such a mask does not
+/// mark valid pixels, and is not used here.
+///
+/// # Errors
+/// No camera file exists, one is damaged, or there are no views.
 pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     let mut views = Vec::new();
     let mut split_given = false;
@@ -96,33 +99,33 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     }
     unique_names(&mut views);
     let mut views: Vec<View> = views.into_iter().map(|(view, _)| view).collect();
-    // A single view is for training.
+    // A single view is a training view.
     if !split_given && views.len() > 1 {
         views.iter_mut().step_by(TEST_EVERY).for_each(|v| v.split = Split::Test);
     }
     Ok(Dataset { views })
 }
 
-/// `./a/b` as `a/b`, so that a path has one spelling.
+/// The path `./a/b` as `a/b`, so that each path has one spelling.
 pub(crate) fn without_dots(file: &str) -> PathBuf {
     Path::new(file).components().filter(|c| !matches!(c, std::path::Component::CurDir)).collect()
 }
 
-/// True if `mask`, of a dataset in `folder`, holds ids of objects. With ids in `masks/` no mask of the dataset is taken for
-/// one of pixels to ignore: `masks_2/` may be the same at half the size, and ids that hide every pixel without an object
-/// would spoil a training silently.
+/// True if `mask`, of a dataset in `folder`, holds ids of objects. If there are ids in `masks/`, no mask of the dataset
+/// is taken for one of valid pixels: `masks_2/` may hold the same ids at half the size, and to ignore every pixel
+/// without an object would silently spoil the training.
 fn is_instance_mask(folder: &Path, mask: &Path) -> bool {
     let has_categories = |folder: &Path| folder.join("categories.json").is_file();
-    // One spelling of both, as a file may name its masks by absolute paths.
+    // Absolute paths, since a file may name its masks by absolute paths.
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.into());
     let (folder, mask) = (absolute(folder), absolute(mask));
     let mut within = mask.ancestors().skip(1).take_while(|above| above.starts_with(&folder));
     mask.parent().is_some_and(has_categories) || within.any(has_categories) || has_categories(&folder.join("masks"))
 }
 
-/// Views whose stems are the same are named after their path instead: `left/0001.jpg` is `left_0001`; should that be
-/// taken too (`a.png` beside `a.jpg`), the ending joins the name. Folders that all photos are in say nothing and are left
-/// out, as `images` in front of `left`, so that masks are found in `masks/left`.
+/// Makes view names unique. Views whose file names without extension are equal are named after their path instead:
+/// `left/0001.jpg` is `left_0001`; if that is taken too (`a.png` beside `a.jpg`), the extension is appended. Folders
+/// that all photos share are omitted, such as `images` before `left`, so that masks are found in `masks/left`.
 fn unique_names(views: &mut [(View, PathBuf)]) {
     let shared = shared_folders(views.iter().map(|(_, relative)| relative.as_path()));
     for round in 0..2 {
@@ -136,7 +139,7 @@ fn unique_names(views: &mut [(View, PathBuf)]) {
     }
 }
 
-/// How many folders at the front all paths have in common.
+/// Number of leading folders that all paths have in common.
 fn shared_folders<'a>(mut paths: impl Iterator<Item = &'a Path>) -> usize {
     let folders = |path: &'a Path| path.parent().unwrap_or(path).components().collect::<Vec<_>>();
     let first = paths.next().map(folders).unwrap_or_default();
@@ -187,7 +190,7 @@ mod tests {
         assert_eq!(got, [("2", Split::Test), ("left_1", Split::Train), ("right_1", Split::Train)]);
         assert_eq!(pair.views[1].image_path, root.join("left/1.jpg"));
 
-        // As masks are: masks/left/1.png.
+        // Mask folders are named in this way: masks/left/1.png.
         std::fs::write(root.join("transforms_train.json"), transforms(&["images/left/1.jpg", "./images/right/1.jpg"]))?;
         std::fs::write(root.join("transforms_test.json"), transforms(&["images/left/2.jpg"]))?;
         let rig = read_views(root)?;
@@ -198,7 +201,8 @@ mod tests {
 
     #[test]
     fn instance_masks_ignore_no_pixels() -> Result<(), Box<dyn std::error::Error>> {
-        // Folder of the mask, folder of categories.json (from the one above the dataset), whether the mask is used.
+        // Folder of the mask, folder of categories.json (relative to the dataset's parent), and whether the mask is
+        // used.
         for (mask, categories, used) in [
             ("masks", "", true),
             ("masks", "data/masks", false),
@@ -210,7 +214,7 @@ mod tests {
             ("ids/left", "data/ids", false),
             ("ids/left", "data", false),
             ("ids/left", "data/images", true),
-            // Beyond the dataset it is somebody else's.
+            // A file outside the dataset is ignored.
             ("masks", ".", true),
             ("../elsewhere", "elsewhere", false),
         ] {
@@ -248,7 +252,7 @@ mod tests {
         for (lists, train, test) in [
             ("", "bcd", "a"),
             (r#""test_filenames":["i/c.png"],"#, "abd", "c"),
-            // What is held out for validation is not trained on, even where it is not the test split.
+            // Views for validation are not trained on, even if they are not the test split.
             (r#""test_filenames":["i/c.png"],"val_filenames":["./i/b.png"],"#, "ad", "c"),
             (r#""train_filenames":["i/a.png","i/b.png"],"val_filenames":["./i/b.png"],"test_filenames":[],"#, "a", "b"),
             (r#""train_filenames":["i/a.png","i/b.png"],"#, "ab", "cd"),

@@ -1,4 +1,4 @@
-//! The one error of file reading and writing: a single line that says which file, where, what, and what to do.
+//! The error type of reading and writing files: one line that says which file, where, what, and what to do.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ pub enum Place {
     /// The file as a whole.
     #[default]
     File,
-    /// A byte offset from the start of the file (of the decompressed data where the format is gzipped).
+    /// A byte offset from the start of the file (of the decompressed data if the format is gzipped).
     Byte(u64),
     /// A line of a text file, counted from 1.
     Line(u64),
@@ -35,13 +35,13 @@ impl fmt::Display for Place {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}{place}: {what}{}", path.display(), advice.as_ref().map(|a| format!("; {a}")).unwrap_or_default())]
 pub struct IoError {
-    /// The file or folder.
+    /// Path of the file or folder.
     pub path: PathBuf,
-    /// Where in it.
+    /// The place within the file.
     pub place: Place,
-    /// What is wrong.
+    /// What is wrong there.
     pub what: String,
-    /// What the user can do, where that is known.
+    /// What the user can do, if that is known.
     pub advice: Option<String>,
 }
 
@@ -51,13 +51,13 @@ impl IoError {
         Self { path: path.into(), place: Place::File, what: one_line(&what.into()), advice: None }
     }
 
-    /// The same error at a place in the file.
+    /// The same error, located at a place in the file.
     pub fn at(mut self, place: Place) -> Self {
         self.place = place;
         self
     }
 
-    /// The same error with advice.
+    /// The same error with advice for the user.
     pub fn advise(mut self, advice: impl Into<String>) -> Self {
         self.advice = Some(advice.into());
         self
@@ -69,7 +69,7 @@ impl IoError {
     }
 }
 
-/// Texts of other crates may hold line breaks; an error is one line.
+/// Joins the lines of other crates' messages, since an error is one line.
 fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }

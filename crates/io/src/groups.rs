@@ -1,9 +1,8 @@
-//! `groups.json`: repeated objects and where they stand; the `scene_graph.json` of the paper's public code with more in
-//! it.
+//! `groups.json`: repeated objects and their poses; an extension of the `scene_graph.json` of the paper's public code.
 //!
 //! A list of `{"template_id", "name"?, "score"?, "instances": [{"instance_id", "transform", "world_from_template"}]}`.
-//! Matrices are 4x4, rows first. `transform` maps the instance to the template, `world_from_template` is its inverse
-//! and wins where both are given. Both are written. Keys that are not listed here are ignored.
+//! Matrices are 4x4, row major. `transform` maps the instance to the template; `world_from_template` is its inverse and
+//! takes precedence. Both are written. Unknown keys are ignored.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -17,9 +16,9 @@ use crate::{atomic_write, read_bytes};
 use crate::math::similarity::Similarity;
 use crate::scene::posed_group::{PosedGroup, PosedInstance};
 
-/// The largest id that a 16-bit mask holds; 0 is no object.
+/// The largest id that a 16-bit mask can hold; 0 is no object.
 pub(super) const MAX_INSTANCE_ID: u32 = u16::MAX as u32;
-/// How far the fourth row may be from 0 0 0 1: matrices that were inverted or multiplied in f32 keep it within 1e-6.
+/// How far the fourth row may be from 0 0 0 1: matrices that were inverted or multiplied in f32 are within 1e-6.
 const AFFINE_TOLERANCE: f64 = 1e-5;
 
 type Matrix = [[f64; 4]; 4];
@@ -46,13 +45,16 @@ struct InstanceOut {
     world_from_template: Matrix,
 }
 
-/// Reads a file of groups. Errors name the group and the instance: an id that is not 1..=65535 or used twice, a
-/// template that two groups claim, a group without instances, a score outside 0..=1, a matrix that is no similarity.
+/// Reads a file of groups.
+///
+/// # Errors
+/// An id that is not 1..=65535 or used twice, a template that two groups use, a group without instances, a score
+/// outside 0..=1, or a matrix that is not a similarity. The error names the group and the instance.
 pub fn read_groups(path: &Path) -> Result<Vec<PosedGroup>, IoError> {
     parse_groups(&read_bytes(path)?, path)
 }
 
-/// Parses the bytes of a file of groups; `path` is for messages only.
+/// Parses the bytes of a file of groups; `path` is only used in messages.
 pub fn parse_groups(bytes: &[u8], path: &Path) -> Result<Vec<PosedGroup>, IoError> {
     let serde_json::Value::Array(values) = parse_json(bytes, path)? else {
         return Err(IoError::new(path, "is no list of groups"));
@@ -76,7 +78,8 @@ pub fn parse_groups(bytes: &[u8], path: &Path) -> Result<Vec<PosedGroup>, IoErro
     Ok(groups)
 }
 
-/// Writes groups, one instance a line. Checks what [`read_groups`] checks, so what is written can be read, to the bit.
+/// Writes groups, one instance per line. Checks the same as [`read_groups`], so that the file can be read; values are
+/// preserved to the bit.
 pub fn write_groups(path: &Path, groups: &[PosedGroup]) -> Result<(), IoError> {
     check(groups, path)?;
     let text = groups_text(groups).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
@@ -111,7 +114,7 @@ fn group_place(index: usize, name: Option<&str>) -> String {
     format!("group {index}{}", name.map(|n| format!(" ({n})")).unwrap_or_default())
 }
 
-/// The error is for a message that already names group and instance.
+/// Parses one instance; the error completes a message that already names group and instance.
 fn parse_instance(value: serde_json::Value) -> Result<PosedInstance, String> {
     let fields: InstanceFields = serde_json::from_value(value).map_err(|e| e.to_string())?;
     let id = fields.instance_id;
@@ -119,7 +122,7 @@ fn parse_instance(value: serde_json::Value) -> Result<PosedInstance, String> {
     let world_from_template = match (fields.world_from_template, fields.transform) {
         (Some(matrix), _) => similarity(&matrix).map_err(|e| named("world_from_template", e))?,
         (None, Some(matrix)) => {
-            // Judged before it is inverted, so that the message is about the numbers of the file.
+            // Checked before the inversion, so that the message is about the file's values.
             similarity(&matrix).map_err(|e| named("transform", e))?;
             let inverse = matrix_of(affine(&matrix).inverse());
             similarity(&inverse).map_err(|e| named("inverse of transform", e))?
@@ -154,7 +157,7 @@ fn matrix_of(affine: DAffine3) -> Matrix {
     [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
 }
 
-/// What holds for groups in a file and in memory; the error names the group and the instance.
+/// Checks the rules for groups in a file or in memory; the error names the group and the instance.
 fn check(groups: &[PosedGroup], path: &Path) -> Result<(), IoError> {
     let (mut templates, mut ids) = (BTreeSet::new(), BTreeSet::new());
     for (g, group) in groups.iter().enumerate() {
@@ -235,7 +238,7 @@ mod tests {
         strip(&mut only_transform, "world_from_template");
         let back = parse_groups(&serde_json::to_vec(&only_transform)?, path)?;
         for (a, b) in back.iter().zip(sample()).flat_map(|(a, b)| a.instances.clone().into_iter().zip(b.instances)) {
-            // Measured: 65535 comes back as 65534.996, one unit in the last place of f32.
+            // Measured: 65535 becomes 65534.996, one unit in the last place of f32.
             let p = DVec3::new(0.3, -0.7, 2.0);
             let (a, b) = (a.world_from_template.transform_point(p), b.world_from_template.transform_point(p));
             assert!((a - b).length() <= 1e-6 * b.length(), "{a} {b}");
@@ -248,7 +251,7 @@ mod tests {
         Ok(())
     }
 
-    /// The error of a list of one group with these instances.
+    /// The error for a list of one group with the given instances.
     fn error_of(instances: &str) -> String {
         let text = format!("[{{\"template_id\": 3, \"name\": \"vase\", \"extra\": 1, \"instances\": [{instances}]}}]");
         parse_groups(text.as_bytes(), Path::new("g.json")).err().map(|e| e.to_string()).unwrap_or_default()

@@ -1,11 +1,11 @@
-//! How much memory the machine has to spare.
+//! Available memory of the host.
 
-/// Memory that can be had without swapping, bytes; `None` where it is not known: it is on Linux.
+/// Memory that is available without swapping, bytes; `None` if it is unknown, as it is on systems other than Linux.
 pub fn available_bytes() -> Option<u64> {
     available_of(&std::fs::read_to_string("/proc/meminfo").ok()?)
 }
 
-/// From the text of `/proc/meminfo`.
+/// Parses the text of `/proc/meminfo`; the result is in bytes.
 fn available_of(text: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()?.checked_mul(1024)

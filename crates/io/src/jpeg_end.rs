@@ -1,8 +1,8 @@
-//! Whether a JPEG is all there. The decoder fills what is missing of a cut file with grey and says nothing.
+//! Detects truncated JPEG files, whose missing part the decoder silently fills with grey.
 
-/// True if `bytes` begin as a JPEG and have no end-of-image marker after the first scan's header. In a scan the byte
-/// FF is followed by 00 or a restart number, so FF D9 cannot be data; the headers before it, which may hold a thumbnail
-/// with an end of its own, are stepped over. Anything that is no JPEG is left to the decoder's judgement.
+/// True if `bytes` begin as a JPEG and have no end-of-image marker after the first scan's header. In a scan the byte FF
+/// is followed by 00 or a restart number, so FF D9 cannot be data; the headers before it, which may hold a thumbnail
+/// with its own end marker, are skipped. False for anything that is not a JPEG: the decoder reports that.
 pub(crate) fn is_cut_jpeg(bytes: &[u8]) -> bool {
     if !bytes.starts_with(&[0xFF, 0xD8, 0xFF]) {
         return false;
@@ -10,7 +10,7 @@ pub(crate) fn is_cut_jpeg(bytes: &[u8]) -> bool {
     let mut at = 2;
     loop {
         match bytes.get(at..at + 4) {
-            // Fill bytes before a marker.
+            // Skips fill bytes before a marker.
             Some(&[0xFF, 0xFF, ..]) => at += 1,
             Some(&[0xFF, 0xDA, ..]) => return !bytes[at..].windows(2).any(|w| w == [0xFF, 0xD9]),
             Some(&[0xFF, _, high, low]) => at += 2 + usize::from(u16::from_be_bytes([high, low])),

@@ -1,4 +1,4 @@
-//! Records as JSON files.
+//! Serialisable records as JSON files.
 
 use std::path::Path;
 
@@ -8,19 +8,19 @@ use serde::{Serialize, Serializer};
 use super::{IoError, atomic_write, read_bytes};
 use crate::error::Place;
 
-/// Reads a record.
+/// Reads a record from a JSON file.
 ///
 /// # Errors
-/// A file that is missing, is not JSON, or is of something else; with the line.
+/// The file is missing, is not JSON, or does not match the type; the error names the line.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, IoError> {
     serde_json::from_slice(&read_bytes(path)?)
         .map_err(|e| IoError::new(path, format!("cannot be used: {e}")).at(Place::Line(e.line() as u64)))
 }
 
-/// Writes a record, for people to read, too.
+/// Writes a record as indented JSON.
 ///
 /// # Errors
-/// A file that cannot be written, or what JSON cannot hold.
+/// The file cannot be written, or the record has a value that JSON cannot represent.
 pub fn write_json(path: &Path, record: &(impl Serialize + ?Sized)) -> Result<(), IoError> {
     let bytes = serde_json::to_vec_pretty(record).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
     atomic_write(path, |out| out.write_all(&bytes).and_then(|()| out.write_all(b"\n")))

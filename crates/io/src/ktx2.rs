@@ -1,6 +1,6 @@
 //! Float images as `.ktx2`: one level, no supercompression, `VK_FORMAT_R32G32B32A32_SFLOAT` or `VK_FORMAT_R32_SFLOAT`.
 //!
-//! The header, level index and data-format descriptor are written here; reading goes through the `ktx2` crate, which so
+//! The header, level index and data-format descriptor are written here; reading uses the `ktx2` crate, which thus
 //! checks the writer independently.
 
 use std::path::Path;
@@ -11,23 +11,26 @@ use crate::{atomic_write, read_bytes};
 /// A float image, row major from the top left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FloatImage {
-    /// Pixels per row.
+    /// Width of the image, pixels.
     pub width: u32,
-    /// Rows.
+    /// Height of the image, pixels.
     pub height: u32,
-    /// 4 (RGBA) or 1 (depth).
+    /// Number of channels: 4 (RGBA) or 1 (depth).
     pub channels: u32,
-    /// `width * height * channels` values.
+    /// `width * height * channels` values, channels innermost.
     pub values: Vec<f32>,
 }
 
 const IDENTIFIER: [u8; 12] = [0xAB, 0x4B, 0x54, 0x58, 0x20, 0x32, 0x30, 0xBB, 0x0D, 0x0A, 0x1A, 0x0A];
 const VK_FORMAT_R32_SFLOAT: u32 = 100;
 const VK_FORMAT_R32G32B32A32_SFLOAT: u32 = 109;
-/// Identifier, nine header words, the index, and one level of three 64-bit words.
+/// Offset of the descriptor: identifier, nine header words, the index, and one level of three 64-bit words precede it.
 const DFD_OFFSET: u32 = 80 + 24;
 
 /// Writes an image with 4 or 1 channels.
+///
+/// # Errors
+/// Another number of channels, a wrong number of values, or a file that cannot be written.
 pub fn write_ktx2(path: &Path, image: &FloatImage) -> Result<(), IoError> {
     let bytes = ktx2_bytes(image, path)?;
     atomic_write(path, |out| out.write_all(&bytes))
@@ -54,7 +57,7 @@ pub fn ktx2_bytes(image: &FloatImage, path: &Path) -> Result<Vec<u8>, IoError> {
     let dfd = data_format_descriptor(channel_ids);
     let writer = key_value(b"KTXwriter", concat!("instgs-vk ", env!("CARGO_PKG_VERSION")).as_bytes());
     let kvd_offset = DFD_OFFSET as usize + dfd.len();
-    // A level starts at a multiple of its texel's size (4 or 16, both multiples of 4).
+    // A level starts at a multiple of its texel size (4 or 16, both multiples of 4).
     let data_offset = (kvd_offset + writer.len()).next_multiple_of(4 * image.channels as usize);
     let data_bytes = 4 * values;
 
@@ -109,12 +112,12 @@ fn key_value(key: &[u8], value: &[u8]) -> Vec<u8> {
     out
 }
 
-/// Reads what [`write_ktx2`] writes, from us or from others.
+/// Reads a `.ktx2` file of the two formats that [`write_ktx2`] writes, from any program.
 pub fn read_ktx2(path: &Path) -> Result<FloatImage, IoError> {
     parse_ktx2(&read_bytes(path)?, path)
 }
 
-/// Parses the bytes of a `.ktx2`; `path` is for messages only.
+/// Parses the bytes of a `.ktx2`; `path` is only used in messages.
 pub fn parse_ktx2(bytes: &[u8], path: &Path) -> Result<FloatImage, IoError> {
     let reader = ktx2::Reader::new(bytes).map_err(|e| IoError::new(path, format!("is not a whole KTX2 file: {e}")))?;
     let header = reader.header();
@@ -168,7 +171,7 @@ mod tests {
         Ok(())
     }
 
-    /// Offsets of the specification, read without the crate.
+    /// Fields at the offsets of the specification, read without the crate.
     #[test]
     fn fields_lie_where_the_specification_says() -> Result<(), IoError> {
         for channels in [1usize, 4] {

@@ -1,10 +1,10 @@
-//! L2: files. Readers check every count against the real length of the file before anything is allocated, never panic
-//! on input, and report one-line errors ([`IoError`]). Writers replace files atomically and write the same bytes for
-//! the same data each time.
+//! L2: files. Readers check every count against the actual length of the file before allocating, never panic on input,
+//! and report one-line errors ([`IoError`]). Writers replace files atomically and write the same bytes for the same
+//! data.
 //!
-//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`); [`write_glb`]. Views: [`dataset::read_views`],
-//! [`load_view`] for their images, [`read_points`], and [`camera_file`]. Which objects repeat: [`MaskFolder`] and
-//! [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`].
+//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`); [`write_glb`]. Views:
+//! [`dataset::read_views`], [`load_view`] for their images, [`read_points`], and [`camera_file`]. Repeated objects:
+//! [`MaskFolder`] and [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`].
 
 use instgs_vk::{math, scene};
 
@@ -70,11 +70,11 @@ pub use splat::read_splat;
 pub use spz::{read_spz, write_spz};
 pub use view_image::{LoadedView, ViewImage, load_view};
 
-/// How the names of [`atomic_write`]'s temporary files begin; a killed process may leave one.
+/// Prefix of the names of [`atomic_write`]'s temporary files; a killed process may leave one behind.
 pub(crate) const TEMPORARY_PREFIX: &str = ".instgs-";
 
-/// Writes a file so that readers see the old content or all of the new: into a temporary file in the same folder, then
-/// a rename. On failure the old file is untouched and the temporary file is gone.
+/// Writes a file atomically, so that readers see either the old content or all of the new: into a temporary file in the
+/// same folder, which is then renamed. On failure the old file is unchanged and the temporary file is removed.
 pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::Result<()>) -> Result<(), IoError> {
     let fail = |error: &std::io::Error| IoError::os(path, "cannot write", error);
     let folder = match path.parent() {
@@ -85,7 +85,7 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // The process's umask takes its part away, as for any new file; the crate's own default is owner-only.
+        // The process's umask is applied, as for any new file; the crate's default is owner-only.
         builder.permissions(fs::Permissions::from_mode(0o666));
     }
     let mut file = builder.prefix(TEMPORARY_PREFIX).tempfile_in(folder).map_err(|e| fail(&e))?;
@@ -97,7 +97,7 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
     Ok(())
 }
 
-/// The whole file.
+/// Reads the whole file into memory.
 pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
     if path.is_dir() {
         return Err(IoError::new(path, "is a folder, not a file"));
@@ -105,17 +105,17 @@ pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
     fs::read(path).map_err(|e| IoError::os(path, "cannot read", &e))
 }
 
-/// Logit of an opacity stored in 8 bits: 0 and 255 stand for opacities that no finite logit reaches, so they become
-/// those of 1e-6 and 1 - 1e-6 (logits -+13.8), which round back to the same byte.
+/// Logit of an opacity stored in 8 bits. 0 and 255 have no finite logit and become those of 1e-6 and 1 - 1e-6 (logits
+/// -+13.8), which round back to the same byte.
 pub(crate) fn logit_of_byte(alpha: u8) -> f32 {
     let a = (f64::from(alpha) / 255.0).clamp(1e-6, 1.0 - 1e-6);
     (a / (1.0 - a)).ln() as f32
 }
 
-/// The logarithm of a scale of zero, scene units: of the smallest normal f32.
+/// Log scale that stands for a scale of zero: the logarithm of the smallest normal f32, scene units.
 pub(crate) const LEAST_LOG_SCALE: f32 = -87.336_54;
 
-/// What there is to say of a scene's file of SH degree `stored`.
+/// A note for the user if a file has a higher SH degree, `stored`, than is supported.
 pub(crate) fn cut_note(stored: u32) -> Option<String> {
     (stored > MAX_SH_DEGREE).then(|| format!("has colours of SH degree {stored}, of which {MAX_SH_DEGREE} are kept"))
 }

@@ -1,4 +1,4 @@
-//! Instance masks as PNG bytes; which pixels mean what is told at [`crate::masks::read_mask`].
+//! Instance masks as PNG bytes; [`crate::masks::read_mask`] says how pixels become ids.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -8,11 +8,11 @@ use png::{BitDepth, ColorType, Transformations};
 use crate::error::IoError;
 use crate::masks::Mask;
 
-/// Deflate makes at most 1032 bytes of one: a file whose header states more pixels than that is damaged, and nothing is
+/// Deflate expands a byte to at most 1032: a file whose header claims more pixels than that is damaged, and nothing is
 /// allocated for it.
 const MAX_INFLATION: u64 = 1032;
 
-/// The mask in the bytes of a PNG; `path` is for messages only.
+/// Parses the bytes of a PNG mask; `path` is only used in messages.
 pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
     let fail = |e: png::DecodingError| IoError::new(path, format!("cannot decode the mask: {e}"));
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
@@ -38,7 +38,7 @@ pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
     };
     let mut data = vec![0; data_bytes];
     reader.next_frame(&mut data).map_err(fail)?;
-    // The image may be whole and the file not: the end mark is asked for too.
+    // The image may be complete and the file truncated: the end marker is required too.
     reader.finish().map_err(fail)?;
     let ids = match color {
         ColorType::Indexed => palette_ids(&data, width as usize, usize::from(bits), &palette.unwrap_or_default()),
@@ -48,8 +48,8 @@ pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
     Ok(Mask { width, height, ids })
 }
 
-/// Ids of an image with a palette of `bits` a pixel, rows padded to bytes: grey levels if it has only greys, else
-/// indices.
+/// Ids of a palette image with `bits` per pixel, rows padded to bytes: grey levels if the palette has only greys,
+/// otherwise indices.
 fn palette_ids(data: &[u8], width: usize, bits: usize, palette: &[u8]) -> Vec<u16> {
     let colours = palette.as_chunks::<3>().0;
     let greys = colours.iter().all(|[r, g, b]| r == g && g == b);
@@ -64,7 +64,7 @@ fn palette_ids(data: &[u8], width: usize, bits: usize, palette: &[u8]) -> Vec<u1
     data.chunks_exact(row_bytes).flat_map(|row| (0..width).map(move |i| id(pixel(row, i)))).collect()
 }
 
-/// The PNG of a mask, 16 bits of grey; `path` is for messages only.
+/// The PNG of a mask, 16-bit grey; `path` is only used in messages.
 pub fn mask_bytes(mask: &Mask, path: &Path) -> Result<Vec<u8>, IoError> {
     let pixels = u64::from(mask.width) * u64::from(mask.height);
     if pixels == 0 || pixels != mask.ids.len() as u64 {
@@ -90,7 +90,7 @@ mod tests {
 
     type Outcome = Result<(), Box<dyn std::error::Error>>;
 
-    /// A PNG of 5x2 pixels with these bytes.
+    /// A PNG of 5x2 pixels with the given data.
     fn encoded(color: ColorType, depth: BitDepth, palette: &[u8], data: &[u8]) -> Result<Vec<u8>, png::EncodingError> {
         let mut out = Vec::new();
         let mut encoder = png::Encoder::new(&mut out, 5, 2);
@@ -126,7 +126,7 @@ mod tests {
         let colours = [0, 0, 0, 128, 0, 0, 0, 128, 0, 128, 128, 0];
         let greys = [9, 9, 9, 0, 0, 0, 255, 255, 255, 7, 7, 7];
         let of_grey = low.map(|i: u8| u16::from(greys[3 * usize::from(i)]));
-        // The same indices in 2 bits a pixel, 5 pixels in 2 bytes.
+        // The same indices with 2 bits per pixel, 5 pixels in 2 bytes.
         let packed = [0b00_01_10_11, 0b01_000000, 0b00_00_11_10, 0b01_000000];
         for (depth, data) in [(BitDepth::Eight, low.as_slice()), (BitDepth::Two, &packed)] {
             assert_eq!(ids(encoded(ColorType::Indexed, depth, &colours, data)?)?, low.map(u16::from));
@@ -147,7 +147,7 @@ mod tests {
             assert!(!text(&good[..end]).is_empty(), "cut to {end} of {}", good.len());
         }
         assert!(text(b"GIF89a").contains("m.png: cannot decode the mask"));
-        // A header of 2^20 by 2^20 pixels over the data of ten; its checksum is right.
+        // The header claims 2^20 by 2^20 pixels over the data of ten; its checksum is correct.
         let mut huge = good.clone();
         huge[16..24].copy_from_slice(&[0, 0x10, 0, 0, 0, 0x10, 0, 0]);
         let mut crc = flate2::Crc::new();

@@ -1,4 +1,4 @@
-//! Instance masks: one image per view whose pixels are ids of objects, and the categories of those ids.
+//! Instance masks: one image per view whose pixels are object ids, and the categories of those ids.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,30 +10,30 @@ use crate::mask_png::{mask_bytes, parse_mask};
 use crate::{View, atomic_write, read_bytes, view_resample};
 use crate::math::distortion::Distortion;
 
-/// Name of the file that says what the ids are, beside the masks.
+/// Name of the file beside the masks that maps ids to categories.
 pub const CATEGORIES: &str = "categories.json";
-/// Folders below the masks' folder that are searched: `left/8bit/a.png` is found, a folder with a data set in it is not
-/// walked through.
+/// Depth to which subfolders of the masks' folder are searched: `left/8bit/a.png` is found, but a folder that contains
+/// a whole dataset is not searched completely.
 const FOLDER_DEPTH: usize = 3;
 
-/// Which object each pixel shows.
+/// The object that each pixel shows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Mask {
-    /// Width in pixels.
+    /// Width of the image, pixels.
     pub width: u32,
-    /// Height in pixels.
+    /// Height of the image, pixels.
     pub height: u32,
-    /// `width * height` instance ids, row by row from the top; 0 = none.
+    /// `width * height` object ids, row by row from the top; 0 = none.
     pub ids: Vec<u16>,
 }
 
 impl Mask {
-    /// The mask at another size: each pixel takes the id at the place of its centre, so no ids are made up.
+    /// The mask at another size, nearest neighbour: each pixel takes the id at its centre, so that no new ids arise.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         if self.ids.is_empty() {
             return Self { width, height, ids: vec![0; width as usize * height as usize] };
         }
-        // The place of the centre (i + 1/2) / new * old, rounded down, in whole numbers.
+        // The position of the centre, (i + 1/2) / new * old, rounded down, in integers.
         let places = |new: u32, old: u32| {
             (0..u64::from(new)).map(move |i| ((2 * i + 1) * u64::from(old) / (2 * u64::from(new))) as usize)
         };
@@ -43,8 +43,8 @@ impl Mask {
         Self { width, height, ids }
     }
 
-    /// A mask of the size of a view's camera, drawn by that camera, as it lies over the view's photo, which may have the
-    /// lens distortion that the camera has not: what [`MaskFolder::of_view`] takes.
+    /// Distorts a mask that was made for the view's pinhole camera, so that it matches the view's photo with its lens
+    /// distortion: the form that [`MaskFolder::of_view`] reads.
     pub fn as_photographed(self, view: &View) -> Self {
         match &view.distortion {
             Some(distortion) => view_resample::distort_ids(&self, &view.camera, distortion),
@@ -52,7 +52,7 @@ impl Mask {
         }
     }
 
-    /// The ids that occur, 0 left out, with their numbers of pixels.
+    /// The ids that occur, except 0, with their number of pixels.
     pub fn ids_present(&self) -> BTreeMap<u16, u64> {
         let mut pixels = BTreeMap::new();
         for run in self.ids.chunk_by(|a, b| a == b).filter(|run| run[0] != 0) {
@@ -62,22 +62,26 @@ impl Mask {
     }
 }
 
-/// Reads a mask: a PNG of 8 or 16 bits of grey, whose grey levels are the ids. With a palette an id is the index of the
-/// colour, as segmentation tools write it; but if all colours are greys it is the grey level, because programs that
-/// shrink PNGs turn a greyscale image into such a palette. Transparency is not looked at.
+/// Reads a mask: a PNG of 8 or 16 bits of grey, whose grey levels are the ids. With a palette the id is the index of
+/// the colour, as segmentation tools write it, unless all colours are greys: then it is the grey level, because
+/// programs that optimise PNGs turn a greyscale image into such a palette. Transparency is ignored.
 ///
-/// Errors: a file that is missing, no PNG, damaged, in colour, or with fewer than 8 bits of grey.
+/// # Errors
+/// The file is missing, not a PNG, damaged, in colour, or has fewer than 8 bits of grey.
 pub fn read_mask(path: &Path) -> Result<Mask, IoError> {
     parse_mask(&read_bytes(path)?, path)
 }
 
-/// Writes a mask as PNG with 16 bits of grey. Errors: a mask without pixels, or with more or fewer ids than pixels.
+/// Writes a mask as PNG with 16 bits of grey.
+///
+/// # Errors
+/// The mask has no pixels, the number of ids does not match, or the file cannot be written.
 pub fn write_mask(path: &Path, mask: &Mask) -> Result<(), IoError> {
     let bytes = mask_bytes(mask, path)?;
     atomic_write(path, |out| out.write_all(&bytes))
 }
 
-/// Reads a `categories.json`: an object from ids to names. An entry for 0, which is no object, is left out.
+/// Reads a `categories.json`: an object that maps ids to names. An entry for 0, which is no object, is ignored.
 pub fn read_categories(path: &Path) -> Result<BTreeMap<u32, String>, IoError> {
     let serde_json::Value::Object(entries) = parse_json(&read_bytes(path)?, path)? else {
         return Err(IoError::new(path, "is no JSON object from ids to names"));
@@ -95,7 +99,7 @@ pub fn read_categories(path: &Path) -> Result<BTreeMap<u32, String>, IoError> {
     Ok(categories)
 }
 
-/// Writes a `categories.json`: the names of ids.
+/// Writes a `categories.json`, which maps ids to names.
 pub fn write_categories(path: &Path, categories: &BTreeMap<u32, String>) -> Result<(), IoError> {
     if let Some(id) = categories.keys().find(|id| !(1..=u32::from(u16::MAX)).contains(*id)) {
         return Err(IoError::new(path, format!("cannot write: {id} is no id of a mask, 1 to 65535")));
@@ -107,17 +111,21 @@ pub fn write_categories(path: &Path, categories: &BTreeMap<u32, String>) -> Resu
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MaskFolder {
     folder: PathBuf,
-    /// What the ids are, from `categories.json`; empty without that file.
+    /// Names of the ids, from `categories.json`; empty without that file.
     pub categories: BTreeMap<u32, String>,
-    /// By the path within the folder without its ending, `/` as `_`: views whose stems are the same are named so.
+    /// Masks by their path within the folder without extension, `/` as `_`: the names of views whose file names are
+    /// equal.
     by_path: BTreeMap<String, PathBuf>,
-    /// By stem, for views of subfolders that are named after the stem alone.
+    /// Masks by file name without extension, for views that are named without their folder.
     by_stem: BTreeMap<String, Vec<PathBuf>>,
 }
 
 impl MaskFolder {
-    /// Lists the PNGs of a folder and its subfolders and reads its categories. Errors: no folder, no PNG in it, two
-    /// files for one name (`a.png` and `a.PNG`), and damaged categories.
+    /// Lists the PNGs of a folder and its subfolders and reads its categories.
+    ///
+    /// # Errors
+    /// The folder does not exist or has no PNG, two files have one name (`a.png` and `a.PNG`), or the categories are
+    /// damaged.
     pub fn open(folder: &Path) -> Result<Self, IoError> {
         let categories = folder.join(CATEGORIES);
         let categories = if categories.is_file() { read_categories(&categories)? } else { BTreeMap::new() };
@@ -141,17 +149,17 @@ impl MaskFolder {
         Ok(out)
     }
 
-    /// Where the masks of a dataset are unless the user says otherwise: `masks` in its folder, if there is one.
+    /// The default folder of a dataset's masks: `masks` in its folder, if it exists.
     pub fn default_for(data: &Path) -> Option<PathBuf> {
         Some(data.join("masks")).filter(|folder| folder.is_dir())
     }
 
-    /// The mask of a view, as its pinhole camera sees it: masks are drawn over the image, so lens distortion is undone as
-    /// for the image. `None` if it has none.
+    /// The mask of a view, undistorted to its pinhole camera: masks are aligned with the image, so lens distortion is
+    /// removed in the same way. `None` if the view has no mask.
     ///
     /// # Errors
-    /// A mask that is damaged or of another size than the image; two subfolders with a file of the view's stem of which
-    /// neither is the view's by its path.
+    /// The mask is damaged or has another size than the image; or two subfolders have a file of the view's name, and
+    /// neither matches its path.
     pub fn of_view(&self, view: &View) -> Result<Option<Mask>, IoError> {
         let camera = &view.camera;
         let Some(path) = self.path_of(&camera.name)? else { return Ok(None) };
@@ -165,8 +173,10 @@ impl MaskFolder {
         Ok(Some(view.distortion.as_ref().map(undistorted).unwrap_or(mask)))
     }
 
-    /// True if there is a mask for the view with this name ([`View`]'s camera name). Errors: as [`Self::of_view`], but no
-    /// file is read.
+    /// True if there is a mask for the view with this name ([`View`]'s camera name). No file is read.
+    ///
+    /// # Errors
+    /// Two subfolders have a file of that name, as for [`Self::of_view`].
     pub fn has_view(&self, name: &str) -> Result<bool, IoError> {
         Ok(self.path_of(name)?.is_some())
     }
@@ -186,7 +196,7 @@ impl MaskFolder {
     }
 }
 
-/// Adds the PNGs of a folder and of `depth` levels of folders below it. Links to folders are not followed.
+/// Adds the PNGs of a folder and of up to `depth` levels of subfolders. Links to folders are not followed.
 fn list_pngs(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), IoError> {
     let fail = |e: std::io::Error| IoError::os(folder, "cannot read", &e);
     for entry in std::fs::read_dir(folder).map_err(fail)? {
@@ -211,7 +221,7 @@ mod tests {
 
     type Outcome = Result<(), Box<dyn std::error::Error>>;
 
-    /// A view of so many pixels in a row.
+    /// A view of `width` pixels in one row.
     fn view(name: &str, width: u32) -> View {
         let view_from_world = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
         let (cx, cy) = (0.5 * f64::from(width), 0.5);
@@ -229,7 +239,7 @@ mod tests {
         assert_eq!(double.ids[..6], [0, 0, 1, 1, 65535, 65535]);
         assert_eq!((double.ids.len(), double.ids[12], double.ids[23]), (24, 256, 1));
         assert_eq!(double.resized(3, 2), mask());
-        // Centres of one pixel over three, and of two over three: 1.5, and 0.75 and 2.25.
+        // Centres of one pixel over three (1.5), and of two over three (0.75 and 2.25).
         assert_eq!(mask().resized(1, 1).ids, [0]);
         assert_eq!(mask().resized(2, 1).ids, [256, 1]);
         assert_eq!(mask().resized(0, 5).ids, [0u16; 0]);
@@ -266,7 +276,7 @@ mod tests {
         let text = masks.of_view(&view("2", 3)).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(text.contains("2.png") && text.contains("1x1") && text.contains("3x1"), "{text}");
         std::fs::write(root.join("a.b.png"), "")?;
-        // Where names differ in more than case, they are two files for one view.
+        // If names differ in more than case, they are two files for one view.
         if std::fs::read_dir(&root)?.count() == 5 {
             assert!(MaskFolder::open(&root).is_err_and(|e| e.to_string().contains("same view")));
         }

@@ -1,12 +1,12 @@
 //! `transforms.json` of NeRF (Blender), instant-ngp and nerfstudio: camera-to-world poses in OpenGL axes.
 //!
-//! Intrinsics stand in the file or in a frame, which wins: `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1` to `k3`, `p1`,
-//! `p2`, or `camera_angle_x` (and `_y`). A size that is not given is read from the image's own header.
+//! Intrinsics are in the file or in a frame, which takes precedence: `fl_x`, `fl_y`, `cx`, `cy`, `w`, `h`, `k1` to
+//! `k3`, `p1`, `p2`, or `camera_angle_x` (and `_y`). A missing size is read from the image's header.
 //!
-//! Of nerfstudio's additions: `mask_path` of a frame, and the lists `train_filenames`, `val_filenames` and
-//! `test_filenames`. The test split is `test_filenames`, or `val_filenames` if that is missing or empty; it wins over
-//! `train_filenames`. Frames that no list has are for training if there is no `train_filenames`; with
-//! `train_filenames` alone they are the test split. All others (validation beside a test split) are left out.
+//! Supported additions of nerfstudio: `mask_path` of a frame, and the lists `train_filenames`, `val_filenames` and
+//! `test_filenames`. The test split is `test_filenames`, or `val_filenames` if that is missing or empty; it takes
+//! precedence over `train_filenames`. Frames in no list are training views if there is no `train_filenames`; with
+//! `train_filenames` alone they are the test split. All others (validation beside a test split) are ignored.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -21,21 +21,21 @@ use crate::error::{IoError, Place};
 use crate::read_bytes;
 use crate::scene::camera::Camera;
 
-/// Endings tried, in this order, for a `file_path` without one, as Blender's data sets have it.
+/// Extensions tried, in this order, for a `file_path` without one, as in Blender's datasets.
 const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
-/// Fields that, where they are set, make a camera something else than a lens before a plane (instant-ngp).
+/// Fields that, if set, declare a camera model other than a perspective lens (instant-ngp).
 const OTHER_LENSES: [&str; 6] =
     ["is_fisheye", "ftheta_p0", "latlong", "equirectangular", "orthographic", "rolling_shutter"];
 const UNDISTORT: &str = "undistort the images to PINHOLE";
 
-/// Reads a transforms file; images are looked for next to it.
+/// Reads a transforms file; image paths are relative to its folder.
 pub fn read_transforms(path: &Path) -> Result<Vec<PosedImage>, IoError> {
     parse_transforms(&read_bytes(path)?, path)
 }
 
-/// Parses the bytes of a transforms file; `path` is for messages and for finding images whose ending or size the file
-/// does not give.
+/// Parses the bytes of a transforms file; `path` is used in messages and to find images whose extension or size is
+/// missing.
 pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Vec<PosedImage>, IoError> {
     let root = parse_json(bytes, path)?;
     let folder = path.parent().unwrap_or(Path::new("."));
@@ -51,7 +51,7 @@ pub fn parse_transforms(bytes: &[u8], path: &Path) -> Result<Vec<PosedImage>, Io
     Ok(images)
 }
 
-/// Sets the split of all images, and removes those of no split, if the file has nerfstudio's lists.
+/// Applies nerfstudio's lists of file names, if any: sets the split of all images, and removes those of no split.
 fn apply_filenames(root: &Value, images: &mut Vec<PosedImage>, path: &Path) -> Result<(), IoError> {
     let known: BTreeSet<PathBuf> = images.iter().map(|i| without_dots(&i.file)).collect();
     let list = |field: &str| -> Result<BTreeSet<PathBuf>, IoError> {
@@ -102,7 +102,7 @@ impl Frame<'_> {
         IoError::new(self.path, what).at(Place::Field(format!("{}.{field}", self.name)))
     }
 
-    /// A field of the frame, else of the file.
+    /// A field of the frame, or else of the file.
     fn get(&self, field: &str) -> Option<&Value> {
         self.frame.get(field).or_else(|| self.root.get(field))
     }
@@ -186,14 +186,14 @@ impl Frame<'_> {
         let value = self.frame.get(FIELD).ok_or_else(|| self.error(FIELD, "is missing"))?;
         let rows: Vec<[f64; 4]> = serde_json::from_value(value.clone())
             .map_err(|e| self.error(FIELD, format!("is not a 4x4 matrix: {e}")))?;
-        // Some tools leave the last row out.
+        // Some tools omit the last row.
         let [a, b, c, ..] = rows.as_slice() else {
             return Err(self.error(FIELD, "is not a 4x4 matrix"));
         };
         if rows.get(3).is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0]) || rows.len() > 4 {
             return Err(self.error(FIELD, "is not a rigid transform: its last row is not 0 0 0 1"));
         }
-        // OpenGL's camera looks along -z with y up: turn the camera's own y and z around.
+        // OpenGL's camera looks along -z with y up: its y and z axes are negated.
         let row = |r: &[f64; 4]| DVec4::new(r[0], -r[1], -r[2], r[3]);
         let world_from_view = DMat4::from_cols(row(a), row(b), row(c), DVec4::W).transpose();
         if world_from_view.determinant().abs() < 1e-9 {
@@ -203,8 +203,8 @@ impl Frame<'_> {
     }
 }
 
-/// `file`, with the first of [`ENDINGS`] under which an image exists if it has no image ending itself. One written on
-/// Windows has its `\` as `/`, unless it is a file's name as it is.
+/// `file`, or with the first of [`ENDINGS`] for which an image exists if it has no image extension itself. Backslashes
+/// of paths written on Windows become `/`, unless a file of exactly that name exists.
 fn with_ending(folder: &Path, file: &str) -> String {
     if file.contains('\\') && !folder.join(file).is_file() {
         return with_ending(folder, &file.replace('\\', "/"));
@@ -217,18 +217,18 @@ fn with_ending(folder: &Path, file: &str) -> String {
     candidates.into_iter().find(|c| folder.join(c).is_file()).unwrap_or_else(|| format!("{file}.png"))
 }
 
-/// The transforms files of a dataset: `transforms_train.json` with `transforms_test.json`.
+/// The transforms files of a dataset that has both: `transforms_train.json` and `transforms_test.json`.
 pub(crate) fn train_test_files(dataset: &Path) -> Option<(PathBuf, PathBuf)> {
     let pair = (dataset.join("transforms_train.json"), dataset.join("transforms_test.json"));
     (pair.0.is_file() && pair.1.is_file()).then_some(pair)
 }
 
-/// True if the cameras of a dataset are those of transforms files.
+/// True if a dataset's cameras are in transforms files.
 pub(crate) fn has_transforms(dataset: &Path) -> bool {
     dataset.join("transforms.json").is_file() || train_test_files(dataset).is_some()
 }
 
-/// The point cloud that the dataset's `transforms.json`, else its `transforms_train.json`, names as `ply_file_path`.
+/// The point cloud that the dataset's `transforms.json`, or else its `transforms_train.json`, names as `ply_file_path`.
 pub(crate) fn named_point_file(dataset: &Path) -> Result<Option<PathBuf>, IoError> {
     const FIELD: &str = "ply_file_path";
     for file in ["transforms.json", "transforms_train.json"] {

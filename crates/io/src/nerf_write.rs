@@ -1,4 +1,4 @@
-//! Writes `transforms.json`, as [`super::nerf`] reads it.
+//! Writes `transforms.json` files that [`super::nerf`] reads.
 
 use std::path::Path;
 
@@ -9,8 +9,11 @@ use crate::atomic_write;
 use crate::error::IoError;
 use crate::scene::Camera;
 
-/// Writes cameras with their images (paths relative to the file) and, optionally, the name of a point cloud. Poses are
+/// Writes cameras with their images (paths relative to the file) and, optionally, the path of a point cloud. Poses are
 /// world from camera in OpenGL axes; every frame has its own intrinsics.
+///
+/// # Errors
+/// The file cannot be written.
 pub fn write_transforms(path: &Path, views: &[(&Camera, String)], points: Option<&str>) -> Result<(), IoError> {
     let frame = |(camera, file): &(&Camera, String)| {
         let opencv_from_opengl = DMat4::from_diagonal(DVec4::new(1.0, -1.0, -1.0, 1.0));

@@ -1,4 +1,4 @@
-//! Pictures as PNG files.
+//! Rendered pictures as PNG files.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use super::{IoError, atomic_write};
 /// Writes a picture of 8-bit `rgb`, row by row from the top.
 ///
 /// # Errors
-/// A file that cannot be written, or other than `3 * width * height` bytes.
+/// The length of `rgb` is not `3 * width * height`, or the file cannot be written.
 pub fn write_png(path: &Path, rgb: &[u8], (width, height): (u32, u32)) -> Result<(), IoError> {
     let want = 3 * u64::from(width) * u64::from(height);
     if rgb.len() as u64 != want {

@@ -1,10 +1,10 @@
-//! Gaussian clouds as `.ply`: the INRIA layout, and SuperSplat's packed one for reading.
+//! Gaussian clouds as `.ply`: INRIA's layout, and for reading also SuperSplat's packed one.
 //!
-//! Read by property name, in any order and of any scalar type; further properties and elements are skipped.
+//! Properties are read by name, in any order and of any scalar type; other properties and elements are skipped.
 //! `f_rest_*` are stored by channel (all of red, then green, then blue) and become `[coefficient][rgb]`; of SH degree 4
-//! the first three degrees are kept. A Gaussian without `scale_2` (2D Gaussians) is flat. Mip-Splatting's `filter_3D` is
-//! made part of scales and opacities. Whether opacities are compensated for small Gaussians is in a comment, if anywhere:
-//! `SplatRenderMode: mip` (Brush, splat-transform), which is what we write, or `antialiased 1` (Postshot).
+//! the first three degrees are kept. A Gaussian without `scale_2` (2D Gaussians) is flat. Mip-Splatting's `filter_3D`
+//! is applied to scales and opacities. Only comments can say that opacities are compensated for small Gaussians:
+//! `SplatRenderMode: mip` (Brush, splat-transform), which is also written here, or `antialiased 1` (Postshot).
 
 use std::path::Path;
 
@@ -15,24 +15,24 @@ use crate::ply_table::{Element, PlyTable};
 use crate::{LEAST_LOG_SCALE, atomic_write, cut_note, logit_of_byte, ply_packed, read_bytes};
 use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
-/// What a `.ply` file holds.
+/// The contents of a `.ply` file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlyCloud {
-    /// The Gaussians.
+    /// All Gaussians of the file.
     pub gaussians: Gaussians,
-    /// The cloud was trained with opacity compensation.
+    /// Whether the cloud was trained with opacity compensation.
     pub antialias: bool,
-    /// What the user should know, one line each.
+    /// Notes for the user, one line each.
     pub notes: Vec<String>,
 }
 
-/// Reads the Gaussians of a `.ply` file. An opacity of 0 or 1, whose logit is infinite, becomes nearly that, a scale of 0
-/// the least that f32 has; values that are not finite otherwise are kept as they are.
+/// Reads the Gaussians of a `.ply` file. An infinite logit (opacity 0 or 1) becomes a large finite one, and a scale of
+/// 0 the smallest normal f32; other non-finite values are kept.
 pub fn read_ply(path: &Path) -> Result<Gaussians, IoError> {
     Ok(parse_ply(&read_bytes(path)?, path)?.gaussians)
 }
 
-/// Parses the bytes of a `.ply`; `path` is for messages only.
+/// Parses the bytes of a `.ply`; `path` is only used in messages.
 pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<PlyCloud, IoError> {
     let table = PlyTable::parse(bytes, path)?;
     let vertex = table.element("vertex").ok_or_else(|| IoError::new(path, "has no element vertex"))?;
@@ -51,7 +51,7 @@ pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<PlyCloud, IoError> {
     Ok(PlyCloud { gaussians, antialias, notes })
 }
 
-/// What the last comment about it says.
+/// Whether opacities are compensated, by the last comment about it.
 fn is_compensated(comments: &[Vec<String>]) -> bool {
     let says = |words: &Vec<String>| {
         let words: Vec<String> = words.iter().map(|word| word.to_ascii_lowercase()).collect();
@@ -64,7 +64,7 @@ fn is_compensated(comments: &[Vec<String>]) -> bool {
     comments.iter().rev().find_map(says).unwrap_or(false)
 }
 
-/// The cloud as it is stored, and the SH degree of the file.
+/// Reads a cloud in INRIA's layout; also returns the SH degree stored in the file.
 fn read_plain(table: &PlyTable<'_>, vertex: &Element, path: &Path) -> Result<(Gaussians, u32), IoError> {
     let column = |name: &str| {
         vertex.column(name).ok_or_else(|| {
@@ -80,7 +80,7 @@ fn read_plain(table: &PlyTable<'_>, vertex: &Element, path: &Path) -> Result<(Ga
     let dc = [column("f_dc_0")?, column("f_dc_1")?, column("f_dc_2")?];
     let opacity = column("opacity")?;
     let scales = [column("scale_0")?, column("scale_1")?];
-    // 2D Gaussians have no third.
+    // 2D Gaussians have no third scale.
     let thickness = vertex.column("scale_2");
     let quats = [column("rot_0")?, column("rot_1")?, column("rot_2")?, column("rot_3")?];
     let filter = vertex.column("filter_3D");
@@ -99,7 +99,7 @@ fn read_plain(table: &PlyTable<'_>, vertex: &Element, path: &Path) -> Result<(Ga
         return Ok((Gaussians { sh_degree, means, quats, log_scales, opacity_logits, sh }, stored));
     }
 
-    // Grows with what is really there: the walk checks the count against the file's length first.
+    // Grows with the rows read: the walk checks the count against the file's length first.
     let mut out = Gaussians { sh_degree, ..Gaussians::default() };
     table.walk(&mut [("vertex", &mut |_, row: &[f64]| {
         let get = |c: usize| row[c] as f32;
@@ -113,8 +113,8 @@ fn read_plain(table: &PlyTable<'_>, vertex: &Element, path: &Path) -> Result<(Ga
     Ok((out, stored))
 }
 
-/// Log scales and logit of a Gaussian after Mip-Splatting's 3D filter of deviation `filter`, scene units (Yu et al. 2024,
-/// equation 9): each variance grows by its square, and the opacity shrinks as the volume grows.
+/// Log scales and logit of a Gaussian after Mip-Splatting's 3D filter of standard deviation `filter`, scene units (Yu
+/// et al. 2024, Eq. 9): each variance grows by its square, and the opacity shrinks as the volume grows.
 fn filtered((log_scales, logit): ([f32; 3], f32), filter: f32) -> ([f32; 3], f32) {
     let grown = log_scales.map(|s| {
         let variance = (2.0 * f64::from(s)).exp();
@@ -125,7 +125,7 @@ fn filtered((log_scales, logit): ([f32; 3], f32), filter: f32) -> ([f32; 3], f32
     (grown.map(|s| s as f32), (opacity / (1.0 - opacity)).ln() as f32)
 }
 
-/// Rows of little-endian floats, read by all cores: a file of 100 MB takes a tenth of the second that walking takes.
+/// Rows of little-endian floats, read in parallel: about ten times as fast as walking the rows.
 struct FloatRows<'a> {
     bytes: &'a [u8],
     columns: usize,
@@ -136,12 +136,12 @@ impl FloatRows<'_> {
         self.bytes.par_chunks_exact(4 * self.columns)
     }
 
-    /// These columns of every row.
+    /// The given columns of every row.
     fn values<const N: usize>(&self, columns: [usize; N]) -> Vec<[f32; N]> {
         self.rows().map(|row| columns.map(|c| float_at(row, c))).collect()
     }
 
-    /// A run of triples for every row.
+    /// A list of column triples for every row, concatenated.
     fn runs(&self, columns: &[[usize; 3]]) -> Vec<[f32; 3]> {
         let mut out = vec![[0.0; 3]; self.rows().len() * columns.len()];
         out.par_chunks_exact_mut(columns.len()).zip(self.rows()).for_each(|(run, row)| {
@@ -155,17 +155,17 @@ fn float_at(row: &[u8], column: usize) -> f32 {
     row[4 * column..].first_chunk().map_or(0.0, |&bytes| f32::from_le_bytes(bytes))
 }
 
-/// Where an element has the SH coefficients above 0.
+/// The columns of an element that hold the SH coefficients above 0.
 pub(crate) struct RestColumns {
-    /// The SH degree that is kept.
+    /// The SH degree that is read.
     pub(crate) kept: u32,
-    /// The SH degree that the file has.
+    /// The SH degree that the file stores.
     pub(crate) stored: u32,
     /// The columns of red, green and blue of the kept coefficients.
     pub(crate) triples: Vec<[usize; 3]>,
 }
 
-/// The SH degree that the `f_rest_*` properties of `element` call for, and their columns.
+/// The SH degree of the `f_rest_*` properties of `element`, and their columns.
 pub(crate) fn rest_columns(element: &Element, path: &Path) -> Result<RestColumns, IoError> {
     let count = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
     let Some(stored) = (0..=4).find(|&d| 3 * (sh_coefficients(d) - 1) == count) else {
@@ -184,8 +184,11 @@ pub(crate) fn rest_columns(element: &Element, path: &Path) -> Result<RestColumns
     Ok(RestColumns { kept, stored, triples })
 }
 
-/// Writes the INRIA layout (binary little endian, with the zero normals that its readers expect); `antialias` says that
-/// opacities are compensated.
+/// Writes INRIA's layout (binary little endian, with the zero normals that its readers expect); `antialias` says
+/// whether opacities are compensated.
+///
+/// # Errors
+/// The file cannot be written.
 pub fn write_ply(path: &Path, cloud: &Gaussians, antialias: bool) -> Result<(), IoError> {
     atomic_write(path, |out| out.write_all(&ply_bytes(cloud, antialias)))
 }
@@ -227,7 +230,7 @@ pub fn ply_bytes(cloud: &Gaussians, antialias: bool) -> Vec<u8> {
 pub(crate) mod tests {
     use super::*;
 
-    /// A cloud whose every value is different.
+    /// A cloud in which every value is different.
     pub(crate) fn sample(degree: u32, n: usize) -> Gaussians {
         let mut counter = 0;
         let mut next = || {
@@ -249,7 +252,7 @@ pub(crate) mod tests {
         parse_ply(bytes, Path::new("test.ply")).map(|cloud| cloud.gaussians)
     }
 
-    /// A file of one Gaussian with these properties besides those that all have.
+    /// A file of one Gaussian with the given properties in addition to the required ones.
     fn file_of(comment: &str, properties: &[(String, f32)]) -> Vec<u8> {
         let common = ["x", "y", "z", "f_dc_0", "f_dc_1", "f_dc_2", "rot_0", "rot_1", "rot_2", "rot_3"];
         let all = common.iter().map(|name| (name.to_string(), 0.5)).chain(properties.iter().cloned());
@@ -283,7 +286,7 @@ pub(crate) mod tests {
         Ok(())
     }
 
-    /// Scales of 3 and a filter of 4 make 5; the opacity of 1/2 shrinks by 27 / 125.
+    /// Scales of 3 and a filter of 4 give 5; the opacity of 1/2 shrinks by 27 / 125.
     #[test]
     fn the_filter_of_mip_splatting_is_part_of_the_shape() -> Result<(), IoError> {
         let scales = ["scale_0", "scale_1", "scale_2"].map(|name| (name, 3f32.ln()));
@@ -337,7 +340,7 @@ pub(crate) mod tests {
         assert_eq!(parse(&ply_bytes(&Gaussians::default(), false)), Ok(Gaussians::default()));
     }
 
-    /// Rows of floats are read by all cores; the same in the other byte order is walked.
+    /// Rows of little-endian floats are read in parallel; the same file in big endian is walked.
     #[test]
     fn both_ways_of_reading_agree() {
         let cloud = sample(3, 300);

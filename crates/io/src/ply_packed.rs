@@ -15,10 +15,10 @@ use crate::scene::gaussians::{Gaussians, sh_coefficients};
 const SPLATS_PER_CHUNK: usize = 256;
 const SH_C0: f64 = 0.28209479177387814;
 
-/// Per chunk: the range of x, y, z, of the three log scales, and of r, g, b.
+/// Ranges of a chunk: of x, y, z, of the three log scales, and of r, g, b.
 type Ranges = [(f64, f64); 9];
 
-/// Reads a table whose vertices are packed: the cloud, and the SH degree of the file.
+/// Reads a table whose vertices are packed; returns the cloud, and the SH degree stored in the file.
 pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<(Gaussians, u32), IoError> {
     let missing = |element: &str, name: &str| {
         IoError::new(path, format!("compressed PLY: element {element} has no property {name}"))
@@ -30,7 +30,7 @@ pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<(Gaussians, u32)
     let mut range_columns = [None; 9];
     for (i, name) in ["x", "y", "z", "scale_x", "scale_y", "scale_z", "r", "g", "b"].iter().enumerate() {
         let pair = chunk.column(&format!("min_{name}")).zip(chunk.column(&format!("max_{name}")));
-        // Files of the first version have no colour range: it is 0..1.
+        // The first version of the format has no colour range: it is 0..1.
         if pair.is_none() && i < 6 {
             return Err(missing("chunk", &format!("min_{name} or max_{name}")));
         }
@@ -101,7 +101,7 @@ fn unpack_rotation(word: u32) -> [f32; 4] {
     std::array::from_fn(|i| if i == index { largest } else { next.next().unwrap_or(0.0) } as f32)
 }
 
-/// 0 and 255 are the ends of the range, the others bin centres.
+/// Decodes an SH byte: 0 and 255 are the ends of the range, the others are centres of bins.
 fn sh_of_byte(byte: f64) -> f32 {
     let unit = if byte <= 0.0 {
         0.0

@@ -1,13 +1,13 @@
-//! PLY as a container: the header, and walking the rows of an element in any of the three encodings.
+//! PLY as a container: the header, and reading the rows of an element in any of the three encodings.
 
 use std::path::Path;
 
 use crate::error::{IoError, Place};
 
-/// Headers are a few kilobytes; more than this is no header.
+/// Upper limit on the length of a header, which normally has a few kilobytes.
 const MAX_HEADER_BYTES: usize = 1 << 20;
 
-/// A scalar type of PLY.
+/// A scalar type of a PLY property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scalar {
     I8,
@@ -44,7 +44,7 @@ impl Scalar {
         }
     }
 
-    /// `raw` has `self.bytes()` bytes. Every type fits f64 exactly.
+    /// Decodes `raw`, which has `self.bytes()` bytes. Every type fits f64 exactly.
     fn decode(self, raw: &[u8], big_endian: bool) -> f64 {
         let mut le = [0u8; 8];
         let n = raw.len().min(8);
@@ -66,7 +66,7 @@ impl Scalar {
     }
 }
 
-/// A property: one value, or a counted list of them.
+/// A property: a single value, or a list with its length.
 #[derive(Clone, Debug)]
 pub(crate) struct Property {
     pub(crate) name: String,
@@ -75,13 +75,13 @@ pub(crate) struct Property {
 }
 
 impl Property {
-    /// True for a value of a floating-point type.
+    /// True for a single value of a floating-point type.
     pub(crate) fn is_float(&self) -> bool {
         matches!(self.kind, Scalar::F32 | Scalar::F64)
     }
 }
 
-/// An element: `count` rows of the same properties.
+/// An element: `count` rows with the same properties.
 #[derive(Clone, Debug)]
 pub(crate) struct Element {
     pub(crate) name: String,
@@ -110,7 +110,7 @@ enum Encoding {
 /// A PLY file whose header is parsed; rows are read with [`PlyTable::walk`].
 pub(crate) struct PlyTable<'a> {
     pub(crate) elements: Vec<Element>,
-    /// The words of every comment, by the order of the lines.
+    /// The words of every comment, in the order of the lines.
     pub(crate) comments: Vec<Vec<String>>,
     path: &'a Path,
     bytes: &'a [u8],
@@ -118,7 +118,7 @@ pub(crate) struct PlyTable<'a> {
     body: usize,
 }
 
-/// What to do with the rows of one element.
+/// Callback for the rows of one element: row index, and its values in property order.
 pub(crate) type RowSink<'s> = dyn FnMut(usize, &[f64]) + 's;
 
 impl<'a> PlyTable<'a> {
@@ -207,11 +207,11 @@ impl<'a> PlyTable<'a> {
         self.elements.iter().find(|e| e.name == name)
     }
 
-    /// True if the rows that the header promises could fit the rest of the file; before any allocation by count.
+    /// True if the rows that the header claims can fit in the rest of the file; checked before allocating.
     fn fits(&self, element: &Element, position: usize) -> bool {
         let remaining = (self.bytes.len() - position) as u64;
         let least: u64 = match self.encoding {
-            // A value is at least one character and a separator; the last one needs no separator.
+            // A value takes at least one character and a separator; the last value needs no separator.
             Encoding::Ascii => 2 * element.properties.len() as u64,
             _ => element.properties.iter().map(|p| p.list_count.unwrap_or(p.kind).bytes() as u64).sum(),
         };
@@ -219,8 +219,9 @@ impl<'a> PlyTable<'a> {
         element.count.checked_mul(least).is_some_and(|need| need <= remaining + slack)
     }
 
-    /// The bytes of an element that comes first and has nothing but little-endian floats, and how many a row has: what
-    /// trainers write. `None` for all else, and if the file ends early; [`PlyTable::walk`] reads, or refuses, that.
+    /// The bytes of an element that comes first and has only little-endian floats, as trainers write it, and the number
+    /// of floats per row. `None` for all other files, and if the file is truncated; [`PlyTable::walk`] reads or rejects
+    /// those.
     pub(crate) fn float_rows(&self, name: &str) -> Option<(&'a [u8], usize)> {
         let element = self.elements.first().filter(|e| e.name == name && self.encoding == Encoding::Little)?;
         let floats = element.properties.iter().all(|p| p.kind == Scalar::F32 && p.list_count.is_none());
@@ -231,8 +232,11 @@ impl<'a> PlyTable<'a> {
         Some((&self.bytes[self.body..self.body + 4 * columns * element.count as usize], columns))
     }
 
-    /// Walks the body once, in file order. `sinks` are (element name, callback); callbacks get (row, values in property
-    /// order). Elements with a callback must have no lists; elements without one are skipped.
+    /// Reads the body once, in file order. `sinks` are (element name, callback). Elements with a callback must have no
+    /// lists; elements without one are skipped.
+    ///
+    /// # Errors
+    /// The file is truncated, a value cannot be parsed, or an element has a list.
     pub(crate) fn walk(&self, sinks: &mut [(&str, &mut RowSink<'_>)]) -> Result<(), IoError> {
         let mut position = self.body;
         let mut wanted = sinks.len();
@@ -266,7 +270,7 @@ impl<'a> PlyTable<'a> {
         Ok(())
     }
 
-    /// Reads the rows of one element from `position` on; returns where they end.
+    /// Reads the rows of one element from `position` on; returns the position of their end.
     fn rows(&self, element: &Element, mut position: usize, sink: &mut RowSink<'_>) -> Result<usize, IoError> {
         if element.properties.is_empty() {
             return Ok(position);

@@ -10,13 +10,13 @@ use crate::ply_table::PlyTable;
 use crate::{atomic_write, read_bytes};
 use crate::scene::point_cloud::PointCloud;
 
-/// Colour of points whose file has none.
+/// Colour of points whose file stores none.
 const NO_COLOR: [u8; 3] = [128; 3];
 
-/// Looked for in this order if no transforms file names one.
+/// File names tried in this order if no transforms file names a point cloud.
 const PLACES: [&str; 3] = ["points3d.ply", "points3D.ply", "sparse_pc.ply"];
 
-/// And then these, beside the COLMAP cameras that they belong to. Tools that make a transforms file of such cameras turn,
+/// Files tried next, which belong to COLMAP's cameras. Tools that convert such cameras to a transforms file rotate,
 /// move and scale them (instant-ngp, nerfstudio), but not these points.
 const COLMAP_PLACES: [&str; 6] = [
     "sparse/0/points3D.bin",
@@ -27,21 +27,23 @@ const COLMAP_PLACES: [&str; 6] = [
     "sparse/points3D.ply",
 ];
 
-/// The points of a dataset, and what is known about them.
+/// The points of a dataset, and where they came from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedPoints {
     /// The points; at least one, all finite.
     pub points: PointCloud,
-    /// The file they are from.
+    /// The file that was read.
     pub path: PathBuf,
-    /// Points of the file that are left out because a coordinate is not finite (as f32).
+    /// Number of points that were dropped because a coordinate is not finite (as f32).
     pub dropped_non_finite: usize,
 }
 
-/// Reads the points of a dataset folder, `None` if it has none. The first of these counts: the `ply_file_path` of
-/// `transforms.json` (else of `transforms_train.json`), `points3d.ply`, `points3D.ply`, `sparse_pc.ply`, and, if the cameras
-/// are COLMAP's, `points3D.bin`, `.txt` or `.ply` in `sparse/0` or `sparse`. A file that is named but missing, or has no
-/// (finite) points, is an error.
+/// Reads the points of a dataset folder, `None` if it has none. The first of these is used: the `ply_file_path` of
+/// `transforms.json` (else of `transforms_train.json`), `points3d.ply`, `points3D.ply`, `sparse_pc.ply`, and, if the
+/// cameras are COLMAP's, `points3D.bin`, `.txt` or `.ply` in `sparse/0` or `sparse`.
+///
+/// # Errors
+/// A file that is named but missing, damaged, or without finite points.
 pub fn read_points(folder: &Path) -> Result<Option<LoadedPoints>, IoError> {
     let first_of = |places: &[&str]| places.iter().map(|place| folder.join(place)).find(|path| path.is_file());
     let colmap = || if has_transforms(folder) { None } else { first_of(&COLMAP_PLACES) };
@@ -61,7 +63,7 @@ pub fn read_points(folder: &Path) -> Result<Option<LoadedPoints>, IoError> {
     Ok(Some(LoadedPoints { points, path, dropped_non_finite }))
 }
 
-/// What can be done about a dataset without points.
+/// Advice for the user if a dataset has no points.
 pub fn advice_without_points(folder: &Path) -> String {
     let unused = COLMAP_PLACES.iter().find(|place| has_transforms(folder) && folder.join(place).is_file());
     match unused {
@@ -85,8 +87,8 @@ fn drop_non_finite(cloud: &mut PointCloud) -> usize {
     before - cloud.len()
 }
 
-/// Parses the bytes of a `.ply` point cloud in any encoding: `x y z`, and `red green blue` if it has them (0 to 255;
-/// 0 to 1 if they are floating-point). Non-finite points are kept; `path` is for messages only.
+/// Parses the bytes of a `.ply` point cloud in any encoding: `x y z`, and `red green blue` if present (0 to 255, or 0
+/// to 1 if they are floating-point). Non-finite points are kept; `path` is only used in messages.
 pub fn parse_points_ply(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError> {
     let table = PlyTable::parse(bytes, path)?;
     let vertex = table.element("vertex").ok_or_else(|| IoError::new(path, "has no element vertex"))?;
@@ -100,19 +102,19 @@ pub fn parse_points_ply(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError
     let mut out = PointCloud::default();
     table.walk(&mut [("vertex", &mut |_, row: &[f64]| {
         out.positions.push(xyz.map(|c| row[c] as f32));
-        // The cast saturates.
+        // The cast saturates at 0 and 255.
         out.colors.push(rgb.map_or(NO_COLOR, |rgb| rgb.map(|c| (row[c] * scale).round() as u8)));
     })])?;
     Ok(out)
 }
 
-/// Parses the bytes of COLMAP's `points3D.bin`; tracks are skipped. Non-finite points are kept; `path` is for messages
-/// only.
+/// Parses the bytes of COLMAP's `points3D.bin`; tracks are skipped. Non-finite points are kept; `path` is only used in
+/// messages.
 pub fn parse_points_bin(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError> {
     let mut c = Cursor::new(bytes, path);
     let count = c.u64("the number of points")?;
     let mut out = PointCloud::default();
-    // Each turn consumes bytes, so a wrong count ends at the end of the file.
+    // Each iteration consumes bytes, so a wrong count stops at the end of the file.
     for _ in 0..count {
         c.u64("a point")?;
         out.positions.push([c.f64("a point")? as f32, c.f64("a point")? as f32, c.f64("a point")? as f32]);
@@ -125,8 +127,8 @@ pub fn parse_points_bin(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError
     Ok(out)
 }
 
-/// Parses the bytes of COLMAP's `points3D.txt`; tracks are skipped. Non-finite points are kept; `path` is for messages
-/// only.
+/// Parses the bytes of COLMAP's `points3D.txt`; tracks are skipped. Non-finite points are kept; `path` is only used in
+/// messages.
 pub fn parse_points_txt(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError> {
     let mut out = PointCloud::default();
     for (n, line) in lines(bytes, path)?.into_iter().filter(|(_, l)| !l.trim().is_empty()) {
@@ -144,7 +146,7 @@ pub fn parse_points_txt(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError
     Ok(out)
 }
 
-/// Writes a point cloud as binary `.ply`: position, a zero normal (which some readers insist on) and colour.
+/// Writes a point cloud as binary `.ply`: position, a zero normal (which some readers require) and colour.
 pub fn write_points(path: &Path, cloud: &PointCloud) -> Result<(), IoError> {
     let mut bytes = format!("ply\nformat binary_little_endian 1.0\nelement vertex {}\n", cloud.len()).into_bytes();
     for name in ["x", "y", "z", "nx", "ny", "nz"] {
@@ -225,7 +227,7 @@ mod tests {
         Ok(())
     }
 
-    /// Points of COLMAP's cameras are not those of a transforms file.
+    /// COLMAP's points are not used with the cameras of a transforms file.
     #[test]
     fn points_of_other_cameras_are_left_alone() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;

@@ -1,22 +1,22 @@
-//! The first bytes of a safetensors file. They are assembled here because the safetensors crate keeps metadata in a hash
-//! map, whose order changes from run to run: the same data must give the same bytes.
+//! The header of a safetensors file. It is assembled here because the safetensors crate keeps metadata in a hash map,
+//! whose order changes from run to run: the same data must give the same bytes.
 
 use std::collections::BTreeMap;
 
-/// Bytes of the length field before the header; the header is padded to a multiple of it.
+/// Length of the size field before the header; the header is padded to a multiple of it.
 const LENGTH_BYTES: usize = 8;
 
-/// A tensor, without its data.
+/// Describes a tensor of the file, without its data.
 pub(crate) struct Entry<'a> {
     pub(crate) name: &'a str,
-    /// Safetensors element type, for instance "F32".
+    /// Element type in safetensors' notation, for instance "F32".
     pub(crate) dtype: &'a str,
     pub(crate) shape: &'a [usize],
-    /// Length of the data.
+    /// Length of the data in bytes.
     pub(crate) bytes: usize,
 }
 
-/// Length field and header, a multiple of 8 bytes; the tensors' data follow in the order of `entries`.
+/// Size field and header, a multiple of 8 bytes; the tensors' data must follow in the order of `entries`.
 pub(crate) fn header<'a>(
     metadata: &BTreeMap<String, String>,
     entries: impl Iterator<Item = Entry<'a>>,

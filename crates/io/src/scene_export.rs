@@ -1,4 +1,4 @@
-//! Writing a scene in the format that a file name's ending names.
+//! Exports a scene in the format that the file extension names.
 
 use std::path::Path;
 
@@ -12,21 +12,21 @@ use crate::scene::instanced_scene::InstancedScene;
 /// A file format for scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ExportFormat {
-    /// Every instance expanded into Gaussians of its own.
+    /// `.ply`: every instance expanded into Gaussians of its own.
     Ply,
-    /// As `Ply`, smaller.
+    /// `.spz`: expanded like `Ply`, but quantised and compressed.
     Spz,
-    /// Instances stay nodes that share their template's data.
+    /// `.glb`: instances are nodes that share their template's data.
     Glb,
-    /// As it is, its numbers packed.
+    /// `.instgs`: not expanded, with packed values.
     Instgs(Pack),
 }
 
 impl ExportFormat {
-    /// The format of a file; `pack` is for `.instgs` alone.
+    /// The format for a file name; `pack` is only valid for `.instgs`.
     ///
     /// # Errors
-    /// An unknown ending, or a pack for another format.
+    /// An unknown extension, or a pack for another format.
     pub fn of(path: &Path, pack: Option<Pack>) -> Result<Self, IoError> {
         let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         match ending.as_str() {
@@ -42,16 +42,16 @@ impl ExportFormat {
         }
     }
 
-    /// True if the file holds every instance's Gaussians.
+    /// True if the file stores every instance's Gaussians separately.
     pub fn is_expanded(self) -> bool {
         matches!(self, Self::Ply | Self::Spz)
     }
 }
 
-/// Writes a scene; returns how many Gaussians the file holds. `up` is the scene's direction that becomes glTF's +y.
+/// Writes a scene; returns the number of Gaussians in the file. `up` is the scene's direction that becomes glTF's +y.
 ///
 /// # Errors
-/// The file cannot be written, or the memory that this takes is not there.
+/// The file cannot be written, or there is not enough memory.
 pub fn export_scene(to: &Path, scene: &InstancedScene, format: ExportFormat, up: DVec3) -> Result<u64, IoError> {
     let stored = (scene.templates.len() + scene.background.len()) as u64;
     match format {
@@ -73,14 +73,14 @@ pub fn export_scene(to: &Path, scene: &InstancedScene, format: ExportFormat, up:
     Ok(stored)
 }
 
-/// Flattening holds the cloud and the file's bytes at once.
+/// Checks memory for flattening, which holds the cloud and the file's bytes at once.
 fn check_expanded_memory(to: &Path, scene: &InstancedScene) -> Result<(), IoError> {
     let bytes_per_gaussian = 2 * 4 * (14 + 3 * sh_coefficients(scene.sh_degree()) as u64);
     let count = scene.expanded_len();
     check_memory(to, &format!("its {count} expanded Gaussians take"), count.saturating_mul(bytes_per_gaussian))
 }
 
-/// Refuses what the machine cannot hold, where that is known.
+/// Returns an error if `need` bytes exceed the available memory, if that is known.
 fn check_memory(to: &Path, what: &str, need: u64) -> Result<(), IoError> {
     match available_bytes() {
         Some(have) if need > have => {

@@ -1,8 +1,7 @@
-//! `.instgs`: instanced scenes as a safetensors file (DESIGN section 5).
+//! `.instgs`: instanced scenes as a safetensors file.
 //!
-//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]) and clouds in coded tables
-//! (`scene_small.rs`, format 2). Tensors and metadata that this version
-//! does not know are kept and written again. Writing is in [`crate::scene_write`].
+//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]) and clouds in coded tables (`scene_small.rs`,
+//! format 2). Unknown tensors and metadata are kept and written again. Writing is in [`crate::scene_write`].
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,18 +18,20 @@ use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedSce
 use crate::scene::offsets::Offsets;
 
 pub(crate) const FORMAT: &str = "instgs/1";
-/// Of files with coded tables, so that older versions say that they cannot read them.
+/// Format of files with coded tables; older versions report that they cannot read it.
 pub(crate) const FORMAT_SMALL: &str = "instgs/2";
-/// `instance.first_offset` of an instance without offsets.
+/// Value of `instance.first_offset` for an instance without offsets.
 pub(crate) const NO_OFFSET: u32 = u32::MAX;
 
-/// Reads an `.instgs` file. Values may be non-finite (see [`crate::load_scene`]); indices and transforms are
-/// checked.
+/// Reads an `.instgs` file. Values may be non-finite (see [`crate::load_scene`]).
+///
+/// # Errors
+/// The file cannot be read, a tensor is missing or inconsistent, or an index or transform is invalid.
 pub fn read_scene_file(path: &Path) -> Result<InstancedScene, IoError> {
     parse_scene_file(&read_bytes(path)?, path)
 }
 
-/// Parses the bytes of an `.instgs` file; `path` is for messages only.
+/// Parses the bytes of an `.instgs` file; `path` is only used in messages.
 pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoError> {
     let malformed = |e| IoError::new(path, format!("is not a whole safetensors file: {e}"));
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
@@ -64,7 +65,7 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         ..InstancedScene::default()
     };
     if let Some(degree) = metadata.remove("sh_degree") {
-        // The shapes of the tensors decide; the string is for people and must only not contradict them.
+        // The shapes of the tensors define the degree; the string is informative and must not contradict them.
         if degree.parse() != Ok(scene.sh_degree()) && !(scene.templates.is_empty() && scene.background.is_empty()) {
             return Err(field(
                 "sh_degree",
@@ -94,7 +95,7 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
     Ok(scene)
 }
 
-/// The tensors not read yet.
+/// The tensors that have not been read yet.
 struct Reader<'a> {
     path: &'a Path,
     left: BTreeMap<String, TensorView<'a>>,
@@ -109,12 +110,13 @@ impl<'a> Reader<'a> {
         self.left.get(name).is_some_and(|t| t.dtype() == Dtype::U8)
     }
 
-    /// True if any tensor of the group is there: then all of them must be.
+    /// True if any of the tensors exists: then all of them must.
     fn any(&self, names: &[&str]) -> bool {
         names.iter().any(|n| self.left.contains_key(*n))
     }
 
-    /// Takes a tensor of shape `[rows, inner...]`; `rows` is checked if given. Returns its rows and bytes.
+    /// Takes a tensor of shape `[rows, inner...]`; `rows` is checked if given. Returns its type, bytes and number of
+    /// rows.
     fn take(&mut self, name: &str, inner: &[usize], rows: Option<usize>) -> Result<(Dtype, Vec<u8>, usize), IoError> {
         let Some(view) = self.left.remove(name) else {
             return Err(self.error(name, "is missing"));
@@ -148,7 +150,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Takes the coded table that stands for a tensor, with its own name.
+    /// Takes the coded table that replaces a tensor, with the table's name.
     fn take_small(&mut self, name: &str) -> Result<Option<(String, TensorView<'a>)>, IoError> {
         let coded = format!("{name}{SUFFIX}");
         let Some(view) = self.left.remove(&coded) else { return Ok(None) };
@@ -165,7 +167,7 @@ impl<'a> Reader<'a> {
         Ok(self.floats(name, &[D], rows)?.as_chunks::<D>().0.to_vec())
     }
 
-    /// Empty if the tensor is absent.
+    /// Takes a tensor of integers; empty if it is absent.
     fn u32s(&mut self, name: &str, inner: &[usize]) -> Result<Vec<u32>, IoError> {
         if !self.left.contains_key(name) {
             return Ok(Vec::new());
@@ -236,7 +238,7 @@ impl<'a> Reader<'a> {
         Ok(instances)
     }
 
-    /// The offsets of a scene whose templates and instances are read.
+    /// The offsets of a scene whose templates and instances have been read.
     fn offsets(&mut self, scene: &InstancedScene) -> Result<Offsets, IoError> {
         const MEANS: &str = "offset.means";
         const SH_DC: &str = "offset.sh_dc";
@@ -271,7 +273,7 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// Offsets as floats or as bytes of the channels from `first`.
+    /// Offsets stored as floats, or as bytes of the q8 channels from `first`.
     fn channels(
         &mut self,
         name: &str,
@@ -289,13 +291,13 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Empty if the tensor is absent.
+    /// Takes a tensor of floats; empty if it is absent.
     fn optional(&mut self, name: &str, inner: &[usize], rows: usize) -> Result<Vec<f32>, IoError> {
         if self.left.contains_key(name) { self.floats(name, inner, Some(rows)) } else { Ok(Vec::new()) }
     }
 }
 
-/// The name that safetensors files use for a type.
+/// Name of an element type in safetensors.
 fn dtype_name(dtype: Dtype) -> String {
     match serde_json::to_value(dtype) {
         Ok(serde_json::Value::String(name)) => name,

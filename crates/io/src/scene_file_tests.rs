@@ -38,11 +38,11 @@ pub(crate) fn sample_scene() -> InstancedScene {
     }
 }
 
-/// The sample with offsets of everything.
+/// The sample scene with all kinds of offsets.
 pub(crate) fn with_ablations() -> InstancedScene {
     let mut scene = sample_scene();
     let values = sample(2, 8);
-    // Without coefficient 0 of each record.
+    // All coefficients but 0 of each record.
     scene.offsets.sh_rest = values.sh.chunks(9).flat_map(|record| record[1..].to_vec()).collect();
     scene.offsets.log_scales = values.log_scales;
     scene.offsets.quats = values.quats;
@@ -64,7 +64,7 @@ fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoEr
     Ok(())
 }
 
-/// The sample's file with one change to its tensors or metadata.
+/// The sample's file with one change in its tensors or metadata.
 fn changed(
     change: impl FnOnce(&mut BTreeMap<String, ForeignTensor>, &mut BTreeMap<String, String>),
 ) -> Result<InstancedScene, IoError> {

@@ -1,4 +1,4 @@
-//! Opening and saving a scene by its file name's extension.
+//! Loads and saves a scene, in the format that the file extension names.
 
 use std::path::Path;
 
@@ -7,31 +7,33 @@ use crate::spz::SpzCloud;
 use crate::{IoError, ply, read_bytes, scene_file, scene_write, splat, spz};
 use crate::scene::instanced_scene::InstancedScene;
 
-/// A scene as it came from a file.
+/// A scene loaded from a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedScene {
-    /// The scene, with finite parameters only.
+    /// The scene; all parameters are finite.
     pub scene: InstancedScene,
-    /// Gaussians of templates and background that were dropped because a parameter of theirs is not finite (a template
-    /// Gaussian counts once, however many instances it had).
+    /// Number of Gaussians of templates and background that were dropped because a parameter is not finite (a template
+    /// Gaussian counts once for all instances).
     pub dropped_non_finite: usize,
-    /// What else the user should know, one line each.
+    /// Other notes for the user, one line each.
     pub notes: Vec<String>,
-    /// Length of the file.
+    /// Length of the file in bytes.
     pub file_bytes: u64,
 }
 
 impl LoadedScene {
-    /// All that the user should know, one line each.
+    /// All warnings for the user, one line each.
     pub fn warnings(&self) -> Vec<String> {
         let dropped = format!("dropped {} Gaussians with a non-finite parameter", self.dropped_non_finite);
         (self.dropped_non_finite > 0).then_some(dropped).into_iter().chain(self.notes.iter().cloned()).collect()
     }
 }
 
-/// Opens `.instgs`, `.ply`, `.spz` or `.splat`. A template Gaussian is dropped, in all instances, when it or the offset
-/// record of any instance is not finite, so that offsets stay aligned with templates. An empty scene is no error; one of
-/// which nothing finite remains is.
+/// Loads `.instgs`, `.ply`, `.spz` or `.splat`. A template Gaussian is dropped, in all instances, if it or the offset
+/// record of any instance is not finite, so that offsets stay aligned with templates.
+///
+/// # Errors
+/// The file cannot be read, or none of its Gaussians is finite. An empty scene is not an error.
 pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
     let extension = extension(path);
     if !["instgs", "ply", "spz", "splat"].contains(&extension.as_str()) {
@@ -60,8 +62,7 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
     Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes: bytes.len() as u64 })
 }
 
-/// Saves a scene as `.instgs`. Plain clouds have functions of their own: [`crate::write_ply`],
-/// [`crate::write_spz`].
+/// Saves a scene as `.instgs`. For plain clouds see [`crate::write_ply`] and [`crate::write_spz`].
 pub fn save_scene(path: &Path, scene: &InstancedScene) -> Result<(), IoError> {
     match extension(path).as_str() {
         "instgs" => scene_write::write_scene_file(path, scene),

@@ -1,15 +1,15 @@
-//! Number formats of packed `.instgs` files: halves, and offsets in 8 bits. The format `small` is in
+//! Number formats of packed `.instgs` files: f16, and offsets in 8 bits (q8). The format `small` is in
 //! `scene_small.rs`.
 //!
-//! q8: the records of offsets are cut into *segments* wherever the run of an instance begins or ends (`segments`); in
-//! a usual scene a segment is an instance, and shared, overlapping and unused records need no rule of their own. Row r
-//! of `offset.range` [segments, 7, 2] holds the lowest and highest value of segment r, per channel: position x, y, z,
-//! SH 0 red, green, blue, opacity logit. Byte q stands for `(low (255 - q) + high q) / 255`.
+//! q8: the offset records are cut into *segments* wherever the run of an instance begins or ends (`segments`); in a
+//! usual scene a segment is an instance, and shared, overlapping and unused records need no special case. Row r of
+//! `offset.range` [segments, 7, 2] holds the lowest and highest value of segment r, per channel: position x, y, z, SH 0
+//! red, green, blue, opacity logit. Byte q stands for `(low (255 - q) + high q) / 255`.
 //!
-//! Ranges with 0 in them are widened by 1/254, so that 0 is one of the 256 values: no difference stays no difference. A
-//! value is off by half a step at most, 1/508 of the distance between lowest and highest. Ranges reach to the farthest
-//! value: an outlier makes the steps of its own instance and channel coarser, and is kept. The tests measure it for
-//! logits of hidden parts, -14 among values around 0: 0.03 at most, less than 1/128 in opacity.
+//! Ranges that contain 0 are widened by 1/254, so that 0 is one of the 256 values and stays exact. The error of a value
+//! is at most half a step, 1/508 of the range. Ranges include outliers, which make the steps of their own instance and
+//! channel coarser. In the tests, logits of hidden parts (-14 among values around 0) cause an error of at most 0.03,
+//! less than 1/128 in opacity.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -18,36 +18,36 @@ use half::f16;
 
 use crate::scene::instanced_scene::{ForeignTensor, Instance, TemplateRange};
 
-/// How the numbers of an `.instgs` file are stored. Transforms are F32 in all of them, template and background means in
+/// How the values of an `.instgs` file are stored. Transforms are F32 in all formats, template and background means in
 /// all but `Small`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Pack {
-    /// Everything in F32: what is written is read, to the bit.
+    /// All values in F32: lossless to the bit.
     #[default]
     F32,
-    /// The rest in F16: 124 bytes a template Gaussian of SH degree 3, 14 an offset record.
+    /// Other values in F16: 124 bytes per template Gaussian of SH degree 3, 14 per offset record.
     F16,
-    /// As `F16`, but offsets in 8 bits within ranges per instance: 7 bytes a record.
+    /// Like `F16`, but offsets in 8 bits with a range per instance: 7 bytes per record.
     Q8,
-    /// Templates and background as compressed multiples of small steps, offsets as `Q8`: about 24 bytes a Gaussian. The
-    /// background is put in another order. Readers older than this format refuse the file.
+    /// Templates and background quantised and compressed, offsets like `Q8`: about 24 bytes per Gaussian. The
+    /// background is reordered. Older readers reject the file.
     Small,
 }
 
-/// Channels of an offset record that q8 packs.
+/// Number of channels of an offset record that q8 packs.
 pub(crate) const CHANNELS: usize = 7;
 
-/// What a row of numbers loses where halves underflow.
+/// The effect of f16 underflow on a tensor.
 #[derive(Clone, Copy)]
 pub(crate) enum Underflow {
-    /// Nothing that shows: logits, logarithms and SH may lose 3e-8.
+    /// Invisible: logits, logarithms and SH may be off by 3e-8.
     Harmless,
-    /// Its meaning: in rows of so many numbers, each row's largest must keep its 11 bits, unless all are 0.
+    /// Harmful: in rows of this many values, the largest of each row must keep its 11 bits, unless all are 0.
     Rows(usize),
 }
 
-/// Values as F16 if they fit, else as F32: a number that is not finite or beyond 65504 would be lost, and so would
-/// small ones where `underflow` says that it matters.
+/// Values as F16 if they fit, otherwise as F32: values that are not finite or beyond 65504 do not fit, nor do small
+/// ones if `underflow` says that they matter.
 pub(crate) fn halves(shape: &[usize], values: &[f32], underflow: Underflow) -> ForeignTensor {
     let largest = |row: &[f32]| row.iter().fold(0.0, |m: f32, v| m.max(v.abs()));
     let keeps_bits = match underflow {
@@ -63,18 +63,18 @@ pub(crate) fn halves(shape: &[usize], values: &[f32], underflow: Underflow) -> F
     ForeignTensor { dtype: "F16".into(), shape: shape.into(), bytes }
 }
 
-/// Values as F32.
+/// The values as an F32 tensor.
 pub(crate) fn floats(shape: &[usize], values: &[f32]) -> ForeignTensor {
     let bytes = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     ForeignTensor { dtype: "F32".into(), shape: shape.into(), bytes }
 }
 
-/// True if all values are finite and within F16; a NaN is not.
+/// True if all values are finite and within the range of F16.
 pub(crate) fn fits_half(values: &[f32]) -> bool {
     values.iter().all(|v| v.abs() <= f16::MAX.to_f32())
 }
 
-/// The records `0..count` cut where a run of an instance begins or ends, in order. Runs need not be valid yet.
+/// The records `0..count`, cut where a run of an instance begins or ends, in order. Runs may still be invalid.
 pub(crate) fn segments(instances: &[Instance], templates: &[TemplateRange], count: usize) -> Vec<Range<usize>> {
     let mut cuts = BTreeSet::from([0, count]);
     for instance in instances {
@@ -87,30 +87,30 @@ pub(crate) fn segments(instances: &[Instance], templates: &[TemplateRange], coun
     cuts.windows(2).map(|w| w[0]..w[1]).collect()
 }
 
-/// Ranges of all channels of all segments.
+/// Ranges of all channels of all segments, for q8.
 pub(crate) struct OffsetRanges {
     segments: Vec<Range<usize>>,
-    /// Low and high by segment and channel.
+    /// Lowest and highest value by segment and channel.
     ranges: Vec<[[f32; 2]; CHANNELS]>,
 }
 
 impl OffsetRanges {
-    /// Ranges of segments that no tensor is packed with yet.
+    /// Ranges of segments before any tensor is packed.
     pub(crate) fn empty(segments: Vec<Range<usize>>) -> Self {
         Self { ranges: vec![[[0.0; 2]; CHANNELS]; segments.len()], segments }
     }
 
-    /// Ranges as read: `segments.len() * 7 * 2` numbers.
+    /// Ranges as stored in a file: `segments.len() * 7 * 2` values.
     pub(crate) fn from_values(segments: Vec<Range<usize>>, values: &[f32]) -> Self {
         Self { segments, ranges: values.as_chunks::<2>().0.as_chunks::<CHANNELS>().0.to_vec() }
     }
 
-    /// The tensor `offset.range`.
+    /// The ranges as the tensor `offset.range`.
     pub(crate) fn tensor(&self) -> ForeignTensor {
         floats(&[self.ranges.len(), CHANNELS, 2], self.ranges.as_flattened().as_flattened())
     }
 
-    /// Packs finite numbers, `width` a record, as channels `first..first + width` and sets their ranges.
+    /// Packs finite values, `width` per record, as channels `first..first + width` and sets their ranges.
     pub(crate) fn pack(&mut self, values: &[f32], width: usize, first: usize) -> Vec<u8> {
         let mut out = vec![0; values.len()];
         for (segment, ranges) in self.segments.iter().zip(&mut self.ranges) {
@@ -123,7 +123,7 @@ impl OffsetRanges {
         out
     }
 
-    /// Unpacks rows of `width` bytes, channels `first..first + width`; as many rows as there are records.
+    /// Unpacks rows of `width` bytes, one per record, as channels `first..first + width`.
     pub(crate) fn unpack(&self, bytes: &[u8], width: usize, first: usize) -> Vec<f32> {
         let mut out = Vec::with_capacity(bytes.len());
         for (segment, ranges) in self.segments.iter().zip(&self.ranges) {
@@ -134,15 +134,15 @@ impl OffsetRanges {
     }
 }
 
-/// The range of finite values, widened so that 0 is a level if it lies between them.
+/// The range of finite values, widened so that 0 is a level if it lies within.
 fn range_of(values: impl Iterator<Item = f32> + Clone) -> [f32; 2] {
     let low = values.clone().fold(f32::INFINITY, f32::min);
     let high = values.fold(f32::NEG_INFINITY, f32::max);
     if !(low <= 0.0 && high >= 0.0 && low < high) {
         return [low, high];
     }
-    // With 254 steps between low and high, rounding both ends up to whole steps from 0 takes 255 at most. Of the step
-    // 16 bits are kept, rounded up: times a level of 8 bits it is a number that f32 holds, so 0 comes out as exactly 0.
+    // With 254 steps between low and high, rounding both ends up to whole steps from 0 needs at most 255. The step
+    // keeps 16 bits, rounded up: multiplied by an 8-bit level it is exact in f32, so 0 is restored exactly.
     let step = ((f64::from(high) - f64::from(low)) / 254.0).max(f64::from(f32::MIN_POSITIVE));
     let unit = (step.log2().floor() - 15.0).exp2();
     let step = (step / unit).ceil() * unit;
@@ -152,7 +152,7 @@ fn range_of(values: impl Iterator<Item = f32> + Clone) -> [f32; 2] {
 
 fn byte_of(value: f32, [low, high]: [f32; 2]) -> u8 {
     let (value, low, high) = (f64::from(value), f64::from(low), f64::from(high));
-    // The cast saturates, and takes the NaN of an empty range to 0, which stands for its one value.
+    // The cast saturates, and maps the NaN of an empty range to 0, which stands for its only value.
     ((value - low) / (high - low) * 255.0).round() as u8
 }
 
@@ -167,7 +167,7 @@ mod tests {
     use crate::math::rng::Rng;
     use crate::math::similarity::Similarity;
 
-    /// What q8 makes of one channel of one segment.
+    /// One channel of one segment after packing and unpacking.
     fn packed(values: &[f32]) -> Vec<f32> {
         let mut ranges = OffsetRanges::empty(std::iter::once(0..values.len()).collect());
         let bytes = ranges.pack(values, 1, 6);
@@ -189,13 +189,13 @@ mod tests {
             let (low, high) = values.iter().fold((0.0f32, 0.0f32), |(l, h), &v| (l.min(v), h.max(v)));
             let back = packed(&values);
             assert_eq!(back[7].to_bits(), 0.0f32.to_bits(), "{low} {high}");
-            // 1/508, and what rounding the step up adds.
+            // The bound 1/508, plus the rounding of the step.
             assert!(largest_error(&values) <= (high - low) / 507.0, "{low} {high}");
         }
         for values in [[0.0; 3], [-7.3; 3], [1e-30; 3], [65504.0; 3]] {
             assert_eq!(packed(&values), values);
         }
-        // Zero outside the range: the ends are kept to the bit.
+        // If 0 is outside the range, the ends are exact to the bit.
         assert_eq!(packed(&[5.1, 5.3, 5.1])[..2], [5.1, 5.3]);
         assert!(packed(&[]).is_empty());
     }
@@ -218,12 +218,12 @@ mod tests {
             first_offset: Some(first_offset),
         };
         let templates = [TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }];
-        // Twice the same run, an overlapping one, and records 6..9 that nobody uses.
+        // The same run twice, an overlapping one, and the unused records 6..9.
         let runs = [instance(0, 0), instance(0, 0), instance(0, 3), instance(1, 2)];
         assert_eq!(segments(&runs, &templates, 9), [0..2, 2..3, 3..4, 4..6, 6..9]);
         assert_eq!(segments(&[], &templates, 4).len(), 1);
         assert!(segments(&runs, &templates, 0).is_empty());
-        // Not valid yet: a template that is not there, a run beyond the end.
+        // Invalid instances: a template that does not exist, and a run beyond the end.
         assert_eq!(segments(&[instance(9, 1), instance(0, u32::MAX - 1)], &templates, 4).len(), 1);
     }
 

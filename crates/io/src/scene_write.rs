@@ -15,14 +15,17 @@ use crate::scene::gaussians::Gaussians;
 use crate::scene::instanced_scene::{ForeignTensor, InstancedScene};
 use crate::scene::offsets::Offsets;
 
-/// Writes an `.instgs` file: all known tensors as F32 and U32, then what else the scene carries. The same scene gives
-/// the same bytes.
+/// Writes an `.instgs` file: all known tensors as F32 and U32, then the scene's unknown tensors and metadata. The same
+/// scene gives the same bytes.
+///
+/// # Errors
+/// The scene is inconsistent, or the file cannot be written.
 pub fn write_scene_file(path: &Path, scene: &InstancedScene) -> Result<(), IoError> {
     write_scene_file_packed(path, scene, Pack::F32)
 }
 
-/// Writes an `.instgs` file whose numbers are packed. A tensor whose values do not fit the format (not finite, beyond
-/// 65504, or so small that halves lose what they mean) stays F32.
+/// Writes an `.instgs` file with packed values. A tensor whose values do not fit the format (not finite, beyond 65504,
+/// or so small that f16 loses too many digits) stays F32.
 pub fn write_scene_file_packed(path: &Path, scene: &InstancedScene, pack: Pack) -> Result<(), IoError> {
     let bytes = packed_scene_file_bytes(scene, pack, path)?;
     atomic_write(path, |out| out.write_all(&bytes))
@@ -40,7 +43,7 @@ pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) 
         .map_err(|e| IoError::new(path, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor)))?;
     let mut tensors = scene.foreign_tensors.clone();
     if pack == Pack::Small {
-        // What this version does not know may follow the background's order.
+        // Unknown tensors may be parallel to the background, whose order must then not change.
         let ordered = scene.foreign_tensors.is_empty().then(|| in_space_order(&scene.background));
         put_small(&mut tensors, "template", &scene.templates, path)?;
         put_small(&mut tensors, "background", ordered.as_ref().unwrap_or(&scene.background), path)?;
@@ -72,7 +75,7 @@ fn put_cloud(tensors: &mut Tensors, group: &str, cloud: &Gaussians, pack: Pack) 
     let mut put = |name: &str, tensor| tensors.insert(format!("{group}.{name}"), tensor);
     let small = |shape: &[usize], values: &[f32]| small_floats(pack, shape, values, Underflow::Harmless);
     put("means", floats(&[n, 3], cloud.means.as_flattened()));
-    // Short quaternions turn as long ones do, and must not become 0.
+    // Quaternions of small length are still valid rotations and must not become 0.
     put("quats", small_floats(pack, &[n, 4], cloud.quats.as_flattened(), Underflow::Rows(4)));
     put("log_scales", small(&[n, 3], cloud.log_scales.as_flattened()));
     put("opacity_logits", small(&[n], &cloud.opacity_logits));
@@ -136,7 +139,8 @@ pub(crate) fn u32s(shape: &[usize], values: impl Iterator<Item = u32>) -> Foreig
     ForeignTensor { dtype: "U32".into(), shape: shape.into(), bytes: values.flat_map(u32::to_le_bytes).collect() }
 }
 
-/// The file: tensors with the widest element type first, so that each is aligned to its type, then by name.
+/// The bytes of the file: tensors with the widest element type first, so that each is aligned to its type, then by
+/// name.
 pub(crate) fn assemble(
     metadata: &BTreeMap<String, String>,
     tensors: &BTreeMap<String, ForeignTensor>,

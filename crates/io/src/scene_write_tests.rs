@@ -1,4 +1,4 @@
-//! Packed files: what they keep, how large they are, and what happens to values that do not fit.
+//! Packed files: precision, size, and values that do not fit the format.
 
 use super::*;
 use crate::ply::tests::sample;
@@ -38,7 +38,7 @@ fn repeated(instances: usize, count: usize) -> InstancedScene {
     scene
 }
 
-/// Largest difference, relative to `scale`; NaN and NaN are alike.
+/// Largest difference, relative to `scale`; two NaN are equal.
 fn difference(a: &[f32], b: &[f32], scale: f32) -> f32 {
     assert_eq!(a.len(), b.len());
     let of = |(x, y): (&f32, &f32)| if x.to_bits() == y.to_bits() { 0.0 } else { (x - y).abs() / scale };
@@ -108,7 +108,7 @@ fn q8_of_shared_overlapping_and_unused_records() -> Result<(), IoError> {
     scene.instances[3].first_offset = None;
     let back = through(&scene, Pack::Q8)?;
     assert_eq!(back.instances, scene.instances);
-    // Segments 0..6, 6..9, 9..15, 15..24: the records of the four scales 0.001 .. 1 keep to their segment's step.
+    // Segments 0..6, 6..9, 9..15, 15..24: records of the four scales 0.001 .. 1 have the step of their own segment.
     let worst = |records: std::ops::Range<usize>| {
         difference(scene.offsets.means[records.clone()].as_flattened(), back.offsets.means[records].as_flattened(), 1.0)
     };
@@ -130,7 +130,7 @@ fn values_that_do_not_fit_stay() -> Result<(), IoError> {
         assert_eq!(back.background.log_scales, scene.background.log_scales);
         assert_eq!(difference(back.offsets.means.as_flattened(), scene.offsets.means.as_flattened(), 1.0), 0.0);
         assert_eq!(back.offsets.opacity_logits, scene.offsets.opacity_logits);
-        // The other tensors are packed all the same.
+        // The other tensors are still packed.
         assert_ne!(back.templates.log_scales, scene.templates.log_scales);
         assert_ne!(back.offsets.sh_dc, scene.offsets.sh_dc);
         let mut tiny = sample_scene();
@@ -160,7 +160,7 @@ fn sizes_are_those_of_the_analytic_bound() -> Result<(), IoError> {
     Ok(())
 }
 
-/// Largest difference of the angle that two quaternions turn by, radians.
+/// Largest difference between the rotations of two lists of quaternions, as an angle, radians.
 fn turned(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
     let angle = |(a, b): (&[f32; 4], &[f32; 4])| {
         let [a, b] =
@@ -185,11 +185,11 @@ fn small_keeps_half_a_step() -> Result<(), IoError> {
         let want = if scene.foreign_tensors.is_empty() { &background } else { &scene.background };
         for (a, b) in [(&scene.templates, &back.templates), (want, &back.background)] {
             assert_eq!((a.sh_degree, a.len()), (b.sh_degree, b.len()));
-            // Half a step, and what f32 rounds.
+            // Half a step, plus the rounding of f32.
             assert!(difference(a.log_scales.as_flattened(), b.log_scales.as_flattened(), 1.0) <= 0.02501);
             assert!(difference(&a.opacity_logits, &b.opacity_logits, 1.0) <= 0.05001);
             assert!(difference(a.sh.as_flattened(), b.sh.as_flattened(), 1.0) <= 0.01001);
-            // Three components of up to half a step of 0.0056, twice their length as an angle.
+            // Three components of up to half a step of 0.0056; an angle is twice their length.
             assert!(turned(&a.quats, &b.quats) < 2.0 * 0.0028 * 3.0f64.sqrt() * 1.5);
             let size = a.log_scales.iter().map(|s| (s.iter().sum::<f32>() / 3.0).exp()).fold(0.0, f32::max);
             assert!(difference(a.means.as_flattened(), b.means.as_flattened(), 1.0) <= size / 31.9);
@@ -215,7 +215,7 @@ fn small_keeps_what_has_no_place_in_a_table() -> Result<(), IoError> {
 
 #[test]
 fn small_is_a_quarter_of_halves_or_less() -> Result<(), IoError> {
-    // Colours and sizes as noisy as of trained clouds (standard deviations of SH 0.03, of logarithms of sizes 1).
+    // Colours and sizes with the noise of trained clouds (standard deviations of SH 0.03, of log sizes 1).
     let mut rng = Rng::new(8);
     let mut cloud = sample(3, 4000);
     cloud.sh.iter_mut().flatten().for_each(|v| *v = (0.03 * rng.normal()) as f32);

@@ -1,4 +1,5 @@
-//! `.splat` (antimatter15): 32 bytes a splat, no header: position and linear scales in f32, RGBA and rotation in bytes.
+//! `.splat` (antimatter15): 32 bytes per splat, no header: position and linear scales in f32, RGBA and rotation in
+//! bytes.
 
 use std::path::Path;
 
@@ -9,12 +10,15 @@ use crate::scene::gaussians::Gaussians;
 const BYTES_PER_SPLAT: usize = 32;
 const SH_C0: f32 = 0.282_094_79;
 
-/// Reads a `.splat` file: SH degree 0, logits of opacity, logarithms of scales.
+/// Reads a `.splat` file as a cloud of SH degree 0.
+///
+/// # Errors
+/// The file cannot be read, or its length is not a multiple of 32.
 pub fn read_splat(path: &Path) -> Result<Gaussians, IoError> {
     parse_splat(&read_bytes(path)?, path)
 }
 
-/// Parses the bytes of a `.splat` file; `path` is for messages only.
+/// Parses the bytes of a `.splat` file; `path` is only used in messages.
 pub fn parse_splat(bytes: &[u8], path: &Path) -> Result<Gaussians, IoError> {
     if !bytes.len().is_multiple_of(BYTES_PER_SPLAT) {
         let whole = bytes.len() / BYTES_PER_SPLAT * BYTES_PER_SPLAT;
@@ -25,7 +29,7 @@ pub fn parse_splat(bytes: &[u8], path: &Path) -> Result<Gaussians, IoError> {
     for splat in bytes.chunks_exact(BYTES_PER_SPLAT) {
         let float = |at: usize| f32::from_le_bytes([splat[at], splat[at + 1], splat[at + 2], splat[at + 3]]);
         out.means.push([float(0), float(4), float(8)]);
-        // NaN stays NaN: the loader drops and counts such splats.
+        // NaN stays NaN: the loader drops and counts such Gaussians.
         out.log_scales.push(
             [float(12), float(16), float(20)].map(|s| if s < f32::MIN_POSITIVE { LEAST_LOG_SCALE } else { s.ln() }),
         );

@@ -5,12 +5,12 @@
 //! at the offset that the header names, and one zstd frame per non-empty attribute array. The arrays, in order:
 //! positions, alphas, colours, scales, rotations, SH.
 //!
-//! Axes: SPZ is right-up-back, our scenes are right-down-front like INRIA's `.ply`; reading and writing turn positions,
-//! rotations and SH by 180 degrees about x, as the reference does between SPZ and PLY.
+//! Axes: SPZ is right-up-back, scenes here are right-down-front like INRIA's `.ply`; reading and writing rotate
+//! positions, rotations and SH by 180 degrees about x, as the reference implementation does between SPZ and PLY.
 //!
-//! Limits: SH of degree 4 (version 4 knows it) is cut to degree 3. Vendor extensions are skipped. Opacity bytes 0 and 255
-//! get finite logits. Writing keeps 5 bits of SH degree 1 and 4 bits of the higher ones, the reference's setting, and
-//! clamps SH to -1..1, which is all that the format can hold.
+//! Limits: SH of degree 4 (version 4) are truncated to degree 3. Vendor extensions are skipped. Opacity bytes 0 and 255
+//! get finite logits. Writing keeps 5 bits of SH degree 1 and 4 bits of the higher degrees, as the reference
+//! implementation does, and clamps SH to -1..1, the range of the format.
 
 use std::io::{Read, Write};
 use std::path::Path;
@@ -24,32 +24,36 @@ use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE};
 const MAGIC: u32 = u32::from_le_bytes(*b"NGSP");
 const FLAG_ANTIALIAS: u8 = 1;
 const FLAG_EXTENSIONS: u8 = 2;
-/// Deflate packs at most about 1032:1.
+/// Upper limit on the compression of gzip: Deflate reaches about 1032:1.
 const MAX_GZIP_RATIO: u64 = 1040;
-/// Positions alone are 9 bytes a splat, and no real stream is packed 1024:1: the reference refuses beyond it as well.
+/// Positions alone take 9 bytes per splat, and no real stream is compressed 1024:1: the reference implementation
+/// rejects more as well.
 const MAX_SPLATS_PER_BYTE: u64 = 1024 / 9;
 const HEADER_BYTES: usize = 16;
 const HEADER_BYTES_V4: usize = 32;
-/// What may follow the arrays (extensions) before we stop looking for the end of the gzip stream.
+/// Upper limit on bytes after the arrays (extensions) that are read to reach the end of the gzip stream.
 const MAX_TRAILER_BYTES: u64 = 64 << 20;
 
-/// What an `.spz` file holds.
+/// The contents of an `.spz` file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpzCloud {
-    /// The Gaussians, in our axes.
+    /// The Gaussians, in right-down-front axes.
     pub gaussians: Gaussians,
-    /// The cloud was trained with opacity compensation.
+    /// Whether the cloud was trained with opacity compensation.
     pub antialias: bool,
-    /// What the user should know, one line each.
+    /// Notes for the user, one line each.
     pub notes: Vec<String>,
 }
 
-/// Reads an `.spz` file.
+/// Reads an `.spz` file of version 1 to 4.
+///
+/// # Errors
+/// The file cannot be read, is damaged, or has another version.
 pub fn read_spz(path: &Path) -> Result<SpzCloud, IoError> {
     parse_spz(&read_bytes(path)?, path)
 }
 
-/// Parses the bytes of an `.spz` file; `path` is for messages only.
+/// Parses the bytes of an `.spz` file; `path` is only used in messages.
 pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
     if bytes.starts_with(&[0x1f, 0x8b]) {
         let broken = |e: std::io::Error| IoError::new(path, format!("the gzip stream is damaged or cut short: {e}"));
@@ -62,7 +66,7 @@ pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
             return Err(header.too_many(bytes.len(), path));
         }
         stream.by_ref().take(need).read_to_end(&mut plain).map_err(broken)?;
-        // Reading on to the end makes the decoder check the stream's checksum.
+        // Reading on to the end makes the decoder verify the stream's checksum.
         std::io::copy(&mut stream.take(MAX_TRAILER_BYTES), &mut std::io::sink()).map_err(broken)?;
         return arrays_in_one_piece(&header, &plain[HEADER_BYTES..], path);
     }
@@ -84,7 +88,7 @@ struct Header {
     sh_degree: u8,
     fractional_bits: u8,
     flags: u8,
-    /// Number of streams in version 4, else reserved.
+    /// Number of streams in version 4, otherwise reserved.
     streams: u8,
 }
 
@@ -135,7 +139,7 @@ impl Header {
     }
 }
 
-/// Versions 1 to 3: the arrays follow each other.
+/// Reads versions 1 to 3, whose arrays are concatenated.
 fn arrays_in_one_piece(header: &Header, body: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
     let layout = header.layout();
     let need = layout.total_bytes();
@@ -156,7 +160,7 @@ fn arrays_in_one_piece(header: &Header, body: &[u8], path: &Path) -> Result<SpzC
     Ok(header.decode(&arrays))
 }
 
-/// Version 4: a table of contents and zstd frames.
+/// Reads version 4: a table of contents and zstd frames.
 fn streams(header: &Header, bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
     if u64::from(header.splats) > (bytes.len() as u64).saturating_mul(MAX_SPLATS_PER_BYTE) {
         return Err(header.too_many(bytes.len(), path));
@@ -196,7 +200,7 @@ fn streams(header: &Header, bytes: &[u8], path: &Path) -> Result<SpzCloud, IoErr
         let start = cursor.position();
         let packed = cursor.take(packed_sizes[i], &format!("stream {i}"))?;
         let broken = |what: String| IoError::new(path, format!("stream {i} {what}")).at(Place::Byte(start as u64));
-        // The buffer grows with what really comes out, and one byte more than called for is read at most.
+        // The buffer grows with the actual output, and at most one byte more than expected is read.
         let read = zstd::stream::read::Decoder::with_buffer(packed)
             .and_then(|d| d.take(sizes[i].saturating_add(1)).read_to_end(&mut arrays[i]));
         read.map_err(|e| broken(format!("is damaged: {e}")))?;
@@ -208,7 +212,7 @@ fn streams(header: &Header, bytes: &[u8], path: &Path) -> Result<SpzCloud, IoErr
 }
 
 /// Writes a gzipped version 3 file: its smallest-three rotations are about five times finer than version 2's for one
-/// byte more, where version 2 loses w near half turns; version 4 is read by few programs so far.
+/// byte more, while version 2 loses w near half turns; version 4 is not widely supported yet.
 ///
 /// Positions get 12 fractional bits (1/4096 units), fewer if the cloud reaches beyond +-2048 units.
 pub fn write_spz(path: &Path, cloud: &Gaussians, antialias: bool) -> Result<(), IoError> {

@@ -1,19 +1,19 @@
-//! SPZ's quantisation: sizes of the attribute arrays, and their values to and from [`Gaussians`].
+//! SPZ's quantisation: sizes of the attribute arrays, and conversion of their values to and from [`Gaussians`].
 
 use crate::logit_of_byte;
 use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
-/// SH 0 is stored as 0.5 + 0.15 c, so that colours a little beyond 0..1 fit a byte.
+/// SH 0 is stored as 0.5 + 0.15 c, so that colours slightly beyond 0..1 fit a byte.
 const COLOUR_SCALE: f64 = 0.15;
-/// Bits kept of SH degree 1 and of the higher degrees when writing: coarser steps compress better.
+/// Bits of SH degree 1 and of the higher degrees that are kept when writing: coarser steps compress better.
 const SH1_BITS: u32 = 5;
 const SH_REST_BITS: u32 = 4;
-/// A turn of 180 degrees about x, signs of (x, y, z); it swaps right-up-back and right-down-front.
+/// A rotation by 180 degrees about x, as signs of (x, y, z); it swaps right-up-back and right-down-front.
 const AXIS_SIGNS: [f64; 3] = [1.0, -1.0, -1.0];
-/// The same turn on SH coefficients 1..15: a basis function odd in y + z changes its sign.
+/// The same rotation on SH coefficients 1..15: a basis function of odd degree in y and z together changes its sign.
 const SH_SIGNS: [f32; 15] = [-1., -1., 1., -1., 1., 1., -1., 1., -1., 1., -1., -1., 1., -1., 1.];
 
-/// The arrays of one file. Index: 0 positions, 1 alphas, 2 colours, 3 scales, 4 rotations, 5 SH.
+/// Shapes of the arrays of one file. Index: 0 positions, 1 alphas, 2 colours, 3 scales, 4 rotations, 5 SH.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
     splats: u64,
@@ -32,7 +32,7 @@ impl Layout {
         }
     }
 
-    /// Bytes of each array; at most 91 a splat, so nothing overflows.
+    /// Bytes of each array; at most 91 per splat, so that nothing overflows.
     pub(crate) fn array_bytes(&self) -> [u64; 6] {
         let sh = 3 * (sh_coefficients(self.sh_degree) as u64 - 1);
         let position = if self.half_positions { 6 } else { 9 };
@@ -44,7 +44,7 @@ impl Layout {
     }
 }
 
-/// `arrays` have the lengths of `layout`.
+/// Decodes arrays that have the lengths of `layout`.
 pub(crate) fn decode(layout: &Layout, fractional_bits: u32, arrays: &[&[u8]; 6]) -> Gaussians {
     let splats = layout.splats as usize;
     let degree = layout.sh_degree.min(MAX_SH_DEGREE);
@@ -60,11 +60,11 @@ pub(crate) fn decode(layout: &Layout, fractional_bits: u32, arrays: &[&[u8]; 6])
                 return half::f16::from_le_bytes([positions[at], positions[at + 1]]).to_f64();
             }
             let at = 9 * i + 3 * k;
-            // The three bytes as the upper part of an i32: the shift back extends the sign.
+            // The three bytes are the upper part of an i32: the arithmetic shift back extends the sign.
             let fixed = i32::from_le_bytes([0, positions[at], positions[at + 1], positions[at + 2]]) >> 8;
             f64::from(fixed) * unit
         });
-        // + 0.0 makes -0 into 0.
+        // Adding 0.0 turns -0 into 0.
         out.means.push(std::array::from_fn(|k| (position[k] * AXIS_SIGNS[k] + 0.0) as f32));
         out.opacity_logits.push(logit_of_byte(alphas[i]));
         out.log_scales.push(std::array::from_fn(|k| f32::from(scales[3 * i + k]) / 16.0 - 10.0));
@@ -84,7 +84,7 @@ pub(crate) fn decode(layout: &Layout, fractional_bits: u32, arrays: &[&[u8]; 6])
     out
 }
 
-/// The arrays of a version 3 file, in the order of [`Layout`]. All values must be finite, positions within range.
+/// The arrays of a version 3 file, in the order of [`Layout`]. All values must be finite and positions within range.
 pub(crate) fn encode(cloud: &Gaussians, fractional_bits: u32) -> [Vec<u8>; 6] {
     let mut arrays: [Vec<u8>; 6] = Default::default();
     let [positions, alphas, colours, scales, rotations, sh] = &mut arrays;
@@ -109,21 +109,21 @@ pub(crate) fn encode(cloud: &Gaussians, fractional_bits: u32) -> [Vec<u8>; 6] {
     arrays
 }
 
-/// To 8 bits around 128, then to the nearest multiple of the step, of which 128 is one.
+/// Quantises to 8 bits around 128, then to the nearest multiple of the step, of which 128 is one.
 fn quantise_sh(value: f32, bits: u32) -> u8 {
     let step = 1i32 << (8 - bits);
     let fine = (f64::from(value) * 128.0).round().clamp(-1024.0, 1024.0) as i32 + 128;
     ((fine + step / 2).div_euclid(step) * step).clamp(0, 255) as u8
 }
 
-/// x, y, z as bytes over -1..1; w >= 0 follows from them.
+/// Decodes x, y, z, stored as bytes over -1..1; w >= 0 follows from them.
 fn unpack_first_three(bytes: [u8; 3]) -> [f64; 4] {
     let [x, y, z] = bytes.map(|b| f64::from(b) / 127.5 - 1.0);
     [x, y, z, (1.0 - x * x - y * y - z * z).max(0.0).sqrt()]
 }
 
-/// Bits 30-31: index of the largest of x, y, z, w. The others, the first in the uppermost place: a sign bit and nine
-/// bits of magnitude over 0..sqrt(1/2).
+/// Decodes a smallest-three quaternion. Bits 30-31: index of the largest of x, y, z, w. The others follow from the
+/// highest bits down: a sign bit and nine bits of magnitude over 0..sqrt(1/2).
 fn unpack_smallest_three(word: u32) -> [f64; 4] {
     let largest = (word >> 30) as usize;
     let mut out = [0.0; 4];
@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn sh_signs_follow_from_the_polynomials() {
-        // Each basis function's powers of y and z, by the polynomial of its INRIA definition.
+        // The exponents of y and z in each basis function, from the polynomials of its INRIA definition.
         let parity = [1, 1, 0, 1, 2, 0, 1, 0, 1, 2, 1, 1, 0, 1, 0];
         for (c, &p) in parity.iter().enumerate() {
             assert_eq!(SH_SIGNS[c], if p % 2 == 1 { -1.0 } else { 1.0 }, "coefficient {}", c + 1);

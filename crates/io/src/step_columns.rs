@@ -1,15 +1,15 @@
-//! Tables of numbers as whole multiples of a step, column by column, compressed: what `--pack small` makes of tensors.
+//! Tables of values as multiples of a step, column by column, compressed: the coding of `--pack small`.
 //!
-//! A table has `rows` of `width` numbers; a column is cut into blocks of rows with a step each. The bytes:
+//! A table has `rows` of `width` values; a column is cut into blocks of rows with a step each. The bytes:
 //!
-//! - rows u64, width u32, rows of a block u32, little-endian;
-//! - one zstd frame: for each column and block the lowest value as a count of steps (i64) and the step (f32); for each
-//!   column the bytes per number (u8: 0, 1 or 2); then for each column its numbers less the lowest of their block, the low
-//!   bytes of all rows, then the high ones.
+//! - rows u64, width u32, rows per block u32, little-endian;
+//! - one zstd frame: for each column and block the lowest value in steps (i64) and the step (f32); for each column the
+//!   bytes per value (u8: 0, 1 or 2); then for each column its values minus the lowest of their block, in steps: the
+//!   low bytes of all rows, then the high ones.
 //!
-//! A number is off by half a step at most; 0 is a multiple of every step and stays 0. Where the values of a block span more
-//! than 65535 steps, the step is made longer until they do not: nothing is clamped. Columns in planes of bytes are what
-//! zstd packs to within 2 % of their entropy (measured on trained scenes, level 19; level 9 takes 8 % more).
+//! The error of a value is at most half a step; 0 is a multiple of every step and stays exact. If the values of a block
+//! span more than 65535 steps, the step is enlarged: nothing is clamped. zstd compresses columns in planes of bytes to
+//! within 2 % of their entropy at level 19; level 9 takes 8 % more.
 
 use std::io::Read;
 use std::ops::Range;
@@ -18,18 +18,18 @@ use rayon::prelude::*;
 
 use super::host_memory::available_bytes;
 
-/// Rows, width, rows of a block.
+/// Bytes of the header: rows, width, rows per block.
 pub(super) const HEADER_BYTES: usize = 16;
-/// Of zstd: see above.
+/// Compression level of zstd, chosen for size: see the module's documentation.
 const LEVEL: i32 = 19;
-/// Most steps between the lowest and the highest value of a block: two bytes.
+/// Upper limit on steps between the lowest and the highest value of a block: two bytes.
 const MOST_STEPS: f64 = 65535.0;
-/// A table that claims more rows than this for each of its bytes is none: a real one has bits of noise in every row.
+/// Upper limit on rows per byte of a table: a real one has bits of noise in every row, so that more is damage.
 const MOST_ROWS_PER_BYTE: u64 = 1 << 16;
-/// Lowest value and step.
+/// Bytes per block: lowest value and step.
 const BLOCK_BYTES: u64 = 12;
 
-/// The first bytes of a coded table.
+/// The header of a coded table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shape {
     pub(super) rows: usize,
@@ -38,10 +38,10 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// Of a coded table.
+    /// Parses the header of a coded table.
     ///
     /// # Errors
-    /// What is wrong with it, for a message.
+    /// The text says what is wrong with it.
     pub(super) fn of(coded: &[u8]) -> Result<Self, String> {
         let Some((header, packed)) = coded.split_first_chunk::<HEADER_BYTES>() else {
             return Err(format!("has {} bytes, too few for a header", coded.len()));
@@ -64,17 +64,17 @@ impl Shape {
         (0..rows.div_ceil(block_rows)).map(move |b| b * block_rows..rows.min((b + 1) * block_rows))
     }
 
-    /// Bytes before the planes.
+    /// Bytes of the frame before the planes.
     fn table_bytes(&self) -> u64 {
         self.width as u64 * (self.blocks().len() as u64 * BLOCK_BYTES + 1)
     }
 }
 
-/// Codes finite `values`, `width` to a row, in blocks of `block_rows`; `step_of` gives a block's step, above 0, from its
-/// rows.
+/// Codes finite `values`, `width` per row, in blocks of `block_rows`; `step_of` returns the step of a range of rows, 0
+/// for the finest possible.
 ///
 /// # Errors
-/// What zstd says.
+/// zstd fails.
 pub(super) fn encode(
     values: &[f32],
     width: usize,
@@ -97,15 +97,15 @@ pub(super) fn encode(
     Ok(out)
 }
 
-/// Decodes what [`encode`] made: the values, row by row.
+/// Decodes the output of [`encode`] to values, row by row.
 ///
 /// # Errors
-/// What is wrong with the bytes, for a message.
+/// The text says what is wrong with the bytes.
 pub(super) fn decode(coded: &[u8]) -> Result<Vec<f32>, String> {
     let shape = Shape::of(coded)?;
     let mut stream =
         zstd::stream::read::Decoder::with_buffer(&coded[HEADER_BYTES..]).map_err(|e| format!("is damaged: {e}"))?;
-    // Buffers grow with what really comes out.
+    // Buffers grow with the actual output, whatever the header claims.
     let mut read = |bytes: u64| {
         let mut out = Vec::new();
         let read = stream.by_ref().take(bytes).read_to_end(&mut out).map_err(|e| format!("is damaged: {e}"))?;
@@ -147,22 +147,22 @@ pub(super) fn decode(coded: &[u8]) -> Result<Vec<f32>, String> {
 }
 
 struct Block {
-    /// Steps.
+    /// The lowest value in steps.
     lowest: i64,
     step: f32,
 }
 
 impl Block {
-    /// Of values, with a step of at least `step`.
+    /// The block of `values`, with a step of at least `step`.
     fn new(values: impl Iterator<Item = f32> + Clone, step: f32) -> Self {
         let low = f64::from(values.clone().fold(f32::INFINITY, f32::min));
         let high = f64::from(values.fold(f32::NEG_INFINITY, f32::max));
-        // One step less than there are, for the rounding of both ends; and none finer than the numbers themselves, whose
-        // counts of steps an i64 would not hold.
+        // One step less than available, for the rounding of both ends; and not finer than the precision of the values,
+        // whose step counts an i64 could not hold.
         let precision = low.abs().max(high.abs()) * f64::from(f32::EPSILON);
         let step =
             f64::from(step).max((high - low) / (MOST_STEPS - 1.0)).max(precision).max(f64::from(f32::MIN_POSITIVE));
-        // Rounded up, so that the bound holds.
+        // Rounded up, so that the bound holds in f32.
         let step = if f64::from(step as f32) < step { (step as f32).next_up() } else { step as f32 };
         Self { lowest: (low / f64::from(step)).round() as i64, step }
     }
@@ -173,7 +173,7 @@ impl Block {
 
     fn value(&self, steps: u16) -> f32 {
         let value = (self.lowest as f64 + f64::from(steps)) * f64::from(self.step);
-        // Half a step beyond the largest f32 is still no infinity.
+        // Half a step beyond the largest f32 must not become infinite.
         value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
     }
 
@@ -190,9 +190,9 @@ impl Block {
 
 struct Column {
     blocks: Vec<Block>,
-    /// Of each row, from its block's lowest value.
+    /// Steps of each row above the lowest value of its block.
     steps: Vec<u16>,
-    /// That a number takes.
+    /// Bytes per value: 0, 1 or 2.
     bytes: u8,
 }
 
@@ -230,7 +230,7 @@ mod tests {
                 (0..rows * width).map(|i| if i % 7 == 0 { 0.0 } else { rng.normal() as f32 }).collect();
             for step in [0.5, 0.02, 1e-3] {
                 for (a, b) in back(&values, width, block_rows, step).iter().zip(&values) {
-                    // And what rounding to f32 adds.
+                    // Half a step, plus rounding to f32.
                     assert!((a - b).abs() <= 0.501 * step, "{a} {b} {step}");
                     assert!(*b != 0.0 || a.to_bits() == 0, "{a}");
                 }
@@ -241,7 +241,7 @@ mod tests {
 
     #[test]
     fn steps_grow_where_the_range_calls_for_it() {
-        // 2e6 steps of 1e-3; values so large that an f32 has no such steps; all that an f32 holds.
+        // 2e6 steps of 1e-3; values too large for such steps in f32; the whole range of f32.
         for values in [[-1000.0f32, 0.0, 0.25, 1000.0], [3e8, 3e8, 3.00001e8, 3e8], [-3.4e38, 0.0, 1.0, 3.4e38]] {
             let [low, high] = [values[0], values[3].max(values[2])].map(f64::from);
             let largest = low.abs().max(high.abs()) * f64::from(f32::EPSILON);
@@ -250,7 +250,7 @@ mod tests {
                 assert!((f64::from(a) - f64::from(b)).abs() <= 0.51 * step + largest, "{a} {b} {step}");
             }
         }
-        // A block of its own keeps its step.
+        // A separate block keeps its step.
         let near_and_far = [0.001, 0.002, 1000.0, -1000.0];
         let got = back(&near_and_far, 1, 2, 1e-4);
         assert!((got[0] - 0.001).abs() < 1e-4 && (got[2] - 1000.0).abs() < 0.05, "{got:?}");
@@ -273,7 +273,7 @@ mod tests {
         for end in 0..coded.len() {
             assert!(decode(&coded[..end]).is_err(), "{end}");
         }
-        // More rows than the bytes hold, no columns, no blocks, more columns than there are.
+        // More rows than the bytes hold, no columns, no blocks, more columns than exist.
         for (at, byte) in [(0, 201), (5, 1), (8, 0), (12, 0), (8, 4), (9, 1)] {
             let mut other = coded.clone();
             other[at] = byte;
@@ -284,7 +284,7 @@ mod tests {
             let mut other = coded.clone();
             let at = rng.index(other.len());
             other[at] ^= 1 << rng.index(8);
-            // Either is right, but nothing may panic or be of another size.
+            // Both outcomes are acceptable, but nothing may panic or have another size.
             if let Ok(values) = decode(&other) {
                 assert_eq!(values.len(), Shape::of(&other).map_or(0, |shape| shape.rows * shape.width));
             }

@@ -1,4 +1,4 @@
-//! The image of a dataset view, ready for training: decoded, masked, undistorted and downscaled.
+//! The images of a dataset's views, ready for training: decoded, masked, undistorted and downscaled.
 
 use std::io::Cursor;
 use std::path::Path;
@@ -13,25 +13,25 @@ use crate::scene::camera::Camera;
 /// An image to train on or to compare with: `width * height` pixels, row by row from the top.
 ///
 /// The first three bytes are red, green and blue in the file's own encoding (sRGB), straight, not premultiplied. The
-/// fourth is 0 for a pixel that is ignored, which says nothing about the scene; otherwise it is the pixel's coverage:
-/// byte a stands for `(a - 1) / 254`, so 255 is opaque and 1 wholly transparent.
+/// fourth is 0 for an ignored pixel, which has no information about the scene; otherwise it is the pixel's coverage:
+/// byte a stands for `(a - 1) / 254`, so 255 is opaque and 1 fully transparent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ViewImage {
-    /// Width in pixels.
+    /// Width of the image, pixels.
     pub width: u32,
-    /// Height in pixels.
+    /// Height of the image, pixels.
     pub height: u32,
-    /// Red, green, blue, and coverage or 0.
+    /// Red, green, blue, and coverage (or 0) of each pixel.
     pub rgba: Vec<[u8; 4]>,
 }
 
-/// Fourth byte of a pixel that is ignored.
+/// Fourth byte of an ignored pixel.
 pub const IGNORED: u8 = 0;
 /// Fourth byte of an opaque pixel.
 pub const OPAQUE: u8 = 255;
 
 impl ViewImage {
-    /// Bytes of the pixels.
+    /// Size of the pixels in bytes.
     pub fn bytes(&self) -> u64 {
         self.rgba.len() as u64 * 4
     }
@@ -42,22 +42,23 @@ impl ViewImage {
     }
 }
 
-/// An image and the camera that took it, of the same size.
+/// An image and its camera, both of the same size.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedView {
-    /// The pixels.
+    /// The undistorted image.
     pub image: ViewImage,
-    /// The pinhole camera, scaled with the image.
+    /// The pinhole camera, scaled like the image.
     pub camera: Camera,
 }
 
-/// Reads the image of a view (JPEG or PNG of any depth and channels; alpha becomes coverage, metadata such as the EXIF
-/// orientation is not looked at). Pixels that are 0 in the view's mask are ignored. Lens distortion is undone with the
-/// same intrinsics, so pixels at the border may be ignored after it. `width` smaller than the image's downscales to it:
-/// the height is `round(height * width / old width)`, at least 1, and the intrinsics are scaled per axis. A `width` that
-/// is larger or `None` changes nothing.
+/// Reads the image of a view (JPEG or PNG of any depth and channels; alpha becomes coverage; metadata such as the EXIF
+/// orientation is ignored). Pixels that are 0 in the view's mask are ignored. Lens distortion is removed with the same
+/// intrinsics, so pixels at the border may become ignored. If `width` is smaller than the image's, it is downscaled to
+/// that width: the height is `round(height * width / old width)`, at least 1, and the intrinsics are scaled per axis. A
+/// larger `width`, or `None`, changes nothing.
 ///
-/// Errors: a file that is missing, cannot be decoded or ends early, and an image or mask whose size is not its camera's.
+/// # Errors
+/// A file is missing, cannot be decoded or is truncated, or the size of the image or mask is not the camera's.
 pub fn load_view(view: &View, width: Option<u32>) -> Result<LoadedView, IoError> {
     let mut camera = view.camera.clone();
     let mut image = decode(&view.image_path, &camera)?;
@@ -95,7 +96,7 @@ fn coverage_byte(alpha: u8) -> u8 {
 }
 
 fn apply_mask(image: &mut ViewImage, path: &Path, camera: &Camera) -> Result<(), IoError> {
-    // 16 bits, because the smallest values of a deeper mask would become 0 in 8.
+    // 16 bits, because the smallest values of a deeper mask would become 0 in 8 bits.
     let mask = decode_sized(path, camera, "mask")?.into_luma16().into_raw();
     for (pixel, _) in image.rgba.iter_mut().zip(&mask).filter(|(_, m)| **m == 0) {
         pixel[3] = IGNORED;
@@ -103,7 +104,7 @@ fn apply_mask(image: &mut ViewImage, path: &Path, camera: &Camera) -> Result<(),
     Ok(())
 }
 
-/// Decodes an image that must have the camera's size; that is checked before anything is allocated for the pixels.
+/// Decodes an image that must have the camera's size, which is checked before any allocation for the pixels.
 fn decode_sized(path: &Path, camera: &Camera, kind: &str) -> Result<DynamicImage, IoError> {
     let fail = |e: &dyn std::fmt::Display| IoError::new(path, format!("cannot decode the {kind}: {e}"));
     let bytes = read_bytes(path)?;
@@ -119,7 +120,7 @@ fn decode_sized(path: &Path, camera: &Camera, kind: &str) -> Result<DynamicImage
             .advise("use the images that the cameras were made for; --width trains at a smaller size"));
     }
     let mut limits = Limits::no_limits();
-    // 16 bytes a pixel are the widest format there is; the rest is for the decoder's own tables.
+    // 16 bytes per pixel is the widest format; the rest is for the decoder's own tables.
     limits.max_alloc = Some(u64::from(size.0) * u64::from(size.1) * 16 + (64 << 20));
     decoder.set_limits(limits).map_err(|e| fail(&e))?;
     DynamicImage::from_decoder(decoder).map_err(|e| fail(&e))

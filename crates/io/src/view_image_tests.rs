@@ -43,7 +43,7 @@ fn png_of_every_kind_and_jpeg() -> Outcome {
     assert_eq!(load("rgb.png")?, [[1, 2, 3, 255], [4, 5, 6, 255]]);
     image::RgbaImage::from_raw(2, 1, vec![1, 2, 3, 0, 4, 5, 6, 128]).ok_or("size")?.save(path("rgba.png"))?;
     assert_eq!(load("rgba.png")?, [[1, 2, 3, 1], [4, 5, 6, 128]]);
-    // 16 bits: 257 times an 8-bit value, and 100 more, which rounds away.
+    // In 16 bits: 257 times an 8-bit value, plus 100, which rounds away.
     let deep = image::ImageBuffer::<image::Rgb<u16>, _>::from_raw(2, 1, vec![257, 514, 771 + 100, 0, 65535, 257 * 9]);
     deep.ok_or("size")?.save(path("deep.png"))?;
     assert_eq!(load("deep.png")?, [[1, 2, 3, 255], [0, 255, 9, 255]]);
@@ -74,7 +74,7 @@ fn errors_are_one_line_and_name_file_and_sizes() -> Outcome {
     image::GrayImage::new(4, 4).save(folder.path().join("m.png"))?;
     let text = error(&masked);
     assert!(text.contains("m.png: the mask has 4x4 pixels, and its camera 8x4"), "{text}");
-    // Cut anywhere, a PNG and a JPEG are errors, never pictures with grey in them.
+    // Truncated anywhere, a PNG and a JPEG are errors, never pictures with grey parts.
     let mut rng = Rng::new(1);
     let noise = image::RgbImage::from_fn(8, 4, |_, _| image::Rgb([rng.next_u32() as u8, rng.next_u32() as u8, 3]));
     for name in ["b.png", "b.jpg"] {
@@ -82,7 +82,7 @@ fn errors_are_one_line_and_name_file_and_sizes() -> Outcome {
         noise.save(&path)?;
         let whole = std::fs::read(&path)?;
         load_view(&view(path.clone(), 8, 4), None)?;
-        // The last 12 bytes of a PNG are an empty chunk: every pixel is there before it.
+        // The last 12 bytes of a PNG are an empty chunk: all pixels precede it.
         let needed = if name == "b.png" { whole.len() - 12 - 4 } else { whole.len() };
         for length in 0..needed {
             std::fs::write(&path, &whole[..length])?;
@@ -112,13 +112,14 @@ fn zero_in_the_mask_is_ignored() -> Outcome {
 fn boxes_average_by_area_coverage_and_what_is_not_ignored() {
     let image = |width, height, rgba: &[[u8; 4]]| ViewImage { width, height, rgba: rgba.to_vec() };
     let gray = |v: u8| [v, v, v, 255];
-    // 3 to 2: each takes one pixel and half of the middle one: (2 * 30 + 90) / 3 = 50, (90 + 2 * 0) / 3 = 30.
+    // From 3 to 2 pixels: each takes one pixel and half of the middle one: (2 * 30 + 90) / 3 = 50, (90 + 2 * 0) / 3 =
+    // 30.
     let out = view_resample::downscale(&image(3, 1, &[gray(30), gray(90), gray(0)]), 2, 1);
     assert_eq!(out, image(2, 1, &[gray(50), gray(30)]));
-    // Half covered white beside opaque black: colour 1/3 white, coverage 3/4 of 254 = 190.5, rounded up.
+    // Half-covered white beside opaque black: colour 1/3 white, coverage 3/4 of 254 = 190.5, rounded up.
     let out = view_resample::downscale(&image(2, 1, &[[255, 255, 255, 128], gray(0)]), 1, 1);
     assert_eq!(out.rgba, [[85, 85, 85, 192]]);
-    // Transparent pixels have no colour to give, ignored ones nothing at all.
+    // Transparent pixels contribute no colour, ignored ones nothing at all.
     let out = view_resample::downscale(&image(2, 1, &[[255, 0, 0, 1], gray(9)]), 1, 1);
     assert_eq!(out.rgba, [[9, 9, 9, 128]]);
     let out = view_resample::downscale(&image(2, 1, &[[255, 0, 0, 0], gray(9)]), 1, 1);
@@ -129,7 +130,7 @@ fn boxes_average_by_area_coverage_and_what_is_not_ignored() {
     assert_eq!(out.rgba, [[0, 0, 0, 1]]);
 }
 
-/// Against the definition, in f64, at awkward ratios. Opaque, so coverage plays no part.
+/// Compared with the definition, in f64, at awkward ratios. The pictures are opaque, so coverage has no effect.
 #[test]
 fn fractional_boxes_agree_with_the_integral_of_the_picture() {
     let mut rng = Rng::new(5);
@@ -160,7 +161,7 @@ fn width_scales_the_camera_with_the_image() -> Outcome {
     image::RgbImage::new(30, 17).save(&path)?;
     let view = view(path, 30, 17);
     let loaded = load_view(&view, Some(20))?;
-    // 17 * 2/3 = 11.33.
+    // The height is 17 * 2/3 = 11.33, rounded.
     assert_eq!((loaded.image.width, loaded.image.height, loaded.image.rgba.len()), (20, 11, 220));
     assert_eq!((loaded.camera.width, loaded.camera.height), (20, 11));
     assert_eq!((loaded.camera.fx, loaded.camera.cy), (60.0, 5.5));
@@ -172,14 +173,14 @@ fn width_scales_the_camera_with_the_image() -> Outcome {
     Ok(())
 }
 
-/// A smooth picture as a function of normalised coordinates, 0 to 255.
+/// A smooth picture as a function of normalised coordinates, levels 0 to 255.
 fn pattern(x: f64, y: f64) -> [f64; 3] {
     let wave = |phase: f64, a: f64, b: f64| 127.5 + 100.0 * (phase + a * x + b * y).sin();
     [wave(0.0, 9.0, 2.0), wave(1.0, -3.0, 8.0), wave(2.0, 5.0, -5.0)]
 }
 
-/// The pattern as a lens with `d` takes it: for every pixel the pinhole coordinates are found by Newton's method with
-/// differences, which shares with the code under test nothing but `distort`.
+/// The pattern as a lens with `d` images it: the pinhole coordinates of every pixel are found by Newton's method with
+/// differences, which shares only `distort` with the code under test.
 fn distorted_picture(camera: &Camera, d: Distortion) -> Vec<[u8; 4]> {
     let mut out = Vec::new();
     for j in 0..camera.height {
@@ -202,8 +203,8 @@ fn distorted_picture(camera: &Camera, d: Distortion) -> Vec<[u8; 4]> {
     out
 }
 
-/// Worst and mean difference from the pinhole picture, in levels, and the number of ignored pixels, if a picture taken
-/// with `lens` is undistorted as one of `d`.
+/// Largest and mean difference from the pinhole picture, in levels, and the number of ignored pixels, if a picture
+/// taken with `lens` is undistorted with `d`.
 fn undistortion_error(lens: Distortion, d: Distortion) -> (f64, f64, usize) {
     let camera = Camera { cx: 63.0, cy: 46.5, ..camera(128, 96) };
     let image = ViewImage { width: 128, height: 96, rgba: distorted_picture(&camera, lens) };
@@ -226,8 +227,8 @@ fn undistortion_error(lens: Distortion, d: Distortion) -> (f64, f64, usize) {
     (worst, sum / (out.rgba.len() - ignored) as f64, ignored)
 }
 
-/// Measured: worst 1.2 levels (two roundings to 8 bits, and the curvature of the waves), 4.4 where the outermost half
-/// pixel is filled with its neighbour; mean 0.31. With a wrong coefficient the worst is 7.6 or more, the mean 1.03 or more.
+/// Measured: at most 1.2 levels (two roundings to 8 bits, and the curvature of the waves), 4.4 where the outermost half
+/// pixel is filled with its neighbour; mean 0.31. With a wrong coefficient at least 7.6, mean at least 1.03.
 #[test]
 fn undistortion_gives_the_pinhole_picture() {
     for (d, ignores) in [
@@ -246,7 +247,7 @@ fn undistortion_gives_the_pinhole_picture() {
     }
 }
 
-/// Opaque pixels take a shorter way; one that is nearly so must give the same colours.
+/// Opaque pixels take a faster path; a nearly opaque one must give the same colours.
 #[test]
 fn undistortion_of_partly_transparent_pictures() {
     let camera = camera(64, 48);
@@ -260,14 +261,14 @@ fn undistortion_of_partly_transparent_pictures() {
         assert!((0..3).all(|k| a[k].abs_diff(b[k]) <= 1) && (a[3], b[3]) == (OPAQUE, 100), "{a:?} {b:?}");
     }
     assert!(with(1).iter().all(|p| *p == [0, 0, 0, 1]));
-    // A transparent side gives no colour to its neighbours, and their coverage falls smoothly to it.
+    // A transparent side adds no colour to its neighbours, and their coverage falls smoothly to it.
     let rgba = (0..64 * 48).map(|i| if i % 64 < 10 { [200, 9, 9, 1] } else { [5, 6, 7, 255] }).collect();
     let out = view_resample::undistort(&ViewImage { rgba, ..opaque }, &camera, &d).rgba;
     assert!(out.iter().all(|p| p[3] == 1 || *p == [5, 6, 7, p[3]]));
     assert!(out.iter().any(|p| p[3] > 60 && p[3] < 190));
 }
 
-/// A mask and a picture of the same lens stay on top of each other: both say in which column and row they were.
+/// A mask and a picture of the same lens stay aligned: both encode the column and row of each pixel.
 #[test]
 fn masks_are_undistorted_as_photos_are() {
     let camera = camera(100, 80);
@@ -285,7 +286,7 @@ fn masks_are_undistorted_as_photos_are() {
             continue;
         }
         let (column, row) = place(u32::from(id) - 1);
-        // Half a pixel, and the rounding of the colour.
+        // Half a pixel, plus the rounding of the colour.
         assert!((column as f64 - f64::from(pixel[0]) / 2.0).abs() <= 0.76, "{k}: {column} {pixel:?}");
         assert!((row as f64 - f64::from(pixel[1]) / 2.0).abs() <= 0.76, "{k}: {row} {pixel:?}");
         moved += u32::from(u32::from(id) - 1 != k);
@@ -295,16 +296,17 @@ fn masks_are_undistorted_as_photos_are() {
 
 #[test]
 fn what_is_beyond_the_fold_is_ignored() {
-    // r (1 - r^2) folds at r^2 = 1/3; the corners of this camera are at r^2 = 0.86, and map inside the image.
+    // The radius r (1 - r^2) folds at r^2 = 1/3; the corners of this camera are at r^2 = 0.86, and map inside the
+    // image.
     let camera = camera(128, 96);
     let d = Distortion { k1: -1.0, ..Distortion::default() };
     let image = ViewImage { width: 128, height: 96, rgba: vec![[5, 6, 7, 255]; 128 * 96] };
     let out = view_resample::undistort(&image, &camera, &d);
     assert_eq!((out.rgba[0], out.rgba[48 * 128 + 64]), ([0, 0, 0, IGNORED], [5, 6, 7, 255]));
     let seen = out.rgba.iter().filter(|p| p[3] == OPAQUE).count() as f64;
-    // An ellipse of radii fx / sqrt 3 and fy / sqrt 3 pixels, cut by nothing: 7540 pixels.
+    // An ellipse of radii fx / sqrt 3 and fy / sqrt 3 pixels, not clipped: 7540 pixels.
     assert!((seen - std::f64::consts::PI * 90.0 * 80.0 / 3.0).abs() < 60.0, "{seen}");
-    // Ignored pixels spread no colour into their neighbours.
+    // Ignored pixels add no colour to their neighbours.
     let mut holed = image;
     holed.rgba[48 * 128 + 64] = [255, 0, 0, IGNORED];
     let out = view_resample::undistort(&holed, &camera, &Distortion { k1: -0.01, ..d });

@@ -1,20 +1,20 @@
-//! Undistortion and downscaling of view images. Both average colours weighted by coverage, that is premultiplied, and
-//! leave ignored pixels out; a result more than half of whose weight is ignored is ignored itself.
+//! Undistortion and downscaling of view images. Both average colours weighted by coverage (premultiplied) and leave out
+//! ignored pixels; a result of whose weight more than half is ignored is ignored itself.
 
 use crate::masks::Mask;
 use crate::view_image::{IGNORED, OPAQUE, ViewImage};
 use crate::math::distortion::Distortion;
 use crate::scene::camera::Camera;
 
-/// The picture that a pinhole camera with the same intrinsics takes: for every pixel centre the place in `image` where
-/// the lens drew it, read bilinearly. A place outside the image, or beyond the radius where the model folds over, gives
-/// an ignored pixel; within half a pixel of the border the outermost pixels count for what is missing.
+/// The image of a pinhole camera with the same intrinsics: every pixel is sampled bilinearly at the distorted position
+/// of its centre. A position outside the image, or beyond the radius where the model folds over, gives an ignored
+/// pixel; within half a pixel of the border the outermost pixels are repeated.
 pub(crate) fn undistort(image: &ViewImage, camera: &Camera, distortion: &Distortion) -> ViewImage {
     let pixel = |place: Option<[f64; 2]>| place.map_or([0, 0, 0, IGNORED], |[u, v]| bilinear(image, u - 0.5, v - 0.5));
     ViewImage { rgba: places_in_image(camera, distortion).map(pixel).collect(), ..*image }
 }
 
-/// The same for ids, which have no mean: the id of the pixel that the place is in, 0 where there is none.
+/// The same for ids, which have no mean: the id of the nearest pixel, 0 outside the image.
 pub(crate) fn undistort_ids(mask: &Mask, camera: &Camera, distortion: &Distortion) -> Mask {
     let id = |[u, v]: [f64; 2]| {
         let (i, j) = ((u as usize).min(mask.width as usize - 1), (v as usize).min(mask.height as usize - 1));
@@ -24,7 +24,7 @@ pub(crate) fn undistort_ids(mask: &Mask, camera: &Camera, distortion: &Distortio
     Mask { ids, ..*mask }
 }
 
-/// The other way round: ids of a pinhole camera's picture as the lens draws them, 0 where it draws nothing of that picture.
+/// The inverse: ids of a pinhole camera's picture, distorted as the lens images them; 0 outside that picture.
 pub(crate) fn distort_ids(mask: &Mask, camera: &Camera, distortion: &Distortion) -> Mask {
     let id_at = |i: u32, j: u32| {
         let (x, y) = ((f64::from(i) + 0.5 - camera.cx) / camera.fx, (f64::from(j) + 0.5 - camera.cy) / camera.fy);
@@ -37,8 +37,8 @@ pub(crate) fn distort_ids(mask: &Mask, camera: &Camera, distortion: &Distortion)
     Mask { ids: ids.map(|(i, j)| id_at(i, j).unwrap_or(0)).collect(), ..*mask }
 }
 
-/// For every pixel of a pinhole camera, row by row: the place in the image, in pixels from its top left corner, where the
-/// lens drew it; `None` outside the image, or beyond the radius where the model folds over.
+/// The distorted position of every pixel centre of a pinhole camera, row by row, in pixels from the image's top left
+/// corner; `None` outside the image, or beyond the radius where the model folds over.
 fn places_in_image<'a>(
     camera: &'a Camera,
     distortion: &'a Distortion,
@@ -51,16 +51,17 @@ fn places_in_image<'a>(
             let x = (f64::from(i) + 0.5 - camera.cx) / camera.fx;
             let [xd, yd] = distortion.distort(x, y);
             let (u, v) = (camera.fx * xd + camera.cx, camera.fy * yd + camera.cy);
-            // A NaN is not inside.
+            // NaN is not inside.
             let inside = (0.0..=width).contains(&u) && (0.0..=height).contains(&v) && x * x + y * y < fold;
             inside.then_some([u, v])
         })
     })
 }
 
-/// The value at (u, v), both at least -0.5, where whole numbers are pixel centres.
+/// Bilinear sample at (u, v), both at least -0.5; integers are pixel centres.
 fn bilinear(image: &ViewImage, u: f64, v: f64) -> [u8; 4] {
-    // The place left of or above `at` and the fraction beyond it; `floor` is a call on older processors.
+    // Splits a coordinate into the pixel to its left or above and the fraction; `floor` is a function call on older
+    // processors.
     let split = |at: f64| {
         let place = (at + 1.0) as i64 - 1;
         (place, at - place as f64)
@@ -85,12 +86,12 @@ fn bilinear(image: &ViewImage, u: f64, v: f64) -> [u8; 4] {
     if seen < 0.5 {
         return [0, 0, 0, IGNORED];
     }
-    // The cast saturates and takes the NaN of a wholly transparent pixel to 0.
+    // The cast saturates and maps the NaN of a fully transparent pixel to 0.
     let colour = |sum: f64| (sum / opaque + 0.5) as u8;
     [colour(r), colour(g), colour(b), 1 + (opaque / seen + 0.5) as u8]
 }
 
-/// The size that `width` stands for: the height keeps the aspect ratio, rounded, and neither is 0.
+/// The size for a given `width`: the height keeps the aspect ratio, rounded; both are at least 1.
 pub(crate) fn downscaled_size(old_width: u32, old_height: u32, width: u32) -> [u32; 2] {
     let width = width.max(1);
     let (w, h, new) = (u64::from(old_width), u64::from(old_height), u64::from(width));
@@ -98,9 +99,9 @@ pub(crate) fn downscaled_size(old_width: u32, old_height: u32, width: u32) -> [u
     [width, u32::try_from(height).unwrap_or(u32::MAX).max(1)]
 }
 
-/// Box average: a new pixel covers `old / new` old ones per axis, parts of pixels count by their area. The sums are of
-/// whole numbers, so the only rounding is that of the result, to nearest. `width` and `height` are at least 1 and at
-/// most the image's.
+/// Box filter: a new pixel covers `old / new` old ones per axis, and partly covered pixels count by their area. The
+/// sums are integers, so only the result is rounded, to nearest. `width` and `height` are at least 1 and at most the
+/// image's.
 pub(crate) fn downscale(image: &ViewImage, width: u32, height: u32) -> ViewImage {
     let columns = boxes(image.width, width);
     let rows = boxes(image.height, height);
@@ -123,7 +124,7 @@ pub(crate) fn downscale(image: &ViewImage, width: u32, height: u32) -> ViewImage
     ViewImage { width, height, rgba }
 }
 
-/// For each of `new` equal parts of `old` pixels: the pixels it touches, with their shares in units of 1/`new` pixel.
+/// For each of `new` equal parts of `old` pixels: the pixels it overlaps, with their shares in units of 1/`new` pixel.
 /// The shares of one part add up to `old`.
 fn boxes(old: u32, new: u32) -> Vec<Vec<(usize, u64)>> {
     let (old, new) = (u64::from(old), u64::from(new));
@@ -135,8 +136,8 @@ fn boxes(old: u32, new: u32) -> Vec<Vec<(usize, u64)>> {
     (0..new).map(part).collect()
 }
 
-/// Adds a pixel to the sums of red, green, blue (times coverage), coverage and weight. Below 2^44 for images of 2^14
-/// pixels a side.
+/// Adds a pixel to the sums of red, green, blue (times coverage), coverage and weight. Sums stay below 2^44 for images
+/// of 2^14 pixels per side.
 fn add(sum: &mut [u64; 5], [r, g, b, covered]: [u8; 4], weight: u64) {
     if covered != IGNORED {
         let opaque = weight * u64::from(covered - 1);

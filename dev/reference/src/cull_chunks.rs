@@ -1,5 +1,5 @@
-//! Truth for pass `cull_chunks`, by brute force: which (instance, chunk of 256 Gaussians) hold a splat that shows.
-//! The device's work list must contain all of these; it may contain more.
+//! Ground truth for pass `cull_chunks`, by brute force: the pairs (instance, chunk of 256 Gaussians) with a visible
+//! splat. The device's work list must contain all of these; it may contain more.
 
 use crate::preprocess_instance_expand::{
     ALPHA_MIN, CullLimits, ProjectedSplat, pixel_center, project, sources,
@@ -8,7 +8,7 @@ use crate::view::{RenderOptions, View};
 use crate::scene::camera::Camera;
 use crate::scene::instanced_scene::InstancedScene;
 
-/// Gaussians per chunk.
+/// Number of Gaussians in a full chunk.
 pub const CHUNK_SIZE: u32 = 256;
 
 /// A chunk of one instance, in flat order.
@@ -20,7 +20,7 @@ pub struct ChunkItem {
     pub chunk: u32,
 }
 
-/// The chunks that contain a splat with alpha >= 1/255 at some pixel centre, each once, ascending.
+/// The chunks with a splat whose alpha is at least 1/255 at some pixel centre, each once, ascending.
 pub fn visible_chunks(scene: &InstancedScene, camera: &Camera, options: &RenderOptions) -> Vec<ChunkItem> {
     let view = View::device(camera, options);
     let mut out: Vec<ChunkItem> = Vec::new();
@@ -38,7 +38,7 @@ pub fn visible_chunks(scene: &InstancedScene, camera: &Camera, options: &RenderO
     out
 }
 
-/// True if some pixel centre of the image has alpha >= 1/255.
+/// True if alpha is at least 1/255 at any pixel centre of the image.
 pub fn shows(splat: &ProjectedSplat, width: u32, height: u32) -> bool {
     let [x0, x1, y0, y1] = splat.pixel_box(width, height, 0.0);
     (y0..y1).any(|y| (x0..x1).any(|x| splat.alpha_at(pixel_center(x, y)) >= ALPHA_MIN))

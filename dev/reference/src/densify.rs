@@ -1,65 +1,65 @@
-//! Twin of `densify_mark`, `densify_select`, `densify_place`, `densify_split` and `move_gaussians`: one list at a time.
+//! Twin of `densify_mark`, `densify_select`, `densify_place`, `densify_split` and `move_gaussians`, on plain lists.
 
 use crate::math::covariance::rotation_from_quat;
 use crate::scene::Gaussians;
 
 use super::random::{RANDOM_SPLIT, Stream};
 
-/// When Gaussians grow and go, in plain units.
+/// Thresholds of densification and pruning, in plain units.
 #[derive(Clone, Debug)]
 pub struct Limits {
-    /// Mean screen gradient from which Gaussians grow.
+    /// Mean screen-space gradient from which on a Gaussian is cloned or split.
     pub gradient_threshold: f64,
-    /// Largest scale above which they are split instead of cloned, scene units.
+    /// Gaussians of a larger scale are split instead of cloned, scene units.
     pub split_above: f64,
-    /// Children of a split Gaussian.
+    /// Number of children of a split Gaussian.
     pub split_count: u32,
-    /// What their scales are divided by.
+    /// The children's scales are the parent's divided by this.
     pub split_shrink: f64,
-    /// Opacity below which Gaussians go.
+    /// Gaussians of lower opacity are pruned.
     pub opacity_min: f64,
-    /// Largest scale above which they go, scene units.
+    /// Gaussians of a larger scale are pruned, scene units.
     pub scale_max: f64,
-    /// Screen radius above which they go, px.
+    /// Gaussians of a larger screen radius are pruned, px.
     pub radius_max_px: f64,
-    /// Gaussians that there may be afterwards.
+    /// Upper limit on the number of Gaussians afterwards.
     pub max_gaussians: u32,
-    /// Seed of the run.
+    /// Random seed of the run.
     pub seed: u64,
-    /// Steps done.
+    /// Number of steps done.
     pub time: u32,
 }
 
-/// How a new Gaussian came to be.
+/// Origin of a Gaussian after densification.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Made {
-    /// It was there.
+    /// The Gaussian existed before.
     Kept,
-    /// The copy of a clone.
+    /// The new copy of a cloned Gaussian.
     Copy,
-    /// A child of a split one, by number.
+    /// A child of a split Gaussian, by number from 0.
     Child(u32),
 }
 
-/// Growth of one Gaussian.
+/// How one Gaussian grows: by a clone or by a split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Growth {
     Clone,
     Split,
 }
 
-/// The list of new Gaussians, with the old one each comes from.
+/// The Gaussians after densification, each with the old one it comes from.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Densified {
-    /// Old index and origin, by new Gaussian.
+    /// Index of the old Gaussian and origin, by new Gaussian.
     pub origins: Vec<(usize, Made)>,
-    /// Clones.
+    /// Number of cloned Gaussians.
     pub cloned: u32,
-    /// Splits.
+    /// Number of split Gaussians.
     pub split: u32,
 }
 
-/// True if all parameters of Gaussian `i` are numbers.
+/// True if all parameters of Gaussian `i` are finite.
 pub fn is_finite(cloud: &Gaussians, i: usize) -> bool {
     let mut values = cloud.means[i].iter().chain(&cloud.quats[i]).chain(&cloud.log_scales[i]);
     values.all(|v| v.is_finite())
@@ -67,7 +67,8 @@ pub fn is_finite(cloud: &Gaussians, i: usize) -> bool {
         && cloud.sh_of(i).iter().flatten().all(|v| v.is_finite())
 }
 
-/// Whether the Gaussian stays without growth, and what growth would leave.
+/// Number of Gaussians (0 or 1) that remain without growth; and the growth the Gaussian qualifies for, with the number
+/// that remain after it.
 fn fate(cloud: &Gaussians, statistics: [f32; 3], i: usize, limits: &Limits) -> (u32, Option<(Growth, u32)>) {
     let opacity = 1.0 / (1.0 + (-f64::from(cloud.opacity_logits[i])).exp());
     if !is_finite(cloud, i) || opacity < limits.opacity_min {
@@ -89,12 +90,12 @@ fn mean_gradient([sum, views, _]: [f32; 3]) -> f64 {
     f64::from(sum) / f64::from(views).max(1.0)
 }
 
-/// What becomes of a cloud; `statistics` are the device's.
+/// Densifies a cloud. `statistics` are those that the device accumulates per Gaussian.
 pub fn densify(cloud: &Gaussians, statistics: &[[f32; 3]], limits: &Limits) -> Densified {
     let fates: Vec<_> = (0..cloud.len()).map(|i| fate(cloud, statistics[i], i, limits)).collect();
     let mut total: u32 = fates.iter().map(|(kept, _)| kept).sum();
     let mut order: Vec<usize> = (0..cloud.len()).filter(|&i| fates[i].1.is_some()).collect();
-    // Stable: ties by index.
+    // The sort is stable, so that the index breaks ties.
     order.sort_by(|&a, &b| mean_gradient(statistics[b]).total_cmp(&mean_gradient(statistics[a])));
     let mut grows = vec![false; cloud.len()];
     for i in order {

@@ -1,4 +1,5 @@
-//! Twin of pass `emit_intersections`: one (tile, splat) record per tile a splat touches, splats in depth order.
+//! Twin of pass `emit_intersections`: one record (tile, splat) for every tile that a splat touches, splats in depth
+//! order.
 
 use crate::scan::exclusive_scan;
 

@@ -1,8 +1,10 @@
-//! Central differences of a rendered scene by any of its parameters, in f64: what the backward twins are held against.
+//! Central differences of a rendered scene with respect to any of its parameters, in f64: the reference for the
+//! backward twins.
 //!
-//! The loss is sum(cotangent * (r, g, b, alpha)) over all pixels. It is smooth only as long as no rule decides
-//! otherwise: the same pairs in the same order in every pixel that has a cotangent (so it ends at the same splat), the
-//! same ones clamped to 0.99, the same branches of the projection. `derivative` compares all of that at -h, 0 and +h and gives `None` where it differs.
+//! The loss is sum(cotangent * (r, g, b, alpha)) over all pixels. It is smooth only while no discrete decision changes:
+//! the same pairs in the same order in every pixel that has a cotangent (so that it ends at the same splat), the same
+//! pairs clamped to 0.99, the same branches of the projection. `derivative` compares all of these at -h, 0 and +h and
+//! returns `None` if any differs.
 
 use std::ops::Range;
 
@@ -21,54 +23,54 @@ use crate::tile_blend::{ALPHA_MAX, BlendedPair, blend_row_with_pairs, candidate_
 use crate::view::View;
 use crate::scene::instanced_scene::InstancedScene;
 
-/// How far a parameter is moved: 2^-19, about 1.9e-6, in its own unit. The error of the difference is step^2 f''' / 6,
-/// and f''' / f' reaches 10^6 where a splat close to the camera moves a thousand pixels per unit; the rounding of f64,
-/// 1e-16 per pixel over the step, is far below. A power of two, since transforms are f32: their entries up to 32
-/// in magnitude move by exactly this, and larger ones by what is then divided by.
+/// The step h of a parameter: 2^-19, about 1.9e-6, in its own unit. The error of the difference is h^2 f''' / 6, and
+/// f''' / f' reaches 10^6 where a splat close to the camera moves a thousand pixels per unit; f64's rounding, 1e-16 per
+/// pixel divided by h, is far smaller. It is a power of two because transforms are f32: entries up to 32 in magnitude
+/// move by exactly h, and for larger ones the difference is divided by the actual movement.
 pub const STEP: f64 = 1.0 / 524_288.0;
 
-/// The two clouds of a scene.
+/// The two clouds of a scene that have parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cloud {
-    /// `InstancedScene::templates`.
+    /// The cloud `InstancedScene::templates`.
     Templates,
-    /// `InstancedScene::background`.
+    /// The cloud `InstancedScene::background`.
     Background,
 }
 
-/// The tensors of a scene.
+/// The parameter tensors of a scene, for C SH coefficients, M offset records and K instances.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tensor {
-    /// N x 3.
+    /// Centres of N Gaussians, N x 3.
     Means(Cloud),
-    /// N x 4.
+    /// Quaternions as stored, N x 4.
     Quats(Cloud),
-    /// N x 3.
+    /// Logarithms of the standard deviations, N x 3.
     LogScales(Cloud),
-    /// N x 1.
+    /// Logits of the opacities, N x 1.
     OpacityLogits(Cloud),
-    /// N x (C * 3).
+    /// SH coefficients, N x (C * 3).
     Sh(Cloud),
-    /// M x 3.
+    /// Offsets of the centres, M x 3.
     OffsetMeans,
-    /// M x 3.
+    /// Offsets of SH coefficient 0, M x 3.
     OffsetShDc,
-    /// M x 1.
+    /// Offsets of the opacity logits, M x 1.
     OffsetOpacityLogits,
-    /// M x (C - 1) * 3, or nothing.
+    /// Offsets of SH coefficients 1.., M x (C - 1) * 3, or empty.
     OffsetShRest,
-    /// M x 3, or nothing.
+    /// Offsets of the log standard deviations, M x 3, or empty.
     OffsetLogScales,
-    /// M x 4, or nothing.
+    /// Offsets of the quaternions, M x 4, or empty.
     OffsetQuats,
-    /// K x 12: rows of (A | t).
+    /// Instance transforms, K x 12: rows of (A | t).
     WorldFromTemplate,
-    /// K x 7: places of instances, see `poses`.
+    /// Pose steps of instances, K x 7: see `poses`.
     Poses,
 }
 
 impl Tensor {
-    /// Every tensor once.
+    /// Every tensor, each once.
     pub const ALL: [Self; 18] = [
         Self::Means(Cloud::Templates),
         Self::Quats(Cloud::Templates),
@@ -90,7 +92,7 @@ impl Tensor {
         Self::Poses,
     ];
 
-    /// Numbers per row.
+    /// Number of values per row.
     pub fn row_len(self, scene: &InstancedScene) -> usize {
         match self {
             Self::Means(_) | Self::LogScales(_) | Self::OffsetMeans | Self::OffsetShDc | Self::OffsetLogScales => 3,
@@ -130,39 +132,39 @@ impl Tensor {
     }
 }
 
-/// One row of pixels, at one point of the parameter space.
+/// One row of pixels, rendered with one set of parameters.
 #[derive(Clone, Debug, PartialEq)]
 struct Row {
-    /// Per pixel; 0 without a cotangent.
+    /// Loss per pixel; 0 without a cotangent.
     losses: Vec<f64>,
-    /// Per pixel with a cotangent, front to back: flat index, and whether alpha is clamped.
+    /// Per pixel with a cotangent, its pairs front to back: flat index, and whether alpha is clamped.
     pairs: Vec<Vec<(u32, bool)>>,
 }
 
-/// The scene after one parameter was moved.
+/// The splats of the scene after one parameter was moved.
 struct Moved {
     /// All splats, in depth order.
     splats: Vec<ProjectedSplat>,
-    /// Of the sources that were moved and that are drawn: flat index and branches.
+    /// Flat index and branches of each drawn source that depends on the parameter.
     branches: Vec<(u32, ProjectionBranches)>,
-    /// By how much the parameter was moved.
+    /// Actual movement of the parameter.
     by: f64,
 }
 
-/// Differentiates one scene in one view.
+/// Differentiates the rendering of one scene in one view.
 pub struct FiniteDifferences<'a> {
     scene: &'a InstancedScene,
     view: &'a View,
     cotangents: &'a [[f64; 4]],
     sources: Vec<SourceGaussian>,
-    /// Per source; `None` = culled.
+    /// Projection of every source; `None` if it is culled.
     projected: Vec<Option<ProjectedSplat>>,
     rows: Vec<Row>,
 }
 
 impl<'a> FiniteDifferences<'a> {
-    /// `cotangents` as in `blend_backward`; they should be 0 where a picture is not robust, or many derivatives will
-    /// be `None`.
+    /// Prepares derivatives in `view`. `cotangents` are as in `blend_backward`; they should be 0 where a picture is not
+    /// robust, or many derivatives will be `None`.
     pub fn new(scene: &'a InstancedScene, view: &'a View, cotangents: &'a [[f64; 4]]) -> Self {
         let sources = sources(scene);
         let projected: Vec<_> = sources.iter().map(|s| project(view, s, &CullLimits::exact(view))).collect();
@@ -172,13 +174,13 @@ impl<'a> FiniteDifferences<'a> {
         out
     }
 
-    /// dL / d(entry `index` of the flattened tensor), or `None` if a rule decides otherwise within the step.
+    /// dL / d(entry `index` of the flattened tensor), or `None` if a discrete decision changes within the step.
     pub fn derivative(&self, tensor: Tensor, index: usize) -> Option<f64> {
         let row_len = tensor.row_len(self.scene);
         let (row, column) = (index / row_len, index % row_len);
         let users: Vec<usize> = (0..self.sources.len()).filter(|&i| self.depends(i, tensor, row)).collect();
         let [minus, zero, plus] = [-STEP, 0.0, STEP].map(|step| self.moved(&users, tensor, column, step));
-        // Nothing changes in rows that none of the moved splats reaches.
+        // Rows that none of the moved splats reaches do not change.
         let reached = [&minus, &zero, &plus].map(|moved| self.rows_reached(&moved.splats, &users));
         let rows = reached.iter().map(|r| r.start).min()?..reached.iter().map(|r| r.end).max()?;
         let base = &self.rows[rows.start.min(rows.end) as usize..rows.end as usize];
@@ -188,13 +190,13 @@ impl<'a> FiniteDifferences<'a> {
             && plus.branches == zero.branches
             && same_pairs(&before)
             && same_pairs(&after);
-        // Pixel by pixel, so that those that do not change leave no rounding.
+        // Subtracted per pixel, so that unchanged pixels add no rounding.
         let losses = |rows: Vec<Row>| rows.into_iter().flat_map(|row| row.losses);
         let difference: f64 = losses(after).zip(losses(before)).map(|(a, b)| a - b).sum();
         same.then(|| if users.is_empty() { 0.0 } else { difference / (plus.by - minus.by) })
     }
 
-    /// The splats after one parameter was moved. A parameter that several instances share is moved in all of them.
+    /// The splats after one parameter was moved. A shared parameter moves in all instances that use it.
     fn moved(&self, users: &[usize], tensor: Tensor, column: usize, step: f64) -> Moved {
         let mut projected = self.projected.clone();
         let (mut branches, mut by) = (Vec::new(), step);
@@ -209,14 +211,14 @@ impl<'a> FiniteDifferences<'a> {
         Moved { splats: in_depth_order(projected.into_iter().flatten().collect()), branches, by }
     }
 
-    /// The rows of pixels between the first and the last that splats of `users`, ascending, may contribute to.
+    /// The range of pixel rows to which splats of `users` (ascending) may contribute.
     fn rows_reached(&self, splats: &[ProjectedSplat], users: &[usize]) -> Range<u32> {
         let boxes = candidate_boxes(self.view, splats);
         let reached = splats.iter().zip(boxes).filter(|(s, _)| users.binary_search(&(s.flat_index as usize)).is_ok());
         reached.fold(self.view.height..0, |rows, (_, [_, _, y0, y1])| rows.start.min(y0)..rows.end.max(y1))
     }
 
-    /// Renders rows of pixels and takes down every decision that matters.
+    /// Renders rows of pixels and records every discrete decision.
     fn render_rows(&self, splats: &[ProjectedSplat], rows: Range<u32>) -> Vec<Row> {
         let boxes = candidate_boxes(self.view, splats);
         let render_row = |y: u32| {
@@ -238,7 +240,7 @@ impl<'a> FiniteDifferences<'a> {
         rows.into_par_iter().map(render_row).collect()
     }
 
-    /// True if source `i` is made from that row of the tensor.
+    /// True if source `i` depends on the given row of the tensor.
     fn depends(&self, i: usize, tensor: Tensor, row: usize) -> bool {
         let source = &self.sources[i];
         let (instance, local) = (self.scene.instances.get(source.instance as usize), source.local_index as usize);
@@ -267,7 +269,7 @@ impl<'a> FiniteDifferences<'a> {
     }
 }
 
-/// Moves one parameter of a source by about `step`; returns by how much exactly.
+/// Moves one parameter of a source by about `step`; returns the actual movement.
 fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, step: f64) -> f64 {
     match tensor {
         Tensor::Means(_) | Tensor::OffsetMeans => source.mean_template[column] += step,
@@ -290,8 +292,8 @@ fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, st
     step
 }
 
-/// Turns, scales or moves a source in the template's frame, in f64: the transform itself would round to f32. The SH of a
-/// Gaussian turns with it.
+/// Moves, rotates or scales a source in the template's frame, in f64, since the transform itself would round to f32.
+/// The Gaussian's SH is rotated too.
 fn move_pose(source: &mut SourceGaussian, column: usize, step: f64) {
     let axis = [DVec3::X, DVec3::Y, DVec3::Z][column % 3];
     match column {
@@ -318,8 +320,8 @@ mod tests {
     use crate::scene::camera::Camera;
     use crate::scene::gaussians::Gaussians;
 
-    /// Gray Gaussians of standard deviation 0.1 in the middle of a 9x9 picture, one behind the other, by opacity and
-    /// SH coefficient.
+    /// Gray Gaussians of standard deviation 0.1 in the middle of a 9x9 picture, one behind the other, given as
+    /// (opacity, SH coefficient).
     fn scene(gaussians: &[(f64, f64)]) -> InstancedScene {
         let n = gaussians.len();
         InstancedScene::from_cloud(Gaussians {
@@ -332,14 +334,14 @@ mod tests {
         })
     }
 
-    /// The derivative by entry 0 of a tensor of the background.
+    /// The derivative with respect to entry 0 of a tensor of the background.
     fn derivative(scene: &InstancedScene, tensor: Tensor) -> Option<f64> {
         let camera = Camera::look_at("c", DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0, (9, 9));
         let view = View::exact(&camera, &RenderOptions::default());
         FiniteDifferences::new(scene, &view, &[[1.0; 4]; 81]).derivative(tensor, 0)
     }
 
-    /// Each scene sits on an edge in one tensor, to the last bit of f32, and is smooth in the other.
+    /// Each scene is at a discontinuity in one tensor, to the last bit of f32, and is smooth in the other.
     #[test]
     fn edges_give_no_derivative() {
         let (logit, sh) = (Tensor::OpacityLogits(Cloud::Background), Tensor::Sh(Cloud::Background));
@@ -356,8 +358,8 @@ mod tests {
         assert!(derivative(&stopped, logit).is_none() && derivative(&stopped, sh).is_some());
     }
 
-    /// By hand: where nothing is clamped the picture is linear in the SH coefficient, with slope C0 times the sum of
-    /// the pixels' alpha.
+    /// By hand: without clamping the picture is linear in the SH coefficient, with a slope of C0 times the sum of the
+    /// pixels' alpha.
     #[test]
     fn a_linear_parameter_has_its_slope() {
         let plain = scene(&[(0.5, 0.3)]);

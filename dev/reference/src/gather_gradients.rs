@@ -1,7 +1,7 @@
-//! Twin of pass `gather_gradients`: gradients of the scene's parameters from those of every (instance, Gaussian) pair.
+//! Twin of pass `gather_gradients`: gradients of the scene's parameters from those of every pair (instance, Gaussian).
 //!
-//! DESIGN section 2: what instances share gets the *sum* of their gradients; offsets get that of their own instance.
-//! Everything enters as template + offset (of whatever kinds a scene has), so both get the same contribution.
+//! Shared parameters get the *sum* of the gradients of all instances; offsets get that of their own instance. Every
+//! parameter enters as template + offset (of the kinds that a scene has), so both get the same contribution.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -19,54 +19,55 @@ use crate::scene::offsets::Offsets;
 /// Gradients in the layout of `scene::Gaussians`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CloudGradient {
-    /// Degree of `sh`, that of the cloud.
+    /// Degree of `sh`, the same as the cloud's.
     pub sh_degree: u32,
-    /// By the centres.
+    /// With respect to the centres.
     pub means: Vec<[f64; 3]>,
-    /// By the quaternions (w, x, y, z) as they are stored.
+    /// With respect to the quaternions (w, x, y, z) as they are stored.
     pub quats: Vec<[f64; 4]>,
-    /// By the logarithms of the standard deviations.
+    /// With respect to the logarithms of the standard deviations.
     pub log_scales: Vec<[f64; 3]>,
-    /// By the opacity logits.
+    /// With respect to the opacity logits.
     pub opacity_logits: Vec<f64>,
-    /// `[Gaussian][coefficient][rgb]`, flattened: entry `i * C + c`.
+    /// With respect to the SH coefficients `[Gaussian][coefficient][rgb]`, flattened: entry `i * C + c`.
     pub sh: Vec<[f64; 3]>,
 }
 
 /// Gradients in the layout of `scene::Offsets`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OffsetGradient {
-    /// By the position offsets, template frame.
+    /// With respect to the position offsets, template frame.
     pub means: Vec<[f64; 3]>,
-    /// By the offsets of SH coefficient 0.
+    /// With respect to the offsets of SH coefficient 0.
     pub sh_dc: Vec<[f64; 3]>,
-    /// By the offsets of the logit.
+    /// With respect to the offsets of the opacity logit.
     pub opacity_logits: Vec<f64>,
-    /// By the offsets of SH coefficients above 0, record by record; empty without.
+    /// With respect to the offsets of SH coefficients above 0, record by record; empty without such offsets.
     pub sh_rest: Vec<[f64; 3]>,
-    /// By the offsets of log standard deviations; empty without.
+    /// With respect to the offsets of log standard deviations; empty without such offsets.
     pub log_scales: Vec<[f64; 3]>,
-    /// By the offsets of quaternions; empty without.
+    /// With respect to the offsets of quaternions; empty without such offsets.
     pub quats: Vec<[f64; 4]>,
 }
 
 /// Gradients of all parameters of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneGradient {
-    /// Sums over the instances of each template.
+    /// Gradients of the templates, summed over their instances.
     pub templates: CloudGradient,
-    /// World frame.
+    /// Gradients of the background, in the world frame.
     pub background: CloudGradient,
-    /// Zero for records that no instance uses.
+    /// Gradients of the offset records; zero for records that no instance uses.
     pub offsets: OffsetGradient,
     /// Per instance, rows of (dL/dA | dL/dt), every entry independent.
     pub instances: Vec<[[f64; 4]; 3]>,
-    /// Per instance: by a shift, a rotation vector and the logarithm of the scale, in the template's frame (see `poses`).
+    /// Per instance: with respect to a shift, a rotation vector and the logarithm of the scale, in the template's frame
+    /// (see `poses`).
     pub poses: Vec<PoseStep>,
 }
 
 impl CloudGradient {
-    /// Zeros for a cloud.
+    /// Zero gradients in the shape of a cloud.
     pub fn zeros(cloud: &Gaussians) -> Self {
         Self {
             sh_degree: cloud.sh_degree,
@@ -78,7 +79,7 @@ impl CloudGradient {
         }
     }
 
-    /// Adds what one (instance, Gaussian) pair contributes to Gaussian `i`.
+    /// Adds the contribution of one pair (instance, Gaussian) to Gaussian `i`.
     pub fn add(&mut self, i: usize, gradient: &SourceGradient) {
         add(&mut self.means[i], gradient.mean_template.to_array());
         add(&mut self.quats[i], gradient.quat);
@@ -92,7 +93,7 @@ impl CloudGradient {
 }
 
 impl OffsetGradient {
-    /// Zeros for the records of a scene.
+    /// Zero gradients in the shape of a scene's records.
     pub fn zeros(offsets: &Offsets) -> Self {
         let n = offsets.len();
         Self {
@@ -105,7 +106,7 @@ impl OffsetGradient {
         }
     }
 
-    /// Adds what one (instance, Gaussian) pair contributes to record `o`.
+    /// Adds the contribution of one pair (instance, Gaussian) to record `o`.
     pub fn add(&mut self, o: usize, gradient: &SourceGradient) {
         add(&mut self.means[o], gradient.mean_template.to_array());
         add(&mut self.sh_dc[o], gradient.sh.first().copied().unwrap_or(DVec3::ZERO).to_array());
@@ -123,7 +124,8 @@ fn add<const N: usize>(sum: &mut [f64; N], value: [f64; N]) {
     sum.iter_mut().zip(value).for_each(|(s, v)| *s += v);
 }
 
-/// Gradient of every source, in the order of `sources`; `None` = culled. `cotangents` as in `blend_backward`.
+/// Gradient of every source, in the order of `sources`; `None` if it is culled. `cotangents` are as in
+/// `blend_backward`.
 pub fn source_gradients(
     sources: &[SourceGaussian],
     view: &View,
@@ -133,7 +135,8 @@ pub fn source_gradients(
     sources.par_iter().zip(per_splat).map(|(source, splat)| Some(project_backward(view, source, &splat?))).collect()
 }
 
-/// Gradient of every source's splat, in the order of `sources`; `None` = culled. A source's flat index is its place.
+/// Gradient of every source's splat, in the order of `sources`, whose flat indices are their positions; `None` if it is
+/// culled.
 pub fn splat_gradients(sources: &[SourceGaussian], view: &View, cotangents: &[[f64; 4]]) -> Vec<Option<SplatGradient>> {
     let splats = splats_in_depth_order(sources, view, &CullLimits::exact(view));
     let mut out = vec![None; sources.len()];
@@ -143,7 +146,7 @@ pub fn splat_gradients(sources: &[SourceGaussian], view: &View, cotangents: &[[f
     out
 }
 
-/// Sums the gradients of all (instance, Gaussian) pairs, in flat order, onto the parameters of the scene.
+/// Sums the gradients of all pairs (instance, Gaussian), in flat order, into those of the scene's parameters.
 pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradient>]) -> SceneGradient {
     assert_eq!(gradients.len() as u64, scene.expanded_len(), "one gradient per Gaussian in flat order");
     let mut out = SceneGradient {
@@ -188,7 +191,7 @@ mod tests {
     use crate::math::similarity::Similarity;
     use crate::scene::instanced_scene::{Instance, TemplateRange};
 
-    /// A gradient that is `v` everywhere.
+    /// A gradient whose entries are all `v`.
     fn constant(v: f64, sh: usize) -> Option<SourceGradient> {
         Some(SourceGradient {
             mean_template: DVec3::splat(v),
@@ -209,7 +212,7 @@ mod tests {
     }
 
     /// Templates of 1 and 2 Gaussians; the second twice, with records 1.. of the offsets in its second instance; one
-    /// background Gaussian. Every pair has its own power of two, so a sum tells its terms.
+    /// background Gaussian. Every pair has its own power of two, so that a sum shows its terms.
     #[test]
     fn sums_by_owner() {
         let instance =
@@ -239,7 +242,7 @@ mod tests {
         assert_eq!((&got.offsets.sh_dc, &got.offsets.opacity_logits[..]), (&got.offsets.means, &[0.0, 8.0, 16.0][..]));
         assert_eq!(got.instances, [[[3.0; 4]; 3], [[4.0; 4]; 3], [[24.0; 4]; 3]]);
         assert_eq!((&got.background.means[..], &got.background.sh[..]), (&[[32.0; 3]][..], &[[32.0; 3]][..]));
-        // A culled pair adds nothing and shifts nothing.
+        // A culled pair adds nothing and shifts no index.
         gradients[1] = None;
         let got = gather_gradients(&scene, &gradients);
         assert_eq!(got.templates.opacity_logits, [4.0, 9.0, 16.0]);

@@ -1,28 +1,27 @@
 //! Twin of pass `image_loss`: (1 - w) L1 + w (1 - SSIM) of an image against a target, and its gradient.
 //!
-//! 3DGS Eq. 7. SSIM is that of Wang et al. 2004, Eq. 13, with a Gaussian window of 11x11 pixels, sigma 1.5, per channel;
-//! pixels outside the image count as 0; its mean is over all pixels and channels, as is that of L1 (golden README,
-//! `*_same`).
+//! 3DGS Eq. 7. SSIM is that of Wang et al. 2004, Eq. 13, with a Gaussian window of 11x11 pixels, sigma 1.5, per
+//! channel; pixels outside the image count as 0. Both means, of SSIM and of L1, are over all pixels and channels.
 
 use rayon::prelude::*;
 
-/// Pixels on either side of the window's centre.
+/// Number of pixels on either side of the window's centre.
 pub const WINDOW_RADIUS: usize = 5;
 /// Standard deviation of the window, px.
 pub const WINDOW_SIGMA: f64 = 1.5;
-/// Stabiliser of the means, (0.01 L)^2 with L = 1.
+/// SSIM's stabiliser of the means, (0.01 L)^2 with L = 1.
 pub const SSIM_C1: f64 = 0.01 * 0.01;
-/// Stabiliser of the variances, (0.03 L)^2.
+/// SSIM's stabiliser of the variances, (0.03 L)^2 with L = 1.
 pub const SSIM_C2: f64 = 0.03 * 0.03;
 
-/// A loss, its parts, and its gradient.
+/// The image loss, its two terms, and its gradient.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImageLoss {
     /// Mean absolute difference over pixels and channels.
     pub l1: f64,
     /// Mean SSIM over pixels and channels.
     pub ssim: f64,
-    /// (1 - w) l1 + w (1 - ssim).
+    /// The loss (1 - w) l1 + w (1 - ssim).
     pub loss: f64,
     /// dloss / dimage, per pixel and channel, row by row. The derivative of |x| at 0 is taken as 0.
     pub gradient: Vec<[f64; 3]>,
@@ -31,40 +30,40 @@ pub struct ImageLoss {
 /// Two images of equal size, row by row, rgb.
 #[derive(Clone, Copy, Debug)]
 pub struct ImagePair<'a> {
-    /// px.
+    /// Width of both images, px.
     pub width: usize,
-    /// px.
+    /// Height of both images, px.
     pub height: usize,
-    /// The image the gradient is for.
+    /// The image that the gradient is for.
     pub image: &'a [[f64; 3]],
-    /// What it should be.
+    /// The image it is compared with.
     pub target: &'a [[f64; 3]],
-    /// Pixels that count as equal to the target whatever the image holds, and get no gradient; means stay over all
-    /// pixels. `None` = no such pixel.
+    /// Pixels that count as equal to the target whatever the image holds, and get no gradient; means are still over all
+    /// pixels. `None` if no pixel is ignored.
     pub ignored: Option<&'a [bool]>,
 }
 
-/// Colours of the image from here on, and what is no number, count as this: one bad pixel must not spread.
+/// Colours of the image from this value on, and NaN, count as this value: one bad pixel must not spread.
 pub const LARGEST_COLOR: f64 = 100.0;
 
 fn counted(color: f64) -> f64 {
     if color.abs() < LARGEST_COLOR { color } else { LARGEST_COLOR }
 }
 
-/// One channel with what the window makes of it.
+/// SSIM of one channel and its derivative.
 struct SsimSums {
     /// Sum of SSIM over the pixels.
     sum: f64,
-    /// Derivative of that sum by the image.
+    /// Derivative of that sum with respect to the image.
     gradient: Vec<f64>,
 }
 
-/// Loss and gradient; `ssim_weight` = w in 0..=1.
+/// Loss and gradient; `ssim_weight` is w in 0..=1.
 pub fn image_loss(images: &ImagePair, ssim_weight: f64) -> ImageLoss {
     image_loss_at(images, ssim_weight, WINDOW_SIGMA)
 }
 
-/// As [`image_loss`] with a window of another standard deviation, px: tests plant a wrong one.
+/// Like [`image_loss`], with a window of another standard deviation, px: tests plant a wrong one.
 pub fn image_loss_at(images: &ImagePair, ssim_weight: f64, sigma: f64) -> ImageLoss {
     let weights = window_weights(sigma);
     let pixels = images.width * images.height;
@@ -99,7 +98,7 @@ fn ssim_sums(weights: &[f64], x: &[f64], y: &[f64], width: usize, height: usize)
     let (mean_x, mean_y) = (window(x), window(y));
     let (mean_xx, mean_yy, mean_xy) = (window(&products(x, x)), window(&products(y, y)), window(&products(x, y)));
     let mut sum = 0.0;
-    // Derivatives of the sum by mean_x, mean_xx, mean_xy at every pixel.
+    // Derivatives of the sum with respect to mean_x, mean_xx and mean_xy at every pixel.
     let mut by = [const { Vec::new() }; 3];
     for p in 0..x.len() {
         let (mx, my) = (mean_x[p], mean_y[p]);
@@ -114,7 +113,7 @@ fn ssim_sums(weights: &[f64], x: &[f64], y: &[f64], width: usize, height: usize)
         by[1].push(by_xx);
         by[2].push(by_xy);
     }
-    // The window is symmetric and the border counts as 0, so a derivative by a mean spreads as the mean gathers.
+    // The window is symmetric and the border counts as 0, so the adjoint of windowing is windowing itself.
     let [by_x, by_xx, by_xy] = by.map(|values| window(&values));
     let gradient = (0..x.len()).map(|p| by_x[p] + 2.0 * x[p] * by_xx[p] + y[p] * by_xy[p]).collect();
     SsimSums { sum, gradient }
@@ -130,7 +129,7 @@ pub fn window_weights(sigma: f64) -> [f64; 2 * WINDOW_RADIUS + 1] {
     bell.map(|v| v / sum)
 }
 
-/// Weighted mean around every pixel, zeros outside: rows, then columns, since the window is a product.
+/// Windowed mean around every pixel, zeros outside the image: along rows, then columns, since the window is separable.
 fn windowed(weights: &[f64], values: &[f64], width: usize, height: usize) -> Vec<f64> {
     let across: Vec<f64> = (0..width * height)
         .into_par_iter()
@@ -163,7 +162,7 @@ mod tests {
         ImagePair { width: SIZE.0, height: SIZE.1, image, target, ignored }
     }
 
-    /// Worst difference between gradient and central differences, relative to the largest entry; `spoil` is the
+    /// Largest difference between gradient and central differences, relative to the largest entry; `spoil` is the
     /// factor on the gradient of channel 1.
     fn worst_error(ssim_weight: f64, masked: bool, spoil: f64) -> f64 {
         let mut rng = Rng::new(4);
@@ -189,7 +188,7 @@ mod tests {
         worst
     }
 
-    /// Measured: 2.4e-9; with a channel off by a thousandth 6e-4.
+    /// Gradients agree with differences. Measured: 2.4e-9; with a channel off by a thousandth 6e-4.
     #[test]
     fn gradients_agree_with_differences() {
         for (weight, masked) in [(0.0, false), (0.2, false), (1.0, false), (0.2, true)] {
@@ -199,7 +198,7 @@ mod tests {
         assert!(worst_error(0.2, false, 1.001) > 1e-4, "a planted error is not seen");
     }
 
-    /// Measured: 0 but for the gradient of SSIM at its maximum, which cancels.
+    /// Equal images have loss 0. Measured: 0 except for the gradient of SSIM at its maximum, which cancels to rounding.
     #[test]
     fn equal_images_cost_nothing() {
         let image = noise(&mut Rng::new(5));
@@ -208,7 +207,7 @@ mod tests {
         assert!(loss.gradient.as_flattened().iter().all(|v| v.abs() < 1e-15));
     }
 
-    /// A not-a-number that is ignored must not spread, and the rest must not notice which value was there.
+    /// A NaN in an ignored pixel must not spread, and the result must not depend on the ignored value.
     #[test]
     fn ignored_pixels_are_as_the_target() {
         let mut rng = Rng::new(6);

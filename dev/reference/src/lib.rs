@@ -1,5 +1,5 @@
-//! L2: CPU twins in f64, one per kernel stem: slow and obvious. They take the same f32 inputs as the device (scene
-//! values are f32; camera and options are rounded to f32 by `view::View::device`) and compute in f64.
+//! L2: CPU twins of the kernels in f64, simple and slow. They take the same f32 inputs as the device (scene values are
+//! f32; camera and options are rounded to f32 by `view::View::device`) and compute in f64.
 
 use instgs_vk::{gpu, math, scene};
 
@@ -40,17 +40,17 @@ use preprocess_instance_expand::{CullLimits, ProjectedSplat, SourceGaussian, pro
 /// A rendered image; all vectors have width * height entries, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceImage {
-    /// px.
+    /// Width of the image, px.
     pub width: u32,
-    /// px.
+    /// Height of the image, px.
     pub height: u32,
-    /// rgb over the background.
+    /// Colour (r, g, b) over the background.
     pub color: Vec<[f64; 3]>,
-    /// 1 - T.
+    /// Alpha of the pixel, 1 - T.
     pub alpha: Vec<f64>,
     /// Expected view depth, scene units; 0 where nothing was blended.
     pub depth: Vec<f64>,
-    /// False where f32 may legitimately decide otherwise than f64: see `tile_blend`.
+    /// False where f32 and f64 may legitimately decide differently: see `tile_blend`.
     pub robust: Vec<bool>,
     /// Number of splats blended.
     pub n_contrib: Vec<u32>,
@@ -76,12 +76,12 @@ pub fn render_sources(sources: &[SourceGaussian], view: &View) -> ReferenceImage
     }
 }
 
-/// The splats that pass `limits`, nearest first; equal depths by flat index.
+/// The splats that pass `limits`, nearest first; the flat index breaks ties in depth.
 pub fn splats_in_depth_order(sources: &[SourceGaussian], view: &View, limits: &CullLimits) -> Vec<ProjectedSplat> {
     in_depth_order(sources.par_iter().filter_map(|source| project(view, source, limits)).collect())
 }
 
-/// The splats nearest first; equal depths by flat index.
+/// Sorts splats nearest first; the flat index breaks ties in depth.
 pub fn in_depth_order(mut splats: Vec<ProjectedSplat>) -> Vec<ProjectedSplat> {
     splats.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.flat_index.cmp(&b.flat_index)));
     splats

@@ -1,5 +1,5 @@
-//! Twin of `glsl/include/lod.glsl`, which `cull_instances` and `preprocess_instance_expand` share: which levels of detail
-//! are shown, and how much of each.
+//! Twin of `glsl/include/lod.glsl`, which `cull_instances` and `preprocess_instance_expand` share: selects the levels
+//! of detail that are drawn, and their weights.
 
 use glam::DVec3;
 
@@ -8,11 +8,11 @@ use crate::preprocess_instance_expand::{SourceGaussian, push_sources};
 use crate::view::View;
 use crate::scene::lod::{Cloud, Levels, Part};
 
-/// A level fades in while its cells go from the error to this many octaves below it.
+/// A level fades in while its cells shrink on the screen from the allowed error to this many octaves below it.
 pub const FADE_OCTAVES: f64 = 0.25;
 
-/// The Gaussians that a view with an error of `error_px` is made of, in flat order: those of all levels with a weight above
-/// 0. A weight below 1 takes that part of their optical depth.
+/// The Gaussians that a view with an allowed error of `error_px` draws, in flat order: those of all levels with a
+/// weight above 0. A weight below 1 scales their optical depth.
 pub fn sources(levels: &Levels, view: &View, error_px: f64) -> Vec<SourceGaussian> {
     let mut out = Vec::new();
     for part in &levels.parts {
@@ -30,7 +30,7 @@ pub fn sources(levels: &Levels, view: &View, error_px: f64) -> Vec<SourceGaussia
     out
 }
 
-/// How much of a part is shown, 0..=1; those of all parts of one instance or block add up to 1.
+/// Weight of a part, 0..=1; the weights of all parts of one instance or block add up to 1.
 pub fn level_weight(levels: &Levels, part: &Part, view: &View, error_px: f64) -> f64 {
     let px = pixels_per_unit(levels, part, view);
     fade_in(part.cell.into(), px, error_px) - fade_in(part.next_cell.into(), px, error_px)
@@ -42,7 +42,8 @@ pub fn faded(opacity_logit: f64, weight: f64) -> f64 {
     (weight * optical_depth).exp_m1().ln()
 }
 
-/// Pixels that a template unit is wide at the nearest point of the ball around the means in full.
+/// Width in pixels of one template unit, at the point closest to the camera of the ball around the means at full
+/// detail.
 fn pixels_per_unit(levels: &Levels, part: &Part, view: &View) -> f64 {
     let (center, radius) = ball(levels, part);
     let center_world = part.world_from_template.transform_point(center);
@@ -56,7 +57,7 @@ fn fade_in(cell: f64, px: f64, error_px: f64) -> f64 {
     if cell > 0.0 { ((error_px / (cell * px)).log2() / FADE_OCTAVES).clamp(0.0, 1.0) } else { 1.0 }
 }
 
-/// Around the middle of the box of the means.
+/// Centre and radius of the ball around the means, centred on their bounding box.
 fn ball(levels: &Levels, part: &Part) -> (DVec3, f64) {
     let (first, count) = (part.full.first as usize, part.full.count as usize);
     let means: Vec<DVec3> = cloud_of(levels, part).means[first..first + count].iter().map(|&m| widened(m)).collect();
@@ -87,7 +88,7 @@ mod tests {
             let weights: Vec<f64> = cells.windows(2).map(|c| fade_in(c[0], px, 2.0) - fade_in(c[1], px, 2.0)).collect();
             assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{px}: {weights:?}");
             assert!(weights.iter().all(|&w| (0.0..=1.0).contains(&w)), "{px}: {weights:?}");
-            // Nothing is shown whose cells are wider than the error.
+            // No level is drawn whose cells are wider than the allowed error.
             assert!(cells.iter().zip(&weights).all(|(cell, &w)| w == 0.0 || cell * px <= 2.0), "{px}: {weights:?}");
             let shown = weights.iter().filter(|&&w| w > 0.0).count();
             fading += u32::from(shown == 2);

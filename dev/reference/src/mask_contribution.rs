@@ -1,7 +1,7 @@
-//! Twin of pass `mask_contribution`: what every Gaussian adds to the pixels of every mask, in f64.
+//! Twin of pass `mask_contribution`: the contribution of every Gaussian to the pixels of every mask, in f64.
 //!
-//! A pixel is the sum over its splats of alpha_i T_i c_i, so alpha_i T_i is the derivative of the pixel by the colour c_i,
-//! in each channel. Summed over the pixels with mask id m it is A[i, m] (paper, Eq. 2; METHOD section 1b).
+//! A pixel is the sum over its splats of alpha_i T_i c_i, so alpha_i T_i is the derivative of the pixel by the colour
+//! c_i, in each channel. Summed over the pixels with mask id m it is A[i, m] (Eq. 2 of the InstGS paper).
 
 use std::collections::BTreeMap;
 
@@ -11,11 +11,11 @@ use crate::preprocess_instance_expand::ProjectedSplat;
 use crate::tile_blend::{ALPHA_MAX, blend_row_with_pairs, candidate_boxes};
 use crate::view::View;
 
-/// `A[(flat index, mask id)]` in pixels; pairs that no pixel blends are absent. `splats` come in depth order, `ids` has
-/// one mask id per pixel, row by row, 0 = no mask.
+/// `A[(flat index, mask id)]` in pixels; pairs without a blended pixel are absent. `splats` are in depth order, `ids`
+/// has one mask id per pixel, row by row, 0 = no mask.
 ///
 /// # Panics
-/// If `ids` is not as long as the view has pixels.
+/// If the length of `ids` is not the view's number of pixels.
 pub fn mask_contributions(view: &View, splats: &[ProjectedSplat], ids: &[u16]) -> BTreeMap<(u32, u16), f64> {
     let width = view.width as usize;
     assert_eq!(ids.len(), width * view.height as usize, "one mask id per pixel");
@@ -51,7 +51,7 @@ mod tests {
     use crate::{RenderOptions, render, splats_in_depth_order};
     use crate::scene::{Camera, Gaussians, InstancedScene};
 
-    /// Two Gaussians on the axis of view, 0.5 opaque, and one beside it.
+    /// Two Gaussians of opacity 0.5 on the view axis, and one beside it.
     fn scene() -> InstancedScene {
         let mut cloud = Gaussians::with_capacity(0, 3);
         for mean in [[0.0, 0.0, 2.0], [0.0, 0.0, 1.0], [0.6, 0.0, 2.0]] {
@@ -64,8 +64,8 @@ mod tests {
         InstancedScene::from_cloud(cloud)
     }
 
-    /// Over all masks, the weights of a Gaussian times its colour make the picture: the derivative of its sum, as every
-    /// splat here has the colour 0.5 + 0.3 C0. Measured: 3e-16.
+    /// Summed over all masks, a Gaussian's contributions times its colour add up to the picture: they are the
+    /// derivative of its sum, and every splat here has the colour 0.5 + 0.3 C0. Measured: 3e-16.
     #[test]
     fn weights_times_colours_make_the_picture() {
         let camera = Camera::look_at("view", DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, (15, 11));
@@ -84,7 +84,8 @@ mod tests {
             let want: f64 = picture.alpha.iter().zip(&ids).filter(|(_, m)| **m == id).map(|(a, _)| a).sum();
             assert!((of_id / want - 1.0).abs() < 1e-12, "id {id}");
         }
-        // The nearer of the two on the axis hides part of the other, which its own shape shows nothing of.
+        // The nearer Gaussian on the axis hides a part of the other, which contributes less although its own shape is
+        // unchanged.
         let total = |i: u32| sums.iter().filter(|((g, _), _)| *g == i).map(|(_, w)| w).sum::<f64>();
         assert!(total(1) > 3.0 * total(0), "{} {}", total(1), total(0));
     }

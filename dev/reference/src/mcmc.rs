@@ -1,4 +1,4 @@
-//! Twin of the `mcmc_*` kernels (Kheradmand et al. 2024): relocation, growth, noise, regularisers.
+//! Twin of the `mcmc_*` kernels (Kheradmand et al. 2024): relocation, growth, noise, regularisation.
 
 use crate::math::covariance::{covariance, sigmoid};
 use crate::scene::Gaussians;
@@ -6,10 +6,10 @@ use crate::scene::Gaussians;
 use super::densify::is_finite;
 use super::random::{RANDOM_NOISE, RANDOM_PICK, Stream};
 
-/// As many sharers as the authors' code counts.
+/// Upper limit on Gaussians that share a position, as in the authors' code.
 const SHARERS_MAX: u32 = 51;
 
-/// Fixed-point opacities, `one` for opacity 1; 0 for Gaussians that are dead: opacity up to `opacity_min`, or not finite.
+/// Fixed-point opacities, `one` for opacity 1; 0 for dead Gaussians: opacity up to `opacity_min`, or not finite.
 pub fn weights(cloud: &Gaussians, one: u32, opacity_min: f64) -> Vec<u32> {
     let weight = |i: usize| {
         let opacity = sigmoid(f64::from(cloud.opacity_logits[i]));
@@ -19,7 +19,8 @@ pub fn weights(cloud: &Gaussians, one: u32, opacity_min: f64) -> Vec<u32> {
     (0..cloud.len()).map(weight).collect()
 }
 
-/// For each of `after` Gaussians itself or, if it is dead or new, the one it joins. `weights` do not sum to 0.
+/// For each of `after` Gaussians, its own index or, if it is dead or new, the index of the one it relocates to.
+/// `weights` must not sum to 0.
 pub fn origins(weights: &[u32], after: usize, seed: u64, time: u32) -> Vec<usize> {
     let ends: Vec<u64> = weights
         .iter()
@@ -32,19 +33,20 @@ pub fn origins(weights: &[u32], after: usize, seed: u64, time: u32) -> Vec<usize
     let draw = |j: usize| {
         let bits = Stream { seed, time, purpose: RANDOM_PICK, index: j as u32 }.bits(0);
         let place = (u64::from(bits) * total) >> 32;
-        // The first that ends beyond the place.
+        // The first Gaussian whose cumulative weight exceeds the drawn value.
         ends.partition_point(|&end| end <= place)
     };
     (0..after).map(|j| if weights.get(j).is_some_and(|&w| w > 0) { j } else { draw(j) }).collect()
 }
 
-/// Opacity of each of `n` Gaussians that share a place, and the factor on their scales: the paper's eq. 9, term by term.
+/// Opacity of each of `n` Gaussians that share a position, and the factor on their scales: the paper's Eq. 9, term by
+/// term.
 pub fn share(opacity: f64, n: u32) -> (f64, f64) {
     let n = n.min(SHARERS_MAX);
     let p = 1.0 - (1.0 - opacity).powf(1.0 / f64::from(n));
     let mut sum = 0.0;
     for i in 1..=n {
-        // C(i - 1, k), by k.
+        // Binomial coefficients C(i - 1, k), by k.
         let mut binomial = 1.0;
         for k in 0..i {
             let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
@@ -55,7 +57,7 @@ pub fn share(opacity: f64, n: u32) -> (f64, f64) {
     (p, opacity / sum)
 }
 
-/// Noise on the centre of Gaussian `i` at step index `step`; `strength` is its learning rate times the noise's strength.
+/// Noise on the centre of Gaussian `i` at step index `step`; `strength` is the learning rate times the noise factor.
 pub fn noise(cloud: &Gaussians, i: usize, strength: f64, seed: u64, step: u32) -> [f64; 3] {
     let normals = Stream { seed, time: step, purpose: RANDOM_NOISE, index: i as u32 }.normals(0);
     let scales = glam::DVec3::from_array(cloud.log_scales[i].map(f64::from));
@@ -64,7 +66,8 @@ pub fn noise(cloud: &Gaussians, i: usize, strength: f64, seed: u64, step: u32) -
     (strength * gate * moved).to_array()
 }
 
-/// Gradients of `opacity_weight` mean(opacity) + `scale_weight` mean(scale) by logit and log scales of Gaussian `i`.
+/// Gradients of `opacity_weight` mean(opacity) + `scale_weight` mean(scale) with respect to the logit and log scales of
+/// Gaussian `i`.
 pub fn regularisation(cloud: &Gaussians, i: usize, opacity_weight: f64, scale_weight: f64) -> (f64, [f64; 3]) {
     let count = cloud.len() as f64;
     let opacity = sigmoid(f64::from(cloud.opacity_logits[i]));
@@ -76,7 +79,7 @@ pub fn regularisation(cloud: &Gaussians, i: usize, opacity_weight: f64, scale_we
 mod tests {
     use super::*;
 
-    /// Alone nothing changes; n together are as opaque as the one before.
+    /// One Gaussian alone does not change; n together are as opaque as the original.
     #[test]
     fn sharers_look_like_the_one_before() {
         for opacity in [0.006, 0.3, 0.9, 0.999] {
@@ -103,7 +106,7 @@ mod tests {
         for (i, &w) in weights.iter().enumerate() {
             let p = f64::from(w) / 100.0;
             let drawn = origins[6..].iter().filter(|&&o| o == i).count() as f64 / n as f64;
-            // Four standard errors.
+            // Within four standard errors.
             assert!((drawn - p).abs() <= 4.0 * (p * (1.0 - p) / n as f64).sqrt(), "{i}: {drawn} for {p}");
         }
     }

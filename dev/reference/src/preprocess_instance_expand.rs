@@ -1,8 +1,8 @@
-//! Twin of pass `preprocess_instance_expand`: one (instance, Gaussian) pair -> one screen-space splat, in f64.
+//! Twin of pass `preprocess_instance_expand`: one pair (instance, Gaussian) -> one screen-space splat, in f64.
 //!
-//! Equations: DESIGN section 2 Eq. 6 for the world-frame Gaussian; EWA splatting (Zwicker et al. 2001, Eq. 31;
-//! 3DGS Eq. 5) cov_2d = J W cov_world W^T J^T with J the Jacobian of the pinhole projection at the centre, its slopes
-//! clamped (golden README point 3); dilation and compensation as DESIGN section 3, Constants.
+//! Equations: InstGS Eq. 6 for the world-frame Gaussian; EWA splatting (Zwicker et al. 2001, Eq. 31; 3DGS Eq. 5) cov_2d
+//! = J W cov_world W^T J^T with J the Jacobian of the pinhole projection at the centre. J's slopes x/z and y/z are
+//! clamped to slightly beyond the image (`view::SLOPE_MARGIN`); dilation and compensation follow `RenderOptions`.
 
 use glam::{DMat3, DVec2, DVec3};
 
@@ -20,7 +20,7 @@ pub const ALPHA_MIN: f64 = 1.0 / 255.0;
 /// Floor of det / det' in the antialias compensation: 0.005^2.
 pub const COMPENSATION_FLOOR: f64 = 2.5e-5;
 
-/// One Gaussian of one instance before Eq. 6, offsets applied, in f64. A background Gaussian has the identity.
+/// One Gaussian of one instance before its transform, offsets applied, in f64. A background Gaussian has the identity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceGaussian {
     /// Position in flat order: instances in file order, each in template order, then the background.
@@ -29,67 +29,69 @@ pub struct SourceGaussian {
     pub instance: u32,
     /// Position in its template, or in the background.
     pub local_index: u32,
-    /// p + d, template frame, scene units.
+    /// Centre with its offset, p + d, template frame, scene units.
     pub mean_template: DVec3,
-    /// (w, x, y, z), any length.
+    /// Quaternion (w, x, y, z) of any length.
     pub quat: [f64; 4],
-    /// ln of the standard deviations.
+    /// Natural logarithms of the standard deviations.
     pub log_scales: DVec3,
-    /// Logit with its offset.
+    /// Opacity logit with its offset.
     pub opacity_logit: f64,
-    /// `[C][rgb]`, C = (sh_degree + 1)^2, the DC offset added.
+    /// SH coefficients `[C][rgb]`, C = (sh_degree + 1)^2, offsets added.
     pub sh: Vec<DVec3>,
-    /// 0..=3.
+    /// Degree of `sh`, 0..=3.
     pub sh_degree: u32,
     /// The instance's transform.
     pub world_from_template: Similarity,
 }
 
-/// A splat on the screen: what the blend needs.
+/// A splat on the screen, as blending needs it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProjectedSplat {
     /// Flat index of the source Gaussian.
     pub flat_index: u32,
     /// View-space z of the centre, scene units.
     pub depth: f64,
-    /// What `depth` is computed from: transform and p + d. Splats that agree here have the same depth on any device.
+    /// The values that `depth` is computed from: transform and p + d. Splats that agree here have the same depth on any
+    /// device.
     pub depth_origin: (Similarity, DVec3),
-    /// Sum of the absolute terms that `depth` is made of: its rounding error in f32 is a few 6e-8 of this.
+    /// Sum of the absolute terms of `depth`: its rounding error in f32 is a few times 6e-8 of this.
     pub depth_terms: f64,
-    /// Centre, px.
+    /// Centre on the screen, px.
     pub mean_px: DVec2,
     /// (a, b, c) of the inverse of the dilated covariance, px^-2: sigma = (a dx^2 + c dy^2) / 2 + b dx dy.
     pub conic: [f64; 3],
-    /// Opacity after the sigmoid and the compensation.
+    /// Opacity after the sigmoid and the antialias compensation.
     pub opacity: f64,
-    /// max(0, SH + 0.5).
+    /// Colour max(0, SH + 0.5).
     pub color: DVec3,
-    /// ln(255 opacity): alpha >= 1/255 exactly where sigma <= tau_ln.
+    /// Limit of the exponent, ln(255 opacity): alpha >= 1/255 exactly where sigma <= tau_ln.
     pub tau_ln: f64,
     /// Diagonal (xx, yy) of the dilated covariance, px^2.
     pub variance_px: DVec2,
-    /// Half the size of the tight box around the region alpha >= 1/255 (SnugBox): sqrt(2 tau_ln cov_xx), and yy.
+    /// Half the size of the tight box around the region alpha >= 1/255 (SnugBox), px: sqrt(2 tau_ln cov_xx), and the
+    /// same for yy.
     pub half_extent_px: DVec2,
 }
 
-/// Tests of the projection that decide on a splat as a whole.
+/// Thresholds that decide whether a splat is drawn at all.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CullLimits {
-    /// Drawn if depth > near.
+    /// Drawn if depth > near, scene units.
     pub near: f64,
-    /// Drawn if opacity >= this.
+    /// Drawn if opacity is at least this.
     pub opacity_min: f64,
 }
 
 impl CullLimits {
-    /// The limits of the renderer.
+    /// The limits that the renderer uses.
     pub fn exact(view: &View) -> Self {
         Self { near: view.options.near, opacity_min: ALPHA_MIN }
     }
 }
 
 impl ProjectedSplat {
-    /// The exponent sigma at a point of the image.
+    /// The exponent sigma at a point of the image, no unit.
     pub fn sigma_at(&self, point_px: DVec2) -> f64 {
         let d = point_px - self.mean_px;
         0.5 * (self.conic[0] * d.x * d.x + self.conic[2] * d.y * d.y) + self.conic[1] * d.x * d.y
@@ -101,8 +103,8 @@ impl ProjectedSplat {
         if sigma >= 0.0 { self.opacity * (-sigma).exp() } else { 0.0 }
     }
 
-    /// Pixels `[x0, x1, y0, y1]`, ends exclusive, of the image that hold every centre with sigma <= tau_ln + `extra_tau`;
-    /// one pixel of slack on every side.
+    /// Range of pixels `[x0, x1, y0, y1]`, ends exclusive, that holds every pixel centre of the image with sigma <=
+    /// tau_ln + `extra_tau`, with one pixel of margin on every side.
     pub fn pixel_box(&self, width: u32, height: u32, extra_tau: f64) -> [u32; 4] {
         let half = half_extent_px(self.tau_ln + extra_tau, self.variance_px) + 1.0;
         let size = DVec2::new(f64::from(width), f64::from(height));
@@ -118,12 +120,12 @@ pub fn half_extent_px(tau: f64, variance_px: DVec2) -> DVec2 {
     DVec2::new(squared.x.sqrt(), squared.y.sqrt())
 }
 
-/// The centre of pixel (x, y).
+/// The centre of pixel (x, y), px.
 pub fn pixel_center(x: u32, y: u32) -> DVec2 {
     DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
 }
 
-/// All Gaussians of a valid scene in flat order.
+/// All Gaussians of a valid scene as sources, in flat order.
 pub fn sources(scene: &InstancedScene) -> Vec<SourceGaussian> {
     let mut out = Vec::new();
     for (k, instance) in scene.instances.iter().enumerate() {
@@ -157,7 +159,7 @@ pub(super) fn push_sources(
     }
 }
 
-/// Adds the offsets of SH coefficients above 0 and of shape, where the scene has them.
+/// Adds the ablation offsets, of SH coefficients above 0 and of shape, if the scene has them.
 fn add_rare_offsets(source: &mut SourceGaussian, offsets: &Offsets, record: usize) {
     let rest = source.sh.len() - 1;
     for (sh, &offset) in source.sh[1..].iter_mut().zip(offsets.sh_rest.iter().skip(record * rest)) {
@@ -169,7 +171,7 @@ fn add_rare_offsets(source: &mut SourceGaussian, offsets: &Offsets, record: usiz
     }
 }
 
-/// Gaussian `i` of a cloud, indices not yet filled in.
+/// Gaussian `i` of a cloud; its indices are filled in later.
 fn source_of(cloud: &Gaussians, i: usize, world_from_template: Similarity) -> SourceGaussian {
     SourceGaussian {
         flat_index: 0,
@@ -185,12 +187,12 @@ fn source_of(cloud: &Gaussians, i: usize, world_from_template: Similarity) -> So
     }
 }
 
-/// Centre in the world, Eq. 6: A (p + d) + t.
+/// Centre in the world (Eq. 6), scene units: A (p + d) + t.
 pub fn mean_world(source: &SourceGaussian) -> DVec3 {
     source.world_from_template.transform_point(source.mean_template)
 }
 
-/// Covariance in the world, Eq. 6: A cov_t A^T.
+/// Covariance in the world (Eq. 6): A cov_t A^T.
 pub fn covariance_world(source: &SourceGaussian) -> DMat3 {
     let a = source.world_from_template.linear();
     a * covariance(source.quat, source.log_scales) * a.transpose()
@@ -212,29 +214,29 @@ pub fn covariance_px(view: &View, mean_view: DVec3, cov_world: DMat3) -> [f64; 3
     [jx.dot(cov_view * jx), jx.dot(cov_view * jy), jy.dot(cov_view * jy)]
 }
 
-/// Colour of a Gaussian: max(0, SH + 0.5), the view direction turned into the template frame by R^T.
+/// Colour of a Gaussian: max(0, SH + 0.5), evaluated in the view direction rotated to the template frame by R^T.
 pub fn color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVec3 {
     let raw = raw_color(view, source, mean_world);
-    // Not `max`, which would turn a NaN into 0; minus infinity stays too, so that `project` sees the poison.
+    // `max` would turn NaN into 0. Minus infinity is kept too, so that `project` rejects the Gaussian.
     DVec3::from_array(raw.to_array().map(|c| if c < 0.0 && fits_device(c) { 0.0 } else { c }))
 }
 
-/// SH + 0.5, before the clamp at 0.
+/// The colour SH + 0.5, before the clamp at 0.
 pub fn raw_color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVec3 {
     let dir_world = (mean_world - view.camera_world).normalize();
     let dir_template = source.world_from_template.rotation().transpose() * dir_world;
     eval_sh_f64(source.sh_degree, &source.sh, dir_template) + 0.5
 }
 
-/// Gaussians with a colour from here on are not drawn: gradients of all that is blended with them would overflow.
+/// Gaussians with a colour from this value on are not drawn: gradients of all that is blended with them would overflow.
 pub const COLOR_LIMIT: f64 = 1e15;
 
-/// True if the device can hold the value: finite after rounding to f32.
+/// True if the value is finite after rounding to f32, as on the device.
 fn fits_device(v: f64) -> bool {
     (v as f32).is_finite()
 }
 
-/// Projects one Gaussian; `None` = culled. A Gaussian is drawn only if all of this holds (so that NaN fails): depth >
+/// Projects one Gaussian; `None` if it is culled. It is drawn only if all of these hold (so that NaN fails): depth >
 /// near, opacity >= opacity_min, det' > 0, and world covariance, 2D covariance, det', conic, centre and colour are
 /// finite in f32, the precision of the device.
 pub fn project(view: &View, source: &SourceGaussian, limits: &CullLimits) -> Option<ProjectedSplat> {
@@ -283,15 +285,15 @@ pub fn project(view: &View, source: &SourceGaussian, limits: &CullLimits) -> Opt
     })
 }
 
-/// Sum of the absolute values of all terms in the view depth of a Gaussian's centre.
+/// Sum of the absolute values of all terms in the view-space depth of a Gaussian's centre.
 fn depth_terms(view: &View, source: &SourceGaussian) -> f64 {
     let placement = &source.world_from_template;
     let world = placement.linear().abs() * source.mean_template.abs() + placement.translation().abs();
     (view.view_from_world.abs() * world + view.world_origin_view.abs()).z
 }
 
-/// The row-major indices (tile_y * tiles_x + tile_x, ascending) of the tiles in which at least one pixel centre of the
-/// image has alpha >= 1/255. `tile_size` in px; border tiles are cut by the image.
+/// The row-major indices (tile_y * tiles_x + tile_x, ascending) of the tiles with at least one pixel centre of the
+/// image where alpha >= 1/255. `tile_size` in px; border tiles are clipped to the image.
 pub fn tiles_hit(splat: &ProjectedSplat, tile_size: u32, width: u32, height: u32) -> Vec<u32> {
     let tiles_x = width.div_ceil(tile_size);
     let [x0, x1, y0, y1] = splat.pixel_box(width, height, 0.0);

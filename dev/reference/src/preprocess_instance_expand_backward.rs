@@ -1,9 +1,9 @@
 //! Twin of pass `preprocess_instance_expand_backward`: from the gradient of a splat to that of its Gaussian and of the
 //! instance's transform.
 //!
-//! Each step of `project` is turned around by the chain rule; DESIGN Eq. 7 to 9 for the frames. Gradients of symmetric
-//! matrices are symmetric: an off-diagonal entry holds half of the derivative by the number that stands twice.
-//! Where `project` clamps (`ProjectionBranches`) the derivative is that of the branch taken, so it is exact.
+//! Each step of `project` is differentiated by the chain rule, in reverse order. Gradients of symmetric matrices are
+//! symmetric: an off-diagonal entry holds half of the derivative with respect to the value that occurs twice. Where
+//! `project` clamps (`ProjectionBranches`) the derivative is that of the branch taken, so it is exact.
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
@@ -15,33 +15,33 @@ use crate::preprocess_instance_expand::{
 use crate::tile_blend_backward::SplatGradient;
 use crate::view::View;
 
-/// Gradient of a loss with respect to one Gaussian of one instance, by the fields of `SourceGaussian`.
+/// Gradient of a loss with respect to one Gaussian of one instance: one field for each field of `SourceGaussian`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceGradient {
-    /// By p + d: the gradient of both the template's mean and the offset's.
+    /// With respect to p + d: the gradient of both the template's mean and the offset's.
     pub mean_template: DVec3,
-    /// By the quaternion (w, x, y, z) as it is stored, not normalised.
+    /// With respect to the quaternion (w, x, y, z) as it is stored, not normalised.
     pub quat: [f64; 4],
-    /// By the logarithms of the standard deviations.
+    /// With respect to the logarithms of the standard deviations.
     pub log_scales: DVec3,
-    /// By logit + offset.
+    /// With respect to logit + offset.
     pub opacity_logit: f64,
-    /// `[C][rgb]`, by the coefficients; entry 0 is also the gradient of the offset's.
+    /// With respect to the SH coefficients `[C][rgb]`; entry 0 is also the gradient of the offset's.
     pub sh: Vec<DVec3>,
     /// Rows of (dL/dA | dL/dt), every entry of A independent.
     pub world_from_template: [[f64; 4]; 3],
-    /// That of the splat, passed on for densification, per px.
+    /// Gradient of the splat's centre, per px, passed on for densification.
     pub mean_px: DVec2,
 }
 
-/// Which branches `project` takes at its clamps.
+/// The branches that `project` takes at its clamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProjectionBranches {
-    /// Per axis: the Jacobian's slope is at a limit.
+    /// Per axis: whether the Jacobian's slope is at a limit.
     pub slope_clamped: [bool; 2],
-    /// The antialias compensation is at its floor.
+    /// Whether the antialias compensation is at its floor.
     pub compensation_floored: bool,
-    /// Per channel: the colour is 0 because SH + 0.5 is negative.
+    /// Per channel: whether the colour is 0 because SH + 0.5 is negative.
     pub channel_clamped: [bool; 3],
 }
 
@@ -89,12 +89,12 @@ pub fn project_backward(view: &View, source: &SourceGaussian, gradient: &SplatGr
     }
 }
 
-/// a b^T.
+/// The outer product a b^T.
 fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
-/// The symmetric matrix of (xx, xy, yy).
+/// The symmetric matrix of entries (xx, xy, yy).
 fn symmetric([xx, xy, yy]: [f64; 3]) -> DMat2 {
     DMat2::from_cols(DVec2::new(xx, xy), DVec2::new(xy, yy))
 }
@@ -104,7 +104,7 @@ fn adjugate([xx, xy, yy]: [f64; 3]) -> DMat2 {
     symmetric([yy, -xy, xx])
 }
 
-/// What the antialias compensation sqrt(max(floor, det / det')) is made of.
+/// The determinants in the antialias compensation sqrt(max(floor, det / det')).
 struct Determinants {
     cov_px: [f64; 3],
     dilated_px: [f64; 3],
@@ -116,12 +116,12 @@ impl Determinants {
         Self { cov_px, dilated_px: [xx + view.options.dilation, xy, yy + view.options.dilation] }
     }
 
-    /// det / det'.
+    /// The ratio det / det'.
     fn ratio(&self) -> f64 {
         symmetric(self.cov_px).determinant() / symmetric(self.dilated_px).determinant()
     }
 
-    /// Gradient of `ratio` by the covariance; the dilation is a constant.
+    /// Gradient of `ratio` with respect to the covariance; the dilation is a constant.
     fn ratio_gradient(&self) -> DMat2 {
         (adjugate(self.cov_px) - adjugate(self.dilated_px) * self.ratio())
             * (1.0 / symmetric(self.dilated_px).determinant())
@@ -165,7 +165,7 @@ fn ewa_backward(
     let [jx, jy] = projection_jacobian(view, mean_view);
     let [gxx, gxy, gyy] = [d_cov_px.x_axis.x, d_cov_px.x_axis.y, d_cov_px.y_axis.y];
     let d_cov_view = outer(jx, jx) * gxx + (outer(jx, jy) + outer(jy, jx)) * gxy + outer(jy, jy) * gyy;
-    // dL/dJ = 2 (dL/dcov_px) J cov_view, rows.
+    // Here dL/dJ = 2 (dL/dcov_px) J cov_view, by rows.
     let cov_view = w * cov_world * w.transpose();
     let d_jacobian = [2.0 * (cov_view * (gxx * jx + gxy * jy)), 2.0 * (cov_view * (gxy * jx + gyy * jy))];
     // Row i of J is f/z at column i and -f slope/z at z, where slope = mean_i / z unless it is clamped.
@@ -182,13 +182,13 @@ fn ewa_backward(
     (w.transpose() * d_cov_view * w, d_mean_view)
 }
 
-/// dL/d mean_view through the centre (f x/z + c); it is not clamped.
+/// dL/d mean_view through the centre (f x/z + c), which is not clamped.
 fn center_backward(view: &View, mean_view: DVec3, d_mean_px: DVec2) -> DVec3 {
     let scaled = d_mean_px * view.focal_px / mean_view.z;
     scaled.extend(-scaled.dot(mean_view.truncate()) / mean_view.z)
 }
 
-/// What the colour's gradient becomes.
+/// Gradients that follow from the colour's.
 struct ColorGradient {
     sh: Vec<DVec3>,
     mean_world: DVec3,
@@ -222,7 +222,7 @@ fn color_backward(
     ColorGradient {
         sh: basis.iter().take(source.sh.len()).map(|&b| b * d_raw).collect(),
         mean_world: (d_dir_world - along * dir_world) / from_camera.length(),
-        // The sum over i, j of d_rotation_ij R_ij is `along`.
+        // The sum over i, j of d_rotation_ij R_ij equals `along`.
         linear: d_rotation * (1.0 / placement.scale()) - a.inverse().transpose() * (along / 3.0),
     }
 }
@@ -235,7 +235,7 @@ fn covariance_backward(source: &SourceGaussian, d_cov: DMat3) -> ([f64; 4], DVec
     let log_scales = DVec3::from_array(std::array::from_fn(|j| d_m.col(j).dot(rotation.col(j)) * scales[j]));
     let unit = normalised_quat(source.quat);
     let d_unit = rotation_backward(unit, d_m * DMat3::from_diagonal(scales));
-    // Normalisation: only what is perpendicular to the quaternion, over its length.
+    // Through the normalisation: only the component perpendicular to the quaternion, divided by its length.
     let radial: f64 = unit.iter().zip(d_unit).map(|(u, d)| u * d).sum();
     let length = source.quat.iter().map(|c| c * c).sum::<f64>().sqrt();
     (std::array::from_fn(|i| (d_unit[i] - radial * unit[i]) / length), log_scales)

@@ -14,7 +14,7 @@ fn view(antialias: bool) -> View {
     View::exact(&camera, &RenderOptions { antialias, near: 0.05, ..RenderOptions::default() })
 }
 
-/// In front of or beside the camera, from dots smaller than a pixel to discs as large as the image.
+/// Gaussians in front of or beside the camera, from dots smaller than a pixel to discs as large as the image.
 fn random_source(rng: &mut Rng) -> SourceGaussian {
     let rotation = rotation_from_quat(rng.rotation_quat());
     let scale = rng.range(0.3, 3.0);
@@ -42,8 +42,8 @@ fn random_gradient(rng: &mut Rng) -> SplatGradient {
     }
 }
 
-/// Difference of the scalar whose gradient by the splat is `gradient`, field by field: what a parameter does not move
-/// then leaves no rounding.
+/// Difference of the scalar whose gradient with respect to the splat is `gradient`, field by field, so that fields that
+/// a parameter does not change add no rounding.
 fn loss_difference(plus: &ProjectedSplat, minus: &ProjectedSplat, gradient: &SplatGradient) -> f64 {
     (plus.mean_px - minus.mean_px).dot(gradient.mean_px)
         + (DVec3::from_array(plus.conic) - DVec3::from_array(minus.conic)).dot(DVec3::from_array(gradient.conic))
@@ -51,10 +51,10 @@ fn loss_difference(plus: &ProjectedSplat, minus: &ProjectedSplat, gradient: &Spl
         + (plus.color - minus.color).dot(gradient.color)
 }
 
-/// All parameters in one list: mean 3, quaternion 4, scales 3, logit, SH 48, transform 12.
+/// Number of parameters in one list: mean 3, quaternion 4, scales 3, logit, SH 48, transform 12.
 const PARAMETERS: usize = 71;
 
-/// The source with parameter `index` moved by about `step`, and by how much exactly: a transform holds f32 values.
+/// The source with parameter `index` moved by about `step`, and the actual movement: a transform holds f32 values.
 fn moved(source: &SourceGaussian, index: usize, step: f64) -> (SourceGaussian, f64) {
     let mut out = source.clone();
     match index {
@@ -86,7 +86,7 @@ fn flattened(gradient: &SourceGradient) -> Vec<f64> {
     out
 }
 
-/// How often each branch was taken.
+/// Number of times that each branch was taken.
 #[derive(Debug, Default)]
 struct Seen {
     sources: usize,
@@ -96,7 +96,7 @@ struct Seen {
     skipped: usize,
 }
 
-/// Worst error relative to the largest entry of the same tensor and Gaussian; `spoil` changes the twin's answer.
+/// Largest error relative to the largest entry of the same tensor and Gaussian; `spoil` changes the twin's result.
 fn worst_error(spoil: fn(&mut SourceGradient)) -> (f64, Seen) {
     // A power of two above the last bit of every transform entry, so that f32 entries move by exactly this.
     let step = 2f64.powi(-19);

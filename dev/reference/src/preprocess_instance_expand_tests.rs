@@ -1,4 +1,4 @@
-//! Tests of the projection twin: against numerical differentiation, and the rules that cull.
+//! Tests of the projection twin: against numerical differentiation, and of the culling rules.
 
 use std::f64::consts::PI;
 
@@ -41,14 +41,14 @@ fn random_source(rng: &mut Rng) -> SourceGaussian {
     }
 }
 
-/// Pixel of a world point, straight from the pinhole model.
+/// Pixel position of a world point, straight from the pinhole model.
 fn pixel_of(view: &View, world: DVec3) -> DVec2 {
     let v = view.view_from_world * world + view.world_origin_view;
     DVec2::new(view.focal_px.x * v.x / v.z + view.principal_px.x, view.focal_px.y * v.y / v.z + view.principal_px.y)
 }
 
-/// The 2D covariance by pushing the Gaussian's three axis vectors through a central difference of the projection:
-/// sum over axes of (d pixel / d axis)(d pixel / d axis)^T. Only axes and the pinhole formula, no Jacobian.
+/// The 2D covariance from central differences of the projection along the Gaussian's three axis vectors: sum over axes
+/// of (d pixel / d axis)(d pixel / d axis)^T. It uses the pinhole formula only, no Jacobian.
 fn covariance_px_by_differences(view: &View, source: &SourceGaussian) -> DMat2 {
     let step = 1e-5;
     let center = mean_world(source);
@@ -62,7 +62,8 @@ fn covariance_px_by_differences(view: &View, source: &SourceGaussian) -> DMat2 {
     })
 }
 
-/// Worst relative difference (to the largest entry) between EWA and differences over Gaussians inside the slope limits.
+/// Largest relative difference (to the largest entry) between EWA and differences over Gaussians inside the slope
+/// limits.
 fn worst_projection_error(spoil_jacobian: bool) -> f64 {
     let mut rng = Rng::new(21);
     let mut worst: f64 = 0.0;
@@ -87,7 +88,7 @@ fn worst_projection_error(spoil_jacobian: bool) -> f64 {
     worst
 }
 
-/// Measured over 1000 (view, Gaussian) pairs: 2.6e-10, the error of the differences.
+/// EWA agrees with differences. Measured over 1000 pairs (view, Gaussian): 2.6e-10, the error of the differences.
 #[test]
 fn ewa_agrees_with_differences_of_the_pinhole_projection() {
     let worst = worst_projection_error(false);
@@ -99,7 +100,7 @@ fn the_projection_check_fails_on_a_wrong_sign() {
     assert!(worst_projection_error(true) > 1e-2);
 }
 
-/// Centred: the clamp is 1.3 tan(fov / 2), the number of the INRIA rasteriser. Measured: 0.
+/// For a centred principal point, the clamp is 1.3 tan(fov / 2), as in the INRIA rasteriser. Measured: 0.
 #[test]
 fn a_centred_slope_limit_is_1_3_tan() {
     let camera = Camera::look_at("c", DVec3::ZERO, DVec3::Z, DVec3::Y, PI / 3.0, (80, 60));
@@ -131,7 +132,7 @@ fn conic_and_extent_fit_the_covariance() {
     }
 }
 
-/// Tight box against every pixel of the image, and tiles against a scan without any box.
+/// The tight box is compared with every pixel of the image, and tiles with a scan without any box.
 #[test]
 fn boxes_and_tiles_miss_no_pixel() {
     let mut rng = Rng::new(6);
@@ -175,7 +176,7 @@ fn what_is_culled() {
     assert!(!drawn(SourceGaussian { quat: [0.0; 4], ..good.clone() }));
     assert!(!drawn(SourceGaussian { opacity_logit: f64::NAN, ..good.clone() }));
     assert!(!drawn(SourceGaussian { log_scales: DVec3::splat(60.0), ..good.clone() }), "e^60 squared is not an f32");
-    // Zero scales leave the dilation: a dot.
+    // Scales of zero leave only the dilation: a dot.
     assert!(drawn(SourceGaussian { log_scales: DVec3::NEG_INFINITY, ..good.clone() }));
     let least = |p: f64| SourceGaussian { opacity_logit: logit(p / 255.0), ..good.clone() };
     assert!(drawn(least(1.0 + 1e-9)) && !drawn(least(1.0 - 1e-9)));
@@ -195,7 +196,7 @@ fn antialias_compensation() {
         ..random_source(&mut Rng::new(1))
     };
     let opacity = |sigma_px: f64| project(&view, &round(sigma_px), &CullLimits::exact(&view)).unwrap().opacity;
-    // On the axis of the camera det / det' = (s^2 / (s^2 + 0.3))^2.
+    // On the view axis det / det' = (s^2 / (s^2 + 0.3))^2.
     for s in [0.5f64, 1.0, 4.0] {
         assert!((opacity(s) - 0.999 * s * s / (s * s + 0.3)).abs() < 1e-12);
     }

@@ -1,4 +1,4 @@
-//! Twin of kernel `present`: a picture as the bytes of a window.
+//! Twin of kernel `present`: turns a picture into the bytes of a window.
 
 use glam::DVec3;
 
@@ -6,56 +6,57 @@ use crate::math::sh::widened;
 use crate::tile_surface::SurfacePoint;
 use crate::scene::{InstancedScene, TemplateRange};
 
-/// What is shown of each pixel.
+/// The quantity that is shown for each pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Show {
-    /// Colour over the background.
+    /// The colour over the background.
     #[default]
     Color,
-    /// 1 - T, grey.
+    /// Alpha, 1 - T, in grey.
     Alpha,
-    /// View depth, grey: white at the first of these depths, black at the second and where nothing is.
+    /// View depth in grey: white at the first of these depths, black at the second and in empty pixels.
     Depth([f64; 2]),
-    /// A colour for each instance, black where there is none.
+    /// A colour for each instance, black without one.
     Instances,
-    /// A colour for each template, dark grey for the background's own, black where nothing is.
+    /// A colour for each template, dark grey for the background's Gaussians, black in empty pixels.
     Templates,
-    /// Heat by the pairs of the pixel's tile, palest from this many on.
+    /// Heat map of the number of intersections of the pixel's tile; palest from this number on.
     TileLoad(f64),
-    /// Heat by the length of the position offset at the surface over the template's radius, palest from this part on.
+    /// Heat map of the length of the surface Gaussian's position offset relative to the template's radius; palest from
+    /// this ratio on.
     Offsets(f64),
-    /// What `tile_marks` left.
+    /// The marks that `tile_marks` drew.
     Marks,
 }
 
-/// A picture by pixel, row by row from the top. What a view does not need may be empty.
+/// The inputs, per pixel, row by row from the top. Those that `show` does not need may be empty.
 #[derive(Clone, Default)]
 pub struct Shown<'a> {
     /// Width and height, pixels.
     pub size_px: [usize; 2],
-    /// rgb over the background, and alpha.
+    /// Colour over the background (r, g, b) and alpha.
     pub colors: &'a [[f32; 4]],
-    /// Expected view depth; 0 where nothing is.
+    /// Expected view depth, scene units; 0 in empty pixels.
     pub depths: &'a [f32],
-    /// What is shown.
+    /// The quantity that is shown.
     pub show: Show,
-    /// What is at the surface; empty if it is not known.
+    /// The id buffer; empty if it is not known.
     pub surfaces: &'a [Option<SurfacePoint>],
-    /// By instance: around what is chosen there is a line.
+    /// By instance: whether it is selected, and gets an outline.
     pub chosen: &'a [bool],
-    /// Whose instances these are; needed with surfaces.
+    /// The scene of the instances; needed with `surfaces`.
     pub scene: Option<&'a InstancedScene>,
-    /// Side of a tile, pixels, and (splat, tile) pairs by tile, row by row.
+    /// Side of a tile, pixels, and the number of intersections of each tile, row by row.
     pub tile_loads: (usize, &'a [u32]),
-    /// Red, green and blue where there is a mark.
+    /// Red, green and blue of the marks; `None` without a mark.
     pub marks: &'a [Option<[u8; 3]>],
 }
 
-/// Of the line around what is chosen.
+/// Colour of the outline of selected instances.
 const LINE_COLOR: [f64; 3] = [1.0, 0.72, 0.0];
-/// Of 25 pixels.
+/// A pixel is on the outline if this many of the 5x5 pixels around it are selected.
 const LINE_COUNTS: std::ops::RangeInclusive<usize> = 8..=17;
-/// Of the background among templates.
+/// Colour of the background's Gaussians among templates.
 const BACKGROUND_GREY: [f64; 3] = [0.2; 3];
 
 impl Shown<'_> {
@@ -65,7 +66,7 @@ impl Shown<'_> {
         surface.is_some_and(|s| self.chosen.get(s.instance as usize) == Some(&true))
     }
 
-    /// On the outline of what is chosen: of the 5x5 pixels around, a third to two thirds are.
+    /// True on the outline of the selection: a third to two thirds of the 5x5 pixels around belong to it.
     fn is_line(&self, x: i64, y: i64) -> bool {
         let around = (-2..=2).flat_map(|dy| (-2..=2).map(move |dx| (x + dx, y + dy)));
         !self.surfaces.is_empty() && LINE_COUNTS.contains(&around.filter(|&(x, y)| self.is_chosen(x, y)).count())
@@ -92,12 +93,12 @@ impl Shown<'_> {
         }
     }
 
-    /// `None` for the background's own.
+    /// Colour of the instance; `None` for the background.
     fn instance_color(&self, surface: SurfacePoint) -> Option<[f64; 3]> {
         ((surface.instance as usize) < self.scene?.instances.len()).then(|| color_of(surface.instance))
     }
 
-    /// Of the template's radius; 0 without offsets.
+    /// Length of the position offset relative to the template's radius; 0 without offsets.
     fn offset_part(&self, surface: SurfacePoint) -> f64 {
         let of_instance = |scene: &InstancedScene| {
             let instance = scene.instances.get(surface.instance as usize)?;
@@ -113,7 +114,8 @@ impl Shown<'_> {
         instance.map_or(BACKGROUND_GREY, |instance| color_of(instance.template))
     }
 
-    /// Red, green and blue of a window of `shown_px`, levels 0 to 255 before rounding.
+    /// Red, green and blue of a window of `shown_px` pixels, interpolated from the picture; levels 0 to 255 before
+    /// rounding.
     pub fn levels(&self, shown_px: [usize; 2]) -> Vec<[f64; 3]> {
         let axis = |k: usize, at: usize| {
             let place = (at as f64 + 0.5) * self.size_px[k] as f64 / shown_px[k] as f64 - 0.5;
@@ -133,7 +135,7 @@ impl Shown<'_> {
     }
 }
 
-/// Of the ball around the middle of the template's box that holds its centres.
+/// Radius of the ball around the centre of the template's bounding box that holds its means.
 fn radius(scene: &InstancedScene, range: TemplateRange) -> f64 {
     let means = &scene.templates.means[range.first as usize..][..range.count as usize];
     let all = || means.iter().map(|&mean| widened(mean));
@@ -146,7 +148,8 @@ fn depth_grey(depth: f64, [white, black]: [f64; 2]) -> [f64; 3] {
     [if depth > 0.0 { ((black - depth) / (black - white)).clamp(0.0, 1.0) } else { 0.0 }; 3]
 }
 
-/// Heat colours from 0 to 1: black, violet, red, orange, pale yellow. Ever lighter, so that they can be read as grey too.
+/// Heat colours from 0 to 1: black, violet, red, orange, pale yellow. Lightness increases, so that they can be read in
+/// grey too.
 pub fn heat(part: f64) -> [f64; 3] {
     const STOPS: [[f64; 3]; 5] =
         [[0.0; 3], [0.34, 0.06, 0.47], [0.80, 0.22, 0.26], [0.98, 0.62, 0.11], [1.0, 1.0, 0.8]];
@@ -159,9 +162,10 @@ fn mix(a: [f64; 3], b: [f64; 3], part: f64) -> [f64; 3] {
     std::array::from_fn(|c| a[c] + (b[c] - a[c]) * part)
 }
 
-/// Neighbours in number far apart in hue: steps of the golden angle around the colour circle.
+/// A colour for each number, with neighbouring numbers far apart in hue: steps of the golden angle around the colour
+/// circle.
 fn color_of(number: u32) -> [f64; 3] {
-    // As the device has it: the product is f32.
+    // The product is f32, as on the device.
     let turn = f64::from((number as f32 * 0.618_034).fract());
     [0.0, 2.0 / 3.0, 1.0 / 3.0].map(|shift| {
         let place = (turn + shift).fract() * 6.0 - 3.0;
@@ -195,10 +199,10 @@ mod tests {
         let depths = [0.0, 3.0];
         let shown = |show| Shown { size_px: [2, 1], colors: &colors, depths: &depths, show, ..Shown::default() };
         assert_eq!(shown(Show::Color).levels([2, 1]), vec![[0.0; 3], [255.0, 127.5, 255.0]]);
-        // Four pixels: a quarter and three quarters of the way between the centres, and the ends.
+        // Four pixels: interpolated at a quarter and at three quarters between the centres, clamped at the ends.
         let reds: Vec<f64> = shown(Show::Color).levels([4, 1]).iter().map(|c| c[0]).collect();
         assert_eq!(reds, [0.0, 63.75, 191.25, 255.0]);
-        // One pixel: half way.
+        // One pixel: half way between the centres.
         assert_eq!(shown(Show::Alpha).levels([1, 3]), vec![[191.25; 3]; 3]);
         assert_eq!(shown(Show::Depth([2.0, 4.0])).levels([2, 1]), vec![[0.0; 3], [127.5; 3]]);
     }
@@ -220,7 +224,7 @@ mod tests {
         assert_eq!(shown.levels([7, 1]), [line, line, first, first, first, line, line]);
     }
 
-    /// Single pixels of what is chosen, and single ones of others within it, have no line of their own.
+    /// Single selected pixels, and single unselected ones within the selection, have no outline.
     #[test]
     fn speckles_have_no_line() {
         for (rest, speckle) in [(0, 1), (1, 0)] {
@@ -253,7 +257,8 @@ mod tests {
         assert_eq!(shown.levels([5, 1]), [second, first, second, levels(BACKGROUND_GREY), [0.0; 3]]);
     }
 
-    /// Two Gaussians two units apart: offsets of a quarter and of half a radius; none; and the background.
+    /// Two Gaussians two units apart, with offsets of a quarter and of half a radius; an instance without offsets; the
+    /// background.
     #[test]
     fn offsets_by_hand() {
         let mut scene = scene_of(&[0, 0]);
@@ -278,7 +283,7 @@ mod tests {
         assert_eq!(shown.levels([3, 3]), want);
     }
 
-    /// Lightness as CIE 1976 has it, of sRGB values.
+    /// Lightness L* of CIE 1976, from sRGB values.
     #[test]
     fn heat_grows_ever_lighter_in_even_steps() {
         let linear = |v: f64| if v <= 0.04045 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) };

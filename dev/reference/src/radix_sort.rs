@@ -1,7 +1,7 @@
 //! Twin of passes `radix_sort_*`: a stable sort of (key, value) pairs by u32 key.
 
-/// The u32 whose unsigned order is the order of positive depths: the bits of the f32. Depths are > near >= 0 here;
-/// negative numbers would sort in reverse and are not keys.
+/// Maps positive depths to u32 keys of the same order: the bits of the f32. Depths are > near >= 0 here; negative
+/// numbers would sort in reverse and are not valid.
 pub fn depth_key(depth: f32) -> u32 {
     depth.to_bits()
 }

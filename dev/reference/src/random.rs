@@ -1,36 +1,36 @@
-//! Twin of `glsl/include/random.glsl`: random numbers as hashes of what they are for. Bits are equal to the device's;
-//! normals are those of f64.
+//! Twin of `glsl/include/random.glsl`: random numbers as hashes of their purpose and position. Bits are equal to the
+//! device's; normals are computed in f64.
 
 use std::f64::consts::PI;
 
-/// Purposes of draws, `RANDOM_*`.
+/// Purposes of random draws, `RANDOM_*`.
 pub use crate::gpu::interface::constants::{RANDOM_NOISE, RANDOM_PICK, RANDOM_SPLIT};
 
-/// The odd number nearest to 2^32 / golden ratio: no sum of few of them is near another.
+/// The odd number nearest to 2^32 / golden ratio: small multiples of it are far from each other.
 const STRIDE: u32 = 0x9E37_79B9;
 
-/// The finaliser of MurmurHash3 (Appleby 2011), a bijection.
+/// The finaliser of MurmurHash3 (Appleby 2011), a bijection of u32.
 pub fn mix_bits(mut x: u32) -> u32 {
     x = (x ^ (x >> 16)).wrapping_mul(0x85EB_CA6B);
     x = (x ^ (x >> 13)).wrapping_mul(0xC2B2_AE35);
     x ^ (x >> 16)
 }
 
-/// Where a draw comes from: seed of the run, steps done, purpose (`RANDOM_*`), Gaussian.
+/// Identifies a sequence of draws: seed of the run, steps done, purpose (`RANDOM_*`), Gaussian.
 #[derive(Clone, Copy, Debug)]
 pub struct Stream {
-    /// Seed of the run.
+    /// Random seed of the run.
     pub seed: u64,
-    /// Steps.
+    /// Number of steps done.
     pub time: u32,
-    /// `RANDOM_*`.
+    /// Purpose of the draws, `RANDOM_*`.
     pub purpose: u32,
     /// Index of the Gaussian.
     pub index: u32,
 }
 
 impl Stream {
-    /// 32 uniform bits.
+    /// 32 uniform bits of draw number `draw`.
     pub fn bits(&self, draw: u32) -> u32 {
         let words = [self.seed as u32, (self.seed >> 32) as u32, self.time, self.purpose, self.index];
         let absorb = |h: u32, word: u32| mix_bits((h ^ word).wrapping_add(STRIDE));
@@ -45,12 +45,12 @@ impl Stream {
     }
 }
 
-/// A multiple of 2^-24 strictly between 0 and 1.
+/// Maps bits to a multiple of 2^-24 strictly between 0 and 1.
 pub fn uniform_from_bits(bits: u32) -> f64 {
     (f64::from(bits >> 9) + 0.5) / f64::from(1 << 23)
 }
 
-/// Box and Muller 1958.
+/// Two independent standard normals from two draws (Box and Muller 1958).
 pub fn normal_pair(a: u32, b: u32) -> [f64; 2] {
     let radius = (-2.0 * uniform_from_bits(a).ln()).sqrt();
     let angle = 2.0 * PI * (uniform_from_bits(b) - 0.5);
@@ -79,7 +79,8 @@ mod tests {
         }
     }
 
-    /// Flipping any one input changes about half of the bits: 16 of 32, deviation 2.8, over 1000 draws 0.09.
+    /// Flipping a bit of any input changes about half of the output bits: 16 of 32, deviation 2.8, over 1000 draws
+    /// 0.09.
     #[test]
     fn every_input_changes_every_draw() {
         let base = |index| Stream { seed: 0x1_0000_0005, time: 100, purpose: 1, index };

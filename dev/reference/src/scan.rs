@@ -1,5 +1,5 @@
-//! Twin of pass `scan`: exclusive prefix sum of u32 counts that saturates instead of wrapping, so that an overflow is
-//! seen as u32::MAX and never as a small number.
+//! Twin of pass `scan`: exclusive prefix sum of u32 counts that saturates instead of wrapping, so that an overflow
+//! shows as u32::MAX and never as a small number.
 
 /// `out[i]` = sum of `counts[..i]`, and the total; both saturate at u32::MAX.
 pub fn exclusive_scan(counts: &[u32]) -> (Vec<u32>, u32) {

@@ -1,10 +1,10 @@
-//! Twin of pass `tile_blend`: for every pixel, the depth-sorted splats from front to back, without tiles.
+//! Twin of pass `tile_blend`: blends the depth-sorted splats of every pixel front to back, without tiles.
 //!
-//! 3DGS Eq. 3 with the rules of DESIGN section 3: alpha = min(0.99, opacity exp(-sigma)), skipped below 1/255; stop
-//! before the splat that would bring T below 1e-4; C += alpha T color; finally + T background.
+//! 3DGS Eq. 3 with alpha = min(0.99, opacity exp(-sigma)), skipped below 1/255; a pixel ends before the splat that
+//! would bring T below 1e-4; C += alpha T color; finally + T background.
 //!
-//! A pixel is *robust* if no decision in it is so close that f32 may legitimately decide otherwise (golden README,
-//! `robust_mask`): alpha near 1/255 or 0.99, T near 1e-4, depths too close to be surely ordered, depth at the near plane.
+//! A pixel is *robust* if f32 and f64 must take the same decisions in it. It is not if one is too close: alpha near
+//! 1/255 or 0.99, T near 1e-4, depths too close to be surely ordered, depth at the near plane.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,15 +17,15 @@ pub const ALPHA_MAX: f64 = 0.99;
 /// A splat that brings the transmittance below this ends the pixel and is not blended.
 pub const TRANSMITTANCE_MIN: f64 = 1e-4;
 
-/// Not robust: |255 alpha - 1| below this.
+/// A pixel is not robust if |255 alpha - 1| is below this.
 pub const ALPHA_MIN_MARGIN: f64 = 1e-3;
-/// Not robust: |opacity exp(-sigma) - 0.99| below this.
+/// A pixel is not robust if |opacity exp(-sigma) - 0.99| is below this.
 pub const ALPHA_MAX_MARGIN: f64 = 1e-4;
-/// Not robust: |T_next / 1e-4 - 1| below this.
+/// A pixel is not robust if |T_next / 1e-4 - 1| is below this.
 pub const TRANSMITTANCE_MARGIN: f64 = 2e-3;
-/// Not robust: relative depth gap of two candidates of a pixel below this.
+/// A pixel is not robust if the relative depth gap of two of its splats is below this.
 pub const DEPTH_GAP_MIN: f64 = 2e-6;
-/// Not robust: relative distance of a depth from the near plane below this.
+/// A pixel is not robust if the relative distance of a depth from the near plane is below this.
 pub const NEAR_MARGIN: f64 = 1e-5;
 /// f32 error of a depth as a fraction of the sum of its absolute terms: 8 roundings of 2^-24, the length of the
 /// chain p + d, A p (3), + t, R x (3).
@@ -36,13 +36,13 @@ pub const DEPTH_ROUNDING: f64 = 8.0 / 16_777_216.0;
 pub struct BlendedPixel {
     /// Colour over the background.
     pub color: DVec3,
-    /// 1 - T.
+    /// Alpha of the pixel, 1 - T.
     pub alpha: f64,
     /// Expected view depth sum(w z) / sum(w), scene units; 0 where nothing was blended.
     pub depth: f64,
     /// Number of splats blended.
     pub n_contrib: u32,
-    /// See the module text.
+    /// Whether f32 must agree: see the module's documentation.
     pub robust: bool,
 }
 
@@ -55,25 +55,25 @@ pub struct BlendedPair {
     pub alpha_raw: f64,
 }
 
-/// The limits that also let splats through which f32 might draw though f64 does not.
+/// Limits that also accept splats which f32 might draw although f64 does not.
 pub fn relaxed_limits(view: &View) -> CullLimits {
-    // The device's error in depth is not known before projection; a tenth of near covers the chains DEPTH_ROUNDING
-    // speaks of up to depth terms of 2 10^5 near. `near_at_risk` then decides with the real terms.
+    // The device's error in depth is not known before projection; a tenth of near covers an error of `DEPTH_ROUNDING`
+    // for depth terms up to 2e5 near. `near_at_risk` then decides with the actual terms.
     CullLimits { near: 0.9 * view.options.near, opacity_min: ALPHA_MIN * (1.0 - ALPHA_MIN_MARGIN) }
 }
 
-/// True if f32 may place the splat on the other side of the near plane.
+/// True if f32 might place the splat on the other side of the near plane.
 pub(super) fn near_at_risk(splat: &ProjectedSplat, near: f64) -> bool {
     (splat.depth - near).abs() <= (NEAR_MARGIN * near).max(DEPTH_ROUNDING * splat.depth_terms)
 }
 
-/// True if f32 may order the two splats otherwise. Equal inputs give equal depths, then the flat index decides.
+/// True if f32 might order the two splats differently. Equal inputs give equal depths, which the flat index orders.
 pub(super) fn order_at_risk(a: &ProjectedSplat, b: &ProjectedSplat) -> bool {
     let rounding = DEPTH_ROUNDING * a.depth_terms.max(b.depth_terms);
     a.depth_origin != b.depth_origin && (a.depth - b.depth).abs() <= (DEPTH_GAP_MIN * a.depth).max(rounding)
 }
 
-/// A pixel while its splats are walked.
+/// State of a pixel while its splats are visited front to back.
 #[derive(Clone, Copy)]
 struct Walk<'a> {
     color: DVec3,
@@ -81,11 +81,11 @@ struct Walk<'a> {
     weighted_depth: f64,
     n_contrib: u32,
     robust: bool,
-    /// A splat would have brought T below its minimum.
+    /// Whether a splat would have brought T below its minimum.
     stopped: bool,
-    /// Stopped, and what follows is surely behind the splat that stopped.
+    /// Whether the pixel has stopped, and all later splats are surely behind the splat that stopped it.
     finished: bool,
-    /// The last splat that contributes, or nearly does.
+    /// The last splat that contributes, or might in f32.
     last_candidate: Option<&'a ProjectedSplat>,
 }
 
@@ -101,7 +101,7 @@ impl<'a> Walk<'a> {
         last_candidate: None,
     };
 
-    /// Blends one splat that has `alpha_raw` = opacity exp(-sigma) here; false if a rule keeps it out.
+    /// Visits one splat with `alpha_raw` = opacity exp(-sigma) at this pixel; false if it is not blended.
     fn visit(&mut self, splat: &'a ProjectedSplat, alpha_raw: f64, near: f64) -> bool {
         let candidate = 255.0 * alpha_raw > 1.0 - ALPHA_MIN_MARGIN;
         if self.finished || !candidate {
@@ -110,7 +110,7 @@ impl<'a> Walk<'a> {
         let order_unsafe = self.last_candidate.is_some_and(|last| order_at_risk(last, splat));
         self.last_candidate = Some(splat);
         if self.stopped {
-            // Had this one come before the splat that stopped, it might have been blended.
+            // Ordered before the splat that stopped the pixel, this one might have been blended.
             self.robust &= !order_unsafe;
             self.finished = !order_unsafe;
             return false;
@@ -124,7 +124,7 @@ impl<'a> Walk<'a> {
         drawn && self.blend(splat, alpha_raw.min(ALPHA_MAX))
     }
 
-    /// False if the splat ends the pixel instead.
+    /// Blends a splat; false if it ends the pixel instead.
     fn blend(&mut self, splat: &ProjectedSplat, alpha: f64) -> bool {
         let next = self.transmittance * (1.0 - alpha);
         self.robust &= (next / TRANSMITTANCE_MIN - 1.0).abs() >= TRANSMITTANCE_MARGIN;
@@ -141,7 +141,7 @@ impl<'a> Walk<'a> {
     }
 
     fn finish(&self, background: DVec3) -> BlendedPixel {
-        // sum(w) telescopes to 1 - T.
+        // The sum of the weights telescopes to 1 - T.
         let alpha = 1.0 - self.transmittance;
         BlendedPixel {
             color: self.color + self.transmittance * background,
@@ -153,8 +153,8 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// All pixels of the view, row by row. `splats` come in depth order and may hold splats that only the relaxed limits
-/// let through: they draw nothing and only cost robustness.
+/// All pixels of the view, row by row. `splats` are in depth order and may include ones that only the relaxed limits
+/// accept: these draw nothing and only affect robustness.
 pub fn blend(view: &View, splats: &[ProjectedSplat]) -> Vec<BlendedPixel> {
     let boxes = candidate_boxes(view, splats);
     let background = DVec3::from_array(view.options.background);
@@ -165,7 +165,7 @@ pub fn blend(view: &View, splats: &[ProjectedSplat]) -> Vec<BlendedPixel> {
     rows.concat()
 }
 
-/// Row `y` of the result and, per pixel, the pairs it is made of, front to back. `boxes` are `candidate_boxes`.
+/// Row `y` of the result with the pairs of each pixel, front to back. `boxes` are `candidate_boxes`.
 pub fn blend_row_with_pairs(
     view: &View,
     splats: &[ProjectedSplat],
@@ -178,12 +178,12 @@ pub fn blend_row_with_pairs(
     row.iter().map(|walk| walk.finish(background)).zip(pairs).collect()
 }
 
-/// Per splat, pixels `[x0, x1, y0, y1]`, ends exclusive, outside of which it neither contributes nor nearly does.
+/// Per splat, the pixels `[x0, x1, y0, y1]`, ends exclusive, outside which it neither contributes nor might in f32.
 pub fn candidate_boxes(view: &View, splats: &[ProjectedSplat]) -> Vec<[u32; 4]> {
     splats.iter().map(|s| s.pixel_box(view.width, view.height, 2.0 * ALPHA_MIN_MARGIN)).collect()
 }
 
-/// The pixels of row `y`; `on_blend` is told the column of every pair that is blended, each column's front to back.
+/// The pixels of row `y`; `on_blend` gets the column of every blended pair, each column's pairs front to back.
 fn walk_row<'a>(
     view: &View,
     splats: &'a [ProjectedSplat],
@@ -215,7 +215,7 @@ mod tests {
     use crate::view::RenderOptions;
     use crate::scene::camera::Camera;
 
-    /// A 1x1 image.
+    /// An image of 1x1 pixel with the given background.
     fn view(background: [f64; 3]) -> View {
         let camera = Camera::look_at("one", DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0, (1, 1));
         View::exact(&camera, &RenderOptions { background, ..RenderOptions::default() })
@@ -242,7 +242,7 @@ mod tests {
         blend(&view([0.0, 0.5, 1.0]), splats)[0]
     }
 
-    /// Measured: 0, in the next two tests as well.
+    /// Two splats by hand. Measured: 0, in the next two tests as well.
     #[test]
     fn two_splats_by_hand() {
         let pixel = only_pixel(&[splat(0, 1.0, 0.5, 1.0), splat(1, 3.0, 0.5, 0.2)]);
@@ -258,7 +258,7 @@ mod tests {
         assert_eq!((pixel.color, pixel.alpha, pixel.depth), (DVec3::new(0.0, 0.5, 1.0), 0.0, 0.0));
     }
 
-    /// Opacity 1 is clamped to 0.99: T = 1e-2, then about 1e-4 (fragile, not below), then the third stops.
+    /// Opacity 1 is clamped to 0.99: T = 1e-2, then about 1e-4 (not robust, and not below), then the third stops.
     #[test]
     fn opaque_splats_stop_before_the_limit() {
         let opaque =

@@ -1,11 +1,10 @@
 //! Twin of pass `tile_blend_backward`: from the loss gradient of every pixel to that of every splat.
 //!
 //! A pixel blends the pairs i = 1..N, front to back: C = sum a_i T_i c_i + T_end background, T_(i+1) = T_i (1 - a_i),
-//! T_1 = 1. Let B_i be what is seen behind splat i, as if it were not there: B_N = background and
-//! B_(i-1) = a_i c_i + (1 - a_i) B_i. Then dC/dc_i = a_i T_i and dC/da_i = T_i (c_i - B_i). The pixel's alpha 1 - T_end
-//! is the same sum with "colours" 1 and "background" 0. With a = o exp(-sigma): da/do = exp(-sigma) and
-//! da/dsigma = -a, both 0 where a is clamped to 0.99 (golden README point 9). The rules that pick the pairs are
-//! constants here, as their derivative is 0 wherever it exists.
+//! T_1 = 1. Let B_i be the colour behind splat i: B_N = background and B_(i-1) = a_i c_i + (1 - a_i) B_i. Then dC/dc_i
+//! = a_i T_i and dC/da_i = T_i (c_i - B_i). The pixel's alpha 1 - T_end is the same sum with "colours" 1 and
+//! "background" 0. With a = o exp(-sigma): da/do = exp(-sigma) and da/dsigma = -a, both 0 where a is clamped to 0.99.
+//! The selection of pairs is constant here, as its derivative is 0 wherever it exists.
 
 use std::collections::BTreeMap;
 use std::ops::AddAssign;
@@ -17,16 +16,17 @@ use crate::preprocess_instance_expand::{ProjectedSplat, pixel_center};
 use crate::tile_blend::{ALPHA_MAX, BlendedPair, blend_row_with_pairs, candidate_boxes};
 use crate::view::View;
 
-/// Gradient of a loss with respect to one splat: the derivatives by the fields of `ProjectedSplat` of the same name.
+/// Gradient of a loss with respect to one splat: each field is the derivative with respect to the field of
+/// `ProjectedSplat` of the same name.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SplatGradient {
-    /// By the centre, per px.
+    /// With respect to the centre, per px.
     pub mean_px: DVec2,
-    /// By (a, b, c) of sigma = (a dx^2 + c dy^2) / 2 + b dx dy, per px^-2; b counted once.
+    /// With respect to (a, b, c) of sigma = (a dx^2 + c dy^2) / 2 + b dx dy, per px^-2; b counted once.
     pub conic: [f64; 3],
-    /// By the opacity after sigmoid and compensation.
+    /// With respect to the opacity after sigmoid and compensation.
     pub opacity: f64,
-    /// By the clamped colour.
+    /// With respect to the clamped colour.
     pub color: DVec3,
 }
 
@@ -39,8 +39,8 @@ impl AddAssign for SplatGradient {
     }
 }
 
-/// Gradients in the order of `splats`, which are in depth order. `cotangents` has one entry per pixel, row by row:
-/// (dL/dr, dL/dg, dL/db, dL/dalpha), the colour over the background, alpha = 1 - T.
+/// Gradients of `splats`, which are in depth order, in the same order. `cotangents` has one entry per pixel, row by
+/// row: (dL/dr, dL/dg, dL/db, dL/dalpha), with the colour over the background and alpha = 1 - T.
 pub fn blend_backward(view: &View, splats: &[ProjectedSplat], cotangents: &[[f64; 4]]) -> Vec<SplatGradient> {
     let width = view.width as usize;
     assert_eq!(cotangents.len(), width * view.height as usize, "one cotangent per pixel");
@@ -75,12 +75,12 @@ fn pixel_backward(
 ) {
     let [r, g, b, d_alpha_pixel] = cotangent;
     let d_color_pixel = DVec3::new(r, g, b);
-    // Transmittance in front of each pair, then that behind the last, which `zip` leaves out.
+    // Transmittance in front of each pair, and behind the last one, which `zip` ignores.
     let mut in_front = vec![1.0];
     for (i, pair) in pairs.iter().enumerate() {
         in_front.push(in_front[i] * (1.0 - alpha(pair)));
     }
-    // dL/dC . B_i plus dL/dalpha times the alpha behind.
+    // dL/dC . B_i plus dL/dalpha times the alpha behind splat i.
     let mut behind = d_color_pixel.dot(DVec3::from_array(view.options.background));
     for (pair, &t) in pairs.iter().zip(&in_front).rev() {
         let splat = &splats[pair.splat];
@@ -113,7 +113,7 @@ mod tests {
     use crate::view::RenderOptions;
     use crate::scene::camera::Camera;
 
-    /// A 1x1 image over (0, 0.5, 1).
+    /// An image of 1x1 pixel over the background (0, 0.5, 1).
     fn view() -> View {
         let camera = Camera::look_at("one", DVec3::ZERO, DVec3::Z, DVec3::Y, 1.0, (1, 1));
         View::exact(&camera, &RenderOptions { background: [0.0, 0.5, 1.0], ..RenderOptions::default() })
@@ -145,7 +145,7 @@ mod tests {
         // dC/da = c1 - b c2 - (1 - b) background, dalpha/da = 1 - b; dC/db = (1 - a)(c2 - background).
         let want = [1.0 - 0.1 - 0.25 + 10.0 * 0.5, 0.5 * (0.2 - 0.5) + 10.0 * 0.5];
         assert!((got[0].opacity - want[0]).abs() < 1e-14 && (got[1].opacity - want[1]).abs() < 1e-14, "{got:?}");
-        // At its centre a splat has no slope.
+        // At the centre of a splat the gradient by position is 0.
         assert!(got.iter().all(|g| g.mean_px == DVec2::ZERO && g.conic == [0.0; 3]));
     }
 
@@ -159,7 +159,7 @@ mod tests {
         assert!((got.conic[0] + 0.25 * bell).abs() < 1e-15 && got.conic[1..] == [0.0, 0.0]);
     }
 
-    /// Clamped alpha: colour only. Skipped, and behind the end: nothing.
+    /// A clamped alpha passes gradients to the colour only; skipped splats and those behind the end get none.
     #[test]
     fn rules_cut_gradients() {
         let splats = [

@@ -4,33 +4,33 @@ use crate::preprocess_instance_expand::{ALPHA_MIN as LEAST_ALPHA, ProjectedSplat
 use crate::tile_blend::{ALPHA_MIN_MARGIN as ALPHA_MARGIN, candidate_boxes, near_at_risk, order_at_risk};
 use crate::view::View;
 
-/// What marks a splat.
+/// The shape that marks a splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MarkShape {
     /// A disc of 1.5 pixels around the centre.
     Points,
-    /// The ellipse of one standard deviation, as far as alpha is at least this.
+    /// The ellipse of one standard deviation, clipped to alpha of at least this.
     Ellipses(f64),
 }
 
-/// Of a point's disc, pixels.
+/// Radius of a point's disc, pixels.
 const POINT_RADIUS_PX: f64 = 1.5;
-/// What is left of the colour at the rim.
+/// Factor on the colour at the rim.
 const RIM: f64 = 0.35;
-/// Not robust: a pixel within this part of a mark's rim, or with a mark whose order may be another: needles' conics lose two or
-/// three digits of f32's seven.
+/// A pixel is not robust within this relative distance of a mark's rim, since the conics of needles lose two or three
+/// of f32's seven digits.
 const RIM_MARGIN: f64 = 1e-3;
 
-/// What a pixel shows.
+/// The mark at one pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     /// Red, green and blue, levels 0 to 255 before rounding; `None` without a mark.
     pub levels: Option<[f64; 3]>,
-    /// No decision is so close that f32 may take another.
+    /// Whether f32 must take the same decisions.
     pub robust: bool,
 }
 
-/// All pixels of the view, row by row. `splats` come in depth order.
+/// The marks of all pixels of the view, row by row. `splats` are in depth order.
 pub fn marks(view: &View, splats: &[ProjectedSplat], shape: MarkShape) -> Vec<Mark> {
     let boxes = candidate_boxes(view, splats);
     let at = |i: u32| mark_at(view, splats, &boxes, shape, [i % view.width, i / view.width]);
@@ -49,13 +49,13 @@ fn mark_at(view: &View, splats: &[ProjectedSplat], boxes: &[[u32; 4]], shape: Ma
             continue;
         }
         let at = pixel_center(x, y);
-        // The alpha in parts of the least.
+        // Alpha relative to the smallest that is drawn.
         let (reach, alpha) = (reach(splat, shape, at), splat.alpha_at(at) / alpha_min);
         if reach > 1.0 + RIM_MARGIN || alpha < 1.0 - ALPHA_MARGIN {
             continue;
         }
         if let Some(taken) = taken {
-            // Had this one come first, it would be the mark.
+            // Ordered first, this splat would be the mark.
             if order_at_risk(taken, splat) {
                 out.robust = false;
                 continue;
@@ -91,8 +91,8 @@ mod tests {
     use crate::{RenderOptions, splats_in_depth_order};
     use crate::scene::{Camera, Gaussians, InstancedScene};
 
-    /// A red Gaussian in front of a green one that is twice as wide on the screen, standard deviations of 2 and 4 px, the
-    /// dilation aside; and a white one before both, which is too faint for an ellipse.
+    /// A red Gaussian in front of a green one that is twice as wide on the screen, standard deviations of 2 and 4 px
+    /// before dilation; and a white one in front of both, which is too faint for an ellipse.
     fn marks_of(shape: MarkShape) -> Vec<Mark> {
         let mut cloud = Gaussians::with_capacity(0, 3);
         let camera = Camera::look_at("view", DVec3::ZERO, DVec3::Z, DVec3::NEG_Y, 1.0, (15, 15));

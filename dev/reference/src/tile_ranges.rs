@@ -1,7 +1,7 @@
-//! Twin of pass `tile_ranges`: where each tile's records lie after the stable sort by tile.
+//! Twin of pass `tile_ranges`: the range of each tile's records after the stable sort by tile.
 
-/// Half-open `[first, end)` per tile into the sorted records; `[0, 0)` for a tile without any. `sorted_tiles` ascends
-/// and its entries are below `tile_count`.
+/// Half-open range `[first, end)` of the sorted records per tile; `[0, 0)` for a tile without records. `sorted_tiles`
+/// is ascending and its entries are below `tile_count`.
 pub fn tile_ranges(sorted_tiles: &[u32], tile_count: u32) -> Vec<[u32; 2]> {
     let mut ranges = vec![[0, 0]; tile_count as usize];
     for (i, &tile) in sorted_tiles.iter().enumerate() {

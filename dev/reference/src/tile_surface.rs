@@ -1,34 +1,35 @@
-//! Twin of kernel `tile_surface`: the Gaussian at the surface of every pixel, in f64.
+//! Twin of kernel `tile_surface`: the id buffer, the Gaussian at the surface of every pixel, with transmittance in f64.
 
 use crate::preprocess_instance_expand::ProjectedSplat;
 use crate::tile_blend::{ALPHA_MAX, BlendedPair, BlendedPixel, blend_row_with_pairs, candidate_boxes};
 use crate::view::View;
 use crate::scene::InstancedScene;
 
-/// A pixel's surface is where its transmittance falls below this.
+/// The surface of a pixel is the first splat behind which its transmittance is below this.
 const T_SURFACE: f64 = 0.5;
-/// Not robust: a transmittance within this part of [`T_SURFACE`]: f32 products of some dozen factors are off by 1e-6.
+/// A pixel is not robust if its transmittance is within this part of [`T_SURFACE`]: f32 products of dozens of factors
+/// have errors of 1e-6.
 const MARGIN: f64 = 1e-4;
 
 /// The Gaussian at a pixel's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfacePoint {
-    /// The instance, the background's own being one more than the last.
+    /// Index of the instance; for the background, one more than the last.
     pub instance: u32,
     /// Index of the Gaussian in its template, or in the background.
     pub local: u32,
 }
 
-/// What a pixel shows.
+/// The id buffer's entry for one pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Surface {
-    /// `None` where half of the light passes.
+    /// The surface; `None` if at least half of the light passes all splats.
     pub point: Option<SurfacePoint>,
-    /// No decision is so close that f32 may take another.
+    /// Whether f32 must take the same decisions.
     pub robust: bool,
 }
 
-/// All pixels of the view, row by row. `splats` come in depth order.
+/// The id buffer of the view, row by row. `splats` are in depth order.
 pub fn surfaces(view: &View, splats: &[ProjectedSplat], scene: &InstancedScene) -> Vec<Surface> {
     let firsts = first_flat(scene);
     let boxes = candidate_boxes(view, splats);
@@ -51,7 +52,7 @@ pub fn surfaces(view: &View, splats: &[ProjectedSplat], scene: &InstancedScene) 
     (0..view.height).flat_map(row).collect()
 }
 
-/// First flat index of every instance, the background's own last.
+/// First flat index of every instance, and of the background at the end.
 fn first_flat(scene: &InstancedScene) -> Vec<u32> {
     let mut first = 0;
     let mut out = Vec::new();
@@ -73,7 +74,8 @@ mod tests {
     use crate::{RenderOptions, splats_in_depth_order};
     use crate::scene::{Camera, Gaussians};
 
-    /// Two Gaussians on the axis of view that let 0.7 and 0.6 through at the centre: the second one is the surface there.
+    /// Two Gaussians on the view axis that pass 0.7 and 0.6 of the light at the centre: the second one is the surface
+    /// there.
     #[test]
     fn the_surface_is_where_half_of_the_light_is_gone() {
         let mut cloud = Gaussians::with_capacity(0, 2);

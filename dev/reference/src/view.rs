@@ -1,30 +1,30 @@
-//! What every twin needs of a camera: the values the device is handed, that is rounded to f32, then used in f64.
+//! Cameras and options as the twins use them: rounded to f32 as the device gets them, then used in f64.
 
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::scene::camera::Camera;
 
-/// The constants of a render that are not in the scene or the camera.
+/// Rendering constants that belong neither to the scene nor to the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderOptions {
     /// Nearest view depth that is drawn, exclusive, scene units.
     pub near: f64,
-    /// Added to both diagonal entries of the 2D covariance, px^2.
+    /// Dilation: added to both diagonal entries of the 2D covariance, px^2.
     pub dilation: f64,
-    /// Scale the opacity by sqrt(max(2.5e-5, det / det')), so that dilation adds no light.
+    /// Whether opacity is scaled by sqrt(max(2.5e-5, det / det')), so that dilation adds no light.
     pub antialias: bool,
-    /// Colour behind everything, linear combination with weight T.
+    /// Background colour, weighted with the remaining transmittance.
     pub background: [f64; 3],
 }
 
 impl Default for RenderOptions {
-    /// DESIGN section 3: near 0.2, dilation 0.3 px^2, no compensation, black.
+    /// The renderer's defaults: near 0.2, dilation 0.3 px^2, no compensation, black.
     fn default() -> Self {
         Self { near: 0.2, dilation: 0.3, antialias: false, background: [0.0; 3] }
     }
 }
 
-/// `v` rounded to f32.
+/// Rounds `v` to f32, as the device gets it.
 pub fn device_rounded(v: f64) -> f64 {
     f64::from(v as f32)
 }
@@ -41,7 +41,7 @@ pub fn device_camera(camera: &Camera) -> Camera {
     }
 }
 
-/// The options as the device sees them: numbers rounded to f32.
+/// The options as the device sees them, rounded to f32.
 pub fn device_options(options: &RenderOptions) -> RenderOptions {
     RenderOptions {
         near: device_rounded(options.near),
@@ -54,33 +54,33 @@ pub fn device_options(options: &RenderOptions) -> RenderOptions {
 /// A camera with options, prepared for projection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// Image width, px.
+    /// Width of the image, px.
     pub width: u32,
-    /// Image height, px.
+    /// Height of the image, px.
     pub height: u32,
-    /// Focal lengths, px.
+    /// Focal lengths along x and y, px.
     pub focal_px: DVec2,
     /// Principal point, px, pixel centres at +0.5.
     pub principal_px: DVec2,
-    /// Rotation of the pose.
+    /// Rotation part of the camera's pose.
     pub view_from_world: DMat3,
-    /// Translation of the pose: the world origin in view coordinates.
+    /// Translation part of the pose: the world origin in view coordinates, scene units.
     pub world_origin_view: DVec3,
-    /// Camera centre, world.
+    /// Camera centre in the world, scene units.
     pub camera_world: DVec3,
-    /// The Jacobian's clamp of x/z and y/z, lower bounds (negative when the principal point is inside the image).
+    /// Lower bounds of the Jacobian's clamp of x/z and y/z (negative when the principal point is inside the image).
     pub slope_min: DVec2,
     /// Upper bounds of the same clamp.
     pub slope_max: DVec2,
-    /// See `RenderOptions`.
+    /// The options of the render.
     pub options: RenderOptions,
 }
 
-/// How far beyond the image border the Jacobian still follows the centre, as a fraction of the image size.
+/// The Jacobian follows the centre up to this fraction of the image size beyond the border, and is clamped there.
 pub const SLOPE_MARGIN: f64 = 0.15;
 
 impl View {
-    /// Takes camera and options as they are, without rounding: finite differences need that.
+    /// A view of camera and options without rounding, as finite differences need it.
     pub fn exact(camera: &Camera, options: &RenderOptions) -> Self {
         let size = DVec2::new(f64::from(camera.width), f64::from(camera.height));
         let focal_px = DVec2::new(camera.fx, camera.fy);

@@ -1,4 +1,5 @@
-//! Instances that come, go and change their template, with what belongs to them: offsets, mask ids, unknown tensors.
+//! Adding and removing instances and swapping their template, with all that belongs to them: offsets, mask ids, unknown
+//! tensors.
 
 use glam::DVec3;
 
@@ -7,7 +8,7 @@ use crate::scene::edit::{EditOutcome, Selector, Turn, checked, existing_template
 use crate::scene::instanced_scene::{Instance, InstancedScene};
 use crate::scene::labels::{free_id, insert_id, remove_id};
 
-/// Most instances a scene may have after an edit: their indices are 32 bit in files and on the device.
+/// Upper limit on instances of a scene after an edit: their indices have 32 bits in files and on the device.
 pub(super) const MOST_INSTANCES: u64 = u32::MAX as u64;
 
 pub(super) fn duplicate(
@@ -32,7 +33,7 @@ pub(super) fn duplicate(
     Ok(outcome)
 }
 
-/// Appends instances, each with a mask id where its template has a group.
+/// Appends instances, each with a mask id if its template has a group.
 pub(super) fn add(scene: &mut InstancedScene, instances: Vec<Instance>, outcome: &mut EditOutcome) {
     drop_foreign(scene, "instance.", outcome);
     let mut count_of_template = vec![0; scene.template_ranges.len()];
@@ -54,7 +55,7 @@ pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<Edi
     drop_foreign(scene, "instance.", &mut outcome);
     let mut freed = Vec::new();
     let ranks = ranks(scene);
-    // From the end, so that the ranks of those still to go stay right.
+    // From the end, so that the ranks of the remaining ones stay valid.
     for &k in outcome.removed.iter().rev() {
         remove_id(&mut scene.groups, scene.instances[k].template, ranks[k]);
         freed.extend(run_of(scene, &scene.instances[k]));
@@ -93,7 +94,7 @@ pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) 
     Ok(outcome)
 }
 
-/// For every instance, how many of its template are before it.
+/// For every instance, the number of earlier instances of the same template.
 fn ranks(scene: &InstancedScene) -> Vec<usize> {
     let mut count_of_template = vec![0; scene.template_ranges.len()];
     let rank = |instance: &Instance| {
@@ -104,13 +105,14 @@ fn ranks(scene: &InstancedScene) -> Vec<usize> {
     scene.instances.iter().map(rank).collect()
 }
 
-/// Instances of the same template before instance `k`, where earlier ones may just have changed theirs.
+/// Number of instances of the same template before instance `k`, when the template of earlier ones may have just
+/// changed.
 fn rank_of(scene: &InstancedScene, k: usize) -> usize {
     let template = scene.instances[k].template;
     scene.instances[..k].iter().filter(|i| i.template == template).count()
 }
 
-/// First record and length of an instance's offsets.
+/// First record and length of an instance's run of offsets.
 fn run_of(scene: &InstancedScene, instance: &Instance) -> Option<(u32, u32)> {
     Some((instance.first_offset?, scene.template_ranges[instance.template as usize].count))
 }
@@ -123,7 +125,7 @@ fn release(scene: &mut InstancedScene, freed: &[(u32, u32)], outcome: &mut EditO
     }
 }
 
-/// Drops tensors of other versions that follow an array whose length changes: they would no longer be aligned with it.
+/// Drops unknown tensors that are parallel to an array whose length changes: they would no longer be aligned with it.
 pub(super) fn drop_foreign(scene: &mut InstancedScene, prefix: &str, outcome: &mut EditOutcome) {
     scene.foreign_tensors.retain(|name, _| {
         let follows = name.starts_with(prefix);

@@ -1,13 +1,13 @@
-//! Changing what a scene shows: instances come, go, move and change colour. One implementation for the command line and
-//! for interactive programs.
+//! Scene edits: add, remove, move and recolour instances, and thin out templates. One implementation for the command
+//! line and for interactive programs.
 //!
-//! Every edit is a small value, applied as a whole or not at all, so a program can undo it by keeping what was there before.
-//! Most touch only instances, groups and offsets; recolouring all instances of a template touches its base colour, and
-//! cropping and erasing take Gaussians out of a template, once for all of its instances.
+//! Every edit is a small value, applied as a whole or not at all, so a program can undo it by keeping the previous
+//! scene. Most edits touch only instances, groups and offsets; recolouring all instances of a template touches its base
+//! colour, and cropping and erasing remove Gaussians from a template, once for all of its instances.
 //!
-//! Offsets are copy-on-write: a duplicate shares its original's run, and an edit that changes the offsets of an instance
-//! whose run others use too copies the run first. Runs that nobody uses any more are removed. Mask ids in `groups` follow
-//! the instances; a new instance of a template with a group gets the next free id.
+//! Offsets are copy-on-write: a duplicate shares its original's run of records, and an edit that changes the offsets of
+//! an instance whose run is shared copies the run first. Unused runs are removed. Mask ids in `groups` follow the
+//! instances; a new instance of a template with a group gets the next free id.
 
 mod membership;
 mod offset_runs;
@@ -30,122 +30,122 @@ use crate::scene::instanced_scene::InstancedScene;
 /// A rotation about an axis, by the right-hand rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn {
-    /// World direction, of any length but zero.
+    /// Axis in the world frame, of any length but zero.
     pub axis: DVec3,
-    /// Radians.
+    /// Angle by the right-hand rule, radians.
     pub angle: f64,
 }
 
-/// One change of a scene. Edits of several instances treat each alike, about its own centre: the mean of its template's
-/// means, in the world.
+/// One change of a scene. An edit of several instances treats each of them alike, about its own centre: the mean of its
+/// template's means, in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Edit {
-    /// Appends a copy of each instance, which shares its offsets, moved by `by` and turned about its centre.
+    /// Appends a copy of each instance, which shares its offsets, moved by `by` and rotated about its centre.
     Duplicate {
-        /// The originals.
+        /// The instances to copy.
         which: Selector,
-        /// World units.
+        /// Translation of the copy, world units.
         by: DVec3,
-        /// `None`: as the original.
+        /// Rotation of the copy; `None` keeps the original's.
         turn: Option<Turn>,
     },
-    /// Moves instances by a world vector.
+    /// Moves instances by a world-space vector.
     MoveBy {
-        /// Which.
+        /// The instances to move.
         which: Selector,
-        /// World units.
+        /// Translation, world units.
         by: DVec3,
     },
     /// Moves one instance so that its centre is at a world position.
     MoveTo {
-        /// Which one.
+        /// The instance to move; it must be a single one.
         which: Selector,
-        /// World units.
+        /// The new centre, world units.
         to: DVec3,
     },
-    /// Turns instances about their centres.
+    /// Rotates instances about their centres.
     Rotate {
-        /// Which.
+        /// The instances to rotate.
         which: Selector,
-        /// How far.
+        /// Axis and angle of the rotation.
         turn: Turn,
     },
     /// Scales instances about their centres.
     Scale {
-        /// Which.
+        /// The instances to scale.
         which: Selector,
-        /// More than 0.
+        /// Scale factor, greater than 0.
         by: f64,
     },
     /// Removes instances, and their offsets unless others share them.
     Delete {
-        /// Which.
+        /// The instances to remove.
         which: Selector,
     },
-    /// Shifts the base colour. A group or template as a whole is shifted in the template, which costs nothing; otherwise
-    /// in offsets, which are created for instances that have none.
+    /// Shifts the base colour. If all instances of a template are selected, the template itself is shifted, which costs
+    /// no memory; otherwise their offsets are, which are created for instances that have none.
     Recolour {
-        /// Which.
+        /// The instances to recolour.
         which: Selector,
-        /// Added to red, green and blue, in units of colour (1 = from black to white).
+        /// Added to red, green and blue; 1 is the difference between black and white.
         rgb: [f32; 3],
     },
-    /// Gives instances another template and leaves them where they are. Their offsets belong to the old template's
-    /// Gaussians and are dropped.
+    /// Gives instances another template without moving them. Their offsets belong to the old template's Gaussians and
+    /// are dropped.
     Swap {
-        /// Which.
+        /// The instances to change.
         which: Selector,
-        /// The new template.
+        /// Index of the new template.
         template: u32,
     },
     /// Adds instances of a template over a plane or along a path.
     Scatter(Scatter),
-    /// Takes the Gaussians out of a template whose means are outside, or inside, a box along the axes of its frame; some
-    /// must stay.
+    /// Removes the Gaussians of a template whose means are outside, or inside, an axis-aligned box in its frame; some
+    /// must remain.
     Crop {
-        /// Which.
+        /// Index of the template.
         template: u32,
-        /// Lower and upper corner, template units; infinite numbers leave a side open.
+        /// Lower and upper corner, template units; infinite coordinates leave a side open.
         corners: [DVec3; 2],
-        /// What stays.
+        /// Which side of the box remains.
         keep: Keep,
     },
-    /// Takes the Gaussians out of a template whose means are in one of some balls of the same radius; some must stay.
+    /// Removes the Gaussians of a template whose means are within `radius` of any of the centres; some must remain.
     Erase {
-        /// Which.
+        /// Index of the template.
         template: u32,
-        /// Of the balls, in the template's frame.
+        /// Centres of the balls, template's frame.
         centres: Vec<DVec3>,
-        /// More than 0, template units.
+        /// Radius of the balls, greater than 0, template units.
         radius: f64,
     },
 }
 
-/// What an edit did.
+/// The result of an edit.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct EditOutcome {
-    /// Instances that are different now; their indices after the edit.
+    /// Instances that changed, by index after the edit.
     pub changed: Vec<usize>,
-    /// New instances; their indices after the edit.
+    /// New instances, by index after the edit.
     pub added: Vec<usize>,
-    /// Removed instances; their indices before the edit.
+    /// Removed instances, by index before the edit.
     pub removed: Vec<usize>,
-    /// What the user should know, one line each.
+    /// Warnings for the user, one line each.
     pub warnings: Vec<String>,
 }
 
-/// Why an edit was not done; the scene is as it was.
+/// Why an edit was rejected; the scene is unchanged.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{operation}: {reason}")]
 pub struct EditError {
-    /// The edit, as on the command line, for instance "duplicate".
+    /// Name of the edit on the command line, for instance "duplicate".
     pub operation: &'static str,
-    /// What is wrong, and what there is instead.
+    /// What is wrong, and which values exist.
     pub reason: String,
 }
 
 impl Edit {
-    /// The edit's name, as on the command line.
+    /// The edit's name on the command line.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Duplicate { .. } => "duplicate",
@@ -162,7 +162,10 @@ impl Edit {
     }
 }
 
-/// Changes a valid scene, or leaves it as it is and says why.
+/// Applies an edit to a valid scene.
+///
+/// # Errors
+/// The edit is not possible; the scene is then unchanged.
 pub fn apply(scene: &mut InstancedScene, edit: &Edit) -> Result<EditOutcome, EditError> {
     let done = match edit {
         Edit::Duplicate { which, by, turn } => membership::duplicate(scene, which, *by, *turn),
@@ -180,7 +183,7 @@ pub fn apply(scene: &mut InstancedScene, edit: &Edit) -> Result<EditOutcome, Edi
     done.map_err(|reason| EditError { operation: edit.name(), reason })
 }
 
-/// The template, which must exist.
+/// Checks that the template exists; the error lists the existing ones.
 fn existing_template(scene: &InstancedScene, template: u32) -> Result<(), String> {
     let count = scene.template_ranges.len();
     if (template as usize) < count {
@@ -193,7 +196,7 @@ fn existing_template(scene: &InstancedScene, template: u32) -> Result<(), String
     })
 }
 
-/// A transform that files and the device can hold.
+/// Checks that a transform is finite and a similarity, as files and the device need it.
 fn checked(placement: Similarity, k: usize) -> Result<Similarity, String> {
     Similarity::from_rows(placement.rows()).map_err(|what| format!("the transform of instance {k} {what} then"))
 }

@@ -1,9 +1,9 @@
-//! Runs of offset records: who uses them, copies, and removal of those that nobody uses.
+//! Runs of offset records: use counts, copies, and removal of unused ones.
 
 use crate::scene::instanced_scene::InstancedScene;
 use crate::scene::offsets::Offsets;
 
-/// For every offset record, how many instances use it.
+/// For every offset record, the number of instances that use it.
 pub(super) fn users_of_records(scene: &InstancedScene) -> Vec<usize> {
     let mut steps = vec![0isize; scene.offsets.len() + 1];
     for instance in &scene.instances {
@@ -18,11 +18,14 @@ pub(super) fn users_of_records(scene: &InstancedScene) -> Vec<usize> {
     steps.iter().map(|step| (users += step, users as usize).1).collect()
 }
 
-/// Makes room for more records, so that appending them cannot fail; the error says how many there would be.
+/// Reserves memory for more records, so that appending them cannot fail.
+///
+/// # Errors
+/// The text says how many records there would be.
 pub(super) fn reserve(scene: &mut InstancedScene, records: u64) -> Result<(), String> {
     let total = scene.offsets.len() as u64 + records;
     let failed = || format!("{total} offset records are too many");
-    // The largest index says "no offsets" in files.
+    // In files the largest index means "no offsets".
     if total >= u64::from(u32::MAX) {
         return Err(failed());
     }
@@ -40,7 +43,7 @@ pub(super) fn reserve(scene: &mut InstancedScene, records: u64) -> Result<(), St
     reserved.map_err(|_| failed())
 }
 
-/// Appends a run: a copy of the one at `source`, or zeros; returns its first record.
+/// Appends a run, either a copy of the one at `source` or zeros; returns the index of its first record.
 pub(super) fn append(scene: &mut InstancedScene, source: Option<u32>, count: u32) -> u32 {
     let rest = scene.templates.sh_coefficients() - 1;
     let (source, count) = (source.map(|first| first as usize), count as usize);

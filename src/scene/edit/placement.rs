@@ -1,4 +1,4 @@
-//! Moving, turning and scaling instances.
+//! Moving, rotating and scaling instances.
 
 use std::collections::BTreeMap;
 
@@ -9,12 +9,12 @@ use crate::math::similarity::Similarity;
 use crate::scene::edit::{EditOutcome, Selector, Turn, checked};
 use crate::scene::instanced_scene::{Instance, InstancedScene};
 
-/// The centre of every template, in its frame: the mean of its Gaussians' means, the origin for one without Gaussians.
+/// The centre of every template, in its frame: the mean of its Gaussians' means, or the origin if it has none.
 pub fn template_centres(scene: &InstancedScene) -> Vec<DVec3> {
     (0..scene.template_ranges.len()).map(|template| template_centre(scene, template)).collect()
 }
 
-/// The centre of one template, in its frame.
+/// The centre of one template, in its frame; see [`template_centres`].
 fn template_centre(scene: &InstancedScene, template: usize) -> DVec3 {
     let range = scene.template_ranges[template];
     let means = &scene.templates.means[range.first as usize..(range.first + range.count) as usize];
@@ -22,10 +22,10 @@ fn template_centre(scene: &InstancedScene, template: usize) -> DVec3 {
     if means.is_empty() { DVec3::ZERO } else { sum / means.len() as f64 }
 }
 
-/// The centres of some instances, in the world: those of their templates, placed. Looks at these templates only.
+/// The centres of some instances in the world: those of their templates, transformed. Only these templates are read.
 ///
 /// # Panics
-/// If there is no such instance.
+/// If an index is out of range.
 pub fn instance_centres(scene: &InstancedScene, instances: impl IntoIterator<Item = usize>) -> Vec<DVec3> {
     let mut centres = BTreeMap::new();
     let mut centre = |k: usize| {
@@ -36,7 +36,7 @@ pub fn instance_centres(scene: &InstancedScene, instances: impl IntoIterator<Ite
     instances.into_iter().map(&mut centre).collect()
 }
 
-/// The transform moved by a world vector; its linear part keeps every bit.
+/// The transform, translated by a world-space vector; the linear part stays identical to the bit.
 pub(super) fn moved(placement: Similarity, by: DVec3) -> Similarity {
     Similarity::from_parts(placement.linear(), 1.0, placement.translation() + by)
 }
@@ -48,7 +48,7 @@ pub(super) fn mapped_about(placement: Similarity, centre: DVec3, map: DMat3) -> 
     Similarity::from_parts(linear, 1.0, centre_world - linear * centre)
 }
 
-/// The rotation matrix; the error says why there is none.
+/// The rotation matrix of a turn; the error says why it has none.
 pub(super) fn rotation_of(turn: Turn) -> Result<DMat3, String> {
     let axis = turn.axis.try_normalize().ok_or("the axis has no direction")?;
     if !turn.angle.is_finite() {
@@ -57,7 +57,7 @@ pub(super) fn rotation_of(turn: Turn) -> Result<DMat3, String> {
     Ok(DMat3::from_axis_angle(axis, turn.angle))
 }
 
-/// Replaces the transforms of the chosen instances, if all the new ones are good.
+/// Replaces the transforms of the selected instances if all new ones are valid.
 fn place(
     scene: &mut InstancedScene,
     which: &Selector,

@@ -1,4 +1,4 @@
-//! Shifting base colours, in the template where all of its instances are meant and in offsets otherwise.
+//! Shifting base colours: in the template if all of its instances are selected, otherwise in offsets.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,7 +7,7 @@ use crate::scene::edit::membership::drop_foreign;
 use crate::scene::edit::{EditOutcome, Selector, offset_runs};
 use crate::scene::instanced_scene::InstancedScene;
 
-/// Largest shift, in units of colour: far beyond any picture, and no f32 overflows.
+/// Upper limit on a shift, in units of colour: far beyond any picture, and small enough that no f32 overflows.
 const LARGEST_SHIFT: f32 = 1e6;
 
 pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 3]) -> Result<EditOutcome, String> {
@@ -45,7 +45,7 @@ fn shift(sh_dc: &mut [f32; 3], by: [f32; 3]) {
     sh_dc.iter_mut().zip(by).for_each(|(value, by)| *value += by);
 }
 
-/// Templates of which all instances are among `chosen`, and whose Gaussians are no other used template's.
+/// Templates that have all their instances among `chosen` and share no Gaussians with another template in use.
 fn whole_templates(scene: &InstancedScene, chosen: &[usize]) -> BTreeSet<u32> {
     let mut left = vec![0; scene.template_ranges.len()];
     scene.instances.iter().for_each(|i| left[i.template as usize] += 1);
@@ -63,8 +63,8 @@ fn whole_templates(scene: &InstancedScene, chosen: &[usize]) -> BTreeSet<u32> {
     (0..left.len()).filter(|&t| used[t] && left[t] == 0 && alone(t)).map(|t| t as u32).collect()
 }
 
-/// Gives the members of every run one that nobody else uses: their own, a copy, or a new one of zeros; the keys then name
-/// it. Members of the same run go on sharing it.
+/// Makes the runs of the members unshared with other instances: keeps their own run, copies a shared one, or appends
+/// zeros; the keys then name the new run. Members of the same run continue to share it.
 fn own_runs(
     scene: &mut InstancedScene,
     members_of_run: &mut BTreeMap<(u32, Option<u32>), Vec<usize>>,

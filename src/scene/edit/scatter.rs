@@ -1,7 +1,7 @@
-//! Many new instances of a template, over a plane or along a path.
+//! Scattering new instances of a template over a plane or along a path.
 //!
-//! A new instance is turned and scaled as the template's first instance (as the template itself if there is none), then
-//! turned about the plane's normal or the path's up, and stands on it.
+//! A new instance starts with the rotation and scale of the template's first instance (none: those of the template's
+//! frame), is then rotated about the plane's normal or the path's up vector, and stands on the plane or path.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -16,54 +16,54 @@ use crate::scene::edit::placement::template_centres;
 use crate::scene::edit::{EditOutcome, Selector, checked, existing_template, offset_runs};
 use crate::scene::instanced_scene::{Instance, InstancedScene};
 
-/// An object stands on the height that this part of its Gaussians' means is below: trained templates have strays.
+/// The ground contact of an object is this percentile of its means: trained templates have outliers below.
 const BELOW_GROUND: f64 = 0.01;
-/// Places tried for an instance before the plane counts as full: by then less than 1 % of it is free with 99.99 %
-/// certainty.
+/// Random positions tried for an instance before the plane counts as full: then less than 1 % of it is free with 99.99
+/// % certainty.
 const TRIES: usize = 1000;
-/// A forward axis counts as upright if less than this part of it is level.
+/// A forward axis counts as vertical if its horizontal part is shorter than this.
 const LEVEL: f64 = 1e-3;
 
-/// Adds instances of a template.
+/// Parameters of scattering: adds instances of a template.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scatter {
-    /// Of which template.
+    /// Index of the template.
     pub template: u32,
-    /// How many, at least 1.
+    /// Number of new instances, at least 1.
     pub count: usize,
-    /// Where.
+    /// The plane or path they stand on.
     pub over: ScatterOver,
-    /// Their offsets.
+    /// The offsets they get.
     pub offsets: OffsetSource,
 }
 
-/// Where scattered instances stand.
+/// The plane or path that scattered instances stand on.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ScatterOver {
-    /// At random places of a rectangle, turned at random about its normal.
+    /// Random positions in a rectangle, with random rotations about its normal.
     Plane {
         /// The rectangle's centre, world units.
         point: DVec3,
-        /// Upwards, of any length but zero.
+        /// Up direction, of any length but zero.
         normal: DVec3,
-        /// Lengths of the rectangle's sides. The first is along the world's x axis as far as the normal lets it (z if the
-        /// normal is within 25 degrees of x), the second at right angles to it.
+        /// Side lengths of the rectangle, world units. The first side is the world's x axis projected on the plane (z
+        /// if the normal is within 25 degrees of x), the second is perpendicular to it.
         extent: [f64; 2],
-        /// Least distance between the instances' centres, along the plane.
+        /// Least distance between the instances' centres within the plane, world units.
         min_distance: f64,
-        /// Each is turned by a random angle from 0 to this one, radians; [`TAU`] = any way round, 0 = all alike.
+        /// Largest random angle, radians: [`TAU`] gives any direction, 0 none.
         turn: f64,
-        /// The same seed gives the same places.
+        /// Seed of the positions and angles.
         seed: u64,
     },
-    /// At even distances along a line of straight pieces, both ends included, turned so that the reference's x axis (the
-    /// template's, as the first instance stands) points along it.
+    /// Equal distances along a polyline, both ends included, rotated so that the reference's x axis (the template's, as
+    /// the first instance is placed) points along it.
     Path {
-        /// The corners, world units, two or more.
+        /// The corners of the polyline, world units, two or more.
         points: Vec<DVec3>,
-        /// Upwards, of any length but zero.
+        /// Up direction, of any length but zero.
         up: DVec3,
-        /// Further turn about `up`, radians.
+        /// Additional rotation about `up`, radians.
         yaw: f64,
     },
 }
@@ -71,18 +71,18 @@ pub enum ScatterOver {
 /// Which offsets scattered instances get.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OffsetSource {
-    /// None: they look like the template.
+    /// No offsets: they look like the template.
     None,
-    /// Those of an instance, shared with it: no memory, and a later recolouring copies them.
+    /// The offsets of an existing instance, shared with it: no memory until one of them is recoloured.
     Shared(Selector),
-    /// A copy each of those of an instance.
+    /// A copy of an existing instance's offsets for each.
     Copied(Selector),
 }
 
-/// A place on the ground and a turn about the up axis, radians.
+/// A position on the ground, world units, and a rotation about the up axis, radians.
 type Spot = (DVec3, f64);
 
-/// How the template stands before it is turned: its linear part, the way to its centre, and the ground's height.
+/// How the template is placed before its rotation: linear part, centre, up axis, and height of its ground contact.
 struct Stance {
     linear: DMat3,
     centre: DVec3,
@@ -114,7 +114,7 @@ pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<E
     Ok(outcome)
 }
 
-/// The first record of the offsets that new instances get.
+/// Index of the first offset record of the instance that new ones take their offsets from; `None` for no offsets.
 fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<u32>, String> {
     let which = match &scatter.offsets {
         OffsetSource::None => return Ok(None),
@@ -158,7 +158,7 @@ fn stance(scene: &InstancedScene, template: u32, up: DVec3) -> Stance {
     Stance { linear, centre: linear * template_centres(scene)[template as usize], up, ground }
 }
 
-/// From where to where a template reaches along a direction once it is turned, but for strays at either end.
+/// Extent of a placed template along a direction, without outliers at either end.
 fn span(scene: &InstancedScene, template: u32, linear: DMat3, direction: DVec3) -> [f64; 2] {
     let range = scene.template_ranges[template as usize];
     let means = &scene.templates.means[range.first as usize..(range.first + range.count) as usize];
@@ -169,16 +169,16 @@ fn span(scene: &InstancedScene, template: u32, linear: DMat3, direction: DVec3) 
     [at(places.get(strays)), at(places.iter().rev().nth(strays))]
 }
 
-/// The rectangle of the ground that an instance covers.
+/// The rectangle of the ground that an instance occupies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint {
-    /// Its centre, world units.
+    /// Centre of the rectangle, world units.
     pub point: DVec3,
-    /// Lengths of its sides, world units; the sides are those of [`ScatterOver::Plane`].
+    /// Side lengths, world units, along the sides of [`ScatterOver::Plane`].
     pub extent: [f64; 2],
 }
 
-/// Where an instance stands if a direction, of any length but zero, is up; strays among its Gaussians do not count.
+/// The footprint of an instance for an up direction of any length but zero; outliers among its Gaussians are ignored.
 ///
 /// # Panics
 /// If there is no such instance.
@@ -195,7 +195,7 @@ pub fn footprint(scene: &InstancedScene, instance: usize, up: DVec3) -> Footprin
     Footprint { point, extent: spans.map(|[low, high]| high - low) }
 }
 
-/// Directions of the sides of a rectangle with a unit normal.
+/// Directions of the sides of a rectangle with the given unit normal.
 fn sides(normal: DVec3) -> [DVec3; 2] {
     let side = if normal.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
     let along = (side - side.dot(normal) * normal).normalize();
@@ -203,14 +203,14 @@ fn sides(normal: DVec3) -> [DVec3; 2] {
 }
 
 impl Stance {
-    /// The transform that turns the object and stands it on a spot, its centre above it.
+    /// The transform that rotates the object and places it on a spot with its centre above the spot.
     fn at(&self, (spot, yaw): Spot) -> Similarity {
         let turn = DMat3::from_axis_angle(self.up, yaw);
         let level = self.centre - self.up * self.up.dot(self.centre);
         Similarity::from_parts(turn * self.linear, 1.0, spot - turn * level - self.up * self.ground)
     }
 
-    /// The turn about `up` that points the template's x axis along a direction; 0 if that is upright.
+    /// The rotation about `up` that points the template's x axis along a direction; 0 if the direction is vertical.
     fn yaw_along(&self, direction: DVec3) -> f64 {
         let level = |v: DVec3| v.try_normalize().map(|v| v - self.up * self.up.dot(v)).filter(|v| v.length() > LEVEL);
         let forward = level(self.linear.x_axis).or_else(|| level(self.linear.z_axis));
@@ -221,7 +221,7 @@ impl Stance {
     }
 }
 
-/// Random spots of a rectangle, none nearer to another than the least distance.
+/// Random spots in a rectangle, with at least the least distance between any two.
 fn plane_spots(
     point: DVec3,
     normal: DVec3,
@@ -249,7 +249,7 @@ fn plane_spots(
     Ok(spots)
 }
 
-/// Spots in cells as large as their least distance, so that only nine cells can hold one too near.
+/// Spots in grid cells of the least distance, so that only nine cells can hold a spot that is too near.
 struct Taken {
     min_distance: f64,
     spots_of_cell: BTreeMap<[i64; 2], Vec<[f64; 2]>>,
@@ -279,7 +279,7 @@ impl Taken {
     }
 }
 
-/// Evenly spaced spots of a path; one alone stands at its start.
+/// Evenly spaced spots along a path; a single one is at its start.
 fn path_spots(points: &[DVec3], yaw: f64, count: usize, stance: &Stance) -> Result<Vec<Spot>, String> {
     if points.len() < 2 || !points.iter().all(|p| p.is_finite()) || !yaw.is_finite() {
         return Err("a path has two or more points of finite numbers".into());

@@ -1,4 +1,4 @@
-//! Naming instances.
+//! Selecting instances by index, mask id, group or template.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,21 +6,21 @@ use std::str::FromStr;
 use crate::scene::edit::existing_template;
 use crate::scene::instanced_scene::InstancedScene;
 
-/// Names that an error lists before it leaves the rest out.
+/// Upper limit on names that an error message lists.
 const LISTED: usize = 20;
 
-/// Which instances an edit is for.
+/// The instances that an edit applies to. Written as text on the command line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Selector {
-    /// By place in the scene's list, from 0.
+    /// One instance by index, from 0.
     Index(usize),
-    /// Several by place: `0,3,4`.
+    /// Several by index: `0,3,4`.
     Indices(Vec<usize>),
-    /// By mask id, as in `groups`: `id:7`.
+    /// One instance by mask id, as in `groups`: `id:7`.
     Id(u32),
-    /// All of the groups of that name: `group:chair`.
+    /// All instances of the groups of that name: `group:chair`.
     Group(String),
-    /// All of a template: `template:0`.
+    /// All instances of a template: `template:0`.
     Template(u32),
 }
 
@@ -62,12 +62,12 @@ impl fmt::Display for Selector {
 }
 
 impl Selector {
-    /// True if it names a kind of object, not single ones.
+    /// True if it selects a kind of object rather than single instances.
     pub(super) fn is_collective(&self) -> bool {
         matches!(self, Self::Group(_) | Self::Template(_))
     }
 
-    /// The instances in ascending order, at least one; the error says what exists.
+    /// The selected instances in ascending order, at least one; the error lists what exists.
     pub(super) fn resolve(&self, scene: &InstancedScene) -> Result<Vec<usize>, String> {
         let count = scene.instances.len();
         let found: Vec<usize> = match self {
@@ -76,7 +76,7 @@ impl Selector {
                 let mut all = several.clone();
                 all.sort_unstable();
                 all.dedup();
-                // All or none.
+                // An index out of range rejects the whole list.
                 if all.last().is_some_and(|&last| last < count) { all } else { Vec::new() }
             }
             Self::Id(id) => matching(scene, |label_id, _| label_id == Some(*id)),
@@ -89,7 +89,7 @@ impl Selector {
         if found.is_empty() { Err(self.missing(scene)) } else { Ok(found) }
     }
 
-    /// The one instance.
+    /// The only selected instance; several are an error.
     pub(super) fn resolve_one(&self, scene: &InstancedScene) -> Result<usize, String> {
         match self.resolve(scene)?.as_slice() {
             [one] => Ok(*one),

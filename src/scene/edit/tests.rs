@@ -1,4 +1,4 @@
-//! Every edit against the flattened scene: what changes, and that nothing else does.
+//! Every edit, checked on the flattened scene: what changes, and that nothing else does.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -74,7 +74,7 @@ fn run(scene: &mut InstancedScene, edit: Edit) -> EditOutcome {
     outcome
 }
 
-/// What instance k looks like, and the background last.
+/// The flattened Gaussians of each instance, the background last.
 fn looks(scene: &InstancedScene) -> Vec<Gaussians> {
     let flat = scene.flatten();
     let mut first = 0;
@@ -164,7 +164,7 @@ fn placement_changes_the_named_instance_only() {
     assert!(error.iter().all(|e| e.abs() < 1e-6));
     run(&mut after, Edit::Scale { which: which("2"), by: 0.25 });
     assert!((after.instances[2].world_from_template.scale() - 0.25 * old.scale()).abs() < 1e-6);
-    // A group: each about its own centre.
+    // A group: each instance moves about its own centre.
     let mut group = before.clone();
     run(&mut group, Edit::Scale { which: which("group:chair"), by: 3.0 });
     assert_eq!(differing(&before, &group), [0, 2, 3, 4]);
@@ -214,7 +214,7 @@ fn a_duplicate_shares_offsets_and_a_recolouring_copies_them() {
     let colour = |scene: &InstancedScene| widened(looks(scene)[0].sh_of(1)[0]) * SH_C0;
     assert!((colour(&after) - colour(&shared) - DVec3::new(0.1, 0.0, -0.2)).length() < 1e-6);
     assert_eq!(after.offsets.sh_rest[7 * 3..], before.offsets.sh_rest[..6], "the whole record is copied");
-    // Once it has its own run, no further copy.
+    // It has its own run now, so that no further copy is made.
     run(&mut after, Edit::Recolour { which: which("0"), rgb: [0.1, 0.0, -0.2] });
     assert_eq!(after.offsets.len(), 9);
 }
@@ -227,7 +227,8 @@ fn recolouring_uses_the_cheapest_place() {
         run(&mut after, Edit::Recolour { which: which(selector), rgb: [0.0, 0.3, 0.0] });
         (differing(&before, &after), after)
     };
-    // One without offsets gets a run; one of two sharers a copy; a whole group changes its template.
+    // An instance without offsets gets a run, one of two that share a run gets a copy, and a whole group changes its
+    // template.
     let (parts, after) = recoloured("id:9");
     assert_eq!((parts, after.offsets.len(), after.offsets.sh_rest.len()), (vec![2], 9, 27));
     let (parts, after) = recoloured("3");
@@ -237,7 +238,7 @@ fn recolouring_uses_the_cheapest_place() {
         assert_eq!((parts, after.offsets), (vec![0, 2, 3, 4], before.offsets.clone()));
         assert_ne!(after.templates.sh, before.templates.sh);
     }
-    // Both sharers, as a group that is not the whole template: they go on sharing.
+    // Both instances that share a run, as a part of the template's instances: they continue to share it.
     let mut split = before.clone();
     split.groups = vec![
         Group { template_id: 0, name: Some("chair".into()), instance_ids: vec![4, 9] },
@@ -247,7 +248,7 @@ fn recolouring_uses_the_cheapest_place() {
     let mut after = split.clone();
     run(&mut after, Edit::Recolour { which: which("group:stool"), rgb: [0.0, 0.3, 0.0] });
     assert_eq!((differing(&split, &after), after.offsets.len()), (vec![3, 4], 7));
-    // Templates that overlap: the other one must not change.
+    // Overlapping templates: the other one must not change.
     let mut overlapping = before.clone();
     overlapping.template_ranges[1] = TemplateRange { first: 1, count: 3 };
     let mut after = overlapping.clone();
@@ -315,7 +316,7 @@ fn scattering_over_a_plane_keeps_distances_and_stands_on_it() {
         assert!((5..k).all(|other| level(k).distance(level(other)) > 1.0 - 1e-5));
         let from_point = level(k) - DVec3::new(1.0, 0.0, 3.0);
         assert!(from_point.x.abs() <= 10.0 + 1e-5 && from_point.z.abs() <= 5.0 + 1e-5, "{from_point}");
-        // y is down: the lowest Gaussian is at the plane, upright as the first chair (scale 1).
+        // y points down: the lowest Gaussian is on the plane, with the rotation of the first chair (scale 1).
         let lowest = looks(&after)[k].means.iter().map(|m| m[1]).fold(f32::MIN, f32::max);
         assert!((lowest - 2.0).abs() < 1e-5, "{lowest}");
         assert!((after.instances[k].world_from_template.linear() * DVec3::Y - DVec3::Y).length() < 1e-6);
@@ -334,7 +335,7 @@ fn scattered_instances_are_turned_as_far_as_asked_for() {
         *field = turn;
         let mut after = scene();
         run(&mut after, edit);
-        // Up is -y, and the first chair is not turned.
+        // Up is -y, and the first chair is not rotated.
         let angle = |k: usize| {
             let x = after.instances[k].world_from_template.linear() * DVec3::X;
             x.z.atan2(x.x).rem_euclid(TAU)
@@ -348,7 +349,7 @@ fn scattered_instances_are_turned_as_far_as_asked_for() {
     assert!(turned(-0.5).iter().all(|a| *a > TAU - 0.5 - 1e-6));
 }
 
-/// The rectangle that a chair covers, and its ground, however it is turned.
+/// The footprint is the ground rectangle of a chair for any rotation.
 #[test]
 fn the_footprint_is_where_an_instance_stands() {
     let scene = scene();
@@ -402,14 +403,14 @@ fn scattering_along_a_path_is_even_and_turned_along_it() {
     for (i, spot) in want.into_iter().enumerate() {
         let at = centre(&after, 5 + i);
         assert!((at.x - spot[0]).abs() + (at.z - spot[1]).abs() < 1e-5, "{at}");
-        // The first chair is not turned: its x axis is the template's.
+        // The first chair is not rotated: its x axis is the template's.
         let forward = after.instances[5 + i].world_from_template.linear() * DVec3::X;
         assert!(forward.distance(if i < 3 { DVec3::X } else { DVec3::Z }) < 1e-6, "{i}: {forward}");
     }
     let mut turned = before.clone();
     run(&mut turned, path(&corner, 1, FRAC_PI_2));
     assert!((turned.instances[5].world_from_template.linear() * DVec3::X).distance(DVec3::Z) < 1e-6);
-    // Straight up there is nothing to turn along.
+    // A vertical path has no horizontal direction to point along.
     run(&mut turned, path(&[[0.0; 3], [0.0, 5.0, 0.0]], 2, 0.0));
     for bad in [
         path(&corner[..1], 3, 0.0),

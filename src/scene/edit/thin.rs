@@ -1,6 +1,6 @@
-//! Taking Gaussians out of a template: its instances all lose them, and the offsets that belong to them.
+//! Removing Gaussians from a template: all its instances lose them, with the offsets that belong to them.
 //!
-//! What goes is decided by the template's means, in its frame: offsets, which differ from instance to instance, do not count.
+//! The template's means decide, in its frame: offsets, which differ between instances, are ignored.
 
 use glam::DVec3;
 
@@ -9,13 +9,13 @@ use crate::scene::edit::membership::drop_foreign;
 use crate::scene::edit::{EditOutcome, existing_template};
 use crate::scene::instanced_scene::InstancedScene;
 
-/// Which side of a box stays.
+/// Which side of a box remains after a crop.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Keep {
-    /// What is in it, its faces included.
+    /// Gaussians in the box, its faces included.
     #[default]
     Inside,
-    /// What is not.
+    /// Gaussians outside the box.
     Outside,
 }
 
@@ -25,7 +25,7 @@ pub(super) fn crop(
     [min, max]: [DVec3; 2],
     keep: Keep,
 ) -> Result<EditOutcome, String> {
-    // Nor NaN.
+    // This rejects NaN, too.
     if !min.cmple(max).all() {
         return Err(format!("no box reaches from {min} to {max}: want the lower corner first"));
     }
@@ -78,7 +78,7 @@ fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool
     Ok(outcome)
 }
 
-/// An error if another template has some of the same Gaussians: it would lose them too.
+/// Checks that no other template shares Gaussians with this one: it would lose them too.
 fn check_alone(scene: &InstancedScene, template: u32) -> Result<(), String> {
     let range = scene.template_ranges[template as usize];
     let shares = |(other, r): (usize, &crate::scene::TemplateRange)| {

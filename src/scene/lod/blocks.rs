@@ -1,15 +1,14 @@
-//! The background in blocks of neighbours.
+//! The background cut into blocks of neighbouring Gaussians.
 
 use crate::scene::{Gaussians, TemplateRange};
 
-/// Most Gaussians of a block: two chunks' worth, so that a level saves a chunk, and few enough for blocks to be small against
-/// the distance they are seen from.
+/// Upper limit on Gaussians in a block: two chunks, so that a level saves at least one chunk; and few enough for blocks
+/// to be small compared with their viewing distance.
 const MOST: usize = 512;
-/// Cuts are at multiples of this, so that work-groups of the renderer, of so many Gaussians or of a power of two that is
-/// less, are full.
+/// Cuts are at multiples of this, so that the renderer's work-groups (this size, or a smaller power of two) are full.
 const CHUNK: usize = 256;
 
-/// The Gaussians of a cloud in another order, and the blocks of that order: halves of halves, cut near the median of
+/// A new order of a cloud's Gaussians, and the blocks as ranges of that order: recursive halves, cut near the median of
 /// the longest side.
 pub(super) fn block_order(cloud: &Gaussians) -> (Vec<u32>, Vec<TemplateRange>) {
     let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
@@ -23,14 +22,14 @@ fn cut(cloud: &Gaussians, part: &mut [u32], first: u32, blocks: &mut Vec<Templat
         return;
     }
     if part.len() <= MOST {
-        // As in the cloud, so that what is alike in depth is blended in the same order.
+        // The cloud's own order, so that equal depths are blended in the same order.
         part.sort_unstable();
         blocks.push(TemplateRange { first, count: part.len() as u32 });
         return;
     }
     let axis = longest_side(cloud, part);
     let middle = (part.len() / 2).next_multiple_of(CHUNK);
-    // The index breaks ties: the same blocks wherever this runs.
+    // The index breaks ties, so that blocks are the same on every machine.
     let at = |i: u32| cloud.means[i as usize][axis];
     part.select_nth_unstable_by(middle, |&a, &b| at(a).total_cmp(&at(b)).then(a.cmp(&b)));
     let (low, high) = part.split_at_mut(middle);
@@ -38,7 +37,7 @@ fn cut(cloud: &Gaussians, part: &mut [u32], first: u32, blocks: &mut Vec<Templat
     cut(cloud, high, first + middle as u32, blocks);
 }
 
-/// Of the box around the means.
+/// Axis of the longest side of the box around the means.
 fn longest_side(cloud: &Gaussians, part: &[u32]) -> usize {
     let side = |axis: usize| {
         let values = || part.iter().map(|&i| cloud.means[i as usize][axis]);

@@ -1,4 +1,4 @@
-//! Which levels a cloud gets: the cells, and who is merged with whom.
+//! Selects the levels of a cloud: the cell sizes, and the Gaussians that are merged.
 
 use std::collections::HashMap;
 
@@ -7,27 +7,28 @@ use glam::DVec3;
 use crate::math::sh::widened;
 use crate::scene::Gaussians;
 
-/// The finest cells tried are this many octaves below the size of the cloud: it has some 10^9 of them, more than Gaussians.
+/// The finest cells tried are this many octaves below the size of the cloud: about 10^9 cells, more than Gaussians.
 const OCTAVES: i32 = 10;
-/// Cells per octave. With one, cells are on average 0.7 times as wide as they might be; on `orchard` at 27 m and an error of
-/// 2 pixels that is 2,300 splats saved instead of some 9,000. Two levels that fade must not meet a third: at most
-/// 1 / `FADE_OCTAVES`, which is 4.
+/// Cell sizes per octave. With 1, cells are on average 0.7 times as wide as allowed, and far fewer splats are saved
+/// (2,300 instead of 9,000 on `orchard` at 27 m and an error of 2 pixels). More than 1 / `FADE_OCTAVES` (4) would let a
+/// third level overlap a cross-fade.
 const STEPS: i32 = 2;
-/// A level must save this much against the one before it, or it is not worth its memory and its cross-fade.
+/// A level keeps at most this part of the previous level's Gaussians; otherwise it is not worth its memory and
+/// cross-fade.
 const MOST_KEPT: f64 = 0.7;
-/// Below it, levels save no time that could be measured: a work-group is not full.
+/// Levels of fewer Gaussians save no measurable time: a work-group is not full.
 const FEWEST: usize = 16;
 
 /// One level of a cloud.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Rung {
-    /// Side of its cells, units of the cloud.
+    /// Side of its grid cells, units of the cloud.
     pub(super) cell: f32,
-    /// Who is merged, by index in the cloud: in the order of the first of each, which is ascending.
+    /// The Gaussians merged into each new one, by index in the cloud; ordered by the first of each, which ascends.
     pub(super) members: Vec<Vec<u32>>,
 }
 
-/// The levels of a cloud, the finest first; the cloud itself is not among them.
+/// The levels of a cloud, the finest first, without the cloud itself.
 pub(super) fn ladder(cloud: &Gaussians) -> Vec<Rung> {
     let mut rungs = Vec::new();
     let size = size_of_cloud(cloud);
@@ -50,14 +51,14 @@ pub(super) fn ladder(cloud: &Gaussians) -> Vec<Rung> {
     rungs
 }
 
-/// The longest side of the box around the means that are finite.
+/// The longest side of the box around the finite means; negative infinity without any.
 fn size_of_cloud(cloud: &Gaussians) -> f64 {
     let finite = cloud.means.iter().map(|&m| widened(m)).filter(|m| m.is_finite());
     let (low, high) = finite.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), m| (low.min(m), high.max(m)));
     (high - low).max_element()
 }
 
-/// A Gaussian's cell; its own if it is larger than one, or not finite.
+/// The grid cell of a Gaussian, or its own key if it is larger than a cell or not finite.
 #[derive(PartialEq, Eq, Hash)]
 enum Key {
     Shared([i64; 3]),
@@ -79,7 +80,7 @@ fn merged_by(cloud: &Gaussians, cell: f64) -> Vec<Vec<u32>> {
 
 fn key(cloud: &Gaussians, i: usize, cell: f64) -> Key {
     let largest = cloud.log_scales[i].iter().copied().fold(f32::NEG_INFINITY, f32::max);
-    // What is larger than a cell is seen as what it is; it has little company in its cell anyway.
+    // A Gaussian larger than a cell is visible by itself, and has few neighbours in its cell anyway.
     if f64::from(largest).exp() > cell || !cloud.is_finite(i) {
         return Key::Own(i as u32);
     }

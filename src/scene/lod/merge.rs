@@ -1,4 +1,4 @@
-//! One Gaussian in place of several: same mass, mean, covariance and mean colour.
+//! Replaces several Gaussians by one of the same mass, mean, covariance and mean colour.
 
 use glam::{DMat3, DVec3};
 
@@ -7,32 +7,32 @@ use crate::math::eigen::symmetric_eigen;
 use crate::math::sh::widened;
 use crate::scene::Gaussians;
 
-/// Opacities of merged Gaussians stay within these: logits stay moderate, and the renderer clamps alpha at 0.99 anyway.
+/// Range of the opacities of merged Gaussians: logits stay moderate, and the renderer clamps alpha at 0.99 anyway.
 const OPACITY: (f64, f64) = (1e-4, 0.995);
-/// Smallest variance against the largest: flat clouds stay invertible in f32.
+/// Smallest variance relative to the largest: flat clouds stay invertible in f32.
 const THINNEST: f64 = 1e-8;
 
-/// What several Gaussians become.
+/// The parameters of a merged Gaussian.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Merged {
-    /// As in [`Gaussians`], every field.
+    /// Centre, units of the cloud; like every field as in [`Gaussians`].
     pub mean: [f32; 3],
-    /// (w, x, y, z).
+    /// Rotation as a quaternion (w, x, y, z).
     pub quat: [f32; 4],
     /// Logarithms of standard deviations.
     pub log_scales: [f32; 3],
-    /// Logit.
+    /// Logit of the opacity.
     pub opacity_logit: f32,
-    /// All coefficients.
+    /// All SH coefficients, `[C][rgb]`.
     pub sh: Vec<[f32; 3]>,
 }
 
 impl Merged {
-    /// The `members` of a cloud, at least one, as one Gaussian; a single one stays as it is.
+    /// Merges the `members` of a cloud, at least one; a single one stays as it is.
     ///
     /// Weights are mass: opacity times area. Mean, covariance and SH coefficients are those of the mixture. The opacity
-    /// is such that as much light is taken as by the members if they lie at random over the merged one's area: each has
-    /// an optical depth of `-ln(1 - opacity)` on its own area. `log_scales` replaces the shape that the opacity is for.
+    /// absorbs as much light as the members would if they lay at random over the merged one's area: each has an optical
+    /// depth of `-ln(1 - opacity)` on its own area. `log_scales` replaces the shape that the opacity refers to.
     pub fn of(cloud: &Gaussians, members: &[u32], log_scales: Option<[f32; 3]>) -> Self {
         if let [one] = members {
             return Self::single(cloud, *one as usize);
@@ -67,7 +67,7 @@ impl Merged {
         }
     }
 
-    /// Appends it to a cloud of the same degree.
+    /// Appends the merged Gaussian to a cloud of the same degree.
     pub(super) fn push_to(&self, cloud: &mut Gaussians) {
         cloud.means.push(self.mean);
         cloud.quats.push(self.quat);
@@ -77,7 +77,7 @@ impl Merged {
     }
 }
 
-/// Mass by member, in parts of the whole; equal parts if none has any.
+/// Mass of each member as a fraction of the sum; equal fractions if the sum is zero.
 fn weights(cloud: &Gaussians, members: &[u32]) -> Vec<f64> {
     let mass = |&i: &u32| sigmoid(f64::from(cloud.opacity_logits[i as usize])) * area_of(cloud, i);
     let masses: Vec<f64> = members.iter().map(mass).collect();
@@ -98,8 +98,8 @@ fn area_of(cloud: &Gaussians, i: u32) -> f64 {
     mean_area(cloud.log_scales[i as usize])
 }
 
-/// Area of an ellipsoid's shadow, about its mean over all directions, up to a factor: root of the sum of squares of the
-/// three along its axes.
+/// Projected area of an ellipsoid, roughly its mean over all directions, up to a factor: the root of the sum of squares
+/// of the three areas along its axes.
 fn mean_area(log_scales: [f32; 3]) -> f64 {
     let [x, y, z] = log_scales.map(|l| (2.0 * f64::from(l)).exp());
     (x * y + y * z + z * x).sqrt()

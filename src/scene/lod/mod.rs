@@ -1,17 +1,17 @@
 //! Levels of detail: coarser copies of templates and of the background, made of merged Gaussians.
 //!
-//! A level has a *cell*, the side of a cubic grid in the template's frame. The Gaussians of a template whose means share a
-//! cell, and none of which is larger than it, become one with their mass, mean, covariance and colour ([`merge`]), and
-//! every instance's offsets become those of its merged Gaussians. So nothing of a level is off by more than about a cell, and
-//! a renderer that shows it only where a cell is at most E pixels wide is off by at most about E pixels
-//! (`reference::lod` has the rule). Levels are extra templates: the device draws them as it draws any template.
+//! A level has a *cell*, the side of a cubic grid in the template's frame. The Gaussians of a template whose means
+//! share a cell, and none of which is larger than it, become one with their mass, mean, covariance and colour
+//! ([`merge`]), and every instance's offsets become those of its merged Gaussians. So the error of a level is at most
+//! about one cell, and a renderer that uses it only where a cell is at most E pixels wide has an error of at most about
+//! E pixels (`reference::lod` has the rule). Levels are extra templates: the device draws them like any template.
 //!
 //! The background is cut into blocks, each with levels of its own, so that its far parts are coarse while its near ones
 //! are not.
 //!
-//! Merging was measured against prefixes of a template sorted so that each is an even sample, kept Gaussians growing by
-//! the area that is left out (Cook, Halstead, Planck, Ryu: Stochastic simplification of aggregate detail, 2007). On
-//! `orchard` at 45 to 60 m, with 8 to 18 % of the Gaussians, merging is 2 dB nearer to the full picture.
+//! Merging was compared with sorted prefixes of a template whose remaining Gaussians grow by the area left out (Cook,
+//! Halstead, Planck, Ryu: Stochastic simplification of aggregate detail, 2007): merging is 2 dB closer to the full
+//! picture at the same number of Gaussians.
 
 mod blocks;
 mod ladder;
@@ -30,57 +30,58 @@ use ladder::{Rung, ladder};
 use merge::Merged;
 use own::own_cloud;
 
-/// What [`Part::next_cell`] is where nothing coarser follows: larger than any cell, and finite in f32.
+/// Value of [`Part::next_cell`] without a coarser level: larger than any cell, and finite in f32.
 pub const NO_NEXT_CELL: f32 = 1e30;
 
-/// Which of the two clouds a part is a range of.
+/// The cloud that a part is a range of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Cloud {
-    /// [`Levels::templates`].
+    /// The cloud [`Levels::templates`].
     Templates,
-    /// [`Levels::background`].
+    /// The cloud [`Levels::background`].
     Background,
 }
 
 /// One level of an instance or of a block of the background: what the device sees as an instance.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
-    /// Index of the instance; the number of instances for the background.
+    /// Index of the instance; for the background, the number of instances.
     pub owner: u32,
-    /// Where its Gaussians are.
+    /// The cloud that holds its Gaussians.
     pub cloud: Cloud,
-    /// Its Gaussians.
+    /// Its Gaussians, a range of that cloud.
     pub range: TemplateRange,
-    /// The Gaussians of the same thing in full: all its levels are as near as these.
+    /// The Gaussians of the same object at full detail: all levels share their bounds, and so their distance to the
+    /// camera.
     pub full: TemplateRange,
     /// First record in [`Levels::offsets`].
     pub first_offset: Option<u32>,
-    /// Its place.
+    /// The transform of the instance; identity for the background.
     pub world_from_template: Similarity,
-    /// Side of the cells that were merged, template units; 0 = in full.
+    /// Side of the merged cells, template units; 0 at full detail.
     pub cell: f32,
-    /// That of the next coarser level; [`NO_NEXT_CELL`] if there is none.
+    /// Cell of the next coarser level; [`NO_NEXT_CELL`] if there is none.
     pub next_cell: f32,
 }
 
-/// A scene with levels.
+/// A scene with its levels of detail.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Levels {
-    /// The scene's templates, as they are, then their levels.
+    /// The scene's templates, unchanged, followed by their levels.
     pub templates: Gaussians,
-    /// The scene's background, block by block, then the blocks' levels.
+    /// The scene's background, block by block, followed by the blocks' levels.
     pub background: Gaussians,
-    /// The scene's offsets, as they are, then those of levels.
+    /// The scene's offsets, unchanged, followed by those of levels.
     pub offsets: Offsets,
-    /// Instances in full, in the scene's order; blocks of the background in full; coarser levels of instances, those of one
-    /// together; coarser levels of blocks.
+    /// In this order: instances at full detail, in the scene's order; blocks of the background at full detail; coarser
+    /// levels of instances, grouped by instance; coarser levels of blocks.
     pub parts: Vec<Part>,
-    /// By instance, which of `parts` are its coarser levels.
+    /// For each instance, the range of `parts` with its coarser levels.
     pub coarser: Vec<Range<u32>>,
 }
 
 impl Levels {
-    /// The levels of a valid scene.
+    /// Builds the levels of a valid scene.
     pub fn of(scene: &InstancedScene) -> Self {
         let mut out = Self {
             templates: scene.templates.clone(),
@@ -115,13 +116,13 @@ impl Levels {
         out
     }
 
-    /// Appends the levels of one template: what was merged, and where each is.
+    /// Appends the levels of one template; returns what was merged, and the range of each level.
     fn push_template(&mut self, scene: &InstancedScene, range: TemplateRange) -> Vec<(Rung, TemplateRange)> {
         let own = sub_cloud(&scene.templates, range);
         push_rungs(&mut self.templates, &own)
     }
 
-    /// Appends the background in blocks, with their parts in full; returns those of their levels.
+    /// Appends the background in blocks, with their parts at full detail; returns the parts of their levels.
     fn push_blocks(&mut self, scene: &InstancedScene) -> Vec<Part> {
         let owner = scene.instances.len() as u32;
         let (order, blocks) = block_order(&scene.background);
@@ -159,7 +160,7 @@ impl Levels {
         coarser
     }
 
-    /// Appends the coarser parts of instance `k`, with the offsets in `merged`, one run per level, if it has any.
+    /// Appends the coarser parts of instance `k`, with the offsets in `merged` (one run per level) if it has any.
     fn push_coarser(&mut self, k: usize, rungs: &[(Rung, TemplateRange)], merged: &[Offsets]) {
         let full = self.parts[k].clone();
         for (r, (rung, range)) in rungs.iter().enumerate() {
@@ -179,7 +180,7 @@ impl Levels {
     }
 }
 
-/// A range of a cloud by itself.
+/// A copy of a range of a cloud.
 fn sub_cloud(cloud: &Gaussians, range: TemplateRange) -> Gaussians {
     let mut out = Gaussians::with_capacity(cloud.sh_degree, range.count as usize);
     (range.first..range.first + range.count).for_each(|i| out.push_from(cloud, i as usize));
@@ -200,7 +201,7 @@ fn push_rungs(cloud: &mut Gaussians, own: &Gaussians) -> Vec<(Rung, TemplateRang
     rungs.into_iter().map(place).collect()
 }
 
-/// By instance and level, the offsets of what was merged; none for instances without offsets.
+/// For each instance and level, the merged offsets; none for instances without offsets.
 fn merged_instances(
     scene: &InstancedScene,
     rungs: &[Vec<(Rung, TemplateRange)>],

@@ -1,4 +1,4 @@
-//! What an instance with offsets looks like, and the offsets of its merged Gaussians.
+//! The Gaussians of one instance including its offsets, and the offsets of its merged Gaussians.
 
 use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
 
@@ -11,7 +11,7 @@ pub(super) struct OwnCloud {
     first_offset: usize,
 }
 
-/// `None` for an instance without offsets.
+/// The template plus the offsets of `instance`; `None` for an instance without offsets.
 pub(super) fn own_cloud(scene: &InstancedScene, instance: &Instance) -> Option<OwnCloud> {
     let first_offset = instance.first_offset? as usize;
     let range = scene.template_ranges[instance.template as usize];
@@ -40,15 +40,16 @@ fn minus<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
 }
 
 impl OwnCloud {
-    /// The template with the offsets.
+    /// The template's Gaussians with the offsets added.
     #[cfg(test)]
     pub(super) fn cloud(&self) -> &Gaussians {
         &self.cloud
     }
 
-    /// The offsets of one level, which is `range` of `templates`: from the template's merged Gaussians to the instance's
-    /// own, so that their sum is what merging the instance itself gives. Where shapes have no offsets (or only
-    /// scales or rotations do, which no merged shape follows from), they are the template's, and opacities are for those.
+    /// The offsets of one level, which is `range` of `templates`: from the template's merged Gaussians to the
+    /// instance's, so that their sum equals merging the instance itself. If shapes have no offsets (or only scales or
+    /// only rotations do, which cannot express a merged shape), the template's shapes are used, and opacities refer to
+    /// those.
     pub(super) fn level(
         &self,
         scene: &InstancedScene,

@@ -18,7 +18,7 @@ fn ball(rng: &mut Rng, count: usize, sh_degree: u32) -> Gaussians {
     cloud
 }
 
-/// Two templates, the second with an instance that has offsets, of which `rare` says whether all kinds occur.
+/// Two templates, the second with an instance that has offsets: all kinds if `rare`, otherwise the usual three.
 fn scene(seed: u64, rare: bool) -> InstancedScene {
     let mut rng = Rng::new(seed);
     let templates = ball(&mut rng, 1500, 1);
@@ -65,7 +65,7 @@ fn every_gaussian_is_in_one_merged_one_and_levels_shrink() {
         assert!(10 * rung.members.len() <= 7 * before && rung.cell > 0.0);
         before = rung.members.len();
     }
-    // Nothing is merged over more than a cell, and nothing larger than one.
+    // No merged Gaussian spans more than a cell, and none larger than a cell is merged.
     let means = |i: u32| widened(scene.templates.means[(range.first + i) as usize]);
     for rung in &rungs {
         let cell = f64::from(rung.cell);
@@ -105,13 +105,13 @@ fn a_merged_gaussian_keeps_mass_mean_and_spread() {
     let mut scales = one.log_scales.map(|l| f64::from(l).exp().powi(2));
     scales.sort_by(f64::total_cmp);
     assert!(scales.iter().zip([1.0, 1.0, 2.0]).all(|(got, want)| (got - want).abs() < 1e-6), "{scales:?}");
-    // Two areas of sqrt(3) with optical depth ln 2 each, over one of sqrt(1 + 2 + 2).
+    // Two areas of sqrt(3) with optical depth ln 2 each, spread over one of sqrt(1 + 2 + 2).
     let want = 1.0 - 0.5f64.powf(2.0 * (3.0f64 / 5.0).sqrt());
     assert!((sigmoid(f64::from(one.opacity_logit)) - want).abs() < 1e-6);
     assert_eq!(Merged::of(&pair, &[1], None).mean, pair.means[1]);
 }
 
-/// Template plus offset is what merging the instance by itself gives.
+/// Template plus offset equals merging the instance by itself.
 #[test]
 fn offsets_of_levels_are_those_of_the_merged_instance() {
     for rare in [false, true] {

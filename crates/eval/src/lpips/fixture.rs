@@ -33,7 +33,7 @@ fn cases() -> Result<Vec<Case>, serde_json::Error> {
     Ok(serde_json::from_str::<Fixture>(include_str!("../../../tests/fixtures/lpips.json"))?.cases)
 }
 
-/// The `count` words of a name: FNV-1a of the name, then SplitMix64.
+/// `count` pseudo-random words derived from a name: FNV-1a of the name seeds SplitMix64.
 fn words(name: &str, count: usize) -> impl Iterator<Item = u64> + use<> {
     let seed = name
         .bytes()
@@ -65,7 +65,7 @@ fn network(net: Net, range: InputRange) -> Lpips {
     Lpips::new(net, range, stages)
 }
 
-/// Render and target of a size.
+/// Render and target pictures of the given size.
 fn pictures(width: u32, height: u32) -> [Vec<[f32; 3]>; 2] {
     let pixels = (width * height) as usize;
     let noise: Vec<u64> = words("render", 3 * pixels).collect();
@@ -82,7 +82,7 @@ fn pair(width: u32, height: u32) -> Result<PicturePair, crate::PairError> {
     PicturePair::new((width, height), &render, &target, None)
 }
 
-/// The largest relative difference of a network's answers from the official ones.
+/// The largest relative difference of a network's results from the official ones.
 fn worst(lpips: &Lpips, case: &Case) -> Result<f64, Box<dyn std::error::Error>> {
     let got = lpips.stage_distances(&pair(case.width, case.height)?)?;
     assert_eq!(got.len(), case.layers.len());
@@ -110,7 +110,7 @@ fn agrees_with_the_official_package() -> Outcome {
     Ok(())
 }
 
-/// Each mistake that such code invites is far outside of the tolerance.
+/// Each plausible implementation error is far outside the tolerance.
 #[test]
 fn planted_errors_are_seen() -> Outcome {
     let all = cases()?;
@@ -160,7 +160,7 @@ fn smallest_pictures_and_equal_ones() -> Outcome {
 /// Shape and values of a tensor.
 type Content = (Vec<usize>, Vec<f32>);
 
-/// A file of the squeeze network's tensors, each changed by `edit`, or left out.
+/// A weight file of the network `net_name` with the squeeze network's tensors; `edit` changes a tensor or drops it.
 fn file_of(net_name: &str, edit: impl Fn(&str, Vec<usize>, Vec<f32>) -> Option<Content>) -> Vec<u8> {
     let mut tensors = Vec::new();
     let read = |name: &str, shape: &[usize]| {

@@ -1,22 +1,23 @@
-//! The three operations of the feature extractors, on pictures stored pixel by pixel with the channels innermost: then a
-//! convolution copies whole runs of an input row, its output is the matrix product as it comes, and a fire module's two
-//! halves are written beside each other.
+//! The three operations of the feature extractors. Feature maps are stored pixel by pixel with the channels innermost:
+//! a convolution then copies whole runs of an input row, its output is the matrix product as computed, and the two
+//! halves of a fire module are written side by side.
 
 use rayon::prelude::*;
 
-/// Most floats of the copied windows that one thread multiplies at a time: 1 MiB, so that they stay in its cache.
+/// Upper limit on floats of the copied windows that one thread multiplies at a time: 1 MiB, so that they stay in its
+/// cache.
 const BAND_FLOATS: usize = 1 << 18;
 
-/// Features of a picture: `values[(y * width + x) * channels + c]`.
+/// Features of a picture, laid out as `values[(y * width + x) * channels + c]`.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FeatureMap {
-    /// Columns.
+    /// Number of positions along x.
     pub(super) width: usize,
-    /// Rows.
+    /// Number of positions along y.
     pub(super) height: usize,
-    /// Values per place.
+    /// Number of values per position.
     pub(super) channels: usize,
-    /// All of them.
+    /// All values: height * width * channels.
     pub(super) values: Vec<f32>,
 }
 
@@ -26,23 +27,24 @@ impl FeatureMap {
     }
 }
 
-/// Where windows lie: `size` pixels wide, `stride` apart, the first `padding` pixels before the picture.
+/// The windows of a convolution or pooling: `size` pixels wide, `stride` apart, the first `padding` pixels before the
+/// picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Window {
     pub(super) size: usize,
     pub(super) stride: usize,
     pub(super) padding: usize,
-    /// Also a window of which only a part lies within the picture counts, if it begins there.
+    /// Whether windows that begin within the picture but reach beyond it count too.
     pub(super) ceil: bool,
 }
 
 impl Window {
-    /// How many windows a line of `len` pixels has, 0 if it is too short: torch's rule.
+    /// Number of windows along a line of `len` pixels by torch's rule; 0 if the line is too short.
     pub(super) fn places(&self, len: usize) -> usize {
         let round_up = if self.ceil { self.stride - 1 } else { 0 };
         let Some(room) = (len + 2 * self.padding + round_up).checked_sub(self.size) else { return 0 };
         let places = room / self.stride + 1;
-        // A part of a window that would begin beyond the picture is none.
+        // With `ceil`, a window that would begin beyond the padded picture does not count.
         if self.ceil && (places - 1) * self.stride >= len + self.padding { places - 1 } else { places }
     }
 }
@@ -53,9 +55,9 @@ pub(super) struct Convolution {
     pub(super) window: Window,
     pub(super) inputs: usize,
     pub(super) outputs: usize,
-    /// `[row of the window][column][input][output]`.
+    /// Weights, `[row of the window][column][input][output]`.
     pub(super) weights: Vec<f32>,
-    /// Per output.
+    /// One bias per output channel.
     pub(super) bias: Vec<f32>,
 }
 
@@ -74,17 +76,17 @@ impl Convolution {
         Self { window, inputs, outputs, weights, bias }
     }
 
-    /// `max(0, convolution + bias)`.
+    /// Computes `max(0, convolution + bias)`.
     pub(super) fn apply(&self, input: &FeatureMap) -> FeatureMap {
         side_by_side(&[self], input)
     }
 
-    /// The windows of output row `y` as a matrix, one row each, with zeros outside of the picture.
+    /// Copies the windows of output row `y` to `matrix`, one per row, with zeros outside the picture.
     fn copy_windows(&self, input: &FeatureMap, y: usize, places: usize, matrix: &mut Vec<f32>) {
         let Window { size, stride, padding, .. } = self.window;
         let channels = input.channels;
         for x in 0..places {
-            // In a line padded on the left; `from..to` is the window's part within the picture.
+            // Columns count from the left padding; `from..to` is the part of the window within the picture.
             let first = x * stride;
             let (from, to) = (first.max(padding), (first + size).min(input.width + padding));
             for row in y * stride..y * stride + size {
@@ -101,7 +103,7 @@ impl Convolution {
     }
 }
 
-/// Convolutions of the same input whose windows lie at the same places; their outputs follow each other in the channels.
+/// Convolutions of the same input with the same window grid; their outputs are concatenated along the channels.
 pub(super) fn side_by_side(convolutions: &[&Convolution], input: &FeatureMap) -> FeatureMap {
     let window = convolutions[0].window;
     let (width, height) = (window.places(input.width), window.places(input.height));
@@ -229,7 +231,7 @@ mod tests {
             for (at, &value) in out.values.iter().enumerate() {
                 let place = [at / 7 % out.width, at / 7 / out.width, at % 7];
                 let want = direct(&input, &torch, bias[place[2]], window, place);
-                // Measured: 2e-6 of sums of up to 363 products.
+                // Measured: 2e-6, for sums of up to 363 products.
                 assert!((f64::from(value) - want).abs() < 2e-5, "{window:?} {place:?}: {value} {want}");
             }
             assert_eq!(first.apply(&input).channels, 5);
@@ -258,7 +260,7 @@ mod tests {
         assert_eq!([5, 6, 7, 8].map(|len| square(true).places(len)), [2, 3, 3, 4]);
         assert_eq!([1, 2].map(|len| square(true).places(len)), [0, 1]);
         assert_eq!([2, 3].map(|len| square(false).places(len)), [0, 1]);
-        // A window that would begin beyond the end is no part of one.
+        // A window that would begin beyond the end does not count.
         assert_eq!(Window { size: 2, stride: 3, padding: 0, ceil: true }.places(3), 1);
         let tall = FeatureMap { width: 6, height: 3, channels: 1, values: line.values.repeat(3) };
         assert_eq!(max_pool(square(false), &tall).values, [1.0, 0.5]);

@@ -1,12 +1,12 @@
 //! Learned perceptual image patch similarity, version 0.1 (Zhang, Isola, Efros, Shechtman, Wang 2018,
 //! arXiv:1801.03924).
 //!
-//! Both pictures go through a network trained on ImageNet. After every stage, each place's features are scaled to unit
-//! length over the channels; the squared differences, weighted per channel by a trained linear head, are averaged over
-//! the places, and the stages' averages added up.
+//! Both pictures go through a network trained on ImageNet. After every network block, the features at each position are
+//! scaled to unit length over the channels; the squared differences, weighted per channel by a trained linear head, are
+//! averaged over the positions, and the averages of all blocks are added.
 //!
-//! The trained weights are the user's ([`weights`]). A pair of 800x450 takes alex 0.4 to 1.1 s, squeeze 0.4 to 0.8 s and
-//! vgg 10 to 30 s (16 s of CPU time) on 2 cores with AVX-512 that other work shared.
+//! The user supplies the trained weights ([`weights`]). A pair of 800x450 takes about 1 s with alex and squeeze, and 16
+//! s of CPU time with vgg.
 
 #[cfg(test)]
 mod fixture;
@@ -24,38 +24,38 @@ use layers::FeatureMap;
 pub use network::Net;
 use network::{Stage, smallest_side};
 
-/// Added to a feature vector's length before the division by it.
+/// Added to the length of a feature vector before dividing by it.
 const LENGTH_EPSILON: f64 = 1e-10;
-/// Mean and standard deviation per channel of the networks' training pictures, for pictures in -1..=1.
+/// Mean and standard deviation per channel of the networks' training images, for values in -1..=1.
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
 
-/// How pictures are fed to the network. Figures of the two differ: name the one used beside a figure.
+/// How pictures are fed to the network. The two give different values: reports name the range used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub enum InputRange {
-    /// Scaled to -1..=1, as LPIPS was trained: the InstGS paper's `evaluate.py`.
+    /// Scaled to -1..=1, as in LPIPS training; used by the InstGS paper's `evaluate.py`.
     #[default]
     MinusOneToOne,
-    /// Left at 0..=1: what the 3DGS paper's `metrics.py` does.
+    /// Left at 0..=1; used by the 3DGS paper's `metrics.py`.
     ZeroToOne,
 }
 
-/// Why LPIPS has no number. One line for the user.
+/// Why LPIPS could not be computed. Its text is one line for the user.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LpipsError {
     /// The weights could not be read.
     #[error(transparent)]
     Weights(#[from] IoError),
-    /// A picture so small that pooling leaves nothing of it.
+    /// The picture is so small that pooling leaves nothing of it.
     #[error("a picture of {width}x{height} is too small for LPIPS with {}, which needs {smallest}x{smallest}", net.name())]
     TooSmall {
-        /// The network.
+        /// The network that was asked for.
         net: Net,
-        /// The picture's width.
+        /// Width of the picture, pixels.
         width: u32,
-        /// The picture's height.
+        /// Height of the picture, pixels.
         height: u32,
-        /// Smallest side.
+        /// Smallest side that the network accepts, pixels.
         smallest: u32,
     },
 }
@@ -73,8 +73,8 @@ impl Lpips {
     /// Reads a network's weights (see [`weights`]).
     ///
     /// # Errors
-    /// No such file (with the command that makes it), a file of another network, or a tensor that is missing, of another
-    /// shape or type, or not finite, by name.
+    /// No such file (with the command that makes it), a file of another network, or a tensor that is missing, has
+    /// another shape or type, or is not finite; the error names the tensor.
     pub fn load(net: Net, range: InputRange, path: &Path) -> Result<Self, LpipsError> {
         if !path.exists() {
             let command = weights::conversion_command(net, path);
@@ -97,15 +97,15 @@ impl Lpips {
     /// The distance of two pictures: 0 if they are equal, about 1 if they have nothing in common; no unit.
     ///
     /// # Errors
-    /// A picture below the network's smallest side.
+    /// A side of the pictures is below the network's smallest side.
     pub fn distance(&self, pair: &PicturePair) -> Result<f64, LpipsError> {
         Ok(self.stage_distances(pair)?.iter().sum())
     }
 
-    /// The parts of [`Lpips::distance`], one per stage: 5, or 7 for squeeze.
+    /// The terms of [`Lpips::distance`], one per network block: 5, or 7 for squeeze.
     ///
     /// # Errors
-    /// As [`Lpips::distance`].
+    /// The same as [`Lpips::distance`].
     pub fn stage_distances(&self, pair: &PicturePair) -> Result<Vec<f64>, LpipsError> {
         let (width, height, smallest) = (pair.width(), pair.height(), self.smallest_side);
         if width.min(height) < smallest {
@@ -115,7 +115,7 @@ impl Lpips {
         let (mut a, mut b) = (input(pair.render()), input(pair.target()));
         let mut distances = Vec::with_capacity(self.stages.len());
         for stage in &self.stages {
-            // One after the other: a stage needs the memory, and each uses all cores.
+            // Sequentially: each block needs the memory, and each uses all cores.
             a = stage.apply(a);
             b = stage.apply(b);
             distances.push(mean_distance(&a, &b, &stage.head));
@@ -124,7 +124,7 @@ impl Lpips {
     }
 }
 
-/// The picture as the network's first features.
+/// The picture as the network's input features.
 fn network_input(pixels: &[[f32; 3]], (width, height): (u32, u32), range: InputRange) -> FeatureMap {
     let ranged = |v: f32| match range {
         InputRange::MinusOneToOne => 2.0 * v - 1.0,
@@ -135,7 +135,7 @@ fn network_input(pixels: &[[f32; 3]], (width, height): (u32, u32), range: InputR
     FeatureMap { width: width as usize, height: height as usize, channels: 3, values }
 }
 
-/// Mean over the places of the weighted squared difference of the unit features.
+/// Mean over the positions of the weighted squared difference of the normalised features.
 fn mean_distance(a: &FeatureMap, b: &FeatureMap, head: &[f32]) -> f64 {
     let row_len = a.width * a.channels;
     let row_sum = |(a, b): (&[f32], &[f32])| -> f64 {

@@ -1,24 +1,24 @@
 //! The three feature extractors as tables: the layers of torchvision's AlexNet (Krizhevsky 2014), VGG-16 (Simonyan,
-//! Zisserman 2014) and SqueezeNet 1.1 (Iandola et al. 2016) up to the last ReLU that LPIPS looks at.
+//! Zisserman 2014) and SqueezeNet 1.1 (Iandola et al. 2016) up to the last ReLU that LPIPS uses.
 
 use crate::lpips::layers::{Convolution, FeatureMap, Window, max_pool, side_by_side};
 
-/// Which network measures the distance.
+/// The network that extracts the features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Net {
-    /// AlexNet: the fastest, and the one of the InstGS paper's `evaluate.py`.
+    /// AlexNet: the fastest; used by the InstGS paper's `evaluate.py`.
     Alex,
-    /// VGG-16: the one of the 3DGS paper's `metrics.py`.
+    /// VGG-16: the slowest; used by the 3DGS paper's `metrics.py`.
     Vgg,
-    /// SqueezeNet 1.1: the smallest file.
+    /// SqueezeNet 1.1: the one with the smallest weight file.
     Squeeze,
 }
 
 impl Net {
-    /// All of them.
+    /// All networks, in the order of their variants.
     pub const ALL: [Self; 3] = [Self::Alex, Self::Vgg, Self::Squeeze];
 
-    /// `alex`, `vgg` or `squeeze`.
+    /// The name in files and options: `alex`, `vgg` or `squeeze`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Alex => "alex",
@@ -27,7 +27,7 @@ impl Net {
         }
     }
 
-    /// Steps between the places where features are compared.
+    /// The layers between consecutive comparison points, one slice per network block.
     pub(super) fn stages(self) -> &'static [&'static [Step]] {
         match self {
             Self::Alex => ALEX,
@@ -37,14 +37,14 @@ impl Net {
     }
 }
 
-/// A layer without its weights. `index` is its number in torchvision's `features`, which names its tensors.
+/// A layer without its weights. `index` is its number in torchvision's `features`, which is part of its tensors' names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Convolution and ReLU.
+    /// Convolution followed by ReLU.
     Conv { index: usize, outputs: usize, window: Window },
     /// Fire module: 1x1 convolution to `squeeze` channels, then 1x1 and 3x3 convolutions to `expand` channels each.
     Fire { index: usize, squeeze: usize, expand: usize },
-    /// Max pool.
+    /// Max pooling without padding.
     Pool(Window),
 }
 
@@ -92,7 +92,7 @@ const SQUEEZE: &[&[Step]] = &[
     &[fire(12, 64, 256)],
 ];
 
-/// A layer with its weights.
+/// A layer with its weights loaded.
 #[derive(Clone, Debug)]
 pub(super) enum Layer {
     Conv(Convolution),
@@ -109,7 +109,7 @@ impl Layer {
         }
     }
 
-    /// Length of a line after this layer.
+    /// Length of a line of `len` pixels after this layer.
     fn places(&self, len: usize) -> usize {
         match self {
             Self::Conv(convolution) => convolution.window.places(len),
@@ -119,7 +119,7 @@ impl Layer {
     }
 }
 
-/// A part of the network, up to features that are compared, and how much each of their channels matters.
+/// A network block: the layers up to a comparison point, and the weights of its channels.
 #[derive(Clone, Debug)]
 pub(super) struct Stage {
     pub(super) layers: Vec<Layer>,
@@ -133,7 +133,7 @@ impl Stage {
     }
 }
 
-/// The smallest side, px, of a picture that leaves every stage at least one place.
+/// The smallest side of a picture, pixels, that leaves every block at least one position.
 pub(super) fn smallest_side(stages: &[Stage]) -> u32 {
     let last = |side: u32| stages.iter().flat_map(|s| &s.layers).fold(side as usize, |len, layer| layer.places(len));
     (1..).find(|&side| last(side) > 0).unwrap_or(1)

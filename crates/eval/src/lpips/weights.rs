@@ -1,10 +1,10 @@
-//! The user's file of trained weights: which tensors it must hold, where it is looked for, how it is made.
+//! The user's file of trained weights: the tensors it must hold, its default path, and how to make it.
 //!
 //! Nothing is bundled: `tools/models/convert_lpips.py` makes the file from torchvision's and the lpips package's own
 //! distributions. It is a safetensors file, F32 or F16, with the tensors under the names of these sources:
 //! `features.N.weight` `[out, in, h, w]` and `features.N.bias` `[out]`; for fire modules `features.N.squeeze.*`,
 //! `features.N.expand1x1.*` and `features.N.expand3x3.*`; and the heads `linK.model.1.weight` `[1, channels, 1, 1]`.
-//! Metadata `net` says for which network. Other tensors are ignored.
+//! The metadata entry `net` names the network. Other tensors are ignored.
 
 use std::path::{Path, PathBuf};
 
@@ -17,8 +17,8 @@ use crate::io::{IoError, Place};
 const POINT: Window = Window { size: 1, stride: 1, padding: 0, ceil: false };
 const SQUARE: Window = Window { size: 3, stride: 1, padding: 1, ceil: false };
 
-/// Where a network's weights are looked for if the user names no file: `instgs-vk/lpips_NET.safetensors` in the user's
-/// data folder (`XDG_DATA_HOME`, `APPDATA` on Windows, else `~/.local/share`); `None` if the system names none.
+/// The default path of a network's weights: `instgs-vk/lpips_NET.safetensors` in the user's data folder
+/// (`XDG_DATA_HOME`, `APPDATA` on Windows, else `~/.local/share`); `None` if the system names no such folder.
 pub fn user_weights_path(net: Net) -> Option<PathBuf> {
     let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let folder = variable("XDG_DATA_HOME")
@@ -27,12 +27,12 @@ pub fn user_weights_path(net: Net) -> Option<PathBuf> {
     Some(folder.join("instgs-vk").join(format!("lpips_{}.safetensors", net.name())))
 }
 
-/// The command that makes a network's file, run in the repository.
+/// The command that makes a network's weight file, to be run in the repository.
 pub fn conversion_command(net: Net, path: &Path) -> String {
     format!("python3 tools/models/convert_lpips.py --net {} --out {}", net.name(), path.display())
 }
 
-/// The network's stages with the weights of the file at `path`, whose bytes are `bytes`.
+/// The network's blocks with the weights of the file at `path`, whose contents are `bytes`.
 pub(super) fn parse(net: Net, bytes: &[u8], path: &Path) -> Result<Vec<Stage>, IoError> {
     let malformed = |e| IoError::new(path, format!("is not a whole safetensors file: {e}"));
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
@@ -45,7 +45,7 @@ pub(super) fn parse(net: Net, bytes: &[u8], path: &Path) -> Result<Vec<Stage>, I
     build(net, |name, shape| file.floats(name, shape))
 }
 
-/// The network's stages; `read` gives a tensor by name and shape.
+/// The network's blocks; `read` returns a tensor by name and shape.
 pub(super) fn build<E>(net: Net, mut read: impl FnMut(&str, &[usize]) -> Result<Vec<f32>, E>) -> Result<Vec<Stage>, E> {
     let mut channels = 3;
     let mut stages = Vec::new();
@@ -81,7 +81,7 @@ pub(super) fn build<E>(net: Net, mut read: impl FnMut(&str, &[usize]) -> Result<
     Ok(stages)
 }
 
-/// The tensors of a file.
+/// The tensors of a weight file.
 struct Tensors<'a> {
     path: &'a Path,
     tensors: SafeTensors<'a>,

@@ -1,4 +1,4 @@
-//! A folder of checkpoints: names, the newest whole one, and how many are kept.
+//! A folder of checkpoints: file names, the newest intact one, and removal of old ones.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,24 +9,24 @@ use crate::{IoError, TEMPORARY_PREFIX};
 const PREFIX: &str = "step_";
 const SUFFIX: &str = ".safetensors";
 
-/// How many whole checkpoints a run keeps unless told otherwise: the newest, and one in case that is damaged.
+/// Number of intact checkpoints that a run keeps by default: the newest, and one in reserve in case that is damaged.
 pub const KEEP: usize = 2;
 
-/// Name of the file of the state after `step` steps: `step_0000500.safetensors`.
+/// File name of the state after `step` steps, for instance `step_0000500.safetensors`.
 pub fn file_name(step: u64) -> String {
     format!("{PREFIX}{step:07}{SUFFIX}")
 }
 
-/// The newest whole checkpoint of a folder.
+/// The newest intact checkpoint of a folder.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Newest {
-    /// It and its file; `None` if there is none.
+    /// The checkpoint and its file; `None` if there is none.
     pub found: Option<(PathBuf, Checkpoint)>,
-    /// Newer ones that cannot be used, and why. They are left where they are.
+    /// Why newer files cannot be used. They are not removed.
     pub skipped: Vec<IoError>,
 }
 
-/// Writes `checkpoint` into `folder`, which is made if need be, under the name of its step; returns the path.
+/// Writes `checkpoint` into `folder` (created if missing) under the name of its step; returns the path.
 ///
 /// # Errors
 /// The folder or the file cannot be written.
@@ -37,10 +37,10 @@ pub fn save(folder: &Path, checkpoint: &Checkpoint) -> Result<PathBuf, IoError> 
     Ok(path)
 }
 
-/// Finds and reads the newest whole checkpoint. A folder that does not exist has none.
+/// Finds and reads the newest intact checkpoint. A missing folder counts as empty.
 ///
 /// # Errors
-/// The folder cannot be listed. Damaged files are no error: see [`Newest::skipped`].
+/// The folder cannot be listed. Damaged files are not errors: see [`Newest::skipped`].
 pub fn latest(folder: &Path) -> Result<Newest, IoError> {
     let mut newest = Newest::default();
     for (step, path) in list(folder)? {
@@ -55,12 +55,12 @@ pub fn latest(folder: &Path) -> Result<Newest, IoError> {
     Ok(newest)
 }
 
-/// Removes all but the newest `keep` whole checkpoints (at least one), and temporary files that a killed process left.
-/// Damaged files do not count, and are removed when they are older than those that are kept. To be called by the one
-/// process that writes into the folder. Returns what was removed.
+/// Removes all but the newest `keep` intact checkpoints (at least one), and temporary files of killed processes.
+/// Damaged files do not count, and are removed if they are older than those kept. Only the process that writes into the
+/// folder may call this. Returns the removed paths.
 ///
 /// # Errors
-/// The folder cannot be listed, or a file not removed.
+/// The folder cannot be listed, or a file cannot be removed.
 pub fn prune(folder: &Path, keep: usize) -> Result<Vec<PathBuf>, IoError> {
     let mut whole = 0;
     let mut surplus = temporaries(folder)?;
@@ -87,7 +87,7 @@ fn read_step(step: u64, path: &Path) -> Result<Checkpoint, IoError> {
     }
 }
 
-/// Step and path of all that are named like checkpoints, newest first.
+/// Step and path of all files that are named like checkpoints, newest first.
 fn list(folder: &Path) -> Result<Vec<(u64, PathBuf)>, IoError> {
     let mut found = Vec::new();
     for name in names(folder)? {
@@ -105,7 +105,7 @@ fn temporaries(folder: &Path) -> Result<Vec<PathBuf>, IoError> {
     Ok(names.iter().filter(|n| n.starts_with(TEMPORARY_PREFIX)).map(|n| folder.join(n)).collect())
 }
 
-/// Names of all files; none if there is no such folder.
+/// Names of all files; empty if the folder does not exist.
 fn names(folder: &Path) -> Result<Vec<String>, IoError> {
     let fail = |e: std::io::Error| IoError::os(folder, "cannot list", &e);
     let entries = match fs::read_dir(folder) {

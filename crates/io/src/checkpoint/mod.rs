@@ -1,8 +1,8 @@
 //! Checkpoints: named tensors and strings in one safetensors file, with a checksum over every byte.
 //!
 //! `RUN/checkpoints/step_0000500.safetensors` holds the state after 500 steps. The same state gives the same bytes.
-//! Metadata beside the caller's own: `format`, `step`, and `checksum`, the CRC-32 (hexadecimal) of the whole file with
-//! eight zeros in the place of the checksum itself.
+//! Metadata in addition to the caller's: `format`, `step`, and `checksum`, the CRC-32 (hexadecimal) of the whole file
+//! with eight zeros in place of the checksum itself.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,53 +18,53 @@ mod folder;
 pub use folder::{KEEP, Newest, file_name, latest, prune, save};
 
 const FORMAT: &str = "instgs-checkpoint/1";
-/// Metadata that the container itself writes.
+/// Metadata keys that are written by this module.
 const RESERVED: [&str; 3] = ["format", "step", "checksum"];
-/// What stands before the checksum's digits. It occurs once: within strings, JSON escapes the quotes.
+/// The text before the checksum's digits. It occurs once, since JSON escapes quotes within strings.
 const CHECKSUM_KEY: &[u8] = b"\"checksum\":\"";
-/// Digits of the checksum while it is computed.
+/// Placeholder for the checksum while it is computed.
 const NO_CHECKSUM: &str = "00000000";
-/// Values turned into bytes at a time: a checkpoint may be gigabytes, a copy of it is not needed.
+/// Number of values converted to bytes at a time: a checkpoint may have gigabytes, and is not copied as a whole.
 const VALUES_AT_ONCE: usize = 1 << 16;
 
-/// The state of something after `step` steps.
+/// The state of a run after `step` steps.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checkpoint {
-    /// Finished steps.
+    /// Number of finished steps.
     pub step: u64,
     /// The state's arrays by name.
     pub tensors: BTreeMap<String, Tensor>,
-    /// Small facts by name; `format`, `step` and `checksum` are taken.
+    /// Strings by name; `format`, `step` and `checksum` are reserved.
     pub metadata: BTreeMap<String, String>,
 }
 
-/// An array.
+/// A named array of a checkpoint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tensor {
-    /// Sizes, slowest first; their product is the number of values.
+    /// Dimensions, slowest first; their product is the number of values.
     pub shape: Vec<usize>,
-    /// Row major.
+    /// The values, row major.
     pub values: Values,
 }
 
 /// The values of a tensor.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
-    /// Floats; kept bit by bit.
+    /// 32-bit floats; preserved bit by bit.
     F32(Vec<f32>),
-    /// Whole numbers of 32 bits.
+    /// Unsigned 32-bit integers.
     U32(Vec<u32>),
-    /// Whole numbers of 64 bits.
+    /// Unsigned 64-bit integers.
     U64(Vec<u64>),
 }
 
-/// A type that tensors are made of.
+/// An element type of tensors.
 pub trait Element: Sized {
-    /// The values, or `None` if they are of another type.
+    /// Unwraps the values; `None` if they have another type.
     fn take(values: Values) -> Option<Vec<Self>>;
-    /// The values as a tensor's.
+    /// Wraps values for a tensor.
     fn give(values: Vec<Self>) -> Values;
-    /// Safetensors name of the type.
+    /// Name of the type in safetensors.
     const NAME: &'static str;
 }
 
@@ -86,7 +86,7 @@ element!(u32, U32);
 element!(u64, U64);
 
 impl Values {
-    /// Number of values.
+    /// Number of values of the tensor.
     pub fn len(&self) -> usize {
         match self {
             Self::F32(v) => v.len(),
@@ -95,7 +95,7 @@ impl Values {
         }
     }
 
-    /// True if there are none.
+    /// True if there are no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -108,7 +108,7 @@ impl Values {
         }
     }
 
-    /// Little-endian bytes, a piece at a time.
+    /// Passes the values as little-endian bytes to `take`, in pieces.
     fn for_bytes<E>(&self, mut take: impl FnMut(&[u8]) -> Result<(), E>) -> Result<(), E> {
         let mut buffer = Vec::with_capacity(8 * VALUES_AT_ONCE);
         macro_rules! pieces {
@@ -129,15 +129,16 @@ impl Values {
 }
 
 impl Checkpoint {
-    /// Adds a tensor; `shape`'s product must be the number of values, or writing fails.
+    /// Adds a tensor; the product of `shape` must be the number of values, or writing fails.
     pub fn put<T: Element>(&mut self, name: &str, shape: &[usize], values: Vec<T>) {
         self.tensors.insert(name.into(), Tensor { shape: shape.into(), values: T::give(values) });
     }
 
-    /// Takes a tensor of shape `[rows, inner...]` out, any number of rows; `path` is for messages.
+    /// Removes and returns a tensor of shape `[rows, inner...]` with any number of rows; `path` is only used in
+    /// messages.
     ///
     /// # Errors
-    /// There is none of that name, or it has another type or shape.
+    /// There is no tensor of that name, or it has another type or shape.
     pub fn take<T: Element>(&mut self, name: &str, inner: &[usize], path: &Path) -> Result<Vec<T>, IoError> {
         let error = |what: String| IoError::new(path, what).at(Place::Tensor(name.into()));
         let tensor = self.tensors.remove(name).ok_or_else(|| error("is missing".into()))?;
@@ -149,10 +150,10 @@ impl Checkpoint {
         T::take(tensor.values).ok_or_else(|| error(format!("has the type {found}, not {}", T::NAME)))
     }
 
-    /// Writes the file, or leaves what was there.
+    /// Writes the file atomically: on failure the old file remains.
     ///
     /// # Errors
-    /// A shape that does not fit its values, metadata with a reserved name, or a file that cannot be written.
+    /// A shape does not match its values, metadata has a reserved name, or the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), IoError> {
         let mut head = self.header(path)?;
         let mut crc = Crc::new();
@@ -174,22 +175,22 @@ impl Checkpoint {
         })
     }
 
-    /// Reads a file and checks every byte of it.
+    /// Reads a file and verifies its checksum.
     ///
     /// # Errors
-    /// The file cannot be read, is cut short or damaged, or is no checkpoint of this version.
+    /// The file cannot be read, is truncated or damaged, or is not a checkpoint of this version.
     pub fn read(path: &Path) -> Result<Self, IoError> {
         parse(&read_bytes(path)?, path)
     }
 
-    /// Widest type first, so that all are aligned, then by name.
+    /// The tensors with the widest type first, so that all are aligned, then by name.
     fn order(&self) -> Vec<(&String, &Tensor)> {
         let mut order: Vec<_> = self.tensors.iter().collect();
         order.sort_by_key(|(_, tensor)| std::cmp::Reverse(tensor.values.dtype().1));
         order
     }
 
-    /// Length and header, with [`NO_CHECKSUM`].
+    /// Length field and header, with [`NO_CHECKSUM`] for the checksum.
     fn header(&self, path: &Path) -> Result<Vec<u8>, IoError> {
         let mut metadata = self.metadata.clone();
         for (name, value) in RESERVED.iter().zip([FORMAT, &self.step.to_string(), NO_CHECKSUM]) {
@@ -214,10 +215,10 @@ impl Checkpoint {
     }
 }
 
-/// Parses the bytes of a checkpoint; `path` is for messages only.
+/// Parses the bytes of a checkpoint; `path` is only used in messages.
 ///
 /// # Errors
-/// As [`Checkpoint::read`].
+/// The same as [`Checkpoint::read`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Checkpoint, IoError> {
     let damaged = |what: &str| IoError::new(path, format!("is damaged: {what}"));
     let malformed = |e| IoError::new(path, format!("is not a whole checkpoint: {e}"));
@@ -264,7 +265,7 @@ fn tensor(name: &str, view: &TensorView<'_>, path: &Path) -> Result<Tensor, IoEr
     Ok(Tensor { shape: view.shape().to_vec(), values })
 }
 
-/// Where in the header the checksum's digits are.
+/// Position of the checksum's digits in the header.
 fn checksum_digits(head: &[u8]) -> Option<std::ops::Range<usize>> {
     let start = head.windows(CHECKSUM_KEY.len()).position(|w| w == CHECKSUM_KEY)? + CHECKSUM_KEY.len();
     (start + NO_CHECKSUM.len() <= head.len()).then_some(start..start + NO_CHECKSUM.len())
@@ -313,7 +314,7 @@ mod tests {
         assert_eq!(back.take::<u32>("counts", &[1], path)?, [0, 7, u32::MAX]);
         assert_eq!(back.take::<u64>("z.random", &[], path)?, [u64::MAX - 500]);
         assert!(back.take::<f32>("empty", &[4], path)?.is_empty());
-        // More than one piece, and the crate's own reader agrees about the file.
+        // A file of more than one piece, which the safetensors crate reads in the same way.
         let mut large = Checkpoint::default();
         let values: Vec<u32> = (0..2 * VALUES_AT_ONCE as u32 + 5).collect();
         large.put("x", &[values.len()], values.clone());

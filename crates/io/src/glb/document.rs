@@ -1,10 +1,10 @@
-//! The JSON part of a glTF 2.0 file, as far as clouds of Gaussians need it. Field names are glTF's.
+//! The JSON part of a glTF 2.0 file, limited to what clouds of Gaussians need. Field names are glTF's.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-/// The extension this writer is for.
+/// Name of the extension for Gaussian splats.
 pub(super) const SPLATS: &str = "KHR_gaussian_splatting";
 /// glTF component type FLOAT.
 const FLOAT: u32 = 5126;
@@ -13,7 +13,7 @@ const ARRAY_BUFFER: u32 = 34962;
 /// glTF primitive mode POINTS.
 const POINTS: u32 = 0;
 
-/// The whole document. glTF forbids empty arrays, so those are left out.
+/// The whole document. glTF forbids empty arrays, so they are omitted.
 #[derive(Default, Serialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Document {
@@ -45,19 +45,19 @@ impl Default for Asset {
     }
 }
 
-/// The one scene; its root is node 0.
+/// The only scene; its root is node 0.
 #[derive(Default, Serialize)]
 struct Scene {
     nodes: [usize; 1],
 }
 
-/// x -> rotation (scale x) + translation; what is missing is the identity's.
+/// The transform x -> rotation (scale x) + translation; missing parts are the identity.
 #[derive(Default, Serialize)]
 pub(super) struct Node {
     pub(super) name: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) mesh: Option<usize>,
-    /// (x, y, z, w).
+    /// Quaternion (x, y, z, w).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) rotation: Option<[f32; 4]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -75,7 +75,7 @@ pub(super) struct Mesh {
 }
 
 impl Mesh {
-    /// A cloud of Gaussians; `attributes` maps semantics to accessors.
+    /// A mesh of Gaussians; `attributes` maps semantics to accessors.
     pub(super) fn splats(name: String, attributes: BTreeMap<String, usize>) -> Self {
         let extensions = BTreeMap::from([(SPLATS, SplatProperties::default())]);
         Self { name, primitives: [Primitive { attributes, mode: POINTS, extensions }] }
@@ -89,8 +89,8 @@ struct Primitive {
     extensions: BTreeMap<&'static str, SplatProperties>,
 }
 
-/// The extension's object. Colours are those of the training photos, sRGB values; projection and sorting are the only
-/// ones that the extension defines.
+/// The extension's object. Colours are sRGB values, as in the training photos; projection and sorting are the only
+/// values that the extension defines.
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
 struct SplatProperties {
@@ -127,7 +127,7 @@ pub(super) struct Accessor {
 }
 
 impl Accessor {
-    /// All of a buffer view as elements of `N` floats, with their bounds where glTF wants them.
+    /// All of a buffer view as elements of `N` floats; `bounds` (minimum and maximum) only where glTF requires them.
     pub(super) fn floats<const N: usize>(buffer_view: usize, count: usize, bounds: Option<[[f32; 3]; 2]>) -> Self {
         let element = match N {
             1 => "SCALAR",
@@ -155,7 +155,7 @@ impl BufferView {
     }
 }
 
-/// The binary chunk.
+/// The binary chunk as glTF's buffer.
 #[derive(Serialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Buffer {

@@ -1,4 +1,4 @@
-//! Meshes of Gaussians and their accessors in the binary chunk.
+//! Writes meshes of Gaussians and their accessors into the binary chunk.
 
 use std::collections::BTreeMap;
 
@@ -13,28 +13,28 @@ use crate::scene::instanced_scene::{Instance, InstancedScene, TemplateRange};
 /// The Gaussians of one mesh: a template with one run of offsets or none, or the background.
 #[derive(Clone, Copy)]
 struct Part<'a> {
-    /// `None`: the background.
+    /// Index of the template; `None` for the background.
     template: Option<u32>,
     cloud: &'a Gaussians,
     range: TemplateRange,
     first_offset: Option<u32>,
 }
 
-/// What an accessor holds: semantic, template, and the run of offsets if those are in it.
+/// Identifies an accessor: semantic, template, and the run of offsets if its values include them.
 type AccessorKey = (String, Option<u32>, Option<u32>);
 
-/// Grows the document and the binary chunk mesh by mesh.
+/// Builds the document and the binary chunk mesh by mesh.
 pub(super) struct MeshWriter<'a> {
     scene: &'a InstancedScene,
     pub(super) document: Document,
     pub(super) binary: Vec<u8>,
     accessor_of: BTreeMap<AccessorKey, usize>,
-    /// Instances with the same template and the same offsets are the same mesh.
+    /// Instances with the same template and the same offsets share a mesh.
     mesh_of: BTreeMap<(u32, Option<u32>), usize>,
 }
 
 impl<'a> MeshWriter<'a> {
-    /// A writer for a valid scene whose binary chunk will have that many bytes.
+    /// A writer for a valid scene whose binary chunk will have the given length.
     pub(super) fn new(scene: &'a InstancedScene, binary_bytes: usize) -> Self {
         Self {
             scene,
@@ -45,7 +45,10 @@ impl<'a> MeshWriter<'a> {
         }
     }
 
-    /// The mesh of an instance, `None` if its template is empty. The error says which value is not finite.
+    /// The mesh of an instance, `None` if its template is empty.
+    ///
+    /// # Errors
+    /// Names the value that is not finite.
     pub(super) fn instance_mesh(&mut self, instance: &Instance, name: &str) -> Result<Option<usize>, String> {
         let key = (instance.template, instance.first_offset);
         if let Some(&mesh) = self.mesh_of.get(&key) {
@@ -65,7 +68,7 @@ impl<'a> MeshWriter<'a> {
         Ok(mesh)
     }
 
-    /// The mesh of the background, `None` if there is none.
+    /// The mesh of the background, `None` if it is empty.
     pub(super) fn background_mesh(&mut self) -> Result<Option<usize>, String> {
         let cloud = &self.scene.background;
         let range = TemplateRange { first: 0, count: cloud.len() as u32 };
@@ -84,7 +87,7 @@ impl<'a> MeshWriter<'a> {
         Ok(Some(self.document.meshes.len() - 1))
     }
 
-    /// Position, opacity and base colour, which every run of offsets changes.
+    /// Adds position, opacity and base colour, which every run of offsets changes.
     fn offset_attributes(&mut self, part: Part<'a>, out: &mut BTreeMap<String, usize>) -> Result<(), String> {
         let (cloud, offsets, run) = (part.cloud, &self.scene.offsets, part.first_offset);
         let mean =
@@ -101,7 +104,7 @@ impl<'a> MeshWriter<'a> {
         self.attribute(&splat("SH_DEGREE_0_COEF_0"), part, run, |i, o| sh_dc(i, o).to_array(), out)
     }
 
-    /// Scale and rotation: the template's, unless the scene's offsets hold them too.
+    /// Adds scale and rotation: the template's, unless the scene has offsets of them.
     fn shape_attributes(&mut self, part: Part<'a>, out: &mut BTreeMap<String, usize>) -> Result<(), String> {
         let (cloud, offsets) = (part.cloud, &self.scene.offsets);
         let scale = |i: usize, o: Option<usize>| {
@@ -120,7 +123,7 @@ impl<'a> MeshWriter<'a> {
         self.attribute(&splat("ROTATION"), part, own_quats, rotation, out)
     }
 
-    /// SH from degree 1 on: the template's, unless the scene's offsets hold it too.
+    /// Adds SH of degree 1 and more: the template's, unless the scene has offsets of them.
     fn sh_rest_attributes(&mut self, part: Part<'a>, out: &mut BTreeMap<String, usize>) -> Result<(), String> {
         let (cloud, offsets) = (part.cloud, &self.scene.offsets);
         let own = part.first_offset.filter(|_| !offsets.sh_rest.is_empty());
@@ -138,8 +141,8 @@ impl<'a> MeshWriter<'a> {
         Ok(())
     }
 
-    /// Names the accessor with `value(Gaussian, offset record)` of every Gaussian, written now unless it exists.
-    /// `first_offset` is that of the part if the offsets are in these values, so that others share the accessor.
+    /// Adds the accessor with `value(Gaussian, offset record)` of every Gaussian, written unless it exists.
+    /// `first_offset` is the part's if the values include offsets; otherwise other parts share the accessor.
     fn attribute<const N: usize>(
         &mut self,
         semantic: &str,
@@ -164,7 +167,7 @@ impl<'a> MeshWriter<'a> {
         Ok(())
     }
 
-    /// Appends values as f32 to the binary chunk; glTF wants the bounds of positions.
+    /// Appends values as f32 to the binary chunk; glTF requires the bounds of positions.
     fn accessor<const N: usize>(
         &mut self,
         values: impl Iterator<Item = [f64; N]>,
@@ -194,7 +197,7 @@ impl<'a> MeshWriter<'a> {
     }
 }
 
-/// A semantic of the extension.
+/// Full name of an attribute of the extension.
 fn splat(name: &str) -> String {
     format!("{SPLATS}:{name}")
 }

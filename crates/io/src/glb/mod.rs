@@ -1,19 +1,22 @@
 //! Writing `.glb`: binary glTF 2.0 with `KHR_gaussian_splatting`, without expanding the instances.
 //!
-//! Every instance is a node with its `world_from_template` as rotation, scale and translation, and a mesh of points. The
-//! meshes of a template share its accessors for scale, rotation and SH of degree 1 and more; a run of offsets owns
-//! position, opacity and SH of degree 0: 28 bytes a Gaussian. Instances without offsets, or with the same ones, are the
-//! same mesh. The background is one more mesh. Readers that know the extension rotate SH with the node, as instances
-//! here do, so the picture is that of the expanded scene. They need not know that meshes share accessors.
+//! Every instance is a node with its `world_from_template` as rotation, scale and translation, and a mesh of points.
+//! The meshes of a template share its accessors for scale, rotation and SH of degree 1 and more; each run of offsets
+//! has its own position, opacity and SH of degree 0: 28 bytes per Gaussian. Instances without offsets, or with the same
+//! ones, share a mesh. The background is one more mesh. Viewers that support the extension rotate SH with the node, as
+//! the renderer here does with instances, so the picture equals that of the expanded scene. They need not support
+//! sharing between meshes.
 //!
-//! glTF is right-handed with y up; scenes come as they were trained, mostly with y down (COLMAP). The vertices keep the
-//! scene's axes, and the root node turns its `up` to +y: the scene stands upright in a viewer, and its world frame is one
-//! level below the root. For -y that is half a turn about x, the usual step from OpenCV's axes to OpenGL's.
+//! glTF is right-handed with y up; scenes keep the axes of their training data, mostly with y down (COLMAP). The
+//! vertices keep the scene's axes, and the root node rotates its `up` to +y: the scene is upright in a viewer, and its
+//! world frame is one level below the root. For -y this is a half turn about x, the usual step from OpenCV's axes to
+//! OpenGL's.
 //!
-//! Scale is linear, opacity is after the sigmoid, rotations are unit quaternions (x, y, z, w), SH are raw coefficients in
-//! INRIA's order and signs, which are the extension's. Colours are marked `srgb_rec709_display`: the values of sRGB photos
-//! that they were fitted to. The extension has no word for opacity compensation (`antialias`), nor for templates without
-//! instances. The fallback `COLOR_0` for viewers without the extension is left out: it would cost 4 bytes a Gaussian.
+//! Scale is linear, opacity is after the sigmoid, rotations are unit quaternions (x, y, z, w), SH are raw coefficients
+//! in INRIA's order and signs, which the extension uses. Colours are marked `srgb_rec709_display`: the values of the
+//! sRGB photos that they were fitted to. The extension cannot express opacity compensation (`antialias`) or templates
+//! without instances. The fallback `COLOR_0` for viewers without the extension is omitted: it would cost 4 bytes per
+//! Gaussian.
 
 mod document;
 mod meshes;
@@ -30,9 +33,9 @@ use crate::glb::meshes::MeshWriter;
 use crate::math::covariance::quat_from_rotation;
 use crate::scene::instanced_scene::{Instance, InstancedScene, SceneError};
 
-/// First word of a GLB file, "glTF".
+/// Magic number of a GLB file, "glTF".
 const MAGIC: u32 = 0x4654_6C67;
-/// The container's version.
+/// Version of the container format.
 const VERSION: u32 = 2;
 /// Type of the first chunk, "JSON".
 const JSON_CHUNK: u32 = 0x4E4F_534A;
@@ -43,7 +46,8 @@ const BACKGROUND: &str = "background";
 
 /// Writes the scene as `.glb`; `up` is the world direction that becomes glTF's +y, of any length but zero.
 ///
-/// Errors: an inconsistent scene, a value that is not finite, more than the 4 GiB that the container can hold.
+/// # Errors
+/// An inconsistent scene, a value that is not finite, or more than the container's limit of 4 GiB.
 pub fn write_glb(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(), IoError> {
     let (json, binary) = chunks(path, scene, up)?;
     let chunk_bytes = |chunk: &[u8]| if chunk.is_empty() { 0 } else { 8 + chunk.len() as u64 };
@@ -64,11 +68,12 @@ pub fn write_glb(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(), I
     })
 }
 
-/// Bytes of Gaussian data that a valid scene's `.glb` holds, which is about its length.
+/// Size of the Gaussian data in a valid scene's `.glb`, bytes: nearly the length of the file.
 pub fn glb_data_bytes(scene: &InstancedScene) -> u64 {
     let offsets = &scene.offsets;
     let sh_rest = 12 * (scene.templates.sh_coefficients() as u64 - 1);
-    // Bytes a Gaussian, and whether a run of offsets has its own: position, opacity and SH 0; scale; rotation; SH.
+    // Bytes per Gaussian, and whether each run of offsets has its own: position, opacity and SH 0; scale; rotation;
+    // other SH.
     let attributes = [
         (28, true),
         (12, !offsets.log_scales.is_empty()),
@@ -89,7 +94,7 @@ fn chunks(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(Vec<u8>, Ve
     let invalid = |e: SceneError| IoError::new(path, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor));
     scene.validate().map_err(invalid)?;
     let data_bytes = glb_data_bytes(scene);
-    // Refused before it is made.
+    // The size is checked before the chunk is built.
     let fits = u32::try_from(data_bytes).ok().and_then(|bytes| usize::try_from(bytes).ok());
     let data_bytes = fits.ok_or_else(|| too_large(path, data_bytes))?;
     let up_to_y = up_to_y(up).ok_or_else(|| IoError::new(path, "cannot write: the up direction has no length"))?;
@@ -101,7 +106,7 @@ fn chunks(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(Vec<u8>, Ve
     document.nodes = nodes;
     finish(&mut document, binary.len());
     let mut json = serde_json::to_vec(&document).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
-    // The container pads JSON with spaces. Binary data are whole floats.
+    // The container pads JSON with spaces. The binary data are 4-byte floats and need no padding.
     json.resize(json.len().next_multiple_of(4), b' ');
     Ok((json, binary))
 }
@@ -120,7 +125,7 @@ fn too_large(path: &Path, bytes: u64) -> IoError {
         .advise("keep it as .instgs")
 }
 
-/// The root, then the instances in file order, then the background.
+/// The root node, then the instances in file order, then the background.
 fn nodes(writer: &mut MeshWriter, scene: &InstancedScene, up_to_y: DMat3) -> Result<Vec<Node>, String> {
     let root = Node { name: "world".into(), rotation: Some(xyzw(up_to_y)), ..Node::default() };
     let mut nodes = vec![root];
@@ -150,7 +155,7 @@ fn xyzw(rotation: DMat3) -> [f32; 4] {
     [x, y, z, w].map(|c| c as f32)
 }
 
-/// The rotation that brings `up` to +y and keeps the x axis where it can; `None` if `up` has no direction.
+/// The rotation that maps `up` to +y and keeps the x axis if possible; `None` if `up` is zero or not finite.
 fn up_to_y(up: DVec3) -> Option<DMat3> {
     let up = up.try_normalize()?;
     let side = if up.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
@@ -195,7 +200,7 @@ mod tests {
         let attribute = |json: &serde_json::Value, mesh: usize, name: &str| {
             json["meshes"][mesh]["primitives"][0]["attributes"][name].as_u64().unwrap()
         };
-        // Instances 0 and 2 are of template 0 with offsets, 1 and 3 of template 1, 1 without offsets.
+        // Instances 0 and 2 have template 0 with offsets, 1 and 3 template 1, instance 1 without offsets.
         assert_eq!(json["meshes"].as_array().unwrap().len(), 5);
         for shared in [
             "KHR_gaussian_splatting:SCALE",
@@ -210,11 +215,11 @@ mod tests {
         }
         let names: Vec<_> = json["nodes"].as_array().unwrap().iter().map(|n| n["name"].as_str().unwrap()).collect();
         assert_eq!(names, ["world", "chair \"a\" 4", "instance 1", "chair \"a\" 9", "instance 3", "background"]);
-        // The same template and offsets: the same mesh.
+        // The same template and offsets share a mesh.
         scene.instances[2].first_offset = Some(0);
         let json = document(&scene);
         assert_eq!((json["nodes"][1]["mesh"].as_u64(), json["nodes"][3]["mesh"].as_u64()), (Some(0), Some(0)));
-        // Offsets of shape: each instance owns these too.
+        // With offsets of shape, each instance has its own scale and rotation too.
         scene.instances[2].first_offset = Some(3);
         scene.offsets.log_scales = vec![[0.1; 3]; 8];
         let json = document(&scene);

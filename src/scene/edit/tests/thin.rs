@@ -1,19 +1,19 @@
-//! Gaussians taken out of templates: all instances lose the same ones, and offsets stay with theirs.
+//! Thinning templates: all instances lose the same Gaussians, and offsets stay with theirs.
 
 use super::*;
 
-/// Template 1 has means at x = 1.5, 2.5, 3.5.
+/// A crop along x of template 1, which has means at x = 1.5, 2.5, 3.5.
 fn crop(low: f64, high: f64, keep: Keep) -> Edit {
     let corners = [DVec3::new(low, f64::NEG_INFINITY, -1.0), DVec3::new(high, f64::INFINITY, 1.0)];
     Edit::Crop { template: 1, corners, keep }
 }
 
-/// Of template 0, which has means at (-0.5, 0, 0.2) and (0.5, 0.1, 0.2).
+/// An erasure in template 0, which has means at (-0.5, 0, 0.2) and (0.5, 0.1, 0.2).
 fn erase(centres: &[[f64; 3]], radius: f64) -> Edit {
     Edit::Erase { template: 0, centres: centres.iter().map(|&c| DVec3::from_array(c)).collect(), radius }
 }
 
-/// That every instance looks as before without the Gaussians of its template that went.
+/// Asserts that every instance looks as before, less the removed Gaussians of its template.
 fn assert_thinned(before: &InstancedScene, after: &InstancedScene, template: u32, kept: &[usize]) {
     let (was, is) = (looks(before), looks(after));
     for (k, instance) in before.instances.iter().enumerate() {
