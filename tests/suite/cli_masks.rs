@@ -85,7 +85,7 @@ fn boxes_take_the_place_of_masks() {
     write_boxes(&boxes, &other).unwrap();
     let warnings = warnings_of(folder.train("run").args(["--boxes", &file]));
     // Not of the test views.
-    has_all(&warnings, &["are of 1 views that are not among those looked at", "nowhere"]);
+    has_all(&warnings, &["belong to 1 views that are not used", "nowhere"]);
     assert!(folder.path("run/masks/categories.json").is_file());
     assert!(!load_scene(&folder.path("run/scene.instgs")).unwrap().scene.instances.is_empty());
     let page = fs::read_to_string(folder.path("run/review.html")).unwrap();

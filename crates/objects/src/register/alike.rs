@@ -1,29 +1,29 @@
-//! Whether two objects may be of one kind.
+//! Quick tests of whether two objects can belong to one group.
 
 use super::hypotheses::Hypothesis;
 use super::options::RegisterOptions;
 use super::sample::ObjectSurface;
 
-/// Objects of one name have sizes within this factor: some lack parts, or were seen in part.
+/// Largest ratio of sizes of objects with the same name: some lack parts, or were seen in part.
 const SIZE_FACTOR: f64 = 2.0;
-/// Edges of the boxes of objects without a name differ by at most this part of their size, or they are not tried.
+/// Edges of the boxes of objects without a name may differ by at most this part of their size.
 const MOST_UNLIKE: f64 = 0.2;
-/// Why two objects are not of one kind.
+/// Why two objects are not alike.
 pub(super) struct Unlike {
-    /// Part of their surfaces that agrees, 0..=1; 0 if that was not tried.
+    /// Part of their surfaces that agrees, 0..=1; 0 if they were not registered.
     pub agree: f64,
-    /// In words.
+    /// The reason in words, for the report.
     pub reason: String,
 }
 
 impl Unlike {
-    /// Without a try.
+    /// Rejected before registration.
     pub(super) fn at_once(reason: impl Into<String>) -> Self {
         Self { agree: 0.0, reason: reason.into() }
     }
 }
 
-/// Whether it is worth a try.
+/// Rejects pairs of objects whose size or shape differs too much for registration.
 pub(super) fn check_shape(
     reference: &ObjectSurface,
     target: &ObjectSurface,
@@ -42,7 +42,7 @@ pub(super) fn check_shape(
     Ok(())
 }
 
-/// Leaves the poses that make them one kind, or says how little of the two agrees.
+/// Keeps the poses that fit well enough, or returns how much of the two surfaces agrees at most.
 pub(super) fn check_fit(
     found: Vec<Hypothesis>,
     reference: u32,

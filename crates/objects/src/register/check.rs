@@ -1,24 +1,24 @@
-//! What pictures say of poses that geometry cannot tell apart.
+//! Comparison of poses by pictures, for those that geometry cannot tell apart.
 
 use super::error::RegisterError;
 use crate::math::similarity::Similarity;
 
-/// How pictures of a target agree with the reference's Gaussians moved onto it; lower is better.
+/// How well pictures of a target agree with the reference's Gaussians moved onto it; lower is better.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Agreement {
-    /// Mean absolute difference of colours (0..1) where both show, after a gain and a bias per channel.
+    /// Mean absolute difference of colours, 0..=1, where both objects are visible, after a gain and a bias per channel.
     pub photometric: f64,
-    /// One minus the overlap of the outlines: 1 - intersection / union, 0..=1. Knows nothing of colours.
+    /// One minus the overlap of the outlines: 1 - intersection / union, 0..=1. Independent of colour.
     pub silhouette: f64,
 }
 
-/// Compares poses by pictures; [`RenderCheck`](super::RenderCheck) does it with the rasteriser.
+/// Compares poses by pictures; [`RenderCheck`](super::RenderCheck) implements it with the renderer.
 pub trait PoseCheck {
-    /// The agreement for each of some poses, from the same views. A pose maps the reference's place in the world to the target's; both are
-    /// mask ids. `None` if no view shows the target.
+    /// Agreement of each of some poses, all from the same views. A pose is a map of the world that moves the object
+    /// `reference` onto the object `target`; both are mask ids. `None` if no view shows the target.
     ///
     /// # Errors
-    /// What the device or the pictures' files say.
+    /// Errors of the device, or of reading photos.
     fn check(
         &mut self,
         reference: u32,

@@ -1,4 +1,4 @@
-//! How well colours agree where surfaces meet.
+//! Colour agreement of aligned surfaces.
 
 use glam::DVec3;
 
@@ -6,11 +6,12 @@ use super::icp::INLIER_VOXELS;
 use super::pose::Pose;
 use super::sample::{BASE, FINE, ObjectSurface};
 
-/// Deviation of colours below which differences are noise, 0..1 of the range.
+/// Standard deviation of colours, of the range 0..1, below which differences are noise.
 const COLOR_NOISE: f64 = 0.02;
 
-/// The part of the target's colours (root of the variance) that the reference's colours, with a gain >= 0 and a bias per
-/// channel, do not explain; 0..=1. Liveries differ, so a low value is much and a high one says little.
+/// Part of the target's colour variation (root of the variance) that the reference's colours, with a gain >= 0 and a
+/// bias per channel, do not explain; 0..=1. Since liveries differ, a low value is evidence for a pose, and a high one
+/// is no evidence against it.
 pub(super) fn unexplained_color(reference: &ObjectSurface, target: &ObjectSurface, pose: &Pose) -> f64 {
     let (fine, base) = (&reference.levels[FINE], &target.levels[BASE]);
     let mut pairs: Vec<(DVec3, DVec3)> = Vec::new();
@@ -24,7 +25,7 @@ pub(super) fn unexplained_color(reference: &ObjectSurface, target: &ObjectSurfac
     residual(&pairs)
 }
 
-/// Of pairs (explaining, explained), over all channels.
+/// Unexplained part over all channels, for pairs (reference colour, target colour).
 fn residual(pairs: &[(DVec3, DVec3)]) -> f64 {
     let count = pairs.len().max(1) as f64;
     let sums = pairs.iter().fold((DVec3::ZERO, DVec3::ZERO), |(a, b), (x, y)| (a + *x, b + *y));

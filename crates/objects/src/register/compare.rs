@@ -1,4 +1,4 @@
-//! Pictures of a target against pictures of the reference in its place.
+//! Compares pictures of a target with pictures of the reference moved to its place.
 
 use super::check::Agreement;
 use super::outline::Crop;
@@ -6,36 +6,36 @@ use crate::io::masks::Mask;
 use crate::io::view_image::{IGNORED, ViewImage};
 use crate::render::Picture;
 
-/// Pixels with less of an object than this have another colour behind them.
+/// Pixels with a lower coverage are not compared in colour: they show the background, too.
 const OPAQUE: f32 = 0.5;
-/// Least deviation of colours that a gain is fitted to, of 0..1.
+/// Least standard deviation of colours, of 0..1, for a gain to be fitted.
 const FLAT: f64 = 0.02;
 
-/// One pixel of what is to be seen.
+/// One pixel of the target's picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct SeenPixel {
-    /// Colour, 0..1.
+    /// Colour of the target, rgb, 0..1.
     pub rgb: [f32; 3],
-    /// How much of the pixel the target covers.
+    /// Part of the pixel that the target covers, 0..1.
     pub cover: f32,
-    /// Nobody knows what is there: another object may stand in front.
+    /// Whether the pixel is unusable: another object may be in front.
     pub unknown: bool,
 }
 
-/// What is to be seen of a target in a part of a view, row by row.
+/// Picture of a target in the crop of a view, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Seen {
     pixels: Vec<SeenPixel>,
 }
 
 impl Seen {
-    /// Of its own Gaussians.
+    /// From a rendering of the target's own Gaussians.
     pub(super) fn in_render(picture: &Picture) -> Self {
         let pixel = |c: &[f32; 4]| SeenPixel { rgb: straight(*c), cover: c[3], unknown: false };
         Self { pixels: picture.colors.iter().map(pixel).collect() }
     }
 
-    /// Of a photo, which the mask says where to look in; `None` if either has another size than the view.
+    /// From a photo inside the target's mask; `None` if photo and mask do not have the same size.
     pub(super) fn in_photo(crop: &Crop, photo: &ViewImage, mask: &Mask, target: u32) -> Option<Self> {
         let size = (photo.width as usize, photo.height as usize);
         let fits = (mask.width, mask.height) == (photo.width, photo.height)
@@ -59,8 +59,8 @@ impl Seen {
     }
 }
 
-/// The mean of a photo's pixels: colour where the target is, and how much of them it is. Unknown where another object or
-/// an ignored pixel is among them.
+/// Mean of some pixels of a photo: the target's colour and coverage. Unknown if another object or an ignored pixel is
+/// among them.
 fn mean_pixel(pixels: impl Iterator<Item = ([u8; 4], u32)>, target: u32) -> SeenPixel {
     let (mut sum, mut inside, mut all, mut unknown) = ([0.0; 3], 0.0, 0.0, false);
     for (rgba, id) in pixels {
@@ -75,13 +75,13 @@ fn mean_pixel(pixels: impl Iterator<Item = ([u8; 4], u32)>, target: u32) -> Seen
     SeenPixel { rgb, cover: inside / f32::max(all, 1.0), unknown: unknown || all == 0.0 }
 }
 
-/// The object's own colour: that of the picture without the black behind it.
+/// The object's own colour: the blended one divided by its alpha.
 fn straight(color: [f32; 4]) -> [f32; 3] {
     let [r, g, b, alpha] = color;
     [r, g, b].map(|c| c / alpha.max(1e-3))
 }
 
-/// Of views in the same order.
+/// Agreement over all crops; both slices are in the same order.
 pub(super) fn agreement(seen: &[Seen], rendered: &[Picture]) -> Agreement {
     let (mut both, mut either) = (0.0, 0.0);
     let mut colors: Vec<([f32; 3], [f32; 3])> = Vec::new();
@@ -98,8 +98,8 @@ pub(super) fn agreement(seen: &[Seen], rendered: &[Picture]) -> Agreement {
     Agreement { photometric: mean_difference(&colors), silhouette }
 }
 
-/// Mean absolute difference of pairs (rendered, seen) over channels, after the rendered ones got the gain >= 0 and bias per
-/// channel that fit best; 1 without pairs.
+/// Mean absolute difference of pairs (rendered, seen) over channels after the best gain >= 0 and bias per channel for
+/// the rendered colours; 1 without pairs.
 fn mean_difference(colors: &[([f32; 3], [f32; 3])]) -> f64 {
     if colors.is_empty() {
         return 1.0;
@@ -126,7 +126,7 @@ mod tests {
 
     const SIZE: usize = 12;
 
-    /// A disc with a gradient in its colours, right of `left`.
+    /// A disc with a colour gradient, right of column `left`.
     fn disc(left: usize, color: impl Fn(f32) -> [f32; 3]) -> Picture {
         let pixel = |i: usize| {
             let (x, y) = ((i % SIZE) as f32 - 5.5, (i / SIZE) as f32 - 5.5);
@@ -150,7 +150,7 @@ mod tests {
         assert!(same.silhouette < 1e-6 && same.photometric < 0.002, "{same:?}");
         let dimmed = of(disc(0, |v| [0.5 * v + 0.2, 0.7 * v, 0.9 * v - 0.1]));
         assert!(dimmed.silhouette < 1e-6 && dimmed.photometric < 0.004, "{dimmed:?}");
-        // A gradient the other way round is explained by no gain above 0.
+        // No gain above 0 explains a reversed gradient.
         let turned = of(disc(0, |v| grey(1.0 - v)));
         assert!(turned.photometric > 0.1, "{turned:?}");
         let half = of(disc(6, grey));

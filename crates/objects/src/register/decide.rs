@@ -1,4 +1,4 @@
-//! Which of several poses it is, and how sure that is.
+//! Chooses among the poses of a target and states how certain the choice is.
 
 use super::check::Agreement;
 use super::hypotheses::{Hypothesis, fit_at};
@@ -6,42 +6,44 @@ use super::options::RegisterOptions;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
 
-/// Below this, differences of unexplained colour say nothing, 0..=1.
+/// Differences of unexplained colour below this are noise, 0..=1.
 const COLOR_FLOOR: f64 = 0.3;
-/// The same for pictures: two grey levels of 255, and a fiftieth of the outline.
+/// The same for the photometric difference: two grey levels of 255.
 const PHOTOMETRIC_FLOOR: f64 = 0.01;
+/// The same for the silhouette: a fiftieth of the outline.
 const SILHOUETTE_FLOOR: f64 = 0.02;
 
-/// A motion that brings the reference onto itself with at most this many times the cost of its lying on the target is a
-/// symmetry.
+/// A motion of the reference onto itself is a symmetry if its cost is at most this many times the cost of the reference
+/// on the target.
 const SYMMETRIC: f64 = 1.1;
 
-/// How sure a pose is.
+/// Certainty of a chosen pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Certainty {
-    /// No other comes near.
+    /// No other pose comes near.
     Certain,
-    /// Others are as good because the object is symmetric: so many are right.
+    /// Others fit as well because the object is symmetric; the number of equivalent poses.
     Symmetric(usize),
-    /// Another is as good: by this part worse.
+    /// Another pose is about as likely; the part by which it is worse.
     Ambiguous(f64),
 }
 
-/// The pose of a target.
+/// The chosen pose of a target.
 #[derive(Clone, Debug)]
 pub(super) struct Decision {
-    /// The chosen one.
+    /// Pose, fit and colour agreement.
     pub hypothesis: Hypothesis,
-    /// Colours in pictures, if there was a check.
+    /// Agreement of pictures, if they were compared.
     pub agreement: Option<Agreement>,
-    /// How sure it is.
+    /// Certainty of the choice.
     pub certainty: Certainty,
-    /// Other poses that are as good, though the object is not symmetric.
+    /// Other poses that are about as likely and no symmetries.
     pub rivals: Vec<Pose>,
 }
 
-/// Chooses among hypotheses (at least one), of which `agreements` (if any) says how pictures see them, in the same order. What speaks against a
-/// pose is multiplied: each part relative to the least of all.
+/// Chooses among at least one hypothesis; `agreements`, if given, is in the same order. The badness of a pose is the
+/// product of its cost and its colour and picture differences, each relative to the smallest. `None` without
+/// hypotheses.
 pub(super) fn decide(
     reference: &ObjectSurface,
     hypotheses: &[Hypothesis],
@@ -66,7 +68,7 @@ pub(super) fn decide(
     let rivals: Vec<usize> =
         order[1..].iter().copied().filter(|&i| doubts[i] <= (1.0 + options.min_margin) * doubts[best]).collect();
     let chosen = hypotheses[best];
-    // A symmetric object lies as well one way as the other; if it does not, colours only made up for it.
+    // In a symmetric object both poses fit the surface equally well; otherwise only colours compensate a worse fit.
     let as_well = |i: usize| {
         let costs = hypotheses[i].fit.cost / chosen.fit.cost;
         costs.max(1.0 / costs) <= 1.0 + 2.0 * options.min_margin
@@ -85,8 +87,8 @@ pub(super) fn decide(
     Some(Decision { hypothesis: chosen, agreement, certainty, rivals })
 }
 
-/// What speaks against the second of two poses, per what speaks against the first: the ratio of how surfaces fit, times
-/// those of unexplained colour and of what pictures say. Below 1 the second is better.
+/// Badness of the second of two poses relative to the first: the ratio of their surface costs times those of
+/// unexplained colour and of the pictures' differences. Below 1 the second is better.
 pub(super) fn doubt_ratio(surfaces: f64, colors: [f64; 2], seen: Option<[Agreement; 2]>) -> f64 {
     let ratio = |[first, second]: [f64; 2], floor: f64| (second + floor) / (first + floor);
     let pictures = seen.map_or(1.0, |seen| {
@@ -96,7 +98,7 @@ pub(super) fn doubt_ratio(surfaces: f64, colors: [f64; 2], seen: Option<[Agreeme
     surfaces * ratio(colors, COLOR_FLOOR) * pictures
 }
 
-/// True if the motion brings the reference onto itself, as well as it lies on the target.
+/// Whether the motion maps the reference onto itself about as well as it fits the target, whose cost is `cost`.
 pub(super) fn is_symmetry(reference: &ObjectSurface, motion: &Pose, cost: f64) -> bool {
     fit_at((reference, reference), motion, BASE).cost <= SYMMETRIC * cost
 }

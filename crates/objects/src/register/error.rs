@@ -1,50 +1,50 @@
-//! Why objects could not be registered at all.
+//! Errors of registration.
 
 use crate::render::RenderError;
 
-/// What is wrong with the input of [`register`](super::register()); one line for the user.
+/// Why [`register`](super::register()) could not run; the text is one line for the user.
 #[derive(Debug, thiserror::Error)]
 pub enum RegisterError {
-    /// An array of the cloud has another length than its means call for.
+    /// An array of the cloud does not have the length that its means require.
     #[error("the cloud has {len} {array} where {want} fit its means")]
     Cloud {
-        /// Which array.
+        /// Name of the array in the cloud.
         array: &'static str,
-        /// Its length.
+        /// Actual length of the array.
         len: usize,
-        /// The length that fits.
+        /// Length that the means require.
         want: usize,
     },
-    /// There must be one label per Gaussian.
+    /// The number of labels is not the number of Gaussians.
     #[error("{labels} labels for {gaussians} Gaussians: there must be one each")]
     LabelCount {
-        /// Labels given.
+        /// Number of labels given.
         labels: usize,
-        /// Gaussians of the cloud.
+        /// Number of Gaussians of the cloud.
         gaussians: usize,
     },
-    /// A camera cannot be used.
+    /// A camera is invalid; the text says why.
     #[error("{0}")]
     Camera(String),
     /// An option is out of range.
     #[error("{option} is {value}, but must be {want}")]
     Option {
-        /// Which option.
+        /// Name of the option that is out of range.
         option: &'static str,
-        /// Its value.
+        /// Value that was given.
         value: f64,
-        /// What it may be.
+        /// Values that are allowed.
         want: &'static str,
     },
-    /// A view could not be rendered to check poses.
+    /// A view could not be rendered to compare poses.
     #[error("view {view}: {error}")]
     View {
-        /// The view's name.
+        /// Name of the view's camera.
         view: String,
-        /// What is wrong.
+        /// What the renderer reports.
         error: RenderError,
     },
-    /// The device failed, or cannot hold an object.
+    /// The device failed, or an object does not fit on it.
     #[error(transparent)]
     Render(#[from] RenderError),
 }

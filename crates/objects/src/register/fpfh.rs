@@ -1,5 +1,5 @@
-//! Fast point feature histograms (Rusu, Blodow and Beetz 2009): what the surface around a point is shaped like,
-//! whatever its place and turn.
+//! Fast point feature histograms (Rusu, Blodow and Beetz 2009): descriptors of the surface around a point, invariant to
+//! rotation and translation.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,21 +7,22 @@ use rayon::prelude::*;
 use super::surface::Surface;
 use crate::math::nearest::Neighbour;
 
-/// Bins of each of the three angles.
+/// Number of bins for each of the three angles.
 const BINS: usize = 11;
-/// Values of a feature.
+/// Number of values in a feature.
 pub(super) const FEATURE_LEN: usize = 3 * BINS;
-/// Neighbourhood, voxels: large enough for edges and corners to differ.
+/// Radius of the neighbourhood, voxels: large enough to tell edges from corners.
 const RADIUS: f64 = 5.0;
-/// Most neighbours that are looked at; a plane has pi times the squared radius of them.
+/// Largest number of neighbours; a plane has pi times the squared radius of them.
 const MOST_NEIGHBOURS: usize = 100;
-/// What the bins of an angle add up to.
+/// Sum over the bins of one angle.
 const TOTAL: f64 = 100.0;
 
-/// The histograms of the three angles, one after another. Each adds up to 200: a point's own and its neighbours'.
+/// Histograms of the three angles, one after another. Each sums up to 200: 100 of the point's own and 100 of its
+/// neighbours'.
 pub(super) type Feature = [f32; FEATURE_LEN];
 
-/// A feature for each point, which has a unit normal; all 0 where a point has no neighbours.
+/// One feature per point, whose normals must be unit vectors; all 0 where a point has no neighbours.
 pub(super) fn features(surface: &Surface) -> Vec<Feature> {
     let radius = RADIUS * surface.voxel;
     let neighbours = |i: usize| -> Vec<Neighbour> {
@@ -38,7 +39,7 @@ pub(super) fn features(surface: &Surface) -> Vec<Feature> {
     near.par_iter().enumerate().map(feature).collect()
 }
 
-/// The histograms of the angles between a point and its neighbours.
+/// Histograms of the angles between a point and its neighbours (SPFH).
 fn simple_feature(surface: &Surface, i: usize, near: &[Neighbour]) -> [f64; FEATURE_LEN] {
     let point = |i: usize| (surface.positions[i], surface.normals[i]);
     let mut out = [0.0; FEATURE_LEN];
@@ -51,7 +52,7 @@ fn simple_feature(surface: &Surface, i: usize, near: &[Neighbour]) -> [f64; FEAT
     out
 }
 
-/// The neighbours' histograms, the near ones' the more, each adding up to [`TOTAL`].
+/// Mean of the neighbours' histograms, weighted by 1 / squared distance; each angle sums up to [`TOTAL`].
 fn weighted_mean(simple: &[[f64; FEATURE_LEN]], near: &[Neighbour]) -> [f64; FEATURE_LEN] {
     let mut out = [0.0; FEATURE_LEN];
     for n in near.iter().filter(|n| n.squared_distance > 0.0) {
@@ -69,12 +70,12 @@ fn weighted_mean(simple: &[[f64; FEATURE_LEN]], near: &[Neighbour]) -> [f64; FEA
 }
 
 /// The three angles of two points with normals, as parts (0..=1) of their ranges: the turn of the second normal about
-/// the first, its lean sideways, and that of the line between the points. `None` for points in one place and where the
-/// line runs along the normal.
+/// the first, its lean sideways, and the lean of the line between the points. `None` if the points coincide or the line
+/// runs along the normal.
 fn pair_angles((p, p_normal): (DVec3, DVec3), (q, q_normal): (DVec3, DVec3)) -> Option<[f64; 3]> {
     let line = (q - p).try_normalize()?;
     let (at_p, at_q) = (p_normal.dot(line), q_normal.dot(line));
-    // The source is the point whose normal is nearer to the line, so that both orders give the same.
+    // The source is the point whose normal is nearer to the line, so that the result does not depend on the order.
     let (source, other, line, along) =
         if at_p.abs() >= at_q.abs() { (p_normal, q_normal, line, at_p) } else { (q_normal, p_normal, -line, -at_q) };
     let sideways = line.cross(source).try_normalize()?;
@@ -84,9 +85,9 @@ fn pair_angles((p, p_normal): (DVec3, DVec3), (q, q_normal): (DVec3, DVec3)) -> 
     parts.iter().all(|v| v.is_finite()).then(|| parts.map(|v| v.clamp(0.0, 1.0)))
 }
 
-/// Squared distance of two features.
+/// Squared Euclidean distance of two features.
 pub(super) fn squared_difference(a: &Feature, b: &Feature) -> f32 {
-    // One sum per bin of the angles: the compiler may not reorder a single one, and would add 33 numbers in a row.
+    // One sum per bin lets the compiler vectorise; it may not reorder a single sum of 33 numbers.
     let mut sums = [0.0; BINS];
     for (a, b) in a.chunks_exact(BINS).zip(b.chunks_exact(BINS)) {
         for k in 0..BINS {
@@ -104,7 +105,7 @@ mod tests {
     use crate::register::surface::Sample;
     use glam::DMat3;
 
-    /// Points of two sides of a box, with their normals; the box is turned.
+    /// Points with normals on two sides of a box; the box is rotated.
     fn corner(rotation: DMat3) -> Surface {
         let mut rng = Rng::new(1);
         let mut samples = Vec::new();
@@ -123,9 +124,8 @@ mod tests {
         Surface::of_points(1.0, positions.clone(), normals, positions)
     }
 
-    /// A turn changes no feature but by rounding, which could move a pair to the next bin; a point on an edge has another
-    /// feature than one on a plane. Measured: the worst of 600 features differs by 1.3e-4 of 600 in L1; plane and edge by
-    /// 540, two places of the edge by 140.
+    /// Rotation changes features only by rounding, which can move a pair to the next bin. A point on an edge has a
+    /// feature unlike that of a point on a plane.
     #[test]
     fn features_do_not_depend_on_the_frame_and_tell_shapes_apart() {
         let surface = corner(DMat3::IDENTITY);

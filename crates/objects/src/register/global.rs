@@ -1,4 +1,4 @@
-//! Poses from features alone, wherever the objects stand: random samples of matched points, and how many others agree.
+//! Poses from features alone, without a first guess: random samples of matched points, ranked by inliers (RANSAC).
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -7,19 +7,20 @@ use super::fpfh::{Feature, squared_difference};
 use super::pose::{Pair, Pose, best_pose};
 use crate::math::rng::Rng;
 
-/// Points of a sample: a pose needs no more.
+/// Points of a sample: the least number that fixes a pose.
 const SAMPLE: usize = 3;
-/// Of two matched points' distances in the two objects the shorter is at least this part of the longer.
+/// Least ratio of the shorter to the longer distance of two matched points in the two objects.
 const EDGE_RATIO: f64 = 0.9;
-/// Matched points are this near after a pose they agree with, base voxels.
+/// A match is an inlier if its points are at most this far apart, base voxels.
 const AGREE_VOXELS: f64 = 1.5;
-/// Features of an object that are matched: neighbours have about the same, and the time grows with the square.
+/// Largest number of features that are matched: neighbours are similar, and the time grows with the square.
 const MOST_FEATURES: usize = 900;
-/// Poses are the same below this angle, radians (15 degrees), and this distance, base voxels: less than refinement moves.
+/// Poses that differ by less than this angle, radians (15 degrees), ...
 const SAME_ANGLE: f64 = 0.26;
+/// ... and by less than this distance, base voxels, are the same: refinement moves farther.
 const SAME_VOXELS: f64 = 4.0;
 
-/// Points of both objects, indices into their base levels, each of which is the other's best match.
+/// Pairs of points, indices into the base levels, of which each is the other's best match.
 pub(super) fn mutual_matches(reference: &[Feature], target: &[Feature]) -> Vec<(usize, usize)> {
     let (reference_step, target_step) = (thinned(reference), thinned(target));
     let of = |all: &[Feature], step: usize| -> Vec<Feature> { all.iter().step_by(step).copied().collect() };
@@ -30,12 +31,12 @@ pub(super) fn mutual_matches(reference: &[Feature], target: &[Feature]) -> Vec<(
     mutual.map(|(i, &j)| (i * reference_step, j * target_step)).collect()
 }
 
-/// One in how many features are matched.
+/// Stride of the features that are matched.
 fn thinned(features: &[Feature]) -> usize {
     features.len().div_ceil(MOST_FEATURES).max(1)
 }
 
-/// For each feature of `from` the index of the nearest of `to`, the first of equals; `usize::MAX` if there is none.
+/// For each feature of `from`, the index of the nearest one of `to`, the first in a tie; `usize::MAX` if there is none.
 fn best_matches(from: &[Feature], to: &[Feature]) -> Vec<usize> {
     let best = |a: &Feature| {
         let nearer = |best: (usize, f32), (j, b): (usize, &Feature)| {
@@ -47,8 +48,8 @@ fn best_matches(from: &[Feature], to: &[Feature]) -> Vec<usize> {
     from.par_iter().map(best).collect()
 }
 
-/// The `modes` best distinct poses that samples of matched points give, those that most matches agree with first.
-/// `voxel` is the target's base voxel.
+/// Poses from samples of matched points: the `modes` best distinct ones, those with most inliers first. `voxel` is the
+/// target's base voxel, scene units.
 pub(super) fn consensus_poses(
     pairs: &[Pair],
     voxel: f64,
@@ -80,8 +81,8 @@ pub(super) fn consensus_poses(
     best.into_iter().map(refined).collect()
 }
 
-/// True if the three edges are about as long in both objects (in proportion, if scale is free), and long enough to fix a
-/// rotation.
+/// Whether the three edges have about the same length in both objects (or the same ratio, if scale is free) and are
+/// long enough to fix a rotation.
 fn edges_agree(sample: &[Pair; SAMPLE], allow_scale: bool, voxel: f64) -> bool {
     let edge = |a: usize, b: usize, of: fn(&Pair) -> DVec3| of(&sample[a]).distance(of(&sample[b]));
     let ratios = [(0, 1), (1, 2), (2, 0)].map(|(a, b)| {
@@ -92,7 +93,7 @@ fn edges_agree(sample: &[Pair; SAMPLE], allow_scale: bool, voxel: f64) -> bool {
     ratios.iter().all(|r| (EDGE_RATIO..=1.0 / EDGE_RATIO).contains(&(r / middle)))
 }
 
-/// Keeps the list of the best distinct poses, best first; the first found of equals stays.
+/// Inserts a pose into the list of the best distinct ones, best first; in a tie the earlier one stays.
 fn insert(best: &mut Vec<(usize, Pose)>, new: (usize, Pose), modes: usize, same: f64) {
     if best.len() == modes && best[modes - 1].0 >= new.0 {
         return;
@@ -114,8 +115,7 @@ mod tests {
     use super::*;
     use crate::math::covariance::rotation_from_quat;
 
-    /// Of 200 matches four fifths are wrong; the pose of the others is the first mode. Measured: 1e-9 of the truth, and 3
-    /// modes that differ.
+    /// Of 200 matches four fifths are wrong; the pose of the others is the first mode.
     #[test]
     fn finds_the_pose_that_a_fifth_of_the_matches_agrees_with() {
         for (seed, scale) in [(1, 1.0), (2, 1.0), (3, 1.6)] {

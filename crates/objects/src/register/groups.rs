@@ -1,4 +1,4 @@
-//! From a labelled cloud to posed groups.
+//! Forms posed groups from a labelled cloud.
 
 use std::collections::BTreeMap;
 
@@ -18,39 +18,39 @@ use super::sample::{FEW_GAUSSIANS, ObjectSurface};
 use crate::math::similarity::Similarity;
 use crate::scene::{Camera, Gaussians, PosedGroup, up_direction};
 
-/// References that are tried for a category before the rest of it counts as unlike one another.
+/// References tried in a category before the remaining objects count as unlike one another.
 const MOST_REFERENCES: usize = 12;
-/// Objects larger than is usual in their category by more than this factor are the last that others are registered to: masks
-/// that hold two objects make the largest, and each of them would fit a half of it.
+/// Objects larger than usual in their category by more than this factor are tried last as references: a mask that holds
+/// two objects makes a large one, and every object would fit a half of it.
 const OVERSIZE: f64 = 1.4;
-/// What is registered.
+/// Input of registration.
 #[derive(Clone, Copy, Debug)]
 pub struct RegisterInput<'a> {
-    /// A plain cloud, world frame.
+    /// Plain cloud in the world frame.
     pub cloud: &'a Gaussians,
-    /// By Gaussian: mask id, 0 = background.
+    /// Mask id of each Gaussian, 0 = background.
     pub instance_of_gaussian: &'a [u32],
-    /// Names by mask id. Objects with the same name are tried as one group, those without with all others that have none.
+    /// Names by mask id. Objects with the same name are registered as one category, those without a name as another.
     pub categories: &'a BTreeMap<u32, String>,
-    /// The training views: they say what is up, and which side of a surface is outside. May be empty.
+    /// Training views: they give the up axis and the outer side of surfaces. May be empty.
     pub cameras: &'a [Camera],
 }
 
-/// Groups, and what became of every object.
+/// Result of registration.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Registered {
-    /// At least two objects each, the reference first. Its frame has the world's axes and the origin in the middle of
-    /// the reference's box.
+    /// Groups of at least two objects, the reference first. The frame of a group has the world's axes and its origin at
+    /// the centre of the reference's bounding box.
     pub groups: Vec<PosedGroup>,
-    /// One entry per mask id that a Gaussian has, by id.
+    /// One report per mask id that a Gaussian has, by id.
     pub instances: Vec<InstanceRegistration>,
 }
 
-/// Finds groups and poses. `check`, if given, looks at pictures of every pose that geometry leaves.
+/// Finds groups and poses. `check`, if given, compares the candidate poses of each object by pictures.
 ///
 /// # Errors
-/// Arrays that do not fit, a camera or an option that is invalid, a check that fails. What concerns one object only is
-/// in its report.
+/// Arrays of wrong length; an invalid camera or option; an error of `check`. Problems with a single object are in its
+/// report.
 pub fn register<'a>(
     input: &RegisterInput<'_>,
     check: Option<&'a mut (dyn PoseCheck + 'a)>,
@@ -99,7 +99,7 @@ pub(super) fn validate(input: &RegisterInput<'_>) -> Result<(), RegisterError> {
 /// A target and its pose, or why it has none.
 type Outcome<'s> = (&'s ObjectSurface, Result<Decision, Unlike>);
 
-/// What is known while groups form.
+/// State of a run of [`register()`].
 struct Run<'a> {
     up: Option<DVec3>,
     options: &'a RegisterOptions,
@@ -107,7 +107,7 @@ struct Run<'a> {
     out: Registered,
 }
 
-/// Median size of the objects that were seen well, scene units; infinite if they are too few to say what is usual.
+/// Median size of the objects that were seen well, scene units; infinite if there are fewer than three.
 fn usual_size(objects: &[&ObjectSurface]) -> f64 {
     let mut sizes: Vec<f64> = objects.iter().filter(|s| s.gaussians >= FEW_GAUSSIANS).map(|s| s.size).collect();
     sizes.sort_by(f64::total_cmp);
@@ -115,7 +115,7 @@ fn usual_size(objects: &[&ObjectSurface]) -> f64 {
 }
 
 impl Run<'_> {
-    /// Forms groups of the objects of one category, or of those without.
+    /// Forms groups of the objects of one category, or of those without a name.
     fn class<'s>(
         &mut self,
         name: Option<&'s String>,
@@ -124,7 +124,7 @@ impl Run<'_> {
         let mut groups = Vec::new();
         let usual = usual_size(&open);
         open.sort_by_key(|s| (s.size > OVERSIZE * usual, std::cmp::Reverse(s.gaussians), s.id));
-        // By object: of what it came nearest to.
+        // For each object, the best attempt so far.
         let mut reasons: BTreeMap<u32, Unlike> = BTreeMap::new();
         let mut tried = 0;
         let most = if name.is_some() { MOST_REFERENCES } else { open.len() };
@@ -155,7 +155,7 @@ impl Run<'_> {
         }
         for surface in open {
             let alone = || match name {
-                Some(name) => format!("the only {name}: one object alone shares nothing"),
+                Some(name) => format!("the only {name}: a group needs two objects"),
                 None => "no other object is like it".into(),
             };
             let reason = reasons.remove(&surface.id).map_or_else(alone, |unlike| unlike.reason);
@@ -191,7 +191,7 @@ impl Run<'_> {
         Ok(out)
     }
 
-    /// How pictures see the hypotheses.
+    /// Agreement of pictures for each hypothesis; `None` without a check.
     fn pictures(
         &mut self,
         reference: &ObjectSurface,
@@ -203,7 +203,7 @@ impl Run<'_> {
         check.check(reference.id, target.id, &poses)
     }
 
-    /// Adds a group; `axis` is what upright objects are turned about.
+    /// Refines a group and adds it to the result; `axis` is the up axis of its upright objects.
     fn settle(&mut self, mut group: Group<'_>, axis: Option<DVec3>) -> Result<(), RegisterError> {
         let uncertainties = group.settle(axis, self.check.as_deref_mut(), self.options)?;
         let Group { name, reference, members, .. } = group;

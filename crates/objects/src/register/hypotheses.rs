@@ -1,5 +1,5 @@
-//! Poses that one object may have against another: starts from features and around the up axis, refined from coarse to
-//! fine, the best and what is nearly as good.
+//! Candidate poses of one object relative to another: starts from features and about the up axis are refined from
+//! coarse to fine, and the best one is kept with its near ties.
 
 use std::f64::consts::TAU;
 
@@ -15,30 +15,31 @@ use super::pose::{Pair, Pose};
 use super::sample::{BASE, FINE, ObjectSurface};
 use crate::math::rng::Rng;
 
-/// Starts from features.
+/// Number of starts from features.
 const CONSENSUS_MODES: usize = 3;
-/// Steps at each level: the first bring most of the way.
+/// Largest number of ICP steps at each level.
 const STEPS: usize = 15;
-/// Steps along the surface at the end.
+/// Largest number of point-to-plane steps at the end.
 const SLIDES: usize = 12;
-/// Hypotheses that go on from the second to the third level.
+/// Number of hypotheses that go on from the second to the third level.
 const KEPT: usize = 4;
-/// Poses nearer than this are one: angle, radians (8 degrees), and distance, base voxels.
+/// Poses that differ by less than this angle, radians (8 degrees), ...
 const SAME_ANGLE: f64 = 0.14;
+/// ... and by less than this distance, base voxels, are the same.
 const SAME_VOXELS: f64 = 1.5;
 
-/// A pose and what speaks for it.
+/// A candidate pose with its fit.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hypothesis {
-    /// From the reference's local frame to the target's.
+    /// Maps the reference's local frame to the target's.
     pub pose: Pose,
-    /// How the surfaces meet.
+    /// Fit of the two surfaces.
     pub fit: Fit,
-    /// What of the target's colours the reference's do not explain, 0..=1.
+    /// Part of the target's colour variation that the reference does not explain, 0..=1.
     pub color: f64,
 }
 
-/// Distinct poses of a cost within `near_tie` of the best, by cost.
+/// Distinct poses whose cost is within the factor `near_tie` of the best, in order of cost.
 pub(super) fn hypotheses(
     reference: &ObjectSurface,
     target: &ObjectSurface,
@@ -47,7 +48,7 @@ pub(super) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let pair = (reference, target);
     let same = SAME_VOXELS * target.voxel();
-    // Level by level, with ever fewer of them.
+    // Each level keeps fewer poses.
     let mut poses = starts(reference, target, up, options);
     for (level, most) in [(0, 2 * KEPT), (1, KEPT)] {
         let best = refined(pair, &poses, level, options);
@@ -67,7 +68,7 @@ pub(super) fn hypotheses(
     distinct(all.into_iter(), |h| h.pose, same, usize::MAX)
 }
 
-/// Where refinement starts from.
+/// Poses from which refinement starts.
 fn starts(
     reference: &ObjectSurface,
     target: &ObjectSurface,
@@ -88,7 +89,7 @@ fn starts(
     for i in 0..options.yaw_starts {
         let yaw = DMat3::from_axis_angle(axis, TAU * i as f64 / options.yaw_starts as f64);
         out.push(turned(yaw));
-        // Without an up axis objects may also stand on their heads or lie.
+        // Without an up axis objects may also be upside down or lie on a side.
         if up.is_none() {
             out.extend([DVec3::X, DVec3::Y].map(|side| turned(yaw * DMat3::from_axis_angle(side, 0.25 * TAU))));
             out.extend([0.5, 0.75].map(|part| turned(yaw * DMat3::from_axis_angle(DVec3::X, part * TAU))));
@@ -98,7 +99,7 @@ fn starts(
     out
 }
 
-/// Poses after a level's steps with their costs there, by cost.
+/// Poses after the steps of one level, with their costs there, in order of cost.
 fn refined(
     pair: (&ObjectSurface, &ObjectSurface),
     poses: &[Pose],
@@ -115,12 +116,12 @@ fn refined(
     all
 }
 
-/// How a pose of (reference, target) fits at a level.
+/// Fit of a pose of (reference, target) at a level.
 pub(super) fn fit_at((reference, target): (&ObjectSurface, &ObjectSurface), pose: &Pose, level: usize) -> Fit {
     fit(reference.at(level), target.at(level), pose)
 }
 
-/// The first `most` of those that differ from all before them.
+/// The first `most` items whose poses differ from all before them.
 fn distinct<T>(all: impl Iterator<Item = T>, pose: impl Fn(&T) -> Pose, same: f64, most: usize) -> Vec<T> {
     let mut out: Vec<T> = Vec::new();
     for new in all {

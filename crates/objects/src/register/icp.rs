@@ -1,40 +1,39 @@
-//! Iterated closest points: trimmed, point to point, both ways.
+//! Iterative closest points (ICP): trimmed, point to point.
 
 use glam::DVec3;
 
 use super::pose::{Pair, Pose, best_pose};
 use super::surface::{Followed, Surface, reach_of};
 
-/// The part of the pairs that counts: what one object has and the other lacks is among the rest.
+/// Part of the pairs that is kept, nearest first: the rest may be parts that one object lacks.
 const TRIM: f64 = 0.9;
-/// Points that are farther than this from all others are not matched, voxels of the level.
+/// Points farther than this from the other surface are not matched, voxels of the level.
 const REACH: f64 = 4.0;
-/// Steps that move no point by more than this part of a voxel end it.
+/// The iteration ends when a step moves no point by more than this part of a voxel.
 const SETTLED: f64 = 1e-3;
-/// Poses between which no point moves by more than this part of a voxel are of one basin. On eight trained cars all poses
-/// came out the same with it, to the bit (2026-11-24).
+/// A start is dropped when it comes this near to a known pose, voxels: it would converge to the same pose.
 const JOINED: f64 = 0.25;
 
-/// Points farther than this from the other surface do not agree with it, base voxels.
+/// Largest distance of an inlier from the other surface, base voxels.
 pub(super) const INLIER_VOXELS: f64 = 1.5;
-/// Distances count as at most this, base voxels: beyond it the surfaces just differ.
+/// Distances are clamped to this, base voxels: beyond it the surfaces just differ.
 pub(super) const MOST_VOXELS: f64 = 3.0;
 
-/// How to go on with it.
+/// Options of [`icp`] and [`icp_apart`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct IcpOptions {
-    /// Most steps.
+    /// Largest number of steps.
     pub steps: usize,
-    /// Scale is free.
+    /// Whether the scale is free.
     pub allow_scale: bool,
 }
 
-/// Moves `start` to where `data` (points of the target) lies best on `model` (the reference's, at a finer level).
+/// Refines `start` so that `data`, points of the target, lies on `model`, points of the reference at a finer level.
 pub(super) fn icp(model: &Surface, data: &Surface, start: Pose, options: IcpOptions) -> Pose {
     icp_apart(model, data, start, options, &[]).unwrap_or(start)
 }
 
-/// As [`icp`]; `None` as soon as a step ends so near to one of `known` that it is on its way there.
+/// Like [`icp`]; `None` as soon as a step ends so near to one of `known` that it would converge to it.
 pub(super) fn icp_apart(
     model: &Surface,
     data: &Surface,
@@ -59,7 +58,7 @@ pub(super) fn icp_apart(
     Some(pose)
 }
 
-/// Each point of `data` with the nearest of `model`, if it is within reach and not among the farthest.
+/// Pairs each point of `data` with the nearest one of `model`, without pairs beyond reach and the farthest ones.
 fn closest_pairs((model, followed): (&Surface, &mut Followed<'_>), data: &Surface, pose: &Pose) -> Vec<Pair> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::with_capacity(data.len());
     for (i, &to) in data.positions.iter().enumerate() {
@@ -77,29 +76,30 @@ fn closest_pairs((model, followed): (&Surface, &mut Followed<'_>), data: &Surfac
     within.map(|&(_, i, j)| Pair { from: model.positions[j], to: data.positions[i], weight: 1.0 }).collect()
 }
 
-/// How well a pose puts the reference onto the target.
+/// How well a pose aligns the reference with the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Fit {
-    /// Mean distance in base voxels, of which each counts at most [`MOST_VOXELS`]: target to reference, and back.
+    /// Sum of the mean distances from target to reference and back, base voxels; each distance is clamped to
+    /// [`MOST_VOXELS`].
     pub cost: f64,
-    /// The part of it from the target to the reference: what the reference has and the target lacks does not count.
+    /// The mean distance from target to reference alone: parts that the target lacks do not count.
     pub cost_there: f64,
-    /// Part of the target's points near the reference.
+    /// Part of the target's points that are inliers, 0..=1.
     pub inliers: f64,
-    /// Part of the reference's points near the target: lower if the target was seen in part.
+    /// Part of the reference's points near the target, 0..=1; lower if the target was seen in part.
     pub covered: f64,
-    /// Root mean square distance of the target's points that are near the reference, scene units.
+    /// Root mean square distance of the inliers, scene units.
     pub rmse: f64,
 }
 
-/// Mean distance of the target's points to the reference's, in voxels of the target's, each at most [`MOST_VOXELS`].
+/// Mean distance of the target's points from the reference's, in voxels of the target, each clamped to [`MOST_VOXELS`].
 pub(super) fn mean_distance(model: &Surface, data: &Surface, pose: &Pose) -> f64 {
     let distance = |p: DVec3| model.nearest(pose.apply_inverse(p)).map_or(f64::INFINITY, |n| n.1 * pose.scale);
     let sum: f64 = data.positions.iter().map(|&p| (distance(p) / data.voxel).min(MOST_VOXELS)).sum();
     sum / data.len().max(1) as f64
 }
 
-/// Judges a pose on the points of one level; `fine_model` and `fine_data` are what distances are taken to.
+/// Evaluates a pose with the points of one level; distances are taken to the finer `fine_model` and `fine_data`.
 pub(super) fn fit(
     (model, fine_model): (&Surface, &Surface),
     (data, fine_data): (&Surface, &Surface),
@@ -129,7 +129,7 @@ mod tests {
     use crate::register::surface::Sample;
     use glam::DMat3;
 
-    /// Points of the faces of three boxes that no turn brings onto themselves.
+    /// Points on the faces of three boxes, a shape without symmetry.
     fn shape(rng: &mut Rng, count: usize) -> Vec<DVec3> {
         let boxes = [
             (DVec3::ZERO, DVec3::new(8.0, 4.0, 2.0)),
@@ -155,8 +155,8 @@ mod tests {
         (surface(points.iter().copied(), 0.5), surface(points.iter().copied(), 0.25))
     }
 
-    /// Different points of the same shape, noise of a tenth of a voxel, a fifth of the target not seen, starts off by 15 degrees and
-    /// three voxels. Measured: within 0.25 degrees and 0.06 voxels; without refinement the starts stay where they are.
+    /// Different samples of the same shape with noise of a tenth of a voxel, a fifth of the target unseen, and starts
+    /// off by 15 degrees and three voxels.
     #[test]
     fn finds_the_pose_from_nearby_and_judges_it() {
         for (seed, scale) in [(1, 1.0), (2, 1.0), (3, 1.1)] {
@@ -187,7 +187,7 @@ mod tests {
         }
     }
 
-    /// From near a known pose nothing new is found; from the same start with another one known the pose is.
+    /// A start near a known pose gives nothing new; with only another pose known, it converges.
     #[test]
     fn what_is_on_its_way_to_a_known_pose_is_given_up() {
         let mut rng = Rng::new(4);
@@ -210,7 +210,7 @@ mod tests {
             let fit = fit((model, model), (data, data), &start);
             assert!(fit.cost.is_finite() && fit.inliers.is_finite() && fit.rmse.is_finite(), "{fit:?}");
         }
-        // Points of a line leave the turn about it free; that is no failure.
+        // Points on a line leave the turn about it free; that is no failure.
         let line = surface((0..40).map(|i| DVec3::X * f64::from(i)), 1.0);
         let found = icp(&line, &line, Pose { translation: DVec3::X * 0.3, ..start }, options);
         assert!(found.is_finite() && found.translation.length() < 1e-6, "{found:?}");

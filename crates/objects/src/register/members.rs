@@ -1,4 +1,4 @@
-//! The members of a group, once each has a pose against the reference.
+//! The members of a group after each was registered to the reference.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -15,34 +15,34 @@ use super::sample::{BASE, ObjectSurface};
 use super::spread::{PoseUncertainty, Spread};
 use super::together::{Member, best_rival, common_axis, half_turned, refine_together, stand_upright};
 
-/// From so many members on, all others together say more than the reference alone had.
+/// From this many members on, all others together are better evidence than the reference alone.
 const ENOUGH: usize = 3;
-/// A rival whose surface and colours fit worse by more than this factor is not looked at in pictures: these differ by
-/// less between the front and the back of one thing.
+/// Rivals whose surface and colours fit worse than by this factor are not compared in pictures: pictures of front and
+/// back of one object differ by less.
 const WORTH_PICTURES: f64 = 1.25;
 
-/// A member and its pose against the reference.
+/// A member and its pose relative to the reference.
 pub(super) struct Aligned<'a> {
-    /// The member.
+    /// Surface points of the member.
     pub surface: &'a ObjectSurface,
-    /// Its pose.
+    /// Its pose, and how certain it is.
     pub decision: Decision,
 }
 
-/// A group before its poses are final.
+/// A group whose poses are not yet final.
 pub(super) struct Group<'a> {
-    /// Its category.
+    /// Category of the group.
     pub name: Option<&'a String>,
-    /// The one the others are registered to.
+    /// The object that the others are registered to.
     pub reference: &'a ObjectSurface,
-    /// The others, at least one; by id.
+    /// The other members, at least one; by id.
     pub members: Vec<Aligned<'a>>,
-    /// The reference and the others, where they stand by what is known so far.
+    /// The reference and the other members with their current poses.
     placed: Vec<Member<'a>>,
 }
 
 impl<'a> Group<'a> {
-    /// With each member where it was registered to the reference alone.
+    /// A group with each member at its pose relative to the reference alone.
     pub(super) fn new(name: Option<&'a String>, reference: &'a ObjectSurface, mut members: Vec<Aligned<'a>>) -> Self {
         members.sort_by_key(|m| m.surface.id);
         let mut placed = vec![Member { surface: reference, pose: Pose::IDENTITY }];
@@ -50,16 +50,16 @@ impl<'a> Group<'a> {
         Self { name, reference, members, placed }
     }
 
-    /// The axis about which the upright objects of all groups are turned; near `up`.
+    /// The up axis of the upright objects of all groups; `up` is the first estimate.
     pub(super) fn axis_of(groups: &[Self], up: DVec3) -> DVec3 {
         common_axis(groups.iter().flat_map(|group| &group.placed[1..]), up)
     }
 
-    /// Lays the members on each other, those that stand upright turned about `axis` only if most do, and gives them another
-    /// pose where that fits better. Says how sure each pose against the reference is.
+    /// Aligns the members with each other and replaces a pose by a rival that fits better. If most members stand
+    /// upright, those are turned about `axis` only. Returns the uncertainty of each member's pose.
     ///
     /// # Errors
-    /// Those of the check.
+    /// Errors of `check`.
     pub(super) fn settle(
         &mut self,
         axis: Option<DVec3>,
@@ -88,8 +88,8 @@ impl<'a> Group<'a> {
         Ok(uncertainties(&self.placed, &costs, Spread { axis: upright, allow_scale: scale, min_margin, seed }))
     }
 
-    /// Moves members to rival poses that fit better, by surface (the ratio of costs given), colours and pictures together,
-    /// and puts those in doubt whose rivals fit about as well. True if any was moved.
+    /// Replaces poses by rivals that fit better by surface (the ratio of costs given), colours and pictures together,
+    /// and marks those as ambiguous whose rivals fit about as well. True if any pose was replaced.
     fn take_better(
         &mut self,
         rivals: Vec<Option<(Pose, f64)>>,
@@ -121,7 +121,7 @@ impl<'a> Group<'a> {
     }
 }
 
-/// How pictures see two poses of (reference, target), if there are any of it.
+/// Agreement of pictures for two poses of (reference, target); `None` if no view shows the target.
 fn pictures(
     check: Option<&mut (dyn PoseCheck + '_)>,
     (reference, target): (&ObjectSurface, &ObjectSurface),
@@ -133,14 +133,14 @@ fn pictures(
     Ok(seen.and_then(|seen| seen.try_into().ok()))
 }
 
-/// By member besides the reference, the first; `costs` are those of their lying on it.
+/// Uncertainty of each member but the reference; `costs` are those of their fit to the reference.
 fn uncertainties(all: &[Member<'_>], costs: &[f64], spread: Spread) -> Vec<Option<PoseUncertainty>> {
     let median = {
         let mut sorted = costs.to_vec();
         sorted.sort_by(f64::total_cmp);
         sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
     };
-    // Of two objects there is but one pose: what is said of the other says it all.
+    // Of two objects there is only one relative pose, whose uncertainty already has both parts.
     let of_reference = (costs.len() > 1).then(|| spread.of(all, 0, median)).flatten();
     let of = |(i, &cost): (usize, &f64)| {
         let own = spread.of(all, i + 1, cost)?;
@@ -149,7 +149,7 @@ fn uncertainties(all: &[Member<'_>], costs: &[f64], spread: Spread) -> Vec<Optio
     costs.par_iter().enumerate().map(of).collect()
 }
 
-/// Puts a pose in doubt, because the object fits about as well after a motion.
+/// Marks a pose as symmetric or ambiguous, because the object fits about as well after `motion`.
 fn doubt(reference: &ObjectSurface, decision: &mut Decision, motion: &Pose, lead: f64) {
     if decision.certainty == Certainty::Certain {
         let symmetric = is_symmetry(reference, motion, decision.hypothesis.fit.cost);

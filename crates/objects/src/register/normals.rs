@@ -1,4 +1,4 @@
-//! Which way surfaces face.
+//! Normals of surface points, and the side they point to.
 
 use glam::DVec3;
 
@@ -6,25 +6,26 @@ use super::surface::Surface;
 use crate::math::eigen::symmetric_eigen;
 use crate::scene::Camera;
 
-/// Below this length of the mean of normals they disagree, or belong to round Gaussians: then the neighbours' spread
-/// decides. Three unit normals 70 degrees from their mean have 0.34.
+/// If the mean of normals is shorter than this, they disagree or belong to round Gaussians, and a plane through the
+/// neighbours is used. Three unit normals 70 degrees from their mean have 0.34.
 const MIN_AGREEMENT: f64 = 0.35;
-/// Neighbours that fix a plane, the point itself included: as many as a disc of twice the voxel has.
+/// Neighbours that a plane is fitted to, the point itself included: the points in a disc of a radius of two voxels.
 const NEIGHBOURS: usize = 13;
 
-/// How much the way out of the object counts against that to the cameras: it decides where those only graze the surface.
+/// Weight of the direction out of the object relative to that to the cameras; it decides where cameras only graze the
+/// surface.
 const OUTWARDS: f64 = 0.3;
 
-/// Where an object is seen from.
+/// The cameras that see an object.
 pub(super) struct Viewers {
-    /// Camera centres, world.
+    /// Camera centres, world frame.
     eyes: Vec<DVec3>,
-    /// Middle of the object, world.
+    /// Centre of the object, world frame.
     centre: DVec3,
 }
 
 impl Viewers {
-    /// The cameras whose picture has the object's centre in it; all if that is none.
+    /// The cameras whose picture contains the object's centre; all cameras if there are none.
     pub(super) fn new(cameras: &[Camera], centre: DVec3) -> Self {
         let seeing = cameras.iter().filter(|c| is_in_picture(c, centre));
         let mut eyes: Vec<DVec3> = seeing.map(Camera::position_world).collect();
@@ -34,9 +35,9 @@ impl Viewers {
         Self { eyes, centre }
     }
 
-    /// Unit vector from a point of the object (world) to where it is seen from: the mean direction of the cameras on its
-    /// side of the object, the nearer to straight above it the more, and a little of the way out of the object. Objects
-    /// are about convex: a camera behind one does not see the point.
+    /// Unit vector from a point of the object (world frame) towards its viewers: the mean direction to the cameras on
+    /// its side of the object, weighted by the cosine to the way out, plus a little of the way out. Objects are assumed
+    /// roughly convex, so a camera behind the object does not see the point.
     pub(super) fn direction(&self, position: DVec3) -> DVec3 {
         let outwards = (position - self.centre).normalize_or_zero();
         let towards = |eye: &DVec3| {
@@ -52,8 +53,8 @@ fn is_in_picture(camera: &Camera, point: DVec3) -> bool {
     camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at))
 }
 
-/// Unit normals of all points: the mean of the Gaussians' where they agree, else across the neighbours' plane, to the
-/// side of `direction` (of a local position).
+/// Unit normals of all points: the mean of the Gaussians' normals where they agree, else the normal of the neighbours'
+/// plane, on the side of `direction`, which takes a local position.
 pub(super) fn unit_normals(surface: &Surface, direction: impl Fn(DVec3) -> DVec3) -> Vec<DVec3> {
     let normal = |i: usize| {
         let mean = surface.normals[i];
@@ -69,13 +70,13 @@ pub(super) fn unit_normals(surface: &Surface, direction: impl Fn(DVec3) -> DVec3
     (0..surface.len()).map(normal).collect()
 }
 
-/// The unit vector along which points spread least; `None` unless they are finite.
+/// Unit normal of the best plane through points; `None` if it is not finite.
 fn plane_normal(points: &[DVec3]) -> Option<DVec3> {
     let (_, least) = symmetric_eigen(covariance(points))[0];
     Some(DVec3::from_array(least)).filter(|n| n.is_finite())
 }
 
-/// The points' covariance; not a number without points.
+/// Covariance of points; NaN without points.
 pub(super) fn covariance(points: &[DVec3]) -> [[f64; 3]; 3] {
     let count = points.len() as f64;
     let mean = points.iter().sum::<DVec3>() / count;
@@ -94,7 +95,7 @@ mod tests {
     use crate::register::surface::Sample;
     use crate::scene::test_cameras::ring;
 
-    /// A ball's normals point outwards, from flat Gaussians (whose sign the viewers give) and from neighbours.
+    /// The normals of a ball point outwards, from flat Gaussians (whose sign the viewers give) and from neighbours.
     #[test]
     fn normals_of_a_ball_point_outwards() {
         let mut rng = crate::math::rng::Rng::new(1);
@@ -106,7 +107,7 @@ mod tests {
         let normals = unit_normals(&surface, |p| viewers.direction(p));
         let worst = surface.positions.iter().zip(&normals).map(|(p, n)| p.normalize().dot(*n)).fold(1.0, f64::min);
         assert!(worst > 0.9, "{worst}");
-        // Without cameras the middle of the object decides.
+        // Without cameras the object's centre decides.
         assert!(Viewers::new(&[], DVec3::ZERO).direction(DVec3::X * 2.0) == DVec3::X);
         assert!(Viewers::new(&[], DVec3::ZERO).direction(DVec3::ZERO) == DVec3::ZERO);
     }

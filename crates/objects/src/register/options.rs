@@ -1,30 +1,30 @@
-//! How objects are registered.
+//! Options of registration.
 
 use super::error::RegisterError;
 
 /// Options of [`register`](super::register()).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RegisterOptions {
-    /// Scale is free (a similarity), for objects of several sizes. Off by default: all objects are of one
-    /// reconstruction, so those of one make have one size, and a free scale hides a bad fit.
+    /// Whether scale is free (a similarity), for objects of several sizes. Off by default: objects of one kind in one
+    /// reconstruction have one size, and a free scale hides a bad fit.
     pub allow_scale: bool,
-    /// Gaussians of lower opacity are haze or carve edges; they are not of the surface. In 0..1.
+    /// Gaussians of lower opacity are haze or blur at edges and are ignored; in 0..1.
     pub min_opacity: f64,
-    /// Gaussians with a deviation above this part of the object's size are not of its surface.
+    /// Gaussians whose largest standard deviation exceeds this part of the object's size are ignored.
     pub max_relative_scale: f64,
-    /// The base resolution, voxels per size of the object: 40 gives one to two thousand points.
+    /// Base resolution, voxels per size of the object: 40 gives one to two thousand points.
     pub voxels_per_size: f64,
-    /// Starts around the up axis. 16 are 22.5 degrees apart, which refinement bridges.
+    /// Number of starts about the up axis. 16 are 22.5 degrees apart, a gap that refinement bridges.
     pub yaw_starts: usize,
     /// Random samples of matched features per pair of objects.
     pub trials: usize,
-    /// Poses of a cost within this factor of the best are told apart by colour and pictures.
+    /// Poses whose cost is within this factor of the best are compared by colour and pictures.
     pub near_tie: f64,
-    /// A lead over the next best pose below this part is no decision.
+    /// A pose is ambiguous if the next best is worse by a smaller part than this.
     pub min_margin: f64,
-    /// An object of which a smaller part agrees with the reference is of another kind.
+    /// Least part of an object's surface that must agree with the reference.
     pub min_inliers: f64,
-    /// Seed of what is drawn.
+    /// Seed of all random draws.
     pub seed: u64,
 }
 
@@ -46,14 +46,14 @@ impl Default for RegisterOptions {
 }
 
 impl RegisterOptions {
-    /// Checks the ranges.
+    /// Checks that all options are in range.
     pub(super) fn validate(&self) -> Result<(), RegisterError> {
         let part = |v: f64| (0.0..1.0).contains(&v);
         let above_0 = |v: f64| v > 0.0 && v.is_finite();
         let checks = [
             ("min_opacity", self.min_opacity, part(self.min_opacity), "from 0 to below 1"),
             ("max_relative_scale", self.max_relative_scale, above_0(self.max_relative_scale), "above 0"),
-            // More voxels than this are finer than any Gaussian, and their keys must fit.
+            // More voxels are finer than any Gaussian, and their keys would overflow.
             ("voxels_per_size", self.voxels_per_size, (4.0..=1000.0).contains(&self.voxels_per_size), "from 4 to 1000"),
             ("yaw_starts", self.yaw_starts as f64, (1..=360).contains(&self.yaw_starts), "from 1 to 360"),
             ("near_tie", self.near_tie, self.near_tie >= 1.0 && self.near_tie.is_finite(), "1 or more"),

@@ -1,4 +1,4 @@
-//! From poses to a group and what is said of its objects.
+//! Turns poses into a group and the reports of its objects.
 
 use glam::DMat3;
 
@@ -11,28 +11,28 @@ use super::spread::PoseUncertainty;
 use crate::math::similarity::Similarity;
 use crate::scene::{PosedGroup, PosedInstance};
 
-/// An object whose cost is this many times the group's median fits worse than differences of make explain.
+/// An object whose cost exceeds the group's median by this factor fits worse than differences of make explain.
 const POOR_FIT: f64 = 1.6;
 
-/// Standard deviations above which a pose is in doubt: degrees, and part of the object's size. Of 1 degree and 1 %, a third
-/// would be farther off than that; of 0.6 it is one in ten at most, and those that are surer less.
+/// Standard deviation of the angle, degrees, above which a pose is ambiguous.
 const UNSURE_DEGREES: f64 = 0.6;
+/// The same for the position, part of the object's size.
 const UNSURE_PART: f64 = 0.006;
-/// Below these the doubt is slight: the joint phase repairs twice as much. Poses off by 2 degrees and 2 % cost it 0.05 dB in
-/// the median and 0.11 dB at most, on cars, orchard and hall.
+/// Up to this standard deviation, degrees, the doubt is slight: the joint phase corrects such poses.
 const SLIGHT_DEGREES: f64 = 1.0;
+/// The same for the position, part of the object's size.
 const SLIGHT_PART: f64 = 0.01;
 
-/// A template's id and its name.
+/// Id of a template, and its name.
 type Label<'a> = (u32, Option<&'a String>);
 
-/// A pose against the reference as a map of the world onto itself.
+/// The relative pose of target and reference as a map of the world that moves the reference onto the target.
 pub(super) fn target_from_reference(reference: &ObjectSurface, target: &ObjectSurface, pose: &Pose) -> Similarity {
     let translation = target.centroid + pose.apply(-reference.centroid);
     Similarity::from_parts(pose.rotation, pose.scale, translation)
 }
 
-/// The group as `groups.json` has it: the reference first, in whose box's middle the template's origin is.
+/// The group as in `groups.json`: the reference first, with the template's origin at the centre of its bounding box.
 pub(super) fn posed_group(
     (template_id, name): Label<'_>,
     reference: &ObjectSurface,
@@ -47,7 +47,7 @@ pub(super) fn posed_group(
     PosedGroup { template_id, name: name.cloned(), score, instances }
 }
 
-/// What is said of the reference and the members (at least one), of which `uncertainties` says how sure their poses are.
+/// Reports of the reference and the members (at least one); `uncertainties` are those of the members.
 pub(super) fn reports(
     (template_id, name): Label<'_>,
     reference: &ObjectSurface,
@@ -63,7 +63,7 @@ pub(super) fn reports(
     };
     let mut costs: Vec<f64> = members.iter().map(|m| m.decision.hypothesis.fit.cost_there).collect();
     costs.sort_by(f64::total_cmp);
-    // The lower of the middle two: of two members the worse one may be wrong.
+    // The lower of the two in the middle: of two members the worse one may be wrong.
     let median = costs.get(costs.len().saturating_sub(1) / 2).copied().unwrap_or(0.0);
     let report = |(member, &uncertainty): (&Aligned<'_>, &Option<PoseUncertainty>)| {
         let Said { verdict, slight, note } = said(&member.decision, median, uncertainty);
@@ -87,7 +87,7 @@ pub(super) fn reports(
     out
 }
 
-/// What is said of an object that is in no group.
+/// Report of an object that is in no group.
 pub(super) fn rejected(
     (instance, name): (u32, Option<&String>),
     gaussians: usize,
@@ -110,7 +110,7 @@ pub(super) fn rejected(
     }
 }
 
-/// What is said of a member.
+/// Verdict on a member, for its report.
 struct Said {
     verdict: Verdict,
     slight: bool,
@@ -123,16 +123,16 @@ fn said(decision: &Decision, median_cost: f64, uncertainty: Option<PoseUncertain
     match (decision.certainty, uncertainty) {
         (Certainty::Ambiguous(by), _) => doubt(format!("another pose is only {:.1} % less likely", 100.0 * by)),
         _ if cost > POOR_FIT * median_cost => {
-            doubt(format!("it lies {:.1} times as far off as the median of its group", cost / median_cost))
+            doubt(format!("its surface is {:.1} times as far off as the median of its group", cost / median_cost))
         }
         (_, Some(PoseUncertainty { degrees, part })) if degrees > UNSURE_DEGREES || part > UNSURE_PART => {
             let percent = 100.0 * part;
             let note =
-                format!("halves of its Gaussians stand {degrees:.1} degrees and {percent:.1} % of its size apart");
+                format!("halves of its Gaussians give poses {degrees:.1} degrees and {percent:.1} % of its size apart");
             Said { slight: degrees <= SLIGHT_DEGREES && part <= SLIGHT_PART, ..doubt(note) }
         }
         (Certainty::Symmetric(count), _) => {
-            let note = format!("symmetric: {count} poses are as good");
+            let note = format!("symmetric: {count} poses fit equally well");
             Said { verdict: Verdict::Symmetric, slight: false, note }
         }
         (Certainty::Certain, _) => Said { verdict: Verdict::Accepted, slight: false, note: String::new() },

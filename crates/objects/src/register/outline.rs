@@ -1,34 +1,34 @@
-//! Which views show an object best, and the part of each that does.
+//! Selects the views that show an object best, and the crop of each around the object.
 
 use glam::DVec3;
 
 use crate::scene::Camera;
 
-/// Views that poses are compared in: more say little new.
+/// Number of views in which poses are compared; more add little.
 const VIEWS: usize = 4;
-/// Directions to the object that differ by less (cosine of 35 degrees) show the same.
+/// Views whose directions to the object differ by less are redundant (cosine of 35 degrees).
 const SAME_DIRECTION: f64 = 0.82;
-/// Longer side of the part that is rendered, pixels: outlines and colours are plain at this size.
+/// Longer side of a rendered crop, pixels: enough for outlines and colours.
 const MOST_PX: f64 = 96.0;
-/// Room around the object, as a part of its box: a wrong pose reaches out of it.
+/// Margin around the object as a part of its box: a wrong pose reaches out of it.
 const MARGIN: f64 = 0.15;
-/// Less than this part of the object in the picture is not worth a look.
+/// Least part of the object that must be in the picture.
 const MIN_SHARE: f64 = 0.7;
 
-/// A part of a view.
+/// A rectangular part of a view, at reduced size.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Crop {
-    /// Index of the view.
+    /// Index of the view among the cameras.
     pub view: usize,
-    /// A camera that sees just that part, smaller by `shrink`.
+    /// A camera that sees just that part, at a size reduced by `shrink`.
     pub camera: Camera,
-    /// Upper left corner in the view, pixels.
+    /// Upper left corner within the view, pixels.
     pub corner_px: [f64; 2],
     /// Pixels of the view per pixel of the crop, 1 or more.
     pub shrink: f64,
 }
 
-/// Views that show the points (world) largest, from different sides.
+/// The crops that show the points (world frame) largest, from different sides.
 pub(super) fn best_crops(cameras: &[Camera], points: &[DVec3]) -> Vec<Crop> {
     let centre = points.iter().sum::<DVec3>() / points.len().max(1) as f64;
     let crop = |(i, camera): (usize, &Camera)| crop_of(i, camera, points);
@@ -36,7 +36,7 @@ pub(super) fn best_crops(cameras: &[Camera], points: &[DVec3]) -> Vec<Crop> {
     all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.view.cmp(&b.1.view)));
     let direction = |crop: &Crop| (cameras[crop.view].position_world() - centre).normalize_or_zero();
     let mut chosen: Vec<Crop> = Vec::new();
-    // First from all sides, then whatever is left.
+    // First views from different sides, then any others.
     for limit in [SAME_DIRECTION, f64::INFINITY] {
         for (_, crop) in &all {
             let apart = chosen.iter().all(|c| c.view != crop.view && direction(c).dot(direction(crop)) < limit);
@@ -48,7 +48,7 @@ pub(super) fn best_crops(cameras: &[Camera], points: &[DVec3]) -> Vec<Crop> {
     chosen
 }
 
-/// The part of the view with the points in it, and how much of the object it shows at what size.
+/// The crop around the points, and its quality: part of the object that is visible, times pixels.
 fn crop_of(view: usize, camera: &Camera, points: &[DVec3]) -> Option<(f64, Crop)> {
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
     let mut inside = 0;
@@ -108,7 +108,7 @@ mod tests {
         assert!(best_crops(&[behind], &points()).is_empty());
     }
 
-    /// The crop's camera draws a point where the view draws it, less the corner, over the shrinking.
+    /// A point has the crop camera's pixel of the view's pixel, minus the corner, over `shrink`.
     #[test]
     fn crops_show_their_part_of_the_view() {
         let view = camera(0.3, 3.0);

@@ -1,5 +1,5 @@
-//! The last steps: points to planes. Two samplings of a surface share no points, so steps to the nearest point hold on to
-//! wherever they are along it; a plane lets them slide.
+//! The last steps of refinement, point to plane. Two samplings of a surface share no points, so steps to nearest points
+//! resist sliding along the surface; steps to planes do not.
 
 use glam::{DMat3, DVec3};
 
@@ -7,32 +7,33 @@ use super::pose::Pose;
 use super::surface::{Followed, Surface, reach_of};
 use crate::math::eigen::symmetric_eigen;
 
-/// Unknowns: turn, shift, growth.
+/// Unknowns: rotation (3), translation (3), scale.
 const UNKNOWNS: usize = 7;
-/// Directions that planes fix this much less than the best one are left as they are: an object may be round or flat.
+/// Directions that the planes constrain this much less than the best one are not changed: an object may be round or
+/// flat.
 const LEAST_EIGENVALUE: f64 = 1e-4;
-/// Distances from the plane that count half, voxels of the model.
+/// Distance from the plane at which a point has half its weight, voxels of the model.
 const HALF_WEIGHT: f64 = 0.5;
-/// Points farther from the model than this are not matched, voxels of the data.
+/// Points farther than this from the model are not matched, voxels of the data.
 const REACH: f64 = 1.5;
-/// Steps that move no point by more than this part of a voxel end it.
+/// The iteration ends when a step moves no point by more than this part of a voxel.
 const SETTLED: f64 = 1e-3;
-/// Cosine of the largest angle between the normals of points that are matched: the other side of a thin part is not.
+/// Cosine of the largest angle between the normals of matched points: excludes the other side of thin parts.
 const SAME_SIDE: f64 = 0.5;
 
-/// How far to go, and what is free.
+/// Options of [`slide`].
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Slide {
-    /// Most steps.
+    /// Largest number of steps.
     pub steps: usize,
-    /// Scale is free.
+    /// Whether the scale is free.
     pub allow_scale: bool,
-    /// The only axis that may be turned about; `None` = any.
+    /// The only axis of rotation, a unit vector; `None` = any.
     pub axis: Option<DVec3>,
 }
 
-/// Moves `start` to where `data` (points of the target) lies best on the planes of `model` (the reference's), in at most
-/// `options.steps`. Both have unit normals.
+/// Refines `start` so that `data`, points of the target, lies on the tangent planes of `model`, points of the
+/// reference. Both need unit normals.
 pub(super) fn slide(model: &Surface, data: &Surface, start: Pose, options: Slide) -> Pose {
     let reach = reach_of(data);
     let (mut pose, mut followed) = (start, Followed::new(model, data.len()));
@@ -50,8 +51,7 @@ pub(super) fn slide(model: &Surface, data: &Surface, start: Pose, options: Slide
     pose
 }
 
-/// One Gauss-Newton step, in the target's frame.
-/// Angles count as lengths at `reach`.
+/// One Gauss-Newton step in the target's frame. Rotations are scaled to lengths at the radius `reach`.
 fn step(
     (model, followed): (&Surface, &mut Followed<'_>),
     data: &Surface,
@@ -90,7 +90,7 @@ fn step(
     }
 }
 
-/// The solution of least length, in the directions that the matrix fixes.
+/// The minimum-norm solution in the directions that the matrix constrains.
 fn solved(matrix: [[f64; UNKNOWNS]; UNKNOWNS], right: [f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
     let pairs = symmetric_eigen(matrix);
     let least = LEAST_EIGENVALUE * pairs[UNKNOWNS - 1].0;

@@ -1,5 +1,5 @@
-//! Poses that were given, refined before anything is made of them: a template that is drawn from objects laid on each other a
-//! little off is blurred, and the joint phase does not undo that.
+//! Refines given poses before a template is built: a template drawn from misaligned objects is blurred, and the joint
+//! phase does not correct that.
 
 use std::collections::BTreeMap;
 
@@ -15,19 +15,19 @@ use super::together::{Member, mean_cost, refine_together};
 use crate::math::similarity::Similarity;
 use crate::scene::PosedGroup;
 
-/// Poses stay as they are unless the objects of the group then lie nearer to each other by this part. Measured on trained
-/// clouds of synth, 400 steps: exact poses gain at most 0.019 by following the clouds' own errors (cars, trees, chairs, tables,
-/// vases), poses off by 2 degrees and 2 % gain 0.09 to 0.20, nearly round vases 0.03.
+/// Least part by which the mean distance between a group's objects must fall for refined poses to be used: correct
+/// poses gain less by following the errors of the clouds.
 const LEAST_GAIN: f64 = 0.025;
-/// Objects are laid on each other again while that brings them nearer by this part, at most so often: all others are off, too.
+/// Rounds go on while the mean distance falls by at least this part: each object is aligned to others that move, too.
 const GOES_ON: f64 = 0.01;
+/// Largest number of rounds.
 const MOST_ROUNDS: usize = 5;
 
-/// The groups with each object laid on what all others of its group show. The first of a group that has enough Gaussians
-/// keeps its pose; so do objects without, and groups that gain little.
+/// The groups with each object aligned to all others of its group. The first object with enough Gaussians keeps its
+/// pose; so do objects with too few, and groups that gain too little.
 ///
 /// # Errors
-/// Arrays that do not fit, a camera or an option that is invalid.
+/// Arrays of wrong length; an invalid camera or option.
 pub fn polished(
     input: &RegisterInput<'_>,
     groups: &[PosedGroup],
@@ -81,7 +81,7 @@ fn with_surfaces(group: &PosedGroup, surfaces: &[Option<ObjectSurface>], allow_s
     out
 }
 
-/// From the reference's local frame to an object's, where both stand as given.
+/// The pose from the reference's local frame to an object's, for given places of both.
 fn local_pose((reference, from): (&ObjectSurface, &Similarity), (target, to): (&ObjectSurface, &Similarity)) -> Pose {
     let rotation = to.rotation() * from.rotation().transpose();
     let scale = to.scale() / from.scale();
@@ -89,7 +89,7 @@ fn local_pose((reference, from): (&ObjectSurface, &Similarity), (target, to): (&
     Pose { rotation, scale, translation: of_centroid - target.centroid }
 }
 
-/// The inverse of [`local_pose`]: where the object stands.
+/// The inverse of [`local_pose`]: an object's place in the world for its pose.
 fn world_pose((reference, from): (&ObjectSurface, &Similarity), target: &ObjectSurface, pose: &Pose) -> Similarity {
     let rotation: DMat3 = pose.rotation * from.rotation();
     let translation: DVec3 = target.centroid + pose.apply(from.translation() - reference.centroid);

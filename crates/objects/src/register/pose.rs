@@ -1,24 +1,24 @@
-//! Poses in f64, and the best one for pairs of points.
+//! Poses in f64, and the least-squares pose for pairs of points.
 
 use glam::{DMat3, DVec3};
 
 use crate::math::covariance::rotation_from_quat;
 use crate::math::eigen::symmetric_eigen;
 
-/// x -> s R x + t, from the reference's local frame to the target's. Local frames have the world's axes and unit, and
-/// their origin in the middle of the object.
+/// x -> s R x + t, from the reference's local frame to the target's. A local frame has the world's axes and unit, and
+/// its origin at the centroid of the object's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// R.
+    /// R, a rotation matrix without reflection.
     pub rotation: DMat3,
-    /// s > 0.
+    /// Uniform scale s > 0.
     pub scale: f64,
-    /// t.
+    /// Translation t, scene units.
     pub translation: DVec3,
 }
 
 impl Pose {
-    /// The identity.
+    /// The pose that moves nothing.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
 
     /// A rotation about the origin.
@@ -26,17 +26,17 @@ impl Pose {
         Self { rotation, ..Self::IDENTITY }
     }
 
-    /// The image of a point.
+    /// The image of a point of the reference's frame.
     pub fn apply(&self, p: DVec3) -> DVec3 {
         self.rotation * p * self.scale + self.translation
     }
 
-    /// The point whose image is `q`.
+    /// The point of the reference's frame whose image is `q`.
     pub fn apply_inverse(&self, q: DVec3) -> DVec3 {
         self.rotation.transpose() * (q - self.translation) / self.scale
     }
 
-    /// First `first`, then this.
+    /// The composition that applies `first`, then `self`.
     pub fn after(&self, first: &Self) -> Self {
         Self {
             rotation: self.rotation * first.rotation,
@@ -45,7 +45,7 @@ impl Pose {
         }
     }
 
-    /// The inverse.
+    /// The pose from the target's frame to the reference's.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         Self { rotation, scale: 1.0 / self.scale, translation: rotation * -self.translation / self.scale }
@@ -58,32 +58,32 @@ impl Pose {
         (0.5 * (trace - 1.0)).clamp(-1.0, 1.0).acos()
     }
 
-    /// How far the step from `before` to this moves points at most `reach` from the origin, about.
+    /// Estimate of how far the change from `before` to `self` moves points at most `reach` from the origin.
     pub fn movement_from(&self, before: &Self, reach: f64) -> f64 {
         let turned = before.angle_to(self) + (self.scale / before.scale - 1.0).abs();
         self.translation.distance(before.translation) + reach * turned
     }
 
-    /// True if everything is a finite number.
+    /// Whether all numbers are finite and the scale is above 0.
     pub fn is_finite(&self) -> bool {
         self.rotation.is_finite() && self.scale.is_finite() && self.scale > 0.0 && self.translation.is_finite()
     }
 }
 
-/// Two points that should meet, and how much that counts.
+/// Two points that should coincide after the pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pair {
-    /// In the frame that the pose maps from.
+    /// Point in the frame that the pose maps from.
     pub from: DVec3,
-    /// In the frame that it maps to.
+    /// Point in the frame that the pose maps to.
     pub to: DVec3,
-    /// Weight, >= 0.
+    /// Weight in the sum of squares, >= 0.
     pub weight: f64,
 }
 
-/// The pose of least weighted squared distance from the images of `from` to `to` (Umeyama 1991), by Horn's unit
-/// quaternion, which cannot mirror. The scale is 1 unless `allow_scale`. `None` if the pairs fix no rotation at all:
-/// fewer than three, or all of one side in one place. Points on a line fix it up to a turn about the line.
+/// The pose with the least weighted squared distance from the images of `from` to `to` (Umeyama 1991), by Horn's unit
+/// quaternion, which never gives a reflection. The scale is 1 unless `allow_scale`. `None` if the pairs fix no
+/// rotation: fewer than three, or all points of one side coincide. Points on a line fix it up to a turn about the line.
 pub fn best_pose(pairs: &[Pair], allow_scale: bool) -> Option<Pose> {
     let total: f64 = pairs.iter().map(|p| p.weight).sum();
     if pairs.len() < 3 || !(total > 0.0 && total.is_finite()) {
@@ -91,7 +91,7 @@ pub fn best_pose(pairs: &[Pair], allow_scale: bool) -> Option<Pose> {
     }
     let mean = |of: fn(&Pair) -> DVec3| pairs.iter().map(|p| of(p) * p.weight).sum::<DVec3>() / total;
     let (from, to) = (mean(|p| p.from), mean(|p| p.to));
-    // Column a of `products` holds the products of `from`'s coordinate a with `to`.
+    // Column a of `products` sums coordinate a of `from` times `to`.
     let mut products = DMat3::ZERO;
     let (mut from_squared, mut to_squared) = (0.0, 0.0);
     for pair in pairs {
@@ -107,8 +107,8 @@ pub fn best_pose(pairs: &[Pair], allow_scale: bool) -> Option<Pose> {
     pose.is_finite().then_some(pose)
 }
 
-/// The rotation R that maximises the trace of R^T times `products`: Horn's largest eigenvector. `size` is what the
-/// largest eigenvalue is at most.
+/// The rotation R that maximises the trace of R^T `products`, by Horn's largest eigenvector; `None` if it is not
+/// determined. `size` is an upper bound of the largest eigenvalue.
 fn rotation_of(products: &DMat3, size: f64) -> Option<DMat3> {
     let s = |a: usize, b: usize| products.col(a)[b];
     let (yz, zx, xy) = (s(1, 2) - s(2, 1), s(2, 0) - s(0, 2), s(0, 1) - s(1, 0));
@@ -121,7 +121,7 @@ fn rotation_of(products: &DMat3, size: f64) -> Option<DMat3> {
         [xy, sum_zx, sum_yz, z - x - y],
     ];
     let (value, quat) = symmetric_eigen(matrix)[3];
-    // Relative to what coordinates of 1e-12 of the object's size would give: nothing but rounding.
+    // A relative bound of 1e-12: smaller eigenvalues are rounding errors.
     let fixed = value > 1e-12 * size;
     let rotation = rotation_from_quat(quat);
     (fixed && rotation.is_finite()).then_some(rotation)
@@ -146,7 +146,7 @@ mod tests {
         turned.max((a.scale - b.scale).abs()).max((a.translation - b.translation).length())
     }
 
-    /// Exact poses come back, also from points of a plane, where a fit by singular vectors may mirror. Measured: 2e-14.
+    /// Exact poses are recovered, also from coplanar points, where a singular value decomposition may reflect.
     #[test]
     fn recovers_poses_of_solid_and_flat_sets() {
         let mut rng = Rng::new(1);
@@ -162,7 +162,7 @@ mod tests {
         }
     }
 
-    /// A mirrored set has no exact pose; the answer is a rotation all the same.
+    /// A mirrored set has no exact pose; the result is still a rotation.
     #[test]
     fn never_mirrors() {
         let mut rng = Rng::new(2);

@@ -1,28 +1,28 @@
-//! What became of every object.
+//! Report of registration, one entry per object.
 
 use serde::{Deserialize, Serialize};
 
 use super::spread::PoseUncertainty;
 
-/// What registration says of an object.
+/// Result of registration for one object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// The one the others of its group are registered to.
+    /// The object that the others of its group are registered to.
     Reference,
-    /// In the group.
+    /// In a group, with a pose that is certain.
     Accepted,
-    /// In the group; it is symmetric, and any of several poses is right.
+    /// In a group; the object is symmetric, and any of several poses is right.
     Symmetric,
-    /// In the group, but another pose is about as likely, or it fits worse than the others of its group, or its pose is
+    /// In a group, but another pose is about as likely, or its fit is worse than usual in the group, or its pose is
     /// uncertain.
     Ambiguous,
-    /// Not in a group: it stays in the background.
+    /// Not in a group: the object stays in the background.
     Rejected,
 }
 
 impl Verdict {
-    /// One word, as in files.
+    /// Name of the verdict in files: one lower-case word.
     pub fn name(self) -> &'static str {
         match self {
             Self::Reference => "reference",
@@ -33,42 +33,42 @@ impl Verdict {
         }
     }
 
-    /// True for objects that are in a group.
+    /// Whether the object is in a group.
     pub fn is_accepted(self) -> bool {
         self != Self::Rejected
     }
 }
 
-/// One object.
+/// Report of one object.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InstanceRegistration {
-    /// Mask id.
+    /// Mask id of the object.
     pub instance: u32,
-    /// The `template_id` of its group; `None` if it is in no group.
+    /// The `template_id` of its group; `None` without a group.
     pub group: Option<u32>,
-    /// Its category.
+    /// Name of its category, if any.
     pub name: Option<String>,
-    /// Gaussians of its surface.
+    /// Number of Gaussians of its surface.
     pub gaussians: usize,
-    /// Part of its surface that lies on the reference's, 0..=1; 0 where nothing was registered.
+    /// Part of its surface that agrees with the reference's, 0..=1; 0 if it was not registered.
     pub inliers: f64,
-    /// Root mean square distance of that part, scene units.
+    /// Root mean square distance of that part from the reference's surface, scene units.
     pub rmse: f64,
-    /// The same as a part of the object's size.
+    /// `rmse` as a part of the object's size.
     pub relative_rmse: f64,
-    /// Mean absolute difference of colours in pictures (0..1); `None` without such a check.
+    /// Mean absolute colour difference in pictures, 0..=1; `None` if pictures were not compared.
     pub photometric: Option<f64>,
-    /// How sure its pose against the reference is; `None` where nothing was registered.
+    /// Standard deviations of its pose relative to the reference; `None` if it was not registered.
     #[serde(default)]
     pub uncertainty: Option<PoseUncertainty>,
-    /// Whether it is in a group.
+    /// Whether the object is in a group.
     pub accepted: bool,
-    /// What was decided.
+    /// Result of registration.
     pub verdict: Verdict,
-    /// In doubt for no more than this: halves of its Gaussians stand apart, by less than a degree and 1 % of its size. The
-    /// joint phase refines such a pose.
+    /// Whether an ambiguous pose is only slightly uncertain, by at most one degree and 1 % of the size; the joint phase
+    /// refines such a pose.
     #[serde(default)]
     pub slight: bool,
-    /// Why, one line.
+    /// Reason of the verdict, one line for the user.
     pub note: String,
 }

@@ -1,4 +1,4 @@
-//! From an object's Gaussians to points on its surface.
+//! Samples points on an object's surface from its Gaussians.
 
 use std::f64::consts::TAU;
 
@@ -15,70 +15,70 @@ use crate::math::rng::Rng;
 use crate::math::sh::{SH_C0, widened};
 use crate::scene::{Camera, Gaussians};
 
-/// Points drawn on an object: three or four to each voxel of the finest level, for whose mean they are.
+/// Points drawn on an object: three or four per voxel of the finest level, which are averaged.
 pub(super) const SAMPLES: usize = 6000;
-/// Gaussians reach this many deviations from their middle: most of what a picture shows of them.
+/// Radius of a Gaussian's disc, standard deviations: most of what a picture shows of it.
 const REACH: f64 = 1.5;
-/// Gaussians this many times farther from their neighbours than the median one are strays.
+/// A Gaussian whose distance from its neighbours exceeds the median by this factor is a stray.
 const STRAY: f64 = 4.0;
-/// Neighbours for that.
+/// Number of neighbours for that distance.
 const STRAY_NEIGHBOURS: usize = 6;
-/// Farther from the world's origin, squares of f32 coordinates overflow.
+/// Beyond this coordinate squares of f32 coordinates overflow.
 const FARTHEST: f32 = 1e15;
-/// Fewer Gaussians of a surface fix no pose: as many points as a coarse level has.
+/// Fewer Gaussians fix no pose: a coarse level has as many points.
 pub const MIN_SURFACE_GAUSSIANS: usize = 24;
-/// Of objects with fewer, opacities may be lower and sizes larger by a factor: better a blurred surface than none.
+/// Objects with fewer Gaussians get relaxed limits of opacity and size: a blurred surface is better than none.
 pub(super) const FEW_GAUSSIANS: usize = 40;
-/// That factor.
+/// Factor by which both limits are relaxed.
 const RELAXED: f64 = 2.0;
-/// Voxels of the levels, as parts of the base voxel; coarse to fine.
+/// Voxel sizes of the levels relative to the base voxel, coarse to fine.
 pub(super) const LEVELS: [f64; 4] = [4.0, 2.0, 1.0, 0.5];
-/// The level whose points have features: the base voxel's.
+/// Index of the base level, whose points have features.
 pub(super) const BASE: usize = 2;
 
-/// The finest level.
+/// Index of the finest level.
 pub(super) const FINE: usize = LEVELS.len() - 1;
 
-/// An object as registration sees it.
+/// Surface of an object, as registration uses it.
 pub(super) struct ObjectSurface {
-    /// Mask id.
+    /// Mask id of the object.
     pub id: u32,
-    /// World position of the local frame's origin: the centroid of the surface.
+    /// Origin of the local frame: the centroid of the surface, world frame.
     pub centroid: DVec3,
-    /// Middle of the surface's box along the world's axes, world.
+    /// Centre of the surface's axis-aligned bounding box, world frame.
     pub box_middle: DVec3,
-    /// Diagonal of a box with the surface's moments, scene units. Unlike that of a box along the axes it does not
-    /// depend on how the object is turned.
+    /// Diagonal of a box with the surface's second moments, scene units; unlike that of a bounding box it does not
+    /// depend on the object's rotation.
     pub size: f64,
-    /// Edges of that box, ascending.
+    /// Edges of that box, ascending, scene units.
     pub extents: DVec3,
-    /// Opaque, small Gaussians of its surface: how well it was seen.
+    /// Number of opaque, small Gaussians on its surface: a measure of how well the object was seen.
     pub gaussians: usize,
-    /// Gaussians that its points were drawn on: those, and of coarse clouds fainter and larger ones.
+    /// Number of Gaussians that points were drawn on; includes fainter and larger ones for coarse objects.
     pub discs: usize,
-    /// By point of the finest level: the nearest of them.
+    /// Index of the nearest of these Gaussians for each point of the finest level.
     pub disc_of_point: Vec<u32>,
-    /// Points at the resolutions of [`LEVELS`]; from the base level on normals are unit vectors.
+    /// Points at the resolutions of [`LEVELS`], local frame; from the base level on, normals are unit vectors.
     pub levels: [Surface; 4],
-    /// Features of the base level's points.
+    /// Features of the points of the base level.
     pub features: Vec<Feature>,
 }
 
-/// One opaque Gaussian of an object.
+/// One opaque Gaussian of an object, as a disc.
 pub(super) struct Disc {
-    /// World.
+    /// Centre of the disc, world frame.
     pub position: DVec3,
-    /// Deviation vectors along the two longer axes.
+    /// Vectors of one standard deviation along the two longer axes.
     axes: [DVec3; 2],
-    /// Its length says how flat the Gaussian is.
+    /// Normal; its length, 0..=1, is the flatness of the Gaussian.
     normal: DVec3,
     color: DVec3,
-    /// Opacity times area.
+    /// Opacity times area, the weight for drawing points.
     pub weight: f64,
 }
 
 impl ObjectSurface {
-    /// From the Gaussians `indices` of the cloud; the error is a reason in a few words.
+    /// Samples the Gaussians `indices` of the cloud; the error is a short reason for the report.
     pub(super) fn new(
         (id, indices): (u32, &[u32]),
         cloud: &Gaussians,
@@ -87,11 +87,11 @@ impl ObjectSurface {
     ) -> Result<Self, String> {
         let (opaque, discs) = enough_discs((cloud, indices), cameras, options);
         if discs.len() < MIN_SURFACE_GAUSSIANS {
-            return Err(format!("only {} of its Gaussians are opaque, small and not astray", discs.len()));
+            return Err(format!("only {} of its Gaussians are opaque, small and no strays", discs.len()));
         }
         let step = discs.iter().map(|d| d.weight).sum::<f64>() / SAMPLES as f64;
         let mut samples = drawn(&discs, step, Rng::new(options.seed).fork(u64::from(id)));
-        // The centroid of the voxels, so that it does not depend on where Gaussians are dense.
+        // The centroid of voxels does not depend on the density of Gaussians.
         let places: Vec<DVec3> = samples.iter().map(|s| s.position).collect();
         let rough = Surface::new(&samples, extents_of(&places).length() / options.voxels_per_size);
         let centroid = rough.positions.iter().sum::<DVec3>() / rough.len() as f64;
@@ -117,18 +117,18 @@ impl ObjectSurface {
         Ok(Self { id, centroid, box_middle, size, extents, gaussians, discs, disc_of_point, levels, features })
     }
 
-    /// The points of a level, and the finest ones.
+    /// The points of a level, and those of the finest level.
     pub(super) fn at(&self, level: usize) -> (&Surface, &Surface) {
         (&self.levels[level], &self.levels[FINE])
     }
 
-    /// The base voxel, scene units.
+    /// Size of the base voxel, scene units.
     pub(super) fn voxel(&self) -> f64 {
         self.levels[BASE].voxel
     }
 }
 
-/// By point of a surface: the disc whose middle is nearest.
+/// For each point of a surface, the disc with the nearest centre.
 fn nearest_discs(discs: &[Disc], surface: &Surface, centroid: DVec3) -> Vec<u32> {
     let middles: Vec<[f32; 3]> = discs.iter().map(|d| (d.position - centroid).as_vec3().to_array()).collect();
     let set = PointSet::new(&middles);
@@ -136,8 +136,7 @@ fn nearest_discs(discs: &[Disc], surface: &Surface, centroid: DVec3) -> Vec<u32>
     surface.positions.iter().map(nearest).collect()
 }
 
-/// The Gaussians that make up the surface, of coarse clouds also fainter and larger ones; and how many are opaque and
-/// small.
+/// Number of opaque, small Gaussians, and the Gaussians to draw points on: with relaxed limits if there are too few.
 fn enough_discs(
     (cloud, indices): (&Gaussians, &[u32]),
     cameras: &[Camera],
@@ -150,7 +149,7 @@ fn enough_discs(
     (strict.len(), discs(cloud, indices, cameras, &relaxed(options)))
 }
 
-/// The options for objects of fewer Gaussians than are enough.
+/// Relaxed limits for objects with few Gaussians.
 pub(super) fn relaxed(options: &RegisterOptions) -> RegisterOptions {
     RegisterOptions {
         min_opacity: options.min_opacity / RELAXED,
@@ -159,7 +158,7 @@ pub(super) fn relaxed(options: &RegisterOptions) -> RegisterOptions {
     }
 }
 
-/// The Gaussians that are opaque and small enough.
+/// The Gaussians that are opaque and small enough, without strays.
 pub(super) fn discs(cloud: &Gaussians, indices: &[u32], cameras: &[Camera], options: &RegisterOptions) -> Vec<Disc> {
     let kept: Vec<u32> =
         indices.iter().copied().filter(|&i| is_opaque(cloud, i as usize, options.min_opacity)).collect();
@@ -171,13 +170,13 @@ pub(super) fn discs(cloud: &Gaussians, indices: &[u32], cameras: &[Camera], opti
     kept.iter().filter_map(disc).collect()
 }
 
-/// True for finite Gaussians of a higher opacity that are not beyond all distances.
+/// Whether a Gaussian is finite, has an opacity above the limit and a coordinate below [`FARTHEST`].
 pub(super) fn is_opaque(cloud: &Gaussians, i: usize, min_opacity: f64) -> bool {
     let is_placed = cloud.is_finite(i) && cloud.means[i].iter().all(|v| v.abs() < FARTHEST);
     is_placed && sigmoid(f64::from(cloud.opacity_logits[i])) > min_opacity
 }
 
-/// A Gaussian; `None` if its largest deviation is above the limit.
+/// A Gaussian as a disc; `None` if its largest standard deviation exceeds `max_scale`.
 pub(super) fn disc(cloud: &Gaussians, i: usize, viewers: &Viewers, max_scale: f64) -> Option<Disc> {
     let rotation = rotation_from_quat(cloud.quats[i].map(f64::from));
     let mut axes = [0, 1, 2].map(|k| (f64::from(cloud.log_scales[i][k]).exp(), rotation.col(k)));
@@ -199,7 +198,7 @@ pub(super) fn disc(cloud: &Gaussians, i: usize, viewers: &Viewers, max_scale: f6
     })
 }
 
-/// Leaves out Gaussians that are far from all others.
+/// Removes Gaussians that are far from all others.
 fn without_strays(cloud: &Gaussians, indices: Vec<u32>) -> Vec<u32> {
     let positions: Vec<[f32; 3]> = indices.iter().map(|&i| cloud.means[i as usize]).collect();
     let set = PointSet::new(&positions);
@@ -208,21 +207,21 @@ fn without_strays(cloud: &Gaussians, indices: Vec<u32>) -> Vec<u32> {
     let mut sorted = spacings.clone();
     sorted.sort_by(f64::total_cmp);
     let Some(&median) = sorted.get(sorted.len() / 2) else { return indices };
-    // Where most coincide the median is 0 and says nothing.
+    // If most coincide, the median is 0 and useless.
     let limit = if median > 0.0 { STRAY * median } else { f64::INFINITY };
     indices.into_iter().zip(spacings).filter(|&(_, spacing)| spacing <= limit).map(|(i, _)| i).collect()
 }
 
-/// Points on the discs, evenly by opacity times area: one for each `step` of it, or one a disc if that is 0.
+/// Points uniform on the discs: one per `step` of opacity times area, or one per disc if `step` is 0.
 pub(super) fn drawn(discs: &[Disc], step: f64, mut rng: Rng) -> Vec<Sample> {
     let mut out = Vec::with_capacity(SAMPLES + discs.len());
     let mut left = 0.0;
     for disc in discs {
-        // A Gaussian gets its share, the remainder carried on; one of no area still has a place.
+        // Each Gaussian gets its share, and the remainder carries over; one without area still counts.
         left += if step > 0.0 { disc.weight / step } else { 1.0 };
         while left >= 0.5 {
             left -= 1.0;
-            // Even over the disc.
+            // The square root makes the distribution uniform over the disc.
             let (radius, turn) = (REACH * rng.uniform().sqrt(), TAU * rng.uniform());
             let offset = disc.axes[0] * (radius * turn.cos()) + disc.axes[1] * (radius * turn.sin());
             out.push(Sample { position: disc.position + offset, normal: disc.normal, color: disc.color });
@@ -231,12 +230,12 @@ pub(super) fn drawn(discs: &[Disc], step: f64, mut rng: Rng) -> Vec<Sample> {
     out
 }
 
-/// Edges, ascending, of a box with the points' moments: an edge L has the variance L^2 / 12.
+/// Edges, ascending, of a box with the points' second moments: an edge L has the variance L^2 / 12.
 pub(super) fn extents_of(points: &[DVec3]) -> DVec3 {
     DVec3::from_array(symmetric_eigen(covariance(points)).map(|(value, _)| (12.0 * value.max(0.0)).sqrt()))
 }
 
-/// Middle of the box along the axes.
+/// Centre of the axis-aligned bounding box.
 fn middle(points: &[DVec3]) -> DVec3 {
     let wider = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
     let (low, high) = points.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);

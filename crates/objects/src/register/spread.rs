@@ -1,9 +1,9 @@
-//! How sure a pose is: it is found again from halves of what it was found from.
+//! Uncertainty of a pose: it is recomputed from halves of the Gaussians (delete-half jackknife).
 //!
-//! An object says as much as it has Gaussians; the points drawn on them are not independent. So halves are halves of the
-//! Gaussians: of the object, and of all that it is laid on. A pose found from a half is as far from that of the whole as
-//! that of the whole is from the truth (the delete-half jackknife, Efron 1982). Starts that are off show, besides, whether
-//! another pose nearby is as good; then that one counts.
+//! The evidence of an object is its Gaussians; points drawn on them are not independent. So the Gaussians are halved:
+//! those of the object, and those of all objects it is aligned to. The deviation of a half's pose from the whole's has
+//! the standard deviation of the whole's error (Efron 1982). Starts that are off also reveal nearby poses that fit
+//! about as well; then the farthest of these counts.
 
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
@@ -19,62 +19,62 @@ use super::together::{Member, model_without, upright, upright_about};
 use crate::math::eigen::symmetric_eigen;
 use crate::math::rng::Rng;
 
-/// Poses that are found again; in pairs from a half and the other half. A deviation from so many is known within a quarter.
+/// Number of recomputed poses, in pairs of a half and the other half; it gives a standard deviation to about a quarter.
 const HALVES: usize = 8;
-/// How far starts are turned, radians (8 degrees), and shifted, part of the object's size: the slats of a chair are so far
-/// from each other.
+/// Starts are turned by this angle, radians (8 degrees), ...
 const START_ANGLE: f64 = 0.14;
+/// ... or shifted by this part of the object's size, the distance between slats of a chair.
 const START_SHIFT: f64 = 0.06;
-/// A pose that is shifted by more than this part of the object's size is another one, not the same found less well.
+/// A pose shifted by more than this part of the object's size is a different one, not a less accurate one.
 const OTHER: f64 = 0.025;
-/// Steps of each.
+/// Largest number of steps for each refinement.
 const STEPS: usize = 15;
-/// An object that three turns about an axis bring onto itself is round: how it is turned about it has no meaning. Radians,
-/// none a multiple of another: 20, 50 and 110 degrees.
+/// An object that these three turns about an axis map onto itself is round, and its turn about that axis has no
+/// meaning. Radians (20, 50 and 110 degrees), none a multiple of another.
 const ROUND_TURNS: [f64; 3] = [0.35, 0.87, 1.92];
-/// Sub-stream of the seed ("half" in ASCII).
+/// Stream of the random halves ("half" in ASCII), derived from the seed.
 const HALF_STREAM: u64 = 0x6861_6c66;
 
 /// Standard deviations of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PoseUncertainty {
-    /// Of its rotation: root mean square angle, degrees; about the axis of a round object none counts.
+    /// Rotation: root mean square angle, degrees; turns about the axis of a round object do not count.
     pub degrees: f64,
-    /// Of where the object's middle is: root mean square distance, part of the object's size.
+    /// Position of the object's centre: root mean square distance, part of the object's size.
     pub part: f64,
 }
 
 impl PoseUncertainty {
-    /// Of one pose against another of independent errors.
+    /// Uncertainty of one pose relative to another with independent errors.
     pub(super) fn and(self, other: Self) -> Self {
         Self { degrees: self.degrees.hypot(other.degrees), part: self.part.hypot(other.part) }
     }
 }
 
-/// What is known of the group for all halves.
+/// Settings for estimating uncertainties in a group.
 #[derive(Clone, Copy)]
 pub(super) struct Spread {
-    /// The only axis that upright objects were turned about.
+    /// The only axis of rotation of upright objects.
     pub axis: Option<DVec3>,
-    /// Scale is free.
+    /// Whether the scale is free.
     pub allow_scale: bool,
-    /// A cost above the least by a smaller part is as good.
+    /// Poses whose cost is above the least by a smaller part than this fit as well.
     pub min_margin: f64,
     /// Seed of halves and starts.
     pub seed: u64,
 }
 
-/// How far a found pose is from that of the whole, in the target's frame.
+/// Deviation of a recomputed pose from the pose of the whole, in the target's frame.
 struct Deviation {
     /// Rotation vector, radians.
     turn: DVec3,
-    /// Of the object's middle, scene units.
+    /// Displacement of the object's centre, scene units.
     shift: DVec3,
 }
 
 impl Spread {
-    /// The uncertainty of the k-th member's pose, `cost` being that of its lying on the reference, the first member. `None`
-    /// if there is no other member.
+    /// Uncertainty of the k-th member's pose. `cost` is that of its fit to the reference, the first member. `None`
+    /// without another member.
     pub(super) fn of(&self, members: &[Member<'_>], k: usize, cost: f64) -> Option<PoseUncertainty> {
         let found: Vec<Deviation> =
             (0..HALVES).into_par_iter().map(|half| self.deviation(members, k, half)).collect::<Option<_>>()?;
@@ -88,7 +88,7 @@ impl Spread {
         })
     }
 
-    /// Finds the k-th member's pose again from a half; `None` if there is no other member.
+    /// Recomputes the k-th member's pose from a half; `None` without another member.
     fn deviation(&self, members: &[Member<'_>], k: usize, half: usize) -> Option<Deviation> {
         let part = |i: usize| self.half_of(members[i].surface, half);
         let model = model_without(members, k, part)?;
@@ -115,8 +115,7 @@ impl Spread {
         Some(Deviation { turn: DQuat::from_mat3(&motion.rotation).to_scaled_axis(), shift: motion.translation })
     }
 
-    /// The finest points of half of an object's Gaussians, local frame. Of two halves that follow each other the second is
-    /// the rest.
+    /// Finest points of one half of an object's Gaussians, local frame. Halves 2i and 2i + 1 complement each other.
     fn half_of(&self, surface: &ObjectSurface, half: usize) -> Vec<Sample> {
         let mut order: Vec<usize> = (0..surface.discs).collect();
         Rng::new(self.seed).fork(HALF_STREAM).fork(u64::from(surface.id)).fork((half / 2) as u64).shuffle(&mut order);
@@ -135,7 +134,7 @@ fn base_points(samples: &[Sample], surface: &ObjectSurface) -> Surface {
     out
 }
 
-/// A pose, and what is off it: turned, and shifted there and back.
+/// The pose itself, and the pose turned and shifted there and back.
 fn starts(pose: &Pose, size: f64, mut rng: Rng) -> [Pose; 4] {
     let turned = DMat3::from_axis_angle(rng.unit_vector(), START_ANGLE) * pose.rotation;
     let shift = rng.unit_vector() * (START_SHIFT * size);
@@ -143,7 +142,7 @@ fn starts(pose: &Pose, size: f64, mut rng: Rng) -> [Pose; 4] {
     [*pose, Pose { rotation: turned, ..*pose }, shifted(shift), shifted(-shift)]
 }
 
-/// Turns (of the target) without what is about the axis that they are mostly about, if the reference is round about it.
+/// Rotation vectors without their component along their main axis, if the reference is round about it.
 fn without_round_axis(reference: &ObjectSurface, pose: &Pose, turns: Vec<DVec3>, cost: f64) -> Vec<DVec3> {
     let mut moments = [[0.0; 3]; 3];
     for turn in &turns {

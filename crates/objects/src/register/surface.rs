@@ -1,4 +1,4 @@
-//! Points on an object's surface, evenly spread, at several resolutions.
+//! Evenly spread points on an object's surface, at several resolutions.
 
 use std::sync::OnceLock;
 
@@ -7,38 +7,38 @@ use glam::DVec3;
 use crate::math::near_grid::{NearGrid, Nearest};
 use crate::math::nearest::PointSet;
 
-/// A point that was drawn on a Gaussian.
+/// A point drawn on a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sample {
-    /// Local frame: world axes, origin at the object's centroid.
+    /// Position in the local frame: world axes, origin at the object's centroid.
     pub position: DVec3,
-    /// Towards the cameras; its length, 0..=1, says how flat the Gaussian is.
+    /// Normal towards the cameras; its length, 0..=1, is the flatness of the Gaussian.
     pub normal: DVec3,
-    /// Base colour, rgb.
+    /// Base colour (SH band 0), rgb.
     pub color: DVec3,
 }
 
 /// Points about one voxel apart.
 pub(super) struct Surface {
-    /// Size of the voxels, scene units.
+    /// Edge of a voxel, scene units.
     pub voxel: f64,
-    /// Local frame.
+    /// Positions in the local frame.
     pub positions: Vec<DVec3>,
-    /// Mean of the samples' normals: shorter than 1 where they disagree or are of round Gaussians.
+    /// Mean normals of the samples: shorter than 1 where these disagree or come from round Gaussians.
     pub normals: Vec<DVec3>,
-    /// Base colours, rgb.
+    /// Base colours (SH band 0), rgb.
     pub colors: Vec<DVec3>,
-    /// To search near `positions`, as f32 has them.
+    /// Search among nearby `positions`, rounded to f32.
     grid: NearGrid,
-    /// To search among them from anywhere, once somebody does.
+    /// Search among `positions` from anywhere, made on first use.
     set: OnceLock<PointSet>,
 }
 
-/// Edge of the grid's cells, voxels. On points of a surface 1 and 1.5 took the same time, 0.7 and 2 a third more.
+/// Edge of the grid's cells, voxels: times are flat between 1 and 1.5, and higher outside.
 const CELL_VOXELS: f64 = 1.25;
 
 impl Surface {
-    /// The mean sample of every voxel that has any, in order of voxels. Samples must be finite.
+    /// One mean sample per occupied voxel, in order of voxels. Samples must be finite.
     pub(super) fn new(samples: &[Sample], voxel: f64) -> Self {
         let key = |p: DVec3| (p / voxel).floor().to_array().map(|c| c as i64);
         let mut order: Vec<([i64; 3], usize)> = samples.iter().enumerate().map(|(i, s)| (key(s.position), i)).collect();
@@ -55,20 +55,20 @@ impl Surface {
         Self::of_points(voxel, positions, normals, colors)
     }
 
-    /// Of points that have been made already, of each its normal and colour.
+    /// A surface of given points with one normal and colour each.
     pub(super) fn of_points(voxel: f64, positions: Vec<DVec3>, normals: Vec<DVec3>, colors: Vec<DVec3>) -> Self {
         let rounded: Vec<DVec3> = positions.iter().map(|p: &DVec3| p.as_vec3().as_dvec3()).collect();
         let grid = NearGrid::new(&rounded, CELL_VOXELS * voxel);
         Self { voxel, positions, normals, colors, grid, set: OnceLock::new() }
     }
 
-    /// To search among `positions`, as f32 has them.
+    /// Search structure over `positions`, rounded to f32.
     pub(super) fn set(&self) -> &PointSet {
         self.set
             .get_or_init(|| PointSet::new(&self.positions.iter().map(|p| p.as_vec3().to_array()).collect::<Vec<_>>()))
     }
 
-    /// Number of points.
+    /// Number of points in the surface.
     pub(super) fn len(&self) -> usize {
         self.positions.len()
     }
@@ -78,7 +78,7 @@ impl Surface {
         self.near(position.as_vec3().as_dvec3()).map(|near| (near.index as usize, near.distance))
     }
 
-    /// The same of a place as f32 has it.
+    /// The same for a position rounded to f32.
     fn near(&self, place: DVec3) -> Option<Nearest> {
         self.grid.nearest(place).or_else(|| {
             let near = self.set().nearest_one(place.as_vec3().to_array())?;
@@ -87,28 +87,28 @@ impl Surface {
         })
     }
 
-    /// Its points as samples.
+    /// The points as samples, for another resolution.
     pub(super) fn samples(&self) -> Vec<Sample> {
         let parts = self.positions.iter().zip(&self.normals).zip(&self.colors);
         parts.map(|((&position, &normal), &color)| Sample { position, normal, color }).collect()
     }
 }
 
-/// The nearest point of a surface for each of some points that move a little at a time: while a point moves less than
-/// what the second nearest is farther by, the nearest stays the nearest, and nobody has to search.
+/// Nearest points for points that move a little at a time. While a point moves less than the margin to the second
+/// nearest, the nearest stays the nearest, and no search is needed.
 pub(super) struct Followed<'a> {
     surface: &'a Surface,
-    /// By point: where it was when it was searched for last, and what was found.
+    /// By point: position of the last search and its result.
     found: Vec<Option<(DVec3, Nearest)>>,
 }
 
 impl<'a> Followed<'a> {
-    /// For `count` points.
+    /// For `count` moving points.
     pub(super) fn new(surface: &'a Surface, count: usize) -> Self {
         Self { surface, found: vec![None; count] }
     }
 
-    /// As [`Surface::nearest`], for the `i`-th point, which is at `position` now.
+    /// [`Surface::nearest`] for the `i`-th point, which is now at `position`.
     pub(super) fn nearest(&mut self, i: usize, position: DVec3) -> Option<(usize, f64)> {
         let place = position.as_vec3().as_dvec3();
         if let Some((then, near)) = self.found[i] {
@@ -148,7 +148,7 @@ mod tests {
         assert!(Surface::new(&[], 1.0).nearest(DVec3::ZERO).is_none());
     }
 
-    /// Points that wander: each time what a search finds.
+    /// Random walks give the same results as a search each time.
     #[test]
     fn points_that_are_followed_have_the_nearest_of_a_search() {
         let mut rng = Rng::new(2);

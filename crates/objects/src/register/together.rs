@@ -1,5 +1,4 @@
-//! All objects of a group at once: each is laid on what all others show of it, and objects that stand upright do so
-//! exactly.
+//! Aligns all objects of a group at once: each with the union of all others, upright objects about the up axis only.
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -11,31 +10,31 @@ use super::sample::{BASE, FINE, ObjectSurface};
 use super::surface::{Sample, Surface};
 use crate::math::eigen::symmetric_eigen;
 
-/// Times that everything is laid on everything else.
+/// Rounds in which every object is aligned with all others.
 const ROUNDS: usize = 4;
-/// Objects that make up what another is laid on: those seen best. More show nothing new.
+/// Number of objects in that union at most: those seen best. More add nothing.
 const MOST_MODELS: usize = 8;
-/// Steps of each.
+/// Largest number of steps for each refinement.
 const STEPS: usize = 12;
-/// Largest angle between the up axes of objects that stand on one floor, as registered alone, radians (4 degrees).
+/// Largest angle between the up axes of objects on one floor when registered alone, radians (4 degrees).
 const UPRIGHT: f64 = 0.07;
-/// Objects that are tilted by more than this against what the pictures have as up do not stand, radians (20 degrees): the
-/// pictures' is some degrees off.
+/// Objects tilted by more than this from the cameras' up direction do not stand upright, radians (20 degrees): that
+/// direction is only accurate to some degrees.
 const FAR: f64 = 0.35;
-/// Weight of the pictures' up direction against that of the objects' turns (up to 4 each): it is some degrees off.
+/// Weight of the cameras' up direction relative to each object's rotation, whose weight is up to 4: it is inaccurate.
 const UP_WEIGHT: f64 = 0.05;
 
-/// An object and its pose: from the group's frame to its own.
+/// An object and its pose, from the group's frame to its own.
 #[derive(Clone, Copy)]
 pub(super) struct Member<'a> {
-    /// The object.
+    /// Surface points of the object.
     pub surface: &'a ObjectSurface,
-    /// Its pose.
+    /// Maps the group's frame to the object's local frame.
     pub pose: Pose,
 }
 
-/// Refines the poses of `members`, of which the first is the reference and keeps its pose, the identity. Those that stand
-/// upright are turned about `axis` only.
+/// Refines the poses of `members`; the first is the reference and keeps the identity. Upright members are turned about
+/// `axis` only.
 pub(super) fn refine_together(members: &mut [Member<'_>], axis: Option<DVec3>, allow_scale: bool) {
     for _ in 0..ROUNDS {
         let refined = |(k, member): (usize, &Member<'_>)| {
@@ -54,7 +53,7 @@ pub(super) fn refine_together(members: &mut [Member<'_>], axis: Option<DVec3>, a
     }
 }
 
-/// How far the objects' points are from what all others show, voxels of each, each point's at most
+/// Mean distance of each object's points from the union of all others, in voxels of the object, each clamped to
 /// [`MOST_VOXELS`](super::icp::MOST_VOXELS); the mean over the objects.
 pub(super) fn mean_cost(members: &[Member<'_>]) -> f64 {
     let cost = |(k, member): (usize, &Member<'_>)| {
@@ -65,17 +64,16 @@ pub(super) fn mean_cost(members: &[Member<'_>]) -> f64 {
     costs.iter().sum::<f64>() / costs.len().max(1) as f64
 }
 
-/// A pose turned by half about `up` and the object's own middle: front and back of many things are much alike.
+/// A pose turned by 180 degrees about `up` through the object's centre: front and back of many objects are alike.
 pub(super) fn half_turned(pose: &Pose, up: DVec3) -> Pose {
     let rotation = DMat3::from_axis_angle(up, std::f64::consts::PI) * pose.rotation;
-    // What was nearest to the centroid stays there.
+    // The point nearest to the centroid stays there.
     Pose { rotation, translation: -(rotation * pose.apply_inverse(DVec3::ZERO)) * pose.scale, ..*pose }
 }
 
-/// The best of other poses of the k-th object, refined on what all other objects show, and its cost there as a part of
-/// that of the present pose. One other object seen in part may not tell poses apart that all together do. Rivals are refined
-/// to the last step, as all poses are: costs differ by less than what that step gains. `None` if there is no other object or
-/// pose.
+/// The best of other poses of the k-th object, refined against all other objects, with its cost relative to the present
+/// pose's. The union of all objects tells poses apart that one partly seen object does not. Rivals get all steps of
+/// refinement, since costs differ by less than the last step gains. `None` without another object or pose.
 pub(super) fn best_rival(members: &[Member<'_>], k: usize, starts: &[Pose], allow_scale: bool) -> Option<(Pose, f64)> {
     let model = model_without(members, k, |i| all_of(&members[i]))?;
     let Member { surface, pose } = members[k];
@@ -88,20 +86,20 @@ pub(super) fn best_rival(members: &[Member<'_>], k: usize, starts: &[Pose], allo
         pose = slide(&model, &surface.levels[FINE], pose, Slide { steps: STEPS, allow_scale, axis: None });
         (pose, cost(&pose))
     };
-    // Refined as the rivals are: a pose that must be upright may lie farther off than one that need not.
+    // The present pose is refined in the same way: with the up axis enforced it may fit worse than a free rival.
     let own = cost(&pose).min(refined(&pose).1);
     let rivals = starts.iter().map(refined).map(|(pose, cost)| (pose, cost / own));
     let rivals = rivals.filter(|(_, ratio)| ratio.is_finite());
     rivals.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// The finest points of an object, local frame.
+/// Finest points of an object, local frame.
 fn all_of(member: &Member<'_>) -> Vec<Sample> {
     member.surface.levels[FINE].samples()
 }
 
-/// What all objects but the k-th show, in the group's frame; `None` if there is no other. `points` gives those of a member,
-/// in its local frame.
+/// Union of all objects but the k-th, in the group's frame; `None` if there is no other. `points` gives the points of a
+/// member in its local frame.
 pub(super) fn model_without(
     members: &[Member<'_>],
     k: usize,
@@ -126,14 +124,14 @@ pub(super) fn model_without(
     Some(model)
 }
 
-/// The direction that the turns of all upright objects leave as it is, as far as they say; near `up`. What stands on one
-/// floor has one axis, whatever group it is in: of two objects that hardly turn against each other it would not be known.
-/// Poses that were registered alone tell it best; those that all others of a group have had a part in share their errors.
+/// The direction that the rotations of all upright objects leave fixed, as far as they determine it; near `up`. Objects
+/// on one floor have one axis, whatever their group; two objects with nearly the same orientation would not determine
+/// it. Poses registered alone give the best estimate: those refined together share their errors.
 pub(super) fn common_axis<'a>(members: impl Iterator<Item = &'a Member<'a>> + Clone, up: DVec3) -> DVec3 {
     let outer = |v: DVec3| DMat3::from_cols(v * v.x, v * v.y, v * v.z);
     let prior = (DMat3::IDENTITY - outer(up)) * UP_WEIGHT;
     let mut axis = up;
-    // The first time from all that are not far off, then from those that stand upright by what was found.
+    // First from all objects that are not far off, then from those upright about the last estimate.
     for limit in [FAR, UPRIGHT, UPRIGHT] {
         let differences = members.clone().filter(|m| tilt(&m.pose, axis) <= limit);
         let moved =
@@ -145,7 +143,7 @@ pub(super) fn common_axis<'a>(members: impl Iterator<Item = &'a Member<'a>> + Cl
     axis
 }
 
-/// True if a pose tilts the axis so little that the object stands upright.
+/// Whether a pose tilts the axis so little that the object stands upright.
 pub(super) fn upright_about(pose: &Pose, axis: DVec3) -> bool {
     tilt(pose, axis) <= UPRIGHT
 }
@@ -155,7 +153,7 @@ fn tilt(pose: &Pose, axis: DVec3) -> f64 {
     (pose.rotation * axis).angle_between(axis)
 }
 
-/// True if most objects stand upright.
+/// Whether at least two thirds of the objects stand upright.
 pub(super) fn stand_upright(members: &[Member<'_>], axis: DVec3) -> bool {
     let others = &members[1..];
     let count = others.iter().filter(|m| upright_about(&m.pose, axis)).count();

@@ -1,8 +1,7 @@
-//! Poses judged by pictures: the reference's Gaussians, moved onto the target, are rendered into the views that show the
-//! target best, and compared with what is to be seen there.
+//! Compares poses by pictures: the reference's Gaussians, moved onto the target, are rendered into the views that show
+//! the target best, and compared with the target there.
 //!
-//! That is the photo inside of the target's mask, if photos are given; else a picture of the target's own Gaussians, which
-//! nothing covers.
+//! The target's picture is the photo inside its mask, if photos are given; else a rendering of its own Gaussians alone.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,26 +18,26 @@ use crate::math::similarity::Similarity;
 use crate::render::{DeviceScene, Picture, RenderOptions, Renderer};
 use crate::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
 
-/// Gaussians whose places stand for the object's outline: enough to find its box.
+/// Number of Gaussians that stand for the object's outline: enough to find its box.
 const OUTLINE_POINTS: usize = 300;
 
-/// A view's photo and mask, both of the camera's size; `None` if the view has none.
+/// Gives a view's photo and mask, both of the camera's size, by its index; `None` if the view has none.
 pub type PhotoOfView<'a> = dyn FnMut(usize) -> Result<Option<(ViewImage, Mask)>, RegisterError> + 'a;
 
-/// The check with the rasteriser.
+/// A [`PoseCheck`] that uses the renderer.
 pub struct RenderCheck<'a> {
     renderer: Renderer,
     cloud: &'a Gaussians,
     cameras: &'a [Camera],
     options: RenderOptions,
     photo_of_view: Option<Box<PhotoOfView<'a>>>,
-    /// Finite Gaussians by mask id.
+    /// Indices of finite Gaussians by mask id.
     indices: BTreeMap<u32, Vec<u32>>,
 }
 
 impl<'a> RenderCheck<'a> {
-    /// For a plain cloud with a label per Gaussian. `options` are those the cloud was trained with. Photos are asked for by
-    /// the index of the camera.
+    /// `cloud` is a plain cloud with one label per Gaussian, and `options` are those it was trained with. Photos are
+    /// requested by the index of the camera.
     ///
     /// # Errors
     /// A device that cannot render.
@@ -55,12 +54,12 @@ impl<'a> RenderCheck<'a> {
                 indices.entry(id).or_default().push(i as u32);
             }
         }
-        // Colours are compared as they are blended; nothing may shine through.
+        // Colours are compared before blending with a background, so it must be black.
         let options = RenderOptions { background: [0.0; 3], ..options };
         Ok(Self { renderer: Renderer::new(gpu)?, cloud, cameras, options, photo_of_view, indices })
     }
 
-    /// An object's Gaussians, moved.
+    /// The Gaussians of one object, moved by `pose`.
     fn scene(&self, id: u32, pose: Similarity) -> Result<DeviceScene, RegisterError> {
         let mut templates = Gaussians::with_capacity(self.cloud.sh_degree, 0);
         self.indices.get(&id).into_iter().flatten().for_each(|&i| templates.push_from(self.cloud, i as usize));
@@ -85,7 +84,7 @@ impl<'a> RenderCheck<'a> {
         Ok(out)
     }
 
-    /// What is to be seen of the target in the crops.
+    /// Pictures of the target in the crops.
     fn seen(&mut self, target: u32, crops: &[Crop]) -> Result<Vec<Seen>, RegisterError> {
         let own = self.pictures(target, Similarity::IDENTITY, crops)?;
         let mut out = Vec::with_capacity(crops.len());

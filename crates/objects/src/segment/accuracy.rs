@@ -1,31 +1,32 @@
-//! How right labels are, against known ones.
+//! Accuracy of labels against known ones.
 
 use std::collections::BTreeMap;
 
 /// Counts of one object's Gaussians.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InstanceAccuracy {
-    /// That are its own.
+    /// Gaussians that belong to the object.
     pub own: usize,
-    /// That have its label.
+    /// Gaussians that carry its label.
     pub labelled: usize,
-    /// Both.
+    /// Gaussians that belong to it and carry its label.
     pub right: usize,
 }
 
 impl InstanceAccuracy {
-    /// Part of its own that has its label.
+    /// Recall: share of the object's Gaussians that carry its label, 0 to 1.
     pub fn accuracy(&self) -> f64 {
         self.right as f64 / self.own.max(1) as f64
     }
 
-    /// Common part of its own and those with its label.
+    /// Intersection over union of the object's Gaussians and those with its label, 0 to 1.
     pub fn overlap(&self) -> f64 {
         self.right as f64 / (self.own + self.labelled - self.right).max(1) as f64
     }
 }
 
-/// By object of `truth`, 0 left out.
+/// Counts for every object of `truth`, by object id. Both slices are indexed by Gaussian; 0, the background, is left
+/// out.
 pub fn instance_accuracies(truth: &[u32], labels: &[u32]) -> BTreeMap<u32, InstanceAccuracy> {
     let mut out: BTreeMap<u32, InstanceAccuracy> = BTreeMap::new();
     truth.iter().filter(|&&id| id != 0).for_each(|&id| out.entry(id).or_default().own += 1);
@@ -38,7 +39,7 @@ pub fn instance_accuracies(truth: &[u32], labels: &[u32]) -> BTreeMap<u32, Insta
     out
 }
 
-/// Mean of [`InstanceAccuracy::accuracy`] over the objects of `truth` ("mAcc" of segmentation); 1 without any.
+/// Mean of [`InstanceAccuracy::accuracy`] over the objects of `truth` ("mAcc" in the literature); 1 if there are none.
 pub fn mean_accuracy(truth: &[u32], labels: &[u32]) -> f64 {
     let instances = instance_accuracies(truth, labels);
     if instances.is_empty() {
@@ -47,8 +48,8 @@ pub fn mean_accuracy(truth: &[u32], labels: &[u32]) -> f64 {
     instances.values().map(InstanceAccuracy::accuracy).sum::<f64>() / instances.len() as f64
 }
 
-/// The labels in the ids of `truth`: pairs of a label and an object with most Gaussians in common, one to one. Labels
-/// without an object get ids that `truth` does not have; 0 stays.
+/// `labels` renumbered to the ids of `truth`: labels and objects are matched one to one, the pair with most Gaussians
+/// in common first. A label without an object gets an id that `truth` does not use; 0 stays 0.
 pub fn in_ids_of(truth: &[u32], labels: &[u32]) -> Vec<u32> {
     let mut common: BTreeMap<(u32, u32), usize> = BTreeMap::new();
     for (&known, &label) in truth.iter().zip(labels) {
@@ -94,7 +95,7 @@ mod tests {
     fn labels_are_matched_one_to_one() {
         let truth = [0, 3, 3, 3, 8, 8, 8, 5];
         let labels = [7, 1, 1, 2, 1, 1, 1, 0];
-        // Label 1 has most of 8; 2 gets 3, and 7 an id that nothing has.
+        // Label 1 shares most with object 8, label 2 is left with object 3, and label 7 gets an unused id.
         assert_eq!(in_ids_of(&truth, &labels), [9, 8, 8, 3, 8, 8, 8, 0]);
         assert!(in_ids_of(&[], &[]).is_empty());
         assert_eq!(mean_accuracy(&truth, &in_ids_of(&truth, &labels)), (1.0 / 3.0 + 1.0 + 0.0) / 3.0);

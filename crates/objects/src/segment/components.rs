@@ -1,4 +1,4 @@
-//! Points that hang together: components of the graph that joins points no farther apart than a reach.
+//! Connected components of points: the graph joins points that are at most a given distance (the reach) apart.
 
 use std::collections::HashMap;
 
@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use crate::math::nearest::PointSet;
 
-/// A partition of `0..len` whose parts are joined step by step.
+/// A partition of `0..len` (union-find).
 #[derive(Clone, Debug)]
 pub(super) struct Partition {
     /// A smaller member of the same part, or the element itself.
@@ -14,12 +14,12 @@ pub(super) struct Partition {
 }
 
 impl Partition {
-    /// Every element alone.
+    /// Every element in a part of its own.
     pub(super) fn new(len: usize) -> Self {
         Self { parent: (0..len as u32).collect() }
     }
 
-    /// The least member of an element's part.
+    /// The smallest member of an element's part.
     pub(super) fn root(&mut self, element: usize) -> usize {
         let mut i = element;
         while self.parent[i] as usize != i {
@@ -29,13 +29,13 @@ impl Partition {
         i
     }
 
-    /// Joins two parts.
+    /// Merges the parts of two elements.
     pub(super) fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.root(a), self.root(b));
         self.parent[a.max(b)] = a.min(b) as u32;
     }
 
-    /// The parts, by their least members; members ascending.
+    /// The parts in order of their smallest member, with members ascending.
     pub(super) fn parts(mut self) -> Vec<Vec<u32>> {
         let mut rank_of_root = vec![u32::MAX; self.parent.len()];
         let mut out: Vec<Vec<u32>> = Vec::new();
@@ -51,15 +51,15 @@ impl Partition {
     }
 }
 
-/// Neighbours that tell how far apart points usually are. The nearest alone would not: densification leaves pairs and
-/// small heaps of Gaussians in about one place.
+/// Spacing is measured to this neighbour. The nearest one is no measure: densification leaves pairs and small clusters
+/// of Gaussians in nearly one place.
 const NEIGHBOURS: usize = 6;
-/// Points hang together up to this many times the median distance to that neighbour. On even surfaces that is five
-/// times the distance to the nearest, and trained objects come in one piece.
+/// The reach, in median distances to that neighbour. On even surfaces it is five times the distance to the nearest
+/// neighbour, which keeps trained objects in one piece.
 const REACH: f64 = 2.0;
 
-/// How far apart finite points that hang together may be, from the distances of neighbours in different places; `None`
-/// if all are in one place.
+/// The reach for finite points, in their units: [`REACH`] times the median distance to the sixth neighbour in another
+/// place. `None` if all points coincide.
 pub(super) fn usual_reach(positions: &[[f32; 3]]) -> Option<f64> {
     let mut places = positions.to_vec();
     places.iter_mut().flatten().for_each(|v| *v += 0.0);
@@ -75,19 +75,20 @@ pub(super) fn usual_reach(positions: &[[f32; 3]]) -> Option<f64> {
     Some(REACH * squares[squares.len() / 2].sqrt())
 }
 
-/// Cells of this part of the reach: points in one cell are within reach of each other.
+/// Edge of a grid cell as a part of the reach: below 1/sqrt(3), so that all points of a cell are within reach of each
+/// other.
 const CELL: f64 = 0.577;
-/// Cells that may have points within reach: two to each side.
+/// Cells to each side that may hold points within reach.
 const AROUND: i64 = 2;
 
-/// The components of finite points; those that are at most `reach` > 0 apart belong together. Largest first, of equals
-/// the one with the least member; members ascending.
+/// The connected components of finite points, where points at most `reach` > 0 apart are connected. The largest comes
+/// first, and of equal sizes the one with the smallest member; members are ascending.
 pub(super) fn components(positions: &[[f32; 3]], reach: f64) -> Vec<Vec<u32>> {
     let cell_of = |p: [f32; 3]| p.map(|v| (f64::from(v) / (CELL * reach)).floor() as i64);
     let mut by_cell: Vec<([i64; 3], u32)> = (0..).zip(positions).map(|(i, &p)| (cell_of(p), i)).collect();
     by_cell.sort_unstable();
     let cells: Vec<&[([i64; 3], u32)]> = by_cell.chunk_by(|a, b| a.0 == b.0).collect();
-    // Only looked up, never walked through: its order does not matter.
+    // The map is only looked up, never iterated: its order does not matter.
     let index_of: HashMap<[i64; 3], usize> = cells.iter().enumerate().map(|(i, cell)| (cell[0].0, i)).collect();
     let square = reach * reach;
     let near = |a: u32, b: u32| {
@@ -115,7 +116,7 @@ pub(super) fn components(positions: &[[f32; 3]], reach: f64) -> Vec<Vec<u32>> {
     out
 }
 
-/// Half of the steps to the cells around: those that are after (0, 0, 0).
+/// One of each pair of opposite steps to the cells around.
 fn steps() -> impl Iterator<Item = [i64; 3]> {
     let side = || -AROUND..=AROUND;
     let all = side().flat_map(move |x| side().flat_map(move |y| side().map(move |z| [x, y, z])));
@@ -127,7 +128,7 @@ mod tests {
     use super::*;
     use crate::math::rng::Rng;
 
-    /// Against joining every pair within reach.
+    /// Compared with joining every pair within reach.
     #[test]
     fn finds_what_all_pairs_find() {
         for seed in 0..20 {
@@ -158,12 +159,12 @@ mod tests {
         let line: Vec<[f32; 3]> = [0.0, 0.0, 1.0, 2.0, 3.0, 9.0].map(|x| [x, 0.0, 0.0]).into();
         assert_eq!(components(&line, 1.0), [vec![0, 1, 2, 3, 4], vec![5]]);
         assert_eq!(usual_reach(&line), Some(16.0), "the farthest of the few there are: 9, 8, 7, 6 and 9");
-        // Pairs in a long line, ten apart: the sixth neighbour is of the third pair.
+        // Pairs on a long line, ten apart: the sixth neighbour belongs to the third pair.
         let pairs: Vec<[f32; 3]> =
             (0..100).map(|i| [(10 * (i / 2)) as f32 + (i % 2) as f32 / 64.0, 0.0, 0.0]).collect();
         let reach = usual_reach(&pairs).unwrap();
         assert!((39.0..41.0).contains(&reach), "{reach}");
-        // Cells beyond any integer: no overflow.
+        // Cell indices beyond the range of integers: no overflow.
         assert_eq!(components(&[[-3e38; 3], [3e38; 3]], 1e-9).len(), 2);
     }
 }

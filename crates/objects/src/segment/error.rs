@@ -1,65 +1,65 @@
-//! Why a cloud could not be taken apart.
+//! Errors of segmentation.
 
 use crate::render::RenderError;
 
-/// Segmentation failed. Its text is one line for the user.
+/// Why segmentation failed. The text is one line for the user.
 #[derive(Debug, thiserror::Error)]
 pub enum SegmentError {
-    /// The cloud does not fit the device, or is no plain cloud.
+    /// The cloud does not fit on the device, or has instances.
     #[error(transparent)]
     Cloud(RenderError),
     /// A view could not be rendered.
     #[error("view {view}: {error}")]
     View {
-        /// The view's name.
+        /// Name of the view's camera.
         view: String,
-        /// What is wrong.
+        /// What the renderer reports.
         error: RenderError,
     },
-    /// A mask's ids do not fill its size.
+    /// The number of ids in a mask is not width times height.
     #[error("view {view}: the mask has {len} ids, not {width}x{height}")]
     Mask {
-        /// The view's name.
+        /// Name of the view's camera.
         view: String,
-        /// Its ids.
+        /// Number of ids in the mask.
         len: usize,
-        /// Its width.
+        /// Width of the mask, pixels.
         width: u32,
-        /// Its height.
+        /// Height of the mask, pixels.
         height: u32,
     },
     /// An option is out of range.
     #[error("{option}: {reason}")]
     Option {
-        /// The option's name.
+        /// Name of the option's field.
         option: &'static str,
-        /// What is wrong, and what is allowed.
+        /// What is wrong with the value, and what is allowed.
         reason: String,
     },
-    /// More objects than ids.
+    /// Masks show more objects than 16-bit ids can number.
     #[error("{count} objects were found in the masks, and there are ids for 65535; use fewer or larger masks")]
     TooManyObjects {
-        /// What was found.
+        /// Number of objects found.
         count: usize,
     },
     /// No view has a mask with an object.
     #[error("no view has a mask with an object in it; check that the masks' names are those of the images")]
     NoMasks,
-    /// No box can be used.
+    /// None of the boxes can be used.
     #[error("no box is in the world or in one of the views{}", first_of(.notes))]
     NoBoxes {
-        /// Why boxes were left out.
+        /// One note per box that was left out, with the reason.
         notes: Vec<String>,
     },
     /// Boxes overlap in more ways than there are ids.
     #[error("view {view}: its boxes overlap in more than 65535 ways; leave out those with low scores")]
     TooManyBoxes {
-        /// The view's name.
+        /// Name of the view's camera.
         view: String,
     },
 }
 
-/// One reason says enough.
+/// The first note, for the end of the message; the caller has the others.
 fn first_of(notes: &[String]) -> String {
     notes.first().map_or(String::new(), |note| format!(": {note}"))
 }

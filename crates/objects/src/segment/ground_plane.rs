@@ -1,4 +1,4 @@
-//! The plane that things stand on.
+//! The plane that objects stand on.
 
 use glam::{DMat3, DVec3};
 
@@ -6,34 +6,33 @@ use crate::math::plane::{Plane, PlaneDraws};
 use crate::math::rng::Rng;
 use crate::math::sh::widened;
 
-/// Points looked at: a plane of many is as well told from as few.
+/// Points used at most: more do not improve the plane.
 const MOST_POINTS: usize = 20_000;
-/// Planes that are tried. Where a fifth of the points are of the ground, 16 of them lie in it.
+/// Planes drawn at random. If a fifth of the points belong to the ground, about 16 draws (a fifth cubed) lie in it.
 const DRAWS: usize = 2000;
-/// A ground is at most this far from level: cosine of 20 degrees. What is up is known from how pictures were held.
+/// A ground is at most 20 degrees from level (the cosine). The cameras give the up direction.
 const LEVEL: f64 = 0.94;
-/// Of two level planes the lower one is the ground if it has at least this part of the other's points: tables and ceilings
-/// may have more than the floor.
+/// Of two level planes the lower one is the ground if it has at least this part of the other's points: tables and
+/// ceilings can have more than the floor.
 const LOWER_PART: f64 = 0.5;
-/// Fewer than this part of all points are no ground: trained scenes have 0.2 to 0.5 of theirs there.
+/// A plane with fewer than this part of all points is no ground: trained scenes have 0.2 to 0.5 of their points there.
 const LEAST_PART: f64 = 0.1;
-/// Rounds of fitting the plane to what is near it; it rests after two or three.
+/// Rounds of least squares; two or three suffice.
 const ROUNDS: usize = 5;
 
-/// Of finite points of the world: the lowest of the level planes that many of them are within `reach` > 0 of, world units.
-/// `up` is a unit vector, and so is the normal, which points up; `None` if there is no such plane. The same points give the
-/// same plane.
+/// The lowest level plane that enough finite world points are near, within `reach` > 0 world units. `up` is a unit
+/// vector, and the normal is one that points up. `None` if there is no such plane. The result is deterministic.
 pub(super) fn ground_plane(positions: &[[f32; 3]], up: DVec3, reach: f64) -> Option<Plane> {
     let stride = positions.len().div_ceil(MOST_POINTS).max(1);
     let points: Vec<DVec3> = positions.iter().step_by(stride).map(|&p| widened(p)).collect();
     let (drawn, _) = PlaneDraws { draws: DRAWS, up, level: LEVEL, reach }.best(&points, Rng::new(0))?;
-    // Of a small table what was drawn is not level enough to say how many points another plane has.
+    // The draw from a small table is not level enough to compare its points with those of a lower plane.
     let best = fitted(&points, drawn, reach);
     let plane = fitted(&points, lowest_like(&points, best, reach), reach);
     (plane.count_near(&points, reach) as f64 >= LEAST_PART * points.len() as f64).then_some(plane)
 }
 
-/// The lowest plane with this normal that has enough points near it.
+/// The lowest plane with the normal of `best` that has enough points near it.
 fn lowest_like(points: &[DVec3], best: Plane, reach: f64) -> Plane {
     let mut heights: Vec<f64> = points.iter().map(|&p| best.height(p)).collect();
     heights.sort_unstable_by(f64::total_cmp);
@@ -45,7 +44,7 @@ fn lowest_like(points: &[DVec3], best: Plane, reach: f64) -> Plane {
     Plane { offset: best.offset + lowest.copied().unwrap_or(0.0), ..best }
 }
 
-/// The plane of least squares of vertical distances to what is within reach of the last one.
+/// Least squares of vertical distances, repeated over the points within `reach` of the last plane.
 fn fitted(points: &[DVec3], start: Plane, reach: f64) -> Plane {
     let mut plane = start;
     for _ in 0..ROUNDS {
@@ -70,7 +69,7 @@ fn fitted(points: &[DVec3], start: Plane, reach: f64) -> Plane {
 mod tests {
     use super::*;
 
-    /// A floor that is 5 degrees off level, a table with more points than it, and points everywhere.
+    /// A floor 5 degrees off level, a table with more points than the floor, and points everywhere else.
     #[test]
     fn the_floor_is_found_below_a_fuller_table() {
         let mut rng = Rng::new(3);

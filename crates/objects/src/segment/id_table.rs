@@ -1,4 +1,4 @@
-//! Which object a mask of a view shows.
+//! Maps mask ids of a view to objects.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -7,20 +7,20 @@ use serde::{Deserialize, Serialize};
 
 use crate::render::Contribution;
 
-/// From the ids in the masks to objects, which are numbered from 1.
+/// From mask ids to objects, which are numbered from 1.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum IdTable {
     /// An id is the same object in every view.
     #[default]
     Same,
-    /// By view: the object of each id. Of ids that are absent nothing is known: their pixels are neither inside nor
-    /// outside of any object.
+    /// Object of each id, by view. Ids without an entry are unknown: their pixels are neither inside nor outside of any
+    /// object.
     PerView(Vec<BTreeMap<u16, u16>>),
 }
 
 impl IdTable {
-    /// The object that an id means in a view; 0 for 0, `None` if that is not known.
+    /// The object of an id in a view: 0 for id 0, `None` if it is unknown.
     pub fn object_of(&self, view: usize, id: u16) -> Option<u16> {
         match self {
             _ if id == 0 => Some(0),
@@ -29,7 +29,7 @@ impl IdTable {
         }
     }
 
-    /// The objects that have a mask in a view whose masks have these ids; ascending.
+    /// Objects with a mask in a view whose mask has these ids; ascending, without repeats.
     pub fn objects_of_view(&self, view: usize, ids: &[u16]) -> Vec<u16> {
         let mut out: Vec<u16> = ids.iter().filter_map(|&id| self.object_of(view, id)).filter(|&id| id != 0).collect();
         out.sort_unstable();
@@ -37,8 +37,8 @@ impl IdTable {
         out
     }
 
-    /// Contributions of a view, by Gaussian, then by id, with objects in the place of ids: those of ids that nothing is
-    /// known of are left out, and those to several masks of one object are added up.
+    /// Contributions of a view, sorted by Gaussian and id, with objects in place of ids. Unknown ids are dropped, and
+    /// contributions to several masks of one object are summed.
     pub fn translated<'a>(&self, view: usize, contributions: &'a [Contribution]) -> Cow<'a, [Contribution]> {
         if *self == Self::Same {
             return Cow::Borrowed(contributions);

@@ -1,12 +1,11 @@
-//! Labels of Gaussians from masks: paper, Eq. 2-5, for all instances at once.
+//! Labels of Gaussians from masks: Eq. 2-5 of the paper, for all instances at once.
 //!
-//! A Gaussian belongs to the instance k with the largest `In - alpha Out` above 0: what it adds to k's masks against
-//! what it adds to the rest of the views in which k has a mask. All views are swept twice, once for `In`, and once for
-//! `Out` of the pairs that the first sweep found; the second renders nothing while the views fit into memory
+//! A Gaussian gets the instance k with the largest `In - alpha Out` above 0, where `In` is its weight inside k's masks
+//! and `Out` its weight elsewhere in the views in which k has a mask. All views are swept twice: for `In`, then for
+//! `Out` of the pairs found by the first sweep. The second sweep renders nothing while the views fit into memory
 //! ([`super::sweep`]).
 //!
-//! Large faint Gaussians (haze) need no rule of their own: most of their weight is outside of any one object.
-//! `tests/suite/segment.rs` has some.
+//! Large faint Gaussians (haze) need no special rule: most of their weight lies outside of any one object.
 
 use std::collections::BTreeMap;
 use std::num::NonZero;
@@ -24,28 +23,29 @@ use super::sweep::{KEPT_BYTES, ViewContributions};
 use super::unseen::label_unseen;
 use super::votes::Votes;
 
-/// How labels are decided.
+/// Options of [`label()`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LabelOptions {
-    /// How much what is outside of the masks counts, >= 0. A Gaussian belongs to an instance if more than
-    /// alpha / (1 + alpha) of it is inside. The paper has 0.8.
+    /// Weight of what lies outside of an instance's masks, >= 0. A Gaussian belongs to an instance if more than alpha /
+    /// (1 + alpha) of it is inside. The paper uses 0.8.
     pub alpha: f64,
-    /// Gaussians that no view shows follow the majority of this many neighbours; 0 leaves them in the background.
+    /// Gaussians that no view shows take the majority label of this many neighbours; 0 leaves them in the background.
     pub unseen_neighbours: usize,
-    /// Small groups of an object's Gaussians that are apart from it go back to the background ([`super::strays`]).
+    /// Whether small groups of an object's Gaussians that are apart from it return to the background
+    /// ([`super::strays`]).
     pub drop_strays: bool,
-    /// How the views are rendered: as the cloud was trained.
+    /// How the views are rendered; should match training.
     pub render: RenderOptions,
 }
 
 impl Default for LabelOptions {
-    /// The paper's alpha; eight neighbours, as in a grid cell.
+    /// The paper's alpha and eight neighbours; strays are kept.
     fn default() -> Self {
         Self { alpha: 0.8, unseen_neighbours: 8, drop_strays: false, render: RenderOptions::default() }
     }
 }
 
-/// What is known of one instance.
+/// Counts for one instance.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InstanceStats {
     /// Gaussians with its label.
@@ -54,39 +54,40 @@ pub struct InstanceStats {
     pub views: u32,
 }
 
-/// The label of every Gaussian.
+/// Labels of all Gaussians, and statistics of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Labels {
-    /// By Gaussian: object, 0 = background.
+    /// Object of each Gaussian; 0 is the background.
     pub instance_of_gaussian: Vec<u32>,
-    /// By Gaussian: sum of alpha T over all pixels of all views, in pixels; 0 = never seen.
+    /// Weight of each Gaussian: the sum of alpha T over all pixels of all views, in pixels; 0 = never seen.
     pub weights_px: Vec<f64>,
-    /// By Gaussian: views in which it adds to a pixel.
+    /// Number of views in which each Gaussian contributes to a pixel.
     pub views_seen: Vec<u32>,
-    /// By object, every one that has a mask.
+    /// Counts for every object that has a mask.
     pub instances: BTreeMap<u32, InstanceStats>,
-    /// Gaussians that were never seen and got the label of their neighbours.
+    /// Number of unseen Gaussians that got the label of their neighbours.
     pub filled: usize,
-    /// Gaussians that were apart from their object and went back to the background.
+    /// Number of strays that returned to the background.
     pub strays: usize,
 }
 
-/// How far [`label()`] is.
+/// Progress of [`label()`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LabelProgress {
-    /// Views done, both sweeps counted.
+    /// Views done, counted over both sweeps.
     pub done: usize,
-    /// Views of both sweeps.
+    /// Twice the number of views.
     pub total: usize,
 }
 
 /// Labels the Gaussians of a plain cloud. `mask_of_view` gives the mask of a view by its index in `cameras`, or `None`
-/// if it has none. A mask of another size than the camera is resized. `progress` is told after each view; `E` is an
-/// error of the caller's, with which either can stop.
+/// if it has none; a mask of another size than the camera is resized. `progress` is called after each view. Both can
+/// stop the run with an error of the caller's type `E`.
 ///
 /// # Errors
-/// A cloud with instances or beyond the device; a camera that cannot be rendered; a mask whose ids do not fill its
-/// size; alpha not a finite number >= 0; no mask with an object; what `mask_of_view` or `progress` return.
+/// A cloud that has instances or does not fit on the device; a camera that cannot be rendered; a mask whose number of
+/// ids is not its size; an alpha that is not a finite number >= 0; no mask with an object; errors of `mask_of_view` and
+/// `progress`.
 pub fn label<E: From<SegmentError>>(
     gpu: &Arc<Gpu>,
     cloud: &InstancedScene,
@@ -100,11 +101,11 @@ pub fn label<E: From<SegmentError>>(
     label_views(&mut views, &cloud.background.means, &IdTable::Same, options, progress)
 }
 
-/// As [`label()`], from contributions that may be there already and with the objects that `table` says; `means` are
-/// those of the cloud.
+/// Like [`label()`], from contributions that may already be in memory, with the objects of `table`. `means` are the
+/// Gaussians' centres, world frame.
 ///
 /// # Errors
-/// As there.
+/// Those of [`label()`].
 pub fn label_views<E: From<SegmentError>>(
     views: &mut ViewContributions<'_, E>,
     means: &[[f32; 3]],
@@ -123,7 +124,7 @@ pub fn label_views<E: From<SegmentError>>(
         objects_of_view.push(table.objects_of_view(entries.view, entries.ids));
         progress(LabelProgress { done: entries.view + 1, total })
     })?;
-    // Where consensus joined no masks to an object there is nothing to label, but the scene still comes out.
+    // If consensus found no objects, there is nothing to label, but the scene is still built.
     if *table == IdTable::Same && objects_of_view.iter().all(Vec::is_empty) {
         return Err(SegmentError::NoMasks.into());
     }
@@ -143,14 +144,14 @@ fn check(options: &LabelOptions) -> Result<(), SegmentError> {
     Err(SegmentError::Option { option: "alpha", reason })
 }
 
-/// True for every id of `ids`.
+/// True at every id in `ids`; 65536 entries.
 fn by_id(ids: &[u16]) -> Vec<bool> {
     let mut out = vec![false; usize::from(u16::MAX) + 1];
     ids.iter().for_each(|&id| out[usize::from(id)] = true);
     out
 }
 
-/// From votes to labels.
+/// Turns votes into labels and counts them.
 fn decide(means: &[[f32; 3]], votes: &Votes, objects_of_view: &[Vec<u16>], options: &LabelOptions) -> Labels {
     let mut labels = votes.winners(options.alpha);
     let seen: Vec<bool> = votes.weights().iter().map(|&weight| weight > 0).collect();

@@ -1,10 +1,10 @@
 //! L4: which Gaussians of a trained cloud belong to which object, from masks of its views.
 //!
-//! [`sweep`] finds what each Gaussian adds to the pixels of each mask of each view. Where ids differ from view to view,
-//! [`mod@consensus`] finds the objects. [`label()`] decides by what is inside of an object's masks ([`votes`]);
-//! Gaussians that no view shows follow their neighbours ([`unseen`]), and stray ones can be left out ([`strays`]).
-//! Without masks, [`boxes`] makes them from boxes, and [`standing`] puts a box around what stands at a place. [`accuracy`]
-//! compares labels.
+//! [`sweep`] renders how much each Gaussian contributes to each mask of each view. Where mask ids differ from view to
+//! view, [`mod@consensus`] finds which masks show the same object. [`label()`] assigns each Gaussian to the object
+//! whose masks hold most of its weight ([`votes`]); Gaussians that no view shows take the label of their neighbours
+//! ([`unseen`]), and stray groups can be dropped ([`strays`]). Without masks, [`boxes`] makes them from boxes, and
+//! [`standing`] fits a box around the object at a point of the world. [`accuracy`] compares labels with known ones.
 
 pub mod accuracy;
 pub mod boxes;

@@ -1,4 +1,4 @@
-//! What stands at a place of a cloud: the Gaussians that hang together with it above the ground, and a box around them.
+//! The object at a point of a cloud: the Gaussians connected to that point above the ground, and a box around them.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -14,83 +14,81 @@ use crate::math::sh::widened;
 use crate::math::statistics::{median, percentile};
 use crate::scene::Gaussians;
 
-/// Gaussians that are fainter belong to no surface: as in registration.
+/// Fainter Gaussians belong to no surface; the same limit as in registration.
 const MIN_OPACITY: f64 = 0.3;
-/// Half the thickness of what is searched for the ground, in usual reaches of the cloud; and what is above this part of it
-/// stands on the ground. Measured on trained clouds of 40,000 Gaussians: the ground's own are up to 0.2 reaches above it.
+/// Half the thickness of the slab in which the ground is searched, in usual reaches of the cloud (`usual_reach`).
 const GROUND_REACH: f64 = 0.5;
+/// Height above the ground from which Gaussians count as standing on it, in usual reaches: the ground's own are lower.
 const LIFT: f64 = 0.25;
-/// Neighbours that tell how far apart an object's Gaussians are.
+/// Spacing is measured to this neighbour.
 const NEIGHBOURS: usize = 6;
-/// Gaussians around the place whose neighbours are looked at: less than the smallest object has.
+/// Gaussians around the place that give the first spacing: fewer than the smallest object has.
 const AROUND: usize = 60;
-/// Gaussians hang together up to this many times their median distance to that neighbour. Measured on trained cars, halls
-/// and orchards (clouds of 40,000 Gaussians, two of each of the first): at 1.4 every car, chair, vase and tree but one is a
-/// piece of its own, tables with the chairs that touch them; at 1.0 some fall apart, at 2 chairs join their tables.
+/// Gaussians are connected up to this many times the spacing. Smaller values break objects apart; larger ones join
+/// chairs to their table.
 const REACH: f64 = 1.4;
-/// Rounds of growing: where the place is denser than the rest of its object, what hangs together there says how far apart
-/// Gaussians are farther away.
+/// Rounds in which the spacing grows with the piece: the place can be denser than the rest of its object.
 const ROUNDS: usize = 5;
-/// The nearest so many decide of which piece the place is.
+/// The piece that holds most of this many nearest Gaussians is the one at the place.
 const VOTERS: usize = 8;
-/// Gaussians around the place that are searched for what hangs together.
+/// Gaussians around the place that are searched.
 const MOST: usize = 200_000;
-/// What hangs in the air among others is a part of its object, as a bunch of leaves is of a tree: it is widened by this
-/// factor until it reaches the ground or nothing is beside it, this many times at most. Measured on trained orchards (three
-/// clouds of 40,000 Gaussians, twelve places on each of 36 trees): 81 % of the boxes hold their tree without it, 87 % with
-/// it; most others are of trunks. With 1.25 and 8 times 84 %. On two halls and two sets of cars nothing changes.
+/// A piece that does not reach the ground and has others beside it is part of a larger object, like a bunch of leaves:
+/// its spacing grows by this factor until it reaches the ground or nothing is beside it.
 const WIDER: f64 = 1.4;
+/// How often the spacing grows by [`WIDER`] at most.
 const WIDENINGS: usize = 5;
-/// More than this part of its members have something beside them: it is among others.
+/// A piece is among others if more than this part of its members have something beside them.
 const AMONG_PART: f64 = 0.1;
-/// What a piece lies on is not beside it, nor what is no higher than this part of its members: they may sink in.
+/// What is no higher than this lowest part of the members does not count as beside: the piece lies on it, and may sink
+/// in.
 const BOTTOM_PART: f64 = 0.1;
-/// Neighbours of a member that are looked at for it.
+/// Neighbours of a member that are searched for something beside it.
 const BESIDE: usize = 24;
-/// A piece with more than this part of all that stands is no object but, for instance, a wall.
+/// A piece with more than this part of everything above the ground is no object but, for instance, a wall.
 const MOST_PART: f64 = 0.5;
-/// A box around what is unclear, in distances from the eye: a sixth of what a picture is high.
+/// Edge of the box around an unclear place, in distances from the eye: a sixth of the picture's height.
 const USUAL_SIZE: f64 = 0.15;
-/// Fewer Gaussians are no object.
+/// A piece with fewer Gaussians is no object.
 const FEWEST: usize = 12;
-/// Turns of the box that are tried, one per degree; a rectangle is the same after 90.
+/// Yaw angles of the box that are tried, one per degree; a rectangle repeats after 90.
 const TURNS: usize = 90;
 
-/// An upright box.
+/// A box with one axis along the scene's up direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UprightBox {
-    /// World units.
+    /// Centre of the box, world units.
     pub center: DVec3,
-    /// Edges, world units; the longer level one is x, the upright one z.
+    /// Edge lengths, world units: x and y are level with x the longer one, z is upright.
     pub size: DVec3,
-    /// From the box's axes to the world's.
+    /// Rotation from the box's axes to the world's.
     pub world_from_box: DQuat,
 }
 
-/// What is at a place.
+/// What [`Surroundings::at`] found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Standing {
-    /// An object, and a box around it.
+    /// An object, and the box around it.
     Object(UprightBox),
-    /// Something that cannot be told from what is around it, and a box that one sees well.
+    /// No object could be separated from its surroundings; a cube of visible size at the place.
     Unclear(UprightBox),
-    /// The ground.
+    /// The place is on the ground.
     Ground,
 }
 
-/// A cloud, prepared for questions of what stands where.
+/// A cloud prepared for [`Surroundings::at`].
 pub struct Surroundings {
     up: DVec3,
     ground: Option<Plane>,
-    /// What is higher than this above it stands on it, world units.
+    /// Height above the ground from which Gaussians count as standing on it, world units.
     lift: f64,
-    /// Of the opaque Gaussians above the ground.
+    /// Means of the opaque Gaussians above the ground.
     positions: Vec<[f32; 3]>,
     set: PointSet,
 }
 
 impl Surroundings {
-    /// Of a cloud whose vertical is `up`, a unit vector; the ground's own direction counts if there is one.
+    /// `up` is a unit vector of the world; where a ground plane is found, its normal replaces it.
     pub fn new(cloud: &Gaussians, up: DVec3) -> Self {
         let is_opaque = |&i: &usize| cloud.is_finite(i) && sigmoid(f64::from(cloud.opacity_logits[i])) > MIN_OPACITY;
         let mut positions: Vec<[f32; 3]> = (0..cloud.len()).filter(is_opaque).map(|i| cloud.means[i]).collect();
@@ -104,17 +102,17 @@ impl Surroundings {
         Self { up: ground.map_or(up, |ground| ground.normal), ground, lift, positions, set }
     }
 
-    /// Up, as a unit vector of the world.
+    /// The up direction: a unit vector of the world.
     pub fn up(&self) -> DVec3 {
         self.up
     }
 
-    /// What stands at a place of the world that is seen from `eye`.
+    /// The object at a point of the world that is seen from `eye`; both world units.
     pub fn at(&self, place: DVec3, eye: DVec3) -> Standing {
         let near = self.set.nearest(place.as_vec3().to_array(), MOST);
         let height = self.ground.map_or(f64::INFINITY, |ground| ground.height(place));
         let distance = near.first().map_or(f64::INFINITY, |n| n.squared_distance.sqrt());
-        // The foot of an object is as low as the ground, but near the rest of it.
+        // The foot of an object is as low as the ground, but close to the rest of the object.
         if height <= self.lift && distance > 2.0 * self.lift {
             return Standing::Ground;
         }
@@ -128,12 +126,12 @@ impl Surroundings {
         }
         let members: Vec<DVec3> = piece.iter().map(|&i| widened(points[i as usize])).collect();
         let found = self.box_around(&members, 0.5 * spacing);
-        // Hills and skies are around everything.
+        // Hills and skies enclose the eye.
         if found.contains(eye) { unclear() } else { Standing::Object(found) }
     }
 
-    /// What hangs together with the first of some points, and how far apart its points are; `None` without points, and if
-    /// they are in one place.
+    /// The piece connected to the first of `points`, as indices into them, and its spacing; `None` without points, or
+    /// if they coincide.
     fn piece_around(&self, points: &[[f32; 3]]) -> Option<(Vec<u32>, f64)> {
         let first: Vec<u32> = (0..points.len().min(AROUND) as u32).collect();
         let mut spacing = self.spacing(points, &first);
@@ -153,8 +151,8 @@ impl Surroundings {
         best
     }
 
-    /// A piece that does not stand but has others beside it, with more of what is around it; the piece itself if that does
-    /// not make it an object. `near` are the points as indices of the set.
+    /// Grows a piece that hangs in the air beside others until it stands, and returns it with its spacing; `close`
+    /// itself if that leads to no object. `near` holds the points' indices in the set.
     fn widened_to_the_ground(&self, (near, points): (&[u32], &[[f32; 3]]), close: (Vec<u32>, f64)) -> (Vec<u32>, f64) {
         let Some(ground) = self.ground else { return close };
         let (mut piece, mut spacing) = close.clone();
@@ -174,7 +172,8 @@ impl Surroundings {
         close
     }
 
-    /// True if much of a piece has something else within `reach` that is higher above the ground than `bottom`.
+    /// Whether enough members of a piece have something else within `reach` that is higher above the ground than
+    /// `bottom`.
     fn is_among_others(&self, near: &[u32], piece: &[u32], (ground, bottom): (Plane, f64), reach: f64) -> bool {
         let mut is_member = vec![false; self.positions.len()];
         piece.iter().for_each(|&i| is_member[near[i as usize] as usize] = true);
@@ -195,7 +194,7 @@ impl Surroundings {
         piece.len() as f64 > MOST_PART * self.positions.len() as f64
     }
 
-    /// How far apart some of the points usually are from their neighbours; 0 if there are none.
+    /// Median distance of some points to their sixth neighbour; 0 if there are none.
     fn spacing(&self, points: &[[f32; 3]], of: &[u32]) -> f64 {
         let farthest = |&i: &u32| {
             let neighbours = self.set.nearest(points[i as usize], NEIGHBOURS + 1);
@@ -204,7 +203,7 @@ impl Surroundings {
         median(&of.par_iter().map(farthest).collect::<Vec<f64>>())
     }
 
-    /// The upright box of the least footprint; what nearly reaches the ground stands on it.
+    /// The upright box with the smallest footprint; it is extended to the ground if it nearly reaches it.
     fn box_around(&self, members: &[DVec3], margin: f64) -> UprightBox {
         let side = self.up.any_orthonormal_vector();
         let ahead = self.up.cross(side);
@@ -228,11 +227,11 @@ impl Surroundings {
     }
 }
 
-/// What hangs together with the first points when neighbours are `spacing` apart.
+/// The connected piece at the first of `points` for a given spacing.
 fn first_piece(points: &[[f32; 3]], spacing: f64) -> Option<Vec<u32>> {
     let pieces = components(points, REACH * spacing);
     let votes = |piece: &&Vec<u32>| piece.iter().take_while(|&&i| (i as usize) < VOTERS).count();
-    // Of equals the last one wins: the largest.
+    // `max_by_key` returns the last of equal maxima: in reverse order, the largest piece.
     pieces.iter().rev().max_by_key(votes).cloned()
 }
 
@@ -242,7 +241,7 @@ impl UprightBox {
         local.abs().cmple(0.5 * self.size).all()
     }
 
-    /// With six equal faces, around a place.
+    /// An upright cube with its centre at a place.
     fn cube(center: DVec3, edge: f64, up: DVec3) -> Self {
         let side = up.any_orthonormal_vector();
         let turn = DMat3::from_cols(side, up.cross(side), up);
@@ -250,7 +249,7 @@ impl UprightBox {
     }
 }
 
-/// A rectangle around points of a plane, along axes that are turned by an angle.
+/// A rectangle around points of a plane; its axes are turned by `angle` radians.
 #[derive(Clone, Copy, Debug, Default)]
 struct Footprint {
     angle: f64,
@@ -259,7 +258,7 @@ struct Footprint {
 }
 
 impl Footprint {
-    /// The one of the least area, its longer edge first.
+    /// The footprint of the smallest area, with the longer edge first.
     fn around(flat: &[DVec2]) -> Self {
         let turned = (0..TURNS).map(|turn| Self::at((turn as f64).to_radians(), flat));
         let least = turned.min_by(|a, b| a.area().total_cmp(&b.area())).unwrap_or_default();
@@ -289,7 +288,7 @@ mod tests {
     use crate::math::covariance::logit;
     use crate::math::rng::Rng;
 
-    /// Points on a floor at height 1 and on the sides and tops of blocks on it: (middle, edges, turn).
+    /// Points on a floor at height 1 and on the sides and tops of blocks on it: (centre, edges, yaw).
     fn cloud(blocks: &[([f64; 2], DVec3, f64)], up: DVec3) -> Gaussians {
         let mut rng = Rng::new(11);
         let turn = DQuat::from_rotation_arc(DVec3::Z, up);
@@ -304,14 +303,14 @@ mod tests {
         for _ in 0..4000 {
             put(DVec3::new(rng.range(-6.0, 6.0), rng.range(-6.0, 6.0), 1.0 + 0.01 * rng.normal()), 0.9);
         }
-        // Fog between the blocks, of which nothing hangs together.
+        // Scattered points between the blocks that are connected to nothing.
         for _ in 0..4000 {
             put(DVec3::new(rng.range(-6.0, 6.0), rng.range(-6.0, 6.0), rng.range(1.0, 3.0)), 0.1);
         }
         for &([x, y], size, angle) in blocks {
             for _ in 0..800 {
                 let mut p = DVec3::new(rng.range(-0.5, 0.5), rng.range(-0.5, 0.5), rng.range(-0.5, 0.5));
-                // Onto one of the five faces that are seen.
+                // Projected onto one of the five visible faces.
                 let face = rng.index(5);
                 p[face % 3] = if face < 3 { 0.5 } else { -0.5 };
                 let p = DQuat::from_rotation_z(angle) * (p * size);
@@ -352,8 +351,7 @@ mod tests {
         }
     }
 
-    /// Points near those of a floor, each of these groups: (middle, radius, count), and a table: its top at height 1.8,
-    /// one leg.
+    /// Points on a floor, in balls (centre, radius, count), and on a table: its top at height 1.8 and one leg.
     fn cloud_of_bunches(bunches: &[(DVec3, f64, usize)]) -> Gaussians {
         let mut rng = Rng::new(5);
         let mut out = cloud(&[], DVec3::Z);
@@ -362,7 +360,7 @@ mod tests {
             points.extend((0..count).map(|_| middle + radius * rng.unit_vector()));
         }
         let mut around = |height: f64| DVec3::new(rng.range(-0.05, 0.05), rng.range(-0.05, 0.05), height);
-        // Trunk and leg, at the bunches' and the table's middle.
+        // The trunk and the leg stand at the centres of the bunches and of the table.
         points.extend((0..200).map(|i| around(1.0 + 0.006 * f64::from(i))));
         points.extend((0..200).map(|i| DVec3::new(4.0, 4.0, 0.0) + around(1.0 + 0.004 * f64::from(i))));
         points.extend((0..1500).map(|_| DVec3::new(rng.range(3.2, 4.8), rng.range(3.2, 4.8), 1.8)));
@@ -379,7 +377,7 @@ mod tests {
     #[test]
     fn a_bunch_of_leaves_is_of_its_tree_and_a_vase_is_not_of_its_table() {
         let crown = (0..48).map(|i| {
-            // Evenly around a ball.
+            // Evenly distributed on a sphere.
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 48.0;
             let turn = 2.399_963 * f64::from(i);
             let level = (1.0 - z * z).sqrt();
@@ -393,7 +391,7 @@ mod tests {
             Standing::Object(found) => (found.size - DVec3::new(1.6, 1.6, 2.6)).abs().max_element() < 0.3,
             _ => false,
         };
-        // A few have nothing within reach. Without widening it is none.
+        // A few have nothing within reach. Without growing, no piece is an object.
         let whole = bunches[..48].iter().filter(holds_tree).count();
         assert!(whole >= 30, "{whole}");
         let Standing::Object(found) = around.at(vase.0 + DVec3::Z * 0.12, eye) else { panic!() };
@@ -402,12 +400,12 @@ mod tests {
 
     #[test]
     fn what_cannot_be_told_apart_gets_a_box_of_the_usual_size() {
-        // All that stands is one wall.
+        // Everything above the ground is one wall.
         let wall = cloud(&[([0.0, 0.0], DVec3::new(8.0, 0.2, 3.0), 0.0)], DVec3::Z);
         let (place, eye) = (DVec3::new(1.0, 0.1, 2.0), DVec3::new(1.0, 4.1, 5.0));
         let Standing::Unclear(found) = Surroundings::new(&wall, DVec3::Z).at(place, eye) else { panic!() };
         assert_eq!((found.center, found.size), (place, DVec3::splat(0.75)));
-        // One of three blocks, from inside of it: as hills are around the eye.
+        // One of three blocks, seen from inside, as hills enclose the eye.
         let block = |x: f64| ([x, 0.0], DVec3::new(2.0, 2.0, 1.0), 0.0);
         let inside = Surroundings::new(&cloud(&[block(-4.0), block(0.0), block(4.0)], DVec3::Z), DVec3::Z);
         let wall = DVec3::new(1.0, 0.0, 1.5);

@@ -1,15 +1,15 @@
-//! Gaussians of an object that are apart from it: what the masks' borders and the views' errors leave behind it.
+//! Stray Gaussians: small groups apart from their object, left by mask borders and errors of single views.
 
 use std::collections::BTreeMap;
 
 use super::components::{components, usual_reach};
 
-/// A group of less than this part of its object's largest is stray. Legs of furniture that are hidden where they meet it are
-/// more.
+/// A group with less than this part of the Gaussians of its object's largest group is stray. Legs of furniture that
+/// look detached because the joint is hidden are larger.
 const STRAY_PART: f64 = 0.05;
 
-/// Gives small groups of an object's Gaussians that are apart from the rest the label 0; objects are labels above 0.
-/// Means that are not finite are strays. Returns how many there were.
+/// Sets the label of small groups of Gaussians apart from the rest of their object to 0; labels above 0 are objects.
+/// Gaussians with means that are not finite are strays, too. Returns the number of strays.
 pub fn drop_strays(means: &[[f32; 3]], labels: &mut [u16]) -> usize {
     let mut members_of_label: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
     for (i, &label) in labels.iter().enumerate().filter(|(_, label)| **label != 0) {
@@ -31,7 +31,7 @@ fn strays(means: &[[f32; 3]], members: &[usize]) -> Vec<usize> {
     let positions: Vec<[f32; 3]> = finite.iter().map(|&i| means[i]).collect();
     let Some(reach) = usual_reach(&positions) else { return out };
     let groups = components(&positions, reach);
-    // Of foliage, say, each of many groups is a small part of all.
+    // Compared with the largest group, not the whole object: foliage consists of many small groups.
     let largest = groups.iter().map(|group| group.len()).max().unwrap_or(0);
     for group in groups {
         if (group.len() as f64) < STRAY_PART * largest as f64 {
@@ -47,7 +47,7 @@ mod tests {
 
     #[test]
     fn small_groups_apart_from_their_object_go() {
-        // A line of forty, one four apart, two far away, a group of a tenth far away.
+        // A line of forty, one point four units away, two far away, and a group of a tenth far away.
         let along = |start: f32, count: usize| (0..count).map(move |i| [start + i as f32, 0.0, 0.0]);
         let mut means: Vec<[f32; 3]> =
             along(0.0, 40).chain(along(43.0, 1)).chain(along(100.0, 2)).chain(along(200.0, 6)).collect();

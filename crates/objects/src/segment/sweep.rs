@@ -1,5 +1,5 @@
-//! Contributions of all views of a cloud, rendered when they are first asked for and kept as far as a budget goes:
-//! every sweep after the first renders only the views beyond it. What is found does not depend on the budget.
+//! Contributions of all views of a cloud. They are rendered on first use and kept within a memory budget: later sweeps
+//! render only the views beyond it. The result does not depend on the budget.
 
 use std::sync::Arc;
 
@@ -10,27 +10,27 @@ use crate::scene::{Camera, InstancedScene};
 
 use super::error::SegmentError;
 
-/// Bytes of contributions that are kept by default. A view takes ten bytes for each Gaussian and mask that meet in it:
-/// this is room for 200 views of 200,000 Gaussians, and a quarter of what training such a scene takes.
+/// Default memory budget, bytes. A view takes ten bytes for each pair of a Gaussian and a mask that meet in it: this
+/// holds 200 views of 200,000 Gaussians, and is a quarter of what training such a scene takes.
 pub const KEPT_BYTES: u64 = 512 << 20;
 
 /// One view of a sweep.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewEntries<'a> {
-    /// Index into the cameras.
+    /// Index of the view in the cameras.
     pub view: usize,
-    /// The view's camera.
+    /// Camera of the view, at the size that was rendered.
     pub camera: &'a Camera,
-    /// Mask ids that its mask has, ascending, 0 left out; empty without a mask.
+    /// Ids present in the view's mask, ascending, without 0; empty without a mask.
     pub ids: &'a [u16],
-    /// By Gaussian, then by id; all of id 0 without a mask.
+    /// Sorted by Gaussian, then by id; all of id 0 without a mask.
     pub contributions: &'a [Contribution],
 }
 
-/// Gives the mask of a view by its index, or `None` if it has none.
+/// Gives the mask of a view by index, or `None` if it has none.
 type MaskOfView<'a, E> = Box<dyn FnMut(usize) -> Result<Option<Mask>, E> + 'a>;
 
-/// Sweeps over the views of one plain cloud; `E` is the error of whoever gives the masks.
+/// Sweeps over the views of a plain cloud; `E` is the error type of the masks' source.
 pub struct ViewContributions<'a, E> {
     renderer: ContributionRenderer,
     render: RenderOptions,
@@ -39,17 +39,17 @@ pub struct ViewContributions<'a, E> {
     budget_bytes: u64,
     kept_bytes: u64,
     rendered: usize,
-    /// By view: what is kept.
+    /// Contributions of each view that fitted the budget.
     kept: Vec<Option<Kept>>,
 }
 
 impl<'a, E: From<SegmentError>> ViewContributions<'a, E> {
-    /// Sweeps over the `cameras` of a plain cloud, which is rendered as it was trained. `mask_of_view` gives the mask
-    /// of a view by its index in `cameras`, or `None` if it has none, and is asked again in later sweeps for views
-    /// beyond the budget of `budget_bytes`. A mask of another size than the camera is resized.
+    /// Prepares sweeps over the `cameras` of a plain cloud, rendered as it was trained. `mask_of_view` gives the mask
+    /// of a view by its index in `cameras`, or `None` if it has none; it is called again in later sweeps for views
+    /// beyond `budget_bytes`. A mask of another size than the camera is resized.
     ///
     /// # Errors
-    /// A cloud with instances or beyond the device.
+    /// A cloud that has instances or does not fit on the device.
     pub fn new(
         gpu: &Arc<Gpu>,
         cloud: &InstancedScene,
@@ -64,25 +64,26 @@ impl<'a, E: From<SegmentError>> ViewContributions<'a, E> {
         Ok(Self { renderer, render, cameras, mask_of_view, budget_bytes, kept_bytes: 0, rendered: 0, kept })
     }
 
-    /// Number of views.
+    /// Number of views in a sweep.
     pub fn view_count(&self) -> usize {
         self.cameras.len()
     }
 
-    /// Bytes of the contributions that are kept.
+    /// Size of the contributions in memory, bytes.
     pub fn kept_bytes(&self) -> u64 {
         self.kept_bytes
     }
 
-    /// Views rendered so far, those of later sweeps counted again.
+    /// Number of views rendered so far, including those rendered again by later sweeps.
     pub fn rendered(&self) -> usize {
         self.rendered
     }
 
-    /// Calls `visit` with every view, in order.
+    /// Calls `visit` for every view, in order.
     ///
     /// # Errors
-    /// A camera that cannot be rendered; a mask whose ids do not fill its size; what `visit` or `mask_of_view` return.
+    /// A camera that cannot be rendered; a mask whose number of ids is not its size; errors of `visit` and
+    /// `mask_of_view`.
     pub fn for_each(&mut self, mut visit: impl FnMut(ViewEntries<'_>) -> Result<(), E>) -> Result<(), E> {
         let cameras = self.cameras;
         for (view, camera) in cameras.iter().enumerate() {
@@ -98,7 +99,7 @@ impl<'a, E: From<SegmentError>> ViewContributions<'a, E> {
         Ok(())
     }
 
-    /// Ids and contributions of a view. One without a mask has no ids, but still says what is seen.
+    /// Ids and contributions of a view. A view without a mask has no ids, but still tells which Gaussians are seen.
     fn render(&mut self, view: usize, camera: &Camera) -> Result<(Vec<u16>, Vec<Contribution>), E> {
         let invalid = |reason| SegmentError::View { view: camera.name.clone(), error: RenderError::Camera(reason) };
         camera.validate().map_err(invalid)?;
@@ -112,7 +113,7 @@ impl<'a, E: From<SegmentError>> ViewContributions<'a, E> {
 
     fn keep(&mut self, view: usize, ids: Vec<u16>, contributions: &[Contribution]) {
         let left = self.budget_bytes - self.kept_bytes;
-        // No need to pack what cannot fit.
+        // Not worth packing if it cannot fit.
         if contributions.len() as u64 * Packed::ENTRY_BYTES > left {
             return;
         }
@@ -128,7 +129,7 @@ fn pixels(camera: &Camera) -> usize {
     camera.width as usize * camera.height as usize
 }
 
-/// The mask at the size of the camera's picture.
+/// The mask, resized to the camera's picture if needed.
 fn fitted(mask: Mask, camera: &Camera) -> Result<Mask, SegmentError> {
     let (width, height) = (mask.width, mask.height);
     if mask.ids.len() as u64 != u64::from(width) * u64::from(height) {
@@ -138,19 +139,19 @@ fn fitted(mask: Mask, camera: &Camera) -> Result<Mask, SegmentError> {
     Ok(if fits { mask } else { mask.resized(camera.width, camera.height) })
 }
 
-/// What is kept of a view.
+/// Ids and contributions of one view in memory.
 struct Kept {
     ids: Vec<u16>,
     contributions: Packed,
 }
 
-/// Contributions of a view in ten bytes each, where [`Contribution`] takes sixteen.
+/// Contributions of a view in ten bytes each; a [`Contribution`] takes sixteen.
 struct Packed {
     gaussians: Vec<u32>,
     ids: Vec<u16>,
-    /// Low halves of the weights: the high half is 0 up to 256 pixels.
+    /// Low 32 bits of the weights; the high 32 are 0 up to 256 pixels.
     weights: Vec<u32>,
-    /// Position and high half, where that is above 0; in order.
+    /// Index and high 32 bits of the weights where those are not 0; ascending.
     high_weights: Vec<(usize, u32)>,
 }
 

@@ -1,5 +1,4 @@
-//! Gaussians that no view shows: the inside of an object has no weight in any picture, and would stay behind when the
-//! object is moved.
+//! Labels of Gaussians that no view shows: those inside an object have no weight in any picture, but must move with it.
 
 use std::collections::BTreeMap;
 use std::num::NonZero;
@@ -7,12 +6,13 @@ use std::num::NonZero;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
-/// An axis-aligned box, world frame, scene units: low and high corner.
+/// An axis-aligned box in the world frame: low and high corner.
 type Bounds = [[f64; 3]; 2];
 
-/// Gives every Gaussian that is not `seen` the label that most of its `neighbours` nearest seen Gaussians have (the lower
-/// one of equals), if it lies in the bounding box of that label's seen Gaussians; else 0. Gaussians in the same place
-/// count once, with the label of the first. Means that are not finite keep 0. Returns how many got a label above 0.
+/// Gives every Gaussian that is not `seen` the majority label of its `neighbours` nearest seen Gaussians (the lower
+/// label in a tie) if it lies in the bounding box of that label's seen Gaussians, else 0. Gaussians in the same place
+/// count once, with the label of the first; those with means that are not finite keep 0. Returns how many got a label
+/// above 0.
 pub fn label_unseen(means: &[[f32; 3]], seen: &[bool], labels: &mut [u16], neighbours: NonZero<usize>) -> usize {
     let places = distinct_places(means, seen);
     if places.is_empty() {
@@ -41,7 +41,7 @@ pub fn label_unseen(means: &[[f32; 3]], seen: &[bool], labels: &mut [u16], neigh
 }
 
 fn wide(mean: [f32; 3]) -> [f64; 3] {
-    // Adding 0 makes -0 the same as 0.
+    // Adding 0 turns -0 into 0.
     mean.map(|v| f64::from(v) + 0.0)
 }
 
@@ -49,7 +49,7 @@ fn is_finite(mean: [f32; 3]) -> bool {
     mean.iter().all(|v| v.is_finite())
 }
 
-/// The first seen Gaussian of every place, in order of places: a tree takes quadratic time for points that coincide.
+/// The first seen Gaussian of every place, sorted by position: a tree takes quadratic time for points that coincide.
 fn distinct_places(means: &[[f32; 3]], seen: &[bool]) -> Vec<usize> {
     let mut out: Vec<usize> = (0..means.len()).filter(|&i| seen[i] && is_finite(means[i])).collect();
     let order = |a: &usize, b: &usize| {
@@ -61,12 +61,12 @@ fn distinct_places(means: &[[f32; 3]], seen: &[bool]) -> Vec<usize> {
     out
 }
 
-/// The lowest of the most frequent labels.
+/// The most frequent label; the lowest in a tie.
 fn most_frequent(counts: &BTreeMap<u16, usize>) -> u16 {
     counts.iter().fold((0, 0), |best, (&label, &n)| if n > best.1 { (label, n) } else { best }).0
 }
 
-/// Boxes of the seen Gaussians of every label above 0.
+/// Bounding boxes of the seen Gaussians of every label above 0.
 fn bounds_of_labels(means: &[[f32; 3]], seen: &[bool], labels: &[u16]) -> BTreeMap<u16, Bounds> {
     let mut out = BTreeMap::new();
     for i in (0..means.len()).filter(|&i| seen[i] && labels[i] != 0 && is_finite(means[i])) {
@@ -88,7 +88,7 @@ fn contains([low, high]: &Bounds, point: [f64; 3]) -> bool {
 mod tests {
     use super::*;
 
-    /// The corners of a cube around `center`.
+    /// The eight corners of a cube around `center`.
     fn cube(center: [f32; 3], half: f32) -> Vec<[f32; 3]> {
         (0..8).map(|c| [0, 1, 2].map(|axis| center[axis] + if c >> axis & 1 == 1 { half } else { -half })).collect()
     }
@@ -99,7 +99,7 @@ mod tests {
         means.extend(cube([10.0, 0.0, 0.0], 1.0));
         let mut labels = [vec![3; 8], vec![0; 8]].concat();
         let mut seen = vec![true; 16];
-        // Inside of 3; beside it; inside of the cube of the background; not finite.
+        // Inside of object 3; beside it; inside of the background's cube; not finite.
         means.extend([[0.1, 0.2, 0.3], [0.0, 1.5, 0.0], [10.0, 0.0, 0.0], [f32::NAN, 0.0, 0.0]]);
         labels.extend([0; 4]);
         seen.extend([false; 4]);
@@ -111,7 +111,8 @@ mod tests {
 
     #[test]
     fn equal_numbers_of_neighbours_give_the_lower_label_and_a_place_counts_once() {
-        // Two neighbours of 2, two of 5, all at the same distance; a third and a fourth of 5 in a place that is taken.
+        // Two neighbours with label 2 and two with 5, all at the same distance; two more with 5 in a place that is
+        // taken.
         let mut means = vec![[1.0, 1.0, 0.0], [-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0]];
         means.extend([[1.0, -1.0, 0.0], [1.0, -1.0, -0.0], [0.0; 3]]);
         let mut labels = vec![2, 2, 5, 5, 5, 5, 0];
@@ -120,7 +121,7 @@ mod tests {
         assert_eq!(labels[6], 2);
     }
 
-    /// A tree of points that coincide would take minutes.
+    /// A tree would take minutes for points that coincide.
     #[test]
     fn many_gaussians_in_one_place_take_no_time() {
         let mut means = vec![[0.5; 3]; 200_000];

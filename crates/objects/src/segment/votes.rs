@@ -1,30 +1,30 @@
-//! Eq. 2-3 of the paper as counts: for a Gaussian i and an instance k, `inside[i, k]` is what i adds to the pixels of k's
-//! masks, `shown[i, k]` what it adds to all pixels of the views in which k has a mask. Views in which k has none say
-//! nothing about it: a detector misses objects.
+//! Eq. 2-3 of the paper in integers. For a Gaussian i and an instance k, `inside[i, k]` is the weight of i in the
+//! pixels of k's masks, and `shown[i, k]` its weight in all pixels of the views in which k has a mask. Views in which k
+//! has no mask do not count: a detector misses objects.
 //!
-//! Only pairs that occur are kept, two a Gaussian or so, whatever the number of instances. Sums are integers, so they do
-//! not depend on the order of views.
+//! Only pairs that occur are kept, about two per Gaussian whatever the number of instances. Sums are integers, so they
+//! do not depend on the order of views.
 
 use crate::render::Contribution;
 
-/// What is known of one Gaussian and one instance.
+/// Weights of one pair of a Gaussian and an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Vote {
     /// Index of the Gaussian.
     pub gaussian: u32,
-    /// Mask id, above 0.
+    /// Id of the instance, above 0.
     pub id: u16,
-    /// Weight in the instance's masks, [`crate::render::CONTRIBUTION_ONE`]ths of a pixel.
+    /// Weight in the instance's masks, in units of 1 / [`crate::render::CONTRIBUTION_ONE`] pixel.
     pub inside: u64,
-    /// Weight in all pixels of the views in which the instance has a mask; counted in a second sweep over the views, when
-    /// all pairs are known.
+    /// Weight in all pixels of the views in which the instance has a mask, in the same unit; counted in a second sweep,
+    /// when all pairs are known.
     pub shown: u64,
 }
 
 impl Vote {
-    /// `inside - alpha (shown - inside)`: above 0 if more than alpha / (1 + alpha) of what is shown is inside.
+    /// `inside - alpha (shown - inside)`: above 0 if more than alpha / (1 + alpha) of the shown weight is inside.
     pub fn gain(&self, alpha: f64) -> f64 {
-        // Both are below 2^53 for any real set of pictures: 2^29 pixels of weight 1.
+        // Exact: both are below 2^53 for any realistic set of pictures, 2^29 pixels of weight 1.
         self.inside as f64 - alpha * self.shown.saturating_sub(self.inside) as f64
     }
 }
@@ -32,31 +32,31 @@ impl Vote {
 /// The votes of all views.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Votes {
-    /// By Gaussian, then by id.
+    /// Sorted by Gaussian, then by id.
     votes: Vec<Vote>,
-    /// By Gaussian: weight in all pixels of all views.
+    /// Weight of each Gaussian in all pixels of all views.
     weights: Vec<u64>,
-    /// By Gaussian: views in which it adds to a pixel.
+    /// Number of views in which each Gaussian contributes to a pixel.
     views: Vec<u32>,
 }
 
 impl Votes {
-    /// No votes for `gaussians` Gaussians.
+    /// Empty votes for a cloud of `gaussians` Gaussians.
     pub fn new(gaussians: usize) -> Self {
         Self { votes: Vec::new(), weights: vec![0; gaussians], views: vec![0; gaussians] }
     }
 
-    /// By Gaussian: weight in all pixels of all views; 0 = never seen.
+    /// Weight of each Gaussian in all pixels of all views; 0 = never seen.
     pub fn weights(&self) -> &[u64] {
         &self.weights
     }
 
-    /// By Gaussian: views in which it adds to a pixel.
+    /// Number of views in which each Gaussian contributes to a pixel.
     pub fn views(&self) -> &[u32] {
         &self.views
     }
 
-    /// What a view shows of each Gaussian, whatever its mask says; `contributions` by Gaussian.
+    /// Adds one view to the total weights, whatever its mask; `contributions` are sorted by Gaussian.
     pub fn add_weights(&mut self, contributions: &[Contribution]) {
         for of_gaussian in contributions.chunk_by(|a, b| a.gaussian == b.gaussian) {
             let gaussian = of_gaussian[0].gaussian as usize;
@@ -66,7 +66,7 @@ impl Votes {
         }
     }
 
-    /// The first sweep: `contributions` of one view, by Gaussian, then by id.
+    /// First sweep: adds the `contributions` of one view, sorted by Gaussian and id, to `inside`.
     pub fn add_inside(&mut self, contributions: &[Contribution]) {
         let mut old = std::mem::take(&mut self.votes).into_iter().peekable();
         let mut merged = Vec::with_capacity(old.len() + contributions.len());
@@ -84,7 +84,7 @@ impl Votes {
         self.votes = merged;
     }
 
-    /// The second sweep: the same view again, in which the ids of `has_mask` (by id) have a mask.
+    /// Second sweep: adds the same view to `shown` of the instances for which `has_mask`, indexed by id, is true.
     pub fn add_shown(&mut self, contributions: &[Contribution], has_mask: &[bool]) {
         let mut votes = self.votes.iter_mut().peekable();
         for of_gaussian in contributions.chunk_by(|a, b| a.gaussian == b.gaussian) {
@@ -97,12 +97,12 @@ impl Votes {
         }
     }
 
-    /// By Gaussian, then by id.
+    /// All votes, sorted by Gaussian and id.
     pub fn all(&self) -> &[Vote] {
         &self.votes
     }
 
-    /// By Gaussian: the id with the largest gain, the lower one of equals; 0 if no gain is above 0.
+    /// Id with the largest gain for each Gaussian, the lower one in a tie; 0 if no gain is above 0.
     pub fn winners(&self, alpha: f64) -> Vec<u16> {
         let mut out = vec![0; self.weights.len()];
         for of_gaussian in self.votes.chunk_by(|a, b| a.gaussian == b.gaussian) {
@@ -129,7 +129,7 @@ mod tests {
         (0..=u16::MAX).map(|id| ids.contains(&id)).collect()
     }
 
-    /// Three views by hand; instance 9 has no mask in the second, instance 4 only in the third.
+    /// Three views; instance 9 has no mask in the second, instance 4 only in the third.
     fn counted() -> Votes {
         let views = [
             (vec![contribution(0, 0, 10), contribution(0, 9, 30), contribution(2, 9, 5)], vec![9]),

@@ -1,22 +1,23 @@
-//! What was found beside what is true.
+//! Compares found repetitions with the true ones.
 
 use glam::DVec3;
 
 use super::Found;
 use crate::scene::{ObjectBox, PosedGroup};
 
-/// How many of the found objects are right, and how many of the true ones were found. The selected one counts in neither.
+/// Precision and recall of found repetitions. The selected object counts in neither.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Against {
-    /// The selected object's id in the true groups.
+    /// Id of the selected object in the true groups.
     pub instance: u32,
-    /// The name of its group.
+    /// Name of its true group.
     pub name: Option<String>,
-    /// Found objects.
+    /// Number of objects that were found.
     pub found: usize,
-    /// Of them right: within half of the selected box's smaller level edge of a true place that no better one took.
+    /// How many of them are right: within half of the selected box's smaller level edge of a true position that no
+    /// better one took.
     pub right: usize,
-    /// True repetitions.
+    /// Number of true repetitions.
     pub all: usize,
     /// right / found; 1 if there is nothing to find and nothing was found.
     pub precision: f64,
@@ -25,8 +26,8 @@ pub struct Against {
 }
 
 impl Found {
-    /// Counts against true groups; the group that counts is that of the instance whose place is nearest to the middle of
-    /// the selected box. `None` without any instance.
+    /// Compares with the true group that has the instance nearest to the centre of the selected box. `None` if there
+    /// are no instances.
     pub fn against(&self, selected: &ObjectBox, groups: &[PosedGroup]) -> Option<Against> {
         let all = groups.iter().flat_map(|group| group.instances.iter().map(move |instance| (group, instance)));
         let off = |place: DVec3| place.distance(selected.center);
@@ -38,7 +39,7 @@ impl Found {
         let limit = 0.5 * super::decide::smaller_level_edge(selected, self.up);
         let mut right = 0;
         for object in &self.objects {
-            // Where the true place of the selected one, which need not be the middle of its box, comes to lie.
+            // The image of the selected object's true position, which need not be the centre of its box.
             let place = object.world_from_selected.transform_point(own.world_from_template.translation());
             if let Some(k) = (0..open.len()).find(|&k| open[k].distance(place) <= limit) {
                 open.swap_remove(k);

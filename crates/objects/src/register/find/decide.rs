@@ -1,4 +1,4 @@
-//! Which of the refined places are repetitions.
+//! Decides which refined candidates are repetitions.
 
 use glam::DVec3;
 
@@ -8,27 +8,26 @@ use super::{FindOptions, Found, FoundObject, RejectedPlace, moved_box, world_map
 use crate::register::pose::Pose;
 use crate::scene::ObjectBox;
 
-/// A place of whose points more than this part are those of better ones is theirs.
+/// A candidate with more than this part of its points on better ones is a duplicate.
 const TAKEN: f64 = 0.35;
-/// A pose that tilts the object by more than this is none, radians (20 degrees).
+/// Largest tilt of a repetition, radians (20 degrees).
 const MOST_TILT: f64 = 0.35;
 
-/// An object stands if Gaussians beside it, in at least so many of eight directions, are at the level of what it stands on,
-/// within this part of its height: a place that is sunk into the ground or above it has none there.
+/// An object stands if there are Gaussians beside it at the level of its support in at least this many of eight
+/// directions, ...
 const STANDING_SECTORS: usize = 3;
+/// ... within this part of its height: a pose sunk into the ground or above it has none there.
 const STANDS: f64 = 0.1;
-/// Below a place in the air there is the ground: as far down as this part of the object's height there are at most so many
-/// times as many Gaussians as at its level. Trained ground is uneven, and tables have legs: with 0.8 in the place of 3 two of
-/// seven cars and the vases on a table were missed.
+/// A pose in the air has the ground below it: down to this part of the object's height, ...
 const BELOW: f64 = 0.5;
+/// ... at most this many times the Gaussians at its level may lie. Trained ground is uneven, and tables have legs.
 const BELOW_PART: f64 = 3.0;
-/// Something else may stand in the box, a table over a chair: then the object is found nearly whole ...
+/// Another object can stand in the box, a table over a chair. Then the object must be found nearly whole ...
 const WHOLE: f64 = 0.8;
-/// ... and explains more than this part of what is there. A table among its chairs explains 0.64; of trained cars wrong places
-/// were found to 0.83 and 0.85 and explained 0.57 and 0.55.
+/// ... and explain more than this part of the points there.
 const MOSTLY: f64 = 0.6;
 
-/// Decides.
+/// Sorts candidates into repetitions and rejected ones.
 pub(super) fn decide(
     selected: &Selected,
     object: &ObjectBox,
@@ -53,7 +52,7 @@ pub(super) fn decide(
         let tilt = (pose.rotation * selected.up).angle_between(selected.up);
         let reason = if !is_alike {
             let (found, explained) = (100.0 * agreement.inliers, 100.0 * agreement.explained);
-            Some(format!("{found:.0} % of the object found, {explained:.0} % of what is there explained"))
+            Some(format!("{found:.0} % of the object found, {explained:.0} % of the points there explained"))
         } else if tilt > MOST_TILT {
             Some(format!("tilted by {:.0} degrees", tilt.to_degrees()))
         } else {
@@ -75,7 +74,7 @@ pub(super) fn decide(
     Found { objects, rejected, gaussians: surface.gaussians, on_support, in_wall: false, up: selected.up }
 }
 
-/// Why an object does not stand where it is as the selected one stands; `None` if it does.
+/// Reason why an object does not stand at a pose as the selected one stands; `None` if it does.
 fn not_standing(selected: &Selected, pose: &Pose) -> Option<String> {
     let up = selected.up;
     let height = selected.support? * pose.scale;
@@ -99,17 +98,17 @@ fn not_standing(selected: &Selected, pose: &Pose) -> Option<String> {
     }
     let sectors = has_ground.iter().filter(|has| **has).count();
     let stands = sectors >= STANDING_SECTORS && f64::from(below) <= BELOW_PART * f64::from(at_level);
-    (!stands).then(|| "there is nothing it could stand on".into())
+    (!stands).then(|| "there is no surface to stand on".into())
 }
 
-/// The smaller of a box's edges that are not its height: of the two that are not the most upright.
+/// The smaller of the box's two edges that are not its most upright one.
 pub(super) fn smaller_level_edge(object: &ObjectBox, up: DVec3) -> f64 {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| (object.world_from_box * axis).dot(up).abs());
     let upright = (0..3).max_by(|&a, &b| axes[a].total_cmp(&axes[b])).unwrap_or(2);
     (0..3).filter(|k| *k != upright).map(|k| object.size[k]).fold(f64::INFINITY, f64::min)
 }
 
-/// The id of the k-th repetition: the smallest that neither the selected object nor an earlier one has.
+/// Id of the k-th repetition: the smallest that neither the selected object nor an earlier one has.
 pub(super) fn free_id(selected: u32, k: usize) -> u32 {
     let id = k as u32 + 1;
     if id < selected { id } else { id + 1 }

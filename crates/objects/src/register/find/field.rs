@@ -1,31 +1,33 @@
-//! Where points are, to be looked up fast: cells that hold a point, and their neighbours.
+//! Occupancy grid for fast lookups: cells that contain a point, and their neighbours.
 
 use glam::{DVec3, IVec3, Vec3};
 
-/// Cells of a block along an edge, a power of two; blocks are stored where there is anything.
+/// Cells along an edge of a block, a power of two; only occupied blocks are stored.
 const EDGE: i32 = 8;
+/// Number of cells in a block.
 const BLOCK: usize = (EDGE * EDGE * EDGE) as usize;
-/// What is farther from the origin than this many cells is not in the field: 64 MB of blocks, and at least 75 sizes of an
-/// object.
+/// Points farther from the origin than this many cells are dropped: a limit of 64 MB of blocks and at least 75 sizes of
+/// an object.
 const FARTHEST: i32 = 1024;
-/// What a cell is worth that holds a point, and one beside such a cell.
+/// Value of a cell that contains a point.
 const HELD: u8 = 3;
+/// Value of a cell next to one that contains a point.
 const BESIDE: u8 = 2;
 
-/// A sparse grid of cells about the origin.
+/// A sparse occupancy grid about the origin.
 pub(super) struct Field {
     cell: f64,
     /// First cell, the lowest corner of the first block.
     low: IVec3,
-    /// Number of blocks.
+    /// Number of blocks along each axis.
     blocks: IVec3,
-    /// By block: its place in `values`; 0 is a block without points.
+    /// By block: its index in `values`; 0 is the shared empty block.
     index: Vec<u32>,
     values: Vec<[u8; BLOCK]>,
 }
 
 impl Field {
-    /// Of points, by cells of this edge.
+    /// Occupancy of `points` in cells with the given edge, scene units.
     pub(super) fn new(points: &[DVec3], cell: f64) -> Self {
         let most = IVec3::splat(FARTHEST);
         let near = |c: &IVec3| c.cmpgt(-most).all() && c.cmplt(most).all();
@@ -44,7 +46,7 @@ impl Field {
         out
     }
 
-    /// Makes a cell, counted from the first, worth at least so much.
+    /// Raises the value of a cell, counted from the first one, to at least `value`.
     fn raise(&mut self, c: IVec3, value: u8) {
         let (block, inside) = self.place(c);
         if self.index[block] == 0 {
@@ -55,7 +57,7 @@ impl Field {
         *cell = (*cell).max(value);
     }
 
-    /// Block of a cell, counted from the first, and its place in the block.
+    /// Block of a cell, counted from the first one, and its index in the block.
     fn place(&self, c: IVec3) -> (usize, usize) {
         let (block, inside) = (c / EDGE, c & (EDGE - 1));
         (
@@ -69,15 +71,15 @@ impl Field {
         self.cell
     }
 
-    /// A point, in cells from the lowest corner: what [`Field::at`] takes. Differences of points are vectors in cells.
+    /// A point in cells from the lowest corner, as [`Field::at`] takes it. Differences of points are vectors in cells.
     pub(super) fn in_cells(&self, p: DVec3) -> Vec3 {
         (p / self.cell - self.low.as_dvec3()).as_vec3()
     }
 
-    /// 1 where a point is in the same cell, 2/3 where one is in a neighbouring cell, else 0.
+    /// 1 if a point is in the same cell, 2/3 if one is in a neighbouring cell, else 0.
     pub(super) fn at(&self, p: Vec3) -> f32 {
         let end = (self.blocks * EDGE).as_vec3();
-        // Written out: a call of `floor` is slower than all the rest.
+        // Written out, because a call of `floor` is slower than all the rest.
         if !(p.x >= 0.0 && p.y >= 0.0 && p.z >= 0.0 && p.x < end.x && p.y < end.y && p.z < end.z) {
             return 0.0;
         }
@@ -91,7 +93,7 @@ mod tests {
     use super::*;
     use crate::math::rng::Rng;
 
-    /// Against a search of all points; also outside of what the points span, and far beyond the field.
+    /// Compared with a search of all points, also outside of their bounds and far beyond the grid.
     #[test]
     fn cells_know_what_is_in_and_beside_them() {
         let mut rng = Rng::new(1);

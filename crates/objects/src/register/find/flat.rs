@@ -1,4 +1,4 @@
-//! Parts of walls: every place on every plane is looked at straight on, and what has the same pattern of colours is found.
+//! Parts of walls: searches planes in parallel projection for the colour pattern of the selected object.
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -18,53 +18,54 @@ use crate::register::pose::Pose;
 use crate::register::sample::BASE;
 use crate::scene::{Camera, ObjectBox};
 
-/// Pixels of the first look are so many times larger.
+/// Pixels of the coarse search are larger by this factor.
 const COARSER: f64 = 2.0;
-/// Places of a tile along its edge, pixels of the first look: about three patterns.
+/// Positions along the edge of a tile, coarse pixels: about three patterns.
 const TILE: usize = 32;
-/// Tiles with fewer Gaussians show nothing.
+/// Tiles with fewer Gaussians are empty.
 const FEWEST: usize = 12;
-/// Farther away than so many roots of the pattern's area nothing is looked at.
+/// Search radius in square roots of the pattern's area.
 const FARTHEST: f64 = 75.0;
-/// Places that the first look finds less alike than this are not looked at closely. True ones had at least 0.41.
+/// Least likeness in the coarse search of a position that is refined.
 const FIRST_LEAST: f32 = 0.3;
-/// Where less than this part of the pattern is there the first look does not compare. True places had at least 0.8.
+/// Least part of the pattern that must be visible in the coarse search.
 const LEAST_THERE: f32 = 0.5;
-/// Places nearer than this part of the pattern's root are one, and so many are looked at closely.
+/// Positions nearer than this, in square roots of the pattern's area, are one.
 const SAME_PLACE: f64 = 0.3;
+/// Largest number of positions that are refined.
 const MOST_CLOSE: usize = 400;
-/// How far a closer look may move a place, pixels: as far as the first look is coarse, and some more; then less.
+/// Largest shifts in the two rounds of refinement, pixels: first a little more than a coarse pixel, then less.
 const SHIFTS: [usize; 2] = [3, 2];
-/// A look turns a place by at most this, radians (30 degrees): two steps of the first one.
+/// Largest turn in one round of refinement, radians (30 degrees): two steps of the coarse search.
 const MOST_TURN: f64 = 0.52;
-/// Depths say how a place is turned; colours hardly do, since 15 degrees narrow a pattern by 3 %: a place is turned along
-/// what is there unless the colours agree less by more than this.
+/// Depths give the orientation of a plane; colours hardly do, since 15 degrees narrow a pattern by only 3 %. A position
+/// is turned along the depths unless the likeness falls by more than this.
 const TURNED: f32 = 0.05;
-/// How often what is alike says anew what they have in common.
+/// Rounds of averaging the matches to a common pattern.
 const ROUNDS: usize = 3;
-/// A place of whose area more than this part is that of a better one is the same.
+/// A position with more than this part of its area on a better one is a duplicate.
 const TAKEN: f64 = 0.35;
-/// Steps that the caller is told of.
+/// Number of progress steps of the search in walls.
 pub(super) const STEPS: usize = TURNS + 1;
 
-/// A place looked at closely.
+/// A refined position with its picture and likeness.
 struct Candidate {
     pose: Pose,
     patch: Picture,
     score: f32,
 }
 
-/// What is looked for, and where.
+/// Input of the search in walls.
 pub(super) struct Wall<'a> {
     pub selected: &'a Selected,
-    /// The whole cloud, local frame.
+    /// The whole cloud, local frame of the selected object.
     pub splats: &'a [Splat],
-    /// From where the selected object is seen straight on.
+    /// Frame in which the selected object is seen straight on.
     pub frame: &'a Frame,
     pub cameras: &'a [Camera],
 }
 
-/// Finds what has the pattern that is seen in the frame.
+/// Finds the repetitions of the pattern seen in `wall.frame`.
 pub(super) fn found(
     wall: &Wall<'_>,
     object: &ObjectBox,
@@ -80,7 +81,7 @@ pub(super) fn found(
         let moved = moved_box(object, &candidate.pose, origin, free_id(object.id, objects.len()));
         let score = f64::from(candidate.score.max(0.0));
         if !is_alike(candidate, options) {
-            let reason = format!("the colours agree by {:.0} %", 100.0 * score);
+            let reason = format!("its colours match by only {:.0} %", 100.0 * score);
             rejected.push(RejectedPlace { center: moved.center, score, reason });
             continue;
         }
@@ -99,7 +100,7 @@ pub(super) fn found(
     Ok(Found { objects, rejected, gaussians, on_support, in_wall: true, up: selected.up })
 }
 
-/// The places looked at closely, and compared with what those that are alike have in common.
+/// Refines positions, and compares them with the common pattern of those that match.
 fn compared(wall: &Wall<'_>, places: &[Place], options: &FindOptions) -> Vec<Candidate> {
     let own = Picture::new(wall.splats.iter(), wall.frame);
     let same_depth = (SAME_DEPTH * root(wall.frame)) as f32;
@@ -110,7 +111,7 @@ fn compared(wall: &Wall<'_>, places: &[Place], options: &FindOptions) -> Vec<Can
         let patches = alike.iter().map(|i| &candidates[*i].patch);
         let pattern = common(&iter::once(&own).chain(patches).collect::<Vec<_>>());
         candidates.iter_mut().for_each(|c| c.score = likeness(&pattern, &c.patch, [0, 0], same_depth));
-        // What differs from one to the next may have misled the first look.
+        // Details that differ between repetitions may have misled the first refinement.
         let again: Vec<Candidate> = alike.par_iter().map(|i| looked_at(wall, &pattern, candidates[*i].pose)).collect();
         for (i, candidate) in alike.into_iter().zip(again) {
             if candidate.score + TURNED > candidates[i].score {
@@ -125,7 +126,7 @@ fn is_alike(candidate: &Candidate, options: &FindOptions) -> bool {
     f64::from(candidate.score) >= options.min_likeness
 }
 
-/// The candidates that are not where the selected object or a better one is, best first.
+/// Indices of the candidates that do not overlap the selected object or a better one, best first.
 fn distinct_candidates(candidates: &[Candidate], frame: &Frame) -> Vec<usize> {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| candidates[b].score.total_cmp(&candidates[a].score));
@@ -141,7 +142,7 @@ fn distinct_candidates(candidates: &[Candidate], frame: &Frame) -> Vec<usize> {
     out
 }
 
-/// The part of a frame's area that another one has in common with it, if they are about in one plane.
+/// The part of a frame's area that it shares with another frame in about the same plane, 0..=1.
 fn overlap(frame: &Frame, other: &Frame) -> f64 {
     let away = frame.axes.transpose() * (other.middle - frame.middle);
     let [width, height] = frame.extent();
@@ -149,7 +150,7 @@ fn overlap(frame: &Frame, other: &Frame) -> f64 {
     if away.z.abs() < 0.5 * width.min(height) { part(away.x, width) * part(away.y, height) } else { 0.0 }
 }
 
-/// Places whose pattern is roughly like it, best first.
+/// Positions with roughly the same pattern, best first.
 fn places(wall: &Wall<'_>, options: &FindOptions, steps: &mut Steps<'_, '_>) -> Result<Vec<Place>, FindError> {
     let Wall { selected, splats, frame, cameras } = *wall;
     let eyes: Vec<DVec3> = cameras.iter().map(|c| c.position_world() - selected.surface.centroid).collect();
@@ -168,7 +169,7 @@ fn places(wall: &Wall<'_>, options: &FindOptions, steps: &mut Steps<'_, '_>) -> 
     Ok(distinct(all, SAME_PLACE * root(frame), MOST_CLOSE))
 }
 
-/// Those of one turn and size: on planes half a layer apart, tile by tile.
+/// Positions for one rotation and scale: on planes half a layer apart, tile by tile.
 fn of_turn(splats: &[Splat], (pattern, frame): (&Picture, &Frame), eyes: &[DVec3], turn: &Pose) -> Vec<Place> {
     let turned = frame.moved(turn);
     let edge = TILE as f64 * turned.cell;
@@ -205,7 +206,7 @@ fn of_turn(splats: &[Splat], (pattern, frame): (&Picture, &Frame), eyes: &[DVec3
     tiles.par_iter().flat_map_iter(of_tile).collect()
 }
 
-/// Where in a tile the pattern agrees better than one pixel aside.
+/// Positions in a tile with a higher likeness than all eight neighbours.
 fn peaks(pattern: &Picture, picture: &Picture) -> Vec<([usize; 2], f32)> {
     let there = Sums::new(picture);
     let least = LEAST_THERE * (pattern.pixels.len() as f32);
@@ -223,7 +224,7 @@ fn peaks(pattern: &Picture, picture: &Picture) -> Vec<([usize; 2], f32)> {
     (0..TILE * TILE).filter(|i| is_peak(*i)).map(|i| (at(i), score[i])).collect()
 }
 
-/// Looks closely: moves a place to where the pattern agrees best, to the depth of what is there and along it.
+/// Refines a position: shifts it to the highest likeness, then moves and turns it to the depths there.
 fn looked_at(wall: &Wall<'_>, own: &Picture, pose: Pose) -> Candidate {
     let Wall { selected, splats, frame, .. } = *wall;
     let first = frame.moved(&pose).wider(SHIFTS[0]);
@@ -242,7 +243,7 @@ fn looked_at(wall: &Wall<'_>, own: &Picture, pose: Pose) -> Candidate {
         let like = |at: [usize; 2]| likeness(own, &picture, at, f32::INFINITY);
         let all = shifts.map(|at| (at, like(at)));
         let (at, best) = all.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or(([most; 2], 0.0));
-        // Parts of a pixel: the top of a parabola.
+        // Sub-pixel position from the vertex of a parabola.
         let part = |k: usize| {
             let beside = |by: usize| like(std::array::from_fn(|j| if j == k { at[j] + by - 1 } else { at[j] }));
             if at[k] == 0 || at[k] == 2 * most {
@@ -270,7 +271,7 @@ fn looked_at(wall: &Wall<'_>, own: &Picture, pose: Pose) -> Candidate {
     candidate(pose)
 }
 
-/// How much nearer to who looks a picture is than the pattern on average, scene units, and how much that grows from pixel to
+/// How much nearer to the viewer a picture is than the pattern on average, scene units, and how much that grows per
 /// pixel to the right.
 fn depths(own: &Picture, there: &Picture, scale: f64) -> (f64, f64) {
     let (mut count, mut sum, mut at, mut at_at, mut at_sum) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -287,16 +288,16 @@ fn depths(own: &Picture, there: &Picture, scale: f64) -> (f64, f64) {
     if spread > 0.0 { (sum / count, (count * at_sum - at * sum) / spread) } else { (0.0, 0.0) }
 }
 
-/// The root of a frame's area.
+/// Square root of a frame's area, scene units.
 fn root(frame: &Frame) -> f64 {
     let [width, height] = frame.extent();
     (width * height).sqrt()
 }
 
-/// Sums of a picture's weights, to have those of any part at once.
+/// Summed-area table of a picture's weights.
 struct Sums {
     width: usize,
-    /// Of what is below and left of a corner.
+    /// Sum of the weights below and left of each corner.
     sums: Vec<f32>,
 }
 

@@ -1,17 +1,18 @@
-//! Select one, find the rest: one object of a plain cloud is selected by a box; everything that is shaped like it is found,
-//! without masks.
+//! Select one, find the rest: an object of a plain cloud is selected by a box, and everything with the same shape is
+//! found, without masks.
 //!
-//! What is in the box, without what it stands on, gives points of its surface (`select`). They are laid on the points of
-//! the whole scene in every turn about the vertical and at every place where a few of them meet something (`field`,
-//! `search`). Places where most do are refined, both ways (`refine`): the object must be found there, and what is there
-//! must be explained by the object. Those that agree well and stand on something, as the object does, are repetitions
-//! (`decide`). Colours say nothing: liveries differ.
+//! The contents of the box, without the ground below, give points on the object's surface (`select`). They are aligned
+//! with the points of the whole scene at every rotation about the up axis and every translation that brings a few of
+//! them onto occupied cells (`field`, `search`). The candidates with most support are refined in both directions
+//! (`refine`): the object must be found there, and the points there must be explained by the object. Candidates that
+//! agree well and stand on a surface, as the object does, are repetitions (`decide`). Colours are not used, since
+//! liveries differ.
 //!
-//! With a window in a wall it is the other way round: any flat patch has its shape, and the frame's colours tell it from the
-//! wall. So for an object that an upright surface goes on around (`pattern`), every plane that is turned about the vertical
-//! like one of 24 is seen straight on, layer by layer (`picture`), and compared with the picture of the box (`flat`). Shade
-//! does not matter. Those that are alike say together what they have in common, so that what differs from window to window,
-//! the glass, counts less in the next comparison.
+//! A window in a wall is the opposite case: any flat patch has its shape, but the frame's colours tell it from the
+//! wall. So for an object within an upright surface (`pattern`), the scene is drawn in parallel projection, layer by
+//! layer, along 24 directions about the up axis (`picture`), and compared with the picture of the box (`flat`). The
+//! comparison ignores brightness. Matches are averaged to a common pattern, so that what differs from window to window,
+//! the glass, gets less weight in the next comparison.
 
 mod against;
 mod decide;
@@ -36,102 +37,104 @@ use crate::scene::{Camera, Gaussians, ObjectBox};
 pub use against::Against;
 pub use options::FindOptions;
 
-/// Gaussians that reach farther than so many diagonals of the box show no pattern.
+/// Gaussians that reach farther than this many diagonals of the box show no pattern.
 const LARGEST: f64 = 2.0;
 
-/// Where repetitions are looked for.
+/// Input of [`find_alike`].
 #[derive(Clone, Copy, Debug)]
 pub struct FindInput<'a> {
-    /// A trained plain cloud, world frame.
+    /// Trained plain cloud in the world frame.
     pub cloud: &'a Gaussians,
-    /// The training views: they say what is up, and which side of a surface is outside. May be empty.
+    /// Training views: they give the up axis and the outer side of surfaces. May be empty.
     pub cameras: &'a [Camera],
-    /// The box around the selected object. It should hold the object whole and little else; the ground does not matter.
+    /// Box around the selected object: it should contain the whole object and little else; the ground below does no
+    /// harm.
     pub object: &'a ObjectBox,
-    /// What is up, world; `None` = the axis of the box that the pictures have as up, its third one without pictures.
+    /// Up direction, world frame; `None` = the box's axis nearest to the cameras' up direction, or its third axis
+    /// without cameras.
     pub up: Option<DVec3>,
 }
 
-/// What was found.
+/// Result of [`find_alike`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
-    /// Repetitions, without the selected one, best first.
+    /// Repetitions without the selected object, best first.
     pub objects: Vec<FoundObject>,
-    /// Places that were refined but are no repetitions, best first.
+    /// Candidates that were refined and rejected, best first.
     pub rejected: Vec<RejectedPlace>,
-    /// Gaussians of the selected object's surface.
+    /// Number of Gaussians on the selected object's surface.
     pub gaussians: usize,
-    /// True if the selected object stands on a surface, which was left out.
+    /// Whether the selected object stands on a surface, which was removed.
     pub on_support: bool,
-    /// True if the selected object is part of a wall: then its pattern of colours was looked for, not its shape.
+    /// Whether the selected object is part of a wall, so that its colour pattern was searched instead of its shape.
     pub in_wall: bool,
-    /// What was up, unit vector, world.
+    /// Up direction that was used: a unit vector of the world.
     pub up: DVec3,
 }
 
-/// A repetition.
+/// A repetition of the selected object.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FoundObject {
-    /// The selected box, moved here; its id is the smallest that is free, counted from 1.
+    /// The selected box, moved here; its id is the smallest free one from 1.
     pub object: ObjectBox,
-    /// Moves the selected object onto this one, world to world.
+    /// Maps the selected object onto this one, world to world.
     pub world_from_selected: Similarity,
     /// Part of the selected object's surface that is found here, 0..=1.
     pub inliers: f64,
-    /// Part of what is in the moved box that the object explains, 0..=1.
+    /// Part of the points in the moved box that the object explains, 0..=1.
     pub explained: f64,
     /// Root mean square distance of the part that is found, scene units.
     pub rmse: f64,
-    /// Agreement both ways, 0..=1, 1 = as well as the object agrees with itself.
+    /// Agreement in both directions, 0..=1; 1 is the object's agreement with itself.
     pub score: f64,
 }
 
-/// A place that is no repetition.
+/// A candidate that is no repetition.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RejectedPlace {
-    /// Where the selected box would be, world.
+    /// Centre of the selected box when moved there, world frame.
     pub center: DVec3,
-    /// As of a repetition, 0..=1.
+    /// Score as in [`FoundObject::score`], 0..=1.
     pub score: f64,
-    /// Why it is none.
+    /// Reason of the rejection, for the user.
     pub reason: String,
 }
 
-/// How far it is.
+/// Progress of [`find_alike`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FindProgress {
-    /// Steps done.
+    /// Number of steps done.
     pub done: usize,
-    /// All steps.
+    /// Number of steps in all.
     pub total: usize,
 }
 
-/// Why nothing could be looked for.
+/// Errors of [`find_alike`]; the text is one line for the user.
 #[derive(Debug, thiserror::Error)]
 pub enum FindError {
     /// The cloud, a camera or an option is invalid.
     #[error(transparent)]
     Input(#[from] RegisterError),
-    /// The box selects nothing that could be found again.
+    /// The box selects nothing that can be found again.
     #[error("the box of object {id} {what}")]
     Selection {
-        /// The box's id.
+        /// Id of the selected object's box.
         id: u32,
-        /// What is wrong with it, and what to do.
+        /// What is wrong with the box, and what to do.
         what: String,
     },
-    /// The caller's progress function asked for it.
+    /// The progress callback stopped the search.
     #[error("stopped")]
     Stopped,
 }
 
-/// Told how far it is; `Break` stops with [`FindError::Stopped`].
+/// Progress callback; `Break` stops with [`FindError::Stopped`].
 pub type FindTold<'a> = dyn FnMut(FindProgress) -> ControlFlow<()> + 'a;
 
-/// Finds the repetitions of the selected object. The same input gives the same answer, with any number of threads.
+/// Finds the repetitions of the selected object. The result is deterministic and independent of the number of threads.
 ///
 /// # Errors
-/// Arrays that do not fit, a camera or an option that is invalid; a box with too few Gaussians in it; a stop.
+/// Arrays of wrong length; an invalid camera or option; a box with too few Gaussians; a stop by the callback.
 pub fn find_alike(input: &FindInput<'_>, options: &FindOptions, told: &mut FindTold<'_>) -> Result<Found, FindError> {
     options.validate()?;
     if let Some((array, len, want)) = input.cloud.wrong_length() {
@@ -154,7 +157,7 @@ pub fn find_alike(input: &FindInput<'_>, options: &FindOptions, told: &mut FindT
     Ok(decide::decide(&selected, input.object, candidates, options))
 }
 
-/// Counts steps for the caller.
+/// Reports progress to the caller.
 struct Steps<'a, 'b> {
     told: &'a mut FindTold<'b>,
     progress: FindProgress,
@@ -170,12 +173,12 @@ impl Steps<'_, '_> {
     }
 }
 
-/// A pose between frames whose origins are both at `origin` (world), as a map of the world onto itself.
+/// A pose between frames that both have their origin at `origin` (world), as a map of the world.
 fn world_map(pose: &Pose, origin: DVec3) -> Similarity {
     Similarity::from_parts(pose.rotation, pose.scale, origin + pose.apply(-origin))
 }
 
-/// The box moved by a pose of the frame at `origin`.
+/// The box moved by a pose of the frame at `origin`, with a new id.
 fn moved_box(object: &ObjectBox, pose: &Pose, origin: DVec3, id: u32) -> ObjectBox {
     ObjectBox {
         id,

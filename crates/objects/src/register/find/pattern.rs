@@ -1,4 +1,4 @@
-//! Is the selected object a part of a wall? Then its pattern of colours tells what is like it.
+//! Decides whether the selected object is part of a wall, and compares colour patterns.
 
 use glam::{DMat3, DVec3, Vec3};
 
@@ -8,37 +8,39 @@ use crate::math::eigen::symmetric_eigen;
 use crate::register::normals::covariance;
 use crate::scene::{Camera, ObjectBox};
 
-/// Pixels of a pattern along the root of its area, to look at it closely.
+/// Pixels along the square root of a pattern's area in refinement.
 pub(super) const PIXELS: f64 = 20.0;
-/// The pattern is the box with this much of its surroundings, in roots of its area: the edge of a frame needs both sides.
+/// Margin around the box, in square roots of its area: the edge of a frame needs both sides.
 const MARGIN: f64 = 0.05;
-/// A wall's normal is at least 45 degrees from the vertical: the cosine. (A car is flat seen from above.)
+/// A wall's normal is at least 45 degrees from the up axis: the cosine. (A car is flat when seen from above.)
 const LEVEL: f64 = 0.7;
-/// A wall goes on this far around what is in it, in roots of its area: at least this part of three of the four sides is
-/// there, no more than so much before or behind the middle of what is in the box. Of windows in trained clouds the third best
-/// side has 0.76 and more (the fourth may be where the wall ends), of chairs, vases and trees 0.27 at most.
+/// Width of the ring around the box in which the wall must continue, in square roots of the box's area.
 const RING: f64 = 0.25;
+/// Least number of the ring's four sides on which the wall continues; it may end at one of them.
 const SIDES: usize = 3;
+/// Least part of a side that must be covered by the wall.
 const SIDE_PART: f64 = 0.5;
+/// Largest depth of the wall from the median of the box's contents, in square roots of the box's area.
 const SAME_LEVEL: f32 = 0.2;
-/// The middle 80 % of what is in the box are within this depth, roots of its area: of windows within 0.07 to 0.21, of cars
-/// 0.25 to 0.31, chairs 0.28 to 0.44, trees 0.41 to 0.49.
+/// The middle 80 % of the box's contents lie within this depth, in square roots of its area: windows do, cars, chairs
+/// and trees do not.
 const MOST_RELIEF: f32 = 0.25;
-/// What part of the box's surroundings the wall's normal is fitted to: so many times the box. Beyond this angle to the
-/// box's thinnest edge, radians (25 degrees), it is not the wall's.
+/// The wall's normal is fitted to Gaussians in this many times the box.
 const FITTED: f64 = 1.5;
+/// A normal farther than this from the box's thinnest edge, radians (25 degrees), is not the wall's.
 const MOST_OFF: f64 = 0.44;
-/// The layer that is looked at is this part of the box's depth, and at least this one of its width: a shallow box must not
-/// cut off what trained walls depart from their plane.
+/// Depth of the layer that is drawn, as a part of the box's depth; a shallow box must not cut off trained walls, which
+/// are uneven.
 const DEEPER: f64 = 1.2;
+/// Least depth of that layer, as a part of the smaller of the box's width and height.
 const LEAST_DEPTH: f64 = 0.5;
-/// What is this much nearer or farther than in the pattern, roots of its area, is something else.
+/// Surfaces farther in depth than this from the pattern's, in square roots of its area, do not match.
 pub(super) const SAME_DEPTH: f64 = 0.15;
-/// Where patterns differ by this variance of their own a pixel counts half.
+/// Variance between patterns at which a pixel has half its weight.
 const HALF_VARIANCE: f32 = 0.3;
 
-/// Where the selected object's pattern is seen from; `None` if it is not part of a wall: an upright surface that goes on,
-/// at the same depth, around what is in the box.
+/// Frame in which the selected object's pattern is drawn; `None` unless the object is part of a wall, an upright
+/// surface that continues around the box at the same depth.
 pub(super) fn wall_frame(selected: &Selected, cameras: &[Camera], splats: &[Splat]) -> Option<Frame> {
     let frame = frame_of(selected, cameras)?;
     let root = (PIXELS * frame.cell) as f32;
@@ -63,7 +65,7 @@ pub(super) fn wall_frame(selected: &Selected, cameras: &[Camera], splats: &[Spla
     (sides >= SIDES && far - near < MOST_RELIEF * root).then_some(frame)
 }
 
-/// Straight before the object, looking at what is in the box; `None` if that is from above or below.
+/// The frame straight in front of the object; `None` if that is above or below it.
 fn frame_of(selected: &Selected, cameras: &[Camera]) -> Option<Frame> {
     let object = &selected.object_box;
     let axes = DMat3::from_quat(object.world_from_box);
@@ -89,9 +91,9 @@ fn frame_of(selected: &Selected, cameras: &[Camera]) -> Option<Frame> {
     Some(Frame { middle, axes, cell, size: [pixels(width), pixels(height)], half_depth })
 }
 
-/// How alike a pattern and a part of a picture are, at most 1: the correlation of their colours after the mean of each is
-/// taken off, so that shade does not matter, times the part of the pattern that is there. `at` is the part's first pixel.
-/// What is not about as deep as in the pattern, by more than `tolerance`, is not there.
+/// Likeness of a pattern and a part of a picture, at most 1: the correlation of their colours, which ignores
+/// brightness, times the part of the pattern that is visible. `at` is the part's first pixel. Pixels whose depth
+/// differs by more than `tolerance` count as not visible.
 pub(super) fn likeness(pattern: &Picture, picture: &Picture, at: [usize; 2], tolerance: f32) -> f32 {
     let (mut all, mut sum) = (0.0, 0.0);
     let (mut mean_p, mut mean_q) = (Vec3::ZERO, Vec3::ZERO);
@@ -114,11 +116,11 @@ pub(super) fn likeness(pattern: &Picture, picture: &Picture, at: [usize; 2], tol
     }
     let (of_p, of_q) = (pp - mean_p.length_squared() / sum, qq - mean_q.length_squared() / sum);
     let product = (of_p * of_q).sqrt();
-    // One colour all over, or nothing, is like nothing.
+    // A uniform colour and an empty picture have a likeness of 0.
     if product > 1e-6 * sum { sum / all * (pq - mean_p.dot(mean_q) / sum) / product } else { 0.0 }
 }
 
-/// What patterns of one size have in common: their mean, in which pixels where they differ count less.
+/// Mean of patterns of one size, with lower weights where they differ.
 pub(super) fn common(patterns: &[&Picture]) -> Picture {
     let even: Vec<Vec<Pixel>> = patterns.iter().map(|p| evened(p)).collect();
     let pixel = |i: usize| {
@@ -134,7 +136,7 @@ pub(super) fn common(patterns: &[&Picture]) -> Picture {
     Picture { size: patterns[0].size, pixels: (0..even[0].len()).map(pixel).collect() }
 }
 
-/// Colours with their mean taken off, and of variance 1.
+/// Colours with their mean subtracted and scaled to variance 1.
 fn evened(picture: &Picture) -> Vec<Pixel> {
     let sum: f32 = picture.pixels.iter().map(|p| p.weight).sum();
     let mean = picture.pixels.iter().map(|p| p.weight * p.color).sum::<Vec3>() / sum;

@@ -1,4 +1,4 @@
-//! A layer of the cloud seen straight on: its Gaussians blended in parallel projection.
+//! Draws a layer of the cloud in parallel projection.
 
 use glam::{DMat3, DVec3, Vec3};
 
@@ -8,27 +8,27 @@ use crate::register::pose::Pose;
 use crate::register::sample::is_opaque;
 use crate::scene::Gaussians;
 
-/// Fainter Gaussians are left out: they are haze before a wall more often than the wall.
+/// Fainter Gaussians are left out: they are more often haze in front of a wall than part of it.
 const MIN_OPACITY: f64 = 0.1;
-/// So many deviations of a Gaussian are drawn: beyond it is 1 % of its middle.
+/// Radius to which a Gaussian is drawn, standard deviations: beyond, it has less than 1 % of its peak.
 const REACH: f64 = 3.0;
-/// Variance that pixels add to a Gaussian, pixels squared: as the renderer's.
+/// Variance that the pixel filter adds to a Gaussian, pixels squared; the same as in the renderer.
 const PIXEL_VARIANCE: f64 = 0.3;
-/// A pixel shows something if Gaussians cover so much of it.
+/// A pixel is visible if Gaussians cover at least this part of it.
 const COVERED: f32 = 0.4;
 
-/// A Gaussian. Local frame of the selected object.
+/// A Gaussian in the local frame of the selected object.
 pub(super) struct Splat {
     pub mean: DVec3,
-    /// How far it reaches, scene units.
+    /// Radius of the Gaussian, scene units.
     pub reach: f64,
-    /// Deviation vectors.
+    /// Columns: vectors of one standard deviation along the axes.
     deviations: DMat3,
     opacity: f32,
     color: Vec3,
 }
 
-/// The opaque Gaussians that reach at most `most` (scene units), seen from `origin` (world).
+/// The opaque Gaussians with a radius of at most `most` (scene units), relative to `origin` (world).
 pub(super) fn splats(cloud: &Gaussians, origin: DVec3, most: f64) -> Vec<Splat> {
     let splat = |i: usize| {
         let scales = widened(cloud.log_scales[i]).exp();
@@ -43,22 +43,22 @@ pub(super) fn splats(cloud: &Gaussians, origin: DVec3, most: f64) -> Vec<Splat> 
     (0..cloud.len()).filter(|&i| is_opaque(cloud, i, MIN_OPACITY)).map(splat).filter(|s| s.reach <= most).collect()
 }
 
-/// Where a picture is taken, local frame.
+/// Camera of a parallel projection, local frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Frame {
     pub middle: DVec3,
-    /// Columns: right and up in the picture, and towards who looks.
+    /// Columns: right and up in the picture, and towards the viewer.
     pub axes: DMat3,
     /// Edge of a pixel, scene units.
     pub cell: f64,
-    /// Pixels across and up.
+    /// Number of pixels across and up.
     pub size: [usize; 2],
-    /// What is farther than this before and behind the middle is not in the picture.
+    /// Half the depth of the layer that is drawn, scene units.
     pub half_depth: f64,
 }
 
 impl Frame {
-    /// Where the same picture is taken of what a pose moves there.
+    /// The frame moved by a pose, which draws the same picture of a moved object.
     pub(super) fn moved(&self, pose: &Pose) -> Self {
         Self {
             middle: pose.apply(self.middle),
@@ -69,7 +69,7 @@ impl Frame {
         }
     }
 
-    /// With so many more pixels on all four sides.
+    /// The frame with `by` more pixels on all four sides.
     pub(super) fn wider(&self, by: usize) -> Self {
         Self { size: self.size.map(|pixels| pixels + 2 * by), ..*self }
     }
@@ -82,27 +82,27 @@ impl Frame {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Pixel {
-    /// Mean colour of what it shows, rgb.
+    /// Mean colour of the visible surface, rgb, 0..1.
     pub color: Vec3,
-    /// How far before the frame's middle that is, scene units.
+    /// Distance of that surface in front of the frame's centre, scene units.
     pub depth: f32,
-    /// How much it counts; 0 where there is nothing.
+    /// Weight of the pixel; 0 where nothing is visible.
     pub weight: f32,
 }
 
-/// Rows from below.
+/// A picture of a layer; rows start at the bottom.
 pub(super) struct Picture {
     pub size: [usize; 2],
     pub pixels: Vec<Pixel>,
 }
 
 impl Picture {
-    /// Takes a picture; of what is behind each other the nearer hides the farther.
+    /// Blends the splats front to back.
     pub(super) fn new<'a>(splats: impl Iterator<Item = &'a Splat>, frame: &Frame) -> Self {
         let mut seen: Vec<Seen> = splats.filter_map(|splat| Seen::new(splat, frame)).collect();
         seen.sort_by(|a, b| b.depth.total_cmp(&a.depth));
         let [width, height] = frame.size;
-        // Blended colour, depth and what is let through.
+        // Blended colour and depth, and transmittance.
         let mut sums = vec![(Vec3::ZERO, 0.0_f32, 1.0_f32); width * height];
         for s in &seen {
             let range = |at: f32, reach: f32, end: usize| {
@@ -131,26 +131,26 @@ impl Picture {
         Self { size: frame.size, pixels: sums.into_iter().map(pixel).collect() }
     }
 
-    /// The part whose first pixel is at `at`.
+    /// The part of the given size whose first pixel is at `at`.
     pub(super) fn part(&self, at: [usize; 2], size: [usize; 2]) -> Self {
         let row = |y: usize| &self.pixels[(at[1] + y) * self.size[0] + at[0]..][..size[0]];
         Self { size, pixels: (0..size[1]).flat_map(row).copied().collect() }
     }
 }
 
-/// A Gaussian in a picture, in pixels from the middle of the first.
+/// A Gaussian in a picture, in pixels from the centre of the first pixel.
 struct Seen {
     at: [f32; 2],
     reach: [f32; 2],
     depth: f32,
-    /// Inverse of its covariance: xx, xy, yy.
+    /// Inverse of the covariance: xx, xy, yy.
     conic: [f32; 3],
     opacity: f32,
     color: Vec3,
 }
 
 impl Seen {
-    /// `None` if it is not in the picture.
+    /// The projected Gaussian; `None` if it is outside of the picture.
     fn new(splat: &Splat, frame: &Frame) -> Option<Self> {
         let p = frame.axes.transpose() * (splat.mean - frame.middle);
         let at = [0, 1].map(|k| p[k] / frame.cell + 0.5 * (frame.size[k] as f64 - 1.0));

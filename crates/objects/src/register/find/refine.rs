@@ -1,4 +1,5 @@
-//! Places refined: closest points both ways, and how well the object and what is there agree.
+//! Refines candidates with closest points in both directions, and measures how well the object and its surroundings
+//! agree.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -11,49 +12,50 @@ use crate::register::pose::{Pair, Pose, best_pose};
 use crate::register::sample::{BASE, FINE};
 use crate::register::surface::Surface;
 
-/// Points farther apart than this are no pair, base voxels: from far to near.
+/// Largest distance of matched points in each step, base voxels, decreasing.
 const REACHES: [f64; 12] = [6.0, 6.0, 5.0, 4.0, 3.0, 3.0, 2.5, 2.0, 2.0, 1.5, 1.5, 1.5];
-/// Steps of these that go with fewer points, to choose the places that go on.
+/// Number of these steps that use fewer points, to choose the candidates for the others.
 const COARSE: usize = 6;
-/// Places that go on.
+/// Number of candidates that get all steps.
 const MOST_FINE: usize = 100;
-/// Places nearer than this part of the object's size are one then.
+/// Candidates nearer than this part of the object's size are one after the coarse steps.
 const SAME_PLACE: f64 = 0.1;
-/// Steps that the caller is told of: blocks of places.
+/// Blocks of candidates between which progress is reported.
 const BLOCKS: usize = 10;
+/// Number of progress steps of the refinement.
 pub(super) const STEPS: usize = 2 * BLOCKS;
 
-/// A refined place.
+/// A refined candidate for a repetition.
 #[derive(Clone, Debug)]
 pub(super) struct Candidate {
-    /// From the object to the scene, local frame.
+    /// Maps the object to its repetition, local frame of the selected object.
     pub pose: Pose,
-    /// How they agree there.
+    /// Agreement of the object and the scene there.
     pub agreement: Agreement,
-    /// Points of the scene that are the object's there, ascending.
+    /// Indices of the scene points that the object explains there, ascending.
     pub own: Vec<u32>,
 }
 
-/// How the object and what is in its box at a place agree.
+/// Agreement of the object and the scene at a pose.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Agreement {
     /// Part of the object's points that are found.
     pub inliers: f64,
-    /// Part of the points in the box that are the object's.
+    /// Part of the points in the moved box that the object explains.
     pub explained: f64,
     /// Root mean square distance of the object's points that are found, scene units.
     pub rmse: f64,
 }
 
 impl Agreement {
-    /// Both in one number, 0..=1: the smaller part counts most.
+    /// Harmonic mean of both parts, 0..=1.
     pub(super) fn score(&self) -> f64 {
         let sum = self.inliers + self.explained;
         if sum > 0.0 { 2.0 * self.inliers * self.explained / sum } else { 0.0 }
     }
 }
 
-/// Refines places.
+/// Refines candidates, coarse steps first; the best distinct ones get the fine steps.
 pub(super) fn refined(
     selected: &Selected,
     places: Vec<Place>,
@@ -78,7 +80,7 @@ pub(super) fn refined(
     in_blocks(&found, fine, steps)
 }
 
-/// All of them, block by block.
+/// Maps all candidates in order, reporting progress after each block.
 fn in_blocks<T: Send>(
     places: &[Place],
     of: impl Fn(&Place) -> T + Sync,
@@ -93,7 +95,7 @@ fn in_blocks<T: Send>(
     Ok(out)
 }
 
-/// Steps to the closest points, both ways. `level` is points of the object and of the scene.
+/// Steps of closest points in both directions. `level` has points of the object and of the scene.
 fn settled(
     selected: &Selected,
     (own, scene): (&[DVec3], &[DVec3]),
@@ -129,14 +131,14 @@ fn settled(
     pose
 }
 
-/// Points of the scene that are in the moved box or could be after some steps.
+/// Points of the scene that are in the moved box or can come into it while the pose is refined.
 fn near_box(selected: &Selected, scene: &[DVec3], pose: &Pose) -> Vec<DVec3> {
     let reach = (0.6 * selected.domain.size.length() * pose.scale).powi(2);
     let middle = pose.apply(selected.domain.center);
     scene.iter().filter(|q| q.distance_squared(middle) < reach).copied().collect()
 }
 
-/// How the object and what is in its moved box agree.
+/// Agreement of the object and the points in its moved box.
 pub(super) fn agreement(selected: &Selected, (own, scene): (&[DVec3], &[DVec3]), pose: &Pose) -> Agreement {
     let limit = INLIER_VOXELS * selected.surface.voxel() * pose.scale;
     let found: Vec<f64> = own
@@ -163,7 +165,7 @@ pub(super) fn agreement(selected: &Selected, (own, scene): (&[DVec3], &[DVec3]),
     }
 }
 
-/// Points of the scene that are the object's at a place, ascending.
+/// Indices of the scene points that the object explains at a pose, ascending.
 pub(super) fn explained(selected: &Selected, pose: &Pose) -> Vec<u32> {
     let limit = INLIER_VOXELS * selected.surface.voxel();
     let reach = (0.6 * selected.domain.size.length() * pose.scale).powi(2);

@@ -1,4 +1,4 @@
-//! Every turn about the vertical and every place: where would most of the object's points meet something?
+//! Exhaustive search over rotations about the up axis and translations for poses that put the object on occupied cells.
 
 use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::TAU;
@@ -14,42 +14,44 @@ use crate::register::pose::Pose;
 use crate::register::sample::BASE;
 use crate::register::surface::Surface;
 
-/// Turns about the vertical, 15 degrees apart: between two of them the farthest points of an object move by less than
-/// the field's neighbouring cells reach.
+/// Number of rotations about the up axis, 15 degrees apart: half a step moves the farthest points of an object by less
+/// than a neighbouring cell reaches.
 pub(super) const TURNS: usize = 24;
-/// Sizes are this far apart: half of it moves the farthest points by as much.
+/// Ratio of successive sizes: half a step moves the farthest points by as much.
 const SCALE_STEP: f64 = 1.15;
-/// The field's cells, base voxels.
+/// Edge of the occupancy grid's cells, base voxels.
 const CELL_VOXELS: f64 = 3.0;
-/// So many points of the object are looked up, and so much they must amount to on average to go on: most places are left
-/// after the first few.
+/// Early termination: after this many points of the object the mean occupancy must be at least this; most poses end
+/// after the first few points.
 const LOOKED_UP: [(usize, f32); 3] = [(10, 0.3), (32, 0.45), (200, 0.5)];
-/// Points of the object each of which is laid on each of the scene. A place where two thirds of the object are found is
-/// missed once in 80 times, but for its neighbours.
+/// Points of the object, each of which is put on each point of the scene. A pose at which two thirds of the object are
+/// present is missed once in 80 times, not counting its neighbours.
 const ANCHORS: usize = 4;
-/// Places nearer than this part of the object's size are one, unless they are turned by more than this, radians (40
-/// degrees); of one place so many turns are kept.
+/// Candidates nearer than this part of the object's size are one place.
 const SAME_PLACE: f64 = 0.12;
+/// Two candidates at one place are one if their rotations differ by less than this, radians (40 degrees).
 const SAME_TURN: f64 = 0.7;
+/// Largest number of candidates at one place.
 const TURNS_PER_PLACE: usize = 3;
-/// Places that are judged both ways, and that are kept then.
+/// Largest number of candidates that are compared in both directions, per size.
 const MOST_JUDGED: usize = 3000;
+/// Largest number of candidates that go on to refinement.
 const MOST_KEPT: usize = 240;
-/// Steps that the caller is told of.
+/// Number of progress steps of the search.
 pub(super) const STEPS: usize = TURNS + 1;
-/// Sub-stream of the seed ("find" in ASCII).
+/// Stream of the random order of points ("find" in ASCII), derived from the seed.
 const STREAM: u64 = 0x6669_6e64;
 
-/// Where the object may be.
+/// A candidate pose of a repetition.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Place {
-    /// From the object to the scene, local frame.
+    /// Maps the object to the scene, local frame of the selected object.
     pub pose: Pose,
-    /// Agreement, 0..=1.
+    /// Agreement of object and scene, 0..=1.
     pub score: f64,
 }
 
-/// The places, best first; the selected object's own is among them.
+/// The best candidates, best first; the selected object itself is among them.
 pub(super) fn places(
     selected: &Selected,
     options: &FindOptions,
@@ -70,7 +72,7 @@ pub(super) fn places(
         }
         steps.advance()?;
     }
-    // Size by size: small ones fit everywhere, which only the other side of the judgement shows.
+    // Size by size: small sizes fit everywhere, which only the reverse comparison reveals.
     let same = SAME_PLACE * surface.size;
     let of_scale = |all: Vec<Place>| judged(selected, &scene, distinct(all, same, MOST_JUDGED));
     let judged = found.into_iter().flat_map(of_scale).collect();
@@ -78,13 +80,13 @@ pub(super) fn places(
     Ok(distinct(judged, same, MOST_KEPT))
 }
 
-/// Sizes that are tried.
+/// Sizes that are tried, relative to the selected object.
 pub(super) fn scales(least: f64) -> impl Iterator<Item = f64> {
     let steps = (least.ln().abs() / SCALE_STEP.ln()).round() as i32;
     (-steps..=steps).map(|k| SCALE_STEP.powi(k))
 }
 
-/// The best place of every few cells, for one turn and size.
+/// The best candidate in each cell of translations, for one rotation and size.
 fn of_turn(field: &Field, scene: &[DVec3], points: &[DVec3], (rotation, scale): (DMat3, f64)) -> Vec<Place> {
     let looked_up = points.iter().take(LOOKED_UP[LOOKED_UP.len() - 1].0);
     let turned: Vec<DVec3> = looked_up.map(|p| rotation * *p * scale).collect();
@@ -107,7 +109,7 @@ fn of_turn(field: &Field, scene: &[DVec3], points: &[DVec3], (rotation, scale): 
     best.into_values().collect()
 }
 
-/// The mean of the field at points moved by a shift, all in cells; `None` as soon as it is too low.
+/// Mean occupancy at the points after a shift, all in cells; `None` as soon as it is too low.
 fn average(field: &Field, points: &[Vec3], shift: Vec3) -> Option<f32> {
     let (mut sum, mut count) = (0.0, 0);
     for (end, least) in LOOKED_UP {
@@ -121,7 +123,7 @@ fn average(field: &Field, points: &[Vec3], shift: Vec3) -> Option<f32> {
     Some(sum / count as f32)
 }
 
-/// The best, without those that are like a better one.
+/// The best `most` candidates, without those that repeat a better one.
 pub(super) fn distinct(mut all: Vec<Place>, same: f64, most: usize) -> Vec<Place> {
     all.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut out: Vec<Place> = Vec::new();
@@ -147,7 +149,8 @@ pub(super) fn distinct(mut all: Vec<Place>, same: f64, most: usize) -> Vec<Place
     out
 }
 
-/// Places with both sides in their score: what of the object is found, times what of the scene in its box is the object.
+/// Candidates with both directions in their score: the part of the object that is found, times the part of the points
+/// in its box that the object explains.
 fn judged(selected: &Selected, scene: &[DVec3], places: Vec<Place>) -> Vec<Place> {
     let surface = &selected.surface;
     let own = Field::new(&surface.levels[BASE].positions, CELL_VOXELS * surface.voxel());

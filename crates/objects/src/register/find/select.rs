@@ -1,4 +1,4 @@
-//! The selected object: what is in the box without what it stands on; and everything else, as points of the same density.
+//! Samples the selected object, the contents of the box without its support, and the whole scene at the same density.
 
 use std::f64::consts::TAU;
 
@@ -15,64 +15,67 @@ use crate::register::surface::Surface;
 use crate::scene::ObjectBox;
 use crate::scene::up_direction;
 
-/// An axis of the box counts as up if it is within this angle of the pictures' up, radians (25 degrees): that is some
-/// degrees off, or more where all cameras look down.
+/// Largest angle between an axis of the box and the cameras' up direction for the axis to be the up axis, radians (25
+/// degrees): the cameras' direction is inaccurate, most of all if all of them look down.
 const BOX_UPRIGHT: f64 = 0.44;
-/// Where the ground around the object is looked for: up to this many times the distance of the box's corners from its
-/// axis, and this part of its height above and below its bottom.
+/// Radius in which the support is searched, in distances of the box's corners from its axis.
 pub(super) const AROUND: f64 = 1.6;
+/// Height in which it is searched above and below the box's bottom, as a part of the box's height.
 const NEAR_BOTTOM: f64 = 0.25;
-/// A layer as thick as this part of the box's height that holds this part of all that is around the bottom, in so many of
-/// eight directions, is what the object stands on. A wall that a window is in fills the height evenly.
+/// Thickness of the layer that supports an object, as a part of the box's height.
 const LAYER: f64 = 0.06;
+/// Least part of the Gaussians around the bottom in the layer: a wall around a window fills the height evenly.
 const LAYER_PART: f64 = 0.4;
+/// Number of sectors that directions about the up axis are divided into.
 pub(super) const SECTORS: usize = 8;
+/// Least number of sectors with Gaussians of the layer.
 const LAYER_SECTORS: usize = 6;
-/// Fewest Gaussians of it.
+/// Least number of Gaussians in the layer.
 const LAYER_GAUSSIANS: usize = 6;
-/// Of the object is what is this part of its height above the middle of the layer.
+/// The object begins this part of its height above the median of the layer.
 const ABOVE: f64 = 0.04;
-/// So many times the box must be explained: what goes on beyond it, as a floor beyond a table's top, is not the object. More
-/// where sizes are free: a small crown lies well inside of a large one.
+/// The object must explain the points in this many times its box: a surface that goes on beyond the box, like a floor
+/// beyond a table's top, is not the object.
 const SURROUNDINGS: f64 = 1.2;
+/// The same if sizes are free: a small crown lies well inside a large one.
 const WIDE_SURROUNDINGS: f64 = 1.35;
-/// Points drawn on the scene for each that is drawn on the object: the search needs fewer.
+/// Density of points on the scene relative to the object's: the search needs fewer.
 const SCENE_DENSITY: f64 = 0.7;
-/// Most points of the scene.
+/// Largest number of points drawn on the scene.
 const MOST_SCENE_SAMPLES: f64 = 3e6;
-/// Sub-stream of the seed ("scen" in ASCII).
+/// Stream of the random points ("scen" in ASCII), derived from the seed.
 const SCENE_STREAM: u64 = 0x7363_656e;
 
-/// The selected object and its surroundings. The local frame of both has the world's axes and its origin at the object's
-/// centroid.
+/// The selected object and its surroundings. Both use the local frame with the world's axes and its origin at the
+/// object's centroid.
 pub(super) struct Selected {
-    /// Points of the object.
+    /// Surface points of the object.
     pub surface: ObjectSurface,
-    /// Points of everything, at the object's base voxel.
+    /// Points of the whole scene at the object's base voxel.
     pub scene: Surface,
-    /// Unit vector up.
+    /// Up axis, a unit vector.
     pub up: DVec3,
-    /// Height along `up`, local, of what the object stands on; above it the object begins.
+    /// Height along `up`, local, of the object's support; the object begins above it.
     pub support: Option<f64>,
-    /// The box, local.
+    /// The selected box, local frame.
     pub object_box: ObjectBox,
-    /// What is in here, local, should be the object's: the box, or more of the surroundings where sizes are free.
+    /// Local region in which all points should be the object's: the box and some surroundings, more if sizes are free.
     pub domain: ObjectBox,
-    /// Middles of opaque Gaussians of any size, local: what things stand on.
+    /// Centres of opaque Gaussians of any size, local: what objects may stand on.
     pub ground: Vec<DVec3>,
 }
 
 impl Selected {
-    /// True for local points of the selected object's frame that should be its own: around it and above what it stands on.
+    /// Whether a local point of the selected object's frame is in the region that the object must explain.
     pub(super) fn holds(&self, p: DVec3) -> bool {
         self.support.is_none_or(|height| self.up.dot(p) > height) && self.domain.contains(p)
     }
 }
 
-/// Selects.
+/// Selects the contents of the box.
 ///
 /// # Errors
-/// A box with too few Gaussians of a surface in it.
+/// A box with too few surface Gaussians in it.
 pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<Selected, FindError> {
     let FindInput { cloud, cameras, object, .. } = *input;
     let surfaces = &options.surfaces;
@@ -99,7 +102,7 @@ pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<S
     Ok(Selected { surface, scene, up, support, object_box, domain, ground })
 }
 
-/// What is up.
+/// The up axis: given, or an axis of the box near the cameras' direction, or that direction.
 fn up_of(input: &FindInput<'_>) -> DVec3 {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| input.object.world_from_box * axis);
     let given = input.up.and_then(DVec3::try_normalize);
@@ -108,24 +111,24 @@ fn up_of(input: &FindInput<'_>) -> DVec3 {
     if given.is_some() { rough } else { upright.unwrap_or(rough) }
 }
 
-/// Half the extent of a box along a direction.
+/// Half the extent of a box along a unit vector.
 pub(super) fn half_extent(object: &ObjectBox, direction: DVec3) -> f64 {
     0.5 * (object.world_from_box.inverse() * direction).abs().dot(object.size)
 }
 
-/// The largest level distance of a corner of a box from its middle.
+/// Largest distance of a corner of a box from its upright axis.
 pub(super) fn level_reach(object: &ObjectBox, up: DVec3) -> f64 {
     object.corners().iter().map(|c| (*c - object.center).reject_from(up).length()).fold(0.0, f64::max)
 }
 
-/// Which of the directions about `up` a level vector points to.
+/// Sector about `up` that a level vector points to.
 pub(super) fn sector(away: DVec3, up: DVec3) -> usize {
     let (side, front) = up.any_orthonormal_pair();
     let turn = front.dot(away).atan2(side.dot(away)) / TAU + 0.5;
     ((turn * SECTORS as f64) as usize).min(SECTORS - 1)
 }
 
-/// The height along `up` (world) from which on Gaussians are the object's; `None` if it stands on nothing.
+/// Height along `up` (world) at which the object begins; `None` if it stands on nothing.
 fn support(ground: &[DVec3], object: &ObjectBox, up: DVec3) -> Option<f64> {
     let half_height = half_extent(object, up);
     let height = 2.0 * half_height;
@@ -140,7 +143,7 @@ fn support(ground: &[DVec3], object: &ObjectBox, up: DVec3) -> Option<f64> {
         }
     }
     around.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // The layer that holds most.
+    // The layer with most Gaussians.
     let mut best = 0..0;
     let mut end = 0;
     for first in 0..around.len() {
@@ -159,7 +162,8 @@ fn support(ground: &[DVec3], object: &ObjectBox, up: DVec3) -> Option<f64> {
     is_support.then(|| bottom + layer[layer.len() / 2].0 + ABOVE * height)
 }
 
-/// Points of everything that is as opaque and small as what the object's points were drawn on.
+/// Points of the whole scene on Gaussians within the limits of opacity and size that the object's points were drawn
+/// with.
 fn scene_surface(
     input: &FindInput<'_>,
     (own, opaque): (&[u32], &[u32]),

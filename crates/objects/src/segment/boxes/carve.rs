@@ -1,8 +1,9 @@
-//! From boxes in photos to Gaussians: an object is where its boxes of all views meet.
+//! From boxes in photos to Gaussians: an object is where its boxes of all views intersect.
 //!
-//! A Gaussian may be of an object if nearly all that it adds to the views with a box of the object lies in these boxes.
-//! What it adds is what is seen of it, so a box around the visible part of an object that others hide in part takes
-//! nothing away. Views without a box of the object say nothing of it: a detector misses objects, and a person draws few.
+//! A Gaussian may belong to an object if nearly all of its contribution to the views with a box of the object lies in
+//! these boxes. Contributions count only what is visible, so a box around the visible part of a partly hidden object
+//! removes nothing. Views without a box of the object are ignored: a detector misses objects, and a person draws few
+//! boxes.
 
 use rayon::prelude::*;
 
@@ -16,19 +17,19 @@ use super::claims::Claim;
 use super::placed::{PlacedBox, PlacedBoxes};
 use super::sets::BoxSets;
 
-/// What boxes in photos say.
+/// Result of carving with boxes in photos.
 pub(super) struct Carved {
-    /// By Gaussian, then by object.
+    /// Claims sorted by Gaussian, then by object.
     pub(super) claims: Vec<Claim>,
-    /// By Gaussian: true if any view shows it.
+    /// By Gaussian: whether any view shows it.
     pub(super) is_seen: Vec<bool>,
 }
 
-/// Carves all objects at once, in two sweeps over `views`, whose masks are those of `sets`. `inside_part` is how much of
-/// what a Gaussian adds must be inside; `progress` is told the number of views done.
+/// Carves all objects at once, in two sweeps over `views`, whose masks are those of `sets`. `inside_part` is the part
+/// of a Gaussian's contribution that must lie inside; `progress` receives the number of views done.
 ///
 /// # Errors
-/// As [`ViewContributions::for_each`]; what `progress` returns.
+/// Those of [`ViewContributions::for_each`]; errors of `progress`.
 pub(super) fn carve<E: From<SegmentError>>(
     views: &mut ViewContributions<'_, E>,
     cloud: &Gaussians,
@@ -64,7 +65,7 @@ pub(super) fn carve<E: From<SegmentError>>(
     Ok(Carved { claims, is_seen: votes.weights().iter().map(|&weight| weight > 0).collect() })
 }
 
-/// How deep a place of the world lies in the boxes that have it in their picture, on average; 0 if none has.
+/// Mean of [`PlacedBox::depth`] of a world point over the boxes whose picture contains it; 0 if none does.
 fn mean_depth(mean: [f32; 3], boxes: &[(usize, &PlacedBox)], cameras: &[Camera]) -> f64 {
     let place = widened(mean);
     let depth = |&(view, placed): &(usize, &PlacedBox)| {

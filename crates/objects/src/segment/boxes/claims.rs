@@ -1,4 +1,4 @@
-//! Which object has a Gaussian that lies in the boxes of several.
+//! Decides which object gets a Gaussian that lies in the boxes of several.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use crate::math::sh::widened;
 use crate::math::statistics::median;
 use crate::scene::{Gaussians, ObjectBox};
 
-/// Gaussians this many times as far from the middle as the median one are not the object's: on a rod, of all shapes the
-/// longest, the ends are twice as far.
+/// Gaussians this many times as far from the object's median position as its median Gaussian are dropped; even at the
+/// ends of a rod, the longest of shapes, the factor is two.
 const FAR: f64 = 4.0;
-/// So many deviations of a Gaussian lie in the box, to each side: five sixths of it.
+/// Standard deviations of a Gaussian that must lie in the box to each side: five sixths of it.
 const DEVIATIONS: f64 = 1.0;
 
 /// A Gaussian that lies in the box of an object.
@@ -20,18 +20,18 @@ const DEVIATIONS: f64 = 1.0;
 pub(super) struct Claim {
     /// Index of the Gaussian.
     pub(super) gaussian: u32,
-    /// Id of the object.
+    /// Id of the claiming object.
     pub(super) object: u16,
-    /// How deep it lies there, relative to the box's size: 1 in its middle, 0 at its faces.
+    /// Depth within the box relative to its size: 1 at its centre, 0 at its faces.
     pub(super) depth: f64,
 }
 
-/// The Gaussians that lie in boxes of the world, by box. Those that stick out by more than a part of themselves do not:
-/// streaks of the ground have their centres in a box and most of what is seen of them outside.
+/// Claims of boxes in the world, box by box, on the Gaussians that lie in them. A Gaussian that sticks out too far is
+/// not claimed: streaks on the ground can have their centre in a box and most of their visible part outside.
 pub(super) fn claims_of_boxes(cloud: &Gaussians, boxes: &[ObjectBox]) -> Vec<Claim> {
     let mut out = Vec::new();
     for object_box in boxes {
-        // Ids of files are those of masks.
+        // The reader of boxes has checked the range of ids.
         let Ok(object) = u16::try_from(object_box.id) else { continue };
         let turn = DMat3::from_quat(object_box.world_from_box.inverse());
         for i in 0..cloud.len() {
@@ -50,7 +50,7 @@ pub(super) fn claims_of_boxes(cloud: &Gaussians, boxes: &[ObjectBox]) -> Vec<Cla
     out
 }
 
-/// By Gaussian: the object in whose box it lies deepest, the lower id of equals; 0 without a claim.
+/// By Gaussian: the object in whose box it lies deepest, the lower id in a tie; 0 without a claim.
 pub(super) fn settled(claims: &[Claim], gaussians: usize) -> Vec<u16> {
     let mut best: Vec<Option<Claim>> = vec![None; gaussians];
     for claim in claims {
@@ -63,8 +63,9 @@ pub(super) fn settled(claims: &[Claim], gaussians: usize) -> Vec<u16> {
     best.into_iter().map(|claim| claim.map_or(0, |claim| claim.object)).collect()
 }
 
-/// Gives Gaussians that are far from the middle of their object the label 0; labels above 0 are objects. What only few
-/// views show, far behind an object, lies in the boxes of those views by chance. Returns how many there were.
+/// Sets the label of Gaussians that are far from the centre of their object to 0; labels above 0 are objects. A
+/// Gaussian far behind an object that only few views show can lie in the boxes of all of them by chance. Returns the
+/// number of Gaussians.
 pub(super) fn leave_out_far(cloud: &Gaussians, labels: &mut [u16]) -> usize {
     let mut members: BTreeMap<u16, Vec<usize>> = BTreeMap::new();
     for (i, &label) in labels.iter().enumerate().filter(|(_, label)| **label != 0) {
@@ -131,7 +132,7 @@ mod tests {
         cloud.means = (0..41).map(|i| [i as f32, 0.0, 0.0]).collect();
         cloud.means.extend([[70.0, 0.0, 0.0], [20.0, 0.0, -39.0]]);
         let mut labels = vec![3; 43];
-        // From the middle, 20, the median is 10 or 11: up to 40 or 44 is near.
+        // The median distance from the centre, 20, is 10 or 11: up to 40 or 44 is near.
         assert_eq!(leave_out_far(&cloud, &mut labels), 1);
         assert_eq!((labels[41], labels[42], labels[0], labels[40]), (0, 3, 3, 3));
     }

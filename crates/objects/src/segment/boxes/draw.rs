@@ -1,4 +1,4 @@
-//! Masks of a labelled cloud: what each pixel of the photos shows.
+//! Draws masks from a labelled cloud.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,13 +11,13 @@ use crate::render::{RenderOptions, Renderer, Surfaces};
 use crate::scene::{Camera, InstancedScene};
 use crate::segment::error::SegmentError;
 
-/// Draws the mask of every view of a plain cloud, one after another, and gives it to `sink` with the view's index: a pixel
-/// has the label of the Gaussian at its surface, 0 where more than half of the light passes. Masks have the photos' sizes
-/// and lens distortion; they are drawn at `width`, `None` = the photos' own or what the device holds. Returns by label, 0 left
-/// out, the number of masks that have it.
+/// Draws the masks of all views of a plain cloud in order and passes each to `sink` with the view's index. A pixel has
+/// the label of the Gaussian at its surface, or 0 where more than half of the light passes through. Masks have the size
+/// and lens distortion of the photo; they are rendered at `width`, or, if `None`, at the photo's width reduced to what
+/// fits on the device. Returns the number of masks that contain each label above 0.
 ///
 /// # Errors
-/// A cloud beyond the device, a camera that cannot be rendered, what `sink` returns.
+/// A cloud that does not fit on the device; a camera that cannot be rendered; errors of `sink`.
 pub fn draw_masks<E: From<SegmentError>>(
     gpu: &Arc<Gpu>,
     cloud: &InstancedScene,
@@ -46,11 +46,11 @@ pub fn draw_masks<E: From<SegmentError>>(
     Ok(views_of_label)
 }
 
-/// A width of the camera's picture at which its largest buffer, a colour of four floats a pixel, fits one binding of the
-/// device; `None` if it does anyway.
+/// The width at which the camera's largest buffer, four floats of colour per pixel, fits into one binding of the
+/// device; `None` if it already fits.
 fn width_that_fits(gpu: &Gpu, camera: &Camera) -> Option<u32> {
     let bytes = 16 * u64::from(camera.width) * u64::from(camera.height);
     let part = gpu.caps().max_storage_bytes as f64 / bytes as f64;
-    // Less by what rounding the height may add.
+    // A margin for rounding the height.
     (part < 1.0).then(|| (0.99 * f64::from(camera.width) * part.sqrt()) as u32)
 }

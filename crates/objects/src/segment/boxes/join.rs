@@ -1,9 +1,9 @@
-//! Which boxes of different photos are around the same object, where nobody has said so.
+//! Finds which boxes in different photos show the same object, where they have no ids.
 //!
-//! Two boxes of one object fix a ball: their middles' rays meet in its middle, and they give it about the same radius. A
-//! ball of two boxes is right if many other views have a box where it is, as large as it is. The balls that most views
-//! agree on are objects, the best first; each takes its boxes away from those after it. The cloud is not needed, and
-//! boxes that overlap in pictures do no harm, since their middles and sizes differ.
+//! Two boxes of one object define a ball: the rays through their centres meet at its centre, and both give it about the
+//! same radius. A ball is right if many other views have a box of its size at its place. The balls with most support
+//! become objects in order of their score, and each removes its boxes from those after it. The cloud is not needed, and
+//! boxes may overlap in the pictures, since their centres and sizes differ.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
@@ -15,43 +15,43 @@ use crate::scene::Camera;
 
 use super::placed::{PlacedBox, PlacedBoxes};
 
-/// Rays of two boxes pass each other by at most this part of the lesser radius.
+/// Largest distance between the rays of two boxes, as a part of the smaller radius.
 const MEETING: f64 = 0.35;
-/// Rays that meet under a smaller angle do not say where: the squared sine of 10 degrees.
+/// Rays at a smaller angle do not locate a ball: the squared sine of 10 degrees.
 const LEAST_SQUARED_SINE: f64 = 0.03;
-/// Radii of a ball that two boxes give differ at most by this factor: cars are twice as long as wide.
+/// Largest ratio of the two radii that a pair of boxes gives: cars are twice as long as wide.
 const RADIUS_FACTOR: f64 = 2.0;
-/// A box is where a ball is if the ball's middle is at most this part of the box's half size from the box's middle. What
-/// hides a part of an object shifts its box; half is as near to the next box's edge as to its own middle.
+/// A ball matches a box if its centre is at most this part of the box's half size from the box's centre: occlusion
+/// shifts a box, but at half the size the next box's edge is as near.
 const MIDDLE_PART: f64 = 0.45;
-/// Boxes are smaller than the ball at least by this factor where something hides the object, ...
+/// A box is at least this part of its ball's size: an occluder can hide the rest of the object.
 const LEAST_SIZE: f64 = 0.4;
-/// Objects have boxes in at least so many views: any two boxes fix a ball.
+/// Least number of views with a box of an object, since any two boxes define a ball, ...
 const MIN_VIEWS: usize = 3;
-/// ... and in this part of the views with the ball's middle in their picture. Balls by chance have a seventh.
+/// ... and their least part of the views with the ball's centre in their picture. Balls by chance reach a seventh.
 const MIN_VIEW_PART: f64 = 0.3;
-/// Balls whose middle is nearer to an object's than this part of its radius are of its boxes that others cut short. A vase
-/// on a table is farther from the table's middle.
+/// A ball whose centre is nearer to an object's centre than this part of the object's radius is that object again, from
+/// boxes cut by occluders. A vase on a table is farther from the table's centre.
 const SAME_PLACE: f64 = 0.5;
-/// Balls that are tried; of more, so many evenly. A thousand objects with twenty balls each.
+/// Balls tried at most, evenly sampled: a thousand objects with twenty balls each.
 const MAX_BALLS: usize = 20_000;
-/// Pairs of boxes that are looked at; of more, so many evenly.
+/// Pairs of boxes tried at most, evenly sampled.
 const MAX_PAIRS: usize = 2_000_000;
-/// Scores are whole numbers, so that their order is beyond doubt.
+/// Scores are integers in this unit, so that their order is exact.
 const SCORE_ONE: f64 = 1e6;
 
-/// What joining found.
+/// Result of joining boxes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Joined {
-    /// Objects, which have the ids from the first free one on.
+    /// Number of objects; their ids start at the first free one.
     pub(super) objects: usize,
-    /// Boxes that are of no object.
+    /// Boxes that belong to no object.
     pub(super) left: usize,
 }
 
-/// Gives the boxes without an object ids from `first_id` on, where they agree on objects. Boxes of different categories
-/// are of different objects, and an object has at most one box in a view. Ids beyond 65535 are not given; the caller
-/// looks at [`Joined::objects`].
+/// Gives boxes without an object ids from `first_id` on, one per object found. Boxes of different categories belong to
+/// different objects, and an object has at most one box per view. Ids beyond 65535 are left at 0; the caller checks
+/// [`Joined::objects`].
 pub(super) fn join(placed: &mut PlacedBoxes, first_id: u32) -> Joined {
     let mut by_category: BTreeMap<Option<String>, Vec<Sighting>> = BTreeMap::new();
     for (view, (camera, boxes)) in placed.cameras.iter().zip(&placed.by_view).enumerate() {
@@ -75,20 +75,20 @@ pub(super) fn join(placed: &mut PlacedBoxes, first_id: u32) -> Joined {
     out
 }
 
-/// A box as a ray.
+/// A box as a ray through its centre.
 #[derive(Clone, Copy, Debug)]
 struct Sighting {
-    /// View, and place in its list.
+    /// Index of the view, and of the box in the view's list.
     place: [usize; 2],
     middle_px: [f64; 2],
     half_px: [f64; 2],
-    /// Half of the longer edge by the focal length: the radius at depth 1.
+    /// Half of the longer edge over the focal length: the radius at depth 1.
     radius: f64,
-    /// World.
+    /// Position of the camera, world frame.
     eye: DVec3,
-    /// World, unit.
+    /// Direction through the box's centre, a unit vector of the world.
     ray: DVec3,
-    /// The picture's border cuts it, so its middle says nothing.
+    /// Whether the picture's border cuts the box, so that its centre is wrong.
     is_cut: bool,
 }
 
@@ -110,7 +110,7 @@ impl Sighting {
         }
     }
 
-    /// How far a ball's middle is from the box's, as a part of the box; `None` if the box is not around the ball.
+    /// Distance of the ball's centre from the box's, relative to the half size; `None` if ball and box do not match.
     fn misfit(&self, ball: &Ball, camera: &Camera) -> Option<f64> {
         let [x, y] = camera.pixel_of(ball.middle)?;
         let off =
@@ -120,14 +120,14 @@ impl Sighting {
     }
 }
 
-/// Where an object may be, world.
+/// A place where an object may be: centre and radius in world units.
 #[derive(Clone, Copy, Debug)]
 struct Ball {
     middle: DVec3,
     radius: f64,
 }
 
-/// The ball of two boxes of different views.
+/// The ball of two boxes of different views, if they define one.
 fn ball_of([a, b]: [&Sighting; 2], cameras: &[Camera]) -> Option<Ball> {
     if a.place[0] == b.place[0] || a.is_cut || b.is_cut {
         return None;
@@ -136,7 +136,7 @@ fn ball_of([a, b]: [&Sighting; 2], cameras: &[Camera]) -> Option<Ball> {
     let squared_sine = 1.0 - cosine * cosine;
     let (along_a, along_b) = (a.ray.dot(between), b.ray.dot(between));
     let [s, t] = [cosine * along_b - along_a, along_b - cosine * along_a].map(|v| v / squared_sine);
-    // Not a number, where rays are parallel, is not above.
+    // Parallel rays give NaN, which fails the comparison.
     if !(squared_sine > LEAST_SQUARED_SINE && s > 0.0 && t > 0.0) {
         return None;
     }
@@ -148,12 +148,12 @@ fn ball_of([a, b]: [&Sighting; 2], cameras: &[Camera]) -> Option<Ball> {
     meets.then_some(Ball { middle, radius: 0.5 * (radius_a + radius_b) })
 }
 
-/// Balls of pairs of boxes, at most [`MAX_BALLS`].
+/// Balls of all pairs of boxes, evenly sampled down to [`MAX_BALLS`].
 fn balls(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Ball> {
     let count = sightings.len();
     let stride = (count * count.saturating_sub(1) / 2).div_ceil(MAX_PAIRS).max(1);
     let of_first = |i: usize| {
-        // Another start for every box, so that the same partners are not left out throughout.
+        // The start differs from box to box, so that no partner is always skipped.
         let partners = (i + 1 + i % stride..count).step_by(stride);
         partners.filter_map(|j| ball_of([&sightings[i], &sightings[j]], cameras)).collect::<Vec<Ball>>()
     };
@@ -162,14 +162,14 @@ fn balls(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Ball> {
     all.into_iter().step_by(stride).collect()
 }
 
-/// Boxes around a ball, the best of each view: by view its misfit and its index.
+/// The best box around a ball in each view: view index to (misfit, box index).
 type Around = BTreeMap<usize, (f64, usize)>;
 
-/// Boxes, and which of them no object has yet.
+/// Boxes, and which of them are still without an object.
 struct Joining<'a> {
     sightings: &'a [Sighting],
     cameras: &'a [Camera],
-    /// Views that have any, ascending.
+    /// Views with a box, ascending.
     views: Vec<usize>,
     /// By box: false once an object has it.
     is_free: Vec<bool>,
@@ -182,7 +182,7 @@ impl<'a> Joining<'a> {
         Self { sightings, cameras, views, is_free: vec![true; sightings.len()] }
     }
 
-    /// The free ones around a ball.
+    /// Free boxes around a ball, the best one of each view.
     fn around(&self, ball: &Ball) -> Around {
         let mut best = Around::new();
         for (i, sighting) in self.sightings.iter().enumerate().filter(|(i, _)| self.is_free[*i]) {
@@ -193,7 +193,7 @@ impl<'a> Joining<'a> {
         best
     }
 
-    /// True if boxes around a ball are enough for an object.
+    /// Whether enough of the views that should show a ball have a box around it.
     fn are_enough(&self, around: &Around, ball: &Ball) -> bool {
         let has_place = |view: &&usize| {
             let camera = &self.cameras[**view];
@@ -202,7 +202,7 @@ impl<'a> Joining<'a> {
         around.len() as f64 >= MIN_VIEW_PART * self.views.iter().filter(has_place).count() as f64
     }
 
-    /// Gives boxes to an object.
+    /// Assigns boxes to an object and returns their indices.
     fn take(&mut self, around: &Around) -> Vec<usize> {
         let own: Vec<usize> = around.values().map(|&(_, i)| i).collect();
         own.iter().for_each(|&i| self.is_free[i] = false);
@@ -210,12 +210,12 @@ impl<'a> Joining<'a> {
     }
 }
 
-/// How well a ball explains the boxes around it: the more views, the better.
+/// Score of a ball: the sum over its boxes of 1 - misfit, in units of 1 / [`SCORE_ONE`].
 fn score(around: &Around) -> u64 {
     around.values().map(|(misfit, _)| (SCORE_ONE * (1.0 - misfit)) as u64).sum()
 }
 
-/// The boxes of every object, as indices; of each view at most one.
+/// The boxes of every object, as indices; at most one per view.
 fn objects_of(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Vec<usize>> {
     let balls = balls(sightings, cameras);
     let mut joining = Joining::new(sightings, cameras);
@@ -223,7 +223,7 @@ fn objects_of(sightings: &[Sighting], cameras: &[Camera]) -> Vec<Vec<usize>> {
     let mut queue: BinaryHeap<(u64, Reverse<usize>)> = first.collect::<Vec<_>>().into();
     let mut out = Vec::new();
     let mut taken: Vec<Ball> = Vec::new();
-    // Scores only fall when boxes are taken, so the first whose score still stands is the best.
+    // Scores only fall as boxes are taken, so a popped score that is still valid is the best (lazy evaluation).
     while let Some((known, Reverse(index))) = queue.pop() {
         let ball = balls[index];
         let around = joining.around(&ball);

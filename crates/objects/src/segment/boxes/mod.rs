@@ -1,7 +1,7 @@
 //! Masks without a segmenter: from a trained plain cloud and boxes around its objects, in the world or in photos.
 //!
-//! Boxes without an object are joined first (`join`). Then each Gaussian goes to the object in whose boxes it lies
-//! (`claims`, `carve`), but for what is far from it and what the objects stand on (`support`), and masks are drawn of
+//! Boxes without an id are grouped into objects first (`join`). Each Gaussian goes to the object in whose boxes it lies
+//! deepest (`claims`, `carve`), outliers and the ground below objects are removed (`support`), and masks are drawn from
 //! the labelled cloud ([`draw_masks`]).
 
 mod carve;
@@ -39,53 +39,52 @@ use support::leave_out_support;
 pub use draw::draw_masks;
 pub use report::{BoxObject, BoxReport, BoxSource};
 
-/// How Gaussians are given to boxes.
+/// Options of [`masks_from_boxes`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoxOptions {
-    /// A Gaussian may be of an object if this part of what it adds to views with a box of the object lies in these boxes,
-    /// 0..=1. Of 0.8, 0.9 and 0.95, 0.9 gave the best masks of the cars, the hall and the orchard: boxes are exact to a
-    /// few pixels, and small Gaussians at an object's rim are as wide as that.
+    /// Part of a Gaussian's contribution to the views with a box of an object that must lie in these boxes, 0..=1. 0.9
+    /// allows for boxes that are exact to a few pixels, the width of small Gaussians at an object's rim.
     pub inside_part: f64,
-    /// What objects stand on is left out.
+    /// Whether the ground or table below an object is removed from it.
     pub leave_out_support: bool,
-    /// Boxes in photos are carved, and masks drawn, at this width of the photos, `None` = their own. Masks have the photos'
-    /// size always.
+    /// Width of the pictures in which boxes are carved and masks drawn, pixels; `None` = that of the photos. Masks
+    /// always have the size of the photos.
     pub width: Option<u32>,
-    /// Gaussians that no view shows follow the majority of this many neighbours; 0 leaves them out.
+    /// Gaussians that no view shows take the majority label of this many neighbours; 0 leaves them out.
     pub unseen_neighbours: usize,
-    /// Seed of the planes that are tried as supports.
+    /// Seed of the random planes that are tried as supports.
     pub seed: u64,
-    /// How the views are rendered: as the cloud was trained.
+    /// How the views are rendered; should match training.
     pub render: RenderOptions,
 }
 
 impl Default for BoxOptions {
-    /// As the fields say.
+    /// The values that the fields' comments explain.
     fn default() -> Self {
         let LabelOptions { unseen_neighbours, render, .. } = LabelOptions::default();
         Self { inside_part: 0.9, leave_out_support: true, width: None, unseen_neighbours, seed: 0, render }
     }
 }
 
-/// What boxes gave.
+/// Result of [`masks_from_boxes`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoxMasks {
-    /// By Gaussian: id of its object, 0 = none.
+    /// Object id of each Gaussian, 0 = none.
     pub labels: Vec<u16>,
-    /// Names of ids, for `categories.json`.
+    /// Names of object ids, for `categories.json`.
     pub categories: BTreeMap<u32, String>,
-    /// What became of the boxes.
+    /// Statistics, and notes about boxes that were left out.
     pub report: BoxReport,
 }
 
-/// Labels a plain cloud by boxes and draws the mask of every view from it. `sink` takes the masks, one at a time, with the
-/// index of the view; they have the size and lens distortion of the view's photo, as [`crate::io::MaskFolder`] reads them.
-/// An object with a box in the world is found by that alone. `progress` is told after each view; `E` is an error of the
-/// caller's, with which either can stop.
+/// Labels a plain cloud by boxes and draws the mask of every view. `sink` receives the masks in order, with the index
+/// of the view; they have the size and lens distortion of the view's photo, as [`crate::io::MaskFolder`] reads them.
+/// For an object with a box in the world, its boxes in photos are ignored. `progress` is called after each view. Both
+/// can stop the run with an error of the caller's type `E`.
 ///
 /// # Errors
-/// A cloud with instances or beyond the device; a camera that cannot be rendered; options out of range; no box that is
-/// in the world or in one of the views; more objects than ids; what `sink` or `progress` return.
+/// A cloud that has instances or does not fit on the device; a camera that cannot be rendered; options out of range; no
+/// usable box; more objects than ids; errors of `sink` and `progress`.
 pub fn masks_from_boxes<E: From<SegmentError>>(
     gpu: &Arc<Gpu>,
     cloud: &InstancedScene,
@@ -115,7 +114,7 @@ pub fn masks_from_boxes<E: From<SegmentError>>(
     Ok(BoxMasks { labels, categories, report: found.report })
 }
 
-/// The objects that boxes speak of.
+/// The objects of all boxes, before Gaussians are labelled.
 struct Found {
     placed: PlacedBoxes,
     report: BoxReport,
@@ -155,7 +154,7 @@ impl Found {
         Ok(Self { placed, report })
     }
 
-    /// By Gaussian: id of its object.
+    /// Object id of each Gaussian, 0 = none.
     fn labels<E: From<SegmentError>>(
         &mut self,
         gpu: &Arc<Gpu>,
@@ -194,7 +193,7 @@ impl Found {
 
     fn leave_out_support(&mut self, cloud: &InstancedScene, labels: &mut [u16], seed: u64) {
         let Some(up) = up_direction(&self.placed.cameras) else {
-            let text = "the cameras do not agree on what is up, so what objects stand on was not left out";
+            let text = "the cameras give no up axis, so the ground below objects was not removed";
             self.report.notes.push(text.into());
             return;
         };
@@ -209,7 +208,7 @@ fn reported((id, category): (u32, Option<String>), source: BoxSource, boxes: usi
     BoxObject { id, category, source, boxes, gaussians: 0, support: None, views: 0 }
 }
 
-/// Objects with a box in the world need none in photos.
+/// Removes boxes in photos of objects that have a box in the world.
 fn drop_boxes_of(ids: &BTreeSet<u32>, placed: &mut PlacedBoxes, notes: &mut Vec<String>) {
     let mut dropped = 0;
     for boxes in &mut placed.by_view {
@@ -224,7 +223,7 @@ fn drop_boxes_of(ids: &BTreeSet<u32>, placed: &mut PlacedBoxes, notes: &mut Vec<
 
 fn left_note(joined: &Joined) -> Option<String> {
     let text = format!(
-        "{} boxes without an id are of no object that three views agree on, and were left out; {} objects were found",
+        "{} boxes without an id match no object in three views and were left out; {} objects were found",
         joined.left, joined.objects
     );
     (joined.left > 0).then_some(text)
@@ -233,15 +232,15 @@ fn left_note(joined: &Joined) -> Option<String> {
 fn nothing_note(object: &BoxObject) -> Option<String> {
     let name = object.category.as_ref().map_or(String::new(), |name| format!(" ({name})"));
     let what = match (object.gaussians, object.support, object.views) {
-        (0, Some(1..), _) => "all Gaussians in its box are of what lies below it; make the box larger",
+        (0, Some(1..), _) => "all Gaussians in its box belong to the ground below it; make the box larger",
         (0, ..) => "no Gaussian lies in its box; is it in the same place and frame as the scene?",
-        (_, _, 0) => "no view shows it, so no mask has it",
+        (_, _, 0) => "it is visible in no view, so no mask has it",
         _ => return None,
     };
     Some(format!("object {}{name}: {what}", object.id))
 }
 
-/// The most frequent text, of equals the first in the alphabet.
+/// The most frequent text; the first in the alphabet in a tie.
 fn most_frequent<'a>(texts: impl Iterator<Item = &'a String>) -> Option<String> {
     let mut counts: BTreeMap<&String, usize> = BTreeMap::new();
     texts.for_each(|text| *counts.entry(text).or_default() += 1);

@@ -1,4 +1,4 @@
-//! Boxes of photos, in the pictures of the pinhole cameras that look at the cloud.
+//! Boxes of photos, converted to the pictures of pinhole cameras.
 
 use std::collections::BTreeMap;
 
@@ -7,22 +7,22 @@ use crate::io::view_image::camera_at_width;
 use crate::math::distortion::Distortion;
 use crate::scene::{Boxes, Camera, ViewBox};
 
-/// Views that a note names; of more it says how many there are.
+/// Number of views that a note names at most.
 const NAMED: usize = 5;
 
-/// A box in a picture.
+/// A box in the picture of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct PlacedBox {
-    /// The object; 0 while nobody has said which.
+    /// Id of the object; 0 while it is unknown.
     pub(super) object: u16,
-    /// What it is.
+    /// Name of the kind of object, if given.
     pub(super) category: Option<String>,
-    /// Left, top, right, bottom in pixels of the camera, within its picture.
+    /// Left, top, right, bottom in pixels of the camera, clipped to its picture.
     pub(super) bounds_px: [f64; 4],
 }
 
 impl PlacedBox {
-    /// How deep a place in the picture lies in the box: 1 in its middle, 0 at its edges, -1 half its size or more outside.
+    /// Depth of a pixel position in the box: 1 at its centre, 0 at its edges, -1 at half its size or more outside.
     pub(super) fn depth(&self, at: [f64; 2]) -> f64 {
         let [left, top, right, bottom] = self.bounds_px;
         let along = |v: f64, low: f64, high: f64| 1.0 - (2.0 * v - low - high).abs() / (high - low);
@@ -30,17 +30,18 @@ impl PlacedBox {
     }
 }
 
-/// The boxes of all views.
+/// The boxes of all views, with the cameras they refer to.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct PlacedBoxes {
-    /// By view: the camera at the size that the cloud is looked at.
+    /// By view: the pinhole camera at the width used for carving.
     pub(super) cameras: Vec<Camera>,
-    /// By view.
+    /// By view: the boxes in its picture.
     pub(super) by_view: Vec<Vec<PlacedBox>>,
 }
 
 impl PlacedBoxes {
-    /// Boxes of `views` at the given width, `None` = that of the photos. What has no place is said in `notes`.
+    /// Converts the boxes of `views` to pictures of the given width (`None` = that of the photos). Boxes outside of the
+    /// picture and unknown views are reported in `notes`.
     pub(super) fn new(views: &[View], boxes: &Boxes, width: Option<u32>, notes: &mut Vec<String>) -> Self {
         let mut out = Self::default();
         for view in views {
@@ -59,12 +60,12 @@ impl PlacedBoxes {
         out
     }
 
-    /// True if there is any box.
+    /// Whether any view has a box.
     pub(super) fn has_boxes(&self) -> bool {
         self.by_view.iter().any(|boxes| !boxes.is_empty())
     }
 
-    /// By object: its boxes with their views' indices, in order; at most one of a view.
+    /// By object: its boxes with the indices of their views, in order; at most one per view.
     pub(super) fn by_object(&self) -> BTreeMap<u16, Vec<(usize, &PlacedBox)>> {
         let mut out: BTreeMap<u16, Vec<(usize, &PlacedBox)>> = BTreeMap::new();
         for (view, boxes) in self.by_view.iter().enumerate() {
@@ -74,7 +75,7 @@ impl PlacedBoxes {
     }
 }
 
-/// `None` if no part of the box is in the picture.
+/// The box in the camera's picture; `None` if no part of it is inside.
 fn placed_in(view: &View, camera: &Camera, view_box: &ViewBox) -> Option<PlacedBox> {
     let photo = &view.camera;
     let straight = match &view.distortion {
@@ -86,13 +87,13 @@ fn placed_in(view: &View, camera: &Camera, view_box: &ViewBox) -> Option<PlacedB
     let clip = |k: usize| (straight[k] * scale[k % 2]).clamp(0.0, [width, height][k % 2]);
     let bounds_px = [0, 1, 2, 3].map(clip);
     let is_in = bounds_px[0] < bounds_px[2] && bounds_px[1] < bounds_px[3];
-    // Ids of files are those of masks, 1 to 65535.
+    // The reader of boxes has checked the range of ids, 1 to 65535.
     let object = view_box.id.map_or(Some(0), |id| u16::try_from(id).ok())?;
     is_in.then(|| PlacedBox { object, category: view_box.category.clone(), bounds_px })
 }
 
-/// The upright box around what the photo's box shows, in the picture of the pinhole camera; `None` if the lens model
-/// says nothing of it.
+/// The upright rectangle in the pinhole picture around a box of the distorted photo, from nine of its points; `None`
+/// where the lens model has no inverse.
 fn without_distortion(bounds: [f64; 4], camera: &Camera, distortion: &Distortion) -> Option<[f64; 4]> {
     let [left, top, right, bottom] = bounds;
     let (x, y) = (0.5 * (left + right), 0.5 * (top + bottom));
@@ -125,7 +126,7 @@ fn unknown_views_note(views: &[View], boxes: &Boxes) -> Option<String> {
     let count: usize = unknown.iter().map(|(_, count)| count).sum();
     (!unknown.is_empty()).then(|| {
         format!(
-            "{count} boxes are of {} views that are not among those looked at, and were left out: {}{more}",
+            "{count} boxes belong to {} views that are not used, and were left out: {}{more}",
             unknown.len(),
             names.join(", ")
         )
@@ -168,7 +169,7 @@ mod tests {
         assert!(notes[1].contains("1 boxes are of 1 views") && notes[1].contains("none"), "{notes:?}");
     }
 
-    /// What the lens drew inwards goes outwards again.
+    /// What the lens draws inwards moves outwards again.
     #[test]
     fn boxes_of_distorted_photos_are_where_the_pinhole_has_them() {
         let barrel = Distortion { k1: -0.2, ..Distortion::default() };
@@ -181,7 +182,7 @@ mod tests {
         let ([left, top], [right, bottom]) = (drawn(10.0, 5.0), drawn(30.0, 15.0));
         let placed = placed_in(&view, camera, &view_box(Some(1), [left, top, right, bottom])).unwrap();
         let want = [10.0, 5.0, 30.0, 15.0];
-        // Its other two corners are not where the pinhole's are: a pixel of leeway.
+        // The pinhole image of the other two corners differs by up to a pixel.
         assert!(placed.bounds_px.iter().zip(want).all(|(a, b)| (a - b).abs() < 1.0), "{placed:?}");
         assert!((placed.bounds_px[0] - left).abs() > 0.3 && left > 10.0, "{left} {placed:?}");
     }

@@ -1,48 +1,48 @@
-//! What became of boxes.
+//! Report of masks made from boxes.
 
 use serde::Serialize;
 
-/// Where an object's box is.
+/// Source of an object's boxes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BoxSource {
-    /// In the world.
+    /// A box given in world coordinates.
     World,
-    /// In photos, with its id.
+    /// Boxes in photos that share an id.
     Photos,
-    /// In photos without ids: joined by where they are.
+    /// Boxes in photos without ids, joined by their position.
     Joined,
 }
 
-/// One object.
+/// One object with a box.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BoxObject {
-    /// Its id in the masks.
+    /// Id of the object in the masks.
     pub id: u32,
-    /// What it is.
+    /// Name of the kind of object, if given.
     pub category: Option<String>,
-    /// Where its box is.
+    /// Source of the object's boxes.
     pub source: BoxSource,
-    /// Photos with a box of it.
+    /// Number of photos with a box of it.
     pub boxes: usize,
-    /// Gaussians that are its own.
+    /// Number of Gaussians with its label.
     pub gaussians: usize,
-    /// Gaussians in its box that are of what it stands on, and were left out; `None` if nothing flat was found below it,
-    /// or not looked for.
+    /// Gaussians in its box that were removed as part of the ground below it; `None` if no plane was found below it, or
+    /// none was searched.
     pub support: Option<usize>,
-    /// Views whose mask has it.
+    /// Number of views whose mask contains it.
     pub views: usize,
 }
 
-/// All of it.
+/// Report of a run of masks from boxes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct BoxReport {
-    /// By id.
+    /// All objects, in order of their ids.
     pub objects: Vec<BoxObject>,
-    /// Gaussians in boxes that are far from the rest of their object, and were left out.
+    /// Number of Gaussians in boxes that were removed as outliers of their object.
     pub far: usize,
     /// What was left out or is missing, one line each, for the user.
     pub notes: Vec<String>,
-    /// Wall time.
+    /// Wall time in seconds.
     pub seconds: f64,
 }

@@ -1,5 +1,5 @@
-//! Boxes of a view overlap, and a mask has one id per pixel. So the ids are numbers of *sets* of boxes: one sweep over the
-//! view then gives what a Gaussian adds to each box, exactly.
+//! Boxes of a view overlap, but a mask has one id per pixel. So its ids number the *sets* of boxes that pixels lie in,
+//! and one sweep over the view gives the exact contribution of a Gaussian to each box.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -10,32 +10,32 @@ use crate::segment::error::SegmentError;
 
 use super::placed::PlacedBox;
 
-/// The boxes that each pixel of a view lies in.
+/// The set of boxes that each pixel of a view lies in.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BoxSets {
     width: u32,
-    /// Rows that are alike, from the top.
+    /// Bands of identical rows, from the top.
     bands: Vec<Band>,
-    /// By set: objects, ascending; the first is empty.
+    /// By set: object ids, ascending; set 0 is empty.
     objects_of_set: Vec<Vec<u16>>,
 }
 
-/// Rows of the same pixels.
+/// A run of identical pixel rows.
 #[derive(Clone, Debug, PartialEq)]
 struct Band {
     rows: u32,
-    /// From the left: columns, and the set of the boxes that their pixels lie in.
+    /// From the left: number of columns, and the set that their pixels lie in.
     runs: Vec<(u32, u16)>,
 }
 
-/// Columns and rows of an object's box.
+/// Object id, and the columns and rows of its box.
 type Area = (u16, [Range<u32>; 2]);
 
 impl BoxSets {
-    /// Of a picture of the given size; boxes without an object are left out.
+    /// The sets of a picture of the given size, pixels; boxes without an object are ignored.
     ///
     /// # Errors
-    /// More sets than ids.
+    /// More sets than 16-bit ids.
     pub(super) fn new(view: &str, [width, height]: [u32; 2], boxes: &[PlacedBox]) -> Result<Self, SegmentError> {
         let area = |b: &PlacedBox| {
             let [left, top, right, bottom] = b.bounds_px;
@@ -64,7 +64,7 @@ impl BoxSets {
         Ok(Self { width, bands, objects_of_set })
     }
 
-    /// By pixel: number of the set of the boxes that its centre lies in; 0 = in none.
+    /// By pixel: number of the set of boxes that contain its centre; 0 = none.
     pub(super) fn mask(&self) -> Mask {
         let mut ids = Vec::new();
         for band in &self.bands {
@@ -75,8 +75,8 @@ impl BoxSets {
         Mask { width: self.width, height: self.bands.iter().map(|band| band.rows).sum(), ids }
     }
 
-    /// Contributions to this view's sets, by Gaussian, as contributions to the boxes of objects, by Gaussian, then by
-    /// object. What is in several boxes counts for each; what is in none is left out.
+    /// Converts contributions to this view's sets, sorted by Gaussian, to contributions to objects, sorted by Gaussian
+    /// and object. A pixel in several boxes counts for each; one in none is dropped.
     pub(super) fn by_object(&self, contributions: &[Contribution]) -> Vec<Contribution> {
         let mut out: Vec<Contribution> = Vec::new();
         for of_gaussian in contributions.chunk_by(|a, b| a.gaussian == b.gaussian) {
@@ -93,7 +93,7 @@ impl BoxSets {
     }
 }
 
-/// Where boxes begin and end along an axis, with both ends of the picture; ascending, each once.
+/// Where boxes begin and end along an axis, with both ends of the picture; ascending, without repeats.
 fn edges(areas: &[Area], axis: usize, count: u32) -> Vec<u32> {
     let mut out: Vec<u32> = areas.iter().flat_map(|(_, range)| [range[axis].start, range[axis].end]).collect();
     out.extend([0, count]);
@@ -102,7 +102,7 @@ fn edges(areas: &[Area], axis: usize, count: u32) -> Vec<u32> {
     out
 }
 
-/// Objects whose boxes have a pixel, ascending.
+/// Objects whose boxes contain a pixel, ascending.
 fn objects_at(areas: &[Area], pixel: [u32; 2]) -> Vec<u16> {
     let has = |(_, ranges): &&Area| ranges.iter().zip(&pixel).all(|(range, at)| range.contains(at));
     let mut out: Vec<u16> = areas.iter().filter(has).map(|(object, _)| *object).collect();
@@ -111,9 +111,9 @@ fn objects_at(areas: &[Area], pixel: [u32; 2]) -> Vec<u16> {
     out
 }
 
-/// The pixels of `0..count` whose centres lie between two places, edges included.
+/// The pixels of `0..count` whose centres lie between two coordinates, inclusive.
 fn pixels_between(low: f64, high: f64, count: u32) -> Range<u32> {
-    // Saturating casts: places are within the picture.
+    // Both are within the picture, so the casts are exact.
     let first = (low - 0.5).ceil().max(0.0) as u32;
     let end = ((high - 0.5).floor() + 1.0).max(0.0) as u32;
     first.min(count)..end.min(count).max(first.min(count))

@@ -1,6 +1,6 @@
-//! What an object stands on: a box that a person draws reaches into it, and boxes of photos do not tell it from the
-//! object's lower end. Around the object, at its foot, lies a plane that is no object: what the object has on or below
-//! that plane is not its own.
+//! Removes the ground from objects: a box that a person draws reaches into it, and boxes in photos cannot separate it
+//! from the object's lower end. A plane that is not part of the object lies around its foot; Gaussians of the object on
+//! or below that plane are removed.
 
 use std::collections::BTreeMap;
 
@@ -13,37 +13,37 @@ use crate::math::sh::widened;
 use crate::math::statistics::{median, percentile};
 use crate::scene::Gaussians;
 
-/// The surroundings reach this many times as far as the object does, to the sides.
+/// Radius of the surroundings, in radii of the object.
 const RING: f64 = 2.0;
-/// Parts of the object's Gaussians that its foot, head and side are measured without: strays.
+/// Part of the object's Gaussians ignored as strays at each end when foot, head and radius are measured.
 const STRAY_PART: f64 = 0.05;
-/// As far as this part of the object's size below its foot and ...
+/// The plane is searched down to this part of the object's size below its foot and ...
 const BELOW: f64 = 0.5;
-/// ... above it the plane is looked for: carving leaves some of the ground to the object or takes its lowest end.
+/// ... up to this part above it: carving leaves some ground to the object or removes its lowest end.
 const ABOVE: f64 = 0.4;
-/// Gaussians within this part of the object's size of the plane are of it. The wheels of a car are a sixth of its size.
+/// Gaussians within this part of the object's size belong to the plane. The wheels of a car are a sixth of its size.
 const THICKNESS: f64 = 0.03;
-/// Cosine of the steepest slope to stand on: 26 degrees.
+/// Cosine of the steepest slope: 26 degrees.
 const FLAT: f64 = 0.9;
-/// Gaussians of less opacity are haze; nothing stands on them.
+/// Gaussians of lower opacity are haze and support nothing.
 const MIN_OPACITY: f64 = 0.1;
-/// A plane has at least so many Gaussians of the surroundings, and ...
+/// Least number of Gaussians in the plane, and ...
 const MIN_INLIERS: usize = 10;
-/// ... this part of them: other things stand there too.
+/// ... their least part of the surroundings, which contain other objects, too.
 const INLIER_PART: f64 = 0.2;
-/// Little lies below what one stands on: at most this part of what is in the plane, for trained ground is uneven. A plane
-/// through the crown of a tree has all of the ground below it.
+/// At most this many times the plane's Gaussians lie below it: trained ground is uneven. A plane through the crown of a
+/// tree has all of the ground below it.
 const BELOW_PART: f64 = 0.8;
-/// Planes that are tried. If the ground is a third of the surroundings, 1 in 27 of them lies in it; that none of 400 does
-/// has a probability of 3e-7.
+/// Random planes that are tried. If the ground is a third of the surroundings, 1 in 27 lies in it, and none of 400 does
+/// with a probability of 3e-7.
 const DRAWS: usize = 400;
-/// Gaussians of the surroundings that are looked at; of more, so many evenly.
+/// Gaussians of the surroundings used at most, evenly sampled.
 const MAX_SURROUNDINGS: usize = 2000;
-/// Sub-stream of the seed.
+/// Stream of the random planes, derived from the seed.
 const STREAM: u64 = 0x5099;
 
-/// Gives the Gaussians that are on or below what their object stands on the label 0; labels above 0 are objects. Returns
-/// by object how many that were, `None` where nothing flat was found below it. `up` is a unit vector.
+/// Sets the label of Gaussians on or below the support of their object to 0; labels above 0 are objects. Returns the
+/// number of removed Gaussians by object, `None` where no support was found. `up` is a unit vector of the world.
 pub(super) fn leave_out_support(
     cloud: &Gaussians,
     labels: &mut [u16],
@@ -59,7 +59,7 @@ pub(super) fn leave_out_support(
         (0..cloud.len()).filter(is_solid).map(|i| (labels[i], widened(cloud.means[i]))).collect();
     let mut out = BTreeMap::new();
     for (&object, own) in &members {
-        // A table is an object too, and a vase stands on it.
+        // Other objects count as surroundings: a vase stands on a table.
         let others: Vec<DVec3> = solid.iter().filter(|(label, _)| *label != object).map(|(_, place)| *place).collect();
         let places: Vec<DVec3> = own.iter().map(|&i| widened(cloud.means[i as usize])).collect();
         let rng = Rng::new(seed).fork(STREAM).fork(u64::from(object));
@@ -74,23 +74,23 @@ pub(super) fn leave_out_support(
     out
 }
 
-/// Something flat.
+/// A flat surface that an object stands on.
 #[derive(Clone, Copy, Debug)]
 struct Support {
-    /// Its normal points up.
+    /// The plane; its normal points up.
     plane: Plane,
-    /// Half of it, scene units.
+    /// Half of the thickness, scene units.
     thickness: f64,
 }
 
 impl Support {
-    /// True for places in it and below it.
+    /// Whether a point lies in the support or below it.
     fn is_over(&self, place: DVec3) -> bool {
         self.plane.height(place) < self.thickness
     }
 }
 
-/// The plane around the foot of an object of the given places that most of the other places there lie in.
+/// The plane around the foot of the object at `own` that holds most of the `others` there, if it holds enough.
 fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, rng: Rng) -> Option<Support> {
     let heights: Vec<f64> = own.iter().map(|p| p.dot(up)).collect();
     let [foot, head] = [STRAY_PART, 1.0 - STRAY_PART].map(|part| percentile(&heights, part));
@@ -117,7 +117,7 @@ fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, rng: Rng) -> Option<Su
     if !is_enough || below as f64 > BELOW_PART * inliers as f64 {
         return None;
     }
-    // Three Gaussians gave its height; all of its Gaussians know it better.
+    // The plane goes through three Gaussians; the median height of all its Gaussians is more exact.
     let heights = around.iter().map(|p| plane.height(*p)).filter(|height| height.abs() < thickness);
     let plane = Plane { offset: plane.offset + median(&heights.collect::<Vec<f64>>()), ..plane };
     Some(Support { plane, thickness })
@@ -127,7 +127,7 @@ fn support_of(own: &[DVec3], others: &[DVec3], up: DVec3, rng: Rng) -> Option<Su
 mod tests {
     use super::*;
 
-    /// A box of points from the ground up to 1, with a metre of ground around it and under it, sloped by a tenth.
+    /// A box of points from the ground up to 1, with a metre of ground around and below it, at a slope of a tenth.
     fn on_a_slope(tilt: DVec3) -> (Vec<DVec3>, Vec<DVec3>) {
         let mut rng = Rng::new(4);
         let ground = |p: DVec3| 0.1 * p.x;

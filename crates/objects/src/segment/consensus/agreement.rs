@@ -1,30 +1,30 @@
-//! Whether an id is the same object in every view.
+//! Measures whether an id means the same object in every view.
 
 use rayon::prelude::*;
 
 use super::ConsensusOptions;
 use super::observe::{Observations, VISIBLE_PART};
 
-/// Ids agree if they do in this part of all cases. Two objects whose ids are swapped at random agree in half of them;
-/// ids of a tracker that loses an object now and then, with some masks of two objects, in nine of ten.
+/// Ids that agree in at least this part of the cases are kept. Two objects whose ids are swapped at random agree in
+/// half of them; ids of a tracker that occasionally loses an object or merges two agree in nine of ten.
 pub(super) const AGREEMENT: f64 = 0.8;
 
-/// How often ids agree.
+/// How often ids agree between views.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Agreement {
-    /// (Mask, other view) in which most of the mask's points lie in one mask.
+    /// Pairs of a mask and another view in which one mask holds most of the mask's points.
     pub(super) cases: u64,
-    /// Those in which that mask has the same id.
+    /// Cases in which that mask has the same id.
     pub(super) same: u64,
 }
 
 impl Agreement {
-    /// Part of the cases with the same id; 1 without any.
+    /// Part of the cases in which ids agree, 0 to 1; 1 without a case.
     pub(super) fn part(&self) -> f64 {
         if self.cases == 0 { 1.0 } else { self.same as f64 / self.cases as f64 }
     }
 
-    /// Over all masks of enough points and all other views.
+    /// Counts over all masks with enough points and all other views.
     pub(super) fn measure(observations: &Observations, options: &ConsensusOptions) -> Self {
         let counts = || vec![0u32; observations.masks.len()];
         let of_mask = |counts: &mut Vec<u32>, mask: usize| of_mask(observations, mask, counts, options.min_points);
@@ -33,7 +33,7 @@ impl Agreement {
     }
 }
 
-/// `counts` are zeros by mask, and are left so.
+/// Counts for one mask. `counts`, one per mask, must be zeros and are zeros again on return.
 fn of_mask(observations: &Observations, mask: usize, counts: &mut [u32], min_points: usize) -> Agreement {
     let mut out = Agreement::default();
     let points = &observations.points_of_mask[mask];
@@ -70,7 +70,7 @@ mod tests {
     #[test]
     fn ids_that_agree_are_told_from_ids_that_do_not() {
         assert_eq!(part(&[[1, 2], [1, 2], [1, 2]]), 1.0);
-        // Missing in one view: no case. Merged in one view: most of neither.
+        // Missing in one view: no case. Merged in one view: neither object holds the majority.
         assert_eq!(part(&[[1, 2], [1, 0], [1, 2], [5, 5]]), 8.0 / 14.0);
         assert_eq!(part(&[[1, 2], [2, 1]]), 0.0);
         assert_eq!(part(&[[1, 2], [3, 4]]), 0.0, "an id of its own for every mask");

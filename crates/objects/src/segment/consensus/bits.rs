@@ -1,36 +1,36 @@
-//! A set of small numbers.
+//! A set of small integers as a bit vector.
 
-/// Bit i of word i / 64 says whether i is in it.
+/// Bit `i % 64` of word `i / 64` is set if i is a member.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Bits(Vec<u64>);
 
 impl Bits {
-    /// Of numbers below `len`; empty.
+    /// An empty set for integers below `len`.
     pub(super) fn new(len: usize) -> Self {
         Self(vec![0; len.div_ceil(64)])
     }
 
-    /// Adds a number.
+    /// Adds the integer `i` < `len`.
     pub(super) fn insert(&mut self, i: usize) {
         self.0[i / 64] |= 1 << (i % 64);
     }
 
-    /// Takes a number out.
+    /// Removes the integer `i` < `len`.
     pub(super) fn remove(&mut self, i: usize) {
         self.0[i / 64] &= !(1 << (i % 64));
     }
 
-    /// True if the number is in it.
+    /// Whether the integer `i` < `len` is a member.
     pub(super) fn contains(&self, i: usize) -> bool {
         self.0[i / 64] >> (i % 64) & 1 == 1
     }
 
-    /// Adds those of another set.
+    /// Adds all members of `other`, a set of the same length.
     pub(super) fn unite(&mut self, other: &Self) {
         self.0.iter_mut().zip(&other.0).for_each(|(a, b)| *a |= b);
     }
 
-    /// How many are in both.
+    /// Number of members that both sets have.
     pub(super) fn count_common(&self, other: &Self) -> u32 {
         self.0.iter().zip(&other.0).map(|(a, b)| (a & b).count_ones()).sum()
     }

@@ -1,7 +1,7 @@
-//! Masks become objects where the views agree: Yan et al., MaskClustering (CVPR 2024), Section 3.3.
+//! Clusters masks into objects where the views agree: Yan et al., MaskClustering (CVPR 2024), Section 3.3.
 //!
-//! Two nodes (sets of masks) are joined if, of the views that see both in one mask each, at least nine in ten see both
-//! in the *same* mask. Pairs that many views see are joined first, for theirs is the better evidence.
+//! Two nodes (sets of masks) are joined if at least nine in ten of the views that see each of them in one mask see both
+//! in the *same* mask. Pairs seen by many views have better evidence and are joined first.
 //!
 //! Chains of such pairs can join repeated objects that stand side by side, so one rule is added: nodes that own
 //! different masks in many views and are far apart are two objects.
@@ -15,32 +15,32 @@ use super::observe::Observations;
 use super::relations::Relations;
 use crate::segment::components::Partition;
 
-/// Part of the observers that must see both nodes in one mask (MaskClustering).
+/// Part of the observing views that must see both nodes in one mask (MaskClustering).
 const CONSENSUS_RATE: f64 = 0.9;
-/// Numbers of observers, as percentiles of those of all pairs, from which on pairs are joined, step by step
-/// (MaskClustering).
+/// Steps of the schedule: percentiles of the numbers of observers over all pairs, each the least number that a pair
+/// needs to be joined in that step (MaskClustering).
 const PERCENTILES: [u32; 20] = [95, 90, 85, 80, 75, 70, 65, 60, 55, 50, 45, 40, 35, 30, 25, 20, 15, 10, 5, 0];
-/// Below this percentile a single observer ends the schedule; above, it counts as enough (MaskClustering).
+/// Below this percentile a single observer ends the schedule; above, it is enough (MaskClustering).
 const LEAST_PERCENTILE_OF_ONE: u32 = 50;
-/// Nodes whose pairs percentiles are taken of: two million pairs tell them well enough.
+/// Number of nodes whose pairs give the percentiles: two million pairs are enough.
 const MOST_SAMPLED_NODES: usize = 2000;
 /// Nodes that own different masks in this part of the views that see both are two objects if they are far apart ...
 const CONFLICT_PART: f64 = 0.3;
-/// ... by more than half the diagonal of a box like theirs: that of uniform points is sqrt(12) times their deviation.
+/// ... by more than half the diagonal of a box of their size: for uniform points it is sqrt(12) deviations.
 const FAR_DEVIATIONS: f64 = 1.732;
 
-/// Some masks of what may be one object.
+/// A set of masks that may show one object.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Node {
     /// Views that see it in one mask.
     visible: Bits,
-    /// Views in which it has a mask.
+    /// Views in which it owns a mask.
     own_views: Bits,
     /// Masks that contain it, ascending.
     containers: Vec<u32>,
-    /// Its masks, ascending.
+    /// Its own masks, ascending.
     pub(super) masks: Vec<u32>,
-    /// Its points, ascending.
+    /// The points of its masks, ascending.
     pub(super) points: Vec<u32>,
 }
 
@@ -67,7 +67,7 @@ impl Node {
     }
 }
 
-/// The union of two ascending lists.
+/// Union of two ascending lists, ascending.
 pub(super) fn united(a: &[u32], b: &[u32]) -> Vec<u32> {
     let mut out = [a, b].concat();
     out.sort_unstable();
@@ -75,8 +75,8 @@ pub(super) fn united(a: &[u32], b: &[u32]) -> Vec<u32> {
     out
 }
 
-/// The nodes that remain when all pairs that the views agree on are joined; by least mask. `positions` are those of the
-/// points.
+/// The nodes left when all pairs that the views agree on are joined, in order of their smallest mask. `positions` are
+/// those of the points.
 pub(super) fn cluster(observations: &Observations, relations: &Relations, positions: &[[f32; 3]]) -> Vec<Node> {
     let masks = (0..observations.masks.len() as u32).filter(|&mask| relations.is_node[mask as usize]);
     let mut nodes: Vec<Node> = masks.map(|mask| Node::of_mask(observations, relations, mask)).collect();
@@ -86,7 +86,7 @@ pub(super) fn cluster(observations: &Observations, relations: &Relations, positi
     nodes
 }
 
-/// The numbers of observers to ask for, never more than before.
+/// The least number of observers in each step, never increasing.
 fn schedule(nodes: &[Node]) -> Vec<u32> {
     let stride = nodes.len().div_ceil(MOST_SAMPLED_NODES).max(1);
     let sampled: Vec<&Node> = nodes.iter().step_by(stride).collect();
@@ -107,18 +107,19 @@ fn schedule(nodes: &[Node]) -> Vec<u32> {
     out
 }
 
-/// A pair of nodes that the views agree on.
+/// A pair of nodes that the views agree to join.
 struct Edge {
     nodes: [u32; 2],
-    /// Views that see both in the same mask, and that see both.
+    /// Number of views that see both in the same mask.
     supporters: u32,
+    /// Number of views that see both.
     observers: u32,
 }
 
-/// Joins the pairs that at least `observers` views see; those with the highest rate first.
+/// Joins the pairs that at least `observers` views see, in order of falling agreement.
 fn joined(nodes: Vec<Node>, observations: &Observations, observers: u32, positions: &[[f32; 3]]) -> Vec<Node> {
     let mut edges = edges(&nodes, observations.masks.len(), observers);
-    // a/b > c/d without rounding: a d > c b.
+    // a/b > c/d compared without rounding: a d > c b.
     let by_rate = |a: &Edge, b: &Edge| -> Ordering {
         let product = |x: &Edge, y: &Edge| u64::from(x.supporters) * u64::from(y.observers);
         product(b, a).cmp(&product(a, b)).then(b.supporters.cmp(&a.supporters)).then(a.nodes.cmp(&b.nodes))
@@ -141,14 +142,14 @@ fn joined(nodes: Vec<Node>, observations: &Observations, observers: u32, positio
     slots.into_iter().flatten().collect()
 }
 
-/// All pairs with enough observers and agreement.
+/// All pairs with enough observers and enough agreement.
 fn edges(nodes: &[Node], mask_count: usize, observers: u32) -> Vec<Edge> {
     let mut contained: Vec<Vec<u32>> = vec![Vec::new(); mask_count];
     for (i, node) in (0..).zip(nodes) {
         node.containers.iter().for_each(|&container| contained[container as usize].push(i));
     }
     let counts = || vec![0u32; nodes.len()];
-    // A pair without a common container has no supporter.
+    // Only pairs with a common container have supporters.
     let of_node = |counts: &mut Vec<u32>, (i, a): (usize, &Node)| {
         let mut touched = Vec::new();
         for &j in a.containers.iter().flat_map(|&c| &contained[c as usize]).filter(|&&j| j as usize > i) {
@@ -169,14 +170,14 @@ fn edges(nodes: &[Node], mask_count: usize, observers: u32) -> Vec<Edge> {
     nodes.par_iter().enumerate().map_init(counts, of_node).flatten_iter().collect()
 }
 
-/// True if many views give the two different masks, and these are far from each other.
+/// Whether many views give the two nodes different masks whose points are far apart.
 fn are_two_objects(a: &Node, b: &Node, observations: &Observations, positions: &[[f32; 3]]) -> bool {
     let conflicts = a.own_views.count_common(&b.own_views);
     let seen = a.visible.count_common(&b.visible);
     if conflicts == 0 || f64::from(conflicts) < CONFLICT_PART * f64::from(seen) {
         return false;
     }
-    // Only these masks count: others may show both as one.
+    // Only masks in conflict count: others may show both objects as one.
     let points = |node: &Node, other: &Node| {
         let of_mask = |&mask: &u32| {
             let in_conflict = other.own_views.contains(observations.masks[mask as usize].view as usize);
@@ -193,7 +194,7 @@ fn are_two_objects(a: &Node, b: &Node, observations: &Observations, positions: &
     distance > FAR_DEVIATIONS * deviation_a.max(deviation_b)
 }
 
-/// Mean of points, and the root of their mean squared distance from it.
+/// Mean of the points, and the root of their mean squared distance from it.
 fn spread(points: &[u32], positions: &[[f32; 3]]) -> ([f64; 3], f64) {
     let count = points.len().max(1) as f64;
     let at = |point: &u32, k: usize| f64::from(positions[*point as usize][k]);

@@ -1,9 +1,9 @@
-//! Objects from masks whose ids differ from view to view, as a segmenter of single images gives them.
+//! Finds objects from masks whose ids differ from view to view, as segmenters of single images produce them.
 //!
-//! MaskClustering (Yan et al., CVPR 2024) with Gaussians in the place of a depth sensor's points: a Gaussian lies in
-//! the mask that has more than half of what it adds to a view (`observe`), which takes care of occlusion. Masks of
-//! which the views show the same points in one mask are of one object (`relations`, `cluster`, `objects`, `reunite`).
-//! Ids that agree already are kept (`agreement`).
+//! This is MaskClustering (Yan et al., CVPR 2024) with Gaussians in place of a depth sensor's points. A Gaussian lies
+//! in the mask that receives more than half of its contribution to a view (`observe`), which accounts for occlusion.
+//! Masks whose points the views show in one mask belong to one object (`relations`, `cluster`, `objects`, `reunite`).
+//! Ids that already agree are kept (`agreement`).
 
 mod agreement;
 mod bits;
@@ -32,43 +32,42 @@ use super::error::SegmentError;
 use super::id_table::IdTable;
 use super::sweep::ViewContributions;
 
-/// How objects are found.
+/// Options of [`consensus()`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConsensusOptions {
-    /// Gaussians that are looked at; of more, so many are drawn. 100,000 leave an object of a thousandth of the scene a
-    /// hundred.
+    /// At most this many Gaussians are used, drawn at random. With 100,000 an object that is a thousandth of the scene
+    /// still has a hundred.
     pub max_points: usize,
-    /// Seed of the draw.
+    /// Seed of the random draw.
     pub seed: u64,
-    /// Masks of fewer points take no part in clustering. Small pictures have small masks: MaskClustering has 25, for
-    /// rooms.
+    /// Masks with fewer points are not clustered. MaskClustering uses 25, for rooms; small pictures have smaller masks.
     pub min_points: usize,
-    /// A mask is of several objects if more than this part of the views that show it see it in pieces (MaskClustering:
-    /// 0.3); 1 turns that off.
+    /// A mask shows several objects if more than this part of the views that see it see it in pieces (MaskClustering:
+    /// 0.3); 1 turns the filter off.
     pub undersegmented_part: f64,
 }
 
 impl Default for ConsensusOptions {
-    /// As the fields say.
+    /// The values that the fields' comments explain.
     fn default() -> Self {
         Self { max_points: 100_000, seed: 0, min_points: 5, undersegmented_part: 0.3 }
     }
 }
 
-/// What was found.
+/// Result of [`consensus()`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Consensus {
-    /// The object of every mask.
+    /// Object of every mask.
     pub table: IdTable,
-    /// Of whole and parts.
+    /// Statistics of the result, and its objects.
     pub report: ConsensusReport,
 }
 
-/// Finds the objects of the masks of a plain cloud's views. `categories` are the names of ids, as in `categories.json`:
-/// an object has the name that most of its masks have. `progress` is told the number of views done.
+/// Finds the objects in the masks of a plain cloud's views. `categories` names ids, as in `categories.json`; an object
+/// gets the name that most of its masks have. `progress` receives the number of views done.
 ///
 /// # Errors
-/// As [`ViewContributions::for_each`]; no mask with an object; more than 65535 objects; what `progress` returns.
+/// Those of [`ViewContributions::for_each`]; no mask with an object; more than 65535 objects; errors of `progress`.
 pub fn consensus<E: From<SegmentError>>(
     views: &mut ViewContributions<'_, E>,
     cloud: &Gaussians,
@@ -86,7 +85,7 @@ pub fn consensus<E: From<SegmentError>>(
     Ok(out)
 }
 
-/// The part that needs no device.
+/// The part of [`consensus()`] that needs no device.
 fn of_observations(
     observations: &Observations,
     positions: &[[f32; 3]],
@@ -131,7 +130,7 @@ fn of_observations(
     Ok(Consensus { table: table(&objects, observations), report })
 }
 
-/// Objects are numbered from 1.
+/// Table from masks to objects, which are numbered from 1 in order.
 fn table(objects: &[Object], observations: &Observations) -> IdTable {
     let mut views = vec![BTreeMap::new(); observations.view_count];
     for (id, object) in (1..).zip(objects) {
@@ -143,7 +142,7 @@ fn table(objects: &[Object], observations: &Observations) -> IdTable {
     IdTable::PerView(views)
 }
 
-/// The name that most of the masks have whose id has one; of equals the first in the alphabet.
+/// The most frequent name among masks whose id has one; the first in the alphabet in a tie.
 fn category(masks: &[MaskKey], categories: &BTreeMap<u32, String>) -> Option<String> {
     let mut counts: BTreeMap<&String, usize> = BTreeMap::new();
     for name in masks.iter().filter_map(|key| categories.get(&u32::from(key.id))) {

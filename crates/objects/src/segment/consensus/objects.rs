@@ -1,5 +1,5 @@
-//! From clusters of masks to objects: what does not hang together is taken apart, points that few masks have go,
-//! objects that overlap are one, and masks that clustering could not use find their object.
+//! Turns clusters of masks into objects: splits clusters that are apart in space, removes points that few masks have,
+//! joins objects that overlap, and assigns the masks that clustering could not use.
 
 use std::collections::BTreeMap;
 
@@ -9,31 +9,31 @@ use super::relations::Relations;
 use super::reunite::{with_all_sides, without_overlap};
 use crate::segment::components::{Partition, components, usual_reach};
 
-/// An object has at least this many masks (MaskClustering): one alone has no witness.
+/// Least number of masks of an object (MaskClustering): a single mask is not confirmed by another.
 const MIN_MASKS: usize = 2;
-/// A mask covers a part of an object if this part of the mask's points lie there (MaskClustering drops smaller parts).
+/// A mask covers a component if this part of its points lies there (MaskClustering drops smaller parts).
 const COVERED_PART: f64 = 0.2;
-/// Parts stay together if this part of the masks of the lesser cover both.
+/// Components stay together if this part of the masks of the smaller one cover both.
 const LINKED_PART: f64 = 0.3;
-/// Points that not more than this part of the masks at their place have are not the object's (MaskClustering).
+/// Points that at most this part of the masks at their place have do not belong to the object (MaskClustering).
 const DETECTION_RATE: f64 = 0.5;
-/// A mask is of an object if the object has this part of all its points, ...
+/// A mask belongs to an object that has this part of all the mask's points ...
 const OWN_PART: f64 = 0.5;
-/// ... and this part of those that any object has; as for masks that contain one another.
+/// ... and this part of those that any object has; the same limit as for containment.
 const PURE_PART: f64 = 0.8;
-/// A mask that clustering could not use has at least this many points: fewer are found by chance.
+/// Least points of a mask that clustering could not use: fewer may coincide with an object by chance.
 const MIN_ADOPTED_POINTS: usize = 3;
 
-/// Masks and points of an object.
+/// Masks and points of one object.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Object {
-    /// Ascending.
+    /// Indices of its masks, ascending.
     pub(super) masks: Vec<u32>,
-    /// Ascending.
+    /// Indices of its points, ascending.
     pub(super) points: Vec<u32>,
 }
 
-/// The objects of clusters, by their least masks. `positions` are those of the points.
+/// The objects of clusters, in order of their smallest mask. `positions` are those of the points.
 pub(super) fn objects(
     nodes: Vec<Node>,
     observations: &Observations,
@@ -51,8 +51,8 @@ pub(super) fn objects(
     out
 }
 
-/// The parts of an object that are apart in space, and that few masks have in common; the object as it is if it has no
-/// two such parts with enough masks.
+/// The parts of an object that are apart in space and share few masks; the object unchanged unless at least two parts
+/// have enough masks.
 fn taken_apart(object: Object, observations: &Observations, positions: &[[f32; 3]]) -> Vec<Object> {
     let own: Vec<[f32; 3]> = object.points.iter().map(|&point| positions[point as usize]).collect();
     let Some(reach) = usual_reach(&own) else { return vec![object] };
@@ -69,7 +69,7 @@ fn taken_apart(object: Object, observations: &Observations, positions: &[[f32; 3
     let part_of_component = linked(&covered_by, loose.len());
     let mut parts: BTreeMap<usize, Object> = BTreeMap::new();
     for (&mask, covered) in object.masks.iter().zip(&covered_by) {
-        // A mask with no large part in any component bears no witness.
+        // A mask that covers no component is no evidence.
         let Some(&largest) = covered.first() else { continue };
         parts.entry(part_of_component[largest]).or_default().masks.push(mask);
     }
@@ -82,7 +82,7 @@ fn taken_apart(object: Object, observations: &Observations, positions: &[[f32; 3
     if parts.len() < 2 { vec![object] } else { parts.into_values().collect() }
 }
 
-/// The components that a mask covers; that with the most of its points first.
+/// Components that a mask covers; the one with most of its points first.
 fn covered(mask: u32, observations: &Observations, component_of_point: &BTreeMap<u32, usize>) -> Vec<usize> {
     let points = &observations.points_of_mask[mask as usize];
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
@@ -95,7 +95,7 @@ fn covered(mask: u32, observations: &Observations, component_of_point: &BTreeMap
     out.into_iter().map(|(component, _)| component).collect()
 }
 
-/// By component: the part of the object that it belongs to.
+/// For each component, the representative of the part that it belongs to.
 fn linked(covered_by: &[Vec<usize>], count: usize) -> Vec<usize> {
     let mut masks_of = vec![0usize; count];
     let mut common: BTreeMap<[usize; 2], usize> = BTreeMap::new();
@@ -114,10 +114,11 @@ fn linked(covered_by: &[Vec<usize>], count: usize) -> Vec<usize> {
     (0..count).map(|component| partition.root(component)).collect()
 }
 
-/// Without the points that few masks have, and the masks that have few of the others; `None` if too little is left.
+/// The object without points that few of the masks have, and without masks that keep few points; `None` if too little
+/// is left.
 fn cleaned(mut object: Object, observations: &Observations, relations: &Relations) -> Option<Object> {
     let is_detected = |point: &u32| {
-        // Where masks are of two objects or too small, nothing is known.
+        // Masks of two objects and masks that are too small are no evidence.
         let masks = observations.masks_of_point(*point).filter(|&mask| relations.is_node[mask as usize]);
         let (all, own) =
             masks.fold((0, 0), |(all, own), mask| (all + 1, own + u32::from(contains(&object.masks, mask))));
@@ -139,7 +140,7 @@ fn contains(ascending: &[u32], value: u32) -> bool {
     ascending.binary_search(&value).is_ok()
 }
 
-/// Masks without an object go to the one that has most of their points. Masks of two objects do not.
+/// Gives masks without an object to the object with most of their points, unless they show two objects.
 fn adopt(objects: &mut [Object], observations: &Observations, relations: &Relations) {
     let mut owner = vec![None; observations.gaussians.len()];
     for (i, object) in objects.iter().enumerate() {

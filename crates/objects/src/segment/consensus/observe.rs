@@ -1,4 +1,4 @@
-//! In which mask of each view a Gaussian lies: what clustering knows of the scene.
+//! Finds the mask that each Gaussian lies in, view by view: the input of clustering.
 
 use crate::math::rng::Rng;
 use crate::render::{CONTRIBUTION_ONE, Contribution};
@@ -8,46 +8,46 @@ use crate::segment::sweep::ViewContributions;
 
 use super::ConsensusOptions;
 
-/// Least weight of a Gaussian in a view, in pixels, for saying where it lies: less is hidden or at the border of
-/// something.
+/// Least contribution of a Gaussian to a view, pixels: with less it is hidden or at the border of something.
 const MIN_WEIGHT_PX: f64 = 0.5;
-/// A Gaussian whose projected standard deviation is more than this part of the picture's shorter side is haze: it lies
-/// in front of everything. Its diameter, six deviations, is more than half of the picture.
+/// A Gaussian whose projected standard deviation exceeds this part of the picture's shorter side is haze in front of
+/// everything: its diameter of six deviations is more than half of the picture.
 const HAZE_PART: f64 = 0.1;
-/// A view shows a mask if at least this part of the mask's points lie in masks there (MaskClustering).
+/// A view shows a mask if at least this part of the mask's points lie in masks of that view (MaskClustering).
 pub(super) const VISIBLE_PART: f64 = 0.3;
-/// Sub-stream of the seed.
+/// Stream of the random draw, derived from the seed.
 const SAMPLE_STREAM: u64 = 0x0B5;
 
 /// One mask: an id in a view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct MaskKey {
-    /// Index of the view.
+    /// Index of the view in the sweep.
     pub(super) view: u32,
-    /// Its id there, above 0.
+    /// Id within that view, above 0.
     pub(super) id: u16,
 }
 
-/// The points (some of the Gaussians) of every mask.
+/// The points of every mask; points are a sample of the Gaussians.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Observations {
-    /// By point: index of its Gaussian, ascending. Points lie in at least one mask.
+    /// Index of each point's Gaussian, ascending. Every point lies in at least one mask.
     pub(super) gaussians: Vec<u32>,
-    /// By view, then by id: every id that a mask has.
+    /// All masks, sorted by view, then by id.
     pub(super) masks: Vec<MaskKey>,
-    /// By mask: its points, ascending.
+    /// Points of each mask, ascending.
     pub(super) points_of_mask: Vec<Vec<u32>>,
-    /// Number of views.
+    /// Number of views, with or without a mask.
     pub(super) view_count: usize,
     /// View v has the masks `first_of_view[v]..first_of_view[v + 1]`.
     first_of_view: Vec<u32>,
-    /// By point, then by view: rank of the mask among its view's plus 1; 0 = in no mask, or in one of too few points.
+    /// `[point][view]`: 1 + rank of the mask among its view's; 0 = in no mask, or in one with too few points.
     ranks: Vec<u16>,
 }
 
 impl Observations {
-    /// From the ids that the masks of each view have, ascending, and, by view, (point, id) in any order; `gaussians` by
-    /// point. Masks of less than `min_points` points count as absent, but keep their points.
+    /// `ids_of_view` are the ids present in each view, ascending; `sightings` are pairs (point, id) of each view in any
+    /// order; `gaussians` has one entry per point. Masks with fewer than `min_points` points keep them, but are
+    /// otherwise ignored.
     pub(super) fn new(
         mut gaussians: Vec<u32>,
         ids_of_view: &[Vec<u16>],
@@ -78,15 +78,15 @@ impl Observations {
         out
     }
 
-    /// The masks that a point lies in, one or none per view, those of too few points left out; in order.
+    /// The masks that a point lies in, ascending, at most one per view, without those of too few points.
     pub(super) fn masks_of_point(&self, point: u32) -> impl Iterator<Item = u32> {
         let row = &self.ranks[point as usize * self.view_count..][..self.view_count];
         let mask = |(rank, first): (&u16, &u32)| (*rank > 0).then(|| first + u32::from(*rank) - 1);
         row.iter().zip(&self.first_of_view).filter_map(mask)
     }
 
-    /// The masks that have points of `mask`, its own among them, ascending; those of too few points left out. Adds to
-    /// `counts`, by mask and zero before, how many points each has; whoever asks sets these to zero again.
+    /// The masks that share points with `mask`, itself included, ascending, without those of too few points. Adds the
+    /// number of shared points to `counts`, which has one entry per mask and must be zeros; the caller resets them.
     pub(super) fn masks_sharing(&self, mask: usize, counts: &mut [u32]) -> Vec<u32> {
         let mut sharing = Vec::new();
         for other in self.points_of_mask[mask].iter().flat_map(|&point| self.masks_of_point(point)) {
@@ -99,14 +99,14 @@ impl Observations {
         sharing
     }
 
-    /// Bytes of everything.
+    /// Size in memory, bytes.
     pub(super) fn bytes(&self) -> u64 {
         let points: usize = self.points_of_mask.iter().map(Vec::len).sum();
         (points + self.gaussians.len()) as u64 * 4 + self.ranks.len() as u64 * 2
     }
 }
 
-/// Leaves out points without a sighting and gives the others new numbers, in order.
+/// Drops points without a sighting and renumbers the others in order.
 fn renumbered(gaussians: &mut Vec<u32>, sightings: &[Vec<(u32, u16)>]) -> Vec<Vec<(u32, u16)>> {
     let mut is_seen = vec![false; gaussians.len()];
     sightings.iter().flatten().for_each(|&(point, _)| is_seen[point as usize] = true);
@@ -122,10 +122,10 @@ fn renumbered(gaussians: &mut Vec<u32>, sightings: &[Vec<(u32, u16)>]) -> Vec<Ve
     sightings.iter().map(renumber).collect()
 }
 
-/// Sweeps over the views; `progress` is told the number of views done.
+/// Sweeps once over the views; `progress` receives the number of views done.
 ///
 /// # Errors
-/// As [`ViewContributions::for_each`]; no mask with an object; what `progress` returns.
+/// Those of [`ViewContributions::for_each`]; no mask with an object; errors of `progress`.
 pub(super) fn observe<E: From<SegmentError>>(
     views: &mut ViewContributions<'_, E>,
     cloud: &Gaussians,
@@ -154,7 +154,7 @@ pub(super) fn observe<E: From<SegmentError>>(
     Ok(Observations::new(gaussians, &ids_of_view, &sightings, options.min_points))
 }
 
-/// At most `max_points` finite Gaussians, drawn at random; ascending.
+/// At most `max_points` Gaussians with finite means, drawn at random; ascending.
 fn sample(cloud: &Gaussians, options: &ConsensusOptions) -> Vec<u32> {
     let is_finite = |i: &u32| cloud.means[*i as usize].iter().all(|v| v.is_finite());
     let mut out: Vec<u32> = (0..cloud.len() as u32).filter(is_finite).collect();
@@ -166,7 +166,8 @@ fn sample(cloud: &Gaussians, options: &ConsensusOptions) -> Vec<u32> {
     out
 }
 
-/// The mask that has more than half of what a Gaussian adds to a view; `None` if that is no mask, or very little.
+/// The mask with more than half of a Gaussian's contribution to a view; `None` outside of masks, or if the contribution
+/// is too small.
 fn id_of_gaussian(of_gaussian: &[Contribution]) -> Option<u16> {
     let total: u64 = of_gaussian.iter().map(|c| c.weight).sum();
     let most = of_gaussian.iter().max_by_key(|c| c.weight)?;
@@ -174,7 +175,7 @@ fn id_of_gaussian(of_gaussian: &[Contribution]) -> Option<u16> {
     (most.id != 0 && 2 * most.weight > total && is_enough).then_some(most.id)
 }
 
-/// True for a Gaussian that is large in the picture.
+/// Whether a Gaussian is too large in the picture to belong to one object.
 fn is_haze(cloud: &Gaussians, i: usize, camera: &Camera) -> bool {
     let [x, y, z] = cloud.means[i].map(f64::from);
     let row = camera.view_from_world[2];
@@ -193,7 +194,7 @@ mod tests {
         let ids = [vec![3, 9], vec![], vec![5]];
         let sightings = [vec![(4, 9), (0, 3), (2, 9), (1, 7)], vec![], vec![(2, 5)]];
         let all = Observations::new((10..16).collect(), &ids, &sightings, 1);
-        // Of six points the fourth and the last have no sighting; an id that no mask has says nothing.
+        // Of six points the fourth and the last have no sighting; an id without a mask is ignored.
         assert_eq!(all.gaussians, [10, 11, 12, 14]);
         let key = |view, id| MaskKey { view, id };
         assert_eq!(all.masks, [key(0, 3), key(0, 9), key(2, 5)]);

@@ -1,4 +1,4 @@
-//! Which views show what a mask shows, which masks there contain it, and which masks are of two objects at once.
+//! For each mask: the views that show it, the masks that contain it, and whether it shows two objects at once.
 
 use rayon::prelude::*;
 
@@ -6,24 +6,24 @@ use super::ConsensusOptions;
 use super::bits::Bits;
 use super::observe::{Observations, VISIBLE_PART};
 
-/// A mask contains what a view shows of another if it has more than this part of it (MaskClustering).
+/// A mask contains what a view shows of another if it holds more than this part of it (MaskClustering).
 const CONTAINED_PART: f64 = 0.8;
 
-/// What is known of the masks.
+/// Relations between all masks.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Relations {
-    /// By mask: views that show it in one mask.
+    /// By mask: the views that show it in one mask.
     pub(super) visible: Vec<Bits>,
-    /// By mask: the masks that contain it, at most one per view, its own among them; ascending. Undersegmented ones
-    /// left out.
+    /// By mask: the masks that contain it, itself included, at most one per view; ascending, without undersegmented
+    /// ones.
     pub(super) containers: Vec<Vec<u32>>,
-    /// By mask: it has enough points, and the views that show it agree that these are of one object.
+    /// By mask: whether it has enough points and is not undersegmented.
     pub(super) is_node: Vec<bool>,
-    /// By mask: views see it in pieces.
+    /// By mask: whether too many views see it in pieces.
     pub(super) is_undersegmented: Vec<bool>,
 }
 
-/// What the views say of one mask.
+/// Relations of one mask to the views.
 struct Seen {
     visible: Bits,
     containers: Vec<u32>,
@@ -31,7 +31,7 @@ struct Seen {
 }
 
 impl Relations {
-    /// Of all masks.
+    /// Computes the relations of all masks.
     pub(super) fn new(observations: &Observations, options: &ConsensusOptions) -> Self {
         let has_points = |mask: u32| observations.points_of_mask[mask as usize].len() >= options.min_points;
         let counts = || vec![0u32; observations.masks.len()];
@@ -48,7 +48,7 @@ impl Relations {
         for seen in seen {
             let none = || Seen { visible: Bits::default(), containers: Vec::new(), is_undersegmented: false };
             let Seen { mut visible, mut containers, .. } = seen.unwrap_or_else(none);
-            // A mask of two objects is no witness that two masks are of one.
+            // A mask of two objects is no evidence that two masks show the same one.
             containers.retain(|&container| {
                 let is_witness = !out.is_undersegmented[container as usize];
                 if !is_witness {
@@ -63,7 +63,7 @@ impl Relations {
     }
 }
 
-/// `counts` are zeros by mask, and are left so.
+/// Relations of one mask. `counts`, one per mask, must be zeros and are zeros again on return.
 fn seen(observations: &Observations, mask: u32, counts: &mut [u32], undersegmented_part: f64) -> Seen {
     let points = &observations.points_of_mask[mask as usize];
     let touched = observations.masks_sharing(mask as usize, counts);
@@ -95,12 +95,12 @@ mod tests {
     use super::super::tests::Table;
     use super::*;
 
-    /// Two objects in four views; in the second one mask has both.
+    /// Two objects in four views; one mask of the second view has both.
     #[test]
     fn a_mask_of_two_objects_is_told_and_bears_no_witness() {
         let table = Table::new(&[[1, 2], [7, 7], [1, 2], [2, 1]]);
         let relations = Relations::new(&table.observations(1), &ConsensusOptions::default());
-        // Masks 0 and 1 are the first view's, 2 the second's, then two a view.
+        // Masks 0 and 1 are in the first view, 2 in the second, and two in each of the others.
         let bad: Vec<usize> = (0..7).filter(|&mask| relations.is_undersegmented[mask]).collect();
         assert_eq!(bad, [2]);
         assert_eq!(relations.containers[0], [0, 3, 6]);

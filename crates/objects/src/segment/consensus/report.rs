@@ -1,49 +1,49 @@
-//! What consensus found, for `prepared.json`.
+//! Report of consensus, for `prepared.json`.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-/// One object.
+/// One object that was found.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ObjectReport {
-    /// Its number.
+    /// Number of the object, from 1.
     pub id: u32,
-    /// What `categories.json` calls most of its masks, if any.
+    /// Most frequent name of its masks in `categories.json`, if any.
     pub category: Option<String>,
-    /// Views in which it has a mask.
+    /// Number of views in which it has a mask.
     pub views: usize,
-    /// Its masks: more than views where it is in pieces.
+    /// Number of its masks; above the number of views where it is in pieces.
     pub masks: usize,
-    /// Gaussians with its label; 0 until there are labels.
+    /// Gaussians with its label; 0 until Gaussians are labelled.
     pub gaussians: usize,
 }
 
-/// All of it.
+/// Statistics of a run of consensus.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ConsensusReport {
-    /// Ids are the same object in every view, and were kept.
+    /// Whether ids mean the same object in every view and were kept.
     pub ids_agree: bool,
-    /// Part of the cases in which the mask that shows a mask's points in another view has the same id.
+    /// Part of the cases in which the mask that shows a mask's points in another view has the same id, 0 to 1.
     pub agreement: f64,
-    /// Gaussians that were looked at.
+    /// Gaussians that were used.
     pub points: usize,
-    /// Masks: ids in views.
+    /// Number of masks: an id in a view is one.
     pub masks: usize,
-    /// Masks that show two objects as one, and were not used.
+    /// Masks that show several objects as one; they were not used.
     pub undersegmented: usize,
-    /// Other masks that belong to no object, and were not used.
+    /// Other masks that belong to no object; they were not used.
     pub unassigned: usize,
-    /// Names of the views that have no mask: they say nothing of objects.
+    /// Names of the views without a mask, which contribute nothing.
     #[serde(default)]
     pub without_mask: Vec<String>,
-    /// By number.
+    /// All objects, in order of their numbers.
     pub objects: Vec<ObjectReport>,
-    /// Bytes of the contributions of all views that are kept in memory.
+    /// Memory for the contributions of all views, bytes.
     pub contribution_bytes: u64,
-    /// Bytes of what clustering looks at.
+    /// Memory for the points of masks, bytes.
     pub point_bytes: u64,
-    /// Wall time, first rendering of the views included.
+    /// Wall time in seconds, including the first rendering of the views.
     pub seconds: f64,
 }
 
@@ -56,14 +56,14 @@ impl ConsensusReport {
             (merged, alone) => format!("; not used: {merged} masks of several objects, {alone} of none"),
         };
         let text = format!(
-            "masks: ids are the same from view to view in {agreement:.0} % of the cases only; {} masks were \
-             joined to {objects} objects by what they have in common{unused}",
+            "masks: only {agreement:.0} % of the ids mean the same object in other views; {} masks were merged into \
+             {objects} objects by the Gaussians they share{unused}",
             self.masks
         );
         (!self.ids_agree).then_some(text)
     }
 
-    /// Fills in the Gaussians of every object, from labels.
+    /// Fills in the number of Gaussians of every object from labels; `labels` has one entry per Gaussian.
     pub fn count_gaussians(&mut self, labels: &[u32]) {
         let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
         labels.iter().for_each(|&label| *counts.entry(label).or_default() += 1);

@@ -1,7 +1,7 @@
-//! Objects that are one: those that share their points, and those that views from different sides see as one.
+//! Joins objects that are one: those that share their points, and those that are sides of one object.
 //!
-//! Views from opposite sides have few points of an object in common, too few for clustering to compare their masks.
-//! Where views of one part see points of the other at all, they see them in its masks.
+//! Views from opposite sides share too few points of an object for clustering to compare their masks. But where views
+//! of one side see points of the other at all, they see them in the object's own masks.
 
 use std::collections::BTreeMap;
 
@@ -11,16 +11,16 @@ use super::observe::Observations;
 use super::relations::Relations;
 use crate::segment::components::Partition;
 
-/// Objects are one if the lesser shares more than this part of its points (MaskClustering).
+/// Objects are one if the smaller one shares more than this part of its points (MaskClustering).
 const OVERLAP: f64 = 0.8;
-/// Sides of one object: where views that have a mask of one see points of the other, at least this part of these lies
-/// in that mask, both ways. Neighbours have masks of their own there, so hardly any of their points do.
+/// Two objects are sides of one if, where views with a mask of one see points of the other, at least this part of these
+/// lie in that mask, in both directions. Neighbouring objects have masks of their own there.
 const COMMON_PART: f64 = 0.5;
-/// Sightings that tell sides of an object, each way: a few stray points at its border are less.
+/// Least sightings in each direction: a few stray points at an object's border are fewer.
 const MIN_SIGHTINGS: u32 = 10;
 
-/// Joins what is seen as one object from different sides. Points that few of an object's masks have still count: those
-/// that both sides see are such.
+/// Joins objects that are sides of one. It runs before points with few masks are removed: points seen from both sides
+/// are such points.
 pub(super) fn with_all_sides(parts: Vec<Object>, observations: &Observations, relations: &Relations) -> Vec<Object> {
     let mut partition = Partition::new(parts.len());
     let sightings = Sightings::new(&parts, observations, relations);
@@ -32,7 +32,7 @@ pub(super) fn with_all_sides(parts: Vec<Object>, observations: &Observations, re
     joined(&parts, partition)
 }
 
-/// Objects that share most of their points become one.
+/// Joins objects that share most of their points.
 pub(super) fn without_overlap(objects: Vec<Object>, point_count: usize) -> Vec<Object> {
     let mut partition = Partition::new(objects.len());
     for ([a, b], count) in shared_points(&objects, point_count) {
@@ -54,7 +54,7 @@ fn joined(objects: &[Object], partition: Partition) -> Vec<Object> {
     partition.parts().iter().map(of_part).collect()
 }
 
-/// Pairs of objects, and how many points both have.
+/// Number of points that each pair of objects shares.
 fn shared_points(objects: &[Object], point_count: usize) -> BTreeMap<[u32; 2], u32> {
     let mut owners: Vec<Vec<u32>> = vec![Vec::new(); point_count];
     for (i, object) in (0..).zip(objects) {
@@ -73,7 +73,7 @@ fn shared_points(objects: &[Object], point_count: usize) -> BTreeMap<[u32; 2], u
 struct Sightings {
     /// By [object, other]: sightings of the object's points in masks of the other.
     inside: BTreeMap<[u32; 2], u32>,
-    /// By object, by view: sightings of its points.
+    /// By object, by view: sightings of the object's points.
     of_view: Vec<Vec<u32>>,
     /// By object: views in which it has a mask, ascending.
     views: Vec<Vec<u32>>,
@@ -105,7 +105,7 @@ impl Sightings {
         Self { inside, of_view, views: objects.iter().map(views).collect() }
     }
 
-    /// True if the other's masks have what its views see of the object.
+    /// Whether enough of what the other's views see of the object lies in the other's masks.
     fn is_inside(&self, object: u32, other: u32) -> bool {
         let inside = self.inside.get(&[object, other]).copied().unwrap_or(0);
         let of_view = &self.of_view[object as usize];

@@ -1,20 +1,20 @@
-//! Clustering on tables made by hand: which points lie in which masks.
+//! Clustering on tables made by hand: the mask that each point lies in.
 
 use super::*;
 use crate::math::rng::Rng;
 
-/// Points of an object.
+/// Number of points of an object.
 const POINTS: usize = 27;
 
-/// By view, by point, the id of the mask it lies in; where points are.
+/// By view, by point: the id of the mask it lies in; and positions of points.
 pub(super) struct Table {
     ids: Vec<Vec<u16>>,
     positions: Vec<[f32; 3]>,
 }
 
 impl Table {
-    /// Objects in a row, ten apart: 3x3x3 points each, one apart. By view, the id that all points of an object have; 0
-    /// = none.
+    /// Objects in a row, ten apart, each of 3x3x3 points one apart. `views` has the id of every object in each view,
+    /// for all of its points; 0 = none.
     pub(super) fn new<const N: usize>(views: &[[u16; N]]) -> Self {
         let views: Vec<Vec<u16>> = views.iter().map(|view| view.to_vec()).collect();
         Self::of_objects(&views, N)
@@ -54,7 +54,7 @@ impl Table {
         of_observations(&observations, &positions, &BTreeMap::new(), options).unwrap()
     }
 
-    /// By object found, the true objects that more than a few points of its masks are of, all views together.
+    /// By object found: the true objects with more than a few points in its masks, over all views.
     fn truth_of_objects(&self, table: &IdTable) -> BTreeMap<u16, Vec<usize>> {
         let mut counts: BTreeMap<u16, BTreeMap<usize, usize>> = BTreeMap::new();
         for (view, ids) in self.ids.iter().enumerate() {
@@ -69,8 +69,8 @@ impl Table {
     }
 }
 
-/// Masks of `objects` in a row as a bad segmenter gives them: an eighth of them missing, neighbours as one, one in two;
-/// ids by chance; a tenth of the points in no mask.
+/// Masks of `objects` in a row from a poor segmenter: an eighth are missing, some join neighbours, some split an
+/// object; ids are random; a tenth of the points lie in no mask.
 fn careless(seed: u64, views: usize, objects: usize, merged: f64) -> Table {
     let mut rng = Rng::new(seed);
     let mut table = Table::of_objects(&vec![vec![0; objects]; views], objects);
@@ -97,7 +97,7 @@ fn careless(seed: u64, views: usize, objects: usize, merged: f64) -> Table {
     table
 }
 
-/// Every object is found, and only once, and no mask of two objects is used.
+/// Every object is found once, and no mask of two objects is used.
 #[test]
 fn objects_are_found_in_the_masks_of_a_bad_segmenter() {
     for seed in 0..20 {
@@ -128,7 +128,7 @@ fn without_the_filter_of_undersegmented_masks_neighbours_are_joined() {
     assert!(wrong >= 10, "{wrong} of 20");
 }
 
-/// Ids that agree are kept, whatever they are, with their categories.
+/// Ids that agree are kept, with their categories.
 #[test]
 fn ids_that_agree_are_kept() {
     let table = Table::new(&[[700, 2, 9], [700, 2, 0], [700, 2, 9], [0, 2, 9]]);
@@ -163,7 +163,7 @@ fn pieces_of_an_object_are_joined() {
     assert_eq!((found.report.objects[0].views, found.report.unassigned), (10, 0));
 }
 
-/// Masks of four points are too small to cluster, and find the object they lie on; masks beside it find none.
+/// Masks of four points are too small to cluster, but join the object they lie on; masks beside it join none.
 #[test]
 fn small_masks_go_to_the_object_that_has_their_points() {
     let mut table = Table::new(&[[1, 2], [2, 1], [3, 4], [0, 5], [0, 7]]);
@@ -174,7 +174,7 @@ fn small_masks_go_to_the_object_that_has_their_points() {
     assert_eq!((found.report.objects[0].masks, found.report.unassigned), (4, 1));
 }
 
-/// Three views see two objects as one, and their masks agree with those of either; four see two.
+/// Three views see two objects as one, with masks that contain either; four see two.
 #[test]
 fn repeated_objects_side_by_side_are_not_joined() {
     let table = Table::new(&[[1, 2], [2, 1], [1, 2], [2, 1], [7, 7], [8, 8], [9, 9]]);
@@ -183,7 +183,7 @@ fn repeated_objects_side_by_side_are_not_joined() {
     assert!(truth.len() == 2 && truth[0] != truth[1], "{truth:?}");
 }
 
-/// Two objects that are missed in turn, and seen as one once: only space tells them apart.
+/// Two objects that are missed in turn and merged once: only space tells them apart.
 #[test]
 fn what_does_not_hang_together_is_taken_apart() {
     let views = [[1, 0], [2, 0], [3, 0], [0, 4], [0, 5], [0, 6], [7, 7]];
@@ -195,7 +195,8 @@ fn what_does_not_hang_together_is_taken_apart() {
     assert_eq!((found.report.objects.len(), joined.report.objects.len()), (2, 1), "{:?}", found.report);
 }
 
-/// Four views see one side of an object and four the other, with a ninth of its points in common; all see another.
+/// Four views see one side of an object and four the other, with a ninth of its points in common; all see another
+/// object.
 #[test]
 fn sides_of_an_object_are_one_object() {
     let mut table = Table::new(&[[1, 2], [3, 1], [4, 5], [6, 3], [2, 1], [4, 3], [5, 4], [7, 6]]);
