@@ -173,7 +173,7 @@
 //!
 //! # Tests and tolerances
 //!
-//! - `tests/suite/golden_reference.rs`: the twins against golden files of an independent implementation: 1e-12 in f64, 1e-6
+//! - `tests/suite/golden_reference.rs`: the twins against files of an independent implementation (`tests/fixtures/golden`): 1e-12 in f64, 1e-6
 //!   for scenes rounded to f32.
 //! - `tests/suite/golden_gradients.rs`, `tests/suite/gradients.rs`: the twins' gradients against those files (1e-11) and against central
 //!   differences of the twins themselves (1e-4), for every kind of parameter, transforms of instances included.

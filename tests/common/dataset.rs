@@ -10,15 +10,11 @@ use instgs_vk::math::sh::SH_C0;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 use serde_json::{Value, json};
 
-/// A folder of the shared data; `None`, aloud, where this machine does not have it.
-#[allow(clippy::print_stderr, reason = "a skipped check must be heard")]
-pub(crate) fn shared_data(name: &str) -> Option<PathBuf> {
+/// A folder of `../shared/data`, which only ignored tests may ask for. Fails where this machine does not have it.
+pub(crate) fn shared_data(name: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
-    if !path.exists() {
-        eprintln!("SKIPPED: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
+    assert!(path.exists(), "{} does not exist: run this test where it does", path.display());
+    path
 }
 
 /// A transforms.json of cameras with the same intrinsics: poses are world from camera, in OpenGL axes.

@@ -1,4 +1,8 @@
-//! Reader of `../shared/golden/*.npz`: pictures and gradients of an independent f64 implementation (see its README).
+//! Reader of the golden files: pictures and gradients of an independent f64 implementation.
+//!
+//! `tests/fixtures/golden` holds the files that every test run reads; its README has their arrays and conventions. The
+//! larger files are in `../shared/golden`, and the tests that read them are ignored ones in modules named
+//! `shared_golden`, which `tools/test` runs where that folder is at hand.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -86,38 +90,35 @@ pub(crate) struct GoldenLoss {
     pub(crate) gradient: Vec<[f64; 3]>,
 }
 
-/// Where the files lie.
-pub(crate) fn golden_folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/golden")
+/// The rendering cases in the repository.
+const COMMITTED: [&str; 5] = ["aa_200g_deg3", "bg_offcentre_120g_deg2", "few_8g_deg1", "opaque_150g_deg3", "single_1g"];
+
+/// The rendering cases of `../shared/golden` that are too large for the repository.
+const SHARED: [&str; 5] =
+    ["basic_200g_deg3", "basic_50g_deg3", "dense_500g_deg3", "frustum_300g_deg3", "tiny_huge_200g_deg3"];
+
+/// A folder given relative to the repository.
+fn folder(relative: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(relative)
 }
 
-/// All rendering cases by name, or none, said aloud, if the folder is absent.
+/// The rendering cases in the repository; 9 views in all. Fails if a file is missing.
 pub(crate) fn golden_cases() -> Vec<GoldenCase> {
-    let folder = golden_folder();
-    let Ok(entries) = std::fs::read_dir(&folder) else {
-        #[allow(clippy::print_stderr, reason = "a skipped check must be heard")]
-        {
-            eprintln!("GOLDEN CHECKS SKIPPED: {} does not exist", folder.display());
-        }
-        return Vec::new();
-    };
-    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
-    paths.retain(|path| path.extension().is_some_and(|e| e == "npz") && !path.ends_with("loss_l1_dssim.npz"));
-    paths.sort();
-    paths.iter().map(|path| read_case(path)).collect()
+    cases(&folder("tests/fixtures/golden"), COMMITTED)
 }
 
-/// The image pairs, or none, said aloud, if the folder is absent.
+/// The larger rendering cases of `../shared/golden`; 12 views in all. Fails if a file is missing.
+pub(crate) fn shared_golden_cases() -> Vec<GoldenCase> {
+    cases(&folder("../shared/golden"), SHARED)
+}
+
+fn cases(folder: &Path, names: [&str; 5]) -> Vec<GoldenCase> {
+    names.iter().map(|name| read_case(&folder.join(format!("{name}.npz")))).collect()
+}
+
+/// The image pairs in the repository. Fails if the file is missing.
 pub(crate) fn golden_losses() -> Vec<GoldenLoss> {
-    let path = golden_folder().join("loss_l1_dssim.npz");
-    if !path.exists() {
-        #[allow(clippy::print_stderr, reason = "a skipped check must be heard")]
-        {
-            eprintln!("GOLDEN CHECKS SKIPPED: {} does not exist", path.display());
-        }
-        return Vec::new();
-    }
-    let mut arrays = Arrays { archive: NpzArchive::open(&path).unwrap() };
+    let mut arrays = Arrays::open(&folder("tests/fixtures/golden/loss_l1_dssim.npz"));
     let read = |(pair, width, height): (&str, usize, usize)| GoldenLoss {
         width,
         height,
@@ -137,6 +138,11 @@ struct Arrays {
 }
 
 impl Arrays {
+    fn open(path: &Path) -> Self {
+        let archive = NpzArchive::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+        Self { archive }
+    }
+
     fn read(&mut self, name: &str) -> Vec<f64> {
         let file = self.archive.by_name(name).unwrap().unwrap_or_else(|| panic!("no array {name}"));
         let type_text = file.dtype().descr();
@@ -163,7 +169,7 @@ fn f32s<const C: usize>(row: &[f64; C]) -> [f32; C] {
 }
 
 fn read_case(path: &Path) -> GoldenCase {
-    let mut arrays = Arrays { archive: NpzArchive::open(path).unwrap() };
+    let mut arrays = Arrays::open(path);
     let name = path.file_stem().unwrap().to_string_lossy().into_owned();
     let (scales, opacities) = (arrays.rows::<3>("scales"), arrays.read("opacities"));
     let sh_degree = arrays.scalar("sh_degree") as u32;

@@ -8,15 +8,14 @@ use instgs_vk::reference::finite_diff::Tensor;
 use instgs_vk::reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient};
 use instgs_vk::scene::{Gaussians, InstancedScene};
 
-use crate::common::golden::golden_cases;
+use crate::common::golden::{GoldenCase, golden_cases};
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::gpu_gradients::GradientRunner;
 use crate::common::random_scene::{RandomCase, random_case, rare_case};
 use crate::common::tensor::TensorComparison;
 
 /// Golden tensors, summed over cameras: relative L2 at most 1e-3.
-#[test]
-fn golden_gradients() {
+fn gradients(cases: &[GoldenCase]) {
     let Some(gpu) = gpu() else { return };
     let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
     type Values = fn(&CloudGradient) -> &[f64];
@@ -28,7 +27,7 @@ fn golden_gradients() {
         ("sh", |g| g.sh.as_flattened()),
     ];
     let mut worst: (f64, String) = (0.0, String::new());
-    for case in golden_cases() {
+    for case in cases {
         let views: Vec<CloudGradient> = case
             .views
             .iter()
@@ -47,6 +46,11 @@ fn golden_gradients() {
     }
     println!("golden gradients: worst {worst:?}");
     assert_silent(&gpu);
+}
+
+#[test]
+fn golden_gradients() {
+    gradients(&golden_cases());
 }
 
 /// Random cotangents, zero where the twin calls a pixel fragile.
@@ -191,4 +195,15 @@ fn nothing_to_see_gives_zeros() {
     let empty = InstancedScene::default();
     runner.run(&empty, &case.camera, &case.options, &vec![[1.0; 4]; pixels]);
     assert_silent(&gpu);
+}
+
+/// The same checks on the larger files.
+mod shared_golden {
+    use crate::common::golden::shared_golden_cases;
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn gradients() {
+        super::gradients(&shared_golden_cases());
+    }
 }

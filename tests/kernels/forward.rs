@@ -5,19 +5,18 @@ use instgs_vk::render::device_scene::planned_bytes;
 use instgs_vk::render::{RenderOptions, Renderer};
 use instgs_vk::{reference, scene::InstancedScene};
 
-use crate::common::golden::golden_cases;
+use crate::common::golden::{GoldenCase, golden_cases};
 use crate::common::gpu::{alpha, assert_silent, depth, device_options, gpu, render_picture, rgb};
 use crate::common::random_scene::{random_case, rare_case};
 use crate::common::{ImageComparison, single_channel};
 
 /// Colour and alpha of every golden case within 1e-4 on its robust pixels.
 /// Measured on lavapipe at subgroup sizes 4, 8, 16: 5.9e-6, in tiny_huge_200g_deg3.
-#[test]
-fn golden_images() {
+fn images(cases: &[GoldenCase]) {
     let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(&gpu).unwrap();
     let mut worst = (0.0, String::new());
-    for case in golden_cases() {
+    for case in cases {
         for view in &case.views {
             let picture = render_picture(&mut renderer, &case.scene, &view.camera, &device_options(&view.options));
             for comparison in [
@@ -33,6 +32,11 @@ fn golden_images() {
     }
     println!("golden: worst {:.2e} in {}", worst.0, worst.1);
     assert_silent(&gpu);
+}
+
+#[test]
+fn golden_images() {
+    images(&golden_cases());
 }
 
 /// 200 random instanced scenes against the twin on the twin's robust pixels: colour, alpha, and depth times alpha relative
@@ -188,4 +192,15 @@ fn the_comparison_fails_on_planted_errors() {
     let wrong = RenderOptions { dilation_px2: 0.31, ..options };
     assert!(error(&mut renderer, &case.camera, &wrong).is_err());
     assert_silent(&gpu);
+}
+
+/// The same checks on the larger files.
+mod shared_golden {
+    use crate::common::golden::shared_golden_cases;
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn images() {
+        super::images(&shared_golden_cases());
+    }
 }

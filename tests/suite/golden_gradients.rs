@@ -65,32 +65,39 @@ fn worst(comparisons: &[TensorComparison]) -> f64 {
 
 /// 1e-3 is asked for; with ln(scale) and logit(opacity) in f64 it is rounding. Measured: 1.2e-12 (log_scales of
 /// tiny_huge_200g_deg3), 1.4e-13 (aa_200g_deg3), all others below 1e-14.
-#[test]
-fn golden_parameter_gradients() {
-    for case in golden_cases() {
-        for comparison in compare_parameters(&case, |_, _| ()) {
+fn parameter_gradients(cases: &[GoldenCase]) {
+    for case in cases {
+        for comparison in compare_parameters(case, |_, _| ()) {
             comparison.check(1e-11).unwrap();
         }
     }
 }
 
-/// Per camera. Measured: 3.6e-14 (tiny_huge_200g_deg3).
 #[test]
-fn golden_splat_gradients() {
-    for case in golden_cases() {
+fn golden_parameter_gradients() {
+    parameter_gradients(&golden_cases());
+}
+
+/// Per camera. Measured: 3.6e-14 (tiny_huge_200g_deg3).
+fn gradients_of_splats(cases: &[GoldenCase]) {
+    for case in cases {
         for golden in &case.views {
-            for comparison in compare_splats(&case, golden, |_| ()) {
+            for comparison in compare_splats(case, golden, |_| ()) {
                 comparison.check(1e-12).unwrap();
             }
         }
     }
 }
 
+#[test]
+fn golden_splat_gradients() {
+    gradients_of_splats(&golden_cases());
+}
+
 /// Seen at 1e-3, which is what kernels in f32 are held to, by some tensor of every case the error applies to. Measured,
 /// smallest of the cases: alpha's sign 0.33, background 0.59, dilation 2.5e-3, compensation 0.052; the spoiled splats
 /// more than 0.1.
-#[test]
-fn the_golden_comparison_fails_on_planted_errors() {
+fn planted_errors_are_seen(cases: &[GoldenCase]) {
     type Spoil = fn(&mut View, &mut [[f64; 4]]);
     type SplatSpoil = fn(&mut SplatGradient);
     let spoils: [(&str, Spoil); 4] = [
@@ -99,10 +106,10 @@ fn the_golden_comparison_fails_on_planted_errors() {
         ("dilation", |view, _| view.options.dilation += 0.01),
         ("compensation", |view, _| view.options.antialias = !view.options.antialias),
     ];
-    for case in golden_cases() {
+    for case in cases {
         for (name, spoil) in spoils {
             let black = case.views.iter().all(|view| view.options.background == [0.0; 3]);
-            let error = worst(&compare_parameters(&case, spoil));
+            let error = worst(&compare_parameters(case, spoil));
             assert!(error > 1e-3 || (black && name.starts_with("background")), "{}: {name}: {error:e}", case.name);
         }
         let spoils: [(&str, SplatSpoil); 3] = [
@@ -111,11 +118,15 @@ fn the_golden_comparison_fails_on_planted_errors() {
             ("channels swapped", |splat| splat.color = splat.color.zyx()),
         ];
         for (name, spoil) in spoils {
-            let error =
-                case.views.iter().map(|golden| worst(&compare_splats(&case, golden, spoil))).fold(0.0, f64::max);
+            let error = case.views.iter().map(|golden| worst(&compare_splats(case, golden, spoil))).fold(0.0, f64::max);
             assert!(error > 0.1, "{}: {name}: {error:e}", case.name);
         }
     }
+}
+
+#[test]
+fn the_golden_comparison_fails_on_planted_errors() {
+    planted_errors_are_seen(&golden_cases());
 }
 
 /// 1e-5 is asked for. Measured: 1.1e-15 (SSIM), gradients 6.6e-15.
@@ -134,5 +145,28 @@ fn golden_image_losses() {
         for error in [l1 - golden.l1, ssim - golden.ssim, loss - golden.loss, comparison.relative_l2] {
             assert!(error.abs() < 1e-12, "{error:e}");
         }
+    }
+}
+
+/// The same checks on the larger files.
+mod shared_golden {
+    use crate::common::golden::shared_golden_cases;
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn parameter_gradients() {
+        super::parameter_gradients(&shared_golden_cases());
+    }
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn gradients_of_splats() {
+        super::gradients_of_splats(&shared_golden_cases());
+    }
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn planted_errors_are_seen() {
+        super::planted_errors_are_seen(&shared_golden_cases());
     }
 }

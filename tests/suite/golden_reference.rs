@@ -30,38 +30,43 @@ fn golden_error(image: &ReferenceImage, view: &GoldenView) -> f64 {
     color.max_abs_error.max(alpha.max_abs_error)
 }
 
-/// The worst of all views of all cases; `None` if there are no golden files.
-fn worst_golden(error: impl Fn(&GoldenCase, &GoldenView) -> f64) -> Option<f64> {
-    let cases = golden_cases();
-    cases.iter().flat_map(|case| case.views.iter().map(|view| error(case, view))).reduce(f64::max)
+/// The worst of all views of all cases.
+fn worst_golden(cases: &[GoldenCase], error: impl Fn(&GoldenCase, &GoldenView) -> f64) -> f64 {
+    assert!(!cases.is_empty());
+    cases.iter().flat_map(|case| case.views.iter().map(|view| error(case, view))).fold(0.0, f64::max)
 }
 
-/// With ln(scale) and logit(opacity) in f64: all 21 views. Measured: 4.9e-14 (tiny_huge_200g_deg3, first camera).
-#[test]
-fn golden_images_in_f64() {
+/// With ln(scale) and logit(opacity) in f64. Measured: 4.9e-14 (tiny_huge_200g_deg3, first camera).
+fn images_in_f64(cases: &[GoldenCase]) {
     let error = |case: &GoldenCase, view: &GoldenView| {
         let image = render_sources(&case.sources, &View::exact(&view.camera, &view.options));
         assert_eq!(image.n_contrib, view.n_contrib, "{}: pairs blended per pixel", view.camera.name);
         golden_error(&image, view)
     };
-    if let Some(worst) = worst_golden(error) {
-        assert!(worst < 1e-12, "{worst:e}");
-    }
+    let worst = worst_golden(cases, error);
+    assert!(worst < 1e-12, "{worst:e}");
+}
+
+#[test]
+fn golden_images_in_f64() {
+    images_in_f64(&golden_cases());
 }
 
 /// With the scene as the renderer gets it, ln(scale) and logit(opacity) rounded to f32. Measured: 7.6e-8.
-#[test]
-fn golden_images_from_f32_scenes() {
+fn images_from_f32_scenes(cases: &[GoldenCase]) {
     let error =
         |case: &GoldenCase, view: &GoldenView| golden_error(&render(&case.scene, &view.camera, &view.options), view);
-    if let Some(worst) = worst_golden(error) {
-        assert!(worst < 1e-6, "{worst:e}");
-    }
+    let worst = worst_golden(cases, error);
+    assert!(worst < 1e-6, "{worst:e}");
+}
+
+#[test]
+fn golden_images_from_f32_scenes() {
+    images_from_f32_scenes(&golden_cases());
 }
 
 /// Per Gaussian: centre, depth, conic, colour, opacity, relative to 1 + |value|. Measured: 3.6e-13.
-#[test]
-fn golden_splats() {
+fn splats(cases: &[GoldenCase]) {
     let error = |case: &GoldenCase, golden: &GoldenView| {
         let view = View::exact(&golden.camera, &golden.options);
         let limits = CullLimits { opacity_min: 0.0, ..CullLimits::exact(&view) };
@@ -82,17 +87,20 @@ fn golden_splats() {
         }
         worst
     };
-    if let Some(worst) = worst_golden(error) {
-        assert!(worst < 1e-11, "{worst:e}");
-    }
+    let worst = worst_golden(cases, error);
+    assert!(worst < 1e-11, "{worst:e}");
+}
+
+#[test]
+fn golden_splats() {
+    splats(&golden_cases());
 }
 
 /// Our mask excludes nothing that golden's includes; the other way round 5 pixels of opaque_150g_deg3 differ, where
 /// golden also looks at alpha near 1/255 behind the splat that ended the pixel, which cannot change it.
-#[test]
-fn golden_robust_masks() {
+fn robust_masks(cases: &[GoldenCase]) {
     let (mut ours_only, mut golden_only) = (0, 0);
-    for case in golden_cases() {
+    for case in cases {
         for view in &case.views {
             let image = render(&case.scene, &view.camera, &view.options);
             for (&ours, &golden) in image.robust.iter().zip(&view.robust) {
@@ -104,11 +112,15 @@ fn golden_robust_masks() {
     assert!(ours_only == 0 && golden_only <= 5, "excluded by us only: {ours_only}, by golden only: {golden_only}");
 }
 
+#[test]
+fn golden_robust_masks() {
+    robust_masks(&golden_cases());
+}
+
 /// Planted errors of several kinds are seen at the tolerance of the test above, each in at least one view of every
 /// case it applies to. Measured, smallest of the cases: half a pixel 0.088, quaternion 0.25, scale 3.2e-3, SH 0.032.
-#[test]
-fn the_golden_comparison_fails_on_planted_errors() {
-    for case in golden_cases() {
+fn planted_errors_are_seen(cases: &[GoldenCase]) {
+    for case in cases {
         let worst = |scene: &InstancedScene, shift_px: f64| {
             let error = |view: &GoldenView| {
                 let mut camera = view.camera.clone();
@@ -134,6 +146,11 @@ fn the_golden_comparison_fails_on_planted_errors() {
             assert!(spoiled(flip_y) > 1e-2, "{}: sign of SH 1", case.name);
         }
     }
+}
+
+#[test]
+fn the_golden_comparison_fails_on_planted_errors() {
+    planted_errors_are_seen(&golden_cases());
 }
 
 /// Comparisons of colour, alpha and depth between a scene and a plain cloud seen by the same camera.
@@ -359,4 +376,39 @@ fn random_cases_cover_what_they_promise() {
     let covered = |c: &RandomCase| render(&c.scene, &c.camera, &c.options).alpha.iter().filter(|&&a| a > 0.0).count();
     assert!(cases.iter().all(|c| covered(c) > 0), "no empty picture");
     assert_eq!(random_case(3).scene, cases[3].scene);
+}
+
+/// The same checks on the larger files.
+mod shared_golden {
+    use crate::common::golden::shared_golden_cases;
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn images_in_f64() {
+        super::images_in_f64(&shared_golden_cases());
+    }
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn images_from_f32_scenes() {
+        super::images_from_f32_scenes(&shared_golden_cases());
+    }
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn splats() {
+        super::splats(&shared_golden_cases());
+    }
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn robust_masks() {
+        super::robust_masks(&shared_golden_cases());
+    }
+
+    #[test]
+    #[ignore = "needs ../shared/golden: 2.9 MB of further cases; tools/test runs it where they are"]
+    fn planted_errors_are_seen() {
+        super::planted_errors_are_seen(&shared_golden_cases());
+    }
 }

@@ -39,6 +39,7 @@ mod interface;
 mod io_bad_input;
 mod io_datasets;
 mod io_glb;
+mod io_own_datasets;
 mod io_real_files;
 #[cfg(feature = "player")]
 mod player;
