@@ -40,7 +40,6 @@ fn main() {
         let debug = shader.compile(&compiler, OptimizationLevel::Zero);
         let optimised = shader.compile(&compiler, OptimizationLevel::Performance);
         fs::write(out_dir.join(format!("{stem}.spv")), &optimised).expect("OUT_DIR is writable");
-        fs::write(out_dir.join(format!("{stem}.debug.spv")), &debug).expect("OUT_DIR is writable");
         modules.push_str(&shader.rust_module(&stem, &debug, &mut structs));
         writeln!(all_shaders, "    &shaders::{stem}::SHADER,").expect("writing to a String");
     }
@@ -194,7 +193,7 @@ impl ShaderSource {
         write!(
             out,
             "/// The compiled shader and its interface.\npub static SHADER: Shader = Shader {{ name: {stem:?}, \
-             spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.spv\")), reflected_spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.debug.spv\")), \
+             spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.spv\")), \
              bindings: &[{infos}], spec_constants: &[{specs}], \
              push_constant_bytes: std::mem::size_of::<{params_type}>() as u32 }};\n\
              /// Kernel marker type.\npub struct {kernel};\n\
