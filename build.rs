@@ -1,5 +1,6 @@
 //! Compiles every `glsl/*.comp` twice (a debug module to reflect, an optimised one to ship) and writes the Rust side of
-//! each shader's interface to `OUT_DIR/interface.rs`: buffer bindings, push constants, shared structs, spec constants.
+//! each shader's interface to `OUT_DIR/interface.rs`: buffer bindings, push constants, shared structs, spec constants,
+//! and the comment at the top of the shader as the documentation of its module.
 //! The Rust types are generated from the GLSL ones and asserted against the reflected offsets, so a layout mismatch
 //! cannot be written; using a field, binding or access that the shader does not declare is a compile error.
 
@@ -39,9 +40,8 @@ fn main() {
         let debug = shader.compile(&compiler, OptimizationLevel::Zero);
         let optimised = shader.compile(&compiler, OptimizationLevel::Performance);
         fs::write(out_dir.join(format!("{stem}.spv")), &optimised).expect("OUT_DIR is writable");
-        fs::write(out_dir.join(format!("{stem}.debug.spv")), &debug).expect("OUT_DIR is writable");
         modules.push_str(&shader.rust_module(&stem, &debug, &mut structs));
-        writeln!(all_shaders, "    &{stem}::SHADER,").expect("writing to a String");
+        writeln!(all_shaders, "    &shaders::{stem}::SHADER,").expect("writing to a String");
     }
     let mut out = String::from("/// Structs that shaders share, generated from `glsl/`.\npub mod types {\n");
     for generated in structs.values() {
@@ -49,7 +49,9 @@ fn main() {
     }
     out.push_str("}\n");
     out.push_str(&constants_module(&root.join("glsl/include")));
+    out.push_str("/// One module per shader, named after its file.\npub mod shaders {\n    use super::*;\n");
     out.push_str(&modules);
+    out.push_str("}\n");
     writeln!(out, "/// Every shader of the crate, by name.\npub static ALL_SHADERS: &[&Shader] = &[\n{all_shaders}];")
         .expect("writing to a String");
     fs::write(out_dir.join("interface.rs"), out).expect("OUT_DIR is writable");
@@ -108,13 +110,10 @@ impl ShaderSource {
         }
     }
 
-    /// The leading `//` comment block of the file.
+    /// The leading `//` comment block of the file as documentation of its module; Markdown, so indentation is kept.
     fn header_doc(&self) -> String {
         let lines = self.text.lines().skip_while(|l| l.starts_with("#version"));
-        lines
-            .take_while(|l| l.starts_with("//"))
-            .map(|l| format!("/// {}\n", l.trim_start_matches('/').trim()))
-            .collect()
+        lines.map_while(|l| l.strip_prefix("//")).map(|l| format!("///{}\n", l.trim_end())).collect()
     }
 
     fn doc(&self, block: &str, member: &str) -> String {
@@ -194,7 +193,7 @@ impl ShaderSource {
         write!(
             out,
             "/// The compiled shader and its interface.\npub static SHADER: Shader = Shader {{ name: {stem:?}, \
-             spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.spv\")), reflected_spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.debug.spv\")), \
+             spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.spv\")), \
              bindings: &[{infos}], spec_constants: &[{specs}], \
              push_constant_bytes: std::mem::size_of::<{params_type}>() as u32 }};\n\
              /// Kernel marker type.\npub struct {kernel};\n\

@@ -1,6 +1,14 @@
 #version 460
-// One step of Adam on a flat array of two groups with a learning rate each. Does nothing once an earlier pass of this or a former step has overflowed a buffer.
-// Grid: one thread per four values: on a CPU driver every access to a buffer is a loop over lanes, whatever its width.
+// One step of Adam (Kingma and Ba 2015, algorithm 1) on a flat array of f32, in two groups (templates and background)
+// with a learning rate each.
+//
+// - Reads `gradients`; reads and writes `parameters` and `moments` (first and second, side by side). 28 bytes a value.
+// - Grid: one thread per four values: on a CPU driver every access to a buffer is a loop over lanes, whatever its
+//   width.
+// - Bias corrections come from the host, so that a step that is done again gets the same numbers. Does nothing after an
+//   overflow (see `train_status`).
+//
+// Twin: `reference::adam`. Test: `tests/kernels/adam.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -1,6 +1,16 @@
 #version 460
-// Says for every Gaussian whether it stays, and what would become of it if it may grow: a copy beside it (clone) or
-// smaller ones in its place (split). Grid: one thread per Gaussian.
+// Says for every Gaussian whether it stays, and what becomes of it if it may grow: a copy beside it (clone) or smaller
+// ones in its place (split). First pass of the strategy `densify`.
+//
+// - Reads the parameters (by Gaussian; all SH bands, to see whether they are numbers) and `screen_statistics`.
+// - Writes `keys` (bits of the mean screen gradient, inverted: the radix sort ascends) and `values` (the index) for the
+//   sort, `counts` (1 if it stays without growth), `gains` (how many more with growth) and `growths` (`GROWTH_*`).
+// - Removed are Gaussians that are not finite or whose opacity is below the limit and, while there are limits for large
+//   ones, those that are wider than `radius_max_px` on screen or have a scale above `log_scale_max`. The copy of a
+//   clone and the children of a split Gaussian have not been on screen, and children are measured by their own scale.
+// - Grid: one thread per Gaussian. Bytes per Gaussian: 56 + 12 (degree + 1)^2 read, 20 written.
+//
+// Twin: `reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

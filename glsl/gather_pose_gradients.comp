@@ -1,6 +1,13 @@
 #version 460
-// Sums the gradients by the place of an instance over its work items, always in the same order.
-// Grid: one work-group per instance besides the background.
+// Sums the gradients by the places of instances.
+//
+// - Reads, per instance, the work items of its chunks that were not culled (as `gather_gradients`), and there one
+//   record of 28 bytes per subgroup of `preprocess_instance_expand_backward`.
+// - Writes `pose_gradients`, 28 bytes per instance; 0 for one that is out of sight.
+// - Grid: one work-group per instance besides the background. Threads sum records of their own, one thread sums the
+//   threads: the order is always the same.
+//
+// Twin: `reference::poses`. Test: `tests/kernels/poses.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -1,6 +1,12 @@
 #version 460
-// Last pass of the image loss: the SSIM window along columns, then the gradient of the whole loss by the picture.
-// Grid: one thread per STRIP pixels of a column.
+// Last pass of the image loss: the window along columns, then dL/dpicture.
+//
+// - Reads `row_gradients`, `colors`, `targets`; writes `cotangents` by pixel (rgb, and 0 for alpha) and `error_sums` by
+//   thread (absolute and squared error, for the progress report).
+// - Grid: one thread per strip of a column. Bytes per pixel: 101 read, 16 written.
+// - dL/dx = ((1 - lambda) sign(x - y) - lambda (W g_x + 2 x W g_xx + y W g_xy)) / (3 pixels); sign(0) = 0.
+//
+// Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -1,6 +1,11 @@
 #version 460
-// Third pass of the image loss: the SSIM window along rows, over the derivatives of SSIM.
-// Grid: one thread per STRIP pixels of a row.
+// Third pass of the image loss: the window along rows, over the derivatives of SSIM (a symmetric window with zero
+// padding is its own adjoint).
+//
+// - Reads `ssim_gradients` (81 bytes a pixel), writes `row_gradients` (36 bytes), by pixel.
+// - Grid: one thread per strip of a row.
+//
+// Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

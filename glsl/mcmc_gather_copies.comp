@@ -1,5 +1,9 @@
 #version 460
-// How many joined the Gaussian that each one now is. Grid: one thread per Gaussian afterwards.
+// `made[j] = copies[origins[j]]`: how many others share the place of a Gaussian after a relocation.
+//
+// - Grid: one thread per Gaussian afterwards. 8 bytes read, 4 written.
+//
+// Twin: `reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 

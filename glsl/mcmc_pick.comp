@@ -1,5 +1,13 @@
 #version 460
-// Draws a living Gaussian for every dead and every new one, by opacity. Grid: one thread per Gaussian afterwards.
+// Draws a living Gaussian for every dead and every new one, with probability proportional to its weight.
+//
+// - Reads `weights`, their exclusive scan `before` (by a binary search per draw) and `counters[COUNTER_WEIGHTS]`;
+//   random bits are a hash of (seed, steps done, index).
+// - Writes `origins`; counts in `copies` and `COUNTER_RELOCATED` (integer atomics: the order does not matter). If all
+//   are dead, every Gaussian stays what it is.
+// - Grid: one thread per Gaussian afterwards.
+//
+// Twin: `reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -1,5 +1,9 @@
 #version 460
-// Lowers opacities to a limit and forgets their moments. Grid: one thread per Gaussian.
+// Lowers opacity logits to a limit and zeroes their moments: INRIA's opacity reset.
+//
+// - Grid: one thread per Gaussian. 4 bytes read, 12 written.
+//
+// Twin: `reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 

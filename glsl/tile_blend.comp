@@ -1,7 +1,17 @@
 #version 460
-// Blends each tile's splats front to back: colour, alpha, depth. One subgroup owns an 8x8 block of pixels; its lanes load
-// one splat each and share them by shuffle, so there is no work-group barrier.
-// Grid: one subgroup per 8x8 block of every tile.
+// Blends each tile's splats front to back: colour, alpha, expected depth.
+//
+// One subgroup owns an 8x8 block of pixels, `64 / SUBGROUP_SIZE` pixels a lane. Its lanes load one splat each, and the
+// subgroup walks them by shuffle: no work-group barrier, no shared memory. The walk is unrolled, so the shuffles have
+// constant lanes. Pixel rules: alpha < 1/255 or sigma < 0 is skipped, alpha is clamped at 0.99, and the splat that would
+// bring T below 1e-4 ends the pixel and is not blended.
+//
+// - Reads: 40 bytes a splat and 4 a list entry, once per 8x8 block; the tile's range; counters.
+// - Writes: 24 bytes a pixel. Between depth slabs they hold the exact fp32 state, so slabs do not change a bit.
+// - Grid: one subgroup per 8x8 block of every tile.
+//
+// Twin: `reference::tile_blend`. Tests: `tests/kernels/forward.rs`, `overflow.rs`, `poison.rs`. What else was tried,
+// and how long it took, is in `docs/measurements.md`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

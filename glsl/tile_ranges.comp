@@ -1,6 +1,16 @@
 #version 460
-// Finds each tile's run in the sorted intersections; tiles without any keep the zeros they were filled with.
-// Grid: one thread per intersection (indirect).
+// Finds each tile's run in the intersections sorted by tile.
+//
+// - Reads `tile_keys` (by sorted intersection) and `counters`.
+// - Writes `tile_ranges` (by tile): first intersection and one past the last.
+// - Grid: one thread per intersection, indirect (`FAMILY_INTERSECTIONS`, `ARGS_THREADS`).
+// - Bytes per intersection: 12 read (a key and its two neighbours, which the cache mostly holds); per tile that has
+//   any, 8 written.
+// - Guarantees: the first intersection of a run writes the start and the last one the end, so every word has one
+//   writer. Tiles without intersections keep the zeros that the buffer is filled with before, an empty run. Keys
+//   outside the image (see `emit_intersections`) are skipped.
+//
+// Twin: `reference::tile_ranges`. Test: `tests/kernels/intersections.rs` (the runs against the sorted keys).
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

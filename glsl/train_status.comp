@@ -1,6 +1,14 @@
 #version 460
-// Ends the forward half of a training step: notices overflow, and sums the loss for the host.
-// Grid: one work-group.
+// Ends the forward half of a training step: raises the sticky overflow flag, and records loss and counts.
+//
+// - Reads `counters`, `ssim_sums`, `error_sums`; reads and writes `status`; writes one entry of `step_records`, a ring
+//   that the host reads some steps later.
+// - Grid: one work-group. Sums have a fixed order: thread by thread, then over threads.
+// - A step overflows if candidates, work items or intersections did not fit. From then on `adam` and
+//   `gather_gradients` do nothing, in this and all later steps, until the host has enlarged the buffers and reset the
+//   flag; it then submits the same steps again.
+//
+// Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

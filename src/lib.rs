@@ -104,7 +104,7 @@
 //! - L2 `reference`: f64 twins of the kernels, slow and obvious.
 //! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, `.glb`, cameras, COLMAP,
 //!   `transforms.json`, photos (undistorted, downscaled), instance masks, `groups.json`, points, checkpoints, KTX2.
-//! - L2 `kernels`: one page per kernel, the compiled pipelines, and the variant (sizes) picked for a device.
+//! - L2 `kernels`: the generated module of each kernel, the compiled pipelines, and the variant (sizes) picked for a device.
 //! - L3 `render`: scene on the device, buffer plan, the passes in order (forward and backward), growth and depth slabs,
 //!   self-test.
 //! - L3 `optim`: Adam, one state per parameter buffer.
@@ -164,12 +164,14 @@
 //!
 //! # Adding a pass `foo`
 //!
-//! Four files and one call: `glsl/foo.comp`, `src/kernels/foo.rs` (its page, and the re-export of its generated types),
-//! `src/reference/foo.rs` (the f64 twin), `tests/kernels/foo.rs`, and the dispatch in `render/`. The lists that name it
-//! are `kernels/mod.rs`, `kernels/pipelines.rs`, `reference/mod.rs` and `tests/kernels/main.rs`. `build.rs` compiles
-//! and reflects the shader and generates `Params` and `Bindings`; a `readonly` buffer is a `&` field, any other a
-//! `&mut` field, and the recorder derives barriers from that. Kernels that are steps of one algorithm may share a twin
-//! and a test: `tests/suite/architecture.rs` lists them and fails if a file is missing.
+//! - `glsl/foo.comp`: the shader. It opens with a comment that says what it does, what it reads and writes, its grid, and
+//!   the twin and the test it has. `build.rs` compiles and reflects it and generates the module `kernels::foo`, with that
+//!   comment as its documentation and `Params` and `Bindings` as Rust types: a `readonly` buffer is a `&` field, any
+//!   other a `&mut` field, and the recorder derives barriers from that.
+//! - `kernels/pipelines.rs`: its pipeline, in the struct of those that are compiled together.
+//! - `render/` (or `train/strategy/`, `optim/`): the dispatch.
+//! - `reference/`: the f64 twin, and `tests/kernels/`: the test that compares the two. Kernels that are steps of one
+//!   algorithm share them, as the shader's comment says; `tests/suite/architecture.rs` checks that the files exist.
 //!
 //! # Tests and tolerances
 //!

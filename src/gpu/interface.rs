@@ -10,8 +10,6 @@ pub struct Shader {
     pub name: &'static str,
     /// Optimised SPIR-V, bytes.
     pub spirv: &'static [u8],
-    /// The unoptimised module with names that was reflected (bytes); for tests.
-    pub reflected_spirv: &'static [u8],
     /// Storage buffers.
     pub bindings: &'static [BindingInfo],
     /// Specialisation constants.

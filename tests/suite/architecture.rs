@@ -1,4 +1,4 @@
-//! Rules that the compiler does not check: four files per kernel, layers that only look down, words that are banned.
+//! Rules that the compiler does not check: a twin and a test for each kernel, layers that only look down, words that are banned.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -29,54 +29,22 @@ fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap()
 }
 
-fn stem(path: &Path) -> String {
-    path.file_stem().unwrap().to_string_lossy().into_owned()
-}
-
-/// Kernels that are steps of one algorithm share its twin and its test.
-fn family(kernel: &str) -> &str {
-    match kernel {
-        "scan_reduce" | "scan_spine" | "scan_downsweep" => "scan",
-        "radix_sort_count" | "radix_sort_scatter" => "radix_sort",
-        "cull_instances" => "cull_chunks",
-        "emit_work_items" | "compact_visible" => "compact",
-        "image_loss_rows" | "image_loss_columns" | "image_loss_backward_rows" | "image_loss_backward_columns" => {
-            "image_loss"
-        }
-        "train_status" => "image_loss",
-        "densify_mark" | "densify_select" | "densify_place" | "densify_split" | "move_gaussians" | "reset_opacity" => {
-            "densify"
-        }
-        "gather_pose_gradients" | "refine_poses" => "poses",
-        kernel if kernel.starts_with("mcmc_") => "mcmc",
-        other => other,
-    }
-}
-
-/// Where a family is tested if not in a file of its own.
-fn test_of(family: &str) -> &str {
-    match family {
-        "emit_intersections" | "tile_ranges" => "intersections",
-        "tile_blend" => "forward",
-        "compact" => "cull_chunks",
-        "tile_blend_backward" | "preprocess_instance_expand_backward" | "gather_gradients" => "backward",
-        other => other,
-    }
+/// The first name between `` `before `` and one of the characters that end it, if the text has any.
+fn named_after<'a>(text: &'a str, before: &str) -> Option<&'a str> {
+    text.split_once(before)?.1.split(['`', ':', '.']).next()
 }
 
 #[test]
-fn every_kernel_has_its_wrapper_twin_and_test() {
+fn every_shader_names_its_twin_and_its_test() {
     let kernels = files("glsl", "comp");
     assert!(kernels.len() >= 14, "{} kernels", kernels.len());
     for path in kernels {
-        let kernel = stem(&path);
-        let family = family(&kernel);
-        for needed in [
-            format!("src/kernels/{kernel}.rs"),
-            format!("src/reference/{family}.rs"),
-            format!("tests/kernels/{}.rs", test_of(family)),
-        ] {
-            assert!(root().join(&needed).exists(), "{kernel} needs {needed}");
+        let text = read(&path);
+        let head: String = text.lines().skip(1).take_while(|l| l.starts_with("//")).collect();
+        let twin = named_after(&head, "Twin: `reference::").unwrap_or_else(|| panic!("{} has a twin", path.display()));
+        let test = named_after(&head, "`tests/kernels/").unwrap_or_else(|| panic!("{} has a test", path.display()));
+        for needed in [format!("src/reference/{twin}.rs"), format!("tests/kernels/{test}.rs")] {
+            assert!(root().join(&needed).exists(), "{} names {needed}", path.display());
         }
     }
 }

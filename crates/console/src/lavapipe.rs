@@ -4,7 +4,7 @@
 const WIDTH: &str = "LP_NATIVE_VECTOR_WIDTH";
 
 /// What is asked for where the user asks for nothing: Mesa 22.3's own choice, said aloud because the measurements in
-/// `kernels::tile_blend` were made with it. 512 bits (AVX-512) are slower: the blend gains nothing, and every buffer
+/// `docs/measurements.md` were made with it. 512 bits (AVX-512) are slower: the blend gains nothing, and every buffer
 /// access is a loop over lanes.
 const PREFERRED: &str = "256";
 
