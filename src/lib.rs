@@ -210,11 +210,13 @@ pub mod io;
 pub mod kernels;
 pub mod math;
 pub mod optim;
+pub mod pipeline;
 #[cfg(feature = "player")]
 pub mod player;
 pub mod reference;
 pub mod register;
 pub mod render;
+pub mod report;
 pub mod scene;
 pub mod segment;
 pub mod synth;

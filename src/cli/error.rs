@@ -4,6 +4,7 @@ use crate::bench::{BenchError, LodError};
 use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
+use crate::pipeline::PipelineError;
 #[cfg(feature = "player")]
 use crate::player::PlayerError;
 use crate::render::RenderError;
@@ -40,6 +41,9 @@ pub enum CliError {
     /// A training run.
     #[error(transparent)]
     Train(#[from] TrainError),
+    /// What leads from photos and masks to an instanced scene.
+    #[error(transparent)]
+    Pipeline(#[from] PipelineError),
     /// A configuration.
     #[error(transparent)]
     Config(#[from] ConfigError),
