@@ -2,14 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::detect::DetectError;
 use crate::eval::EvalError;
 use crate::gpu::GpuError;
 use crate::io::IoError;
-use crate::register::RegisterError;
 use crate::render::RenderError;
-use crate::segment::SegmentError;
-use crate::template::TemplateError;
 
 /// One line for the user each.
 #[derive(Debug, thiserror::Error)]
@@ -36,21 +32,9 @@ pub enum TrainError {
         /// Where to go on from.
         saved: Option<PathBuf>,
     },
-    /// Masks could not be made from words.
-    #[error(transparent)]
-    Detect(#[from] DetectError),
     /// The scene cannot be trained or shown.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// Which Gaussian belongs to which object.
-    #[error(transparent)]
-    Segment(#[from] SegmentError),
-    /// Which objects are alike, and where they stand.
-    #[error(transparent)]
-    Register(#[from] RegisterError),
-    /// Templates from groups.
-    #[error(transparent)]
-    Template(#[from] TemplateError),
     /// Something about the run folder or the data, in words.
     #[error("{0}")]
     Other(String),

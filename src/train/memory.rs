@@ -1,7 +1,7 @@
 //! What device memory is used for in training, by what it grows with.
 
 use super::device_state::DeviceState;
-use super::report::MemoryUse;
+use super::facts::MemoryUse;
 use super::step_runner::StepRunner;
 use super::views::TrainViews;
 use crate::gpu::interface::types;

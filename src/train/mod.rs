@@ -1,8 +1,9 @@
-//! L5: training: configuration, initialisation, steps, densification, checkpoints, reports.
+//! L5: training: configuration, initialisation, steps, densification, checkpoints.
 //!
 //! Plain data, no device: [`config`] (what to do at which step), [`view_order`] (which view a step uses), [`events`]
-//! and [`event_log`] (what happened), [`report`] (what came out), [`interrupt`] (Ctrl-C). Checkpoint files are
-//! [`crate::io::checkpoint`].
+//! and [`event_log`] (what happened), [`facts`] (what came out), [`interrupt`] (Ctrl-C). Checkpoint files are
+//! [`crate::io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
+//! [`crate::pipeline`].
 
 pub mod config;
 mod data_doubts;
@@ -10,19 +11,11 @@ pub mod device_state;
 pub mod error;
 pub mod event_log;
 pub mod events;
+pub mod facts;
 pub mod given;
-pub mod grouped;
 pub mod initial;
 pub mod interrupt;
-pub mod made_masks;
-pub mod mask_check;
-pub mod mask_source;
 pub mod memory;
-pub mod merged;
-pub mod prepare;
-pub mod report;
-pub mod segmented;
-pub mod stage_pictures;
 mod start;
 pub mod state_file;
 pub mod step_runner;
@@ -33,12 +26,5 @@ pub mod view_store;
 pub mod views;
 
 pub use error::TrainError;
-pub use grouped::{Grouped, registered};
-pub use made_masks::{masks_from_prompt, write_masks_from_boxes};
-pub use mask_check::check_masks;
-pub use mask_source::MaskSource;
-pub use merged::{Merged, merged};
-pub use prepare::{Prepared, prepare};
-pub use segmented::{Segmented, segmented};
 pub use start::leave_out_masked;
 pub use trainer::{TrainJob, Trained, eval_options, train};

@@ -24,7 +24,7 @@ use super::view_store::{self, PrefetchLimits};
 use super::views::{TrainViews, ViewsPlan};
 
 /// The merged scene that the joint phase starts from, in the run folder.
-pub(super) const INITIAL_SCENE: &str = "initial.instgs";
+pub const INITIAL_SCENE: &str = "initial.instgs";
 /// Without a budget of the user's, training pictures take at most this part of the device's memory.
 const PICTURE_SHARE: f64 = 0.25;
 /// Sub-stream of the seed for random starts ("init" in ASCII).

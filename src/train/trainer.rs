@@ -18,9 +18,10 @@ use super::config::{Background, Method, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::events::{Event, EventSink};
+use super::facts::{DatasetFacts, MemoryUse, StageTime};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
-use super::report::{DatasetFacts, MemoryUse, Stage};
+pub use super::start::INITIAL_SCENE;
 use super::start::{Loaded, TrainData, load_all};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
@@ -36,14 +37,14 @@ const REPORT_EVERY: u64 = 10;
 const TIGHT: f64 = 0.8;
 
 /// What to train. With the method `instgs`, the joint phase: the run folder holds the scene it starts from
-/// ([`super::prepare()`]).
+/// ([`INITIAL_SCENE`]).
 #[derive(Clone, Debug)]
 pub struct TrainJob {
     /// Dataset folder.
     pub data: PathBuf,
     /// Run folder.
     pub out: PathBuf,
-    /// How.
+    /// What to do at which step.
     pub config: TrainConfig,
     /// Go on from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
@@ -64,7 +65,7 @@ pub struct Trained {
     /// Figures of the test views; `None` without test views, or if interrupted.
     pub eval: Option<EvalReport>,
     /// Wall time of the parts.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<StageTime>,
     /// Steps a second of the optimisation alone, in this part of the run.
     pub steps_per_second: f64,
     /// Where the time of the steps went.
@@ -151,7 +152,7 @@ pub fn train(
     let first_step = start.step;
     let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
     let names = start.names;
-    let mut stages = vec![Stage { name: "load".into(), seconds: load.elapsed().as_secs_f64() }];
+    let mut stages = vec![StageTime { name: "load".into(), seconds: load.elapsed().as_secs_f64() }];
     run.clock.reported.0 = first_step;
     run.announce(sink, first_step, &data)?;
     if start.due {
@@ -160,7 +161,7 @@ pub fn train(
     run.clock.started = Instant::now();
     let done = run.steps(sink, interrupt, first_step)?;
     let train_seconds = run.clock.seconds();
-    stages.push(Stage { name: "train".into(), seconds: train_seconds });
+    stages.push(StageTime { name: "train".into(), seconds: train_seconds });
 
     let memory = memory_uses(&run.state, &run.runner, &run.views);
     let device_peak = gpu.memory_usage().1;
@@ -176,7 +177,7 @@ pub fn train(
         write_ply(&job.out.join("point_cloud.ply"), &scene.background, scene.antialias)?;
     }
     write_scene_file(&job.out.join("scene.instgs"), &scene)?;
-    stages.push(Stage { name: "save".into(), seconds: save.elapsed().as_secs_f64() });
+    stages.push(StageTime { name: "save".into(), seconds: save.elapsed().as_secs_f64() });
 
     let interrupted = done < job.config.steps;
     let gaussians = run.state.source_count as u64;
@@ -193,7 +194,7 @@ pub fn train(
     };
     if let Some(report) = &eval {
         sink.event(&evaluated(done, report))?;
-        stages.push(Stage { name: "eval".into(), seconds: evaluation.elapsed().as_secs_f64() });
+        stages.push(StageTime { name: "eval".into(), seconds: evaluation.elapsed().as_secs_f64() });
     }
     sink.event(&Event::Finished { step: done, interrupted, gaussians, seconds: train_seconds })?;
     let steps = (done - first_step) as f64;

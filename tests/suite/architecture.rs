@@ -50,7 +50,7 @@ fn every_shader_names_its_twin_and_its_test() {
 }
 
 /// Layer of each module; a module may use its own layer's siblings only where listed, and any lower layer.
-const LAYERS: [(&str, u32); 18] = [
+const LAYERS: [(&str, u32); 20] = [
     ("math", 0),
     ("gpu", 1),
     ("scene", 1),
@@ -66,9 +66,11 @@ const LAYERS: [(&str, u32); 18] = [
     ("register", 4),
     ("synth", 5),
     ("train", 5),
-    ("bench", 6),
-    ("player", 6),
-    ("cli", 7),
+    ("pipeline", 6),
+    ("report", 7),
+    ("bench", 8),
+    ("player", 8),
+    ("cli", 9),
 ];
 
 #[test]

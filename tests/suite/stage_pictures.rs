@@ -11,17 +11,18 @@ use instgs_vk::io::{Checkpoint, Mask, write_groups, write_mask, write_ply, write
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
+use instgs_vk::pipeline::Prepared;
 use instgs_vk::render::{RenderOptions, Renderer};
+use instgs_vk::report::stage_pictures::colors::Colors;
+use instgs_vk::report::stage_pictures::overlay::{Objects, group_overlay};
+use instgs_vk::report::stage_pictures::painter::Painter;
+use instgs_vk::report::stage_pictures::{add_trained_templates, draw};
+use instgs_vk::report::{GroupOverlay, Rgb8, StagePictures};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PosedGroup, PosedInstance};
 use instgs_vk::segment::{Consensus, IdTable};
 use instgs_vk::template::{TemplateOptions, build};
+use instgs_vk::train::TrainJob;
 use instgs_vk::train::config::TrainConfig;
-use instgs_vk::train::report::{GroupOverlay, Rgb8, StagePictures};
-use instgs_vk::train::stage_pictures::colors::Colors;
-use instgs_vk::train::stage_pictures::overlay::{Objects, group_overlay};
-use instgs_vk::train::stage_pictures::painter::Painter;
-use instgs_vk::train::stage_pictures::{add_trained_templates, draw};
-use instgs_vk::train::{Prepared, TrainJob};
 
 use crate::common::dataset::photograph;
 use crate::common::gpu::{assert_silent, gpu, render_picture};

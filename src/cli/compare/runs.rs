@@ -7,9 +7,10 @@ use crate::cli::error::CliError;
 use crate::cli::train::{Session, train_job};
 use crate::io::IoError;
 use crate::io::json::read_json;
+use crate::pipeline::makes_scene;
+use crate::report::RunReport;
 use crate::train::TrainJob;
 use crate::train::config::TrainConfig;
-use crate::train::report::RunReport;
 
 /// What one seed's runs share.
 pub(in crate::cli) struct Runs<'a> {
@@ -76,5 +77,5 @@ fn copy_files(from: &Path, to: &Path, files: impl IntoIterator<Item = String>) -
 
 /// Seconds of training, of making masks, and of what stands between the phases.
 pub(in crate::cli) fn work_seconds(report: &RunReport) -> f64 {
-    report.stages.iter().filter(|stage| stage.makes_scene()).map(|stage| stage.seconds).sum()
+    report.stages.iter().filter(|stage| makes_scene(stage)).map(|stage| stage.seconds).sum()
 }

@@ -12,11 +12,11 @@ use crate::cli::train::Session;
 use crate::eval::Evaluated;
 use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, MaskFolder, Pack, View, load_scene, write_scene_file_packed, write_spz};
+use crate::report::{RunReport, final_steps_per_second};
 use crate::scene::{Camera, InstancedScene, RepeatedBytes};
 use crate::train::config::{Strategy, TrainConfig};
 use crate::train::eval_options;
 use crate::train::event_log::read_events;
-use crate::train::report::{RunReport, final_steps_per_second};
 
 /// A scene that becomes a row.
 struct Subject {

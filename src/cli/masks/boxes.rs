@@ -11,10 +11,10 @@ use crate::cli::printer::Printer;
 use crate::cli::stages::LabelLines;
 use crate::cli::table::{Table, grouped};
 use crate::io::{View, read_boxes};
+use crate::pipeline::write_masks_from_boxes;
 use crate::render::RenderOptions;
 use crate::scene::InstancedScene;
 use crate::segment::boxes::{BoxOptions, BoxReport};
-use crate::train::write_masks_from_boxes;
 
 /// How boxes are looked into.
 #[derive(Args)]

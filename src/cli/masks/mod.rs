@@ -15,7 +15,7 @@ use super::device::DeviceArgs;
 use super::error::CliError;
 use super::printer::Printer;
 use crate::io::{IoError, MaskFolder, View, read_views};
-use crate::train::stage_pictures::{REVIEW, review};
+use crate::report::stage_pictures::{REVIEW, review};
 
 /// Makes masks of a dataset's photos, or looks over those there are.
 ///

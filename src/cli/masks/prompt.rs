@@ -11,7 +11,7 @@ use crate::cli::table::{Table, grouped};
 use crate::detect::report::Dropped;
 use crate::detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, ViewMasks};
 use crate::io::View;
-use crate::train::TrainError;
+use crate::pipeline::PipelineError;
 
 /// How things are found by name.
 #[derive(Args)]
@@ -69,7 +69,7 @@ pub(super) fn make(
     printer: &Printer,
 ) -> Result<Report, CliError> {
     let started = Instant::now();
-    let prompt = Prompt::parse(prompt).map_err(TrainError::from)?;
+    let prompt = Prompt::parse(prompt).map_err(PipelineError::from)?;
     let Some(models) = &args.models else {
         let what = "--prompt needs models: give their folder with --models; tools/models/README.md says how to make it";
         return Err(CliError::Other(what.into()));
@@ -79,7 +79,7 @@ pub(super) fn make(
     let mut done = |name: &str, found: &ViewMasks| lines.at(name, found, views.len());
     let found = crate::detect::masks_from_prompt(&views, &prompt, models, &args.options(), out, &mut done);
     drop(lines);
-    let found = found.map_err(TrainError::from)?;
+    let found = found.map_err(PipelineError::from)?;
     Ok(Report { prompt: prompt.text(), found, seconds: started.elapsed().as_secs_f64() })
 }
 

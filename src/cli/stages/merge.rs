@@ -10,11 +10,11 @@ use crate::cli::printer::Printer;
 use crate::cli::table::grouped;
 use crate::cli::train::counts;
 use crate::io::{read_groups, save_scene};
+use crate::pipeline::build_templates;
+use crate::pipeline::build_templates::warnings;
 use crate::template::GroupReport;
 use crate::train::config::TrainConfig;
-use crate::train::merged;
-use crate::train::merged::warnings;
-use crate::train::report::Counts;
+use crate::train::facts::Counts;
 
 /// Merges the objects of each group of a segmented scene into a template, instances with offsets, and a background.
 ///
@@ -57,7 +57,7 @@ pub(in crate::cli) fn run(args: &MergeArgs, printer: &Printer) -> Result<(), Cli
     create_folder_of(&args.out)?;
     printer.line(format_args!("merging {} groups", groups.len()));
     let config = TrainConfig { groups: args.groups.display().to_string(), ..segments.config.clone() };
-    let found = merged(&segments.cloud, &segments.segmented, &groups, &config)?;
+    let found = build_templates(&segments.cloud, &segments.labels, &groups, &config)?;
     save_scene(&args.out, &found.scene)?;
     let report = Report {
         segments: &args.segments.segments,

@@ -11,12 +11,12 @@ use clap::Args;
 
 use super::error::CliError;
 use super::printer::{Printer, Progress};
+use crate::pipeline::CloudLabels;
+use crate::pipeline::label_gaussians::{read_cloud, require_segments};
 use crate::scene::InstancedScene;
 use crate::segment::LabelProgress;
 use crate::template::GroupReport;
-use crate::train::Segmented;
 use crate::train::config::{ConfigBuilder, TrainConfig};
-use crate::train::segmented::{read_cloud, require_segments};
 
 /// The configuration, in a folder of segments and in a run folder.
 const CONFIG: &str = "config.toml";
@@ -36,7 +36,7 @@ struct SegmentsArgs {
 struct Segments {
     config: TrainConfig,
     cloud: InstancedScene,
-    segmented: Segmented,
+    labels: CloudLabels,
 }
 
 impl SegmentsArgs {
@@ -51,8 +51,8 @@ impl SegmentsArgs {
     /// Reads everything.
     fn open(&self, config: TrainConfig) -> Result<Segments, CliError> {
         let cloud = read_cloud(&self.segments)?;
-        let segmented = Segmented::read(&self.segments, cloud.background.len())?;
-        Ok(Segments { config, cloud, segmented })
+        let labels = CloudLabels::read(&self.segments, cloud.background.len())?;
+        Ok(Segments { config, cloud, labels })
     }
 }
 

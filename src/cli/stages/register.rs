@@ -10,9 +10,9 @@ use crate::cli::error::CliError;
 use crate::cli::printer::Printer;
 use crate::cli::table::Table;
 use crate::io::write_groups;
+use crate::pipeline::register_objects;
+use crate::pipeline::register_objects::warnings;
 use crate::register::InstanceRegistration;
-use crate::train::grouped::warnings;
-use crate::train::registered;
 
 /// Finds which objects are alike, and the pose of each, and writes them as groups.json.
 ///
@@ -56,9 +56,9 @@ pub(in crate::cli) fn run(args: &RegisterArgs, device_args: &DeviceArgs, printer
     let segments = args.segments.open(config.finish()?)?;
     create_folder_of(&args.out)?;
     let gpu = device::open(device_args.choice())?;
-    let objects = segments.segmented.consensus.objects.iter().filter(|object| object.gaussians > 0).count();
+    let objects = segments.labels.consensus.objects.iter().filter(|object| object.gaussians > 0).count();
     printer.line(format_args!("registering {objects} objects"));
-    let found = registered(&gpu, &segments.config, &segments.cloud, &segments.segmented)?;
+    let found = register_objects(&gpu, &segments.config, &segments.cloud, &segments.labels)?;
     device::check_validation(&gpu)?;
     write_groups(&args.out, &found.groups)?;
     let mut told: Vec<String> = warnings(&found.registration).collect();

@@ -12,12 +12,13 @@ use crate::cli::printer::Printer;
 use crate::cli::table::{Table, grouped};
 use crate::cli::train::absolute;
 use crate::io::{IoError, atomic_write, write_ply};
+use crate::pipeline::label_gaussians::{CLOUD, LABELS, read_cloud};
+use crate::pipeline::{check_masks, label_gaussians};
+use crate::report::stage_pictures::{self, REVIEW};
 use crate::segment::ConsensusReport;
+use crate::train::TrainJob;
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
 use crate::train::given::given_plain_cloud;
-use crate::train::segmented::{CLOUD, LABELS, read_cloud};
-use crate::train::stage_pictures::{self, REVIEW};
-use crate::train::{TrainJob, check_masks, segmented};
 
 /// Finds the objects of a trained plain cloud in the masks of its training views.
 ///
@@ -85,7 +86,7 @@ pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer:
     write_ply(&args.out.join(CLOUD), &given.cloud, job.config.antialias)?;
     let cloud = read_cloud(&args.out)?;
     let mut lines = LabelLines::new(printer);
-    let found = segmented(&gpu, &job, &cloud, &mut |at| lines.at(at));
+    let found = label_gaussians(&gpu, &job, &cloud, &mut |at| lines.at(at));
     drop(lines);
     let found = found?;
     device::check_validation(&gpu)?;

@@ -17,11 +17,12 @@ use crate::cli::train::{Session, absolute};
 use crate::eval::Lpips;
 use crate::io::json::{read_json, write_json};
 use crate::io::{MaskFolder, Split, View, load_scene, read_views};
+use crate::pipeline::CloudLabels;
+use crate::report::RunReport;
 use crate::synth::dataset;
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
 use crate::train::eval_options;
-use crate::train::report::{RunReport, Stage};
-use crate::train::segmented::Segmented;
+use crate::train::facts::StageTime;
 
 /// What all scenes share.
 pub(super) struct Evidence<'a> {
@@ -152,8 +153,8 @@ fn measured(
 fn segmentation(runs: &Runs<'_>, report: &RunReport, views: &[View]) -> Result<Segmentation, CliError> {
     let folder = runs.out.join("instgs");
     let cloud = load_scene(&folder.join("point_cloud.ply"))?.scene.background;
-    let segmented = Segmented::read(&folder, cloud.len())?;
-    let seconds = |name: &str| report.stages.iter().filter(|s: &&Stage| s.name == name).map(|s| s.seconds).sum();
+    let segmented = CloudLabels::read(&folder, cloud.len())?;
+    let seconds = |name: &str| report.stages.iter().filter(|s: &&StageTime| s.name == name).map(|s| s.seconds).sum();
     let consensus = &segmented.consensus;
     let masks = MaskFolder::default_for(runs.data).filter(|_| runs.config.masks.is_empty() && runs.config.width == 0);
     let mean_accuracy = match masks {

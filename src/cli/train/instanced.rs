@@ -12,18 +12,17 @@ use crate::cli::printer::Printer;
 use crate::cli::stages::{LabelLines, group_lines};
 use crate::io::json::read_json;
 use crate::io::{Dataset, IoError, Split, read_views, write_ply};
+use crate::pipeline::label_gaussians::{CLOUD, require_segments};
+use crate::pipeline::{MaskSource, Prepared, check_masks, masks_from_prompt, prepare};
 use crate::render::Renderer;
+use crate::report::{JointMatch, ReportData, ReportError, RunReport, StagePictures, stage_pictures};
 use crate::scene::InstancedScene;
 use crate::train::config::{ConfigBuilder, TrainConfig};
 use crate::train::event_log::read_events;
 use crate::train::events::Event;
+use crate::train::facts::{Bytes, Quality, StageTime};
 use crate::train::given::{GivenCloud, given_cloud};
-use crate::train::report::{Bytes, JointMatch, Quality, ReportData, RunReport, Stage, StagePictures};
-use crate::train::segmented::{CLOUD, require_segments};
-use crate::train::{
-    MaskSource, Prepared, TrainError, TrainJob, check_masks, eval_options, leave_out_masked, masks_from_prompt,
-    prepare, stage_pictures,
-};
+use crate::train::{TrainError, TrainJob, eval_options, leave_out_masked};
 
 /// The configuration, in the run folder.
 const CONFIG: &str = "config.toml";
@@ -75,7 +74,7 @@ pub(super) fn run(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, Cl
 }
 
 /// Makes the masks of a run with a prompt, unless they are there.
-fn found_by_name(printer: &Printer, job: &TrainJob) -> Result<Option<Stage>, CliError> {
+fn found_by_name(printer: &Printer, job: &TrainJob) -> Result<Option<StageTime>, CliError> {
     let mut lines = NamingLines::new(printer);
     let found = masks_from_prompt(job, &mut |name, view, total| lines.at(name, view, total));
     drop(lines);
@@ -143,19 +142,19 @@ impl Pictures {
     }
 }
 
-fn warn_of_pictures(session: &Session<'_>, error: &TrainError) {
+fn warn_of_pictures(session: &Session<'_>, error: &ReportError) {
     session.printer.warning(format_args!("pictures of the stages are missing: {error}"));
 }
 
 /// Makes the joint phase's report that of the whole run.
 fn complete(data: &mut ReportData, cloud: PlainCloud, prepared: Prepared, pictures: Pictures) {
     let report = &mut data.report;
-    let of_phase = |phase: &str, stages: &[Stage]| -> Vec<Stage> {
-        stages.iter().map(|s| Stage { name: format!("{phase}: {}", s.name), ..s.clone() }).collect()
+    let of_phase = |phase: &str, stages: &[StageTime]| -> Vec<StageTime> {
+        stages.iter().map(|s| StageTime { name: format!("{phase}: {}", s.name), ..s.clone() }).collect()
     };
     let joint = of_phase("joint", &report.stages);
     report.warnings = prepared.warnings();
-    let drawing = vec![Stage { name: "pictures".into(), seconds: pictures.seconds }];
+    let drawing = vec![StageTime { name: "pictures".into(), seconds: pictures.seconds }];
     report.stages = [of_phase("3dgs", &cloud.report.stages), prepared.stages, drawing, joint].concat();
     report.seconds = report.stages.iter().map(|s| s.seconds).sum();
     report.groups = prepared.groups;
@@ -200,7 +199,7 @@ fn taken_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliE
     let report = RunReport {
         method: "3dgs".into(),
         seconds,
-        stages: vec![Stage { name: "load".into(), seconds }],
+        stages: vec![StageTime { name: "load".into(), seconds }],
         eval,
         gaussians: counts(&scene),
         bytes: Bytes { file: file_bytes, host: scene.tensor_bytes(), ..Bytes::default() },

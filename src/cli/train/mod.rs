@@ -16,10 +16,10 @@ use super::error::CliError;
 use super::printer::Printer;
 use super::table::{Table, grouped};
 use crate::io::IoError;
+use crate::report::RunReport;
 use crate::train::TrainJob;
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
 use crate::train::interrupt::Interrupt;
-use crate::train::report::RunReport;
 
 /// Trains a scene of Gaussians from photos with known cameras.
 ///

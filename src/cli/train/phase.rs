@@ -12,14 +12,13 @@ use crate::eval::Evaluated;
 use crate::gpu::Gpu;
 use crate::io::IoError;
 use crate::io::picture_png::write_png;
+use crate::report::{self, ReportData, Rgb8, RunReport, ViewPicture};
 use crate::scene::{InstancedScene, RepeatedBytes};
 use crate::train::config::Method;
 use crate::train::event_log::{EventLog, read_events};
 use crate::train::events::{Event, EventSink, Tee};
+use crate::train::facts::{Bytes, Counts, Quality, StageTime, ViewMetrics};
 use crate::train::interrupt::Interrupt;
-use crate::train::report::{
-    self, Bytes, Counts, Quality, ReportData, Rgb8, RunReport, Stage, ViewMetrics, ViewPicture,
-};
 use crate::train::{TrainJob, Trained, train};
 
 /// Test views whose pictures the page shows.
@@ -178,10 +177,10 @@ fn run_report(job: &TrainJob, device: &str, trained: &Trained, events: &[Event])
     let times = &trained.times;
     let stages = trained.stages.iter().map(|stage| match stage.name.as_str() {
         // Of a run that was resumed, this process trained the last part only.
-        "train" => Stage { seconds: report::training_seconds(events), ..stage.clone() },
+        "train" => StageTime { seconds: report::training_seconds(events), ..stage.clone() },
         _ => stage.clone(),
     });
-    let stages: Vec<Stage> = stages.collect();
+    let stages: Vec<StageTime> = stages.collect();
     let quality = |m: &crate::eval::Metrics| Quality { psnr: m.psnr, ssim: m.ssim, lpips: m.lpips };
     let views = trained.eval.as_ref().map(|e| e.views.as_slice()).unwrap_or_default();
     let scene_bytes = trained.memory.iter().find(|m| m.name == "parameters").map_or(0, |m| m.bytes);

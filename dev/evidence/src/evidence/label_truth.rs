@@ -8,9 +8,9 @@ use glam::Vec3;
 use crate::io::ktx2::read_ktx2;
 use crate::io::{IoError, MaskFolder, View};
 use crate::math::nearest::PointSet;
+use crate::pipeline::CloudLabels;
 use crate::segment::accuracy::{in_ids_of, mean_accuracy};
 use crate::synth::dataset::frame::Lens;
-use crate::train::segmented::Segmented;
 
 /// Every so many pixels of a depth picture give a point, in both directions: neighbours show the same object.
 const STRIDE: usize = 2;
@@ -27,7 +27,7 @@ pub fn label_accuracy(
     views: &[View],
     masks: &MaskFolder,
     means: &[[f32; 3]],
-    labels: &Segmented,
+    labels: &CloudLabels,
 ) -> Result<Option<f64>, IoError> {
     let depth = data.join("depth");
     if !depth.is_dir() {

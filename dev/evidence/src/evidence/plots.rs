@@ -3,8 +3,8 @@
 use super::tables::{frame_ratio, gain, psnr};
 use super::{Part, SceneResult};
 use crate::bench::comparison::{SeedResult, names};
+use crate::report::chart::{Chart, Look, Series};
 use crate::scene::RepeatedBytes;
-use crate::train::report::chart::{Chart, Look, Series};
 
 /// Width of the longest bar, characters.
 const BAR: f64 = 24.0;

@@ -5,21 +5,20 @@ use std::fs;
 use rayon::prelude::*;
 
 use crate::io::{IoError, atomic_write};
-use crate::train::error::TrainError;
-use crate::train::report::{Rgb8, StagePictures};
-use crate::train::trainer::TrainJob;
+use crate::report::{Rgb8, StagePictures};
+use crate::train::TrainJob;
 
 /// The folder, in the run folder.
 pub const FOLDER: &str = "stages";
 
 /// Writes every picture there is; those of the same name are replaced.
-pub(super) fn write(job: &TrainJob, pictures: &StagePictures) -> Result<(), TrainError> {
+pub(super) fn write(job: &TrainJob, pictures: &StagePictures) -> Result<(), IoError> {
     let folder = job.out.join(FOLDER);
     fs::create_dir_all(&folder).map_err(|e| IoError::new(&folder, format!("cannot create: {e}")))?;
     named(pictures).par_iter().try_for_each(|(name, picture)| {
         let path = folder.join(format!("{name}.png"));
         let bytes = picture.png().map_err(|what| IoError::new(&path, what))?;
-        Ok(atomic_write(&path, |out| out.write_all(&bytes))?)
+        atomic_write(&path, |out| out.write_all(&bytes))
     })
 }
 

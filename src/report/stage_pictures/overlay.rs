@@ -9,8 +9,8 @@ use super::labels::tinted;
 use super::painter::{GROUND, Painter, rgb8};
 use crate::math::similarity::Similarity;
 use crate::render::{Picture, RenderError};
+use crate::report::{GroupOverlay, OverlayTile, Rgb8};
 use crate::scene::{Camera, Gaussians, PosedGroup, PosedInstance};
-use crate::train::report::{GroupOverlay, OverlayTile, Rgb8};
 
 /// Size of a picture of one object, pixels: three beside each other are half as wide as the page.
 pub(super) const TILE_PX: (u32, u32) = (240, 180);

@@ -1,11 +1,11 @@
 //! The contact sheet of masks: every view with its masks painted over it, so that a person sees at a glance whether to go
-//! on. Who draws it: `train::stage_pictures::review`.
+//! on. Who draws it: `report::stage_pictures::review`.
 
 use std::path::Path;
 
 use super::format::{count, escape, fixed};
 use super::page::{head_of, section};
-use super::stage_pictures::ObjectColor;
+use super::stage_pictures::data::ObjectColor;
 use super::stages::legend;
 use super::table::table;
 use crate::io::{IoError, atomic_write};

@@ -2,9 +2,8 @@
 
 use std::path::PathBuf;
 
-use super::error::TrainError;
-use super::trainer::TrainJob;
 use crate::io::{IoError, MaskFolder};
+use crate::train::TrainJob;
 
 /// The folder of masks that a run makes for itself, in the run folder.
 const MADE_MASKS: &str = "masks";
@@ -30,13 +29,13 @@ impl MaskSource {
     ///
     /// # Errors
     /// More than one of them, a prompt without models, or no masks at all.
-    pub fn of(job: &TrainJob) -> Result<Self, TrainError> {
+    pub fn of(job: &TrainJob) -> Result<Self, IoError> {
         let config = &job.config;
         let named: Vec<&str> = [("masks", &config.masks), ("boxes", &config.boxes), ("prompt", &config.prompt)]
             .into_iter()
             .filter_map(|(key, value)| (!value.is_empty()).then_some(key))
             .collect();
-        let fail = |what: String, advice: &str| Err(IoError::new(&job.data, what).advise(advice).into());
+        let fail = |what: String, advice: &str| Err(IoError::new(&job.data, what).advise(advice));
         match named[..] {
             ["masks"] => Ok(Self::Folder(PathBuf::from(&config.masks))),
             ["boxes"] => Ok(Self::Boxes(PathBuf::from(&config.boxes))),
@@ -75,7 +74,7 @@ pub(super) fn made_masks(job: &TrainJob) -> PathBuf {
 ///
 /// # Errors
 /// As [`MaskSource::of`].
-pub(super) fn mask_folder(job: &TrainJob) -> Result<PathBuf, TrainError> {
+pub fn mask_folder(job: &TrainJob) -> Result<PathBuf, IoError> {
     Ok(MaskSource::of(job)?.folder(job))
 }
 

@@ -6,11 +6,10 @@ use rayon::prelude::*;
 
 use crate::io::{IoError, MaskFolder, View, read_groups};
 
-use super::error::TrainError;
-use super::made_masks::training_boxes;
+use super::label_gaussians::{is_segmented, training_views};
+use super::make_masks::training_boxes;
 use super::mask_source::MaskSource;
-use super::segmented::{is_segmented, training_views};
-use super::trainer::TrainJob;
+use crate::train::TrainJob;
 
 /// Views that a line names; of more it gives the number.
 const NAMED_VIEWS: usize = 3;
@@ -21,7 +20,7 @@ const NAMED_VIEWS: usize = 3;
 /// # Errors
 /// No masks; a mask that is damaged, has other than 8 or 16 bits of grey, or another size than its image; masks of which
 /// none has an object; boxes of which none can be used; categories or groups that are damaged.
-pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, TrainError> {
+pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, IoError> {
     if !job.config.groups.is_empty() {
         read_groups(Path::new(&job.config.groups))?;
     }
@@ -44,13 +43,13 @@ pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, TrainError> {
     let with_object = found.into_iter().collect::<Result<Vec<bool>, IoError>>()?;
     if !with_object.contains(&true) {
         let error = IoError::new(&folder, "no training view has a mask with an object in it");
-        return Err(error.advise("a mask has the stem of its view's image, and ids above 0 where objects are").into());
+        return Err(error.advise("a mask has the stem of its view's image, and ids above 0 where objects are"));
     }
     Ok(without_mask_line(&views_without_mask(&masks, &views)?, views.len()).into_iter().collect())
 }
 
 /// The names of the views that have no mask, in order.
-pub(super) fn views_without_mask(masks: &MaskFolder, views: &[View]) -> Result<Vec<String>, TrainError> {
+pub(super) fn views_without_mask(masks: &MaskFolder, views: &[View]) -> Result<Vec<String>, IoError> {
     let mut out = Vec::new();
     for View { camera, .. } in views {
         if !masks.has_view(&camera.name)? {

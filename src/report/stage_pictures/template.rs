@@ -7,8 +7,8 @@ use super::overlay::TILE_PX;
 use super::painter::{Painter, rgb8};
 use crate::math::similarity::Similarity;
 use crate::render::RenderError;
+use crate::report::Rgb8;
 use crate::scene::{Camera, Gaussians, InstancedScene};
-use crate::train::report::Rgb8;
 
 /// Templates that are shown: more are hardly looked at.
 const TEMPLATES: usize = 12;

@@ -11,23 +11,23 @@ use crate::io::{read_groups, write_groups};
 use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, Verdict, polished, register};
 use crate::scene::{InstancedScene, PosedGroup};
 
-use super::config::TrainConfig;
-use super::error::TrainError;
-use super::report::Stage;
-use super::segmented::{Segmented, stage};
-use super::trainer::{TrainJob, eval_options};
+use super::error::PipelineError;
+use super::label_gaussians::{CloudLabels, stage};
+use crate::train::config::TrainConfig;
+use crate::train::facts::StageTime;
+use crate::train::{TrainJob, eval_options};
 
 /// The groups, in the run folder.
-pub(super) const GROUPS: &str = "groups.json";
+pub const GROUPS: &str = "groups.json";
 
-/// What is alike.
-pub struct Grouped {
+/// Which objects are alike, and where each stands.
+pub struct ObjectGroups {
     /// The groups; none if no two objects are alike.
     pub groups: Vec<PosedGroup>,
     /// What became of every object; empty if the groups were given.
     pub registration: Vec<InstanceRegistration>,
     /// Wall time of the registration.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<StageTime>,
 }
 
 /// The groups of the configuration, their poses refined unless it says otherwise, or those that registration finds. The run
@@ -35,52 +35,52 @@ pub struct Grouped {
 ///
 /// # Errors
 /// A groups.json that is missing or damaged, or a device that fails.
-pub(super) fn grouped(
+pub(super) fn find_groups(
     gpu: &Arc<Gpu>,
     job: &TrainJob,
     cloud: &InstancedScene,
-    segmented: &Segmented,
-) -> Result<Grouped, TrainError> {
-    let grouped = if job.config.groups.is_empty() {
-        registered(gpu, &job.config, cloud, segmented)?
+    segmented: &CloudLabels,
+) -> Result<ObjectGroups, PipelineError> {
+    let found = if job.config.groups.is_empty() {
+        register_objects(gpu, &job.config, cloud, segmented)?
     } else {
         let groups = read_groups(Path::new(&job.config.groups))?;
         if job.config.joint.refine_poses {
-            refined(&job.config, cloud, segmented, &groups)?
+            refine_given_groups(&job.config, cloud, segmented, &groups)?
         } else {
-            Grouped { groups, registration: Vec::new(), stages: Vec::new() }
+            ObjectGroups { groups, registration: Vec::new(), stages: Vec::new() }
         }
     };
-    write_groups(&job.out.join(GROUPS), &grouped.groups)?;
-    Ok(grouped)
+    write_groups(&job.out.join(GROUPS), &found.groups)?;
+    Ok(found)
 }
 
 /// Given groups with poses that fit the cloud's objects; scales are free if the configuration refines them.
-fn refined(
+fn refine_given_groups(
     config: &TrainConfig,
     cloud: &InstancedScene,
-    segmented: &Segmented,
+    segmented: &CloudLabels,
     groups: &[PosedGroup],
-) -> Result<Grouped, TrainError> {
+) -> Result<ObjectGroups, PipelineError> {
     let started = Instant::now();
     let (labels, cameras, none) = (segmented.labels.as_slice(), &segmented.cameras, BTreeMap::new());
     let input = RegisterInput { cloud: &cloud.background, instance_of_gaussian: labels, categories: &none, cameras };
     let options =
         RegisterOptions { allow_scale: config.joint.refine_scales, seed: config.seed, ..RegisterOptions::default() };
     let groups = polished(&input, groups, &options)?;
-    Ok(Grouped { groups, registration: Vec::new(), stages: vec![stage("refine poses", started)] })
+    Ok(ObjectGroups { groups, registration: Vec::new(), stages: vec![stage("refine poses", started)] })
 }
 
 /// Registers the objects of a segmented cloud; scales are free if the configuration refines them.
 ///
 /// # Errors
 /// A device that fails, or a cloud beyond it.
-pub fn registered(
+pub fn register_objects(
     gpu: &Arc<Gpu>,
     config: &TrainConfig,
     cloud: &InstancedScene,
-    segmented: &Segmented,
-) -> Result<Grouped, TrainError> {
+    segmented: &CloudLabels,
+) -> Result<ObjectGroups, PipelineError> {
     let started = Instant::now();
     let objects = segmented.consensus.objects.iter();
     let categories: BTreeMap<u32, String> = objects.filter_map(|o| Some((o.id, o.category.clone()?))).collect();
@@ -91,7 +91,7 @@ pub fn registered(
     let options =
         RegisterOptions { allow_scale: config.joint.refine_scales, seed: config.seed, ..RegisterOptions::default() };
     let found = register(&input, Some(&mut check), &options)?;
-    Ok(Grouped { groups: found.groups, registration: found.instances, stages: vec![stage("register", started)] })
+    Ok(ObjectGroups { groups: found.groups, registration: found.instances, stages: vec![stage("register", started)] })
 }
 
 /// What the user should know of the objects: a line for each that is left out, and one for all of a group and name whose

@@ -20,22 +20,22 @@ use crate::segment::{
     consensus, label_views,
 };
 
-use super::error::TrainError;
+use super::error::PipelineError;
 use super::mask_check::views_without_mask;
 use super::mask_source::mask_folder;
-use super::report::Stage;
-use super::trainer::{TrainJob, eval_options};
+use crate::train::facts::StageTime;
+use crate::train::{TrainJob, eval_options};
 
 /// The plain cloud, in the folder.
 pub const CLOUD: &str = "point_cloud.ply";
 /// The cameras that the masks belong to, in the order of the consensus.
 const CAMERAS: &str = "cameras.json";
 /// The object of every mask.
-pub(super) const CONSENSUS: &str = "consensus.json";
+pub const CONSENSUS: &str = "consensus.json";
 /// Labels by Gaussian of the cloud; written last.
 pub const LABELS: &str = "labels.safetensors";
 /// The tensor of labels.
-pub(super) const LABEL_TENSOR: &str = "instance_of_gaussian";
+pub const LABEL_TENSOR: &str = "instance_of_gaussian";
 /// The tensor of what Gaussians add to the pictures.
 const WEIGHT_TENSOR: &str = "weight_px";
 /// The tensor of how many views show them.
@@ -43,7 +43,7 @@ const VIEWS_TENSOR: &str = "views_seen";
 
 /// The objects of a cloud.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Segmented {
+pub struct CloudLabels {
     /// By Gaussian: object, 0 = none.
     pub labels: Vec<u32>,
     /// By Gaussian: sum of alpha T over all pixels of all training views.
@@ -55,10 +55,10 @@ pub struct Segmented {
     /// The training views' cameras, at the width that is trained at.
     pub cameras: Vec<Camera>,
     /// Wall time of the parts.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<StageTime>,
 }
 
-impl Segmented {
+impl CloudLabels {
     /// By Gaussian, at `means`: true if its weight per view that shows it is at least this part of the mean of its kind, or
     /// if its centre is in the frame of no view. Per view, because what only a few pictures show, at their borders, may be
     /// all that there is in other pictures; and what no picture has in its frame nobody has looked at, while a camera
@@ -92,11 +92,11 @@ impl Segmented {
         self.cameras.iter().any(|camera| camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at)))
     }
 
-    /// Reads what [`segmented`] left in a folder for a cloud of so many Gaussians.
+    /// Reads what [`label_gaussians`] left in a folder for a cloud of `gaussians` Gaussians.
     ///
     /// # Errors
     /// A file that is missing, damaged, or of another cloud.
-    pub fn read(folder: &Path, gaussians: usize) -> Result<Self, TrainError> {
+    pub fn read(folder: &Path, gaussians: usize) -> Result<Self, IoError> {
         require_segments(folder)?;
         let path = folder.join(LABELS);
         let mut file = Checkpoint::read(&path)?;
@@ -105,21 +105,21 @@ impl Segmented {
         let views_seen: Vec<u32> = file.take(VIEWS_TENSOR, &[], &path)?;
         if [labels.len(), weights_px.len(), views_seen.len()] != [gaussians; 3] {
             let what = format!("has {} labels, and the cloud {gaussians} Gaussians", labels.len());
-            return Err(IoError::new(&path, what).advise("segment the scene again, into another folder").into());
+            return Err(IoError::new(&path, what).advise("segment the scene again, into another folder"));
         }
         let found: Consensus = read_json(&folder.join(CONSENSUS))?;
         let cameras = read_cameras(&folder.join(CAMERAS))?;
         Ok(Self { labels, weights_px, views_seen, consensus: found.report, cameras, stages: Vec::new() })
     }
 
-    fn write(&self, found: &Consensus, folder: &Path) -> Result<(), TrainError> {
+    fn write(&self, found: &Consensus, folder: &Path) -> Result<(), IoError> {
         write_cameras(&folder.join(CAMERAS), &self.cameras)?;
         write_json(&folder.join(CONSENSUS), found)?;
         let mut file = Checkpoint::default();
         file.put(LABEL_TENSOR, &[self.labels.len()], self.labels.clone());
         file.put(WEIGHT_TENSOR, &[self.weights_px.len()], self.weights_px.clone());
         file.put(VIEWS_TENSOR, &[self.views_seen.len()], self.views_seen.clone());
-        Ok(file.write(&folder.join(LABELS))?)
+        file.write(&folder.join(LABELS))
     }
 }
 
@@ -127,14 +127,14 @@ impl Segmented {
 ///
 /// # Errors
 /// A file that is missing or damaged.
-pub fn read_cloud(folder: &Path) -> Result<InstancedScene, TrainError> {
+pub fn read_cloud(folder: &Path) -> Result<InstancedScene, IoError> {
     Ok(load_scene(&folder.join(CLOUD))?.scene)
 }
 
-/// Nothing, if a folder holds what [`segmented`] leaves there.
+/// Checks that a folder holds the files that [`label_gaussians`] leaves there.
 ///
 /// # Errors
-/// It does not.
+/// One of these files is missing.
 pub fn require_segments(folder: &Path) -> Result<(), IoError> {
     if is_segmented(folder) {
         return Ok(());
@@ -143,7 +143,7 @@ pub fn require_segments(folder: &Path) -> Result<(), IoError> {
     Err(error.advise("make one with instgs-vk segment --out, or name a run of --method instgs"))
 }
 
-/// True if a folder has all that [`Segmented::read`] reads.
+/// True if a folder has all that [`CloudLabels::read`] reads.
 pub(super) fn is_segmented(folder: &Path) -> bool {
     [CAMERAS, CONSENSUS, LABELS].iter().all(|name| folder.join(name).is_file())
 }
@@ -153,25 +153,25 @@ pub(super) fn is_segmented(folder: &Path) -> bool {
 ///
 /// # Errors
 /// Masks that are missing or damaged, or a cloud beyond the device.
-pub fn segmented(
+pub fn label_gaussians(
     gpu: &Arc<Gpu>,
     job: &TrainJob,
     cloud: &InstancedScene,
     progress: &mut dyn FnMut(LabelProgress),
-) -> Result<Segmented, TrainError> {
+) -> Result<CloudLabels, PipelineError> {
     let started = Instant::now();
     if job.resume
         && is_segmented(&job.out)
-        && let Ok(earlier) = Segmented::read(&job.out, cloud.background.len())
+        && let Ok(earlier) = CloudLabels::read(&job.out, cloud.background.len())
     {
-        return Ok(Segmented { stages: vec![stage("segment", started)], ..earlier });
+        return Ok(CloudLabels { stages: vec![stage("segment", started)], ..earlier });
     }
     let masks = MaskFolder::open(&mask_folder(job)?)?;
     let (views, cameras) = training_views(job)?;
     let options = label_options(job);
     let mask_of_view = |i: usize| Ok(masks.of_view(&views[i])?);
     let mut sweeps =
-        ViewContributions::<TrainError>::new(gpu, cloud, &cameras, mask_of_view, options.render, KEPT_BYTES)?;
+        ViewContributions::<PipelineError>::new(gpu, cloud, &cameras, mask_of_view, options.render, KEPT_BYTES)?;
     let total = 3 * sweeps.view_count();
     let known = ConsensusOptions { seed: job.config.seed, ..ConsensusOptions::default() };
     let mut found = consensus(&mut sweeps, &cloud.background, &masks.categories, &known, |done| {
@@ -187,7 +187,7 @@ pub fn segmented(
     drop(sweeps);
     found.report.count_gaussians(&labels.instance_of_gaussian);
     found.report.without_mask = views_without_mask(&masks, &views)?;
-    let out = Segmented {
+    let out = CloudLabels {
         labels: labels.instance_of_gaussian,
         weights_px: labels.weights_px.iter().map(|&weight| weight as f32).collect(),
         views_seen: labels.views_seen,
@@ -200,15 +200,18 @@ pub fn segmented(
 }
 
 /// The training views, and their cameras at the width that is trained at.
-pub(super) fn training_views(job: &TrainJob) -> Result<(Vec<View>, Vec<Camera>), TrainError> {
+///
+/// # Errors
+/// A data set that is missing or damaged.
+pub fn training_views(job: &TrainJob) -> Result<(Vec<View>, Vec<Camera>), IoError> {
     let views: Vec<View> = read_views(&job.data)?.split(Split::Train).cloned().collect();
     let width = (job.config.width > 0).then_some(job.config.width);
     let cameras = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();
     Ok((views, cameras))
 }
 
-pub(super) fn stage(name: &str, since: Instant) -> Stage {
-    Stage { name: name.into(), seconds: since.elapsed().as_secs_f64() }
+pub(super) fn stage(name: &str, since: Instant) -> StageTime {
+    StageTime { name: name.into(), seconds: since.elapsed().as_secs_f64() }
 }
 
 fn label_options(job: &TrainJob) -> LabelOptions {
@@ -235,30 +238,30 @@ mod tests {
     /// two would share their fate.
     #[test]
     fn what_one_picture_shows_well_stays_and_what_many_hardly_show_goes() {
-        let segmented = Segmented {
+        let segmented = CloudLabels {
             labels: vec![0; 4],
             weights_px: vec![3.0, 3.0, 100.0, 0.0],
             views_seen: vec![1, 40, 20, 0],
             cameras: ring(DVec3::Z),
-            ..Segmented::default()
+            ..CloudLabels::default()
         };
         let well_seen = |part| segmented.well_seen(&[[0.0; 3]; 4], &[], part);
         // Per view 3, 0.075, 5, 0: the mean is 2.02.
         assert_eq!(well_seen(0.1), [true, false, true, false]);
         assert_eq!(well_seen(0.03), [true, true, true, false]);
         assert_eq!(well_seen(0.0), [true; 4]);
-        assert!(Segmented::default().well_seen(&[], &[], 0.1).is_empty());
+        assert!(CloudLabels::default().well_seen(&[], &[], 0.1).is_empty());
     }
 
     /// The cameras look at the origin from 9 units aside and 4 above: far above them is in no frame.
     #[test]
     fn what_no_picture_has_in_its_frame_stays() {
-        let segmented = Segmented {
+        let segmented = CloudLabels {
             labels: vec![0; 3],
             weights_px: vec![9.0, 0.0, 0.0],
             views_seen: vec![1, 0, 0],
             cameras: ring(DVec3::Z),
-            ..Segmented::default()
+            ..CloudLabels::default()
         };
         let means = [[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.0, 50.0]];
         assert_eq!(segmented.well_seen(&means, &[], 0.1), [true, false, true]);
@@ -267,12 +270,12 @@ mod tests {
     /// Two of three Gaussians of objects are seen as well as any of theirs, and far less than the background.
     #[test]
     fn objects_are_judged_among_themselves() {
-        let segmented = Segmented {
+        let segmented = CloudLabels {
             labels: vec![0, 0, 7, 8, 8],
             weights_px: vec![100.0, 9.0, 2.0, 2.0, 0.1],
             views_seen: vec![1; 5],
             cameras: ring(DVec3::Z),
-            ..Segmented::default()
+            ..CloudLabels::default()
         };
         let group = PosedGroup {
             template_id: 3,

@@ -2,6 +2,7 @@
 //! made from the files that the stages left, so a resumed run has them too.
 
 pub mod colors;
+pub mod data;
 mod files;
 mod framing;
 mod inputs;
@@ -15,24 +16,23 @@ mod tiles;
 
 use std::sync::Arc;
 
-use super::error::TrainError;
-use super::mask_source::mask_folder;
-use super::prepare::Prepared;
-use super::report::{ObjectColor, Rgb8, StagePictures, StageView, TemplatePictures};
-use super::segmented::{CONSENSUS, training_views};
-use super::start::INITIAL_SCENE;
-use super::trainer::{TrainJob, eval_options};
+use super::{ReportError, Rgb8};
 use crate::eval::composited;
 use crate::gpu::Gpu;
 use crate::io::json::read_json;
 use crate::io::view_image::load_view;
 use crate::io::{IoError, Mask, MaskFolder, View, load_scene};
 use crate::math::similarity::Similarity;
-use crate::render::RenderOptions;
+use crate::pipeline::label_gaussians::CONSENSUS;
+use crate::pipeline::{Prepared, mask_folder, training_views};
+use crate::render::{RenderError, RenderOptions};
 use crate::scene::{Camera, InstancedScene};
 use crate::segment::{Consensus, IdTable};
 use crate::template::GroupReport;
+use crate::train::trainer::INITIAL_SCENE;
+use crate::train::{TrainJob, eval_options};
 use colors::Colors;
+use data::{ObjectColor, StagePictures, StageView, TemplatePictures};
 use inputs::Inputs;
 use masks::{Paint, painted};
 use overlay::{Objects, group_name};
@@ -52,7 +52,7 @@ const VIEW_WIDTH_PX: u32 = 400;
 ///
 /// # Errors
 /// A file of an earlier stage or a photo that is missing or damaged; the device's.
-pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<StagePictures, TrainError> {
+pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<StagePictures, ReportError> {
     let inputs = Inputs::read(job)?;
     let mut painter = painter(gpu, job)?;
     let ids = inputs.labels.iter().copied().chain(prepared.consensus.objects.iter().map(|o| o.id));
@@ -78,13 +78,13 @@ pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<Stage
 ///
 /// # Errors
 /// A scene that is missing or damaged; the device's.
-pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut StagePictures) -> Result<(), TrainError> {
+pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut StagePictures) -> Result<(), ReportError> {
     let merged = load_scene(&job.out.join(INITIAL_SCENE))?.scene;
     let trained = load_scene(&job.out.join("scene.instgs"))?.scene;
     let cameras = inputs::cameras(job)?;
     let trained = template::pictures(&mut painter(gpu, job)?, &trained, &merged, &cameras)?;
     pictures.templates.iter_mut().zip(trained).for_each(|(template, trained)| template.trained = trained);
-    files::write(job, pictures)
+    Ok(files::write(job, pictures)?)
 }
 
 /// Writes `review.html` in the folder of a job whose objects are found: every training view with its masks and the objects
@@ -92,15 +92,15 @@ pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut Stag
 ///
 /// # Errors
 /// A mask, a photo or a file of the stage that is missing or damaged.
-pub fn review_segments(job: &TrainJob) -> Result<(), TrainError> {
+pub fn review_segments(job: &TrainJob) -> Result<(), IoError> {
     let (views, _) = training_views(job)?;
     let found: Consensus = read_json(&job.out.join(CONSENSUS))?;
     review(&job.out.join(REVIEW), &views, &MaskFolder::open(&mask_folder(job)?)?, Some(&found))
 }
 
-fn painter(gpu: &Arc<Gpu>, job: &TrainJob) -> Result<Painter, TrainError> {
+fn painter(gpu: &Arc<Gpu>, job: &TrainJob) -> Result<Painter, RenderError> {
     let options = RenderOptions { background: [GROUND; 3], ..eval_options(&job.config) };
-    Ok(Painter::new(gpu, options)?)
+    Painter::new(gpu, options)
 }
 
 fn legend(prepared: &Prepared, colors: &Colors) -> Vec<ObjectColor> {
@@ -118,7 +118,7 @@ fn views(
     inputs: &Inputs,
     objects: &Objects<'_>,
     colors: &Colors,
-) -> Result<Vec<StageView>, TrainError> {
+) -> Result<Vec<StageView>, ReportError> {
     let chosen = inputs.choose_views(objects, VIEWS);
     let mut masks = Vec::with_capacity(chosen.len());
     for &view in &chosen {
@@ -146,14 +146,14 @@ fn views(
 }
 
 /// The photo of a view at the size of the camera; what it does not cover is black.
-fn photo(view: &View, camera: &Camera) -> Result<Rgb8, TrainError> {
+fn photo(view: &View, camera: &Camera) -> Result<Rgb8, IoError> {
     let image = load_view(view, Some(camera.width))?.image;
     let colors = image.rgba.iter().flat_map(|&pixel| composited(pixel, [0.0; 3]));
     // Rounded: no colour is below 0.
     let pixels = colors.map(|c| (c * 255.0 + 0.5) as u8).collect();
     let photo = Rgb8 { width: image.width, height: image.height, pixels };
     let fail = |what: String| IoError::new(&view.image_path, what);
-    Ok(photo.resized(camera.width, camera.height).map_err(fail)?)
+    photo.resized(camera.width, camera.height).map_err(fail)
 }
 
 /// Colours of the ids as they are in the masks: those of the objects if they are the objects'.

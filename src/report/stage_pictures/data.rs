@@ -1,6 +1,7 @@
-//! What the stages from masks to templates did, as pictures for the page. Who draws them: `train::stage_pictures`.
+//! What the stages from masks to templates did, as pictures for the page: plain data, which the rest of this module
+//! draws.
 
-use super::Rgb8;
+use crate::report::Rgb8;
 
 /// All of it; empty for a plain cloud.
 #[derive(Clone, Debug, Default, PartialEq)]

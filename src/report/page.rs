@@ -7,12 +7,13 @@ use super::curves::{Curves, Over};
 use super::format::{bytes, count, duration, escape, fixed};
 use super::phases;
 use super::pictures::{self, DIFFERENCE_GAIN};
-use super::run_report::{Quality, RunReport};
+use super::run_report::RunReport;
 use super::stages as of_stages;
 use super::table::{bar, table};
 use super::{ReportData, ViewPicture};
 use crate::io::{IoError, Place};
 use crate::train::config::Method;
+use crate::train::facts::Quality;
 
 pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     let report = &data.report;

@@ -2,12 +2,12 @@
 
 use super::overlay::{Objects, group_overlay, portraits};
 use super::painter::Painter;
+use crate::pipeline::Prepared;
 use crate::register::{InstanceRegistration, Verdict};
+use crate::render::RenderError;
+use crate::report::GroupOverlay;
 use crate::scene::PosedGroup;
 use crate::template::MIN_OWN_GAUSSIANS;
-use crate::train::error::TrainError;
-use crate::train::prepare::Prepared;
-use crate::train::report::GroupOverlay;
 
 /// Groups that are shown, largest first: more are hardly looked at.
 pub(super) const GROUPS: usize = 6;
@@ -20,7 +20,7 @@ pub(super) fn overlays(
     objects: &Objects<'_>,
     groups: &[PosedGroup],
     prepared: &Prepared,
-) -> Result<Vec<GroupOverlay>, TrainError> {
+) -> Result<Vec<GroupOverlay>, RenderError> {
     let mut order: Vec<&PosedGroup> = groups.iter().collect();
     order.sort_by_key(|group| std::cmp::Reverse(group.instances.len()));
     let mut out = Vec::new();

@@ -4,7 +4,7 @@ use super::Rgb8;
 use super::format::{count, escape, fixed};
 use super::pictures::address;
 use super::run_report::RunReport;
-use super::stage_pictures::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
+use super::stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 use crate::register::{InstanceRegistration, Verdict};
 
 /// Objects in the list of colours: more than fit into a few lines say nothing.

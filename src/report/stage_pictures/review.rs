@@ -1,4 +1,4 @@
-//! Every view with its masks painted over it: what `train::report::review_page` shows.
+//! Every view with its masks painted over it: what `report::review_page` shows.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -12,9 +12,8 @@ use super::{VIEW_WIDTH_PX, object_paint, photo};
 use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, Mask, MaskFolder, View};
 use crate::math::statistics::median;
+use crate::report::{KindOfMasks, ObjectColor, ReviewSheet, ReviewView, write_review};
 use crate::segment::Consensus;
-use crate::train::error::TrainError;
-use crate::train::report::{KindOfMasks, ObjectColor, ReviewSheet, ReviewView, write_review};
 
 /// The sheet's name in a folder of masks, of segments, or of a run.
 pub const REVIEW: &str = "review.html";
@@ -34,16 +33,16 @@ const BYTES_PER_PIXEL: u64 = 20;
 ///
 /// # Errors
 /// A mask or a photo that is missing or damaged, or a file that cannot be written.
-pub fn review(out: &Path, views: &[View], masks: &MaskFolder, found: Option<&Consensus>) -> Result<(), TrainError> {
-    Ok(write_review(out, &sheet(views, masks, found)?)?)
+pub fn review(out: &Path, views: &[View], masks: &MaskFolder, found: Option<&Consensus>) -> Result<(), IoError> {
+    write_review(out, &sheet(views, masks, found)?)
 }
 
-fn sheet(views: &[View], masks: &MaskFolder, found: Option<&Consensus>) -> Result<ReviewSheet, TrainError> {
+fn sheet(views: &[View], masks: &MaskFolder, found: Option<&Consensus>) -> Result<ReviewSheet, IoError> {
     let facts = views.par_iter().map(|view| ViewFacts::of(view, masks)).collect::<Vec<_>>();
     let facts = facts.into_iter().collect::<Result<Vec<_>, IoError>>()?;
     let given = Colors::of_ids(facts.iter().flat_map(|f| f.part_of_id.keys().copied()));
     let objects = found.map(|found| Colors::of_ids(found.report.objects.iter().map(|object| object.id)));
-    let draw = |index: usize| -> Result<ReviewView, TrainError> {
+    let draw = |index: usize| -> Result<ReviewView, IoError> {
         let view = &views[index];
         let pictures = pictures(index, view, masks, &given, found.zip(objects.as_ref()))?;
         Ok(ReviewView { name: view.camera.name.clone(), masks: facts[index].masks(), pictures })
@@ -101,7 +100,7 @@ fn pictures(
     masks: &MaskFolder,
     given: &Colors,
     found: Option<(&Consensus, &Colors)>,
-) -> Result<Vec<(&'static str, String)>, TrainError> {
+) -> Result<Vec<(&'static str, String)>, IoError> {
     // No larger than it is: the page sees to that.
     let photo = photo(view, &camera_at_width(&view.camera, Some(VIEW_WIDTH_PX.min(view.camera.width))))?;
     let fail = |what: String| IoError::new(&view.image_path, what);
@@ -184,9 +183,9 @@ fn kinds(facts: &[ViewFacts], categories: &BTreeMap<u32, String>) -> Vec<KindOfM
 mod tests {
     use super::*;
     use crate::io::{Split, write_categories, write_mask};
+    use crate::report::Rgb8;
     use crate::scene::Camera;
     use crate::segment::{ConsensusReport, IdTable, ObjectReport};
-    use crate::train::report::Rgb8;
 
     type Outcome = Result<(), Box<dyn std::error::Error>>;
 

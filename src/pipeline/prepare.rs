@@ -14,15 +14,15 @@ use crate::register::InstanceRegistration;
 use crate::segment::{ConsensusReport, LabelProgress};
 use crate::template::GroupReport;
 
-use super::error::TrainError;
-use super::grouped::{self, Grouped, grouped};
-use super::made_masks::masks_from_boxes;
+use super::build_templates::{self, build_templates};
+use super::error::PipelineError;
+use super::label_gaussians::{label_gaussians, read_cloud, stage};
+use super::make_masks::masks_from_boxes;
 use super::mask_check::without_mask_line;
-use super::merged::{self, merged};
-use super::report::Stage;
-use super::segmented::{read_cloud, segmented, stage};
-use super::start::INITIAL_SCENE;
-use super::trainer::TrainJob;
+use super::register_objects::{self, ObjectGroups, find_groups};
+use crate::train::TrainJob;
+use crate::train::facts::StageTime;
+use crate::train::trainer::INITIAL_SCENE;
 
 /// What this stage found, in the run folder.
 const REPORT: &str = "prepared.json";
@@ -36,7 +36,7 @@ pub struct Prepared {
     #[serde(default)]
     pub registration: Vec<InstanceRegistration>,
     /// Wall time of the parts.
-    pub stages: Vec<Stage>,
+    pub stages: Vec<StageTime>,
     /// Gaussians of the cloud that belong to no object.
     pub background: u64,
     /// Gaussians of the cloud that were left out because the pictures hardly show them.
@@ -59,8 +59,8 @@ impl Prepared {
         let mut out = self.boxes.clone();
         out.extend(without_mask_line(&self.consensus.without_mask, self.views));
         out.extend(self.consensus.warning());
-        out.extend(grouped::warnings(&self.registration));
-        out.extend(merged::warnings(&self.groups));
+        out.extend(register_objects::warnings(&self.registration));
+        out.extend(build_templates::warnings(&self.groups));
         out
     }
 }
@@ -75,7 +75,7 @@ pub fn prepare(
     gpu: &Arc<Gpu>,
     job: &TrainJob,
     progress: &mut dyn FnMut(LabelProgress),
-) -> Result<Prepared, TrainError> {
+) -> Result<Prepared, PipelineError> {
     let report_path = job.out.join(REPORT);
     let initial = job.out.join(INITIAL_SCENE);
     if job.resume && initial.is_file() && report_path.is_file() {
@@ -83,20 +83,20 @@ pub fn prepare(
     }
     let cloud = read_cloud(&job.out)?;
     let boxes = masks_from_boxes(gpu, job, &cloud, progress)?;
-    let segmented = segmented(gpu, job, &cloud, progress)?;
-    let Grouped { groups, registration, stages: registering } = grouped(gpu, job, &cloud, &segmented)?;
+    let labels = label_gaussians(gpu, job, &cloud, progress)?;
+    let ObjectGroups { groups, registration, stages: registering } = find_groups(gpu, job, &cloud, &labels)?;
     let merging = Instant::now();
-    let merged = merged(&cloud, &segmented, &groups, &job.config)?;
+    let merged = build_templates(&cloud, &labels, &groups, &job.config)?;
     write_scene_file(&initial, &merged.scene)?;
-    let stages = [segmented.stages, registering, vec![stage("merge", merging)]].concat();
+    let stages = [labels.stages, registering, vec![stage("merge", merging)]].concat();
     let prepared = Prepared {
         groups: merged.groups,
         registration,
         stages: boxes.iter().map(|made| made.stage.clone()).chain(stages).collect(),
         background: merged.scene.background.len() as u64,
         hardly_seen: merged.hardly_seen,
-        views: segmented.cameras.len(),
-        consensus: segmented.consensus,
+        views: labels.cameras.len(),
+        consensus: labels.consensus,
         boxes: boxes.map(|made| made.notes).unwrap_or_default(),
     };
     write_json(&report_path, &prepared)?;

@@ -6,11 +6,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::error::TrainError;
+use super::error::PipelineError;
+use super::label_gaussians::{stage, training_views};
 use super::mask_source::{MaskSource, made_masks};
-use super::report::Stage;
-use super::segmented::{stage, training_views};
-use super::trainer::{TrainJob, eval_options};
 use crate::detect::{self, Prompt, PromptReport, ViewMasks};
 use crate::gpu::Gpu;
 use crate::io::masks::CATEGORIES;
@@ -18,13 +16,15 @@ use crate::io::{Dataset, IoError, Split, View, read_boxes, read_views, write_cat
 use crate::scene::{Boxes, InstancedScene};
 use crate::segment::LabelProgress;
 use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw};
+use crate::train::facts::StageTime;
+use crate::train::{TrainJob, eval_options};
 
 /// What was found by name, and how long it took.
 pub struct FoundByName {
     /// What was found.
     pub report: PromptReport,
     /// Wall time.
-    pub stage: Stage,
+    pub stage: StageTime,
 }
 
 /// Finds what the job's prompt names in the photos of its training views, and leaves masks in the run folder; `done` is told
@@ -35,7 +35,7 @@ pub struct FoundByName {
 pub fn masks_from_prompt(
     job: &TrainJob,
     done: &mut dyn FnMut(&str, &ViewMasks, usize),
-) -> Result<Option<FoundByName>, TrainError> {
+) -> Result<Option<FoundByName>, PipelineError> {
     let MaskSource::Prompt { prompt, models } = MaskSource::of(job)? else { return Ok(None) };
     let out = made_masks(job);
     // Written last.
@@ -56,7 +56,7 @@ pub(super) struct FoundByBoxes {
     /// What became of the boxes, one line each for the user.
     pub(super) notes: Vec<String>,
     /// Wall time.
-    pub(super) stage: Stage,
+    pub(super) stage: StageTime,
 }
 
 /// Makes the masks of a job with boxes from its plain cloud. `None` if the masks come from elsewhere, or are there and the
@@ -69,7 +69,7 @@ pub(super) fn masks_from_boxes(
     job: &TrainJob,
     cloud: &InstancedScene,
     progress: &mut dyn FnMut(LabelProgress),
-) -> Result<Option<FoundByBoxes>, TrainError> {
+) -> Result<Option<FoundByBoxes>, PipelineError> {
     let MaskSource::Boxes(path) = MaskSource::of(job)? else { return Ok(None) };
     let out = made_masks(job);
     if job.resume && out.join(CATEGORIES).is_file() {
@@ -93,12 +93,12 @@ pub(super) fn masks_from_boxes(
 ///
 /// # Errors
 /// A file that is missing or damaged; no box in the world or in a training view.
-pub(super) fn training_boxes(job: &TrainJob, path: &Path) -> Result<Boxes, TrainError> {
+pub(super) fn training_boxes(job: &TrainJob, path: &Path) -> Result<Boxes, IoError> {
     let (boxes, dataset) = (read_boxes(path)?, read_views(&job.data)?);
     let is_of_training = |name: &String| dataset.split(Split::Train).any(|view| view.camera.name == *name);
     if boxes.objects.is_empty() && !boxes.views.keys().any(is_of_training) {
         let error = IoError::new(path, "has no box in the world and none in a photo of a training view");
-        return Err(error.advise("a view is called like its photo, without the ending").into());
+        return Err(error.advise("a view is called like its photo, without the ending"));
     }
     Ok(without_test_views(boxes, &dataset))
 }
@@ -123,9 +123,9 @@ pub fn write_masks_from_boxes(
     options: &BoxOptions,
     out: &Path,
     progress: &mut dyn FnMut(LabelProgress),
-) -> Result<BoxReport, TrainError> {
+) -> Result<BoxReport, PipelineError> {
     fs::create_dir_all(out).map_err(|e| IoError::new(out, format!("cannot be made: {e}")))?;
-    let found = draw::<TrainError>(
+    let found = draw::<PipelineError>(
         gpu,
         cloud,
         views,

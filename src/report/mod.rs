@@ -1,8 +1,10 @@
-//! What came out of a training run: `RUN/report.json` (DESIGN section 5) and `RUN/report.html`, a page without scripts
-//! or anything from elsewhere. Plain data in, text out. Of a run in two phases both show the plain cloud, too.
+//! L7: what came out of a run: `RUN/report.json` and `RUN/report.html`, a page without scripts or anything from
+//! elsewhere, `RUN/review.html` and the pictures of [`stage_pictures`]. Of a run in two phases both reports show the plain
+//! cloud, too. Reports read what a run left; neither the trainer nor the pipeline calls them.
 
-pub(crate) mod chart;
+pub mod chart;
 mod curves;
+mod error;
 mod format;
 mod joint_match;
 mod pace;
@@ -11,24 +13,26 @@ mod phases;
 mod pictures;
 mod review_page;
 mod run_report;
-mod stage_pictures;
+pub mod stage_pictures;
 mod stages;
 mod table;
 mod training_clock;
 
 use std::path::Path;
 
+pub use error::ReportError;
 pub use joint_match::JointMatch;
 pub use pace::final_steps_per_second;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
 pub use review_page::{KindOfMasks, ReviewSheet, ReviewView, write_review};
-pub use run_report::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, RunReport, Stage, ViewMetrics};
-pub use stage_pictures::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
+pub use run_report::RunReport;
+pub use stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 pub use training_clock::training_seconds;
 
-use super::events::Event;
 use crate::io::{IoError, atomic_write};
 use crate::scene::RepeatedBytes;
+use crate::train::events::Event;
+use crate::train::facts::Quality;
 
 /// Everything that the page shows.
 #[derive(Clone, Debug, Default)]

@@ -9,14 +9,12 @@ use crate::io::checkpoint::Checkpoint;
 use crate::io::json::read_json;
 use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
+use crate::pipeline::label_gaussians::{CLOUD, CONSENSUS, LABEL_TENSOR, LABELS};
+use crate::pipeline::register_objects::GROUPS;
+use crate::pipeline::{Prepared, mask_folder, training_views};
 use crate::scene::{Camera, Gaussians, PosedGroup};
 use crate::segment::{Consensus, ConsensusReport, IdTable};
-use crate::train::error::TrainError;
-use crate::train::grouped::GROUPS;
-use crate::train::mask_source::mask_folder;
-use crate::train::prepare::Prepared;
-use crate::train::segmented::{CLOUD, CONSENSUS, LABEL_TENSOR, LABELS, training_views};
-use crate::train::trainer::TrainJob;
+use crate::train::TrainJob;
 
 /// Everything that pictures are made from.
 pub(super) struct Inputs {
@@ -37,12 +35,12 @@ pub(super) struct Inputs {
 }
 
 /// The cameras of the training views at the size that is trained at.
-pub(super) fn cameras(job: &TrainJob) -> Result<Vec<Camera>, TrainError> {
+pub(super) fn cameras(job: &TrainJob) -> Result<Vec<Camera>, IoError> {
     Ok(training_views(job)?.1)
 }
 
 impl Inputs {
-    pub(super) fn read(job: &TrainJob) -> Result<Self, TrainError> {
+    pub(super) fn read(job: &TrainJob) -> Result<Self, IoError> {
         let (views, cameras) = training_views(job)?;
         let labels = job.out.join(LABELS);
         let consensus: Consensus = read_json(&job.out.join(CONSENSUS))?;

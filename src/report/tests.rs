@@ -6,6 +6,7 @@ use super::*;
 use crate::math::rng::Rng;
 use crate::template::{GroupReport, InstanceReport};
 use crate::train::config::Method;
+use crate::train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, ViewMetrics};
 
 fn quality(psnr: f64) -> Quality {
     Quality { psnr, ssim: 0.5 + psnr / 80.0, lpips: Some(0.5 - psnr / 80.0) }
@@ -88,7 +89,7 @@ fn sample() -> ReportData {
         seconds: 905.2,
         steps_per_second: 8.1,
         stages: [("load", 2.1), ("train", 890.0), ("eval", 13.1)]
-            .map(|(n, seconds)| Stage { name: n.into(), seconds })
+            .map(|(n, seconds)| StageTime { name: n.into(), seconds })
             .into(),
         passes_ms: passes.map(|(name, ms)| (name.into(), ms)).into(),
         eval: Some(quality(23.8)),
@@ -202,7 +203,7 @@ pub(super) fn two_phases() -> ReportData {
             *losses = view_losses(*step, *mean_loss);
         }
     }
-    let stage = |name: &str, seconds| Stage { name: name.into(), seconds };
+    let stage = |name: &str, seconds| StageTime { name: name.into(), seconds };
     let report = &mut data.report;
     report.method = "instgs".into();
     report.steps = 2000;

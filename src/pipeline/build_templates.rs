@@ -2,14 +2,14 @@
 
 use crate::scene::{InstancedScene, PosedGroup};
 use crate::template::{GroupReport, POOR_MATCH, build};
+use crate::train::config::TrainConfig;
 
-use super::config::TrainConfig;
-use super::error::TrainError;
-use super::segmented::Segmented;
+use super::error::PipelineError;
+use super::label_gaussians::CloudLabels;
 
 /// The scene that the joint phase starts from.
-pub struct Merged {
-    /// It; without instances if no group has an object.
+pub struct MergedScene {
+    /// Templates, instances and background; without instances if no group has an object.
     pub scene: InstancedScene,
     /// What became of each group.
     pub groups: Vec<GroupReport>,
@@ -22,12 +22,12 @@ pub struct Merged {
 ///
 /// # Errors
 /// Groups that do not fit each other, or more Gaussians than can be counted.
-pub fn merged(
+pub fn build_templates(
     cloud: &InstancedScene,
-    segmented: &Segmented,
+    segmented: &CloudLabels,
     groups: &[PosedGroup],
     config: &TrainConfig,
-) -> Result<Merged, TrainError> {
+) -> Result<MergedScene, PipelineError> {
     let is_kept = segmented.well_seen(&cloud.background.means, groups, config.joint.prune_weight);
     let kept = cloud.background.filtered(|i| is_kept[i]);
     let labels: Vec<u32> =
@@ -36,7 +36,7 @@ pub fn merged(
     built.scene.antialias = config.antialias;
     built.scene.source = "instgs-vk: merged, not yet trained".into();
     let hardly_seen = (cloud.background.len() - kept.len()) as u64;
-    Ok(Merged { scene: built.scene, groups: built.report, hardly_seen })
+    Ok(MergedScene { scene: built.scene, groups: built.report, hardly_seen })
 }
 
 /// What the user should know of the groups, one line each.

@@ -4,12 +4,14 @@ use super::chart::{Chart, Look, Series};
 use super::curves::{Curves, Over};
 use super::format::{bytes, count, duration, escape, fixed, signed};
 use super::joint_match::final_loss;
-use super::run_report::{Quality, RunReport};
+use super::run_report::RunReport;
 use super::table::table;
 use super::training_clock::training_seconds;
 use super::{RepeatedBytes, ReportData};
+use crate::pipeline::is_preparation;
 use crate::template::{GroupReport, POOR_MATCH};
 use crate::train::events::Event;
+use crate::train::facts::Quality;
 
 /// The steps of both phases; `joint` is the words for the second one's.
 pub(super) fn steps(vanilla: &RunReport, joint: &str) -> String {
@@ -58,7 +60,7 @@ fn between_seconds(report: &RunReport) -> f64 {
     report
         .stages
         .iter()
-        .filter(|stage| stage.is_preparation())
+        .filter(|stage| is_preparation(stage))
         .map(|stage| stage.seconds)
         .filter(|s| s.is_finite())
         .sum()
