@@ -2,6 +2,12 @@
 //! elsewhere, `RUN/review.html` and the pictures of [`stage_pictures`]. Of a run in two phases both reports show the plain
 //! cloud, too. Reports read what a run left; neither the trainer nor the pipeline calls them.
 
+use instgs_eval as eval;
+use instgs_io as io;
+use instgs_objects::{pipeline, register, segment, template};
+use instgs_train as train;
+use instgs_vk::{gpu, math, render, scene};
+
 pub mod chart;
 mod curves;
 mod error;

@@ -171,7 +171,7 @@ pub(super) fn late_decay(last: f64, start: f64, step: u64, steps: u64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::config::{ConfigBuilder, ConfigError};
+    use crate::config::{ConfigBuilder, ConfigError};
 
     fn with(sets: &[&str]) -> Result<TrainConfig, ConfigError> {
         sets.iter().try_fold(ConfigBuilder::new(), |builder, set| builder.set(set))?.finish()

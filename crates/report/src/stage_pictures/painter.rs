@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::gpu::Gpu;
 use crate::math::similarity::Similarity;
 use crate::render::{Picture, RenderError, RenderOptions, Renderer};
-use crate::report::Rgb8;
+use crate::Rgb8;
 use crate::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
 
 /// What single objects stand on, grey from 0 to 1: light, so that dark objects have a plain outline.

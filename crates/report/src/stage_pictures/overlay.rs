@@ -9,7 +9,7 @@ use super::labels::tinted;
 use super::painter::{GROUND, Painter, rgb8};
 use crate::math::similarity::Similarity;
 use crate::render::{Picture, RenderError};
-use crate::report::{GroupOverlay, OverlayTile, Rgb8};
+use crate::{GroupOverlay, OverlayTile, Rgb8};
 use crate::scene::{Camera, Gaussians, PosedGroup, PosedInstance};
 
 /// Size of a picture of one object, pixels: three beside each other are half as wide as the page.

@@ -5,6 +5,10 @@
 //! [`crate::io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
 //! [`crate::pipeline`].
 
+use instgs_eval as eval;
+use instgs_io as io;
+use instgs_vk::{gpu, kernels, math, optim, render, scene};
+
 pub mod config;
 mod data_doubts;
 pub mod device_state;

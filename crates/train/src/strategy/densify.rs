@@ -5,8 +5,8 @@ use crate::gpu::{Buffer, GpuError};
 use crate::kernels::{densify_mark, densify_place, densify_select, densify_split, reset_opacity as reset_kernel};
 use crate::render::RenderError;
 use crate::render::sort::SortBuffers;
-use crate::train::config::TrainConfig;
-use crate::train::device_state::DeviceState;
+use crate::config::TrainConfig;
+use crate::device_state::DeviceState;
 
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};

@@ -161,7 +161,7 @@ impl OffsetConfig {
 
 impl TrainConfig {
     /// What the steps of this method's own phase go by: of `instgs`, the joint phase.
-    pub(in crate::train) fn own_phase(&self) -> Self {
+    pub(crate) fn own_phase(&self) -> Self {
         match self.method {
             Method::Gaussians => self.clone(),
             Method::Instanced => self.joint_phase(),
@@ -236,7 +236,7 @@ impl TrainConfig {
 
 #[cfg(test)]
 mod tests {
-    use crate::train::config::{ConfigBuilder, ConfigError, Method, Strategy, TrainConfig};
+    use crate::config::{ConfigBuilder, ConfigError, Method, Strategy, TrainConfig};
 
     fn joint(sets: &[&str]) -> Result<TrainConfig, ConfigError> {
         let config = sets.iter().try_fold(ConfigBuilder::new(), |builder, set| builder.set(set))?.finish()?;

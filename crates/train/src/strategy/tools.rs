@@ -11,7 +11,7 @@ use crate::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
 use crate::render::scan::{Blocks, ScanScratch, plain, record_scan};
 use crate::render::sort::{Sort, SortBuffers, record_sort};
 use crate::render::{GradientBuffers, RenderError, SourceTables};
-use crate::train::device_state::DeviceState;
+use crate::device_state::DeviceState;
 
 /// Pipelines and a recorder.
 pub(super) struct Tools {

@@ -12,7 +12,7 @@ use super::{VIEW_WIDTH_PX, object_paint, photo};
 use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, Mask, MaskFolder, View};
 use crate::math::statistics::median;
-use crate::report::{KindOfMasks, ObjectColor, ReviewSheet, ReviewView, write_review};
+use crate::{KindOfMasks, ObjectColor, ReviewSheet, ReviewView, write_review};
 use crate::segment::Consensus;
 
 /// The sheet's name in a folder of masks, of segments, or of a run.
@@ -183,7 +183,7 @@ fn kinds(facts: &[ViewFacts], categories: &BTreeMap<u32, String>) -> Vec<KindOfM
 mod tests {
     use super::*;
     use crate::io::{Split, write_categories, write_mask};
-    use crate::report::Rgb8;
+    use crate::Rgb8;
     use crate::scene::Camera;
     use crate::segment::{ConsensusReport, IdTable, ObjectReport};
 

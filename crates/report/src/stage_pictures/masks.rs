@@ -2,7 +2,7 @@
 
 use super::colors::luminance;
 use crate::io::Mask;
-use crate::report::Rgb8;
+use crate::Rgb8;
 
 /// Part of a mask's colour inside of it; the photo's grey shows through.
 const INSIDE: f32 = 0.62;

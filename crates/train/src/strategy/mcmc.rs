@@ -5,8 +5,8 @@ use crate::gpu::interface::constants::*;
 use crate::gpu::{Buffer, GpuError};
 use crate::kernels::{mcmc_gather_copies, mcmc_pick, mcmc_share, mcmc_weigh};
 use crate::render::RenderError;
-use crate::train::config::TrainConfig;
-use crate::train::device_state::DeviceState;
+use crate::config::TrainConfig;
+use crate::device_state::DeviceState;
 
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};

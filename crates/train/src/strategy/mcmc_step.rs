@@ -3,8 +3,8 @@
 use crate::gpu::{GpuError, Grid, Recorder};
 use crate::kernels::{McmcStepPipelines, mcmc_noise, mcmc_regularise};
 use crate::render::StepLog;
-use crate::train::config::{self, Rates, TrainConfig};
-use crate::train::device_state::DeviceState;
+use crate::config::{self, Rates, TrainConfig};
+use crate::device_state::DeviceState;
 
 use super::seed_words;
 

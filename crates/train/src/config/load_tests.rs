@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::*;
-use crate::train::config::{Background, Init, Method, Strategy};
+use crate::config::{Background, Init, Method, Strategy};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 

@@ -307,7 +307,7 @@ fn capped(cloud: Gaussians, most: usize, warnings: &mut Vec<String>) -> Gaussian
 mod tests {
     use super::*;
     use crate::io::checkpoint::save;
-    use crate::train::config::{ConfigBuilder, ConfigError};
+    use crate::config::{ConfigBuilder, ConfigError};
 
     type Test = Result<(), Box<dyn std::error::Error>>;
 

@@ -5,7 +5,7 @@ use std::fs;
 use rayon::prelude::*;
 
 use crate::io::{IoError, atomic_write};
-use crate::report::{Rgb8, StagePictures};
+use crate::{Rgb8, StagePictures};
 use crate::train::TrainJob;
 
 /// The folder, in the run folder.

@@ -1,7 +1,7 @@
 //! What the stages from masks to templates did, as pictures for the page: plain data, which the rest of this module
 //! draws.
 
-use crate::report::Rgb8;
+use crate::Rgb8;
 
 /// All of it; empty for a plain cloud.
 #[derive(Clone, Debug, Default, PartialEq)]

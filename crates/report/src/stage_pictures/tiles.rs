@@ -5,7 +5,7 @@ use super::painter::Painter;
 use crate::pipeline::Prepared;
 use crate::register::{InstanceRegistration, Verdict};
 use crate::render::RenderError;
-use crate::report::GroupOverlay;
+use crate::GroupOverlay;
 use crate::scene::PosedGroup;
 use crate::template::MIN_OWN_GAUSSIANS;
 

@@ -7,7 +7,7 @@ use super::overlay::TILE_PX;
 use super::painter::{Painter, rgb8};
 use crate::math::similarity::Similarity;
 use crate::render::RenderError;
-use crate::report::Rgb8;
+use crate::Rgb8;
 use crate::scene::{Camera, Gaussians, InstancedScene};
 
 /// Templates that are shown: more are hardly looked at.
