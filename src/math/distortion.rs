@@ -99,7 +99,7 @@ fn smaller_root(c: f64, b: f64, a: f64) -> f64 {
     positive_roots(c, b, a).into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// The largest positive root of c + b s + a s^2; negative infinity if there is none.
+/// The larger of the positive roots of c + b s + a s^2; infinite if there are fewer than two.
 fn larger_root(c: f64, b: f64, a: f64) -> f64 {
     positive_roots(c, b, a).into_iter().fold(f64::NEG_INFINITY, f64::max)
 }
