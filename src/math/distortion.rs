@@ -65,8 +65,8 @@ impl Distortion {
         None
     }
 
-    /// Squared radius from which on the radial terms fold the image over: the distorted radius `r (1 + k1 r^2 + k2 r^4
-    /// + k3 r^6)` grows up to there and no further. Infinite if it grows everywhere. The model is meaningless beyond.
+    /// Squared radius from which on the radial terms fold the image over: up to it and no further, the distorted radius
+    /// `r (1 + k1 r^2 + k2 r^4 + k3 r^6)` grows. Infinite if it grows everywhere. The model is meaningless beyond.
     pub fn fold_radius_squared(&self) -> f64 {
         // The derivative of the distorted radius, in s = r^2.
         first_root([3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3])
