@@ -65,8 +65,8 @@ impl Distortion {
         None
     }
 
-    /// Squared radius from which on the radial terms fold the image over: the distorted radius `r (1 + k1 r^2 + k2 r^4
-    /// + k3 r^6)` grows up to there and no further. Infinite if it grows everywhere. The model is meaningless beyond.
+    /// Squared radius from which on the radial terms fold the image over: up to it and no further, the distorted radius
+    /// `r (1 + k1 r^2 + k2 r^4 + k3 r^6)` grows. Infinite if it grows everywhere. The model is meaningless beyond.
     pub fn fold_radius_squared(&self) -> f64 {
         // The derivative of the distorted radius, in s = r^2.
         first_root([3.0 * self.k1, 5.0 * self.k2, 7.0 * self.k3])
@@ -99,7 +99,7 @@ fn smaller_root(c: f64, b: f64, a: f64) -> f64 {
     positive_roots(c, b, a).into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// The largest positive root of c + b s + a s^2; negative infinity if there is none.
+/// The larger of the positive roots of c + b s + a s^2; infinite if there are fewer than two.
 fn larger_root(c: f64, b: f64, a: f64) -> f64 {
     positive_roots(c, b, a).into_iter().fold(f64::NEG_INFINITY, f64::max)
 }

@@ -49,8 +49,8 @@ pub struct NearGrid {
 }
 
 impl NearGrid {
-    /// A grid of finite positions, fewer than 2^32 of them. Cells have the given edge, or a larger one if that would
-    /// make too many.
+    /// A grid of finite positions, fewer than 2^32 of them. Cells have the given edge, or another one if that would
+    /// make too many or is too small to divide by.
     pub fn new(positions: &[DVec3], edge: f64) -> Self {
         let wider = |(low, high): (DVec3, DVec3), p: &DVec3| (low.min(*p), high.max(*p));
         let (low, high) = positions.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), wider);
@@ -121,7 +121,7 @@ impl NearGrid {
         None
     }
 
-    /// Distance from the query to the nearest point that the cells may have missed; infinite if they cover the whole
+    /// Lower bound of the distance from the query to any point outside these cells; infinite if they cover the whole
     /// grid.
     fn reach(&self, from_low: DVec3, low: [i32; 3], high: [i32; 3]) -> f64 {
         let mut least = f64::INFINITY;

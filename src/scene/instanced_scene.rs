@@ -121,7 +121,7 @@ impl InstancedScene {
         let fail = |tensor: &str, reason: String| Err(SceneError { tensor: tensor.into(), reason });
         for (name, cloud) in [("template", &self.templates), ("background", &self.background)] {
             if let Some((field, len, want)) = cloud.wrong_length() {
-                return fail(&format!("{name}.{field}"), format!("{len} entries where {name}.means calls for {want}"));
+                return fail(&format!("{name}.{field}"), format!("{len} entries, but {name}.means requires {want}"));
             }
         }
         let m = self.offsets.len();
@@ -138,7 +138,7 @@ impl InstancedScene {
             ("quats", self.offsets.quats.len(), m),
         ] {
             if len != want && len != 0 {
-                return fail(&format!("offset.{field}"), format!("{len} entries where {want}, or none, fit"));
+                return fail(&format!("offset.{field}"), format!("{len} entries instead of {want} or none"));
             }
         }
         for (g, range) in self.template_ranges.iter().enumerate() {

@@ -90,7 +90,7 @@ fn templates_are_cropped_and_erased_once_for_all() {
         text
     };
     for (arguments, want) in [
-        (["--crop", "template=0", "box=5,5,5/6,6,6"], "--crop: all 4 Gaussians of template 0 would go"),
+        (["--crop", "template=0", "box=5,5,5/6,6,6"], "--crop: all 4 Gaussians of template 0 would be removed"),
         (["--crop", "template=3", "box=0,0,0/1,1,1"], "--crop: there is no template 3: the only one is 0"),
         (["--crop", "template=0", "box=1,0,0/0,1,1"], "--crop: no box reaches from"),
         (["--crop", "template=0", "box=0,0,0"], "--crop: box=0,0,0: want the lower and the upper corner"),
@@ -100,12 +100,12 @@ fn templates_are_cropped_and_erased_once_for_all() {
         assert!(text.contains(want), "{text}");
     }
     let text = error(&["--erase", "template=0", "at=0,0,0", "radius=-1"]);
-    assert!(text.contains("--erase: -1 is no radius"), "{text}");
+    assert!(text.contains("--erase: -1 is not a radius"), "{text}");
     let mut command = program();
     command.arg("edit").arg(at("room.instgs")).args(["--erase", "template=0", "at=9,9,9", "radius=1", "--out"]);
     let output = command.arg(at("same.instgs")).assert().success().get_output().clone();
     let warning = String::from_utf8(output.stderr).unwrap();
-    assert!(warning.contains("--erase: nothing of template 0 is there to be removed"), "{warning}");
+    assert!(warning.contains("--erase: no Gaussian of template 0 is in the region to remove"), "{warning}");
     assert_eq!(load_scene(&at("same.instgs")).unwrap().scene, before);
 }
 
@@ -142,7 +142,7 @@ fn mistakes_are_named_and_nothing_is_written() {
         (vec!["--move", "id:4", "by=1,0,0"], "--move: there is no instance with id 4: ids are 3, 7, 11"),
         (vec!["--recolour", "group:sofa", "rgb=0,0,1"], "--recolour: there is no instance of a group \"sofa\""),
         (vec!["--swap", "0", "template=5"], "--swap: there is no template 5: the only one is 0"),
-        (vec!["--delete", "0", "--scale", "0", "by=0"], "--scale: 0 is no scale"),
+        (vec!["--delete", "0", "--scale", "0", "by=0"], "--scale: 0 is not a scale"),
         (vec!["--move", "0"], "--move: want either by"),
         (vec![], "no operation is given"),
     ] {

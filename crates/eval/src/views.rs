@@ -17,7 +17,7 @@ pub struct Evaluated<'a> {
     pub pair: &'a PicturePair,
     /// Metrics of the pair.
     pub metrics: Metrics,
-    /// Number of splats that contribute to the picture after culling.
+    /// Number of splats that touch at least one tile.
     pub visible: u64,
 }
 

@@ -68,10 +68,10 @@ pub fn read_boxes(path: &Path) -> Result<Boxes, IoError> {
     let value = parse_json(&read_bytes(path)?, path)?;
     // serde would accept a list for a struct, too.
     if !value.is_object() {
-        return Err(IoError::new(path, "is no file of boxes: it has no objects and no views"));
+        return Err(IoError::new(path, "is not a boxes file: it has neither objects nor views"));
     }
     let fields: BoxesFields =
-        serde_json::from_value(value).map_err(|e| IoError::new(path, format!("is no file of boxes: {e}")))?;
+        serde_json::from_value(value).map_err(|e| IoError::new(path, format!("is not a boxes file: {e}")))?;
     let mut objects = Vec::with_capacity(fields.objects.len());
     for (i, fields) in fields.objects.into_iter().enumerate() {
         let at = Place::Field(format!("objects[{i}]"));
@@ -106,7 +106,7 @@ fn object_of(fields: ObjectFields) -> Result<ObjectBox, String> {
     let rotation = DQuat::from_xyzw(x, y, z, w);
     // The squared length must be neither 0 nor infinite.
     if !(1e-100..1e100).contains(&rotation.length()) {
-        return Err(format!("has the rotation {:?}, which is no quaternion", fields.rotation));
+        return Err(format!("has the rotation {:?}, which is not a rotation quaternion", fields.rotation));
     }
     Ok(ObjectBox {
         id: fields.id,
@@ -127,7 +127,7 @@ fn check(boxes: &Boxes, path: &Path) -> Result<(), IoError> {
             return fail(format!("has the center {}, which is not finite", object.center));
         }
         if !(object.size.is_finite() && object.size.cmpgt(DVec3::ZERO).all()) {
-            return fail(format!("has the size {}: lengths are above 0", object.size));
+            return fail(format!("has the size {}: edge lengths must be above 0", object.size));
         }
     }
     for (name, list) in &boxes.views {
@@ -138,7 +138,7 @@ fn check(boxes: &Boxes, path: &Path) -> Result<(), IoError> {
             let [left, top, right, bottom] = view_box.box_px;
             let is_finite = view_box.box_px.iter().all(|v| v.is_finite());
             if !is_finite || left >= right || top >= bottom {
-                return fail(format!("has the box_px {:?}: it is left, top, right, bottom", view_box.box_px));
+                return fail(format!("has the box_px {:?}: want left, top, right, bottom", view_box.box_px));
             }
             if let Some(score) = view_box.score.filter(|s| !(0.0..=1.0).contains(s)) {
                 return fail(format!("has the score {score}, which is not from 0 to 1"));
@@ -153,7 +153,7 @@ fn check_id(id: u32, seen: &mut BTreeSet<u32>) -> Result<(), String> {
         return Err(format!("has the id {id}: ids are those of masks, 1 to {MAX_INSTANCE_ID}"));
     }
     if !seen.insert(id) {
-        return Err(format!("has the id {id}, which an earlier box has"));
+        return Err(format!("has the id {id} of an earlier box"));
     }
     Ok(())
 }
@@ -197,19 +197,19 @@ mod tests {
         let path = folder.path().join("boxes.json");
         for (text, want) in [
             ("[", "JSON"),
-            ("[]", "no file of boxes"),
+            ("[]", "not a boxes file"),
             (r#"{"objects": [{"id": 0, "center": [0, 0, 1], "size": [2, 4, 1]}]}"#, "objects[0]: has the id 0"),
             (r#"{"objects": [{"id": 1, "center": [0, 0, 1], "size": [2, 0, 1]}]}"#, "above 0"),
-            (r#"{"objects": [{"id": 1, "center": [0, 0], "size": [2, 1, 1]}]}"#, "no file of boxes"),
+            (r#"{"objects": [{"id": 1, "center": [0, 0], "size": [2, 1, 1]}]}"#, "not a boxes file"),
             (
                 r#"{"objects": [{"id": 1, "center": [0, 0, 1], "size": [2, 4, 1], "rotation": [0, 0, 0, 0]}]}"#,
-                "no quaternion",
+                "not a rotation quaternion",
             ),
             (r#"{"views": {"a": [{"box_px": [2, 0, 1, 1]}]}}"#, "views.a[0]: has the box_px"),
             (r#"{"views": {"a": [{"box_px": [0, 0, 1, 1], "score": 2}]}}"#, "score 2"),
             (
                 r#"{"views": {"a": [{"box_px": [0, 0, 1, 1], "id": 3}, {"box_px": [0, 0, 1, 1], "id": 3}]}}"#,
-                "views.a[1]: has the id 3, which an earlier",
+                "views.a[1]: has the id 3 of an earlier",
             ),
         ] {
             std::fs::write(&path, text)?;

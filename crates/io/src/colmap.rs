@@ -172,7 +172,7 @@ pub(crate) fn lines<'a>(bytes: &'a [u8], path: &Path) -> Result<Vec<(u64, &'a st
 
 pub(crate) fn number<T: std::str::FromStr>(word: Option<&str>, fail: &dyn Fn(String) -> IoError) -> Result<T, IoError> {
     let word = word.ok_or_else(|| fail("ends early".into()))?;
-    word.parse().map_err(|_| fail(format!("\"{}\" is no number of the kind that belongs here", word.escape_debug())))
+    word.parse().map_err(|_| fail(format!("\"{}\" is not a valid number here", word.escape_debug())))
 }
 
 fn parse_cameras_txt(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
@@ -223,7 +223,7 @@ fn posed(
     fail: &dyn Fn(String) -> IoError,
 ) -> Result<PosedImage, IoError> {
     let Some(intrinsics) = cameras.get(&camera) else {
-        return Err(fail(format!("image {file} uses camera {camera}, which the cameras file has not")));
+        return Err(fail(format!("image {file} uses camera {camera}, which is not in the cameras file")));
     };
     let [w, x, y, z, t @ ..] = pose;
     let q = DQuat::from_xyzw(x, y, z, w);

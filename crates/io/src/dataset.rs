@@ -270,7 +270,7 @@ mod tests {
             error(r#""val_filenames":["i/c.png","i/x.png"],"#)?
                 .contains("val_filenames[1]: no frame has the file i/x.png")
         );
-        assert!(error(r#""val_filenames":[3],"#)?.contains("val_filenames[0]: is no text"));
+        assert!(error(r#""val_filenames":[3],"#)?.contains("val_filenames[0]: is not a string"));
         assert!(
             error(r#""train_filenames":["i/a.png"],"val_filenames":["i/a.png"],"#)?.contains("no view to train on")
         );

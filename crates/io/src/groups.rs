@@ -57,7 +57,7 @@ pub fn read_groups(path: &Path) -> Result<Vec<PosedGroup>, IoError> {
 /// Parses the bytes of a file of groups; `path` is only used in messages.
 pub fn parse_groups(bytes: &[u8], path: &Path) -> Result<Vec<PosedGroup>, IoError> {
     let serde_json::Value::Array(values) = parse_json(bytes, path)? else {
-        return Err(IoError::new(path, "is no list of groups"));
+        return Err(IoError::new(path, "is not a list of groups"));
     };
     let mut groups = Vec::with_capacity(values.len());
     for (g, value) in values.into_iter().enumerate() {
@@ -164,7 +164,7 @@ fn check(groups: &[PosedGroup], path: &Path) -> Result<(), IoError> {
         let place = group_place(g, group.name.as_deref());
         let fail = |what: String| Err(IoError::new(path, what).at(Place::Field(place.clone())));
         if !templates.insert(group.template_id) {
-            return fail(format!("an earlier group has the template_id {} too", group.template_id));
+            return fail(format!("an earlier group has the same template_id {}", group.template_id));
         }
         if let Some(score) = group.score.filter(|s| !(0.0..=1.0).contains(s)) {
             return fail(format!("has the score {score}, which is not from 0 to 1"));
@@ -178,7 +178,7 @@ fn check(groups: &[PosedGroup], path: &Path) -> Result<(), IoError> {
                 return fail(format!("instance {i} has the id {id}: ids are those of masks, 1 to {MAX_INSTANCE_ID}"));
             }
             if !ids.insert(id) {
-                return fail(format!("instance {i} has the id {id}, which an earlier instance has"));
+                return fail(format!("instance {i} has the id {id} of an earlier instance"));
             }
             if let Err(e) = Similarity::from_rows(instance.world_from_template.rows()) {
                 return fail(format!("instance {i} (id {id}) world_from_template {e}"));
@@ -267,7 +267,7 @@ mod tests {
             (instance("0", ONE), "instance 0 has the id 0"),
             (instance("65536", ONE), "has the id 65536"),
             (instance("-1", ONE), "group 0 (vase), instance 0: invalid value"),
-            (format!("{0},{0}", instance("5", ONE)), "instance 1 has the id 5, which an earlier"),
+            (format!("{0},{0}", instance("5", ONE)), "instance 1 has the id 5 of an earlier"),
             ("{\"instance_id\": 5}".into(), "(id 5) has neither"),
             (instance("5", "[[1,0,0,0],[0,1,0,0],[0,0,1,0]]"), "invalid length 3"),
             (instance("5", "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[1,2,3,1]]"), "transposed?"),
@@ -282,7 +282,7 @@ mod tests {
         }
         let of =
             |text: &str| parse_groups(text.as_bytes(), Path::new("g")).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(of("{}").contains("no list") && of("[\n{").contains("line 2"));
+        assert!(of("{}").contains("not a list") && of("[\n{").contains("line 2"));
         assert!(of("[3]").contains("group 0") && of("[{\"template_id\": 1}]").contains("instances"));
     }
 

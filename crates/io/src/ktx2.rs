@@ -130,7 +130,7 @@ pub fn parse_ktx2(bytes: &[u8], path: &Path) -> Result<FloatImage, IoError> {
         }
     };
     if header.supercompression_scheme.is_some() {
-        return Err(IoError::new(path, "is supercompressed, which is not read")
+        return Err(IoError::new(path, "is supercompressed, which is not supported")
             .at(Place::Field("supercompressionScheme".into())));
     }
     let (width, height) = (header.pixel_width, header.pixel_height);

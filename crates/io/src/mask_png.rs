@@ -69,7 +69,10 @@ pub fn mask_bytes(mask: &Mask, path: &Path) -> Result<Vec<u8>, IoError> {
     let pixels = u64::from(mask.width) * u64::from(mask.height);
     if pixels == 0 || pixels != mask.ids.len() as u64 {
         let (width, height, count) = (mask.width, mask.height, mask.ids.len());
-        return Err(IoError::new(path, format!("cannot write: {count} ids are no mask of {width}x{height} pixels")));
+        return Err(IoError::new(
+            path,
+            format!("cannot write: {count} ids do not make a mask of {width}x{height} pixels"),
+        ));
     }
     let data: Vec<u8> = mask.ids.iter().flat_map(|id| id.to_be_bytes()).collect();
     let mut out = Vec::new();

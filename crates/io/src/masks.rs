@@ -84,15 +84,15 @@ pub fn write_mask(path: &Path, mask: &Mask) -> Result<(), IoError> {
 /// Reads a `categories.json`: an object that maps ids to names. An entry for 0, which is no object, is ignored.
 pub fn read_categories(path: &Path) -> Result<BTreeMap<u32, String>, IoError> {
     let serde_json::Value::Object(entries) = parse_json(&read_bytes(path)?, path)? else {
-        return Err(IoError::new(path, "is no JSON object from ids to names"));
+        return Err(IoError::new(path, "is not a JSON object that maps ids to names"));
     };
     let mut categories = BTreeMap::new();
     for (key, value) in entries {
         let fail = |what: &str| IoError::new(path, what).at(Place::Field(format!("{key:?}")));
-        let id: u16 = key.parse().map_err(|_| fail("is no id of a mask, 1 to 65535"))?;
-        let name = value.as_str().ok_or_else(|| fail("its name is no text"))?;
+        let id: u16 = key.parse().map_err(|_| fail("is not a mask id, 1 to 65535"))?;
+        let name = value.as_str().ok_or_else(|| fail("its name is not a string"))?;
         if categories.insert(u32::from(id), name.to_owned()).is_some() {
-            return Err(fail("stands there twice"));
+            return Err(fail("appears twice"));
         }
     }
     categories.remove(&0);
@@ -102,7 +102,7 @@ pub fn read_categories(path: &Path) -> Result<BTreeMap<u32, String>, IoError> {
 /// Writes a `categories.json`, which maps ids to names.
 pub fn write_categories(path: &Path, categories: &BTreeMap<u32, String>) -> Result<(), IoError> {
     if let Some(id) = categories.keys().find(|id| !(1..=u32::from(u16::MAX)).contains(*id)) {
-        return Err(IoError::new(path, format!("cannot write: {id} is no id of a mask, 1 to 65535")));
+        return Err(IoError::new(path, format!("cannot write: {id} is not a mask id, 1 to 65535")));
     }
     write_json(path, categories)
 }
@@ -133,7 +133,7 @@ impl MaskFolder {
         list_pngs(folder, FOLDER_DEPTH, &mut files)?;
         if files.is_empty() {
             let error = IoError::new(folder, "has no masks");
-            return Err(error.advise("a mask is a PNG of instance ids with the stem of its view's image"));
+            return Err(error.advise("a mask is a PNG of instance ids named like its view's image"));
         }
         files.sort();
         let mut out = Self { folder: folder.into(), categories, by_path: BTreeMap::new(), by_stem: BTreeMap::new() };
@@ -295,10 +295,10 @@ mod tests {
         std::fs::write(&path, r#"{"0": "background", "7": "table"}"#)?;
         assert_eq!(read_categories(&path)?, BTreeMap::from([(7, "table".to_owned())]));
         for (text, want) in [
-            ("[]", "no JSON object"),
-            (r#"{"65536": "x"}"#, "\"65536\": is no id"),
-            (r#"{"chair": "1"}"#, "\"chair\": is no id"),
-            (r#"{"1": 2}"#, "no text"),
+            ("[]", "not a JSON object"),
+            (r#"{"65536": "x"}"#, "\"65536\": is not a mask id"),
+            (r#"{"chair": "1"}"#, "\"chair\": is not a mask id"),
+            (r#"{"1": 2}"#, "not a string"),
             (r#"{"1": "a", "01": "b"}"#, "twice"),
             ("{", "not valid JSON"),
         ] {

@@ -60,7 +60,7 @@ fn apply_filenames(root: &Value, images: &mut Vec<PosedImage>, path: &Path) -> R
         let names = value.as_array().ok_or_else(|| fail(field.into(), "is not a list".into()))?;
         let name = |(i, name): (usize, &Value)| {
             let place = || format!("{field}[{i}]");
-            let file = name.as_str().ok_or_else(|| fail(place(), "is no text".into()))?;
+            let file = name.as_str().ok_or_else(|| fail(place(), "is not a string".into()))?;
             let file = without_dots(&with_ending(path.parent().unwrap_or(Path::new(".")), file));
             let missing = || fail(place(), format!("no frame has the file {}", file.display()));
             known.contains(&file).then_some(()).ok_or_else(missing)?;
@@ -158,7 +158,7 @@ impl Frame<'_> {
         };
         camera.validate().map_err(|e| IoError::new(self.path, e).at(Place::Field(self.name.clone())))?;
         let mask = match self.frame.get("mask_path").filter(|v| !v.is_null()) {
-            Some(value) => Some(value.as_str().ok_or_else(|| self.error("mask_path", "is no text"))?.to_owned()),
+            Some(value) => Some(value.as_str().ok_or_else(|| self.error("mask_path", "is not a string"))?.to_owned()),
             None => None,
         };
         Ok(PosedImage { camera, file, distortion, mask, split: None })
@@ -239,7 +239,7 @@ pub(crate) fn named_point_file(dataset: &Path) -> Result<Option<PathBuf>, IoErro
         let root = parse_json(&read_bytes(&path)?, &path)?;
         let Some(value) = root.get(FIELD).filter(|v| !v.is_null()) else { continue };
         let fail = |what: String| IoError::new(&path, what).at(Place::Field(FIELD.into()));
-        let named = dataset.join(without_dots(value.as_str().ok_or_else(|| fail("is no text".into()))?));
+        let named = dataset.join(without_dots(value.as_str().ok_or_else(|| fail("is not a string".into()))?));
         if !named.is_file() {
             let error = fail(format!("there is no file {}", named.display()));
             return Err(error.advise("copy it there, or remove the field"));

@@ -161,7 +161,7 @@ impl<'a> PlyTable<'a> {
                 ["obj_info", ..] | [] => {}
                 ["element", name, count] => {
                     let Ok(count) = count.parse::<u64>() else {
-                        return fail(format!("element {name} has the count {count}, which is no number"));
+                        return fail(format!("element {name} has the count {count}, which is not a number"));
                     };
                     if table.elements.iter().any(|e| e.name == *name) {
                         return fail(format!("element {name} appears twice"));
@@ -170,7 +170,7 @@ impl<'a> PlyTable<'a> {
                 }
                 ["property", rest @ ..] => {
                     let Some(element) = table.elements.last_mut() else {
-                        return fail("a property stands before any element".into());
+                        return fail("a property comes before any element".into());
                     };
                     let property = match rest {
                         ["list", count, kind, name] => Scalar::parse(count)
@@ -182,7 +182,7 @@ impl<'a> PlyTable<'a> {
                         _ => None,
                     };
                     let Some(property) = property else {
-                        return fail(format!("cannot make sense of the property line \"{}\"", text.trim()));
+                        return fail(format!("cannot parse the property line \"{}\"", text.trim()));
                     };
                     if property.list_count.is_some_and(|c| matches!(c, Scalar::F32 | Scalar::F64)) {
                         return fail(format!("the list {} is counted by a floating-point type", property.name));
@@ -193,7 +193,7 @@ impl<'a> PlyTable<'a> {
                     element.properties.push(property);
                 }
                 ["end_header"] => break,
-                _ => return fail(format!("cannot make sense of the header line \"{}\"", text.trim())),
+                _ => return fail(format!("cannot parse the header line \"{}\"", text.trim())),
             }
         }
         let Some(encoding) = encoding else {
@@ -257,7 +257,7 @@ impl<'a> PlyTable<'a> {
             wanted -= usize::from(sink.is_some());
             if sink.is_some() && element.has_lists() {
                 let what = format!(
-                    "element {} has a list property, which clouds of points or Gaussians have not",
+                    "element {} has a list property, which clouds of points or Gaussians do not have",
                     element.name
                 );
                 return Err(IoError::new(self.path, what));
@@ -315,7 +315,7 @@ impl<'a> PlyTable<'a> {
             let number = std::str::from_utf8(token).ok().and_then(|t| t.parse::<f64>().ok());
             return number.ok_or_else(|| {
                 let shown = String::from_utf8_lossy(&token[..token.len().min(20)]).into_owned();
-                let what = format!("\"{}\" in element {} is no number", shown.escape_debug(), element.name);
+                let what = format!("\"{}\" in element {} is not a number", shown.escape_debug(), element.name);
                 IoError::new(self.path, what).at(Place::Byte(at as u64))
             });
         }

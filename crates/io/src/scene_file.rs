@@ -45,7 +45,7 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
             return Err(field("format", format!("{other} is neither {FORMAT} nor {FORMAT_SMALL}"))
                 .advise("this file needs a newer version of instgs-vk"));
         }
-        _ => return Err(field("format", format!("is missing or not \"{FORMAT}\": this is no instgs scene"))),
+        _ => return Err(field("format", format!("is missing or not \"{FORMAT}\": this is not an instgs scene"))),
     }
     let mut reader = Reader { path, left: tensors.iter().map(|(name, view)| (name.to_owned(), view)).collect() };
 
@@ -155,7 +155,7 @@ impl<'a> Reader<'a> {
         let coded = format!("{name}{SUFFIX}");
         let Some(view) = self.left.remove(&coded) else { return Ok(None) };
         if self.left.contains_key(name) {
-            return Err(self.error(&coded, format!("is there beside {name}")));
+            return Err(self.error(&coded, format!("is present together with {name}")));
         }
         if view.dtype() != Dtype::U8 {
             return Err(self.error(&coded, format!("has the type {}, not U8", dtype_name(view.dtype()))));
@@ -255,7 +255,7 @@ impl<'a> Reader<'a> {
         };
         let ranges = match ([MEANS, SH_DC, LOGITS].iter().any(|name| self.is_u8(name)), self.left.contains_key(RANGE)) {
             (false, false) => None,
-            (false, true) => return Err(self.error(RANGE, "is there, but no tensor of offsets is U8")),
+            (false, true) => return Err(self.error(RANGE, "is present, but no offset tensor is U8")),
             (true, _) => {
                 let segments = segments(&scene.instances, &scene.template_ranges, m);
                 let values = self.floats(RANGE, &[CHANNELS, 2], Some(segments.len()))?;

@@ -84,7 +84,7 @@ pub(crate) fn small_values(coded: &[u8], is_quats: bool) -> Result<Vec<f32>, Str
         return Ok(values);
     }
     let quats: Option<Vec<[f32; 4]>> = values.as_chunks::<4>().0.iter().map(whole_quat).collect();
-    quats.map(|quats| quats.as_flattened().to_vec()).ok_or_else(|| "has a rotation that is none".into())
+    quats.map(|quats| quats.as_flattened().to_vec()).ok_or_else(|| "has an invalid rotation".into())
 }
 
 /// The cloud in Morton order: neighbours in the file are neighbours in space, as small blocks of positions require.

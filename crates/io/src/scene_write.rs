@@ -150,10 +150,10 @@ pub(crate) fn assemble(
     for (name, tensor) in tensors {
         let fail = |what: String| IoError::new(path, format!("cannot write: {what}")).at(Place::Tensor(name.clone()));
         let dtype: Dtype = serde_json::from_value(tensor.dtype.clone().into())
-            .map_err(|_| fail(format!("{} is no safetensors type", tensor.dtype)))?;
+            .map_err(|_| fail(format!("{} is not a safetensors type", tensor.dtype)))?;
         let bits = tensor.shape.iter().try_fold(dtype.bitsize(), |n, &d| n.checked_mul(d));
         if bits != tensor.bytes.len().checked_mul(8) {
-            return Err(fail(format!("{} bytes are not what shape and type call for", tensor.bytes.len())));
+            return Err(fail(format!("{} bytes do not match shape and type", tensor.bytes.len())));
         }
         order.push((std::cmp::Reverse(dtype.bitsize()), name, tensor));
     }

@@ -56,7 +56,7 @@ pub fn read_spz(path: &Path) -> Result<SpzCloud, IoError> {
 /// Parses the bytes of an `.spz` file; `path` is only used in messages.
 pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
     if bytes.starts_with(&[0x1f, 0x8b]) {
-        let broken = |e: std::io::Error| IoError::new(path, format!("the gzip stream is damaged or cut short: {e}"));
+        let broken = |e: std::io::Error| IoError::new(path, format!("the gzip stream is damaged or truncated: {e}"));
         let mut stream = flate2::bufread::GzDecoder::new(bytes);
         let mut plain = Vec::new();
         stream.by_ref().take(HEADER_BYTES as u64).read_to_end(&mut plain).map_err(broken)?;
@@ -132,7 +132,8 @@ impl Header {
         let mut notes: Vec<String> = cut_note(u32::from(self.sh_degree)).into_iter().collect();
         if self.flags & FLAG_EXTENSIONS != 0 {
             notes.push(
-                "has vendor extensions, which are not read; should one name other axes, the scene is turned".into(),
+                "has vendor extensions, which are ignored; if one declares other axes, the scene appears rotated"
+                    .into(),
             );
         }
         SpzCloud { gaussians, antialias: self.flags & FLAG_ANTIALIAS != 0, notes }
@@ -185,9 +186,7 @@ fn streams(header: &Header, bytes: &[u8], path: &Path) -> Result<SpzCloud, IoErr
         let packed = cursor.u64("the table of contents")?;
         let plain = cursor.u64("the table of contents")?;
         if plain != size {
-            return Err(
-                cursor.error(format!("stream {i} holds {plain} bytes, where the header's counts call for {size}"))
-            );
+            return Err(cursor.error(format!("stream {i} holds {plain} bytes, but the header's counts require {size}")));
         }
         packed_sizes[i] =
             usize::try_from(packed).map_err(|_| cursor.error(format!("stream {i} has {packed} bytes")))?;

@@ -119,14 +119,14 @@ pub(super) fn decode(coded: &[u8]) -> Result<Vec<f32>, String> {
     }
     let need = shape.rows as u64 * shape.width as u64 * size_of::<f32>() as u64;
     if let Some(have) = available_bytes().filter(|&have| need > have) {
-        return Err(format!("claims numbers of {} MiB, where {} MiB of memory are to spare", need >> 20, have >> 20));
+        return Err(format!("claims values of {} MiB, but {} MiB of memory are available", need >> 20, have >> 20));
     }
     let mut values = Vec::new();
     values.try_reserve_exact(shape.rows * shape.width).map_err(|e| format!("takes too much memory: {e}"))?;
     values.resize(shape.rows * shape.width, 0.0);
     for (c, &bytes) in bytes.iter().enumerate() {
         if bytes > 2 {
-            return Err(format!("has {bytes} bytes a number in column {c}"));
+            return Err(format!("has {bytes} bytes per value in column {c}"));
         }
         let planes = read(u64::from(bytes) * shape.rows as u64)?;
         let (low, high) = planes.split_at(if bytes == 0 { 0 } else { shape.rows });

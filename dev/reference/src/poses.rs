@@ -1,7 +1,7 @@
 //! Twin of passes `gather_pose_gradients` and `refine_poses`: gradients with respect to the poses of instances, and
 //! Adam on them.
 //!
-//! A pose changes in the template's frame: A' = A e^s exp([w]x), t' = t + A v. The seven parameters are v (template
+//! A pose changes in the template's frame: `A' = A e^s exp([w]x)`, `t' = t + A v`. The seven parameters are v (template
 //! units), w (radians) and s; gradients are taken at 0, where every step starts.
 
 use glam::{DMat3, DVec3};

@@ -198,7 +198,7 @@ fn existing_template(scene: &InstancedScene, template: u32) -> Result<(), String
 
 /// Checks that a transform is finite and a similarity, as files and the device need it.
 fn checked(placement: Similarity, k: usize) -> Result<Similarity, String> {
-    Similarity::from_rows(placement.rows()).map_err(|what| format!("the transform of instance {k} {what} then"))
+    Similarity::from_rows(placement.rows()).map_err(|what| format!("the new transform of instance {k} {what}"))
 }
 
 #[cfg(test)]

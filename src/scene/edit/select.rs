@@ -93,7 +93,7 @@ impl Selector {
     pub(super) fn resolve_one(&self, scene: &InstancedScene) -> Result<usize, String> {
         match self.resolve(scene)?.as_slice() {
             [one] => Ok(*one),
-            several => Err(format!("{self} is {} instances, and this is for one", several.len())),
+            several => Err(format!("{self} selects {} instances, but this edit takes one", several.len())),
         }
     }
 
@@ -110,7 +110,7 @@ impl Selector {
         };
         match self {
             Self::Index(index) => format!("there is no instance {index}: there are 0 to {}", count - 1),
-            Self::Indices(_) => format!("not all of the instances {self} are there: there are 0 to {}", count - 1),
+            Self::Indices(_) => format!("not all of the instances {self} exist: there are 0 to {}", count - 1),
             Self::Template(template) => format!("template {template} has no instances"),
             Self::Id(id) => {
                 let ids = scene.groups.iter().flat_map(|g| &g.instance_ids).map(u32::to_string).collect();

@@ -40,7 +40,7 @@ pub(super) fn erase(
     radius: f64,
 ) -> Result<EditOutcome, String> {
     if !(radius.is_finite() && radius > 0.0) {
-        return Err(format!("{radius} is no radius: want a number above 0"));
+        return Err(format!("{radius} is not a radius: want a number above 0"));
     }
     if centres.is_empty() || !centres.iter().all(|centre| centre.is_finite()) {
         return Err("want one or more points of finite numbers".into());
@@ -62,12 +62,14 @@ fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool
     let kept = keep[run.clone()].iter().filter(|&&kept| kept).count();
     let mut outcome = EditOutcome::default();
     if kept == run.len() {
-        outcome.warnings.push(format!("nothing of template {template} is there to be removed"));
+        outcome.warnings.push(format!("no Gaussian of template {template} is in the region to remove"));
         return Ok(outcome);
     }
     if kept == 0 {
         let count = run.len();
-        return Err(format!("all {count} Gaussians of template {template} would go; delete its instances instead"));
+        return Err(format!(
+            "all {count} Gaussians of template {template} would be removed; delete its instances instead"
+        ));
     }
     drop_foreign(scene, "template.", &mut outcome);
     if !scene.offsets.is_empty() {
@@ -85,7 +87,7 @@ fn check_alone(scene: &InstancedScene, template: u32) -> Result<(), String> {
         other != template as usize && r.first < range.first + range.count && range.first < r.first + r.count
     };
     match scene.template_ranges.iter().enumerate().position(shares) {
-        Some(other) => Err(format!("template {other} has some of the same Gaussians as template {template}")),
+        Some(other) => Err(format!("template {other} shares Gaussians with template {template}")),
         None => Ok(()),
     }
 }

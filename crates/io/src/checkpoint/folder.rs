@@ -82,7 +82,7 @@ fn read_step(step: u64, path: &Path) -> Result<Checkpoint, IoError> {
     if checkpoint.step == step {
         Ok(checkpoint)
     } else {
-        let what = format!("holds step {}, which its name does not say", checkpoint.step);
+        let what = format!("holds step {}, which differs from its name", checkpoint.step);
         Err(IoError::new(path, what).advise(format!("rename it to {}", file_name(checkpoint.step))))
     }
 }

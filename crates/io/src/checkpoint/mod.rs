@@ -195,7 +195,7 @@ impl Checkpoint {
         let mut metadata = self.metadata.clone();
         for (name, value) in RESERVED.iter().zip([FORMAT, &self.step.to_string(), NO_CHECKSUM]) {
             if metadata.insert((*name).into(), value.into()).is_some() {
-                let error = IoError::new(path, "cannot write: the name is taken by the format");
+                let error = IoError::new(path, "cannot write: the name is reserved by the format");
                 return Err(error.at(Place::Field(format!("metadata {name}"))));
             }
         }
@@ -232,7 +232,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Checkpoint, IoError> {
             let error = IoError::new(path, format!("has the format {other}, not {FORMAT}"));
             return Err(error.advise("continue it with the version of instgs-vk that wrote it"));
         }
-        _ => return Err(IoError::new(path, "is no checkpoint of instgs-vk")),
+        _ => return Err(IoError::new(path, "is not a checkpoint of instgs-vk")),
     }
     let (head, data) = bytes.split_at_checked(8 + length).ok_or_else(|| damaged("it is too short"))?;
     let mut head = head.to_vec();
@@ -243,9 +243,9 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Checkpoint, IoError> {
     crc.update(&head);
     crc.update(data);
     if stated != format!("{:08x}", crc.sum()) {
-        return Err(damaged("its content does not have its checksum"));
+        return Err(damaged("its content does not match its checksum"));
     }
-    let step = metadata.remove("step").and_then(|s| s.parse().ok()).ok_or_else(|| damaged("it names no step"))?;
+    let step = metadata.remove("step").and_then(|s| s.parse().ok()).ok_or_else(|| damaged("it has no step"))?;
     let tensors = tensors.iter().map(|(name, view)| Ok((name.to_owned(), tensor(name, &view, path)?)));
     Ok(Checkpoint { step, tensors: tensors.collect::<Result<_, IoError>>()?, metadata })
 }
@@ -364,7 +364,7 @@ mod tests {
         let reserved = Checkpoint { metadata: [("step".into(), "9".into())].into(), ..Checkpoint::default() };
         assert!(text(reserved.write(path).err()).contains("metadata step"));
         let scene = crate::scene_write::scene_file_bytes(&Default::default(), path)?;
-        assert_eq!(text(parse(&scene, path).err()), "x: is no checkpoint of instgs-vk");
+        assert_eq!(text(parse(&scene, path).err()), "x: is not a checkpoint of instgs-vk");
         Ok(())
     }
 }

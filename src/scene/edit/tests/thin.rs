@@ -63,14 +63,14 @@ fn what_would_leave_nothing_or_makes_no_sense_is_refused() {
     let before = scene();
     let nan = DVec3::new(0.0, f64::NAN, 0.0);
     for (edit, want) in [
-        (crop(5.0, 6.0, Keep::Inside), "all 3 Gaussians of template 1 would go"),
+        (crop(5.0, 6.0, Keep::Inside), "all 3 Gaussians of template 1 would be removed"),
         (crop(0.0, 9.0, Keep::Outside), "all 3 Gaussians"),
         (crop(2.0, 1.0, Keep::Inside), "no box"),
         (Edit::Crop { template: 1, corners: [nan, DVec3::ONE], keep: Keep::Inside }, "no box"),
         (Edit::Crop { template: 2, corners: [DVec3::ZERO, DVec3::ONE], keep: Keep::Inside }, "no template 2"),
-        (erase(&[[0.0; 3]], 9.0), "all 2 Gaussians of template 0 would go"),
-        (erase(&[[0.0; 3]], 0.0), "no radius"),
-        (erase(&[[0.0; 3]], f64::NAN), "no radius"),
+        (erase(&[[0.0; 3]], 9.0), "all 2 Gaussians of template 0 would be removed"),
+        (erase(&[[0.0; 3]], 0.0), "not a radius"),
+        (erase(&[[0.0; 3]], f64::NAN), "not a radius"),
         (erase(&[], 1.0), "one or more points"),
         (erase(&[[f64::INFINITY; 3]], 1.0), "one or more points"),
     ] {
@@ -82,7 +82,7 @@ fn what_would_leave_nothing_or_makes_no_sense_is_refused() {
     let mut shared = before;
     shared.template_ranges[1] = TemplateRange { first: 1, count: 3 };
     let error = apply(&mut shared, &erase(&[[-0.5, 0.0, 0.2]], 0.1)).unwrap_err().to_string();
-    assert!(error.contains("template 1 has some of the same Gaussians"), "{error}");
+    assert!(error.contains("template 1 shares Gaussians with template"), "{error}");
 }
 
 #[test]
