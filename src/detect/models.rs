@@ -100,7 +100,7 @@ struct Manifest {
     segmenter: Option<SegmenterModel>,
 }
 
-/// A folder with both models. The contents of files are not checked until [`Self::check_contents`].
+/// A folder with both models. The contents of files are only checked before a model is loaded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelsFolder {
     folder: PathBuf,
