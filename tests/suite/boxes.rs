@@ -260,9 +260,13 @@ fn what_boxes_do_not_give_is_said() {
     bad.objects = vec![ObjectBox { id: 77, center: DVec3::new(0.0, 0.0, 50.0), ..world_box(0) }];
     let (found, _) = synthetic.run(&bad, &BoxOptions::default()).unwrap();
     let notes = found.report.notes.join("\n");
-    for want in
-        ["view view_0: the box [120", "1 boxes are of 1 views", "photo_1", "object 77: no Gaussian", "object 9 (ball)"]
-    {
+    for want in [
+        "view view_0: the box [120",
+        "1 boxes belong to 1 views",
+        "photo_1",
+        "object 77: no Gaussian",
+        "object 9 (ball)",
+    ] {
         assert!(notes.contains(want), "{notes}\nlacks {want}");
     }
     let options = BoxOptions { inside_part: 0.0, ..BoxOptions::default() };

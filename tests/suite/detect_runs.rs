@@ -134,7 +134,10 @@ fn views_and_models_that_cannot_be_used_are_named() -> Outcome {
     list["detector"]["graph"] = list["segmenter"]["encoder"].clone();
     std::fs::write(own.join("models.json"), list.to_string())?;
     let text = open(&own).unwrap_err().to_string();
-    assert!(text.contains("sam_encoder.onnx: makes embeddings of image, and should make logits"), "{text}");
+    assert!(
+        text.contains("sam_encoder.onnx: has the outputs embeddings for the inputs image, and should have logits"),
+        "{text}"
+    );
     assert!(!text.contains('\n'));
     Ok(())
 }
@@ -150,11 +153,11 @@ fn other_shapes_than_the_list_says_are_named() -> Outcome {
     models.segmenter.mask_px = 8;
     let mut detector = Detector::open(&models, &Prompt::parse("car")?, &RuntimeOptions::default())?;
     let text = detector.detect(&tensors.photo(), &DetectOptions::default()).unwrap_err().to_string();
-    assert!(text.contains("made logits of the shape [1, 12, 48]") && text.contains("models.json"), "{text}");
+    assert!(text.contains("gave logits the shape [1, 12, 48]") && text.contains("models.json"), "{text}");
     let mut segmenter = Segmenter::open(&models, &RuntimeOptions::default())?;
     let embedding = segmenter.encode(&tensors.photo())?;
     let text = segmenter.masks(&embedding, &[[0.0, 0.0, 9.0, 9.0]]).unwrap_err().to_string();
-    assert!(text.contains("made mask_logits of the shape [1, 3, 16, 16]"), "{text}");
+    assert!(text.contains("gave mask_logits the shape [1, 3, 16, 16]"), "{text}");
     // A canvas that the graph was not made for.
     models.segmenter.side_px = 48;
     let text = Segmenter::open(&models, &RuntimeOptions::default())?.encode(&tensors.photo()).err();
@@ -213,7 +216,7 @@ fn libraries_that_are_none_are_named() -> Outcome {
     let cut = folder.path().join("cut.so");
     let whole = std::fs::read(std::env::current_exe()?)?;
     std::fs::write(&cut, &whole[..whole.len() / 2])?;
-    cases.extend(cfg!(target_os = "linux").then_some((cut, "is cut")));
+    cases.extend(cfg!(target_os = "linux").then_some((cut, "is truncated")));
     // A library that is another one: the system's own, where it says which it is.
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     let other = maps.split_whitespace().find(|word| word.contains("/libc.so"));

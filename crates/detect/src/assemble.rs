@@ -1,43 +1,42 @@
-//! The masks of one view as one picture of ids.
+//! Combines the masks of one view into an image of ids.
 
 use crate::io::Mask;
 
-/// Paints masks over each other: where they overlap, the one with fewer pixels lies in front, of equally large ones the
-/// one that came first. So a vase stays visible on its table, and the order in which masks come says nothing, except
-/// between equals.
+/// Paints masks over each other. Where masks overlap, the one with fewer pixels is in front, so that a vase stays
+/// visible on its table; of equal sizes the first one is in front. Otherwise the order of masks does not matter.
 #[derive(Clone, Debug)]
 pub struct MaskPainter {
     size: (usize, usize),
-    /// One more than the index of the mask each pixel shows, 0 for none.
+    /// For each pixel, 1 + index of the mask that is in front, 0 for none.
     shown: Vec<u16>,
-    /// Pixels of each mask, whether shown or not.
+    /// Number of pixels of each mask, visible or not.
     areas: Vec<usize>,
 }
 
-/// What became of the masks.
+/// Result of painting masks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Painted {
-    /// The picture.
+    /// Image with the id of the mask in front of each pixel.
     pub mask: Mask,
-    /// The id of each mask; 0 of those that show nowhere.
+    /// Id of each mask; 0 for those that are not visible.
     pub ids: Vec<u16>,
-    /// Masks without a pixel.
+    /// Number of masks without a pixel.
     pub empty: usize,
-    /// Masks that others cover wholly.
+    /// Number of masks that are wholly covered by others.
     pub covered: usize,
 }
 
 impl MaskPainter {
-    /// An empty picture.
+    /// An empty image of the given size in pixels.
     pub fn new(width: usize, height: usize) -> Self {
         Self { size: (width, height), shown: vec![0; width * height], areas: Vec::new() }
     }
 
-    /// Adds a mask: its pixels are those whose logits are above 0, row by row.
+    /// Adds a mask: the pixels whose logits are above 0, row by row.
     pub fn add(&mut self, logits: &[f32]) {
         let area = logits.iter().filter(|l| **l > 0.0).count();
         self.areas.push(area);
-        // With more masks than ids there will be no picture.
+        // With more masks than ids [`Self::finish`] returns `None`.
         let Ok(own) = u16::try_from(self.areas.len()) else { return };
         for (shown, _) in self.shown.iter_mut().zip(logits).filter(|(_, logit)| **logit > 0.0) {
             if *shown == 0 || area < self.areas[usize::from(*shown) - 1] {
@@ -46,8 +45,8 @@ impl MaskPainter {
         }
     }
 
-    /// The picture with an id for each mask that shows, in the order they came: `used` ids are taken, the next is the
-    /// first. `None` if ids run out.
+    /// The image with ids for the visible masks in the order in which they were added, from `used` + 1 on. `None` if
+    /// ids run out.
     pub fn finish(self, used: usize) -> Option<Painted> {
         u16::try_from(self.areas.len()).ok()?;
         let mut pixels = vec![0usize; self.areas.len() + 1];
@@ -91,7 +90,7 @@ mod tests {
             assert_eq!(out.as_ref().map(|p| p.mask.ids.as_slice()), Some(want.as_slice()));
             assert_eq!(out.map(|p| (p.mask.width, p.mask.height, p.ids)), Some((3, 2, vec![1, 2, 3])));
         }
-        // Of equal ones the first.
+        // Of equal sizes the first one.
         let other = [OUT, OUT, IN, IN, OUT, OUT];
         assert_eq!(painted(&[vase, other], 6).map(|p| p.mask.ids), Some(vec![0, 7, 7, 8, 0, 0]));
     }

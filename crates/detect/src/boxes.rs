@@ -1,19 +1,18 @@
-//! What the detector says, as boxes in the photo with a phrase each.
+//! Decodes the detector's output to boxes in the photo, each with a phrase.
 
 use super::nms::{BoxPx, drop_repeated};
 
-/// What counts as found.
+/// Thresholds of the detector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DetectOptions {
-    /// A box is kept if its best token scores more. 0.25, the default of the detector's own program: the README of its
-    /// authors takes 0.35 for clean pictures, and here a box too many is cheap, since the consensus of all views drops what
-    /// few of them show.
+    /// Least score of a box's best token. 0.25, the default of the detector's own program; its README recommends 0.35
+    /// for clean pictures, but here false boxes are cheap, since the consensus of views drops what few of them show.
     pub box_threshold: f64,
-    /// A box is of a phrase only if one of its tokens scores more. 0.25, as above.
+    /// Least score of a token for the box to get its phrase. 0.25, as above.
     pub text_threshold: f64,
-    /// Of two boxes of one phrase that overlap by more than this (intersection over union), and of two masks of any
-    /// phrases, the one with the lower score is dropped. 0.8, which the published method used: lower values lose objects
-    /// that stand close together.
+    /// Largest overlap (intersection over union) of two boxes with one phrase, and of two masks with any phrases;
+    /// beyond it the one with the lower score is dropped. 0.8, as in the paper: lower values lose objects that stand
+    /// close together.
     pub overlap: f64,
 }
 
@@ -23,46 +22,46 @@ impl Default for DetectOptions {
     }
 }
 
-/// A box that the detector found.
+/// A box found by the detector.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Detection {
-    /// Index of the phrase.
+    /// Index of its phrase in the prompt.
     pub phrase: usize,
-    /// The best score of any token, 0..=1.
+    /// Best score of any token, 0..=1.
     pub score: f64,
-    /// Left, top, right, bottom in pixels of the photo; may reach beyond it.
+    /// Left, top, right, bottom in pixels of the photo; may extend beyond it.
     pub box_px: BoxPx,
 }
 
-/// The detector's output for one photo: `queries` rows.
+/// The detector's output for one photo, with `queries` rows.
 #[derive(Clone, Copy, Debug)]
 pub struct RawDetections<'a> {
-    /// `[queries, columns]`, before the sigmoid; one column per place of a token, minus infinity where there is none.
+    /// `[queries, columns]` before the sigmoid; one column per token position, minus infinity where there is no token.
     pub logits: &'a [f32],
-    /// Columns of `logits`.
+    /// Number of columns of `logits`.
     pub columns: usize,
-    /// `[queries, 4]`: centre x, centre y, width, height in parts of the photo.
+    /// `[queries, 4]`: centre x, centre y, width and height as parts of the photo's size.
     pub boxes: &'a [f32],
 }
 
-/// The boxes of one photo.
+/// The boxes of one photo, decoded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Detections {
-    /// The best score first; of equal ones in the detector's order.
+    /// Boxes in order of falling score; equal ones in the detector's order.
     pub found: Vec<Detection>,
-    /// Boxes above the box threshold that no phrase is above the text threshold for.
+    /// Number of boxes above the box threshold without a phrase above the text threshold.
     pub unnamed: usize,
-    /// Boxes dropped because a better one of the same phrase covers them.
+    /// Number of boxes dropped because a better one with the same phrase overlaps them.
     pub repeated: usize,
 }
 
-/// Boxes above the thresholds. A box's phrase is the one with the best token: a phrase of many words counts no more than
-/// one of one, and a box is never of two phrases.
+/// Boxes above the thresholds. A box gets the phrase of its best token: phrases of many words have no advantage, and a
+/// box never has two phrases.
 ///
-/// `phrase_of[t]` is the phrase of the token at `t`; columns from its end on are of no phrase.
+/// `phrase_of[t]` is the phrase of the token at position `t`; columns beyond its end have no phrase.
 ///
 /// # Errors
-/// Numbers that are none, or tables whose sizes do not fit.
+/// NaN or infinite values, or tables whose sizes do not match.
 pub fn decode(
     raw: RawDetections<'_>,
     phrase_of: &[Option<usize>],
@@ -72,13 +71,13 @@ pub fn decode(
     if raw.columns == 0 || raw.logits.len() / raw.columns * 4 != raw.boxes.len() || phrase_of.len() > raw.columns {
         let sizes = (raw.logits.len(), raw.columns, raw.boxes.len(), phrase_of.len());
         return Err(format!(
-            "gave tables of the sizes {sizes:?} (logits, their columns, boxes, tokens), which do not fit"
+            "gave tables of the sizes {sizes:?} (logits, their columns, boxes, tokens), which do not match"
         ));
     }
     let mut out = Detections::default();
     for (row, shape) in raw.logits.chunks_exact(raw.columns).zip(raw.boxes.as_chunks::<4>().0) {
         if row.iter().any(|v| v.is_nan()) || !shape.iter().all(|v| v.is_finite()) {
-            return Err("gave numbers that are none; its file may be damaged".into());
+            return Err("gave NaN or infinite values; its file may be damaged".into());
         }
         let score = sigmoid(row.iter().copied().fold(f32::NEG_INFINITY, f32::max));
         if score <= options.box_threshold {
@@ -94,7 +93,7 @@ pub fn decode(
     Ok(out)
 }
 
-/// The phrase of the best token, and its score; of equal ones the first.
+/// The phrase of the best token, and its score; the first in a tie.
 fn best_phrase(row: &[f32], phrase_of: &[Option<usize>]) -> Option<(usize, f64)> {
     let mut best: Option<(usize, f32)> = None;
     for (&logit, phrase) in row.iter().zip(phrase_of) {
@@ -143,9 +142,9 @@ mod tests {
     fn boxes_are_of_the_phrase_with_the_best_token() -> Result<(), String> {
         let rows = [
             [0.1, 0.1, 0.3, 0.1, 0.1, 0.1, 0.1],
-            // Two good tokens of one phrase are less than a better one of another.
+            // Two good tokens of one phrase lose against a better one of another.
             [0.1, 0.6, 0.6, 0.1, 0.7, 0.1, 0.1],
-            // Below the box threshold; above it, but by no phrase.
+            // One box below the box threshold; one above it without a phrase.
             [0.1, 0.2, 0.2, 0.1, 0.24, 0.1, 0.1],
             [0.9, 0.2, 0.2, 0.1, 0.24, 0.1, 0.1],
         ];
@@ -169,7 +168,7 @@ mod tests {
         let out = decode(raw, &PHRASES, (10, 10), &DetectOptions::default())?;
         assert_eq!((out.found.len(), out.repeated), (1, 1));
         assert!((out.found[0].score - 0.6).abs() < 1e-6);
-        // The second token is of another phrase now.
+        // Now the second token belongs to another phrase.
         let phrases = [None, Some(0), Some(1)];
         let out = decode(raw, &phrases, (10, 10), &DetectOptions::default())?;
         assert_eq!((out.found.len(), out.repeated), (2, 0));
@@ -184,7 +183,7 @@ mod tests {
         };
         assert!(of(&[0.0; 3], 3, &[0.0; 8]).is_err() && of(&[0.0; 3], 0, &[0.0; 4]).is_err());
         assert!(of(&[0.0], 1, &[0.0; 4]).is_err(), "fewer columns than tokens");
-        assert!(of(&[0.0, f32::NAN], 2, &[0.0; 4]).is_err_and(|e| e.contains("numbers that are none")));
+        assert!(of(&[0.0, f32::NAN], 2, &[0.0; 4]).is_err_and(|e| e.contains("NaN or infinite values")));
         assert!(of(&[0.0, 0.0], 2, &[0.0, 0.0, 0.0, f32::INFINITY]).is_err());
         assert_eq!(of(&[], 2, &[]), Ok(Detections::default()));
         assert_eq!(of(&[NONE, NONE], 2, &[0.5; 4]), Ok(Detections::default()));

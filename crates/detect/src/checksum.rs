@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 
 use crate::io::IoError;
 
-/// Bytes read at a time: models are as large as memory.
+/// Bytes read at a time: models can be as large as memory.
 const BLOCK: usize = 1 << 20;
 
 /// SHA-256 of a file, in lower-case hexadecimal.

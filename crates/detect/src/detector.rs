@@ -1,4 +1,4 @@
-//! The detector: Grounding DINO, boxes for phrases.
+//! The detector, Grounding DINO: boxes for phrases.
 
 use super::DetectError;
 use super::boxes::{DetectOptions, Detections, RawDetections, decode};
@@ -14,29 +14,29 @@ use crate::io::IoError;
 
 const INPUTS: [&str; 5] = ["pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask"];
 
-/// A detector that looks for the phrases of one prompt.
+/// A detector for the phrases of one prompt.
 pub struct Detector {
     graph: Graph,
     model: DetectorModel,
     tokens: PromptTokens,
 }
 
-/// What the graph makes of a photo, as in [`RawDetections`].
+/// Output of the graph for one photo, as in [`RawDetections`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct DetectorOutput {
-    /// `[queries, columns]`, before the sigmoid.
+    /// `[queries, columns]` before the sigmoid.
     pub logits: Vec<f32>,
-    /// Columns of `logits`.
+    /// Number of columns of `logits`.
     pub columns: usize,
-    /// `[queries, 4]`: centre x, centre y, width, height in parts of the photo.
+    /// `[queries, 4]`: centre x, centre y, width and height as parts of the photo's size.
     pub boxes: Vec<f32>,
 }
 
 impl Detector {
-    /// Reads the prompt, compares the files with their checksums, loads the runtime and the graph.
+    /// Tokenises the prompt, checks the files' checksums, and loads the runtime and the graph.
     ///
     /// # Errors
-    /// A prompt that is too long; files or a runtime library that are missing or something else.
+    /// A prompt that is too long; model files or a runtime library that are missing or wrong.
     pub fn open(models: &ModelsFolder, prompt: &Prompt, runtime: &RuntimeOptions) -> Result<Self, DetectError> {
         let model = models.detector.clone();
         models.check_contents(&model.tokenizer)?;
@@ -47,15 +47,15 @@ impl Detector {
         Ok(Self { graph, model, tokens })
     }
 
-    /// The prompt as the detector reads it.
+    /// The tokens of the prompt.
     pub fn tokens(&self) -> &PromptTokens {
         &self.tokens
     }
 
-    /// The boxes of a photo.
+    /// Finds the boxes in a photo.
     ///
     /// # Errors
-    /// A graph that cannot be run, or makes no numbers.
+    /// A graph that cannot be run or returns NaN.
     pub fn detect(&mut self, photo: &Photo, options: &DetectOptions) -> Result<Detections, DetectError> {
         let output = self.run(&detector_image(photo, &self.model))?;
         let raw = RawDetections { logits: &output.logits, columns: output.columns, boxes: &output.boxes };
@@ -63,10 +63,10 @@ impl Detector {
         Ok(decode(raw, &self.tokens.phrase_of, size, options).map_err(|what| self.graph.error(what))?)
     }
 
-    /// Runs the graph.
+    /// Runs the graph on one image.
     ///
     /// # Errors
-    /// A graph that cannot be run, or whose output has other shapes than `models.json` says.
+    /// A graph that cannot be run, or whose output has other shapes than `models.json` states.
     pub fn run(&mut self, image: &ModelImage) -> Result<DetectorOutput, IoError> {
         let PromptTokens { ids, attention, .. } = &self.tokens;
         let kinds = vec![0; ids.len()];

@@ -1,17 +1,17 @@
-//! Why there are no masks.
+//! Errors of making masks from a prompt.
 
 use crate::io::IoError;
 
-/// Masks could not be made from a prompt. Its text is one line for the user.
+/// Why masks could not be made from a prompt; the text is one line for the user.
 #[derive(Debug, thiserror::Error)]
 pub enum DetectError {
-    /// A file: a photo, a model, the runtime library, or what was to be written.
+    /// A file: a photo, a model, the runtime library, or an output.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// The prompt says nothing, or more than the detector reads.
+    /// The prompt is empty, or longer than the detector reads.
     #[error("the prompt {prompt:?} {what}")]
     Prompt {
-        /// What was asked for.
+        /// Text of the prompt as given.
         prompt: String,
         /// What is wrong, and what to do.
         what: String,
@@ -19,40 +19,40 @@ pub enum DetectError {
     /// An option is out of range.
     #[error("{option}: {reason}")]
     Option {
-        /// The option's name.
+        /// Name of the option on the command line.
         option: &'static str,
-        /// What is wrong, and what is allowed.
+        /// What is wrong with the value, and what is allowed.
         reason: String,
     },
-    /// One of the views.
+    /// An error in one of the views.
     #[error("view {view}: {error}")]
     View {
-        /// The view's name.
+        /// Name of the view's camera.
         view: String,
-        /// What is wrong.
+        /// What is wrong with the view.
         error: Box<DetectError>,
     },
-    /// More masks than ids.
+    /// There are more masks than 16-bit ids.
     #[error(
-        "view {view} brings the masks of all views to {count}, and there are ids for 65535; raise the box threshold, ask for \
-         fewer things, or use fewer views"
+        "view {view} brings the masks of all views to {count}, but there are 65535 ids; raise the box threshold, \
+         ask for fewer things, or use fewer views"
     )]
     TooManyMasks {
-        /// The view that has no ids left.
+        /// Name of the view without ids left.
         view: String,
-        /// Masks up to and with this view.
+        /// Number of masks up to and including this view.
         count: usize,
     },
-    /// Built without the crates that run the models.
+    /// The program was built without the crates that run the models.
     #[error(
-        "this program was built without the models that find things by name; build it with: cargo build --release \
+        "this program was built without text-prompt detection; build it with: cargo build --release \
          --features onnx"
     )]
     NotBuilt,
 }
 
 impl DetectError {
-    /// The error of a view.
+    /// Adds the name of a view to the error.
     #[cfg(feature = "onnx")]
     pub(super) fn in_view(self, view: &str) -> Self {
         Self::View { view: view.into(), error: Box::new(self) }

@@ -1,4 +1,4 @@
-//! The masks of one view after the other.
+//! Finds the masks of one view after the other.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use super::segmenter::{BoxMask, Segmenter};
 use crate::io::View;
 use crate::scene::ViewBox;
 
-/// Both models and the prompt, ready for photos. Ids go on from one view to the next.
+/// Both models and the prompt, ready for photos. Ids continue from one view to the next.
 pub struct Finder {
     detector: Detector,
     segmenter: Segmenter,
@@ -26,20 +26,20 @@ pub struct Finder {
     used_ids: usize,
 }
 
-/// Boxes of a photo with their masks.
+/// The boxes of a photo with their masks.
 struct Segmented {
-    /// How masks lie in the photo; `None` if there is no box.
+    /// Placement of the masks in the photo; `None` if there is no box.
     frame: Option<MaskFrame>,
-    /// The best score first.
+    /// Boxes and masks in order of falling score.
     found: Vec<(Detection, BoxMask)>,
     dropped: Dropped,
 }
 
 impl Finder {
-    /// Opens the models in a folder for a prompt.
+    /// Opens the models of a folder for a prompt.
     ///
     /// # Errors
-    /// Options out of range; models or a runtime library that are missing or something else; a prompt that is too long.
+    /// Options out of range; models or a runtime library that are missing or wrong; a prompt that is too long.
     pub fn open(models: &Path, prompt: &Prompt, options: &PromptOptions) -> Result<Self, DetectError> {
         options.check()?;
         let models = ModelsFolder::open(models)?;
@@ -48,10 +48,10 @@ impl Finder {
         Ok(Self { detector, segmenter, phrases: prompt.phrases().to_vec(), options: options.detect, used_ids: 0 })
     }
 
-    /// The masks of a view's photo.
+    /// Finds the masks in a view's photo.
     ///
     /// # Errors
-    /// A photo that cannot be read, a model that fails, and more masks than there are ids; each names the view.
+    /// A photo that cannot be read, a model that fails, and more masks than ids; each names the view.
     pub fn find(&mut self, view: &View) -> Result<ViewMasks, DetectError> {
         let name = &view.camera.name;
         let photo = Photo::load(view).map_err(|e| DetectError::from(e).in_view(name))?;
@@ -70,7 +70,7 @@ impl Finder {
         Ok(ViewMasks { mask: painted.mask, boxes, dropped })
     }
 
-    /// Finds boxes in a photo and makes their masks. The encoder, which takes most of the time, is run only if there is a
+    /// Finds boxes in a photo and makes their masks. The encoder takes most of the time and runs only if there is a
     /// box.
     fn segmented(&mut self, photo: &Photo) -> Result<Segmented, DetectError> {
         let Detections { mut found, unnamed, repeated } = self.detector.detect(photo, &self.options)?;
@@ -105,7 +105,7 @@ impl Finder {
     }
 }
 
-/// The part of a box that the photo shows.
+/// The part of a box inside the photo.
 fn within_photo([left, top, right, bottom]: &BoxPx, photo: &Photo) -> BoxPx {
     let (width, height) = (photo.width as f64, photo.height as f64);
     [left.clamp(0.0, width), top.clamp(0.0, height), right.clamp(0.0, width), bottom.clamp(0.0, height)]

@@ -9,48 +9,47 @@ use super::prompt::Prompt;
 use super::report::{PromptReport, ViewMasks};
 use crate::io::View;
 
-/// Box, phrase and score of every mask, in the folder of the masks; written last.
+/// File with box, phrase and score of every mask, in the folder of the masks; written last.
 pub const BOXES: &str = "boxes.json";
 
-/// How things are found by name.
+/// Options of [`masks_from_prompt`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PromptOptions {
-    /// What counts as found.
+    /// Thresholds of the detector.
     pub detect: DetectOptions,
     /// How the models are run.
     pub runtime: RuntimeOptions,
 }
 
 impl PromptOptions {
-    /// Checks what does not depend on files.
+    /// Checks the options that do not depend on files.
     ///
     /// # Errors
-    /// A threshold outside 0..1.
+    /// A threshold outside of 0..=1.
     pub fn check(&self) -> Result<(), DetectError> {
         let DetectOptions { box_threshold, text_threshold, overlap } = self.detect;
         let fractions =
             [("--box-threshold", box_threshold), ("--text-threshold", text_threshold), ("--overlap", overlap)];
         for (option, value) in fractions {
             if !(0.0..=1.0).contains(&value) {
-                return Err(DetectError::Option { option, reason: format!("is {value}, and must be from 0 to 1") });
+                return Err(DetectError::Option { option, reason: format!("is {value}, but must be from 0 to 1") });
             }
         }
         Ok(())
     }
 }
 
-/// Finds what the prompt names in each view's photo and writes `OUT/NAME.png` per view (16-bit ids, black where nothing
-/// was found), `OUT/categories.json` (the phrase of each id) and `OUT/boxes.json` (box, phrase and score of each id). Ids go
-/// on from view to view, so none means two things; nothing says that ids of two views are of one object. `models` is the
-/// folder with `models.json`; `done` is told of each view after its mask was written.
+/// Finds the objects named by the prompt in each view's photo. Writes `OUT/NAME.png` per view (16-bit ids, 0 where
+/// nothing was found), `OUT/categories.json` (the phrase of each id) and `OUT/boxes.json` (box, phrase and score of
+/// each id). An id belongs to one view only: which ids of different views mean the same object is not known. `models`
+/// is the folder with `models.json`; `done` is called for each view after its mask was written.
 ///
-/// One view is held in memory at a time: its photo, its picture of ids, one mask at the photo's size, and the best small
-/// mask of each box.
+/// One view is in memory at a time: its photo, its image of ids, one mask at the photo's size, and the best small mask
+/// of each box.
 ///
 /// # Errors
-/// Everything that can be known before the first photo is checked first: the options, the models' files, the runtime
-/// library, the length of the prompt. Then a photo that cannot be read, and more masks than ids. Without the feature
-/// `onnx`: always, with how to build with it.
+/// Options, model files, the runtime library and the length of the prompt are checked before the first photo. Later, a
+/// photo that cannot be read, and more masks than ids. Without the feature `onnx`: always [`DetectError::NotBuilt`].
 #[cfg(feature = "onnx")]
 pub fn masks_from_prompt(
     views: &[&View],
@@ -82,10 +81,10 @@ pub fn masks_from_prompt(
     Ok(report)
 }
 
-/// Without the feature `onnx`: an error that says how to build with it.
+/// Without the feature `onnx`: returns an error that says how to build with it.
 ///
 /// # Errors
-/// Always.
+/// Always [`DetectError::NotBuilt`].
 #[cfg(not(feature = "onnx"))]
 pub fn masks_from_prompt(
     _views: &[&View],

@@ -1,25 +1,25 @@
-//! Photos as the models' input: resized, normalised, padded.
+//! Photos as the models' input: resized, normalised and padded.
 
 use super::models::{DetectorModel, SegmenterModel};
 use super::photo::Photo;
 use super::resize::resize;
 
-/// A picture as a model reads it: the planes of red, green and blue, each row by row; the photo at the top left, 0 right of
-/// it and below.
+/// A picture as a model reads it: planes of red, green and blue in row-major order, with the photo at the top left and
+/// 0 elsewhere.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelImage {
-    /// Width of the planes.
+    /// Width of the planes, pixels.
     pub width: usize,
-    /// Height of the planes.
+    /// Height of the planes, pixels.
     pub height: usize,
-    /// Width and height of the photo in it.
+    /// Width and height of the photo within the planes, pixels.
     pub photo_size: (usize, usize),
-    /// `3 * width * height` values.
+    /// `[3, height, width]` normalised values.
     pub values: Vec<f32>,
 }
 
 impl ModelImage {
-    /// 1 where there is the photo, 0 where there is none, row by row.
+    /// 1 at pixels of the photo, 0 elsewhere; `[height, width]`.
     pub fn photo_mask(&self) -> Vec<i64> {
         let (width, height) = self.photo_size;
         let row = |y: usize| (0..self.width).map(move |x| i64::from(x < width && y < height));
@@ -39,8 +39,8 @@ impl ModelImage {
     }
 }
 
-/// Takes bytes to what a model was trained on. In f32, and with the factor of 255 in the means and deviations, as the
-/// models' own programs do.
+/// Normalises bytes as in the model's training. In f32, with the factor of 255 in means and deviations, like the
+/// models' own programs.
 #[derive(Clone, Copy)]
 struct Normalisation {
     mean: [f32; 3],
@@ -71,11 +71,11 @@ pub fn segmenter_image(photo: &Photo, model: &SegmenterModel) -> ModelImage {
     ModelImage::new(photo, (side, side), photo_size, Normalisation::new(model.mean, model.std))
 }
 
-/// Width and height of a photo in the detector's input: the shorter side is `shortest_px` long, or less, so that the longer
-/// one is at most `longest_px`; and both fit the canvas, if there is one.
+/// Width and height of a photo in the detector's input: the shorter side is `shortest_px`, or less if the longer one
+/// would exceed `longest_px`; both fit the canvas, if there is one.
 ///
-/// Rounding is that of the models' own programs: it decides which pixels the detector was trained on. The first side is
-/// rounded to nearest, halves to even, the other one down.
+/// Rounding follows the models' own programs, since it decides which pixels the detector sees: the first side to
+/// nearest, halves to even, and the other one down.
 pub fn detector_size(photo: (usize, usize), model: &DetectorModel) -> (usize, usize) {
     let (width, height) = (photo.0 as f64, photo.1 as f64);
     let (shorter, longer) = (width.min(height), width.max(height));
@@ -93,20 +93,21 @@ pub fn detector_size(photo: (usize, usize), model: &DetectorModel) -> (usize, us
     model.canvas_px.map_or(size, |[height, width]| within(size, (width as usize, height as usize)))
 }
 
-/// The size, or if it does not fit the largest of the same shape that does; rounded down, at least 1.
+/// The size, or the largest one of the same shape that fits the canvas; rounded down, at least 1.
 fn within(size: (usize, usize), canvas: (usize, usize)) -> (usize, usize) {
     if size.0 <= canvas.0 && size.1 <= canvas.1 {
         return size;
     }
     let side = |a: usize, of: usize, to: usize| (a * to / of).max(1);
-    // The side that is longer by its share of the canvas fills it.
+    // The side that takes the larger part of the canvas fills it.
     match size.0 * canvas.1 >= size.1 * canvas.0 {
         true => (canvas.0, side(size.1, size.0, canvas.0)),
         false => (side(size.0, size.1, canvas.1), canvas.1),
     }
 }
 
-/// Width and height of a photo in the segmenter's square input: the longer side fills it, the other is rounded to nearest.
+/// Width and height of a photo in the segmenter's square input: the longer side fills it, the other is rounded to
+/// nearest.
 pub fn segmenter_size(photo: (usize, usize), side: usize) -> (usize, usize) {
     let scale = side as f64 / photo.0.max(photo.1) as f64;
     let scaled = |length: usize| ((length as f64 * scale + 0.5) as usize).clamp(1, side);
@@ -137,7 +138,7 @@ mod tests {
 
     #[test]
     fn sizes_are_those_of_the_original() {
-        // From transformers 5.23, get_size_with_aspect_ratio(size, 800, 1333).
+        // Expected values from transformers 5.23, get_size_with_aspect_ratio(size, 800, 1333).
         let size = |w, h| detector_size((w, h), &detector(800, 1333, None));
         assert_eq!(size(640, 480), (1066, 800));
         assert_eq!(size(480, 640), (800, 1066));

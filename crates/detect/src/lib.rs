@@ -1,5 +1,5 @@
-//! L4: masks of things that a user names, found in photos by two ONNX models: a detector that reads text (Grounding DINO)
-//! and a segmenter that takes boxes (Segment Anything).
+//! L4: masks of objects that a text prompt names, found in photos by two ONNX models: a detector that reads text
+//! (Grounding DINO) and a segmenter that takes boxes (Segment Anything).
 //!
 //! ```text
 //!   "Car. office chair."      Prompt::parse        phrases: car, office chair
@@ -24,24 +24,22 @@
 //!   OUT/NAME.png, categories.json, boxes.json      masks_from_prompt
 //! ```
 //!
-//! [`masks_from_prompt`] is all of that for many views, one at a time; [`find::Finder`] for one view after the other.
-//! The models lie in a folder with a `models.json` ([`models`]), which the scripts in `tools/models` make. They are run by
-//! ONNX Runtime, a library that is loaded when it is needed ([`library`]): nothing is linked, and who asks for no masks
-//! needs neither. Without the feature `onnx` only what needs no crate of its own is here, and [`masks_from_prompt`] says
+//! [`masks_from_prompt`] does this for many views, one at a time; [`find::Finder`] for a single view. The models are in
+//! a folder with a `models.json` ([`models`]), which the scripts in `tools/models` write. They are run by ONNX Runtime,
+//! a library that is loaded on demand ([`library`]) and not linked: without prompts neither is needed. Without the
+//! feature `onnx` only the parts without extra crates are built, and [`masks_from_prompt`] returns an error that says
 //! how to build with it.
 //!
-//! # How near it is to the original
+//! # Differences from the original
 //!
-//! `tests/suite/detect.rs` compares every step with PyTorch 2.15 and transformers 5.23, on tiny models with random weights
-//! that the export scripts' own functions made. Allowed is 1e-3; measured on a processor with ONNX Runtime 1.32, largest
-//! differences: pixels 0, tokens 0, logits of the detector 3.3e-6, scores 3.8e-7, boxes 2.2e-7 of the photo; embeddings
-//! 1.7e-6, logits of masks 2.6e-6, their scores 1.3e-6, and 2.1e-6 at the photo's size. Trained weights were never there
-//! to be tried.
+//! `tests/suite/detect.rs` compares every step with PyTorch and transformers, on tiny models with random weights from
+//! the functions of the export scripts; the tolerance is 1e-3, and the differences that were found are in
+//! `docs/notes/objects.md`. Trained weights have not been tested.
 //!
-//! Two steps differ from transformers on purpose. It names a box by all tokens above the text threshold, which may be of
-//! several phrases ("car chair") or a part of one ("##ted"); here a box has the phrase of its best token, which is the
-//! same where transformers names one phrase. And it keeps every box above the threshold: here one phrase has a box once,
-//! and one mask has one box.
+//! Two steps differ from transformers on purpose. It names a box by all tokens above the text threshold, which may
+//! belong to several phrases ("car chair") or be a part of a word ("##ted"); here a box has the phrase of its best
+//! token, which is the same where transformers names one phrase. And it keeps every box above the threshold, while here
+//! boxes of one phrase that overlap and masks that are the same count once.
 
 use instgs_io as io;
 use instgs_vk::scene;

@@ -1,4 +1,4 @@
-//! Which file is the runtime library. It is not part of this program: it is loaded when models are used.
+//! Finds the file of the runtime library. It is not part of this program, but loaded when models are used.
 
 use std::env::consts::{DLL_PREFIX, DLL_SUFFIX};
 use std::ffi::OsStr;
@@ -8,37 +8,37 @@ use std::path::{Path, PathBuf};
 use super::provider::Provider;
 use crate::io::IoError;
 
-/// How models are run.
+/// How the models are run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct RuntimeOptions {
-    /// The runtime library, if the user names one; see [`find_library`].
+    /// File of the runtime library, if the user names one; see [`find_library`].
     pub library: Option<PathBuf>,
-    /// What it runs the models on.
+    /// Device that runs the models.
     pub provider: Provider,
 }
 
-/// Variable that names the library, the same that other programs with ONNX Runtime use.
+/// Environment variable that names the library; other programs with ONNX Runtime use the same.
 pub const LIBRARY_VARIABLE: &str = "ORT_DYLIB_PATH";
-/// Where `tools/setup_onnxruntime` puts the library, below the working directory.
+/// Where `tools/setup_onnxruntime` puts the library, relative to the working directory.
 const CACHE: &str = ".cache/onnxruntime";
 
-/// How to come by a library that can be used.
+/// How to get a library that works.
 pub const ADVICE: &str = "run tools/setup_onnxruntime, which takes it from the PyPI wheel onnxruntime, or name the file \
                           with --runtime or ORT_DYLIB_PATH";
 
-/// The library's file name: `libonnxruntime.so`, `libonnxruntime.dylib`, `onnxruntime.dll`.
+/// The library's file name: `libonnxruntime.so`, `libonnxruntime.dylib` or `onnxruntime.dll`.
 pub fn library_name() -> String {
     format!("{DLL_PREFIX}onnxruntime{DLL_SUFFIX}")
 }
 
-/// The file to load: what the user `given`, else what the `variable` names, else `.cache/onnxruntime` in the `working`
-/// directory, else whatever the system finds under the library's name.
+/// The file to load: `given` by the user, else named by the `variable`, else in `.cache/onnxruntime` of the `working`
+/// directory, else the system's library of that name.
 ///
 /// # Errors
-/// No file where the user or the variable names one. A variable without a folder is a name for the system to find.
+/// No file where the user or the variable names one. A variable without a folder is a name for the system to resolve.
 pub fn find_library(given: Option<&Path>, variable: Option<&OsStr>, working: &Path) -> Result<PathBuf, IoError> {
     let missing = |path: &Path, by: &str| {
-        Err(IoError::new(path, format!("is no file, and {by} names it as the ONNX Runtime library")).advise(ADVICE))
+        Err(IoError::new(path, format!("is no file, but {by} names it as the ONNX Runtime library")).advise(ADVICE))
     };
     if let Some(path) = given {
         return if path.is_file() { Ok(working.join(path)) } else { missing(path, "--runtime") };
@@ -56,9 +56,9 @@ pub fn find_library(given: Option<&Path>, variable: Option<&OsStr>, working: &Pa
     Ok(if cached.is_file() { cached } else { name.into() })
 }
 
-/// Checks that a library's file is whole: the loader maps what the file should be, and reading beyond its end kills the
-/// process. Looks at ELF files of 64 bits, whose table of sections comes last; a name for the system to find is not looked
-/// at.
+/// Checks that a library's file is complete: the loader maps the size that the header states, and reading beyond the
+/// end of the file kills the process. Covers 64-bit ELF files, whose section table comes last; names for the system to
+/// resolve are skipped.
 ///
 /// # Errors
 /// A file that ends before that table does, or that cannot be read.
@@ -69,7 +69,8 @@ pub fn check_whole(path: &Path) -> Result<(), IoError> {
     let fail = |e: std::io::Error| IoError::new(path, format!("cannot read: {e}"));
     let mut file = std::fs::File::open(path).map_err(fail)?;
     let length = file.metadata().map_err(fail)?.len();
-    // "\x7fELF", 64 bits, little endian; at 40 where the table begins, at 58 and 60 the length and number of its entries.
+    // "\x7fELF", 64 bits, little endian. The offset of the section table is at 40, the size and number of its entries
+    // at 58 and 60.
     let mut head = [0; 64];
     if file.read_exact(&mut head).is_err() || head[..6] != *b"\x7fELF\x02\x01" {
         return Ok(());
@@ -77,7 +78,7 @@ pub fn check_whole(path: &Path) -> Result<(), IoError> {
     let number = |at: usize, bytes: usize| head[at..][..bytes].iter().rev().fold(0, |n: u64, b| n << 8 | u64::from(*b));
     let end = number(40, 8).saturating_add(number(58, 2) * number(60, 2));
     match length < end {
-        true => Err(IoError::new(path, format!("is cut: {length} of {end} bytes are there")).advise(ADVICE)),
+        true => Err(IoError::new(path, format!("is truncated to {length} of {end} bytes")).advise(ADVICE)),
         false => Ok(()),
     }
 }
@@ -115,7 +116,7 @@ mod tests {
     fn a_cut_library_is_noticed() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("cut.so");
-        // A table of two entries of 64 bytes at 100.
+        // A table of two entries of 64 bytes at offset 100.
         let mut bytes = vec![0; 228];
         bytes[..6].copy_from_slice(b"\x7fELF\x02\x01");
         (bytes[40], bytes[58], bytes[60]) = (100, 64, 2);
@@ -123,7 +124,10 @@ mod tests {
         check_whole(&path)?;
         std::fs::write(&path, &bytes[..227])?;
         let text = check_whole(&path).err().map(|e| e.to_string()).unwrap_or_default();
-        assert!(text.contains("cut.so: is cut: 227 of 228 bytes") && text.contains("setup_onnxruntime"), "{text}");
+        assert!(
+            text.contains("cut.so: is truncated to 227 of 228 bytes") && text.contains("setup_onnxruntime"),
+            "{text}"
+        );
         std::fs::write(&path, "no library")?;
         check_whole(&path)?;
         Ok(check_whole(Path::new("libonnxruntime.so"))?)

@@ -1,30 +1,30 @@
-//! The segmenter's masks: which of several to take, and their values at the photo's pixels.
+//! The segmenter's masks: selecting one of several, and resampling it to the photo's pixels.
 
 use rayon::prelude::*;
 
-/// How the segmenter's small square masks lie in the photo.
+/// Placement of the segmenter's small square masks in the photo.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MaskFrame {
-    /// Width and height of a mask.
+    /// Width and height of a mask, pixels.
     pub mask: usize,
-    /// Width and height of the segmenter's input, which a mask covers.
+    /// Width and height of the segmenter's input, which a mask covers, pixels.
     pub side: usize,
-    /// Width and height of the photo in that input, at its top left.
+    /// Width and height of the photo in that input, at its top left, pixels.
     pub resized: (usize, usize),
-    /// Width and height of the photo.
+    /// Width and height of the photo, pixels.
     pub photo: (usize, usize),
 }
 
 impl MaskFrame {
-    /// A box of the photo's pixels in those of the segmenter's input.
+    /// A box in pixels of the photo, converted to pixels of the segmenter's input.
     pub fn box_in_input(&self, [left, top, right, bottom]: &[f64; 4]) -> [f32; 4] {
         let x = self.resized.0 as f64 / self.photo.0 as f64;
         let y = self.resized.1 as f64 / self.photo.1 as f64;
         [x * left, y * top, x * right, y * bottom].map(|at| at as f32)
     }
 
-    /// A mask's logits at the photo's pixels, row by row: bilinear to the input's size, of that the photo's part, and
-    /// bilinear to the photo's size; a pixel belongs to the object if its logit is above 0.
+    /// A mask's logits at the photo's pixels, row by row: bilinear to the input's size, cropped to the photo's part,
+    /// and bilinear to the photo's size. A pixel belongs to the object if its logit is above 0.
     pub fn at_photo(&self, logits: &[f32]) -> Vec<f32> {
         let side = [Taps::new(self.mask, self.side), Taps::new(self.mask, self.side)];
         let input = interpolated(logits, self.mask, side, self.resized);
@@ -33,11 +33,11 @@ impl MaskFrame {
     }
 }
 
-/// Where each new pixel lies between two old ones, along one axis.
+/// For each new pixel along one axis, the two old ones around it and the weight of the second.
 struct Taps(Vec<(usize, usize, f32)>);
 
 impl Taps {
-    /// Centres of pixels fall on centres of pixels, without antialiasing: the arithmetic of PyTorch's `interpolate`.
+    /// Pixel centres are aligned, without antialiasing: the arithmetic of PyTorch's `interpolate`.
     fn new(old: usize, new: usize) -> Self {
         let scale = old as f32 / new as f32;
         let tap = |i: usize| {
@@ -49,7 +49,7 @@ impl Taps {
     }
 }
 
-/// The first `width` and `height` pixels of what the taps (x, y) make of an image whose rows are `stride` long.
+/// Bilinear interpolation of an image with rows of `stride` values, at the first `width` by `height` taps (x, y).
 fn interpolated(image: &[f32], stride: usize, [x, y]: [Taps; 2], (width, height): (usize, usize)) -> Vec<f32> {
     let mut out = vec![0.0; width * height];
     out.par_chunks_mut(width).zip(&y.0).for_each(|(row, &(top, bottom, down))| {
@@ -62,13 +62,13 @@ fn interpolated(image: &[f32], stride: usize, [x, y]: [Taps; 2], (width, height)
     out
 }
 
-/// Index of the highest score; of equal ones the first, and 0 if there is none.
+/// Index of the highest score; the first in a tie, 0 if there are none.
 pub fn best_of(scores: &[f32]) -> usize {
     let better = |best: usize, i: usize| if scores[i] > scores[best] { i } else { best };
     (1..scores.len()).fold(0, better)
 }
 
-/// How much two masks of the same size overlap: pixels that are above 0 in both over those in any; 0 if there is none.
+/// Intersection over union of two masks of the same size, whose pixels are those above 0; 0 if both are empty.
 pub fn overlap_above_zero(a: &[f32], b: &[f32]) -> f64 {
     let count = |of: &dyn Fn(bool, bool) -> bool| a.iter().zip(b).filter(|(a, b)| of(**a > 0.0, **b > 0.0)).count();
     let any = count(&|a, b| a || b);
@@ -81,13 +81,13 @@ mod tests {
 
     #[test]
     fn masks_grow_to_the_part_that_shows_the_photo() {
-        // A mask of 2x2 for an input of 4x4, of which the upper half shows a photo of 8x4.
+        // A mask of 2x2 for an input of 4x4, whose upper half shows a photo of 8x4.
         let frame = MaskFrame { mask: 2, side: 4, resized: (4, 2), photo: (8, 4) };
         let photo = frame.at_photo(&[0.0, 4.0, 100.0, 104.0]);
         assert_eq!(photo.len(), 32);
-        // The first row of the input is that of the mask at 0, 1, 3, 4; of the photo 0, 0.25, 0.75, 1.5, 2.5, ...
+        // The first row of the input is the mask's at 0, 1, 3, 4; the photo's is 0, 0.25, 0.75, 1.5, 2.5, ...
         assert_eq!(photo[..8], [0.0, 0.25, 0.75, 1.5, 2.5, 3.25, 3.75, 4.0]);
-        // The second row of the input is 25 more, and the last of the photo takes it alone.
+        // The second row of the input is 25 more, and only the photo's last row takes it.
         assert_eq!((photo[24], photo[31]), (25.0, 29.0));
         assert_eq!((photo[8], photo[16]), (6.25, 18.75));
         assert_eq!(frame.box_in_input(&[0.0, 2.0, 8.0, 3.0]), [0.0, 1.0, 4.0, 1.5]);

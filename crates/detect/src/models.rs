@@ -10,7 +10,7 @@
 //!                "side_px": 1024, "mask_px": 256, "mean": [...], "std": [...]}}
 //! ```
 //!
-//! A file whose weights lie beside it lists them under `data`.
+//! A file with weights in other files lists those under `data`.
 
 use std::path::{Path, PathBuf};
 
@@ -22,74 +22,74 @@ use crate::io::json::read_json;
 
 /// Name of the list of models in their folder.
 pub const MANIFEST: &str = "models.json";
-/// What `format` says for the files this program reads.
+/// Value of `format` in the files that this program reads.
 const FORMAT: &str = "instgs-models/1";
-/// No photo is made larger than this for a model, in pixels: a number beyond it is a damaged file, not a model.
+/// Largest side of a model's picture, pixels: a larger number means a damaged file.
 const LARGEST_SIDE_PX: u32 = 16384;
-/// How detectors are made.
+/// Command that exports a detector.
 const DETECTOR_COMMAND: &str = "python3 tools/models/export_grounding_dino.py --out";
-/// How segmenters are made.
+/// Command that exports a segmenter.
 const SEGMENTER_COMMAND: &str = "python3 tools/models/export_sam.py --out";
 
-/// A file of a model.
+/// A file of a model, with its checksum.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct ModelFile {
-    /// Its name in the folder.
+    /// Name of the file in the folder.
     pub file: String,
-    /// Its length.
+    /// Length of the file, bytes.
     pub bytes: u64,
-    /// SHA-256 of it, hexadecimal.
+    /// SHA-256 of the file, hexadecimal.
     pub sha256: String,
-    /// Files beside it that it takes its weights from.
+    /// Files in the same folder with its weights.
     #[serde(default)]
     pub data: Vec<ModelFile>,
 }
 
-/// A detector: boxes for phrases.
+/// A detector: finds boxes for phrases.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct DetectorModel {
-    /// "grounding-dino".
+    /// Kind of the model: "grounding-dino".
     pub kind: String,
-    /// The checkpoint it was made from.
+    /// Name of the checkpoint that it was exported from.
     pub source: String,
-    /// The ONNX graph.
+    /// File of the ONNX graph.
     pub graph: ModelFile,
-    /// Its `tokenizer.json`.
+    /// File of its `tokenizer.json`.
     pub tokenizer: ModelFile,
-    /// The shorter side of a photo is made this long, pixels,
+    /// Length of a photo's shorter side in the input, pixels, ...
     pub shortest_px: u32,
-    /// unless the longer one would be longer than this.
+    /// ... unless the longer side would exceed this, pixels.
     pub longest_px: u32,
-    /// Height and width of its input if they are fixed.
+    /// Height and width of the input if they are fixed, pixels.
     pub canvas_px: Option<[u32; 2]>,
-    /// Means of red, green, blue, which are 0..=1.
+    /// Means of red, green and blue, for values in 0..=1.
     pub mean: [f64; 3],
-    /// Their standard deviations.
+    /// Standard deviations of red, green and blue.
     pub std: [f64; 3],
-    /// The longest prompt it reads, and the columns of its logits.
+    /// Largest number of tokens in a prompt, and the number of columns of the logits.
     pub max_tokens: usize,
-    /// The length of all prompts if it is fixed; shorter ones are filled up.
+    /// Number of tokens of all prompts if it is fixed; shorter ones are padded.
     pub fixed_tokens: Option<usize>,
 }
 
-/// A segmenter: masks for boxes.
+/// A segmenter: makes masks for boxes.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct SegmenterModel {
-    /// "sam", which MobileSAM is, too.
+    /// Kind of the model: "sam", which includes MobileSAM.
     pub kind: String,
-    /// The checkpoint it was made from.
+    /// Name of the checkpoint that it was exported from.
     pub source: String,
-    /// The ONNX graph that reads a photo, once.
+    /// File of the ONNX graph that encodes a photo.
     pub encoder: ModelFile,
-    /// The one that reads boxes.
+    /// File of the ONNX graph that decodes boxes to masks.
     pub decoder: ModelFile,
-    /// Width and height of its input, pixels.
+    /// Width and height of the input, pixels.
     pub side_px: u32,
-    /// Width and height of its masks.
+    /// Width and height of the masks, pixels.
     pub mask_px: u32,
-    /// Means of red, green, blue, which are 0..=1.
+    /// Means of red, green and blue, for values in 0..=1.
     pub mean: [f64; 3],
-    /// Their standard deviations.
+    /// Standard deviations of red, green and blue.
     pub std: [f64; 3],
 }
 
@@ -100,32 +100,32 @@ struct Manifest {
     segmenter: Option<SegmenterModel>,
 }
 
-/// A folder with both models. What is not looked at yet are the files' contents.
+/// A folder with both models. The contents of files are only checked before a model is loaded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ModelsFolder {
     folder: PathBuf,
-    /// Finds boxes.
+    /// Model that finds boxes for phrases.
     pub detector: DetectorModel,
-    /// Makes masks of boxes.
+    /// Model that makes masks for boxes.
     pub segmenter: SegmenterModel,
 }
 
 impl ModelsFolder {
-    /// Reads `models.json` and checks that it makes sense and that every file it names has the right length.
+    /// Reads `models.json`, and checks its values and the length of every file it names.
     ///
     /// # Errors
-    /// No such folder or list, a model that is missing, with the command that makes it; numbers that no model has; files
-    /// that are missing or cut.
+    /// A missing folder or list; a missing model, with the command that exports it; values out of range; files that are
+    /// missing or of another length.
     pub fn open(folder: &Path) -> Result<Self, IoError> {
         let path = folder.join(MANIFEST);
         if !path.is_file() {
             let at = folder.display();
             let advice = format!("make the models with: {DETECTOR_COMMAND} {at} and {SEGMENTER_COMMAND} {at}");
-            return Err(IoError::new(&path, "is missing: no models to find things with").advise(advice));
+            return Err(IoError::new(&path, "is missing: there are no models in this folder").advise(advice));
         }
         let manifest: Manifest = read_json(&path)?;
         if manifest.format != FORMAT {
-            let what = format!("is of the format {:?}, and this program reads {FORMAT:?}", manifest.format);
+            let what = format!("has the format {:?}, but this program reads {FORMAT:?}", manifest.format);
             return Err(IoError::new(&path, what).at(Place::Field("format".into())));
         }
         let missing = |name: &str, command: &str| {
@@ -149,7 +149,7 @@ impl ModelsFolder {
         Ok(models)
     }
 
-    /// Where a file lies.
+    /// Path of a file in the folder.
     pub fn path(&self, file: &ModelFile) -> PathBuf {
         self.folder.join(&file.file)
     }
@@ -162,22 +162,22 @@ impl ModelsFolder {
         let path = self.path(file);
         let data = std::fs::metadata(&path).map_err(|e| IoError::new(&path, format!("cannot be used: {e}")))?;
         if data.len() != file.bytes {
-            let what = format!("has {} bytes, and {MANIFEST} says {}", data.len(), file.bytes);
+            let what = format!("has {} bytes, but {MANIFEST} says {}", data.len(), file.bytes);
             return Err(IoError::new(&path, what));
         }
         file.data.iter().try_for_each(|beside| self.check_lengths(beside))
     }
 
-    /// Compares the contents of a file, and of those that hold its weights, with their checksums.
+    /// Compares the checksums of a file and of those with its weights.
     ///
     /// # Errors
-    /// A file that cannot be read or has other contents than when it was made.
+    /// A file that cannot be read or has another checksum.
     #[cfg(feature = "onnx")]
     pub fn check_contents(&self, file: &ModelFile) -> Result<(), IoError> {
         let path = self.path(file);
         let found = super::checksum::sha256(&path)?;
         if !found.eq_ignore_ascii_case(&file.sha256) {
-            let what = format!("has the SHA-256 {found}, and {MANIFEST} says {}", file.sha256);
+            let what = format!("has the SHA-256 {found}, but {MANIFEST} says {}", file.sha256);
             let is_segmenter = [&self.segmenter.encoder, &self.segmenter.decoder].contains(&file);
             let command = if is_segmenter { SEGMENTER_COMMAND } else { DETECTOR_COMMAND };
             return Err(IoError::new(&path, what).advise(format!("copy it again, or {}", self.remake(command))));
@@ -201,13 +201,13 @@ fn check_detector(model: &DetectorModel) -> Result<(), Fault> {
         return Err(("shortest_px", format!("is {}, above longest_px, {}", model.shortest_px, model.longest_px)));
     }
     model.canvas_px.iter().flatten().try_for_each(|&side| check_side("canvas_px", side))?;
-    // The start, the end, one word and its full stop.
+    // A prompt has at least the start, the end, one word and its full stop.
     if !(4..=65536).contains(&model.max_tokens) {
-        return Err(("max_tokens", format!("is {}, and prompts have 4 to 65536", model.max_tokens)));
+        return Err(("max_tokens", format!("is {}, but prompts have 4 to 65536", model.max_tokens)));
     }
     match model.fixed_tokens {
         Some(fixed) if !(4..=model.max_tokens).contains(&fixed) => {
-            Err(("fixed_tokens", format!("is {fixed}, and prompts have 4 to {}", model.max_tokens)))
+            Err(("fixed_tokens", format!("is {fixed}, but prompts have 4 to {}", model.max_tokens)))
         }
         _ => Ok(()),
     }
@@ -223,14 +223,14 @@ fn check_segmenter(model: &SegmenterModel) -> Result<(), Fault> {
 fn check_kind(kind: &str, known: &str) -> Result<(), Fault> {
     match kind == known {
         true => Ok(()),
-        false => Err(("kind", format!("is {kind:?}, and this program can use {known:?}"))),
+        false => Err(("kind", format!("is {kind:?}, but this program can use {known:?}"))),
     }
 }
 
 fn check_side(field: &'static str, side: u32) -> Result<(), Fault> {
     match (1..=LARGEST_SIDE_PX).contains(&side) {
         true => Ok(()),
-        false => Err((field, format!("is {side}, and pictures have 1 to {LARGEST_SIDE_PX} pixels a side"))),
+        false => Err((field, format!("is {side}, but pictures have 1 to {LARGEST_SIDE_PX} pixels a side"))),
     }
 }
 

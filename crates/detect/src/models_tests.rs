@@ -2,7 +2,7 @@ use super::*;
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
-/// SHA-256 of no bytes.
+/// SHA-256 of an empty file.
 const OF_NOTHING: &str = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
 
 fn manifest() -> serde_json::Value {
@@ -44,7 +44,7 @@ fn what_is_missing_is_named_with_the_command_that_makes_it() -> Outcome {
         let text = error(root);
         assert!(text.contains(&format!("{name}: cannot be used")) && text.contains(command), "{text}");
         std::fs::write(root.join(name), "cut")?;
-        assert!(error(root).contains("has 3 bytes, and models.json says 0"), "{}", error(root));
+        assert!(error(root).contains("has 3 bytes, but models.json says 0"), "{}", error(root));
         std::fs::write(root.join(name), "")?;
     }
     let models = ModelsFolder::open(root)?;
@@ -63,7 +63,7 @@ fn nonsense_is_named() -> Outcome {
     let folder = tempfile::tempdir()?;
     let root = folder.path();
     for (model, field, value, want) in [
-        ("", "format", serde_json::json!("instgs-models/9"), "format: is of the format"),
+        ("", "format", serde_json::json!("instgs-models/9"), "format: has the format"),
         ("detector", "kind", serde_json::json!("yolo"), "detector.kind: is \"yolo\""),
         ("detector", "shortest_px", serde_json::json!(2000), "above longest_px"),
         ("detector", "longest_px", serde_json::json!(1000000), "1 to 16384"),

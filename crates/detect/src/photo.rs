@@ -1,21 +1,21 @@
-//! The photo of a view as the models see it.
+//! The photo of a view, as the models see it.
 
 use crate::io::{IoError, View, load_view};
 
-/// The pixels of a photo as it is stored: with its lens distortion, because masks are drawn over the photo.
+/// Pixels of a stored photo, with its lens distortion, since masks belong to stored photos.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Photo {
-    /// Width in pixels.
+    /// Width of the photo, pixels.
     pub width: usize,
-    /// Height in pixels.
+    /// Height of the photo, pixels.
     pub height: usize,
-    /// Red, green, blue in the file's own encoding, row by row from the top.
+    /// Red, green and blue in the file's own encoding, row by row from the top.
     pub rgb: Vec<[u8; 3]>,
 }
 
 impl Photo {
-    /// Reads the photo of a view. Coverage is left out, as the models' own programs do; pixels that training ignores are
-    /// looked at like all others.
+    /// Reads the photo of a view. Alpha is dropped, as in the models' own programs; pixels that training ignores are
+    /// used like all others.
     ///
     /// # Errors
     /// Those of [`load_view`].

@@ -1,24 +1,24 @@
-//! What to look for: phrases, each ended by a full stop.
+//! Text prompts: phrases, each ended by a full stop.
 
 use std::ops::Range;
 
 use super::DetectError;
 
-/// The characters at which the detector's text encoder ends a phrase.
+/// Characters that end a phrase for the detector's text encoder.
 const ENDS: [char; 2] = ['.', '?'];
 
-/// The phrases of a prompt such as "car. office chair."
+/// The phrases of a prompt such as "car. office chair.".
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Prompt {
     phrases: Vec<String>,
 }
 
 impl Prompt {
-    /// Splits a prompt at "." and "?", where the detector ends a phrase, too. Phrases are lowercased, as the detector was
-    /// trained on, and their spaces made single; one that stands there twice counts once.
+    /// Splits a prompt at "." and "?", where the detector ends a phrase, too. Phrases are lowercased, as in the
+    /// detector's training, white space is collapsed, and repeated phrases count once.
     ///
     /// # Errors
-    /// A prompt without a letter or digit in any phrase.
+    /// A prompt in which no phrase has a letter or digit.
     pub fn parse(text: &str) -> Result<Self, DetectError> {
         let mut phrases: Vec<String> = Vec::new();
         for part in text.split(ENDS) {
@@ -28,23 +28,23 @@ impl Prompt {
             }
         }
         if phrases.is_empty() {
-            let what = "names nothing; it is one or more phrases, for instance \"car. office chair.\"".into();
+            let what = "names nothing; give one or more phrases, for instance \"car. office chair.\"".into();
             return Err(DetectError::Prompt { prompt: text.into(), what });
         }
         Ok(Self { phrases })
     }
 
-    /// The phrases, in order; at least one.
+    /// The phrases in order; at least one.
     pub fn phrases(&self) -> &[String] {
         &self.phrases
     }
 
-    /// The text that the detector reads ("car. office chair.").
+    /// The text that the detector reads, such as "car. office chair.".
     pub fn text(&self) -> String {
         self.phrases.join(". ") + "."
     }
 
-    /// Where each phrase stands in [`Self::text`], in bytes.
+    /// Byte range of each phrase in [`Self::text`].
     pub fn ranges(&self) -> Vec<Range<usize>> {
         let mut start = 0;
         let mut range = |phrase: &String| {

@@ -1,34 +1,34 @@
-//! Where the models run.
+//! Devices that run the models.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// What ONNX Runtime runs the models on. All but the processor need a build of the runtime library that has it.
+/// Execution provider of ONNX Runtime. All but the processor need a build of the runtime library that contains it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Provider {
-    /// The processor; every build of the runtime has it.
+    /// The processor; every build of the runtime supports it.
     #[default]
     Cpu,
-    /// Nvidia GPUs.
+    /// Nvidia GPUs through CUDA.
     Cuda,
-    /// Nvidia GPUs, graphs compiled for the device first; what TensorRT cannot run goes to CUDA.
+    /// Nvidia GPUs through TensorRT, which compiles graphs for the device; unsupported parts run on CUDA.
     TensorRt,
-    /// AMD GPUs.
+    /// AMD GPUs through ROCm.
     Rocm,
-    /// Apple devices.
+    /// Apple devices through Core ML.
     CoreMl,
-    /// Windows, any GPU.
+    /// Any GPU on Windows through DirectML.
     DirectMl,
 }
 
 impl Provider {
-    /// All there are.
+    /// All providers, the processor first.
     pub const ALL: [Self; 6] = [Self::Cpu, Self::Cuda, Self::TensorRt, Self::Rocm, Self::CoreMl, Self::DirectMl];
 
-    /// Its name on the command line.
+    /// Name of the provider on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -40,7 +40,7 @@ impl Provider {
         }
     }
 
-    /// The names of all, for messages: "cpu, cuda, ...".
+    /// All names, for messages: "cpu, cuda, ...".
     pub fn names() -> String {
         Self::ALL.map(Self::name).join(", ")
     }
@@ -57,7 +57,7 @@ impl FromStr for Provider {
 
     fn from_str(name: &str) -> Result<Self, String> {
         let found = Self::ALL.into_iter().find(|p| p.name() == name);
-        found.ok_or_else(|| format!("{name:?} is none of {}", Self::names()))
+        found.ok_or_else(|| format!("{name:?} is not one of {}", Self::names()))
     }
 }
 
@@ -72,7 +72,7 @@ mod tests {
         }
         assert_eq!(
             "gpu".parse::<Provider>(),
-            Err("\"gpu\" is none of cpu, cuda, tensorrt, rocm, coreml, directml".to_owned())
+            Err("\"gpu\" is not one of cpu, cuda, tensorrt, rocm, coreml, directml".to_owned())
         );
     }
 }

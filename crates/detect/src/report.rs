@@ -1,4 +1,4 @@
-//! What was found, and what was not kept.
+//! Report of masks from a prompt: what was found, and what was dropped.
 
 use std::ops::AddAssign;
 
@@ -7,20 +7,20 @@ use serde::Serialize;
 use crate::io::Mask;
 use crate::scene::ViewBox;
 
-/// Boxes that became no mask, by reason.
+/// Number of boxes that did not become masks, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Dropped {
-    /// Above the box threshold, but no phrase above the text threshold.
+    /// Above the box threshold, but without a phrase above the text threshold.
     pub unnamed: usize,
-    /// Covered by a better box of the same phrase.
+    /// Overlapped by a better box with the same phrase.
     pub repeated: usize,
-    /// Without a pixel in the photo.
+    /// Without a pixel inside the photo.
     pub outside: usize,
-    /// Their mask is that of a better box, of whatever phrase.
+    /// With the same mask as a better box of any phrase.
     pub same_mask: usize,
-    /// Their mask has no pixel.
+    /// With a mask that has no pixel.
     pub empty: usize,
-    /// Smaller masks cover theirs wholly.
+    /// With a mask that smaller masks cover wholly.
     pub covered: usize,
 }
 
@@ -38,48 +38,48 @@ impl AddAssign for Dropped {
 /// The masks of one view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewMasks {
-    /// Ids, at the size of the photo; all 0 if nothing was found.
+    /// Ids at the size of the photo; all 0 if nothing was found.
     pub mask: Mask,
-    /// One box per id, in the order of ids: the part of it in the photo, its phrase and score.
+    /// One box per id, in the order of ids: clipped to the photo, with phrase and score.
     pub boxes: Vec<ViewBox>,
-    /// Boxes that became no mask.
+    /// Boxes that did not become masks.
     pub dropped: Dropped,
 }
 
-/// What one phrase found.
+/// Number of masks of one phrase.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PhraseCount {
-    /// The phrase.
+    /// Text of the phrase in lower case.
     pub phrase: String,
-    /// Masks of it, in all views.
+    /// Number of its masks in all views.
     pub masks: usize,
-    /// Views with at least one.
+    /// Number of views with at least one.
     pub views: usize,
 }
 
-/// The masks of all views.
+/// Totals over all views.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct PromptReport {
-    /// Views looked at.
+    /// Number of views that were searched.
     pub views: usize,
-    /// Names of those in which nothing was found.
+    /// Names of the views in which nothing was found.
     pub views_without: Vec<String>,
-    /// Masks, which is also the highest id.
+    /// Number of masks, which is also the highest id.
     pub masks: usize,
-    /// By phrase, in the order of the prompt.
+    /// Counts of each phrase, in the order of the prompt.
     pub phrases: Vec<PhraseCount>,
-    /// Boxes that became no mask.
+    /// Boxes that did not become masks.
     pub dropped: Dropped,
 }
 
 impl PromptReport {
-    /// Of no views yet.
+    /// An empty report for the phrases of a prompt.
     pub fn new(phrases: &[String]) -> Self {
         let count = |phrase: &String| PhraseCount { phrase: phrase.clone(), masks: 0, views: 0 };
         Self { phrases: phrases.iter().map(count).collect(), ..Self::default() }
     }
 
-    /// Counts a view in.
+    /// Adds the masks of a view, whose name is `name`.
     pub fn add(&mut self, name: &str, view: &ViewMasks) {
         self.views += 1;
         self.masks += view.boxes.len();

@@ -1,17 +1,16 @@
-//! Photos at the sizes that models take: the bilinear filter with antialiasing that torchvision, and so the models' own
-//! programs, use on 8-bit pixels.
+//! Resizes photos as torchvision, and so the models' own programs, do for 8-bit pixels: bilinear with antialiasing.
 //!
-//! Each new pixel is a mean of old ones weighted by a triangle as wide as two new pixels (two old ones where the photo
-//! grows). Rows first, then columns, in whole numbers: weights are rounded to 15 bits and the result of each pass to 8.
-//! Models were trained on pixels of that arithmetic, and the tests ask for the same bytes.
+//! Each new pixel is a mean of old ones weighted by a triangle as wide as two new pixels (two old ones when enlarging).
+//! Rows come first, then columns, in integers: weights are rounded to 15 bits and the result of each pass to 8. Models
+//! were trained on such pixels, and the tests require the same bytes.
 
 use rayon::prelude::*;
 
 use super::photo::Photo;
 
-/// Weights are below this, so that products with a byte and their sums fit 32 bits.
+/// Upper bound of weights, so that sums of products with bytes fit into 32 bits.
 const WEIGHT_LIMIT: f64 = (1 << 15) as f64;
-/// No more bits than this behind the point, however small the weights.
+/// Largest number of fractional bits, however small the weights.
 const MOST_BITS: u32 = 22;
 
 /// The photo at another size, at least 1 by 1.
@@ -44,12 +43,12 @@ fn resize_columns(old: &[[u8; 3]], width: usize, old_height: usize, height: usiz
     out
 }
 
-/// Which old pixels each new one is the mean of, along one axis.
+/// Which old pixels each new one averages, along one axis.
 struct Filter {
-    /// The first old pixel of each new one, and where its weights begin and end.
+    /// For each new pixel, the first old one, and the range of its weights.
     places: Vec<(usize, usize, usize)>,
     weights: Vec<i32>,
-    /// Bits behind the point of the weights.
+    /// Number of fractional bits of the weights.
     bits: u32,
 }
 
@@ -61,7 +60,7 @@ impl Filter {
         let (mut places, mut exact) = (Vec::with_capacity(new), Vec::new());
         for i in 0..new {
             let center = scale * (i as f64 + 0.5);
-            // The casts truncate towards 0, as the original's do.
+            // The casts truncate towards 0, as in the original.
             let first = ((center - reach + 0.5) as i64).max(0) as usize;
             let end = ((center + reach + 0.5) as usize).min(old);
             let begin = exact.len();
@@ -76,7 +75,7 @@ impl Filter {
         Self { places, weights, bits }
     }
 
-    /// For each new pixel the first old one and the weights from there on.
+    /// For each new pixel, the first old one and the weights from there on.
     fn taps(&self) -> impl Iterator<Item = (usize, &[i32])> {
         self.places.iter().map(|&(first, begin, end)| (first, &self.weights[begin..end]))
     }
@@ -91,7 +90,7 @@ impl Filter {
     }
 }
 
-/// The most bits behind the point with which the largest weight stays below the limit.
+/// The largest number of fractional bits with which the largest weight stays below the limit.
 fn bits_for(largest: f64) -> u32 {
     let fits = |bits: &u32| 0.5 + largest * f64::from(1u32 << bits) < WEIGHT_LIMIT;
     (1..=MOST_BITS).take_while(fits).last().unwrap_or(1)
@@ -124,7 +123,7 @@ mod tests {
         // Twice the size: 1/4 and 3/4, and the border pixel alone.
         let step = photo(2, 1, |x, _| 100 * x as u8);
         assert_eq!(reds(&resize(&step, 4, 1)), [0, 25, 75, 100]);
-        // Along columns just the same.
+        // The same along columns.
         assert_eq!(reds(&resize(&photo(1, 2, |_, y| 100 * y as u8), 1, 4)), [0, 25, 75, 100]);
     }
 }

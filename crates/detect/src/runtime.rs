@@ -1,4 +1,4 @@
-//! The runtime library, loaded, and sessions of it.
+//! The loaded runtime library, and sessions for graphs.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -14,8 +14,8 @@ use super::library::{ADVICE, LIBRARY_VARIABLE, RuntimeOptions, check_whole, find
 use super::provider::Provider;
 use crate::io::IoError;
 
-/// A process can load one runtime library, once. The environment is never given back, so that the library outlives all
-/// that was made with it.
+/// A process can load one runtime library, once. The environment is never dropped, so the library outlives everything
+/// made with it.
 static LOADED: Mutex<Option<(Environment, PathBuf)>> = Mutex::new(None);
 
 /// ONNX Runtime, ready to run models.
@@ -26,12 +26,11 @@ pub(super) struct Runtime {
 }
 
 impl Runtime {
-    /// Loads the library that [`find_library`] finds, or takes it if it is loaded already, and checks that it can run models
-    /// where the user wants.
+    /// Loads the library that [`find_library`] finds, or reuses it if it is already loaded, and checks that it supports
+    /// the provider.
     ///
     /// # Errors
-    /// A library that is missing, is something else, or is too old, and another one than was loaded before; a provider that
-    /// it was built without.
+    /// A library that is missing, wrong, too old, or not the one loaded before; a provider that it was built without.
     pub(super) fn load(options: &RuntimeOptions) -> Result<Self, DetectError> {
         let working = std::env::current_dir().map_err(|e| IoError::new(Path::new("."), e.to_string()))?;
         let variable = std::env::var_os(LIBRARY_VARIABLE);
@@ -44,7 +43,7 @@ impl Runtime {
 
     fn check_provider(&self) -> Result<(), DetectError> {
         let has = |provider: Provider| {
-            is_available(provider).map_err(|e| IoError::new(&self.library, format!("cannot say what it runs on: {e}")))
+            is_available(provider).map_err(|e| IoError::new(&self.library, format!("cannot list its providers: {e}")))
         };
         if has(self.provider)? {
             return Ok(());
@@ -62,7 +61,7 @@ impl Runtime {
         Err(DetectError::Option { option: "--provider", reason })
     }
 
-    /// Loads a graph.
+    /// Loads a graph from a file.
     ///
     /// # Errors
     /// A graph that the library cannot read or run, and a device that it cannot use.
@@ -80,28 +79,28 @@ impl Runtime {
     }
 }
 
-/// The one environment of this process, on the library at `path`.
+/// The only environment of this process, for the library at `path`.
 fn environment(path: &Path) -> Result<Environment, IoError> {
-    // A panic while it was held has changed nothing: the value is set last.
+    // Poisoning is harmless: the value is set last, so a panic has changed nothing.
     let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((environment, own)) = loaded.as_ref() {
         return match own == path {
             true => Ok(environment.clone()),
             false => {
-                let what = format!("cannot be loaded: this process runs on {} already", own.display());
+                let what = format!("cannot be loaded: this process already uses {}", own.display());
                 Err(IoError::new(path, what))
             }
         };
     }
     let unusable = |e: LoadDynamicError| match e {
         LoadDynamicError::Dlopen { error, .. } => {
-            // The system's own words are what this error came from.
+            // The source is the system's own message.
             let reason = error.source().map_or(error.to_string(), ToString::to_string);
             IoError::new(path, format!("ONNX Runtime's library cannot be loaded: {reason}")).advise(ADVICE)
         }
         LoadDynamicError::BadVersion { version_str, .. } => {
             let what =
-                format!("is ONNX Runtime {version_str}, and this program needs 1.{} or newer", ort::MINOR_VERSION);
+                format!("is ONNX Runtime {version_str}, but this program needs 1.{} or newer", ort::MINOR_VERSION);
             IoError::new(path, what).advise(ADVICE)
         }
         LoadDynamicError::MissingApi { .. } | LoadDynamicError::InvalidVersionString => {
@@ -116,7 +115,7 @@ fn environment(path: &Path) -> Result<Environment, IoError> {
     Ok(environment)
 }
 
-/// True if the loaded library was built with it.
+/// Whether the loaded library was built with the provider.
 fn is_available(provider: Provider) -> ort::Result<bool> {
     match provider {
         Provider::Cpu => Ok(true),
@@ -128,7 +127,7 @@ fn is_available(provider: Provider) -> ort::Result<bool> {
     }
 }
 
-/// What to register: where it fails, that is an error and no silent change to the processor.
+/// Providers to register; a failure is an error, not a silent fallback to the processor.
 fn dispatches(provider: Provider) -> Vec<ExecutionProviderDispatch> {
     let cuda = || ep::CUDA::default().build();
     let wanted = match provider {

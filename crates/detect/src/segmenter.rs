@@ -1,4 +1,4 @@
-//! The segmenter: Segment Anything, masks for boxes.
+//! The segmenter, Segment Anything: masks for boxes.
 
 use super::DetectError;
 use super::graph::{Graph, Tensor, Values};
@@ -11,57 +11,56 @@ use super::photo::Photo;
 use super::runtime::Runtime;
 use crate::io::IoError;
 
-/// Boxes that the decoder works on at a time. For each it holds a copy of the photo's embedding and upscaled features, at
-/// Segment Anything's size 4 MB (256 channels of 64x64) and 8 MB (32 of 256x256), several of each at once: about 40 MB a
-/// box, so 0.6 GB at a time.
+/// Boxes in one run of the decoder. For each box it holds several copies of the photo's embedding (256 channels of
+/// 64x64, 4 MB) and upscaled features (32 channels of 256x256, 8 MB): about 40 MB a box, 0.6 GB in all.
 const BOXES_AT_A_TIME: usize = 16;
 
-/// A segmenter.
+/// A segmenter with its two graphs.
 pub struct Segmenter {
     encoder: Graph,
     decoder: Graph,
     model: SegmenterModel,
 }
 
-/// A photo as the encoder sees it.
+/// A photo after the encoder.
 pub struct Embedding {
     tensor: Tensor,
-    /// How masks lie in the photo.
+    /// Placement of the masks in the photo.
     pub frame: MaskFrame,
 }
 
 impl Embedding {
-    /// The numbers, `[channels, rows, columns]`.
+    /// Values of the embedding, `[channels, rows, columns]`.
     pub fn values(&self) -> &[f32] {
         &self.tensor.values
     }
 }
 
-/// The masks of some boxes; several for each, and which is best is for the scores to say.
+/// Several masks for each of some boxes, with scores.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawMasks {
-    /// Masks for each box.
+    /// Number of masks for each box.
     pub per_box: usize,
-    /// `[boxes, per_box]`: how well each mask is thought to fit.
+    /// `[boxes, per_box]`: predicted quality of each mask.
     pub scores: Vec<f32>,
-    /// `[boxes, per_box, mask_px, mask_px]`.
+    /// `[boxes, per_box, mask_px, mask_px]`; a pixel belongs to the mask if its logit is above 0.
     pub logits: Vec<f32>,
 }
 
-/// The best mask of a box.
+/// The best mask of one box.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoxMask {
-    /// How well it is thought to fit.
+    /// Predicted quality of the mask.
     pub score: f32,
     /// `[mask_px, mask_px]`; see [`MaskFrame::at_photo`].
     pub logits: Vec<f32>,
 }
 
 impl Segmenter {
-    /// Compares the files with their checksums, loads the runtime and the graphs.
+    /// Checks the files' checksums, and loads the runtime and the graphs.
     ///
     /// # Errors
-    /// Files or a runtime library that are missing or something else.
+    /// Model files or a runtime library that are missing or wrong.
     pub fn open(models: &ModelsFolder, runtime: &RuntimeOptions) -> Result<Self, DetectError> {
         let model = models.segmenter.clone();
         let runtime = Runtime::load(runtime)?;
@@ -73,10 +72,10 @@ impl Segmenter {
         Ok(Self { encoder, decoder, model })
     }
 
-    /// Reads a photo; once, however many boxes there are.
+    /// Encodes a photo, once for all of its boxes.
     ///
     /// # Errors
-    /// A graph that cannot be run, or whose output has another shape than `models.json` says.
+    /// A graph that cannot be run, or whose output has another shape than `models.json` states.
     pub fn encode(&mut self, photo: &Photo) -> Result<Embedding, IoError> {
         let image = segmenter_image(photo, &self.model);
         let shape = [1, 3, image.height, image.width];
@@ -88,10 +87,10 @@ impl Segmenter {
         Ok(Embedding { tensor, frame })
     }
 
-    /// All masks of boxes in pixels of the photo, in one run. At least one box.
+    /// All masks of at least one box, given in pixels of the photo, in one run.
     ///
     /// # Errors
-    /// A graph that cannot be run, makes no numbers, or other shapes than `models.json` says.
+    /// A graph that cannot be run, returns NaN, or other shapes than `models.json` states.
     pub fn run(&mut self, embedding: &Embedding, boxes: &[BoxPx]) -> Result<RawMasks, IoError> {
         let corners: Vec<f32> = boxes.iter().flat_map(|b| embedding.frame.box_in_input(b)).collect();
         let Tensor { shape, values } = &embedding.tensor;
@@ -107,12 +106,12 @@ impl Segmenter {
         let per_box = scores.shape[1];
         self.decoder.expect("mask_logits", &logits, &[Some(boxes.len()), Some(per_box), mask, mask])?;
         if per_box == 0 || scores.values.iter().chain(&logits.values).any(|v| v.is_nan()) {
-            return Err(self.decoder.error("gave masks without numbers; its file may be damaged"));
+            return Err(self.decoder.error("gave no masks, or NaN; its file may be damaged"));
         }
         Ok(RawMasks { per_box, scores: scores.values, logits: logits.values })
     }
 
-    /// The best mask of each box in pixels of the photo.
+    /// The best mask of each box, given in pixels of the photo.
     ///
     /// # Errors
     /// Those of [`Self::run`].

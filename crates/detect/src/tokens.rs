@@ -1,4 +1,4 @@
-//! A prompt as the numbers that the detector's text encoder reads.
+//! Tokenises a prompt for the detector's text encoder.
 
 use std::path::Path;
 
@@ -9,17 +9,17 @@ use super::models::DetectorModel;
 use super::prompt::Prompt;
 use crate::io::IoError;
 
-/// The piece that fills up prompts of a fixed length, where the vocabulary has it; it is masked out.
+/// Padding token of prompts with a fixed length, if the vocabulary has it; it is masked out.
 const FILLER: &str = "[PAD]";
 
-/// A prompt in pieces of words. All lists are as long as the detector reads.
+/// Tokens of a prompt. All lists have one entry per token.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PromptTokens {
-    /// Numbers of the pieces in the vocabulary, with the start, the end, and the full stops.
+    /// Vocabulary ids of the tokens, including the start, the end, and full stops.
     pub ids: Vec<i64>,
-    /// 1 for each of these, 0 for what fills up.
+    /// Attention mask: 1 for tokens, 0 for padding.
     pub attention: Vec<i64>,
-    /// The phrase of each piece; `None` for the start, the end, full stops and what fills up.
+    /// Phrase of each token; `None` for the start, the end, full stops and padding.
     pub phrase_of: Vec<Option<usize>>,
 }
 
@@ -32,32 +32,32 @@ impl PromptTokenizer {
     /// # Errors
     /// A file that is missing or is no tokenizer.
     pub fn open(path: &Path) -> Result<Self, IoError> {
-        let fail = |e: tokenizers::Error| IoError::new(path, format!("is no tokenizer that can be used: {e}"));
+        let fail = |e: tokenizers::Error| IoError::new(path, format!("is no valid tokenizer: {e}"));
         let mut tokenizer = Tokenizer::from_file(path).map_err(fail)?;
-        // A file may come with a length to cut at or to fill up to; that is decided here.
+        // The file may prescribe truncation or padding, but [`Self::tokens`] decides on both.
         tokenizer.with_truncation(None).map_err(fail)?.with_padding(None);
         Ok(Self(tokenizer))
     }
 
-    /// Numbers of the pieces of a text, with the start and the end.
+    /// Vocabulary ids of a text, with the start and the end.
     ///
     /// # Errors
-    /// A text that the tokenizer cannot take apart.
+    /// A text that the tokenizer rejects.
     pub fn ids(&self, text: &str) -> Result<Vec<i64>, DetectError> {
         Ok(self.encoding(text)?.get_ids().iter().map(|id| i64::from(*id)).collect())
     }
 
-    /// A prompt as the detector reads it.
+    /// Tokens of a prompt, padded if the model needs it.
     ///
     /// # Errors
-    /// A prompt that is too long for the model; a phrase of which no piece is left.
+    /// A prompt that is too long for the model; a phrase without tokens.
     pub fn tokens(&self, prompt: &Prompt, model: &DetectorModel) -> Result<PromptTokens, DetectError> {
         let text = prompt.text();
         let mut ids = self.ids(&text)?;
         let most = model.fixed_tokens.unwrap_or(model.max_tokens);
         if ids.len() > most {
             let what =
-                format!("makes {} tokens, and the detector reads {most}; ask for fewer things at a time", ids.len());
+                format!("has {} tokens, but the detector reads {most}; ask for fewer things at a time", ids.len());
             return Err(DetectError::Prompt { prompt: text, what });
         }
         let mut phrase_of = self.phrases_of_pieces(prompt, &text)?;
@@ -70,26 +70,26 @@ impl PromptTokenizer {
         Ok(PromptTokens { ids, attention, phrase_of })
     }
 
-    /// The phrase in which each piece of the prompt's text stands.
+    /// The phrase of each token of the prompt's text.
     fn phrases_of_pieces(&self, prompt: &Prompt, text: &str) -> Result<Vec<Option<usize>>, DetectError> {
         let encoding = self.encoding(text)?;
         let ranges = prompt.ranges();
         let phrase_at = |&(start, end): &(usize, usize)| ranges.iter().position(|r| r.start <= start && end <= r.end);
-        // The start and the end stand nowhere in the text, which is told as its beginning.
+        // The start and the end are not part of the text; their offsets are 0.
         let pieces = encoding.get_offsets().iter().zip(encoding.get_special_tokens_mask());
         let phrases: Vec<_> = pieces.map(|(at, special)| if *special == 0 { phrase_at(at) } else { None }).collect();
         match (0..ranges.len()).find(|phrase| !phrases.contains(&Some(*phrase))) {
             None => Ok(phrases),
             Some(lost) => {
                 let what =
-                    format!("has the phrase {:?}, of which the tokenizer leaves nothing", prompt.phrases()[lost]);
+                    format!("has the phrase {:?}, for which the tokenizer has no tokens", prompt.phrases()[lost]);
                 Err(DetectError::Prompt { prompt: text.into(), what })
             }
         }
     }
 
     fn encoding(&self, text: &str) -> Result<Encoding, DetectError> {
-        let fail = |e: tokenizers::Error| format!("cannot be taken apart by the detector's tokenizer: {e}");
+        let fail = |e: tokenizers::Error| format!("cannot be tokenised for the detector: {e}");
         self.0.encode(text, true).map_err(|e| DetectError::Prompt { prompt: text.into(), what: fail(e) })
     }
 }

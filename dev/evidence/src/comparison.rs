@@ -1,5 +1,5 @@
-//! The comparison protocol (DESIGN section 7): how good, how large and how fast an instanced scene is beside plain clouds
-//! that had as much time, or may have as many bytes. Training them is the command line's; this measures and counts.
+//! Measures quality, size and speed of an instanced scene, and of plain clouds with the same training time or the same
+//! number of bytes (`docs/design.md`). The command line trains them.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,140 +12,140 @@ use crate::io::{IoError, MaskFolder, View, load_scene};
 use crate::render::{RenderError, RenderOptions, Renderer};
 use crate::scene::RepeatedBytes;
 
-/// Names of rows, which are also those of tables.
+/// Names of the rows of a comparison.
 pub mod names {
-    /// The plain cloud that the instanced scene is made of.
+    /// The plain cloud from which the instanced scene is made.
     pub const START: &str = "3DGS, the start";
-    /// It, trained on for as long as the instanced scene took.
+    /// The same cloud, trained on for as long as the instanced scene took.
     pub const SAME_TIME: &str = "3DGS, same time";
-    /// A plain cloud trained for as many steps as that, but in one piece: its rates decay once.
+    /// A plain cloud trained for the same number of steps in one run, so that its learning rates decay once.
     pub const AT_ONCE: &str = "3DGS, same time at once";
-    /// A plain cloud whose .ply is not larger than the packed instanced scene.
+    /// A plain cloud whose .ply is at most as large as the packed instanced scene.
     pub const SAME_BYTES: &str = "3DGS, same bytes";
-    /// As many Gaussians, placed by 3DGS-MCMC.
+    /// The same number of Gaussians, placed by 3DGS-MCMC.
     pub const MCMC: &str = "3DGS-MCMC, same time";
-    /// The cloud that had the same time, quantised per Gaussian.
+    /// [`SAME_TIME`], quantised per Gaussian to .spz.
     pub const SPZ: &str = "3DGS, same time, .spz";
-    /// The same cloud, packed as [`OURS_SMALL`] is.
+    /// [`SAME_TIME`], packed like [`OURS_SMALL`].
     pub const SAME_TIME_SMALL: &str = "3DGS, same time, small";
     /// Templates and poses without offsets: every instance looks the same.
     pub const RIGID: &str = "rigid copies";
-    /// The instanced scene, as trained.
+    /// The instanced scene as trained.
     pub const OURS: &str = "InstGS";
-    /// With half floats.
+    /// The instanced scene with half floats.
     pub const OURS_F16: &str = "InstGS, f16";
-    /// With offsets of 8 bits.
+    /// The instanced scene with offsets of 8 bits.
     pub const OURS_Q8: &str = "InstGS, q8";
-    /// With offsets of 8 bits, and the rest in compressed steps.
+    /// The instanced scene with offsets of 8 bits, and the rest quantised and compressed.
     pub const OURS_SMALL: &str = "InstGS, small";
 }
 
-/// All scenes of one data set and seed.
+/// All rows for one data set and one seed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SeedResult {
-    /// Of all training.
+    /// Seed of all trainings.
     pub seed: u64,
-    /// See [`names`].
+    /// One row per scene; see [`names`].
     pub rows: Vec<Row>,
-    /// Frames per second of the instanced scene, and of the cloud that had the same time; measured in turn.
+    /// Frames per second of the instanced scene and of [`names::SAME_TIME`], measured in turn.
     pub fps: Option<[f64; 2]>,
-    /// (splat, tile) pairs of the same two, mean over the views.
+    /// (splat, tile) pairs of the same two scenes, mean over the views.
     pub intersections: Option<[u64; 2]>,
-    /// Milliseconds a frame by pass of the same two.
+    /// Milliseconds per frame of each pass, for the same two scenes.
     pub passes_ms: Vec<(String, f64, f64)>,
-    /// The repeated part of the scene.
+    /// Sizes of the repeated part of the scene.
     pub repeated: RepeatedBytes,
-    /// Bytes as .ply of the plain cloud's own Gaussians that became instances, those left out as hardly seen not
-    /// counted. Less than that of `repeated` where templates have more Gaussians than an object had.
+    /// Bytes as .ply of those Gaussians of the plain cloud that became instances, without those dropped as hardly
+    /// visible. Less than `repeated.ply` where templates have more Gaussians than an object had.
     #[serde(default)]
     pub replaced_ply: u64,
-    /// Steps for which the plain cloud would have been trained on by the clock, at the pace of its last steps.
+    /// Steps for which the plain cloud would have been trained on by wall time, at the pace of its last steps.
     #[serde(default)]
     pub more_steps_by_clock: u64,
-    /// Warnings about groups and objects.
+    /// Warnings about groups and objects, for the user.
     pub warnings: Vec<String>,
 }
 
 impl SeedResult {
-    /// The row of that name.
+    /// The row with the given name.
     pub fn row(&self, name: &str) -> Option<&Row> {
         self.rows.iter().find(|row| row.name == name)
     }
 }
 
-/// One scene of a comparison.
+/// One scene of a comparison, with its measurements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Row {
-    /// What it is, for instance "3DGS, same time".
+    /// Name of the row, for instance "3DGS, same time".
     pub name: String,
-    /// Its file.
+    /// Path of the scene file.
     pub path: PathBuf,
-    /// Mean over the test views, dB.
+    /// PSNR, mean over the test views, dB.
     pub psnr: f64,
-    /// Mean over the test views.
+    /// SSIM, mean over the test views.
     pub ssim: f64,
-    /// Mean over the test views; `None` without weights to compute it with.
+    /// LPIPS, mean over the test views; `None` without the network's weights.
     #[serde(default)]
     pub lpips: Option<f64>,
-    /// Mean over the test views that show objects, of the pixels in masks, dB.
+    /// PSNR of the pixels in masks, mean over the test views that show objects, dB.
     pub psnr_in_masks: Option<f64>,
-    /// By view.
+    /// Figures of each test view.
     pub views: Vec<RowView>,
-    /// Wall time of all training behind it, without loading and evaluation.
+    /// Wall time of all trainings behind the scene, without loading and evaluation, seconds.
     pub seconds: f64,
-    /// Steps behind it, those of the plain cloud included.
+    /// Steps of all trainings behind the scene, including those of the plain cloud.
     pub steps: u64,
-    /// Length of its file.
+    /// Length of the scene file, bytes.
     pub file_bytes: u64,
-    /// Tensors handed to the device, as f32.
+    /// Size of the tensors uploaded to the device, as f32, bytes.
     pub host_bytes: u64,
-    /// Gaussians after expanding.
+    /// Number of Gaussians after expanding instances.
     pub gaussians: u64,
 }
 
 /// One test view of a [`Row`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RowView {
-    /// View name.
+    /// Name of the view's camera.
     pub name: String,
-    /// dB.
+    /// PSNR of the view, dB.
     pub psnr: f64,
-    /// Of the pixels in masks; `None` if there are none.
+    /// PSNR of the pixels in masks, dB; `None` if there are none.
     pub psnr_in_masks: Option<f64>,
 }
 
-/// Where and how rows are measured.
+/// Device, views and options with which rows are measured.
 pub struct Measure<'a> {
-    /// The device.
+    /// Device that renders.
     pub gpu: &'a Arc<Gpu>,
-    /// The views.
+    /// Views to compare with.
     pub views: &'a [View],
-    /// Photos are downscaled to this width.
+    /// Photos are downscaled to this width, pixels; `None` = full size.
     pub width: Option<u32>,
     /// How scenes are rendered.
     pub options: RenderOptions,
-    /// Masks of the objects.
+    /// Masks of the objects, if there are any.
     pub masks: Option<&'a MaskFolder>,
-    /// The network of LPIPS.
+    /// Network of LPIPS, if its weights are there.
     pub lpips: Option<&'a Lpips>,
 }
 
-/// Why a row could not be measured.
+/// Errors of [`Measure::row`].
 #[derive(Debug, thiserror::Error)]
 pub enum MeasureError {
-    /// A scene, photo or mask.
+    /// A scene, photo or mask cannot be read.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// Rendering or comparing.
+    /// A view cannot be rendered or compared.
     #[error(transparent)]
     Eval(#[from] EvalError),
-    /// The scene on the device.
+    /// The scene does not fit on the device.
     #[error(transparent)]
     Render(#[from] RenderError),
 }
 
 impl Measure<'_> {
-    /// Renders the views of a scene file and compares them; `on_picture` gets each.
+    /// Renders the views of a scene file and compares them with the photos; `on_picture` receives each view.
     ///
     /// # Errors
     /// A file that cannot be read, or a scene that cannot be rendered.
@@ -190,7 +190,7 @@ impl Measure<'_> {
         })
     }
 
-    /// Of the pixels that belong to an object and count; `None` without a mask, or if there are none.
+    /// PSNR of the pixels of objects that count; `None` without a mask, or without such pixels.
     fn psnr_in_mask(&self, name: &str, pair: &PicturePair) -> Result<Option<f64>, MeasureError> {
         let view = self.views.iter().find(|view| view.camera.name == name);
         let (Some(masks), Some(view)) = (self.masks, view) else { return Ok(None) };

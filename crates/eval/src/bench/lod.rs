@@ -1,8 +1,8 @@
-//! What levels of detail cost and save: pictures at one or several errors beside those in full, in quality and in time.
+//! Cost and benefit of levels of detail: quality and time at one or several error limits, compared with full quality.
 //!
-//! Quality first: every camera's picture at every error is compared with the one in full and, where there is one, with the
-//! photo. Then the timed frames: full, first error, second error, then backwards, and so on through the cameras, so that
-//! whatever else the machine does falls on all of them.
+//! Quality comes first: each camera's picture at each error limit is compared with full quality and, if there is one,
+//! with the photo. Timed frames follow: full, first limit, second limit, then in reverse order, and so on through the
+//! cameras, so that other load on the machine affects all of them.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -17,90 +17,90 @@ use crate::math::statistics::Percentiles;
 use crate::render::{DeviceScene, FrameStats, Picture, RenderOptions, Renderer};
 use crate::scene::Camera;
 
-/// A camera, and the photo of what it sees if there is one of its size.
+/// A camera, and the photo for it if there is one of its size.
 pub struct LodView {
-    /// The camera.
+    /// Camera that is rendered.
     pub camera: Camera,
-    /// The truth.
+    /// Photo of the same view.
     pub photo: Option<ViewImage>,
 }
 
-/// The measurement of one scene.
+/// Measurement of one scene at all error limits.
 #[derive(Clone, Debug, Serialize)]
 pub struct LodReport {
-    /// The scene's file.
+    /// Path of the scene file.
     pub scene: String,
-    /// Device name.
+    /// Name of the Vulkan device.
     pub device: String,
-    /// Driver name and version.
+    /// Name and version of the driver.
     pub driver: String,
     /// Width and height of the first camera, pixels.
     pub resolution: [u32; 2],
-    /// Timed frames at every error.
+    /// Number of timed frames per error limit.
     pub frames: u32,
-    /// Gaussians after expanding all instances, in full.
+    /// Number of Gaussians after expanding all instances, at full quality.
     pub expanded: u64,
-    /// In full (error 0), then the errors in the order they were given.
+    /// Full quality (error 0), then the error limits in the order given.
     pub rows: Vec<LodRow>,
 }
 
-/// One error.
+/// Measurement of one error limit.
 #[derive(Clone, Debug, Serialize)]
 pub struct LodRow {
-    /// Pixels; 0 = in full.
+    /// Error limit in pixels; 0 = full quality.
     pub lod_px: f32,
-    /// Mean over the cameras of PSNR against the pictures in full, dB; `None` in full.
+    /// PSNR against full quality, mean over the cameras, dB; `None` at full quality.
     pub psnr_to_full: Option<f64>,
-    /// Mean over the cameras of PSNR against the photos, dB; `None` without photos.
+    /// PSNR against the photos, mean over the cameras, dB; `None` without photos.
     pub psnr: Option<f64>,
-    /// What it lacks to that in full, dB; below 0 it is nearer to the photos.
+    /// PSNR against the photos lost relative to full quality, dB; negative if it improves.
     pub psnr_loss: Option<f64>,
     /// Wall time of a frame, milliseconds.
     pub ms: Percentiles,
-    /// 1000 / median.
+    /// Frames per second: 1000 / median of `ms`.
     pub fps: f64,
-    /// FPS by those in full.
+    /// Frames per second relative to full quality.
     pub fps_ratio: f64,
-    /// Chunks that were expanded, mean over the cameras.
+    /// Number of expanded chunks, mean over the cameras.
     pub chunks: u64,
-    /// Splats that touch at least one tile, mean over the cameras.
+    /// Number of splats that touch at least one tile, mean over the cameras.
     pub visible: u64,
-    /// (splat, tile) pairs, mean over the cameras.
+    /// Number of (splat, tile) pairs, mean over the cameras.
     pub intersections: u64,
-    /// Scene buffers on the device.
+    /// Size of the scene's buffers on the device, bytes.
     pub device_scene_bytes: u64,
-    /// By camera.
+    /// Figures of each camera.
     pub cameras: Vec<LodCamera>,
 }
 
-/// One camera at one error.
+/// Measurement of one camera at one error limit.
 #[derive(Clone, Debug, Serialize)]
 pub struct LodCamera {
-    /// Camera name.
+    /// Name of the camera in its file.
     pub name: String,
-    /// As in [`LodRow`].
+    /// PSNR against full quality, dB; `None` at full quality.
     pub psnr_to_full: Option<f64>,
-    /// As in [`LodRow`].
+    /// PSNR against the photo, dB; `None` without a photo.
     pub psnr: Option<f64>,
-    /// Median wall time, milliseconds.
+    /// Median wall time of a frame, milliseconds.
     pub ms: f64,
-    /// Splats that touch at least one tile.
+    /// Number of splats that touch at least one tile.
     pub visible: u64,
 }
 
-/// A measurement failed.
+/// Errors of [`run_lod`].
 #[derive(Debug, thiserror::Error)]
 pub enum LodError {
-    /// Rendering.
+    /// A frame cannot be rendered.
     #[error(transparent)]
     Bench(#[from] BenchError),
-    /// Comparing.
+    /// Pictures cannot be compared.
     #[error(transparent)]
     Eval(#[from] EvalError),
 }
 
-/// Measures a scene at `errors_px`, each above 0, beside full quality; at least one view. `on_frame` is told of every round of
-/// timed frames.
+/// Measures a scene at the error limits `errors_px`, each above 0, and at full quality, with at least one view.
+/// `on_frame` is called after each round of timed frames.
 ///
 /// # Errors
 /// A camera, option or scene that cannot be rendered, or a picture that cannot be compared.
@@ -139,7 +139,7 @@ pub fn run_lod(
     })
 }
 
-/// One error: a renderer of its own, so that buffers settle, and what was measured, by camera.
+/// State of one error limit, with its own renderer, so that buffer sizes settle. Measurements are by camera.
 struct Run {
     renderer: Renderer,
     options: RenderOptions,
@@ -151,9 +151,9 @@ struct Run {
 
 struct Bench<'a> {
     subject: &'a Subject<'a>,
-    /// In full; with levels, which all errors share.
+    /// The scene at full quality, and with levels of detail, which all error limits share.
     scenes: Vec<DeviceScene>,
-    /// In full first.
+    /// Full quality first, then the error limits.
     runs: Vec<Run>,
 }
 
@@ -187,7 +187,7 @@ impl Bench<'_> {
         &self.scenes[run.min(1)]
     }
 
-    /// The pictures of one view at all errors.
+    /// Compares the pictures of one view at all error limits.
     fn compare(&mut self, view: &LodView) -> Result<(), LodError> {
         let fail = self.failed();
         let failed_pair = |error| EvalError::Pair { view: view.camera.name.clone(), error };

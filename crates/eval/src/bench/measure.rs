@@ -1,10 +1,9 @@
-//! Times frames of one scene, or of two in turn.
+//! Times the frames of one scene, or of two in turn.
 //!
-//! Each scene has a renderer of its own on the same device. First every camera is rendered until no buffer grows any
-//! more; then come the timed frames, A B A B, cycling through the cameras, so that whatever else the machine does falls
-//! on both; last some frames with timestamps, by a second renderer, so that timestamps cannot touch the medians. On
-//! lavapipe they would not: garden.ply, 800x450, frames without them 209 and 219 ms, with them 199 and 223 ms (medians
-//! of two runs on a shared machine). `profiled_ms` shows it for every measurement.
+//! Each scene has its own renderer on the same device. Every camera is rendered until no buffer grows any more. The
+//! timed frames follow, A B A B, cycling through the cameras, so that other load on the machine affects both. Finally
+//! some frames are rendered with timestamps by a second renderer, so that timestamps cannot affect the medians;
+//! `profiled_ms` shows their cost.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -16,28 +15,28 @@ use crate::math::statistics::{Percentiles, median};
 use crate::render::{DeviceScene, FrameStats, RenderError, RenderOptions, Renderer};
 use crate::scene::{Camera, InstancedScene};
 
-/// Warm-up rounds over all cameras: the first grows the buffers, the second shows that they stay; a third is for
-/// buffers whose growth showed another one's need.
+/// Most warm-up rounds over all cameras: the first grows the buffers, the second confirms their sizes, and further ones
+/// serve buffers that depend on others.
 const MOST_WARM_UP_ROUNDS: u32 = 4;
-/// Frames with timestamps: enough for a median, few enough not to double the time a measurement takes.
+/// Least number of frames with timestamps: enough for a median, too few to double the time of a measurement.
 const LEAST_PROFILED_FRAMES: usize = 5;
 
 /// Milliseconds by pass, in the order of a frame.
 type PassesMs = Vec<(&'static str, f64)>;
 
-/// A scene to measure.
+/// A scene to be measured.
 pub struct Subject<'a> {
-    /// Its name in report and errors: the file.
+    /// Name in report and errors: the path of the file.
     pub name: String,
-    /// The scene.
+    /// The scene, as loaded.
     pub scene: &'a InstancedScene,
-    /// Length of its file.
+    /// Length of the scene file, bytes.
     pub file_bytes: u64,
-    /// How it is rendered.
+    /// How the scene is rendered.
     pub options: RenderOptions,
 }
 
-/// What a measurement is doing.
+/// Progress events of [`run`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// A warm-up frame is done.
@@ -52,13 +51,13 @@ pub enum Stage {
 #[derive(Debug, thiserror::Error)]
 #[error("{scene}: {error}")]
 pub struct BenchError {
-    /// Name of the scene.
+    /// Name of the scene in the report.
     pub scene: String,
-    /// What is wrong.
+    /// What the renderer reports.
     pub error: RenderError,
 }
 
-/// Measures `subject`, side by side with `against` if given. The first `frames` cameras are used if there are more.
+/// Measures `subject`, in turn with `against` if given. Only the first `frames` cameras are used.
 ///
 /// # Errors
 /// A camera, option or scene that cannot be rendered.
@@ -76,7 +75,7 @@ pub fn run(
         runs.push(Run::prepare(gpu, subject, cameras, on_event)?);
     }
     for (frame, camera) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
-        // The one that goes first finds the caches as the other left them: take turns.
+        // The first scene of a round finds the caches as the other left them: alternate.
         let order: &mut dyn Iterator<Item = &mut Run<'_>> = if (frame + frame / cameras.len() as u32).is_multiple_of(2)
         {
             &mut runs.iter_mut()
@@ -98,19 +97,20 @@ pub fn run(
     Ok(Report { scene, against, ratio, process_peak_bytes: process_peak_bytes() })
 }
 
-/// One scene on the device, and what was measured of it.
+/// One scene on the device, with its measurements.
 struct Run<'a> {
     subject: &'a Subject<'a>,
     renderer: Renderer,
     scene: DeviceScene,
     device_peak: u64,
-    /// By camera: the timed frames' milliseconds, and what the last one counted.
+    /// By camera: milliseconds of the timed frames.
     times_ms: Vec<Vec<f64>>,
+    /// By camera: counts of the last timed frame.
     stats: Vec<FrameStats>,
 }
 
 impl<'a> Run<'a> {
-    /// Uploads and warms up. Nothing else may use the device meanwhile: its memory is measured.
+    /// Uploads the scene and warms up. Nothing else may use the device meanwhile: its peak memory is measured.
     fn prepare(
         gpu: &Arc<Gpu>,
         subject: &'a Subject<'a>,
@@ -213,7 +213,7 @@ pub(super) fn warm_up(
             redone += stats.redone;
             on_event(Stage::WarmUp);
         }
-        // A frame of several slabs makes the next one's buffer larger, unless the limit is reached.
+        // A frame of several slabs enlarges the buffer for the next one, unless the limit is reached.
         let settled = redone == 0 && (slabs.iter().all(|&s| s == 1) || slabs == slabs_before);
         if settled && (round > 0 || cameras.len() > 1) {
             break;
@@ -223,8 +223,8 @@ pub(super) fn warm_up(
     Ok(())
 }
 
-/// Milliseconds by pass: sums over a frame's dispatches of the same pass, medians over frames. And the median wall time
-/// of these frames.
+/// Milliseconds by pass, summed over a frame's dispatches and medians over frames, and the median wall time of these
+/// frames.
 fn profile(
     gpu: &Arc<Gpu>,
     variant: Variant,
@@ -251,7 +251,7 @@ fn profile(
     Ok((FrameStats::median_ms_by_pass(&profiled), median(&times_ms)))
 }
 
-/// The largest resident set so far; Linux only.
+/// Peak resident set size of the process, bytes; Linux only.
 fn process_peak_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

@@ -1,4 +1,4 @@
-//! Frame times: scenes drawn in turn, by pass, and what levels of detail cost and save; and the report of it.
+//! L6: measurements of rendering, and their reports. The command line is in `cli/bench.rs`.
 
 mod lod;
 mod measure;

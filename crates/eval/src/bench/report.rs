@@ -1,4 +1,4 @@
-//! What a measurement says, in the shape of the JSON (DESIGN section 6).
+//! Report of a measurement; its fields are those of the JSON.
 
 use serde::Serialize;
 
@@ -6,118 +6,118 @@ use crate::io::json::as_map;
 use crate::kernels::Variant;
 use crate::math::statistics::Percentiles;
 
-/// One scene, or two measured side by side.
+/// Measurement of one scene, or of two in turn.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// The scene that was asked for.
+    /// The scene that was measured.
     #[serde(flatten)]
     pub scene: SceneReport,
-    /// The scene it is compared with, frame by frame in turn.
+    /// The scene it is compared with, if any; frames alternate.
     pub against: Option<SceneReport>,
-    /// How the two compare.
+    /// Ratios of the two scenes.
     pub ratio: Option<Ratio>,
-    /// Most memory the process has used so far, bytes (resident set), where the system tells.
+    /// Peak memory of the process (resident set), bytes, where the system reports it.
     pub process_peak_bytes: Option<u64>,
 }
 
-/// One scene's figures.
+/// Measurements of one scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct SceneReport {
-    /// The scene's file.
+    /// Path of the scene file.
     pub scene: String,
-    /// Device name.
+    /// Name of the Vulkan device.
     pub device: String,
-    /// Driver name and version.
+    /// Name and version of the driver.
     pub driver: String,
-    /// Kernel sizes.
+    /// Sizes of the kernels.
     pub variant: Variant,
-    /// Width and height of the first camera, pixels; `cameras` has each one's.
+    /// Width and height of the first camera, pixels; `cameras` has those of each.
     pub resolution: [u32; 2],
-    /// Timed frames.
+    /// Number of timed frames.
     pub frames: u32,
-    /// Wall time of a frame from recording to the end on the device, without download, milliseconds.
+    /// Wall time of a frame from recording to the end on the device, without read-back, milliseconds.
     pub ms: Percentiles,
-    /// 1000 / median.
+    /// Frames per second: 1000 / median of `ms`.
     pub fps: f64,
-    /// Milliseconds a frame by pass, medians of frames of their own with timestamps.
+    /// Milliseconds per frame of each pass, medians of separate frames with timestamps.
     #[serde(serialize_with = "as_map")]
     pub passes_ms: Vec<(&'static str, f64)>,
-    /// Wall time of those frames, median, milliseconds: what timestamps add shows beside `ms`.
+    /// Median wall time of the frames with timestamps, milliseconds; the difference to `ms` is their cost.
     pub profiled_ms: f64,
-    /// Numbers of Gaussians.
+    /// Numbers of Gaussians and of related items.
     pub gaussians: Counts,
-    /// Sizes.
+    /// Sizes of file and memory.
     pub bytes: Bytes,
-    /// Most depth slabs that a frame took.
+    /// Largest number of depth slabs in a frame.
     pub slabs: u32,
-    /// By camera.
+    /// Measurements of each camera.
     pub cameras: Vec<CameraReport>,
 }
 
-/// Numbers of Gaussians.
+/// Numbers of Gaussians and of related items.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Counts {
-    /// In templates.
+    /// Gaussians in templates.
     pub template: u64,
-    /// Offset records.
+    /// Number of offset records.
     pub offsets: u64,
-    /// In the background.
+    /// Gaussians in the background.
     pub background: u64,
-    /// After expanding all instances.
+    /// Gaussians after expanding all instances.
     pub expanded: u64,
-    /// Touching at least one tile; mean over the cameras.
+    /// Splats that touch at least one tile, mean over the cameras.
     pub visible: u64,
-    /// (splat, tile) pairs; mean over the cameras.
+    /// (splat, tile) pairs, mean over the cameras.
     pub intersections: u64,
 }
 
-/// Sizes in bytes.
+/// Sizes of file and memory, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Bytes {
-    /// The scene's file.
+    /// Length of the scene file.
     pub file: u64,
-    /// Scene tensors handed to the device, as f32.
+    /// Scene tensors uploaded to the device, as f32.
     pub host: u64,
     /// Scene buffers on the device.
     pub device_scene: u64,
-    /// Most device memory in use while this scene was uploaded and rendered, frame buffers and staging included.
+    /// Peak device memory while this scene was uploaded and rendered, including frame buffers and staging.
     pub device_peak: u64,
 }
 
-/// One camera's figures.
+/// Measurements of one camera.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraReport {
-    /// Camera name.
+    /// Name of the camera in its file.
     pub name: String,
     /// Width and height, pixels.
     pub resolution: [u32; 2],
-    /// Timed frames from it.
+    /// Number of timed frames.
     pub frames: u32,
-    /// Wall time, milliseconds.
+    /// Wall time of a frame, milliseconds.
     pub ms: Percentiles,
-    /// Splats that touch at least one tile.
+    /// Number of splats that touch at least one tile.
     pub visible: u64,
-    /// (splat, tile) pairs.
+    /// Number of (splat, tile) pairs.
     pub intersections: u64,
-    /// Depth slabs.
+    /// Number of depth slabs.
     pub slabs: u32,
 }
 
-/// Above 1, the scene is better than the one it is compared with.
+/// Ratios of two scenes; above 1 the measured scene is better.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Ratio {
-    /// Its frames per second by the other's.
+    /// Its frames per second over the other's.
     pub fps: f64,
-    /// The other's file by its own; `null` if its own has no bytes.
+    /// The other's file size over its own; `null` if its own is 0.
     pub file: f64,
-    /// The other's host tensors by its own.
+    /// The other's tensor size over its own.
     pub host: f64,
-    /// The other's scene buffers by its own.
+    /// The other's scene buffers over its own.
     pub device_scene: f64,
 }
 
 impl Ratio {
-    /// Compares two scenes.
+    /// Compares a scene with another one.
     pub fn of(scene: &SceneReport, against: &SceneReport) -> Self {
         let bytes = |field: fn(&Bytes) -> u64| field(&against.bytes) as f64 / field(&scene.bytes) as f64;
         Self {
@@ -127,4 +127,9 @@ impl Ratio {
             device_scene: bytes(|b| b.device_scene),
         }
     }
+}
+
+/// Serialises pairs as a JSON object, in the order of the list.
+pub(crate) fn as_map<S: Serializer>(pairs: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(pairs.iter().copied())
 }

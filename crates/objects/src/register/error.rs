@@ -6,7 +6,7 @@ use crate::render::RenderError;
 #[derive(Debug, thiserror::Error)]
 pub enum RegisterError {
     /// An array of the cloud does not have the length that its means require.
-    #[error("the cloud has {len} {array} where {want} fit its means")]
+    #[error("the cloud has {len} {array} but its means need {want}")]
     Cloud {
         /// Name of the array in the cloud.
         array: &'static str,

@@ -51,8 +51,8 @@ impl Partition {
     }
 }
 
-/// Spacing is measured to this neighbour. The nearest one is no measure: densification leaves pairs and small clusters
-/// of Gaussians in nearly one place.
+/// Rank of the neighbour whose distance is a point's spacing. The nearest one would not do: densification leaves pairs
+/// and small clusters of Gaussians in nearly one place.
 const NEIGHBOURS: usize = 6;
 /// The reach, in median distances to that neighbour. On even surfaces it is five times the distance to the nearest
 /// neighbour, which keeps trained objects in one piece.

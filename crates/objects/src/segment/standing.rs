@@ -20,7 +20,7 @@ const MIN_OPACITY: f64 = 0.3;
 const GROUND_REACH: f64 = 0.5;
 /// Height above the ground from which Gaussians count as standing on it, in usual reaches: the ground's own are lower.
 const LIFT: f64 = 0.25;
-/// Spacing is measured to this neighbour.
+/// Rank of the neighbour whose distance is a Gaussian's spacing.
 const NEIGHBOURS: usize = 6;
 /// Gaussians around the place that give the first spacing: fewer than the smallest object has.
 const AROUND: usize = 60;

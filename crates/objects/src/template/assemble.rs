@@ -1,4 +1,4 @@
-//! From a labelled cloud and posed groups to an instanced scene.
+//! Builds an instanced scene from a labelled cloud and posed groups.
 
 use std::collections::BTreeSet;
 
@@ -14,26 +14,31 @@ use crate::math::rng::Rng;
 use crate::math::similarity::Similarity;
 use crate::scene::{Gaussians, Group, Instance, InstancedScene, PosedGroup, PosedInstance, TemplateRange};
 
-/// What [`build`] made.
+/// Result of [`build`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Built {
-    /// Valid, and ready for training. `antialias` and `source` are for the caller to set.
+    /// A valid scene, ready for training; the caller sets `antialias` and `source`.
     pub scene: InstancedScene,
-    /// One entry per group, in the groups' order.
+    /// One report per group, in the order of the groups.
     pub report: Vec<GroupReport>,
 }
 
 /// Turns repeated objects of a plain cloud into templates with instances.
 ///
-/// `cloud` is in the world's frame. `instance_of_gaussian` has one label per Gaussian: an instance's id as in `groups`;
-/// 0 and ids of no group are background, which is copied bit by bit. `groups` must have distinct template ids, distinct
-/// instance ids, and poses that are similarities.
+/// `cloud` is in the world frame. `instance_of_gaussian` has one label per Gaussian: the id of an instance in `groups`.
+/// Gaussians with label 0 or an id of no group form the background, which is copied bit by bit. `groups` must have
+/// distinct template ids, distinct instance ids, and poses that are similarities.
 ///
-/// Gaussians of an instance that are not finite are left out and counted in the report. A group without a usable instance
-/// is left out, as is one with a worse match than the options allow, and its Gaussians stay in the background. Otherwise all its instances become instances of the scene, in
-/// the groups' order, each with its own offset records (none if no kind of offset is asked for); `scene.groups` numbers templates as the scene does.
+/// Gaussians of an instance that are not finite are dropped and counted in the report. A group without a usable
+/// instance, or with a worse match than the options allow, is left out, and its Gaussians stay in the background. All
+/// instances of other groups become instances of the scene in the groups' order, each with its own offset records,
+/// unless the options ask for no kind of offset. `scene.groups` uses the scene's template indices.
 ///
-/// The same input gives the same bits. Time grows as N log N with the Gaussians of a group.
+/// The result is deterministic. Time grows as N log N with the Gaussians of a group.
+///
+/// # Errors
+/// Arrays of wrong length; a group without instances; ids that repeat; an instance id of 0; a pose that is no
+/// similarity; an option out of range; more Gaussians or offset records than 32-bit indices count.
 pub fn build(
     cloud: &Gaussians,
     instance_of_gaussian: &[u32],
@@ -55,7 +60,7 @@ pub fn build(
     Ok(Built { scene, report })
 }
 
-/// Adds a group's template, instances and offsets to the scene, unless no instance is usable.
+/// Adds a group's template, instances and offsets to the scene, unless the group is left out. Returns its report.
 fn add_group(
     cloud: &Gaussians,
     instances: &[OwnGaussians],
@@ -120,7 +125,7 @@ fn report_without_template(instances: &[OwnGaussians], group: &PosedGroup) -> Gr
     }
 }
 
-/// The template of a group with at least one usable instance.
+/// Draws the template of a group with at least one usable instance.
 fn draw_template(
     cloud: &Gaussians,
     instances: &[OwnGaussians],
@@ -131,7 +136,7 @@ fn draw_template(
     let means: Vec<[f32; 3]> = sources.iter().flat_map(|own| own.means.iter().copied()).collect();
     let origins: Vec<_> =
         sources.iter().flat_map(|own| own.indices.iter().map(|&i| (&own.template_from_world, i))).collect();
-    // The mean number of the instances that were merged; a cast of a huge product saturates.
+    // The mean count of the instances that were merged; a cast of a huge product saturates.
     let count = (means.len() as f64 / sources.len() as f64 * options.count_factor).round() as usize;
     let rng = Rng::new(options.seed).fork(u64::from(template_id));
     let drawn = draw(&means, count.max(1), options.sampling, rng);
@@ -152,7 +157,7 @@ fn sources(instances: &[OwnGaussians], source: TemplateSource) -> Vec<&OwnGaussi
     match source {
         TemplateSource::Merge => usable.collect(),
         TemplateSource::Single => usable.take(1).collect(),
-        // Of several, the first: `max_by_key` takes the last.
+        // `max_by_key` returns the last of equal maxima: in reverse order, the first instance.
         TemplateSource::Max => usable.rev().max_by_key(|own| own.len()).into_iter().collect(),
     }
 }

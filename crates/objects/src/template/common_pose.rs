@@ -1,4 +1,4 @@
-//! From the world into a template's frame: the inverse of what `InstancedScene::flatten` does to one instance.
+//! From the world to a template's frame: the inverse of what `InstancedScene::flatten` does to one instance.
 
 use glam::{DMat3, DVec3};
 
@@ -7,22 +7,22 @@ use crate::math::sh::{ShRotation, widened};
 use crate::math::similarity::Similarity;
 use crate::scene::Gaussians;
 
-/// The inverse of an instance's `world_from_template`, ready for many Gaussians. In f64, rounded once to f32.
+/// The inverse of an instance's `world_from_template`, prepared for many Gaussians. In f64, rounded once to f32.
 pub(super) struct TemplateFromWorld {
-    /// A^-1.
+    /// Inverse of the linear part A of the pose.
     linear: DMat3,
-    /// World position of the template's origin.
+    /// Position of the template's origin, world frame.
     origin_world: DVec3,
-    /// R^T as a quaternion.
+    /// Inverse rotation R^T as a quaternion.
     quat: [f64; 4],
-    /// R^T for SH.
+    /// Inverse rotation R^T for SH coefficients.
     sh: ShRotation,
-    /// ln s of A.
+    /// Natural logarithm of the scale of A.
     ln_scale: f64,
 }
 
 impl TemplateFromWorld {
-    /// The pose must be a valid similarity.
+    /// Inverts a pose, which must be a valid similarity.
     pub(super) fn new(world_from_template: &Similarity) -> Self {
         let rotation = world_from_template.rotation().transpose();
         Self {
@@ -39,23 +39,23 @@ impl TemplateFromWorld {
         (self.linear * (widened(mean_world) - self.origin_world)).as_vec3().to_array()
     }
 
-    /// A world orientation (of any length but 0) in the template's frame, normalised.
+    /// A world orientation, of any length but 0, in the template's frame; a unit quaternion.
     pub(super) fn quat(&self, quat_world: [f32; 4]) -> [f32; 4] {
         quat_multiply(self.quat, normalised_quat(quat_world.map(f64::from))).map(|c| c as f32)
     }
 
-    /// World log scales in the template's unit.
+    /// World log scales in the template's units.
     pub(super) fn log_scales(&self, log_scales_world: [f32; 3]) -> [f32; 3] {
         log_scales_world.map(|v| (f64::from(v) - self.ln_scale) as f32)
     }
 
-    /// The SH coefficients of a Gaussian as seen in the template's frame.
+    /// SH coefficients of a Gaussian, rotated to the template's frame.
     pub(super) fn sh(&self, sh_world: &[[f32; 3]]) -> Vec<[f32; 3]> {
         let wide: Vec<DVec3> = sh_world.iter().map(|&c| widened(c)).collect();
         self.sh.rotate(&wide).into_iter().map(|c| c.as_vec3().to_array()).collect()
     }
 
-    /// Appends Gaussian `i` of the world's `cloud`, which has `out`'s SH degree.
+    /// Appends Gaussian `i` of the world's `cloud` to `out`, which has the same SH degree.
     pub(super) fn push(&self, cloud: &Gaussians, i: usize, out: &mut Gaussians) {
         out.means.push(self.mean(cloud.means[i]));
         out.quats.push(self.quat(cloud.quats[i]));
@@ -96,8 +96,7 @@ mod tests {
         worst
     }
 
-    /// Flattening and bringing back gives the template. Measured: 1.4e-6, from rounding the world's values to f32; a scale
-    /// that is forgotten gives 0.9.
+    /// Flattening and bringing back gives the template, up to rounding the world's values to f32.
     #[test]
     fn undoes_flatten() {
         let mut rng = Rng::new(4);

@@ -1,36 +1,36 @@
-//! Why no instanced scene could be built.
+//! Errors of building an instanced scene.
 
-/// What is wrong with the input of [`build`](super::build); one line for the user.
+/// What is wrong with the input of [`build`](super::build); the text is one line for the user.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TemplateError {
-    /// An array of the cloud has another length than its means call for.
-    #[error("the cloud has {len} {array} where {want} fit its means")]
+    /// An array of the cloud does not have the length that its means require.
+    #[error("the cloud has {len} {array} but its means need {want}")]
     Cloud {
-        /// Which array.
+        /// Name of the array in the cloud.
         array: &'static str,
-        /// Its length.
+        /// Actual length of the array.
         len: usize,
-        /// The length that fits.
+        /// Length that the means require.
         want: usize,
     },
-    /// There must be one label per Gaussian.
+    /// The number of labels is not the number of Gaussians.
     #[error("{labels} labels for {gaussians} Gaussians: there must be one each")]
     LabelCount {
-        /// Labels given.
+        /// Number of labels given.
         labels: usize,
-        /// Gaussians of the cloud.
+        /// Number of Gaussians of the cloud.
         gaussians: usize,
     },
-    /// A group lists no instance.
+    /// A group lists no instances.
     #[error("group {template_id} has no instance; leave it out")]
     EmptyGroup {
         /// The group's `template_id`.
         template_id: u32,
     },
-    /// Two groups share a template id.
-    #[error("two groups have template_id {template_id}; join them or number them anew")]
+    /// Two groups have the same template id.
+    #[error("two groups have template_id {template_id}; merge or renumber them")]
     RepeatedTemplate {
-        /// The id.
+        /// The id that both have.
         template_id: u32,
     },
     /// An instance id is 0, which means background, or is listed twice.
@@ -38,37 +38,37 @@ pub enum TemplateError {
     InstanceId {
         /// The group's `template_id`.
         template_id: u32,
-        /// The id.
+        /// The faulty instance id.
         id: u32,
-        /// What is wrong with it.
+        /// What is wrong with the id.
         reason: &'static str,
     },
-    /// A pose is no similarity.
+    /// A pose is not a similarity.
     #[error("group {template_id}, instance {id}: world_from_template {reason}")]
     Pose {
         /// The group's `template_id`.
         template_id: u32,
-        /// The instance's mask id.
+        /// Mask id of the instance.
         id: u32,
-        /// Why not.
+        /// Why it is no similarity.
         reason: String,
     },
     /// An option is out of range.
     #[error("{option} is {value}, but must be {want}")]
     Option {
-        /// Which option.
+        /// Name of the option that is out of range.
         option: &'static str,
-        /// Its value.
+        /// Value that was given.
         value: f64,
-        /// What it may be.
+        /// Values that are allowed.
         want: &'static str,
     },
     /// More Gaussians or offset records than 32-bit indices count.
     #[error("{count} {what}: at most 4294967294 can be indexed; use fewer Gaussians (count_factor) or instances")]
     TooMany {
-        /// Of what.
+        /// Name of what is counted.
         what: &'static str,
-        /// How many.
+        /// How many there would be.
         count: u64,
     },
 }

@@ -1,4 +1,4 @@
-//! Which of an instance's own Gaussians a template's Gaussian stands for.
+//! Matches each template Gaussian to one of an instance's own Gaussians.
 
 use rayon::prelude::*;
 
@@ -9,34 +9,34 @@ use crate::math::covariance::{logit, sigmoid};
 use crate::math::nearest::{Neighbour, PointSet};
 use crate::scene::Gaussians;
 
-/// Own Gaussians that a template Gaussian may be matched to: its nearest ones.
+/// Number of nearest own Gaussians that a template Gaussian may be matched to.
 const CANDIDATES: usize = 16;
-/// A Gaussian e times as large in area counts as this many squared spacings further off: shapes have no offsets, so a match
-/// of the right size serves better.
+/// Cost of a difference in size: a Gaussian larger by the factor e in area counts as this many squared spacings farther
+/// away. Shapes have no offsets, so a match of the right size is better.
 const AREA_WEIGHT: f64 = 3.0;
 
-/// The own Gaussian that a template Gaussian stands for.
+/// The own Gaussian that a template Gaussian is matched to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Match {
-    /// Rank among the instance's own Gaussians.
+    /// Index among the instance's own Gaussians.
     pub own: u32,
     /// Squared distance, template units.
     pub squared_distance: f64,
-    /// What the matching minimises: the squared distance, more if the sizes differ.
+    /// Cost of the match: the squared distance plus the penalty for different sizes.
     cost: f64,
-    /// Template Gaussians that stand for the same own one, at least 1.
+    /// Number of template Gaussians with the same match, at least 1.
     sharing: u32,
 }
 
 impl Match {
-    /// Whether it is near enough for template Gaussian `i` to stand for it; else the instance lacks that.
+    /// Whether the match is near enough for template Gaussian `i`; otherwise the instance lacks that Gaussian.
     pub(super) fn is_near(&self, template: &TemplateCloud, i: usize) -> bool {
         self.squared_distance.sqrt() <= template.reach(i)
     }
 
-    /// Logit of the opacity at which those that share an own Gaussian cover together what it covers alone:
-    /// 1 - (1 - alpha)^(1 / sharing), as for the copies of 3DGS-MCMC (Kheradmand et al. 2024, eq. 9). Brought into the
-    /// range that training can move.
+    /// Logit of the opacity at which the template Gaussians that share a match cover together what it covers alone: 1 -
+    /// (1 - alpha)^(1 / sharing), as for the copies of 3DGS-MCMC (Kheradmand et al. 2024, eq. 9). Clamped to the range
+    /// that training can change.
     pub(super) fn opacity_logit(&self, cloud: &Gaussians, own: &OwnGaussians) -> f32 {
         let alone = clamped_logit(cloud.opacity_logits[own.indices[self.own as usize] as usize]);
         if self.sharing <= 1 {
@@ -44,13 +44,14 @@ impl Match {
         }
         let transmitted = 1.0 - sigmoid(f64::from(alone));
         let shared = logit(1.0 - transmitted.powf(1.0 / f64::from(self.sharing))) as f32;
-        // Not fainter than what is hidden, unless it was: such would never come back.
+        // Not fainter than hidden Gaussians, unless it was before: it would never come back.
         clamped_logit(shared.max(LACKING_LOGIT.min(alone)))
     }
 }
 
-/// A match for every template Gaussian: pairs are taken in order of cost, and an own Gaussian takes part in at most
-/// `ceil(N / own)` of them; what stays alone gets the one of least cost. The instance must have Gaussians.
+/// A match for every template Gaussian. Pairs are accepted in order of cost, and an own Gaussian takes part in at most
+/// `ceil(N / own)` of them; a template Gaussian left without a match gets its cheapest one. The instance must have
+/// Gaussians.
 pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &OwnGaussians) -> Vec<Match> {
     let candidates = candidates(template, cloud, own);
     let mut pairs: Vec<(u32, Match)> =
@@ -75,7 +76,7 @@ pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &
     matches
 }
 
-/// Per template Gaussian its nearest own ones, in order of cost.
+/// For each template Gaussian, its nearest own Gaussians in order of cost.
 fn candidates(template: &TemplateCloud, cloud: &Gaussians, own: &OwnGaussians) -> Vec<Vec<Match>> {
     let set = PointSet::new(&own.means);
     let frame = &own.template_from_world;
@@ -97,7 +98,7 @@ fn candidates(template: &TemplateCloud, cloud: &Gaussians, own: &OwnGaussians) -
     gaussians.means.par_iter().enumerate().map(near).collect()
 }
 
-/// Logarithm of the product of the two larger deviations.
+/// Logarithm of the product of the two larger standard deviations.
 fn log_area(log_scales: [f32; 3]) -> f64 {
     let [x, y, z] = log_scales.map(f64::from);
     x + y + z - x.min(y).min(z)

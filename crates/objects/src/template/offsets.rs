@@ -1,4 +1,4 @@
-//! Offsets of one instance: how its own Gaussians differ from the template's.
+//! First offsets of an instance: the differences of its own Gaussians from the template's.
 
 use super::matching::{Match, match_template};
 use super::options::{Keep, OffsetInit, TemplateOptions};
@@ -6,15 +6,14 @@ use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
 use crate::scene::{Gaussians, Offsets};
 
-/// Targets of opacity offsets are at most this and at least its negative: opacities of 0.0009 to 0.9991. A renderer
-/// blends an alpha above 0.99 as 0.99 and skips one below 1/255 = sigmoid(-5.5); from further out training would hardly
-/// come back.
+/// Opacity logits are clamped to plus and minus this, opacities of 0.0009 to 0.9991. A renderer blends an alpha above
+/// 0.99 as 0.99 and skips one below 1/255 = sigmoid(-5.5); training would hardly return from farther out.
 const MAX_LOGIT: f32 = 7.0;
-/// Logit of a template Gaussian that an instance lacks: opacity 0.01, hardly seen, but above 1/255, so it still has a
-/// gradient and may come back.
+/// Logit of a template Gaussian that an instance lacks: opacity 0.01 is hardly visible, but above 1/255, so that the
+/// Gaussian has a gradient.
 pub(super) const LACKING_LOGIT: f32 = -4.6;
 
-/// Appends one instance's records, one per template Gaussian; returns how many of them the instance lacks.
+/// Appends one instance's records, one per template Gaussian; returns how many of these the instance lacks.
 pub(super) fn push_offsets(
     template: &TemplateCloud,
     cloud: &Gaussians,
@@ -55,7 +54,7 @@ fn push_zeros(template: &TemplateCloud, options: &TemplateOptions, out: &mut Off
     }
 }
 
-/// One offset record and the template Gaussian that it belongs to.
+/// One offset record and its template Gaussian.
 struct Record<'a> {
     template: &'a Gaussians,
     i: usize,
@@ -65,7 +64,7 @@ struct Record<'a> {
 }
 
 impl Record<'_> {
-    /// The instance has nothing here.
+    /// Sets the record of a Gaussian that the instance lacks.
     fn hide(self) {
         if self.options.kinds.opacity {
             let logit = self.template.opacity_logits[self.i];
@@ -73,7 +72,7 @@ impl Record<'_> {
         }
     }
 
-    /// The difference to the own Gaussian that it is matched to. What a template does not keep of its Gaussians has none.
+    /// Sets the record to the difference from the matched own Gaussian, for those parameters that the template keeps.
     fn set_difference(self, cloud: &Gaussians, own: &OwnGaussians, matched: &Match) {
         let j = matched.own as usize;
         let (template, i, out, index) = (self.template, self.i, self.out, self.index);
@@ -106,7 +105,7 @@ impl Record<'_> {
     }
 }
 
-/// An opacity logit within the range that training can move.
+/// An opacity logit clamped to the range that training can change.
 pub(super) fn clamped_logit(logit: f32) -> f32 {
     logit.clamp(-MAX_LOGIT, MAX_LOGIT)
 }
@@ -115,7 +114,7 @@ fn difference(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-/// From `b` to whichever of `a` and `-a`, which are the same rotation, is nearer.
+/// The difference from `b` to `a` or `-a`, the same rotation, whichever is nearer.
 fn quat_difference(a: [f32; 4], b: [f32; 4]) -> [f32; 4] {
     let dot: f32 = a.iter().zip(&b).map(|(x, y)| x * y).sum();
     let sign = if dot < 0.0 { -1.0 } else { 1.0 };

@@ -1,82 +1,83 @@
-//! How templates are made.
+//! Options for building templates.
 
 use serde::{Deserialize, Serialize};
 
 use super::error::TemplateError;
 
-/// Which Gaussians a template is made of.
+/// Instances that a template's Gaussians are taken from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TemplateSource {
-    /// All instances' Gaussians in the common pose: what one view of the object lacks, another has.
+    /// All instances, in the common pose: they complete each other where one was not fully seen.
     #[default]
     Merge,
-    /// The reference instance's alone: the group's first (the first that has Gaussians).
+    /// The group's first usable instance alone, the reference.
     Single,
-    /// Those of the instance with the most Gaussians alone.
+    /// The usable instance with the most Gaussians alone.
     Max,
 }
 
-/// How the template's Gaussians are drawn from its source.
+/// How the template's Gaussians are drawn from the merged cloud.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sampling {
-    /// One, at random, of each of N runs of a Morton curve: of each octree voxel as many as its share of the cloud.
+    /// One at random from each of N equal runs of a Morton curve: octree voxels get Gaussians in proportion to their
+    /// share.
     #[default]
     Voxel,
     /// Farthest points within long runs of that curve: even spacing, but strays and large Gaussians are preferred.
     Farthest,
-    /// Any, with equal probability.
+    /// A uniform random subset of the Gaussians.
     Random,
 }
 
-/// What a template keeps of a Gaussian that was drawn.
+/// Which parameters of a drawn Gaussian a template keeps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Keep {
-    /// Everything. The scales were trained for about the density that the template has, so they fit.
+    /// All parameters. Scales fit, since they were trained at about the template's density.
     #[default]
     All,
-    /// Position and base colour, as in the paper. The rest starts anew: round, as large as the root mean square
-    /// distance to the three nearest, opacity 0.1, SH of degree 1 and above 0.
+    /// Position and base colour, as in the paper. The rest is reset: a sphere with the root mean square distance to the
+    /// three nearest as standard deviation, opacity 0.1, SH of degree 1 and above 0.
     PositionAndColour,
 }
 
-/// What offsets start from.
+/// Initial values of offsets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum OffsetInit {
-    /// The difference from the template's Gaussian to its match among the instance's own.
+    /// The difference from a template Gaussian to its match in the instance.
     #[default]
     Difference,
-    /// Zero: every instance starts as the template.
+    /// Zero: every instance starts equal to the template.
     Zero,
 }
 
-/// Which parameters differ between instances.
+/// Parameters that have offsets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OffsetKinds {
-    /// Means.
+    /// Means of Gaussians, template frame.
     pub position: bool,
-    /// SH coefficient 0.
+    /// SH coefficient 0, the base colour.
     pub sh_dc: bool,
-    /// Opacity logits.
+    /// Opacity logits of Gaussians.
     pub opacity: bool,
-    /// SH coefficients 1 and above. For ablations; costs 180 bytes per record at degree 3.
+    /// SH coefficients 1 and above. For ablations; 180 bytes per record at degree 3.
     pub sh_rest: bool,
-    /// Log scales and quaternions. For ablations; costs 28 bytes per record.
+    /// Log scales and quaternions. For ablations; 28 bytes per record.
     pub covariance: bool,
 }
 
 impl OffsetKinds {
-    /// False if instances have nothing of their own but their place.
+    /// Whether any parameter has offsets.
     pub fn any(&self) -> bool {
         self.position || self.sh_dc || self.opacity || self.sh_rest || self.covariance
     }
 }
 
 impl Default for OffsetKinds {
-    /// The paper's: position, base colour, opacity.
+    /// The paper's choice: position, base colour, opacity.
     fn default() -> Self {
         Self { position: true, sh_dc: true, opacity: true, sh_rest: false, covariance: false }
     }
@@ -85,25 +86,25 @@ impl Default for OffsetKinds {
 /// Options of [`build`](super::build).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TemplateOptions {
-    /// Which Gaussians a template is made of.
+    /// Instances that the template's Gaussians are taken from.
     pub source: TemplateSource,
-    /// How they are drawn.
+    /// How Gaussians are drawn from these.
     pub sampling: Sampling,
-    /// What is kept of each.
+    /// Which parameters of a drawn Gaussian are kept.
     pub keep: Keep,
-    /// What offsets start from.
+    /// Initial values of offsets.
     pub offsets: OffsetInit,
-    /// Which parameters get offsets; the others' stay zero or, for the ablations, empty.
+    /// Parameters that have offsets; those of the others stay zero or, for the ablations, empty.
     pub kinds: OffsetKinds,
-    /// Template Gaussians per mean number of Gaussians of an instance, above 0. A template never has more than its
+    /// Number of template Gaussians relative to the mean of the instances, above 0. A template never has more than its
     /// source.
     pub count_factor: f64,
-    /// How often a merged template is made the mean of what it stands for in the instances; 0 = it stays as drawn.
+    /// Rounds of replacing template Gaussians by the mean of their matches; 0 = as drawn.
     pub settle_rounds: u32,
-    /// A group whose match distance ([`GroupReport::match_distance`](super::GroupReport::match_distance)) is above this
-    /// stays in the background; `None` = all become templates.
+    /// Largest match distance ([`GroupReport::match_distance`](super::GroupReport::match_distance)) of a group that
+    /// becomes a template; `None` = no limit.
     pub worst_match: Option<f64>,
-    /// Seed of what is drawn.
+    /// Seed of all random draws.
     pub seed: u64,
 }
 
@@ -124,7 +125,7 @@ impl Default for TemplateOptions {
 }
 
 impl TemplateOptions {
-    /// Checks the ranges.
+    /// Checks that all options are in range.
     pub(super) fn validate(&self) -> Result<(), TemplateError> {
         if self.count_factor.is_finite() && self.count_factor > 0.0 {
             return Ok(());

@@ -1,4 +1,4 @@
-//! Which Gaussians of the cloud each instance owns.
+//! The Gaussians of the cloud that each instance owns.
 
 use std::collections::BTreeMap;
 
@@ -9,19 +9,18 @@ use super::error::TemplateError;
 use crate::math::similarity::Similarity;
 use crate::scene::{Gaussians, PosedGroup};
 
-/// An instance with fewer own Gaussians says nothing about its template: it takes no part in the merge and gets no
-/// differences.
+/// Instances with fewer own Gaussians are not usable: they take no part in the merge and get zero offsets.
 pub const MIN_OWN_GAUSSIANS: usize = 8;
 
-/// One instance's Gaussians, and where they are in the template's frame.
+/// One instance's Gaussians, with their positions in the template's frame.
 pub(super) struct OwnGaussians {
-    /// The pose, inverted.
+    /// The inverse of the instance's pose.
     pub template_from_world: TemplateFromWorld,
-    /// Indices into the cloud, ascending; finite ones only.
+    /// Indices into the cloud, ascending, of finite Gaussians only.
     pub indices: Vec<u32>,
-    /// Their means, template frame.
+    /// Means of these Gaussians, template frame.
     pub means: Vec<[f32; 3]>,
-    /// Gaussians of this instance with a parameter that is not finite: left out.
+    /// Number of Gaussians of this instance that were dropped because a parameter is not finite.
     pub non_finite: usize,
 }
 
@@ -44,22 +43,25 @@ impl OwnGaussians {
         self.indices.len()
     }
 
-    /// True if there are enough to learn from.
+    /// Whether there are at least [`MIN_OWN_GAUSSIANS`].
     pub(super) fn is_usable(&self) -> bool {
         self.len() >= MIN_OWN_GAUSSIANS
     }
 }
 
-/// Each group's instances' Gaussians, and for each Gaussian of the cloud the group it was given to.
+/// The Gaussians of each group's instances, and the group of each Gaussian.
 pub(super) struct Owners {
-    /// Per group, per instance: indices of the Gaussians with the instance's label, ascending.
+    /// `[group][instance]`: indices of the Gaussians with the instance's label, ascending.
     labelled: Vec<Vec<Vec<u32>>>,
-    /// Per Gaussian; `None` = of no group.
+    /// By Gaussian: index of its group; `None` if it is in no group.
     pub group_of_gaussian: Vec<Option<u32>>,
 }
 
 impl Owners {
-    /// From one label per Gaussian. Ids must be unique and not 0.
+    /// Evaluates one label per Gaussian.
+    ///
+    /// # Errors
+    /// An instance id that is 0 or listed twice.
     pub(super) fn new(instance_of_gaussian: &[u32], groups: &[PosedGroup]) -> Result<Self, TemplateError> {
         let mut place_of_id = BTreeMap::new();
         for (g, group) in groups.iter().enumerate() {
@@ -83,7 +85,7 @@ impl Owners {
         Ok(Self { labelled, group_of_gaussian })
     }
 
-    /// The instances of group `g`, in order.
+    /// The Gaussians of each instance of group `g`, in order.
     pub(super) fn instances(&self, cloud: &Gaussians, g: usize, group: &PosedGroup) -> Vec<OwnGaussians> {
         let posed = self.labelled[g].par_iter().zip(&group.instances);
         posed.map(|(labelled, instance)| OwnGaussians::new(cloud, labelled, &instance.world_from_template)).collect()

@@ -1,4 +1,4 @@
-//! What became of each group, and how well its instances agree.
+//! Report of templates, with a measure of how well the instances of a group agree.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -7,62 +7,61 @@ use super::own::OwnGaussians;
 use super::template_cloud::{median, radius};
 use crate::math::nearest::PointSet;
 
-/// The share of largest distances that is left out of a mean: stray Gaussians, and what one of two views did not see.
+/// Part of the largest distances that a mean leaves out: stray Gaussians, and parts that only one instance has.
 const TRIMMED: f64 = 0.1;
-/// Above this a group's instances are probably different objects, or posed wrongly. See the module's measurements.
+/// Match distance above which instances are probably different objects or posed wrongly.
 pub const POOR_MATCH: f64 = 0.1;
-/// Above this a group that was found is no group: it gains nothing and shows ghosts. Vases of room18, whose poses are wrong:
-/// 0.20 to 0.22; left out, the scene has 32.34 instead of 32.26 dB. The largest of 40 groups that helped: 0.114.
+/// Match distance above which a registered group is left out: it gains nothing and shows ghosts.
 pub const HOPELESS_MATCH: f64 = 0.15;
 
 /// One instance of a group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InstanceReport {
-    /// Its id in the masks.
+    /// Id of the instance in the masks.
     pub id: u32,
-    /// Its own Gaussians in the cloud, those that are not finite left out.
+    /// Number of its finite Gaussians in the cloud.
     pub gaussians: usize,
-    /// Its Gaussians that were left out because a parameter is not finite.
+    /// Number of its Gaussians that were dropped because a parameter is not finite.
     pub non_finite: usize,
-    /// It has enough Gaussians ([`MIN_OWN_GAUSSIANS`](super::MIN_OWN_GAUSSIANS)). Otherwise it is shown as the template,
-    /// without differences.
+    /// Whether it has enough Gaussians ([`MIN_OWN_GAUSSIANS`](super::MIN_OWN_GAUSSIANS)); otherwise it is shown as the
+    /// template, without offsets.
     pub is_usable: bool,
-    /// Template Gaussians that it has nothing near of; they start nearly transparent.
+    /// Number of template Gaussians without a near match in it, which start nearly transparent.
     pub lacking: usize,
-    /// How far it is from the largest instance, as [`GroupReport::match_distance`]; `None` if it is not usable.
+    /// Distance from the largest instance, as in [`GroupReport::match_distance`]; `None` if it is not usable.
     pub match_distance: Option<f64>,
 }
 
-/// One group.
+/// One group of `groups.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GroupReport {
-    /// As in `groups.json`.
+    /// Id of the group in `groups.json`.
     pub template_id: u32,
-    /// What the objects are.
+    /// Name of the kind of object, if given.
     pub name: Option<String>,
-    /// Which template of the scene it became; `None` if no instance has enough Gaussians, or if the match is worse than the
-    /// options allow: the group is left out, and its Gaussians stay in the background.
+    /// Index of its template in the scene; `None` if no instance has enough Gaussians or the match is worse than the
+    /// options allow. Then the group's Gaussians stay in the background.
     pub template: Option<u32>,
-    /// In the group's order.
+    /// Reports of its instances, in the group's order.
     pub instances: Vec<InstanceReport>,
-    /// Fewest, mean and most own Gaussians of the usable instances; 0 if there are none.
+    /// Minimum, mean and maximum number of Gaussians of the usable instances; 0 if there are none.
     pub gaussians_per_instance: (usize, f64, usize),
-    /// Gaussians of the template.
+    /// Number of Gaussians of the template.
     pub template_gaussians: usize,
-    /// How badly the instances agree in the common pose, 0 or more: the median of the other usable instances' distances
-    /// from the largest. A distance is the mean of that from each Gaussian of one to the nearest of the other, both ways,
-    /// without the largest tenth, beyond the spacing of the largest instance's own, per radius of the object. 0 for a
-    /// single instance.
+    /// How badly the instances agree in the common pose, 0 or more: the median over the usable instances of their
+    /// distances from the largest one. A distance is the mean from each Gaussian of one to the nearest of the other, in
+    /// both directions and without the largest tenth, less the spacing within the largest instance, divided by the
+    /// object's radius. 0 for a single instance.
     pub match_distance: f64,
 }
 
 impl GroupReport {
-    /// The instances are probably not alike, or posed wrongly: one template will hardly serve them.
+    /// Whether the instances are probably unlike or posed wrongly, so that one template hardly fits them.
     pub fn is_poor_match(&self) -> bool {
         self.match_distance > POOR_MATCH
     }
 
-    /// Why it has no template; `None` if it has one.
+    /// Reason why the group has no template, for the user; `None` if it has one.
     pub fn left_out(&self) -> Option<String> {
         let usable = self.instances.iter().any(|i| i.is_usable);
         let why = || {
@@ -78,20 +77,20 @@ impl GroupReport {
         self.template.is_none().then(why)
     }
 
-    /// Only one instance is usable: the template is a copy of it, and sharing gains nothing.
+    /// Whether only one instance is usable: the template is a copy of it, and sharing gains nothing.
     pub fn is_single(&self) -> bool {
         self.instances.iter().filter(|i| i.is_usable).count() == 1
     }
 }
 
-/// Fewest, mean, most.
+/// Minimum, mean and maximum number of Gaussians of the usable instances.
 pub(super) fn counts(instances: &[OwnGaussians]) -> (usize, f64, usize) {
     let counts: Vec<usize> = instances.iter().filter(|o| o.is_usable()).map(OwnGaussians::len).collect();
     let mean = counts.iter().sum::<usize>() as f64 / counts.len().max(1) as f64;
     (counts.iter().copied().min().unwrap_or(0), mean, counts.iter().copied().max().unwrap_or(0))
 }
 
-/// Per instance its distance from the largest one, `None` for those that are not usable.
+/// Distance of each instance from the largest one; `None` for those that are not usable.
 pub(super) fn match_distances(instances: &[OwnGaussians]) -> Vec<Option<f64>> {
     let largest = instances.iter().map(OwnGaussians::len).max();
     let Some(reference) = instances.iter().find(|own| Some(own.len()) == largest) else { return Vec::new() };
@@ -104,13 +103,13 @@ pub(super) fn match_distances(instances: &[OwnGaussians]) -> Vec<Option<f64>> {
         let there = trimmed_mean(own.means.iter().map(|&p| set.distance(p)).collect());
         let back = trimmed_mean(reference.means.iter().map(|&p| own_set.distance(p)).collect());
         let beyond = (0.5 * (there + back) - spacing).max(0.0);
-        // Objects of no extent are all alike, unless they are apart.
+        // Objects without extent are alike unless they are apart.
         if beyond > 0.0 { (beyond / radius).min(f64::MAX) } else { 0.0 }
     };
     instances.par_iter().map(|own| own.is_usable().then(|| distance(own))).collect()
 }
 
-/// The group's figure from its instances': the median without the largest instance, which is at 0.
+/// Median of the instances' distances without the smallest, the largest instance's own 0.
 pub(super) fn group_match_distance(instances: &[Option<f64>]) -> f64 {
     let mut usable: Vec<f64> = instances.iter().flatten().copied().collect();
     usable.sort_unstable_by(f64::total_cmp);

@@ -1,8 +1,8 @@
 //! Draws the template's Gaussians from the merged cloud of all instances.
 //!
 //! The merged cloud has up to millions of Gaussians, K times too many, at a density that varies over the object. The
-//! draw keeps that density, because scales were trained for it: the cloud is put in order along a Morton curve (the
-//! depth-first order of an octree), cut into runs, and each run gives its share.
+//! draw keeps that density, because scales were trained for it: the cloud is sorted along a Morton curve (the
+//! depth-first order of an octree) and cut into runs, each of which gives its share.
 
 use rayon::prelude::*;
 
@@ -10,11 +10,11 @@ use super::options::Sampling;
 use crate::math::morton::morton_order;
 use crate::math::rng::Rng;
 
-/// Gaussians drawn from one run of farthest-point sampling. The cost is this times the merged cloud's size; runs do not
-/// see each other, so short ones leave uneven spacing along their borders.
+/// Points drawn from one run of farthest-point sampling. The cost is this times the size of the merged cloud; runs are
+/// independent, so short ones leave uneven spacing along their borders.
 const DRAWN_PER_RUN: usize = 256;
 
-/// `count` (at most all) of the points, as ascending ranks of `order`.
+/// Indices of at most `count` of the points, in Morton order.
 pub(super) fn draw(means: &[[f32; 3]], count: usize, sampling: Sampling, mut rng: Rng) -> Vec<u32> {
     let order = morton_order(means);
     if count >= order.len() {
@@ -30,12 +30,12 @@ pub(super) fn draw(means: &[[f32; 3]], count: usize, sampling: Sampling, mut rng
     }
 }
 
-/// Where part `r` of `parts` begins in `len` things.
+/// Start of part `r` when `len` items are cut into `parts` equal parts.
 fn share(r: usize, len: usize, parts: usize) -> usize {
     (r as u128 * len as u128 / parts as u128) as usize
 }
 
-/// Each subset of `count` with equal probability, in `order`'s order (Knuth's selection sampling).
+/// A uniform random subset of `count` elements, in the order of `order` (Knuth's selection sampling).
 fn random(order: &[u32], count: usize, rng: &mut Rng) -> Vec<u32> {
     let mut out = Vec::with_capacity(count);
     for (passed, &i) in order.iter().enumerate() {
@@ -46,7 +46,7 @@ fn random(order: &[u32], count: usize, rng: &mut Rng) -> Vec<u32> {
     out
 }
 
-/// Farthest points, run by run, each in the run's order.
+/// Farthest points of each run, in the run's order.
 fn farthest(means: &[[f32; 3]], order: &[u32], count: usize) -> Vec<u32> {
     let runs = count.div_ceil(DRAWN_PER_RUN);
     let drawn: Vec<Vec<u32>> = (0..runs)
@@ -59,7 +59,7 @@ fn farthest(means: &[[f32; 3]], order: &[u32], count: usize) -> Vec<u32> {
     drawn.concat()
 }
 
-/// `count` of `run`: first the one nearest to its middle, then always the one farthest from all before.
+/// `count` elements of `run`: the one nearest to its centroid, then always the one farthest from all before.
 fn farthest_of_run(means: &[[f32; 3]], run: &[u32], count: usize) -> Vec<u32> {
     let position = |i: u32| means[i as usize].map(f64::from);
     let squared = |p: [f64; 3], q: [f64; 3]| (0..3).map(|k| (p[k] - q[k]) * (p[k] - q[k])).sum::<f64>();
@@ -120,8 +120,8 @@ mod tests {
         assert!(draw(&[], 4, Sampling::Farthest, Rng::new(3)).is_empty());
     }
 
-    /// Four fifths of the draw are in the dense half (Random: deviation 0.9 %), and the smallest distance between drawn
-    /// points tells how even it is.
+    /// Four fifths of the draw lie in the dense half (Random: standard deviation 0.9 %); the smallest distance of drawn
+    /// points shows how even it is.
     #[test]
     fn keeps_the_density_and_spreads_evenly() {
         let means = uneven(40_000);
@@ -138,7 +138,7 @@ mod tests {
         assert!(spread[0] > 1.5 * spread[1] && spread[1] > spread[2], "{spread:?}");
     }
 
-    /// All in one place, on a line, and with extreme coordinates.
+    /// Points that coincide, on a line, and with extreme coordinates.
     #[test]
     fn degenerate_clouds() {
         let line: Vec<[f32; 3]> = (0..500).map(|i| [i as f32, 0.0, 0.0]).collect();

@@ -1,9 +1,9 @@
-//! Makes a drawn template the mean of what it stands for.
+//! Makes each Gaussian of a drawn template the mean of its matches.
 //!
-//! A drawn Gaussian has one instance's shape, but after its offsets it stands for a Gaussian of each instance, and shapes
-//! and SH above the base colour have no offsets. So each template Gaussian becomes the mean of its matches in the common
-//! pose: position, opacity logit and SH as they are, shape as the mean of the logarithm of the covariance, which keeps
-//! flat things flat and the mean of log volumes (Arsigny et al. 2006, log-Euclidean metric).
+//! A drawn Gaussian has one instance's shape, but with its offsets it represents a Gaussian of each instance, and
+//! shapes and SH above the base colour have no offsets. So each template Gaussian becomes the mean of its matches in
+//! the common pose: of position, opacity logit and SH directly, and of shape by the logarithm of the covariance, which
+//! keeps flat shapes flat and averages log volumes (Arsigny et al. 2006, log-Euclidean metric).
 
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
@@ -22,13 +22,13 @@ struct Sums {
     count: f64,
     mean: DVec3,
     opacity_logit: f64,
-    /// Half the logarithm of the covariance: its eigenvalues are log scales.
+    /// Half the logarithm of the covariance, whose eigenvalues are log scales.
     log_shape: DMat3,
     sh: Vec<DVec3>,
 }
 
-/// `rounds` times: matches every usable instance, and makes each template Gaussian the mean of its matches. One that no
-/// instance has stays as it is.
+/// Matches every usable instance and replaces each template Gaussian by the mean of its matches, `rounds` times. A
+/// Gaussian without a match in any instance does not change.
 pub(super) fn settle(
     mut template: TemplateCloud,
     cloud: &Gaussians,
@@ -68,7 +68,7 @@ fn sums_of_matches(template: &TemplateCloud, cloud: &Gaussians, instances: &[Own
 }
 
 impl Sums {
-    /// Adds the own Gaussian of an instance that it is matched to.
+    /// Adds the matched Gaussian of an instance.
     fn add(&mut self, cloud: &Gaussians, own: &OwnGaussians, matched: &Match) {
         let j = matched.own as usize;
         let (frame, i) = (&own.template_from_world, own.indices[j] as usize);
@@ -83,7 +83,7 @@ impl Sums {
         }
     }
 
-    /// Template Gaussian `i` becomes the mean.
+    /// Sets template Gaussian `i` to the mean.
     fn write_mean(&self, gaussians: &mut Gaussians, i: usize) {
         let part = 1.0 / self.count;
         let narrow = |v: DVec3| (v * part).as_vec3().to_array();
@@ -111,9 +111,9 @@ mod tests {
 
     const COUNT: usize = 27;
 
-    /// Two objects of 27 Gaussians on a grid, each with the same turned shape but for the log scales, the SH, the opacity
-    /// and a shift along x, which are `-d` off in the first and `+d` in the second. The second stands elsewhere, turned
-    /// and three times as large.
+    /// Two objects of 27 Gaussians on a grid, with the same rotated shape except for log scales, SH, opacity and a
+    /// shift along x, which are `-d` off in the first and `+d` in the second. The second is moved, rotated and three
+    /// times as large.
     fn two_objects(d: f32) -> (Gaussians, Vec<OwnGaussians>, TemplateCloud) {
         let mut rng = Rng::new(2);
         let mut cloud = Gaussians::with_capacity(1, 2 * COUNT);
@@ -145,7 +145,7 @@ mod tests {
         (cloud, own, template)
     }
 
-    /// Measured: 4e-6. Without the pose's scale the log scales are off by ln 3 / 2.
+    /// Without the pose's scale, log scales would be off by ln 3 / 2.
     #[test]
     fn becomes_the_mean_in_the_common_pose() {
         let (cloud, own, drawn) = two_objects(0.3);
@@ -178,7 +178,7 @@ mod tests {
         assert_ne!(settled.means[3], far.means[3]);
     }
 
-    /// Where several stand for one, they cover what it covers. Measured: 1e-7.
+    /// Template Gaussians that share a match cover together what it covers alone.
     #[test]
     fn those_that_share_a_gaussian_share_its_opacity() {
         let (cloud, own, _) = two_objects(0.0);

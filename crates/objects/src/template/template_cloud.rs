@@ -7,39 +7,40 @@ use crate::math::nearest::PointSet;
 use crate::math::sh::widened;
 use crate::scene::Gaussians;
 
-/// Neighbours that spacings are measured to: the number that sizes of new Gaussians come from, too.
+/// Number of neighbours for spacings, as for the size of new Gaussians.
 const SPACING_NEIGHBOURS: usize = 3;
-/// Opacity of Gaussians that start anew, as in the paper.
+/// Opacity of Gaussians that are reset, as in the paper.
 const NEW_OPACITY: f64 = 0.1;
-/// Smallest deviation of Gaussians that start anew, template units: those in one place get it. The square root of what
-/// vanilla training starts from.
+/// Smallest standard deviation of Gaussians that are reset, template units, for points that coincide: the square root
+/// of the smallest variance in vanilla training.
 const MIN_NEW_DEVIATION: f64 = 3.2e-4;
-/// An instance lacks a template Gaussian whose match is farther than this many times its spacing or the median spacing ...
+/// An instance lacks a template Gaussian whose match is farther than this many times its spacing or the median spacing
+/// ...
 const MAX_MATCH_SPACINGS: f64 = 3.0;
-/// ... and than this share of the object's radius, which is what a pose two degrees off moves.
+/// ... and farther than this part of the object's radius, the effect of a pose two degrees off.
 const MAX_MATCH_RADII: f64 = 0.05;
 
-/// The template's Gaussians, and lengths to compare instances by.
+/// The template's Gaussians, with lengths for comparing instances.
 pub(super) struct TemplateCloud {
-    /// In the template's frame.
+    /// Gaussians in the template's frame.
     pub gaussians: Gaussians,
-    /// Root mean square distance of each Gaussian to its three nearest.
+    /// Root mean square distance of each Gaussian to its three nearest, template units.
     pub spacings: Vec<f64>,
-    /// Their median.
+    /// Median of `spacings`.
     pub median_spacing: f64,
-    /// Median distance from the middle (median per axis).
+    /// Median distance from the centre (median per axis), template units.
     pub radius: f64,
 }
 
 impl TemplateCloud {
-    /// From Gaussians of the world's cloud with the pose of the instance each comes from.
+    /// Takes pairs of an instance's inverse pose and the index of a Gaussian in the world's cloud.
     pub(super) fn new(cloud: &Gaussians, drawn: &[(&TemplateFromWorld, u32)]) -> Self {
         let mut gaussians = Gaussians::with_capacity(cloud.sh_degree, drawn.len());
         drawn.iter().for_each(|(frame, i)| frame.push(cloud, *i as usize, &mut gaussians));
         Self::from_gaussians(gaussians)
     }
 
-    /// Of Gaussians in the template's frame. Opacities are brought into the range that training can move.
+    /// Takes Gaussians in the template's frame; opacity logits are clamped to the range that training can change.
     pub(super) fn from_gaussians(mut gaussians: Gaussians) -> Self {
         gaussians.opacity_logits.iter_mut().for_each(|logit| *logit = clamped_logit(*logit));
         let set = PointSet::new(&gaussians.means);
@@ -48,12 +49,12 @@ impl TemplateCloud {
         Self { median_spacing: median(spacings.clone()), radius: radius(&gaussians.means), gaussians, spacings }
     }
 
-    /// Farthest that an instance's own Gaussian may be from template Gaussian `i` to be what it stands for.
+    /// Largest distance of a match from template Gaussian `i`, template units.
     pub(super) fn reach(&self, i: usize) -> f64 {
         (MAX_MATCH_RADII * self.radius).max(MAX_MATCH_SPACINGS * self.spacings[i].max(self.median_spacing))
     }
 
-    /// Starts all but positions and base colours anew.
+    /// Resets all parameters but positions and base colours.
     pub(super) fn renew(&mut self) {
         let per_gaussian = self.gaussians.sh_coefficients();
         self.gaussians.quats.fill([1.0, 0.0, 0.0, 0.0]);
@@ -70,13 +71,13 @@ impl TemplateCloud {
     }
 }
 
-/// The middle value, the upper of two; 0 of none.
+/// The median, the upper one of two; 0 without values.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     let middle = values.len() / 2;
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
 }
 
-/// Median distance from the middle (median per axis).
+/// Median distance from the centre (median per axis).
 pub(super) fn radius(means: &[[f32; 3]]) -> f64 {
     let middle: [f32; 3] =
         std::array::from_fn(|axis| median(means.iter().map(|m| f64::from(m[axis])).collect()) as f32);

@@ -1,5 +1,4 @@
-//! Which object the Gaussians of a cloud truly belong to, from a data set that has depth pictures: that of the nearest
-//! point of the true surfaces.
+//! True labels of a cloud's Gaussians for data sets with depth: the object at the nearest point of the true surfaces.
 
 use std::path::Path;
 
@@ -12,16 +11,16 @@ use crate::pipeline::CloudLabels;
 use crate::segment::accuracy::{in_ids_of, mean_accuracy};
 use crate::synth::dataset::frame::Lens;
 
-/// Every so many pixels of a depth picture give a point, in both directions: neighbours show the same object.
+/// Every how many pixels of a depth image a point is taken, in both directions: neighbours show the same object.
 const STRIDE: usize = 2;
-/// Gaussians that add less to the pictures, in pixels over all of them, are not judged: nothing shows where they belong.
+/// Gaussians with a smaller contribution over all pictures, pixels, are not judged: no picture shows where they belong.
 const SEEN_PX: f32 = 1.0;
 
-/// Mean accuracy of the labels of a cloud with centres `means`, over the objects of the data set; `None` if the data set
-/// has no depth pictures.
+/// Mean accuracy of the labels of a cloud with the means `means`, over the objects of the data set; `None` if the data
+/// set has no depth images.
 ///
 /// # Errors
-/// A picture that cannot be read.
+/// An image that cannot be read, or whose size is not that of its mask and camera.
 pub fn label_accuracy(
     data: &Path,
     views: &[View],
@@ -40,7 +39,7 @@ pub fn label_accuracy(
         let picture = read_ktx2(&depth.join(name))?;
         let size = (picture.width, picture.height);
         if size != (mask.width, mask.height) || size != (view.camera.width, view.camera.height) {
-            let what = format!("is {}x{}, unlike its mask or camera", size.0, size.1);
+            let what = format!("is {}x{}, but its mask or camera has another size", size.0, size.1);
             return Err(IoError::new(&depth.join(&view.camera.name), what));
         }
         let lens = Lens::new(&view.camera);

@@ -1,6 +1,5 @@
-//! What is claimed, and what it rests on: the comparison of DESIGN section 7 over a list of scenes, as tables and plots.
-//! Running it is the command line's (`instgs-vk tables`); here are the list, what a scene's measurement holds, and what
-//! is written about all of them.
+//! Evidence for the method: the comparison of [`super::comparison`] over a list of scenes, as tables and plots. The
+//! command `instgs-vk tables` runs it; this module has the list, the results of a scene, and the tables and plots.
 
 pub mod label_truth;
 pub mod plots;
@@ -15,51 +14,51 @@ use super::comparison::{Row, SeedResult};
 pub use scene_list::{ListError, Part, SceneJob, SceneList};
 pub use sheet::{Cell, Sheet};
 
-/// A scene that has been measured.
+/// Results of one scene.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SceneResult {
-    /// Its name in the list.
+    /// Name of the scene in the list.
     pub name: String,
-    /// Made by `synth`; else a real or foreign data set.
+    /// Whether `synth` made it; otherwise it is a real or foreign data set.
     pub synthetic: bool,
-    /// Why it was measured.
+    /// Purpose of the measurement.
     pub part: Part,
     /// One comparison for each seed of training.
     pub seeds: Vec<SeedResult>,
-    /// How objects were found, of the first seed.
+    /// How objects were found, for the first seed.
     pub segmentation: Segmentation,
-    /// Instances of the trained scene, of the first seed.
+    /// Number of instances in the trained scene, for the first seed.
     pub instances: u64,
-    /// How much of what its objects differ by is shown, 0..=1.
+    /// Part of the differences between objects that is shown, 0..=1.
     pub differences: f64,
-    /// The same plain cloud with other settings, of the first seed.
+    /// Runs from the same plain cloud with other settings, for the first seed.
     pub ablations: Vec<Ablation>,
-    /// Device name.
+    /// Name of the Vulkan device.
     pub device: String,
 }
 
-/// How objects were found in a plain cloud.
+/// Statistics of finding objects in a plain cloud.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Segmentation {
-    /// Gaussians of the cloud.
+    /// Number of Gaussians in the cloud.
     pub gaussians: u64,
-    /// Objects found.
+    /// Number of objects that were found.
     pub objects: u64,
-    /// Wall time of consensus, labels, registration and merging, in that order.
+    /// Wall time of consensus, labels, registration and merging, in this order, seconds.
     pub seconds: [f64; 4],
-    /// Memory of what Gaussians add to masks, bytes.
+    /// Memory for contributions to masks, bytes.
     pub bytes: u64,
-    /// Mean over the true objects of the part of their Gaussians that has their label; `None` without depth pictures.
+    /// Mean over the true objects of the part of their Gaussians with their label; `None` without depth images.
     pub mean_accuracy: Option<f64>,
 }
 
 /// A run with another setting.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ablation {
-    /// Table that it belongs to.
+    /// Key of the table that it belongs to.
     pub table: String,
-    /// What it is.
+    /// Name of the setting.
     pub name: String,
-    /// How good it is.
+    /// Measurement of the resulting scene.
     pub row: Row,
 }

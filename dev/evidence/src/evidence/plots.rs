@@ -1,4 +1,4 @@
-//! Plots of the evidence: lines as SVG for a page, bars for a terminal.
+//! Plots of the evidence: line charts as SVG, bars for a terminal.
 
 use super::tables::{frame_ratio, gain, psnr};
 use super::{Part, SceneResult};
@@ -9,10 +9,10 @@ use crate::scene::RepeatedBytes;
 /// Width of the longest bar, characters.
 const BAR: f64 = 24.0;
 
-/// File name without extension, and the drawing.
+/// File name without extension, and the SVG text.
 pub type Plot = (&'static str, String);
 
-/// Every plot that the measured scenes have something for.
+/// Every plot for which the measured scenes have data.
 pub fn all(scenes: &[SceneResult]) -> Vec<Plot> {
     let scaling = Axis::of(scenes, Part::Scaling, "instances", |scene| scene.instances as f64);
     let differences = Axis::of(scenes, Part::Differences, "share of the differences", |scene| scene.differences);
@@ -39,13 +39,13 @@ pub fn all(scenes: &[SceneResult]) -> Vec<Plot> {
     .collect()
 }
 
-/// Name of a curve, and its figure of a scene.
+/// Name of a curve, and its value for a scene.
 type Line<'a> = (&'static str, &'a dyn Fn(&SceneResult) -> Option<f64>);
 
-/// Scenes along a quantity.
+/// Scenes sorted by a quantity.
 struct Axis<'a> {
     name: &'static str,
-    /// In order of the quantity.
+    /// Scenes with the quantity, ascending.
     points: Vec<(&'a SceneResult, f64)>,
 }
 
@@ -57,7 +57,7 @@ impl<'a> Axis<'a> {
         Self { name, points }
     }
 
-    /// `None` without points.
+    /// Draws a chart as SVG; `None` without points.
     fn drawn(&self, title: &str, lines: &[Line<'_>], level: Option<(f64, &str)>) -> Option<String> {
         let curve = |figure: &dyn Fn(&SceneResult) -> Option<f64>| -> Vec<(f64, f64)> {
             self.points.iter().filter_map(|&(scene, at)| Some((at, figure(scene)?))).collect()
@@ -68,14 +68,14 @@ impl<'a> Axis<'a> {
     }
 }
 
-/// The repeated part as .ply over its packed bytes, mean over the seeds.
+/// Size of the repeated part as .ply over its packed size, mean over the seeds.
 fn times_smaller(scene: &SceneResult, bytes: fn(&RepeatedBytes) -> u64) -> Option<f64> {
     let ratio = |seed: &SeedResult| seed.repeated.ply as f64 / bytes(&seed.repeated).max(1) as f64;
     let seeds = &scene.seeds;
     (!seeds.is_empty()).then(|| seeds.iter().map(ratio).sum::<f64>() / seeds.len() as f64)
 }
 
-/// A line for each scene, with a bar from zero: how far InstGS is above 3DGS of the same time, dB.
+/// One line per scene with a bar from zero: PSNR of InstGS above 3DGS with the same time, dB.
 pub fn bars(scenes: &[SceneResult]) -> Vec<String> {
     let values: Vec<(&str, f64)> =
         scenes.iter().filter_map(|s| Some((s.name.as_str(), gain(s, names::SAME_TIME, psnr)?))).collect();

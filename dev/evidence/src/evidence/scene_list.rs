@@ -1,4 +1,4 @@
-//! The list of scenes that evidence is gathered from: a TOML file. See `configs/rescene.toml`.
+//! The list of scenes for the evidence: a TOML file like `configs/rescene.toml`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::io::read_bytes;
 use crate::synth::dataset::RECIPES;
 
-/// Why a list cannot be used; one line.
+/// Why a list cannot be used; one line for the user.
 #[derive(Debug, thiserror::Error)]
 #[error("{path}: {what}", path = path.display())]
 pub struct ListError {
@@ -16,134 +16,134 @@ pub struct ListError {
     what: String,
 }
 
-/// A list of scenes, and the sizes at which it can be run.
+/// A list of scenes, with the sizes at which it can be run.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneList {
-    /// Preset or file of the training configuration, as `--config`.
+    /// Preset or file of the training configuration, as for `--config`.
     pub config: String,
-    /// By name.
+    /// Sizes of a run, by name.
     pub sizes: BTreeMap<String, Size>,
-    /// What is measured.
+    /// Scenes to measure, in order.
     pub scenes: Vec<Scene>,
-    /// Other settings, trained from the plain clouds of the scenes that ask for them.
+    /// Ablations: settings that are trained from the plain clouds of the scenes that ask for them.
     #[serde(default)]
     pub ablations: Vec<AblationSetting>,
 }
 
-/// How large pictures and runs are.
+/// Size of pictures and length of runs.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Size {
-    /// Views of data sets that are made.
+    /// Number of views of generated data sets.
     pub views: u32,
-    /// Their width and height, pixels.
+    /// Width and height of their photos, pixels.
     pub pixels: [u32; 2],
     /// Settings of all runs, `KEY=VALUE`.
     #[serde(default)]
     pub set: Vec<String>,
-    /// Settings of runs on data sets that exist.
+    /// Settings of runs on existing data sets, `KEY=VALUE`.
     #[serde(default)]
     pub set_real: Vec<String>,
-    /// Steps that plain clouds are trained on; without, by the clock, so that figures differ from run to run.
+    /// Steps that plain clouds are trained on; `None` = by wall time, so that figures vary from run to run.
     pub more_steps: Option<u64>,
-    /// Timed frames of each scene.
+    /// Number of timed frames of each scene.
     pub frames: u32,
 }
 
-/// A scene, or one for each of several seeds.
+/// A scene, or several that differ in their seed.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
-    /// Generator to make it with.
+    /// Name of the generator, for a generated data set.
     pub synth: Option<String>,
-    /// Seeds of the generator: a scene each.
+    /// Seeds of the generator: one scene each.
     #[serde(default)]
     pub seeds: Vec<u64>,
-    /// Number of objects of the generator.
+    /// Number of objects, for a generated data set.
     pub instances: Option<u32>,
-    /// How much of what objects of a kind differ by is shown, 0..=1; 1 if not given.
+    /// Part of the differences between objects of a kind that is shown, 0..=1; 1 by default.
     pub differences: Option<f64>,
-    /// Folder of a data set that exists, from where the list is.
+    /// Folder of an existing data set, relative to the list.
     pub data: Option<PathBuf>,
-    /// Known groups instead of found ones: `groups.json` of the data set.
+    /// Whether groups are read from the data set's `groups.json` instead of being found.
     #[serde(default)]
     pub true_groups: bool,
-    /// Why it is measured.
+    /// Purpose of the measurement.
     #[serde(default)]
     pub part: Part,
     /// Settings of this scene, `KEY=VALUE`.
     #[serde(default)]
     pub set: Vec<String>,
-    /// Instead of the size's.
+    /// Replaces the size's `more_steps`.
     pub more_steps: Option<u64>,
-    /// The ablations are run on it (on the first seed).
+    /// Whether the ablations are run on it, for the first seed.
     #[serde(default)]
     pub ablations: bool,
 }
 
-/// Why a scene is measured.
+/// Purpose of a measurement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Part {
-    /// It counts in the tables of means.
+    /// Counts in the tables of means.
     #[default]
     Scene,
-    /// The method's failure case: its objects are not alike.
+    /// The method's failure case: the objects are not alike.
     Failure,
     /// A point of the plots over the number of instances.
     Scaling,
-    /// A point of the plot over how much instances differ.
+    /// A point of the plot over the differences between instances.
     Differences,
 }
 
-/// A setting to compare with.
+/// A setting to compare with the scene's own.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AblationSetting {
-    /// Table that it belongs to.
+    /// Key of the table that it belongs to.
     pub table: String,
-    /// What it is.
+    /// Name of the setting.
     pub name: String,
-    /// Settings, `KEY=VALUE`; none = as the scene itself.
+    /// Settings, `KEY=VALUE`; none = those of the scene itself.
     #[serde(default)]
     pub set: Vec<String>,
 }
 
-/// One scene to be run.
+/// One scene to run, with its settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneJob {
-    /// Of its folder and in tables, for instance `cars_1`.
+    /// Name of its folder and in tables, for instance `cars_1`.
     pub name: String,
-    /// Where its data set is, or how it is made.
+    /// Source of its data set.
     pub source: Source,
-    /// Known groups instead of found ones.
+    /// Whether groups are read from the data set instead of being found.
     pub true_groups: bool,
-    /// Why it is measured.
+    /// Purpose of the measurement.
     pub part: Part,
-    /// Settings in their order, `KEY=VALUE`.
+    /// Settings in order, `KEY=VALUE`.
     pub set: Vec<String>,
-    /// Steps that plain clouds are trained on; `None` = by the clock.
+    /// Steps that plain clouds are trained on; `None` = by wall time.
     pub more_steps: Option<u64>,
-    /// The ablations are run on it.
+    /// Whether the ablations are run on it.
     pub ablations: bool,
 }
 
-/// Where a data set comes from.
+/// Source of a data set.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Source {
-    /// It is made.
+    /// It is generated by `synth`.
     Synth {
-        /// Generator.
+        /// Name of the generator.
         recipe: String,
         /// Seed of the generator.
         seed: u64,
-        /// Number of objects; `None` = the generator's own.
+        /// Number of objects; `None` = the generator's default.
         instances: Option<u32>,
-        /// How much of their differences is shown, 0..=1.
+        /// Part of the differences that is shown, 0..=1.
         differences: f64,
     },
-    /// It exists.
+    /// An existing data set in this folder.
     Folder(PathBuf),
 }
 
@@ -151,7 +151,7 @@ impl SceneList {
     /// Reads and checks a list.
     ///
     /// # Errors
-    /// A file that cannot be read, is not TOML, has unknown keys, or scenes that cannot be.
+    /// A file that cannot be read, is not TOML or has unknown keys; impossible scenes; scenes with the same name.
     pub fn read(path: &Path) -> Result<Self, ListError> {
         let fail = |what: String| ListError { path: path.into(), what };
         let bytes = read_bytes(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
@@ -197,10 +197,10 @@ impl SceneList {
         twice.map_or(Ok(()), |(_, job)| Err(format!("{} is listed twice", job.name)))
     }
 
-    /// The size of that name.
+    /// The size with the given name.
     ///
     /// # Errors
-    /// There is none; one line for the user.
+    /// There is none; the text is one line for the user.
     pub fn size(&self, name: &str) -> Result<&Size, String> {
         self.sizes.get(name).ok_or_else(|| {
             let names: Vec<&str> = self.sizes.keys().map(String::as_str).collect();
@@ -208,7 +208,7 @@ impl SceneList {
         })
     }
 
-    /// Every scene by itself; `folder` is where the list is.
+    /// All scenes as single jobs; `folder` is that of the list.
     pub fn jobs(&self, folder: &Path, size: &Size) -> Vec<SceneJob> {
         self.scenes.iter().flat_map(|scene| scene.jobs(folder, size)).collect()
     }
@@ -221,7 +221,7 @@ impl Size {
 }
 
 impl Scene {
-    /// True if it has what only a data set that is made can have.
+    /// Whether it has keys that are only allowed for generated data sets.
     fn is_made(&self) -> bool {
         self.instances.is_some() || self.differences.is_some() || !self.seeds.is_empty()
     }

@@ -1,20 +1,20 @@
-//! A table as people, pages and scripts read it: text, Markdown, CSV.
+//! A table that can be written as text, Markdown and CSV.
 
 use serde::Serialize;
 
 use crate::math::digits::grouped;
 
-/// A value of a table.
+/// A cell of a [`Sheet`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum Cell {
-    /// Words.
+    /// Text, shown as it is.
     Text(String),
-    /// A number, shown with so many decimals.
+    /// A number, shown with the given number of decimals.
     Number(f64, #[serde(skip)] usize),
-    /// A whole number, shown in groups of three digits.
+    /// An integer, shown in groups of three digits.
     Count(u64),
-    /// Nothing was measured.
+    /// Empty: nothing was measured.
     Empty,
 }
 
@@ -24,7 +24,7 @@ impl Cell {
         value.filter(|v| v.is_finite()).map_or(Self::Empty, |v| Self::Number(v, decimals))
     }
 
-    /// For people.
+    /// Text of the cell for people.
     fn shown(&self) -> String {
         match self {
             Self::Text(text) => text.clone(),
@@ -34,7 +34,7 @@ impl Cell {
         }
     }
 
-    /// For scripts.
+    /// Text of the cell for scripts.
     fn plain(&self) -> String {
         match self {
             Self::Count(value) => value.to_string(),
@@ -55,23 +55,23 @@ impl From<String> for Cell {
     }
 }
 
-/// A table with what must be known to read it.
+/// A table with its explanation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Sheet {
     /// File name without extension.
     pub key: &'static str,
-    /// Heading.
+    /// Heading of the table.
     pub title: String,
     /// A paragraph below the heading.
     pub note: String,
     /// Names of the columns.
     pub head: Vec<&'static str>,
-    /// As long as the head, each.
+    /// Rows, each as long as `head`.
     pub rows: Vec<Vec<Cell>>,
 }
 
 impl Sheet {
-    /// Heading, note and table.
+    /// Heading, note and table as Markdown.
     pub fn markdown(&self) -> String {
         // A bar would end the cell.
         let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
@@ -88,10 +88,10 @@ impl Sheet {
         out
     }
 
-    /// Names and values, numbers without grouping.
+    /// The table as CSV, numbers without grouping.
     ///
     /// # Errors
-    /// None in practice: memory is written to.
+    /// None in practice, since it writes to memory.
     pub fn csv(&self) -> Result<Vec<u8>, csv::Error> {
         let mut out = csv::Writer::from_writer(Vec::new());
         out.write_record(&self.head)?;
@@ -101,7 +101,7 @@ impl Sheet {
         out.into_inner().map_err(|e| e.into_error().into())
     }
 
-    /// Head and rows as text, for aligning.
+    /// Header and rows as text, for alignment.
     pub fn lines(&self) -> Vec<Vec<String>> {
         let head = self.head.iter().map(|h| (*h).to_owned()).collect();
         let rows = self.rows.iter().map(|row| row.iter().map(Cell::shown).collect());

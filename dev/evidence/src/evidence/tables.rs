@@ -1,11 +1,11 @@
-//! The paper's tables, of scenes that have been measured.
+//! The paper's tables for the measured scenes.
 
 use super::sheet::{Cell, Sheet};
 use super::{Part, SceneResult};
 use crate::bench::comparison::{Row, SeedResult, names};
 use crate::math::statistics::median;
 
-/// Rows of a table of methods, in their order.
+/// Rows of a table of methods, in order.
 const METHODS: [&str; 12] = [
     names::START,
     names::SAME_TIME,
@@ -20,7 +20,7 @@ const METHODS: [&str; 12] = [
     names::OURS_Q8,
     names::OURS_SMALL,
 ];
-/// Published figures, on Mip-NeRF 360: name, source, PSNR, SSIM, LPIPS, file in MB (NaN: not published).
+/// Published figures on Mip-NeRF 360: name, source, PSNR, SSIM, LPIPS, file size in MB (NaN: not published).
 const PUBLISHED: [(&str, &str, [f64; 4]); 5] = [
     ("Instant-NGP (big)", "3DGS paper, 2023, table 1", [25.59, 0.699, 0.331, 48.0]),
     ("3DGS, 30,000 steps", "3DGS paper, 2023, table 1", [27.21, 0.815, 0.214, 734.0]),
@@ -30,7 +30,7 @@ const PUBLISHED: [(&str, &str, [f64; 4]); 5] = [
 ];
 const MEGABYTE: f64 = 1e6;
 
-/// Every table that the measured scenes have something for.
+/// Every table for which the measured scenes have data.
 pub fn all(scenes: &[SceneResult]) -> Vec<Sheet> {
     let counted: Vec<&SceneResult> = of_part(scenes, Part::Scene);
     let mut out = Vec::new();
@@ -63,23 +63,23 @@ fn of_row(scene: &SceneResult, name: &str, figure: impl Fn(&Row) -> Option<f64>)
     of_seed(scene, |seed| figure(seed.row(name)?))
 }
 
-/// Median over the seeds of a figure; `None` if a seed lacks it, or if there is none.
+/// Median over the seeds of a figure; `None` if a seed lacks it, or without seeds.
 fn of_seed(scene: &SceneResult, figure: impl Fn(&SeedResult) -> Option<f64>) -> Option<f64> {
     let values: Option<Vec<f64>> = scene.seeds.iter().map(figure).collect();
     values.filter(|v| !v.is_empty()).map(|v| median(&v))
 }
 
-/// How far the instanced scene is above a row, dB, seed by seed.
+/// Median over the seeds of the instanced scene's figure minus that of another row.
 pub(super) fn gain(scene: &SceneResult, other: &str, figure: fn(&Row) -> Option<f64>) -> Option<f64> {
     of_seed(scene, |seed| Some(figure(seed.row(names::OURS)?)? - figure(seed.row(other)?)?))
 }
 
-/// PSNR of a row, for [`gain`].
+/// PSNR of a row in dB, for [`gain`].
 pub(super) fn psnr(row: &Row) -> Option<f64> {
     Some(row.psnr)
 }
 
-/// Frames per second of the instanced scene over those of the cloud that had the same time.
+/// Frames per second of the instanced scene over those of the cloud with the same training time.
 pub(super) fn frame_ratio(scene: &SceneResult) -> Option<f64> {
     of_seed(scene, |seed| seed.fps.map(|[ours, theirs]| ours / theirs))
 }
@@ -172,7 +172,7 @@ fn differences(scenes: &[&SceneResult]) -> Option<Sheet> {
     })
 }
 
-/// A row of the medians of columns of numbers.
+/// A row with the median of each numeric column.
 fn medians(name: &str, rows: &[Vec<Cell>]) -> Vec<Cell> {
     let columns = rows.first().map_or(0, Vec::len);
     let of = |column: usize| {
@@ -240,7 +240,7 @@ fn sizes(scenes: &[&SceneResult]) -> Option<Sheet> {
     })
 }
 
-/// Where the time of a frame goes, mean over the scenes.
+/// Time of each pass of a frame, mean over the scenes.
 fn passes(scenes: &[&SceneResult]) -> Option<Sheet> {
     let seeds: Vec<&SeedResult> = scenes.iter().flat_map(|scene| &scene.seeds).collect();
     let first = seeds.iter().find(|seed| !seed.passes_ms.is_empty())?;
@@ -353,7 +353,7 @@ fn failure(scenes: &[&SceneResult]) -> Option<Sheet> {
     })
 }
 
-/// Over the number of instances.
+/// Results over the number of instances.
 fn scaling(scenes: &[&SceneResult]) -> Option<Sheet> {
     let row = |scene: &&SceneResult| {
         let megabytes = |name: &str| Cell::maybe(of_row(scene, name, |row| Some(row.file_bytes as f64 / MEGABYTE)), 2);
@@ -386,7 +386,7 @@ fn scaling(scenes: &[&SceneResult]) -> Option<Sheet> {
     })
 }
 
-/// Over how much instances differ.
+/// Results over the differences between instances.
 fn alike(scenes: &[&SceneResult]) -> Option<Sheet> {
     let row = |scene: &&SceneResult| {
         vec![
@@ -408,7 +408,7 @@ fn alike(scenes: &[&SceneResult]) -> Option<Sheet> {
     })
 }
 
-/// What others have published; on other data, so that only their order of magnitude says something here.
+/// Published results on other data, of which only the order of magnitude can be compared.
 fn published() -> Sheet {
     let row = |&(name, source, [psnr, ssim, lpips, megabytes]): &(&str, &str, [f64; 4])| {
         vec![
@@ -437,7 +437,7 @@ mod tests {
     use crate::bench::evidence::{Ablation, Segmentation};
     use crate::scene::RepeatedBytes;
 
-    /// Ours 30 dB and more by `more`, all others 29 dB.
+    /// Ours 30 dB plus `more`, all others 29 dB.
     fn scene(name: &str, part: Part, more: &[f64]) -> SceneResult {
         let row = |name: &str, psnr: f64| Row { name: name.into(), psnr, host_bytes: 2_000_000, ..Row::default() };
         let seed = |(seed, more): (u64, &f64)| SeedResult {

@@ -1,41 +1,42 @@
-//! A bounding volume hierarchy over boxes, four children to a node, so that one vector instruction tests four boxes:
-//! binned surface-area heuristic, near child first. Serves triangles of a mesh and meshes of a world.
+//! A bounding volume hierarchy with four children per node, so that one vector instruction tests four boxes. Built with
+//! the binned surface-area heuristic and walked near child first. Used for the triangles of a mesh and for the meshes
+//! of a world.
 
 use glam::{Vec3, Vec4};
 
-/// Bins per split: more gain nothing that shows.
+/// Bins per split: more bring no measurable gain.
 const BINS: usize = 12;
-/// Children of a node: lanes of a vector.
+/// Children of a node, one per lane of a vector.
 pub const LANES: usize = 4;
-/// Pending children of a walk: three for each of 21 levels, which are 42 of the binary tree that is built first.
+/// Pending children of a walk: three for each of 21 levels, which are 42 levels of the binary tree that is built first.
 const STACK: usize = 64;
-/// From this level on nodes are split in the middle of the list: 22 levels below hold 2^22 leaves.
+/// From this level on lists are split in the middle: 22 levels below hold 2^22 leaves.
 const MAX_DEPTH: usize = 20;
 
-/// An axis-aligned box.
+/// An axis-aligned bounding box.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Least coordinates.
+    /// Smallest coordinates.
     pub low: Vec3,
-    /// Greatest coordinates.
+    /// Largest coordinates.
     pub high: Vec3,
 }
 
 impl Bounds {
-    /// Contains nothing.
+    /// The empty box, neutral in [`Self::union`].
     pub const EMPTY: Self = Self { low: Vec3::INFINITY, high: Vec3::NEG_INFINITY };
 
-    /// The box grown to hold `p`.
+    /// The box extended to contain the point `p`.
     pub fn with(self, p: Vec3) -> Self {
         Self { low: self.low.min(p), high: self.high.max(p) }
     }
 
-    /// The box of both.
+    /// The smallest box that contains both.
     pub fn union(self, other: Self) -> Self {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// The middle.
+    /// Centre of the bounding box.
     pub fn centre(&self) -> Vec3 {
         0.5 * (self.low + self.high)
     }
@@ -45,7 +46,7 @@ impl Bounds {
         (self.high - self.low).length()
     }
 
-    /// The eight corners.
+    /// The eight corners, x varying fastest.
     pub fn corners(&self) -> [Vec3; 8] {
         let pick = |bit: usize, k: usize| if bit == 1 { self.high[k] } else { self.low[k] };
         std::array::from_fn(|i| Vec3::new(pick(i & 1, 0), pick(i >> 1 & 1, 1), pick(i >> 2, 2)))
@@ -57,29 +58,30 @@ impl Bounds {
     }
 }
 
-/// A half line; `direction` need not be of unit length: distances are in its multiples.
+/// A half line. `direction` need not be a unit vector: distances are multiples of its length.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
-    /// Start.
+    /// Start of the half line.
     pub origin: Vec3,
-    /// Direction.
+    /// Direction of the ray, of any length but 0.
     pub direction: Vec3,
     inverse: Vec3,
 }
 
 impl Ray {
-    /// From `origin` along `direction`.
+    /// The ray from `origin` along `direction`.
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, inverse: direction.recip() }
     }
 
-    /// The point at `t`.
+    /// The point at the ray parameter `t`.
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + self.direction * t
     }
 
-    /// Where the ray enters each box before `t_max`, and a bit for each that it meets. NaN (0 times infinity, a ray within a
-    /// face) misses or hits; the widened boxes of [`Bvh::build`] make the case one of measure zero.
+    /// The ray parameter at which the ray enters each child's box before `t_max`, and a bit per box that it hits. NaN
+    /// (0 times infinity, for a ray within a face) gives either result; [`Bvh::build`] widens boxes, so that this has
+    /// measure zero.
     fn enters(&self, node: &Node, t_max: f32) -> ([f32; LANES], u32) {
         let (mut near, mut far) = (Vec4::ZERO, Vec4::splat(t_max));
         for axis in 0..3 {
@@ -91,30 +93,31 @@ impl Ray {
     }
 }
 
-/// Four children, or fewer.
+/// An inner node with up to four children.
 #[derive(Clone, Copy, Debug)]
 struct Node {
-    /// Least and greatest coordinates of the children's boxes, by axis.
+    /// Smallest coordinates of the children's boxes, by axis.
     low: [Vec4; 3],
+    /// Largest coordinates of the children's boxes, by axis.
     high: [Vec4; 3],
-    /// Number of a node, or [`LEAF`] and that of a leaf.
+    /// Index of a node, or [`LEAF`] and the index of a leaf.
     children: [u32; LANES],
-    /// A bit for each child that there is.
+    /// One bit per child that exists.
     lanes: u32,
 }
 
-/// Marks numbers of leaves.
+/// Flag of leaf indices among children.
 const LEAF: u32 = 1 << 31;
 
-/// The tree.
+/// A tree with four children per node.
 #[derive(Clone, Debug, Default)]
 pub struct Bvh {
-    /// The root first; none if there are no items.
+    /// Nodes with the root first; empty if there are no items.
     nodes: Vec<Node>,
 }
 
 impl Bvh {
-    /// Builds the tree over boxes: the tree, and the items of each leaf, of which there are at most `leaf_items`.
+    /// Builds the tree over boxes. Returns it with the items of each leaf, at most `leaf_items`.
     pub fn build(boxes: &[Bounds], leaf_items: usize) -> (Self, Vec<Vec<u32>>) {
         let mut out = (Self::default(), Vec::new());
         if !boxes.is_empty() {
@@ -126,8 +129,8 @@ impl Bvh {
         out
     }
 
-    /// Visits the leaves whose boxes the ray meets before `t_max`, near ones first. `visit` may lower `t_max`; the walk ends
-    /// when it returns true.
+    /// Visits the leaves whose boxes the ray hits before `t_max`, near ones first. `visit` may lower `t_max`; the walk
+    /// ends when it returns true.
     pub fn walk(&self, ray: &Ray, t_max: &mut f32, mut visit: impl FnMut(usize, &mut f32) -> bool) {
         let mut stack = [(0f32, 0u32); STACK];
         let mut pending = usize::from(!self.nodes.is_empty());
@@ -149,7 +152,7 @@ impl Bvh {
             while met != 0 {
                 let lane = met.trailing_zeros() as usize & (LANES - 1);
                 met &= met - 1;
-                // The nearest is to be on top.
+                // Insertion sort keeps the nearest child on top.
                 let mut place = pending;
                 while place > begin && stack[place - 1].0 < entries[lane] {
                     stack[place] = stack[place - 1];
@@ -162,13 +165,13 @@ impl Bvh {
     }
 }
 
-/// Node of the binary tree that the wide one is made from.
+/// Node of the binary tree from which the wide one is made.
 #[derive(Clone, Copy)]
 struct Binary {
     bounds: Bounds,
-    /// First item of a leaf, else the left child; the right one follows it.
+    /// First item of a leaf, or index of the left child, which the right one follows.
     first: u32,
-    /// Items of a leaf; 0 = inner node.
+    /// Number of items of a leaf; 0 for an inner node.
     count: u32,
 }
 
@@ -184,7 +187,7 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    /// Adds a wide node with the children of this binary node's children, and all below; returns its number.
+    /// Adds a wide node with the grandchildren of a binary node and everything below; returns its index.
     fn widened(&self, root: u32, out: &mut (Bvh, Vec<Vec<u32>>)) -> u32 {
         let below = |n: u32| match self.nodes[n as usize] {
             Binary { count: 0, first, .. } => vec![first, first + 1],
@@ -216,7 +219,7 @@ impl Builder<'_> {
     fn split(&mut self, node: usize, begin: usize, end: usize, depth: usize) {
         let of = |item: &u32| self.boxes[*item as usize];
         let bounds = self.order[begin..end].iter().map(of).fold(Bounds::EMPTY, Bounds::union);
-        // Flat boxes get some thickness, so that rays within their plane are no special case.
+        // Flat boxes get some thickness, so that rays within their plane need no special case.
         let grow = Vec3::splat(1e-5 * (1.0 + bounds.high.abs().max_element().max(bounds.low.abs().max_element())));
         self.nodes[node].bounds = Bounds { low: bounds.low - grow, high: bounds.high + grow };
         let middle = match end - begin <= self.leaf_items {
@@ -236,7 +239,7 @@ impl Builder<'_> {
         self.split(left + 1, middle, end, depth + 1);
     }
 
-    /// Moves the items of the cheaper side to the front and returns where the other begins.
+    /// Moves the items of the first side to the front and returns where the second begins.
     fn partition(&mut self, begin: usize, end: usize) -> Option<usize> {
         let boxes = self.boxes;
         let centre = |item: u32| boxes[item as usize].centre();
@@ -280,7 +283,7 @@ mod tests {
     use super::*;
     use crate::math::rng::Rng;
 
-    /// Every box that a ray meets is visited, and none twice.
+    /// Every box that a ray hits is visited, and none twice.
     #[test]
     fn a_walk_visits_what_the_ray_meets() {
         let mut rng = Rng::new(4);

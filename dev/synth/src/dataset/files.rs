@@ -1,4 +1,4 @@
-//! The files of a data set.
+//! Writes the files of a data set.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,28 +12,26 @@ use crate::io::picture_png::write_png;
 use crate::io::{IoError, write_transforms};
 use crate::scene::{Camera, PosedGroup};
 
-/// Says that a folder is ours, and how it came about.
+/// File that marks a folder as a data set of this command, with the options that made it.
 pub(super) const MARK: &str = "synth.json";
-/// Every so many views, from the first, one is for test.
+/// One in this many views, starting with the first, is a test view.
 pub(super) const TEST_EVERY: usize = 8;
-/// Folders, and the endings of their files.
+/// Folders, with the extension of their files.
 const FOLDERS: [(&str, &str); 3] = [("images", "png"), ("masks", "png"), ("depth", "ktx2")];
-/// How the names of views begin.
+/// Prefix of the names of views.
 pub(super) const VIEW_PREFIX: &str = "view_";
 
-/// Train or test.
+/// Split that a view belongs to.
 pub(super) fn split_of(view: usize) -> Split {
     if view.is_multiple_of(TEST_EVERY) { Split::Test } else { Split::Train }
 }
 
-/// Makes the folders. A folder with other content than an earlier data set is refused; views of an earlier one are removed.
+/// Creates the folders and removes the views of an earlier data set. Fails for a folder with any other content.
 pub(super) fn prepare(out: &Path) -> Result<(), IoError> {
     let fail = |e: std::io::Error| IoError::new(out, format!("cannot make the folder: {e}"));
     let taken = fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some());
     if taken && !out.join(MARK).is_file() {
-        return Err(
-            IoError::new(out, "is not empty, and not a data set of this command").advise("choose another folder")
-        );
+        return Err(IoError::new(out, "is not empty and was not made by this command").advise("choose another folder"));
     }
     for (folder, ending) in FOLDERS {
         let folder = out.join(folder);
@@ -49,7 +47,7 @@ pub(super) fn prepare(out: &Path) -> Result<(), IoError> {
     Ok(())
 }
 
-/// Writes image, mask and depth of a view.
+/// Writes image, mask and depth of one view.
 pub(super) fn write_view(out: &Path, camera: &Camera, frame: Frame) -> Result<(), IoError> {
     let (width, height, name) = (camera.width, camera.height, &camera.name);
     write_png(&out.join("images").join(format!("{name}.png")), &frame.colors, (width, height))?;
@@ -58,7 +56,7 @@ pub(super) fn write_view(out: &Path, camera: &Camera, frame: Frame) -> Result<()
     write_ktx2(&out.join("depth").join(format!("{name}.ktx2")), &depth)
 }
 
-/// Writes `transforms.json` with all views, and the pair with the split.
+/// Writes `transforms.json` with all views, and the pair of files with the split.
 pub(super) fn write_cameras(out: &Path, cameras: &[Camera]) -> Result<(), IoError> {
     let views = |wanted: Option<Split>| -> Vec<(&Camera, String)> {
         let of_split = |i: usize| wanted.is_none_or(|split| split_of(i) == split);
@@ -75,7 +73,7 @@ pub(super) fn write_cameras(out: &Path, cameras: &[Camera]) -> Result<(), IoErro
     Ok(())
 }
 
-/// Writes what each id is.
+/// Writes the name of each id to `masks/categories.json`.
 pub(super) fn write_names(out: &Path, groups: &[PosedGroup]) -> Result<(), IoError> {
     let mut names = BTreeMap::new();
     for group in groups {

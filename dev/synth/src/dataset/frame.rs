@@ -1,4 +1,4 @@
-//! One view: what each pixel shows.
+//! Renders one view: colour, id and depth of each pixel.
 
 use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
@@ -12,35 +12,36 @@ use crate::math::rng::Rng;
 use crate::scene::Camera;
 use crate::shading::encoded;
 
-/// A view's pictures, row major.
+/// The images of a view, in row-major order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// sRGB bytes, three per pixel.
+    /// Colours as sRGB bytes, three per pixel.
     pub colors: Vec<u8>,
-    /// Id of the object at the pixel's centre, 0 = none.
+    /// Id of the object at each pixel's centre, 0 = none.
     pub ids: Vec<u16>,
-    /// View-space z at the pixel's centre, 0 = sky.
+    /// View-space z at each pixel's centre, 0 = sky.
     pub depths: Vec<f32>,
 }
 
-/// Samples of a pixel after which it may be done, and the largest contrast of its samples for which it is. The last has no
-/// contrast: edges get all samples. The first few count only where the middles of the pixels around show the same body.
+/// Adaptive sampling: number of samples after which a pixel may be finished, and the largest contrast of its samples
+/// for that. The last stage has no limit, so edges get all samples. The first stage counts only where all neighbouring
+/// pixels show the same body.
 const STAGES: [(usize, f32); 4] = [(4, 0.025), (9, 0.05), (18, 0.12), (MOST, f32::INFINITY)];
-/// From this sample on, what a sample of the same body has found is taken for what the next one would find, unless the sun
-/// reaches only some of them: edges between bodies need many rays, but not as many materials and shadows.
+/// From this sample on, the nearest earlier sample of the same body is reused unless the sun reaches only some of them:
+/// edges need many visibility rays, but not as many materials and shadows.
 const SHADED: usize = STAGES[2].0;
-/// Samples of a pixel with an edge.
+/// Largest number of samples of a pixel.
 const MOST: usize = 48;
-/// Added to a luminance before contrasts are taken: below it, differences hardly show.
+/// Added to a luminance before contrasts are computed: differences below it are hardly visible.
 const DARK: f32 = 0.15;
-/// Light from around is shared by the samples of a pixel whose normals differ by less (cosine) ...
+/// Samples of a pixel share indirect light if the cosine between their normals exceeds this ...
 const SAME_NORMAL: f32 = 0.97;
-/// ... and that are nearer to each other than this part of the distance of lit points.
+/// ... and they are nearer to each other than this part of the spacing of light samples.
 const SAME_PLACE: f32 = 0.35;
-/// Seeds of views are this far apart.
+/// First of the random streams of views.
 const VIEW_STREAM: u64 = 0x5EED_0001;
 
-/// Rays of a camera, in f32 from its own position.
+/// Camera rays in f32, from the camera's position.
 #[derive(Clone, Copy, Debug)]
 pub struct Lens {
     eye: Vec3,
@@ -52,7 +53,7 @@ pub struct Lens {
 }
 
 impl Lens {
-    /// Of a camera.
+    /// Rays of a pinhole camera.
     pub fn new(camera: &Camera) -> Self {
         Self {
             eye: camera.position_world().as_vec3(),
@@ -63,25 +64,26 @@ impl Lens {
         }
     }
 
-    /// The ray through a point of the image, pixels; its parameter is the view-space z.
+    /// The ray through a position in the image, pixels; its parameter is the view-space z.
     pub fn ray(&self, x: f64, y: f64) -> Ray {
         let d = DVec3::new((x - self.middle.0) / self.focal.0, (y - self.middle.1) / self.focal.1, 1.0);
         Ray::new(self.eye, (self.world_from_view * d).as_vec3())
     }
 }
 
-/// What a sample saw.
+/// Result of one sample.
 #[derive(Clone, Copy, Default)]
 struct Sample {
     color: Vec3,
-    /// Body and share of the sun; differences mean an edge.
+    /// Body that was hit; `None` for the sky.
     body: Option<u32>,
+    /// Share of the sun; a change between 0 and more marks a shadow edge.
     sun: f32,
-    /// Where in the pixel.
+    /// Position within the pixel.
     at: Vec2,
 }
 
-/// Takes the picture. `seed` moves the samples within their pixels; number `view` forks it.
+/// Renders a view. `seed` and the index `view` determine the positions of samples within their pixels.
 pub fn take(scene: &Scene, light: &Irradiance, camera: &Camera, seed: u64, view: u64) -> Frame {
     let lens = Lens::new(camera);
     let stream = Rng::new(seed).fork(VIEW_STREAM + view);
@@ -108,7 +110,7 @@ fn color_of(scene: &Scene, light: &Irradiance, lens: &Lens, pixel: (f64, f64), c
     let starts: [f64; 4] = std::array::from_fn(|_| rng.uniform());
     let mut samples = [Sample::default(); MOST];
     let mut count = 0;
-    // The light from around where the last sample was.
+    // Indirect light at the last sample.
     let mut shared = None;
     for &(enough, contrast) in &STAGES[usize::from(!calm)..] {
         while count < enough {
@@ -119,7 +121,7 @@ fn color_of(scene: &Scene, light: &Irradiance, lens: &Lens, pixel: (f64, f64), c
             let body = hit.map(|h| scene.world.body_of(&h));
             let known = samples.get(..SHADED).filter(|_| count >= SHADED).and_then(|known| alike(known, body, at));
             samples[count] = known.unwrap_or_else(|| {
-                // Of the sun, in another order.
+                // Points of the sun, in another order.
                 let (u, v) = spread_evenly(count * 29 % MOST, [starts[2], starts[3]]);
                 let sun = disc(u as f32, v as f32);
                 Sample { at, ..sample(scene, light, lens, (&ray, hit), sun, &mut shared) }
@@ -136,13 +138,13 @@ fn color_of(scene: &Scene, light: &Irradiance, lens: &Lens, pixel: (f64, f64), c
         .map(|c| (c * 255.0).round().clamp(0.0, 255.0) as u8)
 }
 
-/// Point `k` of the R2 sequence (Roberts 2018), whose first few points are spread evenly however many they are.
+/// Point `k` of the R2 sequence (Roberts 2018), every prefix of which is evenly spread.
 fn spread_evenly(k: usize, start: [f64; 2]) -> (f64, f64) {
     let along = |step: f64, start: f64| (start + step * k as f64).fract();
     (along(0.754_877_666_246_692_7, start[0]), along(0.569_840_290_998_053_2, start[1]))
 }
 
-/// The nearest of the samples of this body; none if the sun reaches only some of them, or if there is none.
+/// The nearest sample of the same body; `None` if there is none, or if the sun reaches only some of them.
 fn alike(known: &[Sample], body: Option<u32>, at: Vec2) -> Option<Sample> {
     let mut of_body = known.iter().filter(|s| s.body == body);
     let mut nearest = of_body.next()?;
@@ -157,7 +159,7 @@ fn alike(known: &[Sample], body: Option<u32>, at: Vec2) -> Option<Sample> {
     Some(*nearest)
 }
 
-/// True if the samples saw the same body in about the same colour.
+/// Whether all samples show the same body in about the same colour.
 fn is_even(samples: &[Sample], contrast: f32) -> bool {
     let (mut low, mut high) = (samples[0].color, samples[0].color);
     samples.iter().for_each(|s| (low, high) = (low.min(s.color), high.max(s.color)));
@@ -193,7 +195,7 @@ fn sample(
     Sample { color, body: Some(point.body), sun: on_it, at: Vec2::ZERO }
 }
 
-/// Colour of a point seen along the unit vector `view`, linear, with this light from around and share of the sun.
+/// Linear colour of a point seen along the unit vector `view`, for given indirect light and share of the sun.
 pub fn shaded(world: &World, point: &Point, view: Vec3, around: Vec3, sun: f32) -> Vec3 {
     let diffuse = point.surface.albedo * (around + world.light.sun * sun);
     if point.surface.coat <= 0.0 {
@@ -202,7 +204,7 @@ pub fn shaded(world: &World, point: &Point, view: Vec3, around: Vec3, sun: f32) 
     let cosine = (-view.dot(point.normal)).clamp(0.0, 1.0);
     let fresnel = point.surface.coat + (1.0 - point.surface.coat) * 0.6 * (1.0 - cosine).powi(5);
     let mirrored = view - 2.0 * view.dot(point.normal) * point.normal;
-    // What stands around hides as much of the mirrored sky as of the whole.
+    // Surroundings occlude as much of the mirrored sky as of the whole sky.
     let openness = (around.y / world.light.horizon.y).clamp(0.0, 1.0);
     diffuse * (1.0 - fresnel) + world.light.mirrored(mirrored, sun.min(1.0)) * (fresnel * openness)
 }

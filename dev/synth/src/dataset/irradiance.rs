@@ -1,6 +1,6 @@
-//! Light from the sky and from surfaces nearby, once per place instead of once per sample: points spread over all that
-//! the views see are lit with many rays each, and pixels interpolate between them. So the pictures have no noise of it,
-//! and a place looks the same in all views.
+//! Irradiance cache: sky light and one bounce are computed at points spread over the surfaces that the views see, with
+//! many rays each, and interpolated for pixels. So pictures have no noise from indirect light, and a surface looks the
+//! same in all views.
 
 use std::f32::consts::TAU;
 
@@ -14,32 +14,32 @@ use super::stage::Scene;
 use super::world::{Point, World};
 use crate::math::rng::Rng;
 
-/// Rays per point, as strata of angle to the normal by angle around it.
+/// Rays per point, as strata of the angle to the normal times strata of the angle around it.
 const STRATA: (usize, usize) = (8, 12);
-/// A point counts within this many spacings: about a dozen points do.
+/// Radius in which points are interpolated, in spacings: about a dozen points.
 const REACH: f32 = 2.3;
 /// Points whose normals differ by more (cosine) belong to another surface.
 const LEAST_COSINE: f32 = 0.7;
-/// Largest distance from the tangent plane, in reaches, at which a point counts.
+/// Largest distance of an interpolated point from the tangent plane, in radii.
 const PLANE_SHARE: f32 = 0.45;
-/// Less weight than this is no point nearby.
+/// A lower sum of weights means that no point is nearby.
 const LEAST_WEIGHT: f32 = 1e-4;
-/// Directions of rays that light a place without points nearby.
+/// Strata of the rays for a place without points nearby.
 const FALLBACK_STRATA: (usize, usize) = (6, 10);
 
-/// A lit point.
+/// A point with its indirect light.
 #[derive(Clone, Copy, Debug)]
 pub struct Lit {
-    /// The point.
+    /// The point on a surface.
     pub point: Point,
-    /// Light on it but the sun's own, over what a white surface under a white sky has.
+    /// Light without the direct sun, relative to that of a white surface under a white sky.
     pub light: Vec3,
 }
 
-/// Lit points with a grid for finding them.
+/// Points with indirect light, and a grid for finding them.
 pub struct Irradiance {
     lit: Vec<Lit>,
-    /// Positions and normals alone: most that are looked at are too far away.
+    /// Positions and normals alone: most points that are tested are too far away.
     places: Vec<(Vec3, Vec3)>,
     grid: Grid,
     reach: f32,
@@ -47,7 +47,7 @@ pub struct Irradiance {
 }
 
 impl Irradiance {
-    /// Lights points that are the scene's `light_spacing` apart.
+    /// Computes the light of points that are the scene's `light_spacing` apart.
     pub fn light(scene: &Scene, points: Vec<Point>, seed: u64) -> Self {
         let at = |(i, point): (usize, Point)| {
             let mut rng = Rng::new(seed).fork(i as u64);
@@ -60,12 +60,12 @@ impl Irradiance {
         Self { grid: Grid::new(&positions, reach), lit, places, reach, seed }
     }
 
-    /// The lit points.
+    /// All points with their light.
     pub fn points(&self) -> &[Lit] {
         &self.lit
     }
 
-    /// Light at a point of a surface.
+    /// Indirect light at a point of a surface, interpolated.
     pub fn at(&self, scene: &Scene, point: &Point) -> Vec3 {
         let core = scene.core_share(point.position);
         let beyond = || scene.world.light.open_sky(point.normal);
@@ -77,7 +77,8 @@ impl Irradiance {
     }
 
     fn inside(&self, world: &World, point: &Point) -> Vec3 {
-        // Of the same surface, and of any that looks the same way, for thin things that have no points of their own.
+        // Points of the same surface, and points of any surface with a similar normal, for thin parts without points of
+        // their own.
         let (mut own, mut any) = (Vec4::ZERO, Vec4::ZERO);
         for &near in self.grid.near(point.position) {
             let (position, normal) = self.places[near as usize];
@@ -91,21 +92,21 @@ impl Irradiance {
             let light = self.lit[near as usize].light.extend(1.0);
             any += light * (weight * cosine);
             let plane = apart.dot(point.normal).abs() / self.reach;
-            // Leaves have no plane in common.
+            // Leaves have no common plane.
             let off_plane = if point.surface.through > 0.0 { 0.0 } else { plane / PLANE_SHARE };
             own += light * (weight * (cosine - LEAST_COSINE + 0.02).max(0.0) * (1.0 - off_plane).max(0.0));
         }
         if let Some(found) = [own, any].into_iter().find(|sum| sum.w > LEAST_WEIGHT) {
             return found.truncate() / found.w;
         }
-        // A cell of a millimetre's size picks the directions: the same place has the same light in every view.
+        // Directions depend on a cell of a millimetre, so that a place has the same light in every view.
         let cell = (point.position * 1024.0).round().as_ivec3();
         let mut rng = Rng::new(self.seed ^ u64::from(hash(cell, 1)));
         gathered(world, point, FALLBACK_STRATA, &mut rng)
     }
 }
 
-/// Radiance from the half space over a point, mean over the cosine law; one bounce.
+/// Cosine-weighted mean radiance from the half space above a point, with one bounce.
 fn gathered(world: &World, point: &Point, strata: (usize, usize), rng: &mut Rng) -> Vec3 {
     let mut sum = Vec3::ZERO;
     for i in 0..strata.0 * strata.1 {
@@ -126,7 +127,7 @@ fn gathered(world: &World, point: &Point, strata: (usize, usize), rng: &mut Rng)
     sum / (strata.0 * strata.1) as f32
 }
 
-/// Keeps of `points`, in order, those that are `spacing` apart from all kept before of a like normal.
+/// Selects points, in order, that are `spacing` apart from all selected before with a similar normal.
 pub fn spread(points: impl IntoIterator<Item = Point>, spacing: f32) -> Vec<Point> {
     let mut cells: std::collections::HashMap<IVec3, Vec<(Vec3, Vec3)>> = std::collections::HashMap::new();
     let cell_of = |p: Vec3| (p / spacing).floor().as_ivec3();
@@ -147,10 +148,10 @@ pub fn spread(points: impl IntoIterator<Item = Point>, spacing: f32) -> Vec<Poin
     out
 }
 
-/// For each cell, the points within reach of any place in it.
+/// For each cell, the points within reach of any position in it.
 struct Grid {
     cell: f32,
-    /// Open addressing: cell and its range of `members`; an empty range is a free slot.
+    /// Hash table with open addressing: cell and its range of `members`; an empty range marks a free slot.
     slots: Vec<(IVec3, u32, u32)>,
     members: Vec<u32>,
 }
@@ -185,7 +186,7 @@ impl Grid {
         out
     }
 
-    /// The cell's slot, or the free one where it would go: at most half are taken, so there is one.
+    /// Slot of a cell, or the free slot where it would go; at most half of the slots are taken.
     fn slot_of(&self, cell: IVec3) -> usize {
         let mask = self.slots.len() - 1;
         let mut slot = hash(cell, 0) as usize & mask;

@@ -1,39 +1,39 @@
-//! The lights outside: a sun with a width, and a sky gradient over hazy ground.
+//! Daylight: a sun with an angular size, and a sky gradient above hazy ground.
 
 use glam::Vec3;
 
 use super::noise::{fractal, smooth_step};
 
-/// Radiances are linear and relative to the picture's white.
+/// Light of a scene. Radiances are linear and relative to the picture's white.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Daylight {
-    /// Unit vector to the middle of the sun.
+    /// Unit vector to the centre of the sun.
     pub to_sun: Vec3,
-    /// What a white surface that faces the sun adds.
+    /// Direct light on a white surface that faces the sun.
     pub sun: Vec3,
-    /// Tangent of the sun's half angle: larger is softer.
+    /// Tangent of the sun's half angle: larger values give softer shadows.
     pub sun_radius: f32,
-    /// Radiance of the sky overhead.
+    /// Radiance of the sky at the zenith.
     pub zenith: Vec3,
-    /// Radiance at the horizon.
+    /// Radiance of the sky at the horizon.
     pub horizon: Vec3,
-    /// Radiance of the ground beyond the scene's own.
+    /// Radiance of the ground beyond the scene.
     pub ground: Vec3,
-    /// What surfaces that a bounced ray meets are lit with besides the sun.
+    /// Light on surfaces that a bounced ray hits, besides the sun.
     pub ambient: Vec3,
-    /// Factor on all light before it is encoded.
+    /// Factor on all light before encoding.
     pub exposure: f32,
 }
 
 impl Daylight {
-    /// A clear afternoon, the sun at this azimuth and elevation in degrees.
+    /// A clear afternoon with the sun at the given azimuth and elevation, degrees.
     pub fn afternoon(azimuth_deg: f32, elevation_deg: f32) -> Self {
         let (sin_a, cos_a) = azimuth_deg.to_radians().sin_cos();
         let (sin_e, cos_e) = elevation_deg.to_radians().sin_cos();
         Self {
             to_sun: Vec3::new(cos_a * cos_e, sin_a * cos_e, sin_e),
             sun: Vec3::new(1.55, 1.36, 1.08),
-            // The real sun has 0.0047; a thin haze makes shadows that a splat can follow.
+            // The real value is 0.0047; a thin haze makes shadows that splats can represent.
             sun_radius: 0.02,
             zenith: Vec3::new(0.22, 0.38, 0.72),
             horizon: Vec3::new(0.74, 0.82, 0.92),
@@ -47,7 +47,7 @@ impl Daylight {
     pub fn sky(&self, d: Vec3) -> Vec3 {
         let up = d.z.max(0.0);
         let clear = self.horizon.lerp(self.zenith, 1.0 - (1.0 - up).powi(3));
-        // Thin clouds on a plane overhead, faded towards the horizon.
+        // Thin clouds on a plane above, faded towards the horizon.
         let cloud = if up > 0.02 {
             fractal(Vec3::new(d.x / (up + 0.15), d.y / (up + 0.15), 0.0), 1.1, 4, 0.02, 77)
         } else {
@@ -60,34 +60,35 @@ impl Daylight {
         self.ground.lerp(above, smooth_step(-0.05, 0.01, d.z))
     }
 
-    /// Light of the whole sky on a surface with this normal, as a mean over the cosine law: between that of a roof and that
-    /// of a ceiling over the open ground.
+    /// Cosine-weighted mean of the open sky and ground for a surface with this normal: between a roof's and a
+    /// downward-facing ceiling's.
     pub fn open_sky(&self, normal: Vec3) -> Vec3 {
         let roof = self.horizon.lerp(self.zenith, 0.75);
         self.ground.lerp(roof, 0.5 + 0.5 * normal.z)
     }
 
-    /// What a coat mirrors from the unit direction `d`: the sky, smooth at the horizon, and the sun as a broad lobe.
+    /// Radiance that a clear coat reflects from the unit direction `d`: a sky with a soft horizon, and the sun as a
+    /// broad lobe.
     pub fn mirrored(&self, d: Vec3, sun_seen: f32) -> Vec3 {
         let above = self.horizon.lerp(self.zenith, smooth_step(0.05, 0.8, d.z));
         let around = (self.ground * 0.5).lerp(above, smooth_step(-0.15, 0.12, d.z));
         around + self.sun * (6.0 * sun_seen * d.dot(self.to_sun).max(0.0).powi(90))
     }
 
-    /// A unit vector to the point (x, y) of the sun's disc, a unit disc.
+    /// Unit vector to the point (x, y) of the sun's disc, given as a unit disc.
     pub fn sun_direction(&self, x: f32, y: f32) -> Vec3 {
         let (a, b) = self.to_sun.any_orthonormal_pair();
         (self.to_sun + (a * x + b * y) * self.sun_radius).normalize()
     }
 }
 
-/// The unit square onto the unit disc, areas kept.
+/// Maps the unit square to the unit disc, preserving area.
 pub fn disc(u: f32, v: f32) -> (f32, f32) {
     let (sin, cos) = (std::f32::consts::TAU * v).sin_cos();
     (u.sqrt() * cos, u.sqrt() * sin)
 }
 
-/// The unit square onto directions around the unit vector `normal`, density in proportion to the cosine.
+/// Maps the unit square to cosine-distributed directions around the unit vector `normal`.
 pub fn cosine_direction(normal: Vec3, u: f32, v: f32) -> Vec3 {
     let (x, y) = disc(u, v);
     let (a, b) = normal.any_orthonormal_pair();
@@ -110,7 +111,7 @@ mod tests {
             mean += d.dot(Vec3::new(0.6, 0.0, 0.8)) / 1024.0;
             assert!(day.sun_direction(disc(u, v).0, disc(u, v).1).dot(day.to_sun) > 0.999);
         }
-        // The mean cosine of the cosine law.
+        // The mean cosine of the cosine distribution.
         assert!((mean - 2.0 / 3.0).abs() < 0.02, "{mean}");
         assert!(day.sky(Vec3::Z).z > day.sky(Vec3::Z).x && day.sky(-Vec3::Z) == day.ground);
     }

@@ -1,4 +1,4 @@
-//! What surfaces are made of.
+//! Materials of surfaces.
 
 use std::sync::Arc;
 
@@ -7,48 +7,48 @@ use glam::Vec3;
 use super::noise::{fractal, smooth_step};
 use crate::shading;
 
-/// A point that is asked for its material, in the object's frame.
+/// A point whose material is evaluated, in the object's frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Spot {
-    /// Tag of the triangle, see [`super::mesh::MeshBuilder::part`].
+    /// Tag of the triangle; see [`super::mesh::MeshBuilder::part`].
     pub part: u8,
-    /// Position.
+    /// Position in the object's frame.
     pub position: Vec3,
-    /// Unit normal, smooth.
+    /// Smooth unit normal in the object's frame.
     pub normal: Vec3,
-    /// Size of a pixel there, in the object's unit.
+    /// Size of a pixel there, in the object's unit, for antialiasing.
     pub footprint: f32,
 }
 
-/// Material of a point.
+/// Material at a point of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Surface {
-    /// Linear diffuse reflectance.
+    /// Linear diffuse reflectance, rgb.
     pub albedo: Vec3,
     /// Reflectance of a clear coat at normal incidence; 0 = matt.
     pub coat: f32,
-    /// Share of the sun that shines through from behind, as through leaves and cloth.
+    /// Share of the sun that passes through from behind, as in leaves and cloth.
     pub through: f32,
 }
 
 impl Surface {
-    /// Without coat.
+    /// A matt surface, without coat.
     pub fn matt(albedo: Vec3) -> Self {
         Self { albedo, coat: 0.0, through: 0.0 }
     }
 
-    /// With a clear coat.
+    /// A surface with a clear coat.
     pub fn coated(albedo: Vec3, coat: f32) -> Self {
         Self { albedo, coat, through: 0.0 }
     }
 
-    /// Thin and translucent.
+    /// A thin, translucent surface.
     pub fn thin(albedo: Vec3, through: f32) -> Self {
         Self { albedo, coat: 0.0, through }
     }
 }
 
-/// Gives every point of an object its material. A function of its arguments alone.
+/// Material of every point of an object; a pure function of its arguments.
 pub trait Look: Send + Sync {
     /// The material at a point.
     fn surface(&self, spot: &Spot) -> Surface;
@@ -60,11 +60,11 @@ impl<F: Fn(&Spot) -> Surface + Send + Sync> Look for F {
     }
 }
 
-/// The way from one look to another.
+/// Interpolates between two looks.
 pub struct Between {
-    /// From and to.
+    /// The looks at shares 0 and 1.
     pub looks: [Arc<dyn Look>; 2],
-    /// How far, 0..=1.
+    /// Share of the second look, 0..=1.
     pub share: f32,
 }
 
@@ -85,11 +85,11 @@ pub fn srgb(rgb: u32) -> Vec3 {
     shading::albedo(rgb).as_vec3()
 }
 
-/// Wood with its grain along the unit vector `along` of the object's frame: `tone` is its middle colour, linear.
+/// Wood with its grain along the unit vector `along` in the object's frame; `tone` is its mean colour, linear.
 pub fn wood(spot: &Spot, along: Vec3, tone: Vec3, seed: u32) -> Surface {
     let p = spot.position;
     let (x, y) = along.any_orthonormal_pair();
-    // Grain: noise that is stretched sixteenfold along the fibre.
+    // Grain: noise stretched sixteenfold along the fibre.
     let grain_at = Vec3::new(p.dot(x), p.dot(y), p.dot(along) / 16.0);
     let grain = fractal(grain_at, 0.03, 3, spot.footprint, seed);
     let rings = fractal(grain_at, 0.12, 2, spot.footprint, seed + 17);
@@ -97,19 +97,19 @@ pub fn wood(spot: &Spot, along: Vec3, tone: Vec3, seed: u32) -> Surface {
     Surface::coated(tone * value.max(0.2) * Vec3::new(1.0, 0.97 + 0.04 * rings, 0.93 + 0.08 * rings), 0.025)
 }
 
-/// Rough plaster or stone: `tone` with stains.
+/// Rough plaster or stone of the colour `tone` with stains.
 pub fn plaster(spot: &Spot, tone: Vec3, seed: u32) -> Surface {
     let stains = fractal(spot.position, 1.6, 5, spot.footprint, seed);
     let grain = fractal(spot.position, 0.09, 3, spot.footprint, seed + 5);
     Surface::matt(tone * (1.0 + 0.18 * stains + 0.14 * grain))
 }
 
-/// `a` where `t` is 0, `b` where it is 1.
+/// Interpolates from `a` to `b`; `t` is clamped to 0..=1.
 pub fn blend(a: Vec3, b: Vec3, t: f32) -> Vec3 {
     a.lerp(b, t.clamp(0.0, 1.0))
 }
 
-/// Grass: blotches of two greens and fine blades.
+/// Albedo of grass: patches of two greens, and fine blades.
 pub fn grass(spot: &Spot, seed: u32) -> Vec3 {
     let p = Vec3::new(spot.position.x, spot.position.y, 0.0);
     let patches = fractal(p, 5.0, 4, spot.footprint, seed);

@@ -1,4 +1,4 @@
-//! Triangle meshes with smooth normals, and the shapes they are put together from.
+//! Triangle meshes with smooth normals, and the shapes they are built from.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -6,15 +6,15 @@ use glam::{DMat3, DVec2, DVec3, Vec3, Vec4};
 
 use super::bvh::{Bounds, Bvh, LANES, Ray};
 
-/// Corners and edges of the triangles of a leaf, by axis, a triangle to a lane. Lanes without one have edges of length 0,
-/// which no ray meets.
+/// Corners and edges of the triangles of a leaf, by axis, one triangle per lane. Unused lanes have edges of length 0,
+/// which no ray hits.
 #[derive(Clone, Copy, Debug, Default)]
 struct Packet {
     corners: [Vec4; 3],
     edges: [[Vec4; 3]; 2],
 }
 
-/// What a triangle looks like.
+/// Shading data of a triangle.
 #[derive(Clone, Copy, Debug, Default)]
 struct Skin {
     flat: Vec3,
@@ -22,44 +22,44 @@ struct Skin {
     part: u8,
 }
 
-/// An object's triangles in its own frame, metres.
+/// The triangles of an object in its own frame, metres.
 #[derive(Clone, Debug)]
 pub struct Mesh {
-    /// One for each leaf.
+    /// One packet per leaf.
     packets: Vec<Packet>,
-    /// One for each lane of each packet.
+    /// One entry per lane of each packet.
     skins: Vec<Skin>,
     bvh: Bvh,
     bounds: Bounds,
     triangles: usize,
 }
 
-/// Where a ray meets a mesh.
+/// Intersection of a ray with a mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct MeshHit {
-    /// Ray parameter.
+    /// Ray parameter of the hit.
     pub t: f32,
     face: u32,
     barycentric: [f32; 2],
 }
 
 impl Mesh {
-    /// The box of all vertices.
+    /// Bounding box of all vertices.
     pub fn bounds(&self) -> Bounds {
         self.bounds
     }
 
-    /// Number of triangles.
+    /// Number of triangles in the mesh.
     pub fn len(&self) -> usize {
         self.triangles
     }
 
-    /// True if there are no triangles.
+    /// Whether there are no triangles.
     pub fn is_empty(&self) -> bool {
         self.triangles == 0
     }
 
-    /// The first hit within (0, `t_max`).
+    /// The nearest hit with a ray parameter in (0, `t_max`).
     pub fn closest(&self, ray: &Ray, t_max: f32) -> Option<MeshHit> {
         let (mut best, mut limit) = (None, t_max);
         self.bvh.walk(ray, &mut limit, |leaf, limit| {
@@ -76,7 +76,7 @@ impl Mesh {
         best
     }
 
-    /// True if anything is hit within (0, `t_max`).
+    /// Whether anything is hit with a ray parameter in (0, `t_max`).
     pub fn occludes(&self, ray: &Ray, t_max: f32) -> bool {
         let (mut found, mut limit) = (false, t_max);
         self.bvh.walk(ray, &mut limit, |leaf, limit| {
@@ -86,7 +86,7 @@ impl Mesh {
         found
     }
 
-    /// Part, geometric and smooth normal (unit vectors) of a hit.
+    /// Part, geometric normal and smooth normal (unit vectors) of a hit.
     pub fn skin(&self, hit: &MeshHit) -> (u8, Vec3, Vec3) {
         let skin = &self.skins[hit.face as usize];
         let [u, v] = hit.barycentric;
@@ -102,7 +102,7 @@ impl Skin {
     }
 }
 
-/// Ray parameters and barycentric coordinates, and a bit for each triangle that is met.
+/// Ray parameters and barycentric coordinates, and one bit per triangle that is hit.
 struct Met {
     t: Vec4,
     u: Vec4,
@@ -124,7 +124,7 @@ impl Packet {
         out
     }
 
-    /// Moller and Trumbore's test, of all triangles at once.
+    /// The test of Moller and Trumbore for all triangles at once.
     fn meets(&self, ray: &Ray, t_max: f32) -> Met {
         let lanes = |v: Vec3| v.to_array().map(Vec4::splat);
         let (origin, direction) = (lanes(ray.origin), lanes(ray.direction));
@@ -149,10 +149,10 @@ fn cross(a: &[Vec4; 3], b: &[Vec4; 3]) -> [Vec4; 3] {
     [a[1] * b[2] - b[1] * a[2], a[2] * b[0] - b[2] * a[0], a[0] * b[1] - b[0] * a[1]]
 }
 
-/// Corners, normals, part.
+/// Corners, vertex normals and part of a triangle.
 type Triangle = ([DVec3; 3], [DVec3; 3], u8);
 
-/// Collects triangles. `part` is the tag of whatever is added next.
+/// Collects triangles; the tag `part` is given to those that are added next.
 #[derive(Clone, Debug, Default)]
 pub struct MeshBuilder {
     /// Tag for [`super::look::Look`].
@@ -160,16 +160,16 @@ pub struct MeshBuilder {
     triangles: Vec<Triangle>,
 }
 
-/// Rounding of boxes in this many steps per quarter circle.
+/// Steps per quarter circle at rounded edges.
 const BEVEL_STEPS: usize = 2;
 
 impl MeshBuilder {
-    /// Nothing yet.
+    /// A builder without triangles.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The mesh.
+    /// Builds the mesh with its bounding volume hierarchy.
     pub fn build(self) -> Mesh {
         let boxes: Vec<Bounds> =
             self.triangles.iter().map(|t| t.0.iter().fold(Bounds::EMPTY, |b, p| b.with(p.as_vec3()))).collect();
@@ -190,7 +190,7 @@ impl MeshBuilder {
         out
     }
 
-    /// One triangle with a normal per corner; degenerate ones are left out.
+    /// Adds one triangle with a normal per corner; degenerate ones are dropped.
     pub fn triangle(&mut self, corners: [DVec3; 3], normals: [DVec3; 3]) {
         let area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
         if area > 1e-12 {
@@ -198,14 +198,14 @@ impl MeshBuilder {
         }
     }
 
-    /// The parallelogram corner + u a + v b with one normal.
+    /// Adds the parallelogram corner + u a + v b with a single normal.
     pub fn card(&mut self, corner: DVec3, a: DVec3, b: DVec3, normal: DVec3) {
         self.triangle([corner, corner + a, corner + a + b], [normal; 3]);
         self.triangle([corner, corner + a + b, corner + b], [normal; 3]);
     }
 
-    /// A grid over the surface `at(u, v)`, u and v in 0..=1, with its own normals; cells whose middle `keep` refuses are left
-    /// out.
+    /// Adds a grid over the surface `at(u, v)`, u and v in 0..=1, with its own normals. `keep` gets centre and normal
+    /// of each cell and may reject it.
     pub fn patch(
         &mut self,
         cells: (usize, usize),
@@ -228,11 +228,11 @@ impl MeshBuilder {
         }
     }
 
-    /// A box with rounded edges: centre, axes (columns of a rotation), half sizes, radius of the edges.
+    /// Adds a box with rounded edges: centre, axes (columns of a rotation), half sizes, radius of the edges.
     pub fn rounded_box(&mut self, centre: DVec3, axes: DMat3, half: DVec3, radius: f64) {
         let radius = radius.min(half.min_element());
         let inner = half - radius;
-        // Each angle at a corner appears on both sides of a face: the quads between them are the faces.
+        // Each angle at a corner belongs to both adjacent faces: the quads in between are the faces.
         let ring = |quarter: usize| {
             (0..=BEVEL_STEPS).map(move |i| FRAC_PI_2 * (quarter as f64 + i as f64 / BEVEL_STEPS as f64))
         };
@@ -265,13 +265,13 @@ impl MeshBuilder {
         }
     }
 
-    /// A box along the axes; see [`MeshBuilder::rounded_box`].
+    /// Adds an axis-aligned box; see [`MeshBuilder::rounded_box`].
     pub fn block(&mut self, centre: DVec3, half: DVec3, radius: f64) {
         self.rounded_box(centre, DMat3::IDENTITY, half, radius);
     }
 
-    /// A surface of revolution about the line through `centre` along the unit vector `axis`: (radius, height) points joined
-    /// by cones; smooth across joints where `smooth`.
+    /// Adds a surface of revolution about the line through `centre` along the unit vector `axis`: (radius, height)
+    /// points joined by cones, with smooth joints if `smooth`.
     pub fn lathe(&mut self, centre: DVec3, axis: DVec3, profile: &[(f64, f64)], segments: usize, smooth: bool) {
         let (x, y) = axis.any_orthonormal_pair();
         let slope = |i: usize| {
@@ -296,14 +296,14 @@ impl MeshBuilder {
         }
     }
 
-    /// A round bar from `a` to `b` with its radii there, closed.
+    /// Adds a closed round bar from `a` to `b` with the given radii at its ends.
     pub fn limb(&mut self, a: DVec3, b: DVec3, radii: (f64, f64), segments: usize) {
         let length = (b - a).length();
         let axis = (b - a).normalize_or(DVec3::Z);
         self.lathe(a, axis, &[(0.0, 0.0), (radii.0, 0.0), (radii.1, length), (0.0, length)], segments, false);
     }
 
-    /// An ellipsoid: centre, axes, half lengths.
+    /// Adds an ellipsoid: centre, axes, half lengths.
     pub fn ellipsoid(&mut self, centre: DVec3, axes: DMat3, half: DVec3, cells: (usize, usize)) {
         let at = |u: f64, v: f64| {
             let (sin, cos) = (PI * (u - 0.5)).sin_cos();
@@ -312,7 +312,7 @@ impl MeshBuilder {
         self.patch(cells, at, |_, _| true);
     }
 
-    /// A ring: centre, unit axis, radius of its middle line, radius of the tube.
+    /// Adds a torus: centre, unit axis, radius of the ring, radius of the tube.
     pub fn torus(&mut self, centre: DVec3, axis: DVec3, radii: (f64, f64), cells: (usize, usize)) {
         let (x, y) = axis.any_orthonormal_pair();
         let at = |u: f64, v: f64| {
@@ -323,7 +323,7 @@ impl MeshBuilder {
     }
 }
 
-/// The normal of a surface from differences; at poles, that of a point nearby.
+/// The normal of a surface from finite differences; at poles, that of a point nearby.
 fn normal_of(at: &impl Fn(f64, f64) -> DVec3, u: f64, v: f64) -> DVec3 {
     const STEP: f64 = 1e-4;
     for inset in [0.0, 2e-3] {

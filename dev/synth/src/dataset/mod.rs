@@ -1,10 +1,10 @@
-//! Data sets with repeated objects whose truth is known: photos of a procedural scene, ray-traced, with cameras, masks,
-//! depth, points, groups and poses. `instgs-vk synth`.
+//! `instgs-vk synth`: data sets with repeated objects and known truth. Ray-traced photos of a procedural scene, with
+//! cameras, masks, depth, points, groups and poses.
 //!
-//! A scene ([`scenes`]) places meshes ([`models`]) on a [`stage`]; a [`world`] answers rays through two levels of [`bvh`].
-//! The sun is sampled per pixel ([`frame`]); sky and bounced light are computed once per place ([`irradiance`]), so
-//! pictures are almost free of noise and all views agree. Everything follows from name, options and build: the same
-//! bytes each time, whatever the number of threads.
+//! A scene ([`scenes`]) places meshes ([`models`]) on a [`stage`]; a [`world`] traces rays through two levels of
+//! [`bvh`]. The sun is sampled per pixel ([`frame`]); sky and bounced light come from a cache ([`irradiance`]), so
+//! pictures are almost free of noise and consistent between views. The output is deterministic for a given name,
+//! options and build, with any number of threads.
 
 pub mod bvh;
 mod files;
@@ -34,31 +34,31 @@ use crate::scene::{Camera, PosedGroup};
 use irradiance::Irradiance;
 use stage::Scene;
 
-/// Most views of a data set.
+/// Largest number of views of a data set.
 pub const MAX_VIEWS: u32 = 10_000;
 
-/// Distances of a flight, metres: nearer, cameras are inside objects; farther, a scene is a few pixels.
+/// Smallest distance of a flight, metres: nearer cameras are inside objects.
 pub const MIN_FLIGHT: f64 = 0.5;
-/// See [`MIN_FLIGHT`].
+/// Largest distance of a flight, metres: farther away a scene covers a few pixels.
 pub const MAX_FLIGHT: f64 = 1000.0;
 
-/// What a data set is made with.
+/// Options of a data set.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Number of views, 2..=[`MAX_VIEWS`]: one at least is for training, and one for test.
+    /// Number of views, 2..=[`MAX_VIEWS`]: at least one is for training and one for test.
     pub views: u32,
-    /// Width and height in pixels.
+    /// Width and height of the photos, pixels.
     pub size: (u32, u32),
-    /// Seed of everything that is drawn.
+    /// Seed of all random draws.
     pub seed: u64,
-    /// Number of objects, `None` = the scene's own; see [`Recipe::instances`].
+    /// Number of objects, `None` = the scene's default; see [`Recipe::instances`].
     pub instances: Option<u32>,
-    /// How much of what objects of a kind differ by is shown, 0..=1: at 0 all look as the first of them, and from 0.5 on
-    /// each has its own parts. Sizes stay.
+    /// Part of the differences between objects of a kind that is shown, 0..=1: at 0 all look like the first one, and
+    /// from 0.5 on each has its own parts. Sizes do not change.
     pub differences: f64,
-    /// Cameras on a line to the target, from the first distance to the second, metres, instead of on rings.
+    /// Cameras on a line to the target instead of on rings, from the first distance to the second, metres.
     pub flight: Option<(f64, f64)>,
-    /// Also writes `groups_noisy.json`, with poses that are off by this much.
+    /// Also writes `groups_noisy.json` with poses disturbed by this much.
     pub pose_noise: Option<PoseNoise>,
 }
 
@@ -68,36 +68,36 @@ impl Default for Options {
     }
 }
 
-/// What was written.
+/// Result of [`write`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
-    /// All cameras, in order of their names.
+    /// All cameras in order of their names.
     pub cameras: Vec<Camera>,
-    /// True groups and poses.
+    /// True groups with their poses.
     pub groups: Vec<PosedGroup>,
-    /// Poses that are off, if asked for.
+    /// Groups with disturbed poses, if [`Options::pose_noise`] is given.
     pub disturbed: Option<Vec<PosedGroup>>,
-    /// Points in `points3d.ply`.
+    /// Number of points in `points3d.ply`.
     pub points: usize,
-    /// Triangles of all meshes, each counted once.
+    /// Number of triangles, each mesh counted once.
     pub triangles: usize,
 }
 
-/// Why there is no data set.
+/// Errors of making a data set.
 #[derive(Debug, thiserror::Error)]
 pub enum SynthError {
-    /// A file.
+    /// A file or folder cannot be used.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// A name that no scene has.
+    /// No scene has this name.
     #[error("there is no scene {0}; there are {names}", names = names())]
     UnknownName(String),
-    /// An option beyond its bounds.
+    /// An option is out of range.
     #[error("{option}: {what}")]
     Option {
-        /// Which.
+        /// Name of the option that is wrong.
         option: &'static str,
-        /// What is wrong.
+        /// What is wrong with its value.
         what: String,
     },
 }
@@ -106,10 +106,10 @@ fn names() -> String {
     RECIPES.map(|recipe| recipe.name).join(", ")
 }
 
-/// The scene of this name.
+/// Builds the scene with the given name.
 ///
 /// # Errors
-/// There is none, or it cannot have so many objects.
+/// No such scene; a number of objects that it cannot have; an option out of range.
 pub fn build(name: &str, options: &Options) -> Result<Scene, SynthError> {
     let recipe = RECIPES.iter().find(|r| r.name == name).ok_or_else(|| SynthError::UnknownName(name.into()))?;
     let (own, least, most) = recipe.instances;
@@ -139,21 +139,21 @@ fn check(options: &Options) -> Result<(), SynthError> {
     }
     let distance = |d: f64| (MIN_FLIGHT..=MAX_FLIGHT).contains(&d);
     if options.flight.is_some_and(|(from, to)| !distance(from) || !distance(to)) {
-        return fail("flight", format!("want distances of {MIN_FLIGHT} to {MAX_FLIGHT} metres"));
+        return fail("flight", format!("distances must be within {MIN_FLIGHT} to {MAX_FLIGHT} metres"));
     }
     let sound = |n: PoseNoise| (0.0..=180.0).contains(&n.degrees) && (0.0..=1.0).contains(&n.part);
     if options.pose_noise.is_some_and(|n| !sound(n)) {
-        return fail("pose-noise", "want an angle of 0 to 180 degrees and a part of 0 to 1".into());
+        return fail("pose-noise", "needs an angle of 0 to 180 degrees and a part of 0 to 1".into());
     }
     Ok(())
 }
 
-/// Makes the data set `name` in the folder `out`: `images/`, `masks/` (with `categories.json`), `depth/` (`.ktx2`, view-space
-/// z, 0 = sky), `transforms.json` and the pair with the split, `points3d.ply`, `groups.json`, and `groups_noisy.json` if
-/// asked for. `on_view` is told the number of views that are done, from 0 on.
+/// Writes the data set `name` to the folder `out`: `images/`, `masks/` (with `categories.json`), `depth/` (`.ktx2`,
+/// view-space z, 0 = sky), `transforms.json` and the pair with the split, `points3d.ply`, `groups.json`, and
+/// `groups_noisy.json` on request. `on_view` receives the number of views that are done, starting with 0.
 ///
 /// # Errors
-/// An unknown name, an option beyond its bounds, a folder that holds something else, a file that cannot be written.
+/// An unknown name; an option out of range; a folder with other content; a file that cannot be written.
 pub fn write(name: &str, out: &Path, options: &Options, on_view: &mut dyn FnMut(u32)) -> Result<Truth, SynthError> {
     let scene = build(name, options)?;
     let cameras = match options.flight {
@@ -181,7 +181,7 @@ pub fn write(name: &str, out: &Path, options: &Options, on_view: &mut dyn FnMut(
     Ok(Truth { cameras, groups, disturbed, points: cloud.len(), triangles })
 }
 
-/// Lights what the cameras see.
+/// Computes the indirect light of the surfaces that the cameras see.
 pub fn light_of(scene: &Scene, cameras: &[Camera], seed: u64) -> Irradiance {
     Irradiance::light(scene, points::seen(scene, cameras), seed)
 }

@@ -1,11 +1,11 @@
-//! Smooth noise for textures. Detail finer than the pixel's footprint fades to its mean, so that pictures do not alias.
+//! Smooth noise for textures. Detail finer than the pixel's footprint fades to its mean to avoid aliasing.
 
 use glam::{IVec3, Vec3, Vec4};
 
-/// Odd factors of the coordinates, which spread their bits.
+/// Odd factors that spread the bits of the coordinates.
 const FACTORS: [u32; 3] = [0x8DA6_B343, 0xD816_3841, 0xCB1A_B31F];
 
-/// Mixes three coordinates and a seed into 32 even bits.
+/// Hashes three coordinates and a seed to 32 uniform bits.
 pub fn hash(cell: IVec3, seed: u32) -> u32 {
     let part = |axis: usize| (cell[axis] as u32).wrapping_mul(FACTORS[axis]);
     mixed(part(0) ^ part(1) ^ part(2) ^ seeded(seed))
@@ -27,18 +27,18 @@ pub fn hash_unit(cell: IVec3, seed: u32) -> f32 {
 }
 
 fn unit(hash: u32) -> f32 {
-    // As i32, which has an instruction where u32 has none.
+    // As i32, which has a conversion instruction where u32 has none.
     (hash >> 8) as i32 as f32 / (1u32 << 24) as f32
 }
 
-/// Noise in -1..=1 with features of size 1: random values at whole coordinates, smoothly between.
+/// Value noise in -1..=1 with features of size 1: random values at integer coordinates, smoothly interpolated.
 pub fn noise(p: Vec3, seed: u32) -> f32 {
-    // Rounds towards 0, so negative numbers may be one too high. `floor` is a call on plain x86-64.
+    // Rounds towards 0, so negative numbers can be one too high. `floor` is a function call on plain x86-64.
     let cut = p.as_ivec3();
     let cell = cut - IVec3::select(cut.as_vec3().cmpgt(p), IVec3::ONE, IVec3::ZERO);
     let f = p - cell.as_vec3();
     let f = f * f * (3.0 - 2.0 * f);
-    // What `hash` has of each coordinate, and of its successor.
+    // Contributions of each coordinate and its successor to `hash`.
     let parts: [[u32; 2]; 3] = std::array::from_fn(|axis| {
         let part = (cell[axis] as u32).wrapping_mul(FACTORS[axis]);
         [part, part.wrapping_add(FACTORS[axis])]
@@ -53,8 +53,8 @@ pub fn noise(p: Vec3, seed: u32) -> f32 {
     2.0 * mix(mix(a, b, f.y), mix(c, d, f.y), f.z) - 1.0
 }
 
-/// Sum of `octaves` of noise, each half as large and half as strong, from features of `size` on. Octaves below twice the
-/// `footprint` (same unit as `p`) fade.
+/// Sum of `octaves` of noise, each half as large and half as strong as the one before, starting at `size`. Octaves
+/// below three times the `footprint` (same unit as `p`) fade.
 pub fn fractal(p: Vec3, size: f32, octaves: u32, footprint: f32, seed: u32) -> f32 {
     let (mut sum, mut size, mut weight) = (0.0, size, 0.5);
     for octave in 0..octaves {
@@ -69,12 +69,12 @@ pub fn fractal(p: Vec3, size: f32, octaves: u32, footprint: f32, seed: u32) -> f
     sum
 }
 
-/// How much of detail of this size a pixel of this footprint shows: 1 for large detail, 0 for what is lost.
+/// Visibility of detail of this size with this pixel footprint: 1 for large detail, 0 for what is lost.
 pub fn resolved(size: f32, footprint: f32) -> f32 {
     ((size / footprint.max(1e-9) - 1.0) / 2.0).clamp(0.0, 1.0)
 }
 
-/// 0 below `low`, 1 above `high`, smooth between.
+/// 0 below `low`, 1 above `high`, smooth in between.
 pub fn smooth_step(low: f32, high: f32, x: f32) -> f32 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
@@ -86,7 +86,7 @@ pub fn band(x: f32, middle: f32, half: f32, footprint: f32) -> f32 {
     (0.5 + (half - (x - middle).abs()) / edge).clamp(0.0, 1.0)
 }
 
-/// A grid of lines, `width` wide, at every multiple of `pitch`: 1 on a line. Far away, the share that lines cover.
+/// Lines of the given width at every multiple of `pitch`: 1 on a line. Far away, the share that lines cover.
 pub fn grid_line(x: f32, pitch: f32, width: f32, footprint: f32) -> f32 {
     let from_line = (x / pitch - (x / pitch).round()).abs() * pitch;
     let near = band(from_line, 0.0, 0.5 * width, footprint);

@@ -1,4 +1,4 @@
-//! Points on what the views see: those at which light is computed, and the cloud that training starts from.
+//! Points on the surfaces that the views see: those where light is computed, and the cloud that training starts from.
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -11,28 +11,28 @@ use crate::math::rng::Rng;
 use crate::scene::{Camera, PointCloud};
 use crate::shading::encoded;
 
-/// Most rays of all views together: about ten for every point that is kept.
+/// Largest number of rays over all views: about ten per point that is kept.
 const MOST_RAYS: usize = 900_000;
-/// Rays per pixel, if that is less: small pictures do not show more.
+/// Rays per pixel, if that is fewer: small pictures show no more.
 const RAYS_PER_PIXEL: usize = 3;
-/// Views that rays are taken from: more see nothing new.
+/// Largest number of views that rays are cast from: more show nothing new.
 const MOST_VIEWS: usize = 160;
-/// Points of the cloud in the part of the world where light is computed.
+/// Number of points of the cloud in the core, where light is computed.
 const CLOUD_POINTS: usize = 20_000;
-/// Standard deviation of the cloud's positions over the distance between lit points.
+/// Standard deviation of the cloud's positions, in spacings of light samples.
 const CLOUD_NOISE: f64 = 0.08;
-/// Random pixels asked for a point beyond the part of the world where light is computed, on far ground or in the sky: as
-/// many as that part has points, so that what is far has about the density in the pictures that is near.
+/// Random pixels from which points beyond the core are taken, on far ground or in the sky. As many as the core has
+/// points, so that near and far points have about the same density in pictures.
 const FAR_RAYS: usize = CLOUD_POINTS;
-/// Distance of the sky's points from the rig's target over the radius of that part: far enough to hardly move with the
-/// camera, near enough to be learned at the rates of a scene's own points.
+/// Distance of sky points from the rig's target, in core radii: far enough for little parallax, near enough to be
+/// learned at the rates of a scene's own points.
 const SKY_DISTANCE: f32 = 6.0;
-/// Sub-stream of the seed.
+/// Stream of the core points, derived from the seed.
 const CLOUD_STREAM: u64 = 0xC10D;
-/// Sub-stream of the seed for far points.
+/// Stream of the far points, derived from the seed.
 const FAR_STREAM: u64 = 0xFA12;
 
-/// Evenly spread points on the surfaces that the cameras see, within the part of the world where light is computed.
+/// Evenly spread points on the surfaces that the cameras see within the core, where light is computed.
 pub(super) fn seen(scene: &Scene, cameras: &[Camera]) -> Vec<Point> {
     let stride = cameras.len().div_ceil(MOST_VIEWS).max(1);
     let chosen: Vec<&Camera> = cameras.iter().step_by(stride).collect();
@@ -56,7 +56,7 @@ pub(super) fn seen(scene: &Scene, cameras: &[Camera]) -> Vec<Point> {
     spread(points.into_iter().flatten(), scene.light_spacing)
 }
 
-/// Some of the lit points with their colours, slightly off, and of what the cameras see beyond.
+/// The initial cloud: some of the lit points, with noise, and points that the cameras see beyond the core.
 pub(super) fn cloud(scene: &Scene, light: &Irradiance, cameras: &[Camera], seed: u64) -> PointCloud {
     let mut rng = Rng::new(seed).fork(CLOUD_STREAM);
     let mut chosen: Vec<usize> = (0..light.points().len()).collect();
@@ -80,8 +80,8 @@ fn add(cloud: &mut PointCloud, position: Vec3, color: Vec3) {
     cloud.colors.push(bytes.to_array().map(|c| c.round().clamp(0.0, 255.0) as u8));
 }
 
-/// What random pixels see beyond the part of the world where light is computed. Without these points a short training
-/// fills the sky with fog before the cameras. A scene of which the cameras see nothing beyond (a room) gets none.
+/// Adds points beyond the core that random pixels show. Without them a short training fills the sky with fog in front
+/// of the cameras. Closed scenes (a room) get none.
 fn add_far(cloud: &mut PointCloud, scene: &Scene, light: &Irradiance, cameras: &[Camera], seed: u64) {
     let mut rng = Rng::new(seed).fork(FAR_STREAM);
     for i in 0..FAR_RAYS {

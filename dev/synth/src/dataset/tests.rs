@@ -21,7 +21,8 @@ fn bytes_below(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     out
 }
 
-/// The same bytes twice, with one thread too; other bytes for another seed. An older data set in the folder leaves nothing.
+/// The same bytes twice, with one thread, too; other bytes for another seed. Nothing of an older data set in the folder
+/// remains.
 #[test]
 fn the_same_options_give_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
@@ -44,7 +45,7 @@ fn bytes_of(out: &Path, options: &Options) -> BTreeMap<String, Vec<u8>> {
     bytes_below(out)
 }
 
-/// With all differences nothing changes; with none, every car has the meshes and the paint of the first.
+/// With all differences nothing changes; without any, every car has the meshes and the paint of the first.
 #[test]
 fn differences_shrink_to_none() {
     use super::look::Spot;
@@ -70,7 +71,7 @@ fn differences_shrink_to_none() {
     assert!(build("cars", &Options { differences: 1.5, ..TINY }).is_err_and(|e| e.to_string().contains("differences")));
 }
 
-/// What is written is read back by the program's own readers, and agrees.
+/// The program's own readers read what was written, and the values agree.
 #[test]
 fn masks_groups_and_split_agree() {
     let folder = tempfile::tempdir().unwrap();
@@ -104,7 +105,7 @@ fn masks_groups_and_split_agree() {
     assert!(crate::io::read_points(out).unwrap().unwrap().points.len() > 1000);
 }
 
-/// The ray to where a pose puts a window's middle meets that window, at that depth.
+/// The ray towards the posed centre of a window hits that window at that depth.
 #[test]
 fn the_mask_shows_the_instance_where_its_pose_says() {
     let scene = build("facade", &TINY).unwrap();
@@ -117,11 +118,11 @@ fn the_mask_shows_the_instance_where_its_pose_says() {
         let hit = scene.world.closest(&lens.ray(x, y)).unwrap();
         found += u32::from(scene.world.id_of(&hit) == instance.id && (f64::from(hit.t) - in_view.z).abs() < 0.4);
     }
-    // A lamp post or a tree may stand before one or the other.
+    // A lamp post or a tree may stand in front of some.
     assert!(found >= 12, "{found} of 15");
 }
 
-/// A pose maps the reference's surface onto the instance's: rays at a mapped place find the mapped surface.
+/// A pose maps the reference's surface onto the instance's: rays at a mapped point hit the mapped surface.
 #[test]
 fn poses_map_the_reference_onto_the_instances() {
     for name in ["cars", "orchard", "facade"] {
@@ -169,7 +170,7 @@ fn disturbed_poses_are_off_by_exactly_so_much() {
     }
 }
 
-/// The noise of sampling: pictures whose samples are elsewhere in their pixels agree.
+/// Sampling noise: pictures with other sample positions in their pixels agree.
 #[test]
 fn pictures_hardly_depend_on_the_seed_of_their_samples() {
     let scene = build("unrelated", &TINY).unwrap();
@@ -184,7 +185,7 @@ fn pictures_hardly_depend_on_the_seed_of_their_samples() {
     assert!(distinct.len() > 1000, "{} colours", distinct.len());
 }
 
-/// For 160x90, where every other pixel has an edge. Measured at 320x180: 35 to 39 dB (hall, facade).
+/// For 160x90, where every other pixel has an edge.
 const NOISE_FLOOR_DB: f64 = 36.0;
 
 #[test]
@@ -212,7 +213,7 @@ fn bounds_and_names() {
     assert!(error.to_string().contains("not empty"), "{error}");
 }
 
-/// Objects stand apart: no instance's middle is inside the box of another of its kind, and all are seen.
+/// Objects do not intersect: no instance's centre is inside the box of another of its kind, and all are visible.
 #[test]
 fn every_object_is_seen_from_many_sides() {
     for name in ["cars", "facade"] {

@@ -10,23 +10,23 @@ use crate::scene::{PosedGroup, PosedInstance};
 /// A disturbance of poses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseNoise {
-    /// Angle by which every instance is turned, about a random axis through its centre.
+    /// Angle by which every instance is turned about a random axis through its centre, degrees.
     pub degrees: f64,
-    /// Length by which every instance is shifted in a random direction, as a part of its size: the diagonal of its bounding
-    /// box. In groups of several sizes, scales change by half this part, up or down.
+    /// Distance by which every instance is moved in a random direction, as a part of its size, the diagonal of its
+    /// bounding box. In groups of several sizes, scales also change by half this part, up or down.
     pub part: f64,
 }
 
-/// Sub-stream of the seed.
+/// Stream of the disturbances, derived from the seed.
 const NOISE_STREAM: u64 = 0x905E;
 
-/// An object's true pose and size.
+/// True pose and size of an object.
 struct Known {
     id: u32,
     world_from_object: Similarity,
-    /// Middle of its box, object frame.
+    /// Centre of its bounding box, object frame.
     centre: DVec3,
-    /// Diagonal of its box, world units.
+    /// Diagonal of its bounding box, world units.
     size: f64,
 }
 
@@ -38,13 +38,13 @@ fn known(scene: &Scene, id: u32) -> Option<Known> {
     Some(Known { id, world_from_object, centre: bounds.centre().as_dvec3(), size })
 }
 
-/// The groups as `groups.json` has them: the template frame has the reference's orientation and scale and its origin in the
-/// middle of the object's box, so the reference's pose is a translation.
+/// The groups as in `groups.json`: the template frame has the reference's orientation and scale, and its origin at the
+/// centre of the object's box, so the reference's pose is a translation.
 pub fn groups(scene: &Scene) -> Vec<PosedGroup> {
     posed(scene, |_, similarity| similarity)
 }
 
-/// The same groups with poses that are off.
+/// The same groups with disturbed poses.
 pub fn disturbed_groups(scene: &Scene, noise: PoseNoise, seed: u64) -> Vec<PosedGroup> {
     let rng = Rng::new(seed).fork(NOISE_STREAM);
     posed(scene, |(object, sizes_differ), pose| {

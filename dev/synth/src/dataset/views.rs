@@ -1,4 +1,4 @@
-//! Where the cameras stand.
+//! Camera positions of a data set.
 
 use glam::DVec3;
 
@@ -7,44 +7,45 @@ use crate::scene::Camera;
 
 /// Vertical field of view, radians.
 const FIELD_OF_VIEW: f64 = 45.0 * std::f64::consts::PI / 180.0;
-/// Widest horizontal field of view, radians: very wide pictures get less height instead.
+/// Largest horizontal field of view, radians: very wide pictures have a smaller vertical one.
 const WIDEST: f64 = 100.0 * std::f64::consts::PI / 180.0;
-/// Sub-stream of the seed.
+/// Stream of the camera positions, derived from the seed.
 const STREAM: u64 = 0xCA_3E_8A;
-/// Jitter of distance and height, relative.
+/// Relative jitter of distance and height.
 const JITTER: f64 = 0.05;
 
-/// A flight's angle over the ground: above hedges and fences, as a person or a low drone comes.
+/// Elevation of a flight, radians: above hedges and fences, like the view of a person or a low drone.
 const FLIGHT_ELEVATION: f64 = 14.0 * std::f64::consts::PI / 180.0;
-/// Off the middle of the azimuths, so that rows of objects are not seen end on.
+/// Azimuth of a flight from the centre of the rig's azimuths, so that rows of objects are not seen end on.
 const FLIGHT_AZIMUTH: f64 = 30.0 * std::f64::consts::PI / 180.0;
 
-/// A circle of cameras.
+/// A circle of cameras around the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ring {
     /// Horizontal distance from the rig's target, metres.
     pub distance: f64,
-    /// Height over the ground, metres.
+    /// Height above the ground, metres.
     pub height: f64,
 }
 
 /// Rings of cameras that look inwards: a dome, or a part of one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
-    /// What cameras look at.
+    /// Point that cameras look at, world frame.
     pub target: DVec3,
-    /// How far the point looked at strays from it, metres.
+    /// Largest distance of a camera's own target from it, metres.
     pub stray: f64,
-    /// The rings, at least one; cameras take turns on them. Their number should have no divisor in common with 8, so that test views
-    /// are on all of them.
+    /// The rings, at least one; cameras take turns on them. Their number should have no divisor in common with 8, so
+    /// that test views are on all of them.
     pub rings: Vec<Ring>,
-    /// Middle and width of the azimuths, radians; width TAU is all around.
+    /// Centre and width of the azimuths, radians; a width of TAU is all around.
     pub azimuths: (f64, f64),
 }
 
 impl Rig {
-    /// `count` cameras on a line that rises by 14 degrees from the target in the middle of the rig's azimuths, at
-    /// distances in equal ratios from the first to the second, metres; all look at the target. Named as those of rings.
+    /// `count` cameras on a line that rises by 14 degrees from the target, near the centre of the rig's azimuths, at
+    /// distances in geometric progression from the first to the second, metres; all look at the target. Named like
+    /// those of rings.
     pub fn flight(&self, count: u32, size: (u32, u32), (from, to): (f64, f64)) -> Vec<Camera> {
         let (azimuth, level) = (self.azimuths.0 + FLIGHT_AZIMUTH, FLIGHT_ELEVATION.cos());
         let towards = DVec3::new(level * azimuth.cos(), level * azimuth.sin(), FLIGHT_ELEVATION.sin());
@@ -56,14 +57,14 @@ impl Rig {
         (0..count).map(camera).collect()
     }
 
-    /// `count` cameras, named `view_000`, `view_001` and so on.
+    /// `count` cameras on the rings, named `view_000`, `view_001` and so on.
     pub fn cameras(&self, count: u32, size: (u32, u32), seed: u64) -> Vec<Camera> {
         let rng = Rng::new(seed).fork(STREAM);
         let fov_y = field_of_view(size);
         let camera = |i: u32| {
             let mut rng = rng.fork(u64::from(i));
             let ring = self.rings[i as usize % self.rings.len()];
-            // Golden sections spread any number of cameras evenly.
+            // The golden ratio spreads any number of cameras evenly.
             let share = (f64::from(i) * 0.618_033_988_75 + rng.range(0.0, 0.02)).fract() - 0.5;
             let azimuth = self.azimuths.0 + self.azimuths.1 * share;
             let mut vary = |v: f64| v * rng.range(1.0 - JITTER, 1.0 + JITTER);
@@ -82,7 +83,7 @@ fn name(i: u32, count: u32) -> String {
     format!("view_{i:0digits$}")
 }
 
-/// Vertical, radians.
+/// Vertical field of view for a picture of this size, radians.
 fn field_of_view(size: (u32, u32)) -> f64 {
     let aspect = f64::from(size.0) / f64::from(size.1);
     FIELD_OF_VIEW.min(2.0 * ((0.5 * WIDEST).tan() / aspect).atan())

@@ -1,4 +1,4 @@
-//! A world of placed meshes, and what rays meet there.
+//! A world of placed meshes, traced by rays.
 
 use std::sync::Arc;
 
@@ -10,28 +10,28 @@ use super::look::{Between, Look, Spot, Surface};
 use super::mesh::{Mesh, MeshHit};
 use crate::math::similarity::Similarity;
 
-/// Something that stands in the world: meshes that share a place, a look and an id.
+/// A body in the world: meshes that share a pose, a look and an id.
 pub struct Body {
-    /// Its meshes. The first of an object is what it has in common with its group; differences follow.
+    /// Indices of its meshes. An object's first one is common to its group; differences follow.
     pub meshes: Vec<usize>,
-    /// Where it is.
+    /// Pose of the body in the world.
     pub world_from_object: Similarity,
-    /// Its materials.
+    /// Materials of the body.
     pub look: Arc<dyn Look>,
     /// Id in the masks; 0 = background.
     pub id: u32,
 }
 
-/// Objects of one kind, or what the scene claims to be.
+/// Objects of one kind, or those that the scene claims to be alike.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Kind {
-    /// Its name.
+    /// Name of the kind of object.
     pub name: String,
     /// Ids of its objects, the reference first.
     pub ids: Vec<u32>,
 }
 
-/// A mesh in its place.
+/// A mesh of a body, with its pose.
 #[derive(Clone, Copy)]
 struct Piece {
     body: usize,
@@ -39,48 +39,48 @@ struct Piece {
     object_from_world: Affine3A,
 }
 
-/// Geometry, materials and light.
+/// Geometry, materials and light of a scene.
 pub struct World {
     meshes: Vec<Mesh>,
     bodies: Vec<Body>,
-    /// One for each leaf of the tree.
+    /// One piece per leaf of `bvh`.
     pieces: Vec<Piece>,
     bvh: Bvh,
-    /// The light.
+    /// Sun and sky of the scene.
     pub light: Daylight,
 }
 
-/// What a ray meets.
+/// Intersection of a ray with the world.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
-    /// Ray parameter.
+    /// Ray parameter of the hit.
     pub t: f32,
     piece: u32,
     on_mesh: MeshHit,
 }
 
-/// A point of a surface, lit or to be lit.
+/// A point on a surface, for shading.
 #[derive(Clone, Copy, Debug)]
 pub struct Point {
-    /// World frame.
+    /// Position in the world frame.
     pub position: Vec3,
-    /// Unit, smooth, towards the viewer.
+    /// Smooth unit normal, towards the viewer.
     pub normal: Vec3,
-    /// Unit, of the triangle, towards the viewer.
+    /// Unit normal of the triangle, towards the viewer.
     pub flat_normal: Vec3,
-    /// Number of the body.
+    /// Index of the body in the world.
     pub body: u32,
-    /// Material.
+    /// Material at the point.
     pub surface: Surface,
 }
 
-/// Rays start this far from their surface, metres: f32 coordinates of 100 m are exact to 1e-5 m.
+/// Distance of ray origins from their surface, metres: f32 coordinates of 100 m are exact to 1e-5 m.
 const LIFT: f32 = 1e-3;
-/// Nothing is farther.
+/// Largest ray parameter.
 const FAR: f32 = 1e6;
 
 impl World {
-    /// Puts bodies in their places.
+    /// Builds the tree over all meshes of all bodies.
     pub fn new(meshes: Vec<Mesh>, bodies: Vec<Body>, light: Daylight) -> Self {
         let mut pieces = Vec::new();
         let mut boxes = Vec::new();
@@ -94,14 +94,14 @@ impl World {
                 pieces.push(Piece { body: number, mesh, object_from_world: world_from_object.inverse() });
             }
         }
-        // A leaf to each: what is in a piece's box costs a walk of its own.
+        // One piece per leaf: its box already has a tree of its own.
         let (bvh, leaves) = Bvh::build(&boxes, 1);
         let pieces = leaves.iter().flatten().map(|&i| pieces[i as usize]).collect();
         Self { meshes, bodies, pieces, bvh, light }
     }
 
-    /// The same world, in which the objects of a kind differ by the part `share` of what they differ by: materials lie that
-    /// far from the reference's to their own, and from a half on each has its own meshes.
+    /// The same world with the part `share` of the differences between objects of a kind: materials are interpolated
+    /// from the reference's, and from a half on each object has its own meshes.
     pub fn with_differences(mut self, kinds: &[Kind], share: f32) -> Self {
         for kind in kinds {
             let Some(reference) = self.bodies.iter().find(|body| kind.ids.first() == Some(&body.id)) else { continue };
@@ -116,12 +116,12 @@ impl World {
         Self::new(self.meshes, self.bodies, self.light)
     }
 
-    /// The bodies.
+    /// All bodies, in the order of their indices.
     pub fn bodies(&self) -> &[Body] {
         &self.bodies
     }
 
-    /// The box of a body's first mesh, in the body's frame.
+    /// Bounding box of a body's first mesh, in the body's frame.
     pub fn object_bounds(&self, body: &Body) -> Bounds {
         body.meshes.first().map_or(Bounds::EMPTY, |&mesh| self.meshes[mesh].bounds())
     }
@@ -131,7 +131,7 @@ impl World {
         self.meshes.iter().map(Mesh::len).sum()
     }
 
-    /// The first hit.
+    /// The nearest hit, if any.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let (mut best, mut limit) = (None, FAR);
         self.bvh.walk(ray, &mut limit, |leaf, limit| {
@@ -145,17 +145,17 @@ impl World {
         best
     }
 
-    /// Id of the body that was hit.
+    /// Mask id of the body that was hit.
     pub fn id_of(&self, hit: &Hit) -> u32 {
         self.bodies[self.pieces[hit.piece as usize].body].id
     }
 
-    /// Number of the body that was hit.
+    /// Index of the body that was hit.
     pub fn body_of(&self, hit: &Hit) -> u32 {
         self.pieces[hit.piece as usize].body as u32
     }
 
-    /// True if nothing stands in the way from the point `from` in direction `towards`.
+    /// Whether the ray from the point `from` in direction `towards` hits nothing.
     pub fn open(&self, from: Vec3, towards: Vec3) -> bool {
         let ray = Ray::new(from, towards);
         let (mut blocked, mut limit) = (false, FAR);
@@ -167,12 +167,12 @@ impl World {
         !blocked
     }
 
-    /// The point that `ray` met. `footprint` is the size of a pixel at distance 1 of the ray.
+    /// The surface point at a hit of `ray`. `footprint` is the size of a pixel at distance 1 of the ray.
     pub fn point(&self, ray: &Ray, hit: &Hit, footprint: f32) -> Point {
         let piece = &self.pieces[hit.piece as usize];
         let body = &self.bodies[piece.body];
         let (part, flat, smooth) = self.meshes[piece.mesh].skin(&hit.on_mesh);
-        // Similarities: normals turn with the transposed inverse, up to length.
+        // Normals are transformed with the transposed inverse; for similarities that is right up to length.
         let to_world = piece.object_from_world.matrix3.transpose();
         let world_normal = |n: Vec3| Vec3::from(to_world * Vec3A::from(n)).normalize_or(Vec3::Z);
         let (flat_normal, normal) = (world_normal(flat), world_normal(smooth));
@@ -186,13 +186,13 @@ impl World {
             footprint: footprint * hit.t * scale / (0.35 + 0.65 * flat_normal.dot(ray.direction.normalize()).abs()),
         };
         let (flat_normal, surface) = (facing(flat_normal), body.look.surface(&spot));
-        // Smooth normals follow the side that is seen. Those of leaves point out of the crown, whatever side is seen.
+        // Smooth normals face the viewer, except those of leaves, which point out of the crown.
         let turned = normal.dot(flat_normal) < 0.0 && surface.through == 0.0;
         let normal = if turned { -normal } else { normal };
         Point { position, normal, flat_normal, body: piece.body as u32, surface }
     }
 
-    /// Share of the sun's light on a point, times the cosine: `at` is a point of the unit disc.
+    /// Share of the sun's light on a point, times the cosine; `at` is a point of the sun's disc, as a unit disc.
     pub fn sun_on(&self, point: &Point, at: (f32, f32)) -> f32 {
         let direction = self.light.sun_direction(at.0, at.1);
         let cosine = point.normal.dot(direction);
@@ -207,7 +207,7 @@ impl World {
 }
 
 impl Piece {
-    /// The ray in the object's frame; the parameter keeps its meaning.
+    /// The ray in the object's frame, with the same parameter.
     fn local(&self, ray: &Ray) -> Ray {
         let to = &self.object_from_world;
         Ray::new(to.transform_point3(ray.origin), to.transform_vector3(ray.direction))
@@ -215,7 +215,7 @@ impl Piece {
 }
 
 impl Point {
-    /// Where a ray in this direction starts: on the side of the surface that it leaves.
+    /// Origin of a ray in this direction: on the side of the surface towards which it leaves.
     pub fn lifted(&self, direction: Vec3) -> Vec3 {
         let side = if self.flat_normal.dot(direction) >= 0.0 { LIFT } else { -LIFT };
         self.position + self.flat_normal * side

@@ -14,7 +14,7 @@ use crate::car::{
 use crate::livery::Livery;
 use crate::surface::Surfel;
 
-// Tags of triangles.
+// Tags of the triangles.
 const SKIN: u8 = 0;
 const TAIL: u8 = 1;
 const CABIN: u8 = 2;
@@ -25,7 +25,7 @@ const WING: u8 = 6;
 const PAINTED: u8 = 7;
 const RACK: u8 = 8;
 
-/// What all cars have in common.
+/// The parts that all cars have in common.
 pub fn body() -> MeshBuilder {
     let mut b = MeshBuilder::new();
     let as_surfel = |position: DVec3, normal: DVec3| Surfel { position, normal, spacing: 0.0 };
@@ -60,11 +60,11 @@ fn wheel(b: &mut MeshBuilder, hub: DVec3) {
     b.part = RIMS;
     b.lathe(hub, outward, &[(0.218, 0.095), (0.15, 0.065), (0.06, 0.075), (0.0, 0.08)], 32, true);
     b.part = CARBON;
-    // What closes the arch behind the wheel.
+    // The back of the wheel arch.
     b.lathe(hub, outward, &[(ARCH_RADIUS + 0.02, -0.02), (ARCH_RADIUS + 0.02, -0.17), (0.0, -0.17)], 32, false);
 }
 
-/// The rear wing, `raised` metres above its place.
+/// The rear wing, `raised` metres above its normal position.
 pub fn wing(raised: f64) -> MeshBuilder {
     let mut b = MeshBuilder::new();
     b.part = WING;
@@ -99,9 +99,9 @@ pub fn roof_rack() -> MeshBuilder {
 
 /// Paint and start number of one car.
 pub struct CarLook {
-    /// Colours and pattern.
+    /// Colours and pattern of the paint.
     pub livery: Livery,
-    /// 0..=99.
+    /// Start number, 0..=99.
     pub number: u32,
 }
 
@@ -139,7 +139,7 @@ impl Look for CarLook {
 }
 
 impl CarLook {
-    /// Colour of the white discs with the number on doors and bonnet, `None` beside them.
+    /// Colour of the white discs with the number on doors and bonnet; `None` outside of them.
     fn roundel(&self, spot: &Spot) -> Option<glam::Vec3> {
         let p = spot.position;
         let (at, radius) = match () {
@@ -155,7 +155,7 @@ impl CarLook {
     }
 }
 
-/// Five broad spokes between rim and hub.
+/// Whether a point is on one of the five broad spokes, the rim or the hub.
 fn is_spoke(spot: &Spot) -> bool {
     let p = spot.position.as_dvec3();
     let from_hub = DVec2::new(p.x - AXLE_X * p.x.signum(), p.z - WHEEL_RADIUS);
@@ -163,7 +163,7 @@ fn is_spoke(spot: &Spot) -> bool {
     spoke < 0.45 || !(0.055..=0.195).contains(&from_hub.length())
 }
 
-/// Segments a to g of the digits 0 to 9 as bits.
+/// Segments a to g of the digits 0 to 9, as bits.
 const SEGMENTS: [u8; 10] = [0x3F, 0x06, 0x5B, 0x4F, 0x66, 0x6D, 0x7D, 0x07, 0x7F, 0x6F];
 
 /// Ink of one or two seven-segment digits in the unit disc, 0..=1.

@@ -1,4 +1,4 @@
-//! A chair, a table, a vase.
+//! Chair, table and vase, with cushion and bouquet.
 
 use std::f64::consts::PI;
 
@@ -8,7 +8,7 @@ use super::super::look::{Look, Spot, Surface, srgb, wood};
 use super::super::mesh::MeshBuilder;
 use super::super::noise::{band, fractal, grid_line};
 
-// Tags of triangles.
+// Tags of the triangles.
 const WOOD: u8 = 0;
 const CLOTH: u8 = 1;
 const UPRIGHT: u8 = 2;
@@ -17,7 +17,7 @@ const BOARD: u8 = 3;
 /// Height of the table's top, metres.
 pub const TABLE_HEIGHT: f64 = 0.76;
 
-/// A wooden chair, facing +x, 0.95 m high.
+/// A wooden chair that faces +x, 0.95 m high.
 pub fn chair() -> MeshBuilder {
     let mut b = MeshBuilder::new();
     b.part = UPRIGHT;
@@ -57,7 +57,7 @@ pub fn cushion() -> MeshBuilder {
     b
 }
 
-/// A table of 1.9 m by 0.95 m along x.
+/// A table of 1.9 m by 0.95 m, the longer side along x.
 pub fn table() -> MeshBuilder {
     let mut b = MeshBuilder::new();
     b.part = BOARD;
@@ -71,7 +71,7 @@ pub fn table() -> MeshBuilder {
     b
 }
 
-/// A bellied vase, 0.34 m high, with two handles.
+/// A bellied vase with two handles, 0.34 m high.
 pub fn vase() -> MeshBuilder {
     let knots = [
         (0.0, 0.0),
@@ -110,14 +110,14 @@ pub fn bouquet() -> MeshBuilder {
     b
 }
 
-/// Wooden furniture with or without cloth.
+/// Look of wooden furniture with or without cloth.
 #[derive(Clone, Copy, Debug)]
 pub struct WoodLook {
-    /// Middle colour of the wood, linear.
+    /// Mean colour of the wood, linear.
     pub tone: Vec3,
-    /// Cloth, linear.
+    /// Colour of the cloth, linear.
     pub cloth: Vec3,
-    /// Seed of the grain.
+    /// Seed of the wood's grain.
     pub seed: u32,
 }
 
@@ -137,12 +137,12 @@ impl Look for WoodLook {
     }
 }
 
-/// A glazed vase: colour with a painted band.
+/// Look of a glazed vase with a painted band.
 #[derive(Clone, Copy, Debug)]
 pub struct VaseLook {
-    /// Glaze, linear.
+    /// Colour of the glaze, linear.
     pub glaze: Vec3,
-    /// Band and blossoms, linear.
+    /// Colour of band and blossoms, linear.
     pub accent: Vec3,
 }
 

@@ -1,5 +1,5 @@
-//! Things that the scenes are made of. Each has a mesh builder in its own frame (z up, origin on the ground below the
-//! middle, metres) and a look.
+//! Objects and props of the scenes. Each has a mesh builder in its own frame (z up, origin on the ground below the
+//! centre, metres) and a look.
 
 pub mod car;
 pub mod furniture;

@@ -1,4 +1,4 @@
-//! What stands around: cones, tyres, lamp posts, barriers, ground.
+//! Props: cones, tyres, lamp posts, barriers, ground.
 
 use glam::{DVec3, Vec3};
 
@@ -31,14 +31,14 @@ pub fn tyre_stack(count: u32) -> MeshBuilder {
     b
 }
 
-/// Red and white by turns.
+/// Alternating red and white paint.
 pub fn tyre_look(spot: &Spot) -> Surface {
     let paint = if spot.part == 0 { srgb(0xC8261E) } else { srgb(0xE4E0D8) };
     let worn = fractal(spot.position, 0.2, 4, spot.footprint, 8);
     Surface::matt(paint.lerp(srgb(0x2A2A2C), smooth_step(0.1, 0.5, worn)))
 }
 
-/// A lamp post, 5 m high, its arm towards +x.
+/// A lamp post, 5 m high, with its arm towards +x.
 pub fn lamp_post() -> MeshBuilder {
     let mut b = MeshBuilder::new();
     b.lathe(DVec3::ZERO, DVec3::Z, &[(0.14, 0.0), (0.14, 0.25), (0.07, 0.35), (0.05, 4.8), (0.0, 4.85)], 16, true);
@@ -89,7 +89,7 @@ pub fn ground(half: f64) -> MeshBuilder {
     b
 }
 
-/// Asphalt: grains, stains, patches of newer tar, cracks.
+/// Albedo of asphalt: grains, stains, patches of newer tar, cracks.
 pub fn asphalt(spot: &Spot) -> Vec3 {
     let p = Vec3::new(spot.position.x, spot.position.y, 0.0);
     let stains = fractal(p, 3.5, 5, spot.footprint, 31);

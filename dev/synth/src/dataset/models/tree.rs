@@ -1,4 +1,4 @@
-//! A fruit tree: trunk, boughs, clusters of foliage with single leaves, fruit.
+//! A fruit tree: trunk, boughs, foliage in clusters with single leaves, and fruit.
 
 use glam::{DMat3, DVec3, Vec3};
 
@@ -7,12 +7,12 @@ use super::super::mesh::MeshBuilder;
 use super::super::noise::fractal;
 use crate::math::rng::Rng;
 
-// Tags of triangles.
+// Tags of the triangles.
 const BARK: u8 = 0;
 const LEAF: u8 = 1;
 const FRUIT: u8 = 2;
 
-/// Height of the crown's middle, metres.
+/// Height of the crown's centre, metres.
 const CROWN_HEIGHT: f64 = 2.35;
 
 /// A tree about 3.6 m high; all trees of a seed are the same.
@@ -60,7 +60,7 @@ fn foliage(b: &mut MeshBuilder, rng: &mut Rng, middle: DVec3, radius: f64, leave
         let out = rng.unit_vector();
         let at = middle + out * radius * rng.range(0.62, 1.0) * DVec3::new(1.0, 1.0, 0.82);
         let normal = (out + 0.6 * (at - DVec3::Z * CROWN_HEIGHT)).normalize();
-        // Leaves lie roughly along the surface, each with a tilt of its own.
+        // Leaves lie roughly along the surface, each with its own tilt.
         let tilted = (normal + 0.7 * rng.unit_vector()).normalize_or(normal);
         let (x, y) = tilted.any_orthonormal_pair();
         let turn = DMat3::from_axis_angle(tilted, rng.range(0.0, std::f64::consts::TAU));
@@ -78,9 +78,9 @@ fn foliage(b: &mut MeshBuilder, rng: &mut Rng, middle: DVec3, radius: f64, leave
 /// Colours of one tree, linear.
 #[derive(Clone, Copy, Debug)]
 pub struct TreeLook {
-    /// Leaves in the light.
+    /// Colour of leaves in the light.
     pub leaf: Vec3,
-    /// Fruit.
+    /// Colour of the fruit.
     pub fruit: Vec3,
     /// Seed of the blotches.
     pub seed: u32,

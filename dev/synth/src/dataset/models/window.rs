@@ -1,5 +1,5 @@
-//! A window of a house: frame, panes, sill; shutters and flower boxes as differences. Frame: x along the wall, -y outwards,
-//! z up, origin in the middle of the opening at the level of the wall's outer face.
+//! A window of a house: frame, panes, sill; blinds and flower boxes as differences. Frame: x along the wall, -y
+//! outwards, z up, origin at the centre of the opening in the wall's outer face.
 
 use glam::{DMat3, DVec3, Vec3};
 
@@ -11,7 +11,7 @@ use crate::math::rng::Rng;
 /// Half width and half height of the opening, metres.
 pub const HALF: (f64, f64) = (0.55, 0.8);
 
-// Tags of triangles.
+// Tags of the triangles.
 const FRAME: u8 = 0;
 const PANE: u8 = 1;
 const SILL: u8 = 2;
@@ -20,7 +20,7 @@ const BOX: u8 = 4;
 const LEAF: u8 = 5;
 const BLOSSOM: u8 = 6;
 
-/// Frame, panes, sill.
+/// A window with frame, panes and sill.
 pub fn window() -> MeshBuilder {
     let mut b = MeshBuilder::new();
     let (w, h) = HALF;
@@ -30,7 +30,7 @@ pub fn window() -> MeshBuilder {
     for side in [-1.0, 1.0] {
         b.block(DVec3::new(side * (w - 0.035), 0.10, 0.0), DVec3::new(0.04, 0.04, h), 0.01);
         b.block(DVec3::new(0.0, 0.10, side * (h - 0.035)), DVec3::new(w, 0.04, 0.04), 0.01);
-        // A surround proud of the wall.
+        // A surround that stands out from the wall.
         b.block(DVec3::new(side * (w + 0.06), -0.01, 0.0), DVec3::new(0.06, 0.035, h + 0.02), 0.012);
     }
     b.block(DVec3::new(0.0, 0.10, 0.0), DVec3::new(0.028, 0.035, h), 0.008);
@@ -41,7 +41,7 @@ pub fn window() -> MeshBuilder {
     b
 }
 
-/// A blind that covers this part of the opening from above.
+/// A blind that covers this part of the opening from above, 0..=1.
 pub fn blind(part: f64) -> MeshBuilder {
     let mut b = MeshBuilder::new();
     b.part = BLIND;
@@ -74,13 +74,13 @@ pub fn flower_box() -> MeshBuilder {
 /// Colours of one window, linear.
 #[derive(Clone, Copy, Debug)]
 pub struct WindowLook {
-    /// Curtains behind the panes.
+    /// Colour of the curtains behind the panes.
     pub curtain: Vec3,
     /// Half width of the gap between the curtains, metres.
     pub gap: f32,
-    /// Flowers.
+    /// Colour of the flowers.
     pub blossom: Vec3,
-    /// Blind.
+    /// Colour of the blind.
     pub blind: Vec3,
 }
 

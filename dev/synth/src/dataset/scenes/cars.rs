@@ -1,4 +1,4 @@
-//! A car park with racing cars: the same body, but other colours, numbers, wings and roof racks.
+//! A car park with racing cars: the same body, but different colours, numbers, wings and roof racks.
 
 use std::f64::consts::{PI, TAU};
 
@@ -13,7 +13,7 @@ use super::super::views::{Rig, Ring};
 use crate::math::rng::Rng;
 use crate::livery::{Livery, Wing};
 
-/// A car is two discs of this radius, this far before and behind its middle.
+/// Radius of the two discs that a car consists of, and their distance from its centre, metres.
 const DISC: (f64, f64) = (1.45, 1.15);
 
 pub(super) fn build(seed: u64, count: u32) -> Scene {
@@ -43,7 +43,7 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
     stage.finish(Daylight::afternoon(-52.0, 42.0), rig, 0.011 * extent as f32, 2.2 * extent as f32)
 }
 
-/// Places (middle, yaw) of cars that do not touch, and the radius of the disc that holds them.
+/// Places (centre, yaw) of cars that do not touch, and the radius of the disc that contains them.
 fn parked(rng: &mut Rng, count: usize) -> (Vec<(DVec2, f64)>, f64) {
     let discs = |(at, yaw): (DVec2, f64)| [1.0, -1.0].map(|side| at + DVec2::from_angle(yaw) * (side * DISC.1));
     let mut extent = 2.55 * (count as f64).sqrt() + 0.6;
@@ -56,7 +56,7 @@ fn parked(rng: &mut Rng, count: usize) -> (Vec<(DVec2, f64)>, f64) {
         if places.iter().all(free) {
             places.push(new);
         } else {
-            // A park that is full grows until all cars find a place.
+            // A full park grows until all cars have a place.
             extent *= 1.0005;
         }
     }
@@ -119,7 +119,7 @@ impl super::super::look::Look for Park {
 }
 
 impl Park {
-    /// Bays of 5.2 m by 2.7 m on both sides of a lane.
+    /// Paint of bays of 5.2 m by 2.7 m on both sides of a lane, 0..=1.
     fn lines(&self, p: Vec3, footprint: f32) -> f32 {
         let reach = 1.35 * self.extent;
         if p.x.abs() > reach || p.y.abs() > reach {

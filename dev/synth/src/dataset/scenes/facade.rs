@@ -1,4 +1,4 @@
-//! A house with a grid of windows: the same window, but other blinds, curtains and flower boxes.
+//! A house with a grid of windows: the same window, but different blinds, curtains and flower boxes.
 
 use std::f64::consts::PI;
 
@@ -14,17 +14,18 @@ use super::super::stage::{Scene, Stage, placed};
 use super::super::views::{Rig, Ring};
 use crate::math::rng::Rng;
 
-/// Distance of windows along the wall and upwards, metres.
+/// Spacing of windows along the wall and upwards, metres.
 const PITCH: (f64, f64) = (2.3, 2.9);
-/// Height of the ground floor, which has the door and no windows of the grid.
+/// Height of the ground floor, which has a door but no windows of the grid, metres.
 const GROUND_FLOOR: f64 = 3.3;
-/// Depth of the house and thickness of its front wall.
+/// Depth of the house, metres.
 const DEPTH: f64 = 6.0;
+/// Thickness of its front wall, metres.
 const WALL: f64 = 0.22;
 const CURTAINS: [u32; 6] = [0xE8E2D4, 0xC8513F, 0x5F86A8, 0xE0B34C, 0x7E9C6A, 0xB58AA8];
 const BLOSSOMS: [u32; 4] = [0xD8263A, 0xE86AA0, 0xF0D040, 0xE8E4F4];
 
-/// The wall's measures.
+/// Measures of the front wall, metres.
 #[derive(Clone, Copy)]
 struct Wall {
     columns: u32,
@@ -57,7 +58,7 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
     stage.finish(Daylight::afternoon(-125.0, 44.0), rig, 0.0105 * reach as f32, (1.9 * reach + 4.0) as f32)
 }
 
-/// Middle of the opening in this place of the grid, on the wall's face y = 0.
+/// Centre of the opening at an index of the grid, on the wall's face y = 0.
 fn opening(wall: Wall, place: u32) -> DVec3 {
     let (column, row) = (place % wall.columns, place / wall.columns);
     let x = PITCH.0 * (f64::from(column) - 0.5 * f64::from(wall.columns - 1));
@@ -111,7 +112,7 @@ fn house(stage: &mut Stage, wall: Wall, count: u32) {
     for side in [-1.0, 1.0] {
         let (centre, half) = front(side * (wall.half_width - edge), GROUND_FLOOR, wall.height, edge);
         b.block(centre, half, 0.0);
-        // The sides of the house.
+        // Side walls of the house.
         b.block(
             DVec3::new(side * (wall.half_width - 0.1), 0.5 * DEPTH, 0.5 * wall.height),
             DVec3::new(0.1, 0.5 * DEPTH, 0.5 * wall.height),
@@ -136,7 +137,7 @@ fn house(stage: &mut Stage, wall: Wall, count: u32) {
     stage.prop(mesh, placed(DVec3::ZERO, 0.0, 1.0), masonry);
 }
 
-/// A panelled door with a frame, a canopy and two steps, proud of the wall.
+/// A panelled door with a frame, a canopy and two steps, which stands out from the wall.
 fn door(b: &mut MeshBuilder) {
     b.part = 2;
     for side in [-1.0, 1.0] {
@@ -233,7 +234,7 @@ fn bench() -> MeshBuilder {
     b
 }
 
-/// Slabs before the house, then a kerb and the road.
+/// Slabs in front of the house, then a kerb and the road.
 fn pavement(spot: &Spot) -> Surface {
     let p = spot.position;
     if p.y < -4.2 {

@@ -1,4 +1,4 @@
-//! A dining hall: chairs, tables and vases, three groups; a wooden floor, walls, the sun through the windows.
+//! A dining hall: chairs, tables and vases, three groups; a wooden floor, walls, and sun through the windows.
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,12 +14,12 @@ use super::super::stage::{Scene, Stage, placed};
 use super::super::views::{Rig, Ring};
 use crate::math::rng::Rng;
 
-/// Distance of tables along and across, metres.
+/// Spacing of tables along and across, metres.
 const PITCH: DVec2 = DVec2::new(3.6, 3.4);
 /// Height of the ceiling, metres.
 const HEIGHT: f64 = 3.9;
 const WALL: f64 = 0.25;
-/// Windows: half width, sill, head, distance of their middles.
+/// Windows: half width, height of sill and head, and spacing, metres.
 const OPENING: (f64, f64, f64, f64) = (0.8, 0.75, 3.2, 2.5);
 const CLOTH: [u32; 4] = [0x2E6E8E, 0xB8483A, 0x6E8A4A, 0xD2A23C];
 const TONES: [u32; 3] = [0xA8743E, 0x8A5A32, 0xB98A52];
@@ -28,7 +28,7 @@ const GLAZE: [(u32, u32); 4] = [(0x2F5E8C, 0xF2EEE0), (0xC46A32, 0x2A2A30), (0xE
 pub(super) fn build(seed: u64, count: u32) -> Scene {
     let mut rng = Rng::new(seed).fork(2);
     let mut stage = Stage::new();
-    // Two vases and six chairs for every table, as far as the number goes.
+    // Two vases and six chairs per table, as far as the number of objects allows.
     let tables = ((count + 4) / 9).max(1);
     let chairs = count - 3 * tables;
     let columns = f64::from(tables).sqrt().ceil() as u32;
@@ -63,7 +63,7 @@ fn furnish(stage: &mut Stage, rng: &mut Rng, tables: &[(DVec2, f64)], chairs: u3
     for i in 0..chairs as usize {
         let seat = i / tables.len();
         let (at, yaw) = tables[i % tables.len()];
-        // Two on each long side, one at each end; more stand farther out.
+        // Two on each long side, one at each end; further chairs stand farther out.
         let (offset, facing) = [
             (DVec2::new(0.45, 0.72), -0.5 * PI),
             (DVec2::new(-0.45, -0.72), 0.5 * PI),
@@ -122,10 +122,10 @@ fn room(stage: &mut Stage, half: f64) {
     furnish_walls(stage, half);
 }
 
-/// One wall: number `side` counts quarter turns from +x. With windows, they stand in a row.
+/// One wall; `side` counts quarter turns from +x. Windows, if any, stand in a row.
 fn wall(b: &mut MeshBuilder, half: f64, side: u32, windows: bool) {
     let axes = glam::DMat3::from_rotation_z(0.5 * PI * f64::from(side));
-    // x outwards, y along the wall.
+    // x points outwards, y along the wall.
     let slab = |b: &mut MeshBuilder, along: (f64, f64), up: (f64, f64), depth: (f64, f64)| {
         let mid = |r: (f64, f64)| 0.5 * (r.0 + r.1);
         let reach = |r: (f64, f64)| 0.5 * (r.1 - r.0);
@@ -163,7 +163,7 @@ fn wall(b: &mut MeshBuilder, half: f64, side: u32, windows: bool) {
     }
 }
 
-/// Pictures, a sideboard, lamps over the room.
+/// Pictures, a sideboard, and potted plants in the corners.
 fn furnish_walls(stage: &mut Stage, half: f64) {
     let mut frame = MeshBuilder::new();
     frame.block(DVec3::ZERO, DVec3::new(0.02, 0.62, 0.44), 0.01);
@@ -215,7 +215,7 @@ fn walls(spot: &Spot) -> Surface {
     }
 }
 
-/// Boards 14 cm wide and 2.2 m long, each of its own tone, with a rug in the middle.
+/// Boards 14 cm wide and 2.2 m long, each with its own tone.
 fn planks(spot: &Spot) -> Surface {
     let p = spot.position;
     let (width, length) = (0.14, 2.2);
@@ -229,7 +229,7 @@ fn planks(spot: &Spot) -> Surface {
     Surface::coated(grain.albedo * tone * (1.0 - 0.6 * joint), 0.03)
 }
 
-/// A landscape in oil: bands of colour with a wandering edge.
+/// A landscape in oil: bands of colour with wandering edges.
 struct Painting {
     seed: u32,
 }

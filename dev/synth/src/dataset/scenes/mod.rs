@@ -1,4 +1,4 @@
-//! The scenes.
+//! The scenes that [`super::write`] can make.
 
 mod cars;
 mod facade;
@@ -8,16 +8,16 @@ mod unrelated;
 
 use super::stage::Scene;
 
-/// A scene that can be asked for by name.
+/// A scene that can be made by name.
 #[derive(Clone, Copy, Debug)]
 pub struct Recipe {
-    /// Its name.
+    /// Name on the command line.
     pub name: &'static str,
-    /// What it shows, one line.
+    /// What the scene shows, one line.
     pub about: &'static str,
-    /// Objects without `--instances`, and the fewest and most that it takes.
+    /// Number of objects without `--instances`, and the smallest and largest number allowed.
     pub instances: (u32, u32, u32),
-    /// Makes it from a seed and a number of objects.
+    /// Builds the scene from a seed and a number of objects.
     pub build: fn(u64, u32) -> Scene,
 }
 
@@ -30,7 +30,7 @@ const fn recipe(
     Recipe { name, about, instances, build }
 }
 
-/// All scenes, by name.
+/// All scenes that can be made by name.
 pub const RECIPES: [Recipe; 5] = [
     recipe("cars", "racing cars on a car park: liveries, wings, roof racks", (8, 2, 64), cars::build),
     recipe("hall", "chairs, tables and vases in a hall, three groups", (18, 6, 60), hall::build),

@@ -1,4 +1,4 @@
-//! An orchard: one tree in many sizes and turns, its fruit in many colours.
+//! An orchard: one tree in many sizes and rotations, its fruit in many colours.
 
 use std::f64::consts::{PI, TAU};
 
@@ -13,9 +13,9 @@ use super::super::stage::{Scene, Stage, placed};
 use super::super::views::{Rig, Ring};
 use crate::math::rng::Rng;
 
-/// Distance of rows and of trees in a row, metres.
+/// Spacing of rows, and of trees in a row, metres.
 const PITCH: f64 = 4.3;
-/// Leaves of a cluster: enough to break the clusters' outlines.
+/// Leaves per cluster: enough to break up the clusters' outlines.
 const LEAVES: usize = 150;
 const FRUIT: [u32; 6] = [0xC4241C, 0xE8B422, 0xE67A1E, 0x8A1C3A, 0xC8D048, 0xE04A34];
 
@@ -122,7 +122,7 @@ fn fence_panel() -> MeshBuilder {
     b
 }
 
-/// A row of bushes.
+/// A hedge: a row of bushes along x.
 fn hedge() -> MeshBuilder {
     let mut rng = Rng::new(71);
     let mut b = MeshBuilder::new();

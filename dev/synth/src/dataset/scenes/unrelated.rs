@@ -1,4 +1,4 @@
-//! Two things that have nothing in common but their group: what no shared template can serve.
+//! Two objects with nothing in common but their group: no shared template fits both.
 
 use std::f64::consts::TAU;
 
@@ -13,7 +13,7 @@ use super::cars::surroundings;
 use crate::math::rng::Rng;
 use crate::livery::Livery;
 
-/// Radius of the disc that holds both, metres.
+/// Radius of the disc that contains both, metres.
 const EXTENT: f64 = 5.2;
 
 pub(super) fn build(seed: u64, _count: u32) -> Scene {
