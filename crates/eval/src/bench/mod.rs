@@ -1,4 +1,4 @@
-//! L6: measurements of rendering, and their reports. The command line is in `cli/bench.rs`.
+//! Frame times: scenes drawn in turn, by pass; what levels of detail cost and save; and the reports.
 
 mod lod;
 mod measure;

@@ -128,8 +128,3 @@ impl Ratio {
         }
     }
 }
-
-/// Serialises pairs as a JSON object, in the order of the list.
-pub(crate) fn as_map<S: Serializer>(pairs: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(pairs.iter().copied())
-}
