@@ -178,10 +178,12 @@ impl ShaderSource {
             writeln!(out, "{}\npub {}: {reference} Buffer<{}>,", binding.doc, binding.name, binding.element)
                 .expect("String");
         }
-        out.push_str("}\nimpl BindingSet for Bindings<'_> {\n fn visit(&self, visit: &mut dyn FnMut(BoundBuffer)) {\n");
+        out.push_str(
+            "}\nimpl BindingSet for Bindings<'_> {\n fn visit(&self, visit: &mut dyn FnMut(BoundBuffer<'_>)) {\n",
+        );
         for (number, binding) in &bindings {
             let (name, writable) = (&binding.name, binding.writable);
-            writeln!(out, "visit(BoundBuffer::new({number}, {writable}, self.{name}.handle()));").expect("String");
+            writeln!(out, "visit(BoundBuffer::new({number}, {writable}, self.{name}));").expect("String");
         }
         out.push_str("}\n}\n");
         let infos: String = bindings
@@ -197,7 +199,8 @@ impl ShaderSource {
              bindings: &[{infos}], spec_constants: &[{specs}], \
              push_constant_bytes: std::mem::size_of::<{params_type}>() as u32 }};\n\
              /// Kernel marker type.\npub struct {kernel};\n\
-             impl Kernel for {kernel} {{ const SHADER: &'static Shader = &SHADER; type Params = {params_type}; type Bindings<'a> = Bindings<'a>; }}\n}}\n"
+             // SAFETY: all of this was reflected from the shader.\n\
+             unsafe impl Kernel for {kernel} {{ const SHADER: &'static Shader = &SHADER; type Params = {params_type}; type Bindings<'a> = Bindings<'a>; }}\n}}\n"
         )
         .expect("String");
         out

@@ -1,7 +1,9 @@
 //! Typed storage buffers.
 
 use std::marker::PhantomData;
+use std::ptr::NonNull;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -9,17 +11,75 @@ use gpu_allocator::vulkan::Allocation;
 
 use super::context::Gpu;
 use super::error::GpuError;
+use super::timeline::Ticket;
 
-/// Elements of `T` in device memory (or host-visible memory, for staging). Freed on drop, after the device is done.
+/// Elements of `T` in device memory (or host-visible memory, for staging). Dropping it never waits: the memory is freed when
+/// every submission that uses it has finished, and every recording that uses it has been submitted or abandoned.
 // repr(C): buffers of all element types have the same layout, so that `scalars` may look at one as another.
 #[repr(C)]
 pub struct Buffer<T> {
+    inner: Arc<BufferMemory>,
+    marker: PhantomData<T>,
+}
+
+/// What a [`Buffer`] is made of: shared with the recordings and submissions that use it, and freed with the last of them.
+pub(crate) struct BufferMemory {
     gpu: Arc<Gpu>,
     handle: vk::Buffer,
     allocation: Option<Allocation>,
     bytes: u64,
     name: String,
-    marker: PhantomData<T>,
+    /// The recording that was the last to keep this (see `Recorder::keep`).
+    last_recording: AtomicU64,
+    /// Ticket of the last submission that uses this; 0 = none.
+    last_ticket: AtomicU64,
+}
+
+impl BufferMemory {
+    pub(crate) fn handle(&self) -> vk::Buffer {
+        self.handle
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    pub(crate) fn is_of(&self, gpu: &Arc<Gpu>) -> bool {
+        Arc::ptr_eq(&self.gpu, gpu)
+    }
+
+    /// Notes that `recording` keeps this; true if it did so before. Numbers of recordings are never used twice.
+    pub(crate) fn is_kept_by(&self, recording: u64) -> bool {
+        // Two recorders that use the buffer in turn each keep it more than once, which does no harm.
+        let kept = self.last_recording.load(Ordering::Relaxed) == recording;
+        if !kept {
+            self.last_recording.store(recording, Ordering::Relaxed);
+        }
+        kept
+    }
+
+    /// Notes that a submission uses this.
+    pub(crate) fn submitted(&self, ticket: Ticket) {
+        self.last_ticket.fetch_max(ticket.0, Ordering::SeqCst);
+    }
+
+    /// Where the host sees the first byte, when no submission uses the buffer any more; `None` if it is not host-visible.
+    fn mapped_when_idle(&self) -> Option<NonNull<u8>> {
+        let mapped = self.allocation.as_ref()?.mapped_ptr()?;
+        // A lost device returns an error here; it no longer touches the memory either.
+        let _ = self.gpu.wait(Ticket(self.last_ticket.load(Ordering::SeqCst)));
+        Some(mapped.cast())
+    }
+}
+
+impl Drop for BufferMemory {
+    fn drop(&mut self) {
+        // SAFETY: the recordings and submissions that use the handle share this value, and the last of them is gone.
+        unsafe { self.gpu.device.destroy_buffer(self.handle, None) };
+        if let Some(allocation) = self.allocation.take() {
+            self.gpu.memory.free(allocation);
+        }
+    }
 }
 
 /// Kernels look at four elements at a time, whole or not: 16 bytes of f32, and 32 of Adam's pairs of moments.
@@ -47,8 +107,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     }
 
     fn with_location(gpu: &Arc<Gpu>, name: &str, len: usize, location: MemoryLocation) -> Result<Self, GpuError> {
-        let len = len.max(1);
-        let bytes = len as u64 * size_of::<T>() as u64;
+        let bytes = (len.max(1) as u64).saturating_mul(size_of::<T>() as u64);
         let limit = gpu.caps().max_storage_bytes;
         if bytes > limit {
             return Err(GpuError::BufferTooLarge { name: name.into(), bytes, limit });
@@ -58,29 +117,35 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
         let info = vk::BufferCreateInfo::default().size(padded_bytes(bytes)).usage(usage);
-        // SAFETY: a valid create-info; the handle is destroyed in drop.
+        // SAFETY: a valid create-info; the handle is destroyed when `memory` is dropped.
         let handle = unsafe { gpu.device.create_buffer(&info, None) }.map_err(GpuError::vulkan(name))?;
-        let mut buffer =
-            Self { gpu: gpu.clone(), handle, allocation: None, bytes, name: name.into(), marker: PhantomData };
-        // SAFETY: the handle is valid; on error below, drop destroys it.
+        let mut memory = BufferMemory {
+            gpu: gpu.clone(),
+            handle,
+            allocation: None,
+            bytes,
+            name: name.into(),
+            last_recording: AtomicU64::new(0),
+            last_ticket: AtomicU64::new(0),
+        };
+        // SAFETY: the handle was just created by this device.
         let requirements = unsafe { gpu.device.get_buffer_memory_requirements(handle) };
-        let allocation = gpu.memory.allocate(name, requirements, location)?;
+        let allocation = memory.allocation.insert(gpu.allocate(name, requirements, location)?);
         // SAFETY: memory and offset come from the allocator for these requirements, and are bound once.
         let bound = unsafe { gpu.device.bind_buffer_memory(handle, allocation.memory(), allocation.offset()) };
-        buffer.allocation = Some(allocation);
         bound.map_err(GpuError::vulkan(name))?;
         gpu.set_name(handle, name);
-        Ok(buffer)
+        Ok(Self { inner: Arc::new(memory), marker: PhantomData })
     }
 
     /// Bytes that kernels may touch: the elements and what pads them.
     pub fn padded_bytes(&self) -> u64 {
-        padded_bytes(self.bytes)
+        padded_bytes(self.inner.bytes)
     }
 
     /// Number of elements.
     pub fn len(&self) -> usize {
-        self.bytes as usize / size_of::<T>()
+        self.inner.bytes as usize / size_of::<T>()
     }
 
     /// Always false: buffers have at least one element.
@@ -90,29 +155,39 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
 
     /// Size in bytes.
     pub fn bytes(&self) -> u64 {
-        self.bytes
+        self.inner.bytes
     }
 
     /// The name it was made with.
     pub fn name(&self) -> &str {
-        &self.name
+        self.inner.name()
     }
 
-    /// The Vulkan buffer.
-    pub(crate) fn handle(&self) -> vk::Buffer {
-        self.handle
+    /// The Vulkan buffer, with usage `STORAGE_BUFFER`, `INDIRECT_BUFFER`, `TRANSFER_SRC` and `TRANSFER_DST`. It is destroyed
+    /// with `self` unless a recording or submission of this crate uses it.
+    pub fn handle(&self) -> vk::Buffer {
+        self.inner.handle()
     }
 
-    /// The mapped bytes of a host-visible buffer.
+    /// What recordings keep.
+    pub(crate) fn inner(&self) -> &Arc<BufferMemory> {
+        &self.inner
+    }
+
+    /// The mapped bytes of a host-visible buffer; waits for the submissions that use it.
     pub(crate) fn mapped(&self) -> Option<&[u8]> {
-        let bytes = self.bytes() as usize;
-        self.allocation.as_ref().and_then(|a| a.mapped_slice()).map(|all| &all[..bytes])
+        let first = self.inner.mapped_when_idle()?;
+        // SAFETY: the allocation is mapped, has at least `bytes` bytes and lives as long as `self`. The device is done with
+        // them, and stays so while the slice lives: callers, all of this crate, do not submit in between. The host writes
+        // only through `&mut self`.
+        Some(unsafe { std::slice::from_raw_parts(first.as_ptr(), self.bytes() as usize) })
     }
 
-    /// The mapped bytes of a host-visible buffer, writable.
+    /// The mapped bytes of a host-visible buffer, writable; waits for the submissions that use it.
     pub(crate) fn mapped_mut(&mut self) -> Option<&mut [u8]> {
-        let bytes = self.bytes() as usize;
-        self.allocation.as_mut().and_then(|a| a.mapped_slice_mut()).map(|all| &mut all[..bytes])
+        let first = self.inner.mapped_when_idle()?;
+        // SAFETY: as in `mapped`; `self` is the only way to the bytes on the host, and is borrowed mutably.
+        Some(unsafe { std::slice::from_raw_parts_mut(first.as_ptr(), self.bytes() as usize) })
     }
 }
 
@@ -161,12 +236,7 @@ impl<T: Floats> Buffer<T> {
 
 impl<T> Drop for Buffer<T> {
     fn drop(&mut self) {
-        // A lost device returns an error here; destruction is then allowed as well.
-        let _ = self.gpu.wait_all();
-        // SAFETY: the device no longer uses the buffer, and nothing else owns the handle.
-        unsafe { self.gpu.device.destroy_buffer(self.handle, None) };
-        if let Some(allocation) = self.allocation.take() {
-            self.gpu.memory.free(allocation);
-        }
+        // So that memory that only finished submissions share with this buffer is freed now, and not some time later.
+        self.inner.gpu.release_finished();
     }
 }

@@ -29,7 +29,7 @@ pub struct DeviceCaps {
     pub max_workgroup_invocations: u32,
     /// Work-group shared memory, bytes.
     pub shared_memory_bytes: u32,
-    /// Largest storage-buffer binding, bytes.
+    /// Largest storage-buffer binding, bytes; a multiple of 32.
     pub max_storage_bytes: u64,
     /// Largest work-group count along one dimension.
     pub max_workgroup_count: u32,
@@ -81,7 +81,8 @@ impl DeviceCaps {
             max_workgroup_subgroups: v13.max_compute_workgroup_subgroups,
             max_workgroup_invocations: core.limits.max_compute_work_group_invocations,
             shared_memory_bytes: core.limits.max_compute_shared_memory_size,
-            max_storage_bytes: u64::from(core.limits.max_storage_buffer_range),
+            // Buffers are padded to multiples of 32 bytes, and bound as a whole.
+            max_storage_bytes: u64::from(core.limits.max_storage_buffer_range) / 32 * 32,
             max_workgroup_count: core.limits.max_compute_work_group_count[0],
             max_storage_buffers: core.limits.max_per_stage_descriptor_storage_buffers,
             timestamp_period_ns: core.limits.timestamp_period,

@@ -55,6 +55,32 @@ pub enum GpuError {
         /// The allocator's words.
         reason: String,
     },
+    /// A kernel that uses more storage buffers than the device lets a stage use.
+    #[error(
+        "kernel {kernel} uses {needed} storage buffers, but {device} has at most {limit} \
+         (maxPerStageDescriptorStorageBuffers); choose another device with --device"
+    )]
+    TooManyBindings {
+        /// Kernel stem.
+        kernel: String,
+        /// Storage buffers it uses.
+        needed: u32,
+        /// The device's limit.
+        limit: u32,
+        /// Device name.
+        device: String,
+    },
+    /// A lock of the caller's did not do its part.
+    #[error("the caller's queue lock returned without running what it was given")]
+    QueueLock,
+    /// Something was recorded that this device cannot run.
+    #[error("recording {pass}: {reason}")]
+    Recording {
+        /// Stem of the pass, or the command.
+        pass: String,
+        /// What is wrong.
+        reason: String,
+    },
     /// The device was lost.
     #[error("the device was lost; what was begun last: {last_pass}")]
     DeviceLost {
@@ -85,7 +111,7 @@ pub enum GpuError {
 
 impl GpuError {
     /// Wraps a Vulkan result code with the name of the object or call; a lost device is one wherever it shows.
-    pub(crate) fn vulkan(what: &str) -> impl FnOnce(vk::Result) -> GpuError {
+    pub fn vulkan(what: &str) -> impl FnOnce(vk::Result) -> GpuError {
         move |result| match result {
             vk::Result::ERROR_DEVICE_LOST => GpuError::DeviceLost { last_pass: what.into() },
             result => GpuError::Vulkan { what: what.into(), result },

@@ -1,6 +1,5 @@
 //! Device memory through gpu-allocator, with running totals.
 
-use std::mem::ManuallyDrop;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -10,9 +9,9 @@ use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, 
 
 use super::error::GpuError;
 
-/// The allocator and what is allocated.
+/// The allocator and what is allocated. Dropping it frees all device memory, so that it goes before the device.
 pub(crate) struct Memory {
-    allocator: ManuallyDrop<Mutex<Allocator>>,
+    allocator: Mutex<Allocator>,
     current_bytes: AtomicU64,
     peak_bytes: AtomicU64,
     budget_bytes: AtomicU64,
@@ -38,7 +37,7 @@ impl Memory {
             reason: e.to_string(),
         })?;
         Ok(Self {
-            allocator: ManuallyDrop::new(Mutex::new(allocator)),
+            allocator: Mutex::new(allocator),
             current_bytes: AtomicU64::new(0),
             peak_bytes: AtomicU64::new(0),
             budget_bytes: AtomicU64::new(u64::MAX),
@@ -97,14 +96,5 @@ impl Memory {
     /// Forgets the peak so far.
     pub(crate) fn reset_peak(&self) {
         self.peak_bytes.store(self.current_bytes.load(Ordering::Relaxed), Ordering::Relaxed);
-    }
-
-    /// Releases all device memory.
-    ///
-    /// # Safety
-    /// Called once, before the device is destroyed, when no allocation is in use.
-    pub(crate) unsafe fn destroy(&mut self) {
-        // SAFETY: the caller calls this once and does not use the allocator afterwards.
-        unsafe { ManuallyDrop::drop(&mut self.allocator) };
     }
 }

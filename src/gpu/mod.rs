@@ -8,7 +8,10 @@ pub mod barrier;
 pub mod buffer;
 pub mod caps;
 pub mod context;
+pub mod device;
 pub mod error;
+pub mod external;
+mod instance;
 pub mod interface;
 pub mod memory;
 pub mod pipeline;
@@ -22,10 +25,13 @@ pub mod timeline;
 pub mod ui_painter;
 pub mod validation;
 
+pub use ash::vk;
 pub use buffer::Buffer;
 pub use caps::DeviceCaps;
-pub use context::{DeviceChoice, Gpu, GpuOptions};
+pub use context::{DeviceChoice, Gpu, GpuOptions, QueueLock};
+pub use device::{RawDevice, RequiredFeatures};
 pub use error::GpuError;
+pub use external::{ImageTarget, Signal};
 pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
 #[cfg(feature = "window")]

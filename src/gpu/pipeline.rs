@@ -135,10 +135,10 @@ impl PipelineStore {
 /// A compiled kernel with its spec constants fixed.
 pub struct Pipeline<K> {
     /// Keeps the device, which owns the handles.
-    _gpu: Arc<Gpu>,
-    pub(crate) handle: vk::Pipeline,
-    pub(crate) layout: vk::PipelineLayout,
-    pub(crate) set_layout: vk::DescriptorSetLayout,
+    pub(super) gpu: Arc<Gpu>,
+    pub(super) handle: vk::Pipeline,
+    pub(super) layout: vk::PipelineLayout,
+    pub(super) set_layout: vk::DescriptorSetLayout,
     kernel: PhantomData<K>,
 }
 
@@ -146,7 +146,8 @@ impl<K: Kernel> Pipeline<K> {
     /// Kernel `K` for `subgroup_size` with the named 32-bit specialisation constants; compiled, unless the device has it.
     ///
     /// # Errors
-    /// A name that the shader does not declare, or the driver refuses the pipeline.
+    /// A name that the shader does not declare, more storage buffers than the device lets a kernel use
+    /// ([`GpuError::TooManyBindings`]), or the driver refuses the pipeline.
     pub fn new(
         gpu: &Arc<Gpu>,
         cache: &PipelineCache,
@@ -157,7 +158,26 @@ impl<K: Kernel> Pipeline<K> {
         let key = (K::SHADER.name, subgroup_size, named);
         let create = || compile(gpu, cache, K::SHADER, subgroup_size, constants);
         let Compiled { handle, layout, set_layout } = gpu.pipelines.get_or_create(key, create)?;
-        Ok(Self { _gpu: gpu.clone(), handle, layout, set_layout, kernel: PhantomData })
+        Ok(Self { gpu: gpu.clone(), handle, layout, set_layout, kernel: PhantomData })
+    }
+}
+
+/// What [`compile`] has made so far; destroyed unless it is taken over.
+struct Unfinished<'a> {
+    device: &'a ash::Device,
+    module: vk::ShaderModule,
+    layout: vk::PipelineLayout,
+    set_layout: vk::DescriptorSetLayout,
+}
+
+impl Drop for Unfinished<'_> {
+    fn drop(&mut self) {
+        // SAFETY: made from this device, and no pipeline that is used was made from what is still here; null is ignored.
+        unsafe {
+            self.device.destroy_shader_module(self.module, None);
+            self.device.destroy_pipeline_layout(self.layout, None);
+            self.device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
     }
 }
 
@@ -168,14 +188,20 @@ fn compile(
     subgroup_size: u32,
     constants: &[(&str, u32)],
 ) -> Result<Compiled, GpuError> {
+    check_bindings(gpu, shader)?;
     let (entries, data) = specialisation(shader, constants)?;
     let words = ash::util::read_spv(&mut std::io::Cursor::new(shader.spirv))
         .map_err(|e| GpuError::Kernel { kernel: shader.name.into(), reason: e.to_string() })?;
-    let set_layout = create_set_layout(gpu, shader)?;
-    let layout = create_layout(gpu, shader, set_layout)?;
+    let mut made = Unfinished {
+        device: &gpu.device,
+        module: vk::ShaderModule::null(),
+        layout: vk::PipelineLayout::null(),
+        set_layout: create_set_layout(gpu, shader)?,
+    };
+    made.layout = create_layout(gpu, shader, made.set_layout)?;
     let module_info = vk::ShaderModuleCreateInfo::default().code(&words);
-    // SAFETY: words are the SPIR-V that shaderc made; the module is destroyed below, after pipeline creation.
-    let module =
+    // SAFETY: words are the SPIR-V that shaderc made; `made` destroys the module, which only pipeline creation needs.
+    made.module =
         unsafe { gpu.device.create_shader_module(&module_info, None) }.map_err(GpuError::vulkan(shader.name))?;
     let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(&data);
     let mut required =
@@ -183,20 +209,30 @@ fn compile(
     let mut stage = vk::PipelineShaderStageCreateInfo::default()
         .stage(vk::ShaderStageFlags::COMPUTE)
         .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
-        .module(module)
+        .module(made.module)
         .name(c"main")
         .specialization_info(&specialization);
     if gpu.caps().can_require_subgroup_size {
         stage = stage.push_next(&mut required);
     }
-    let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(layout)];
+    let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(made.layout)];
     // SAFETY: every pointer of `info` lives through the call.
     let created = unsafe { gpu.device.create_compute_pipelines(cache.handle, &info, None) };
-    // SAFETY: the module is not needed once the pipeline exists.
-    unsafe { gpu.device.destroy_shader_module(module, None) };
     let handle = created.map_err(|(_, e)| e).map_err(GpuError::vulkan(shader.name))?[0];
     gpu.set_name(handle, shader.name);
+    let layout = std::mem::replace(&mut made.layout, vk::PipelineLayout::null());
+    let set_layout = std::mem::replace(&mut made.set_layout, vk::DescriptorSetLayout::null());
     Ok(Compiled { handle, layout, set_layout })
+}
+
+/// Fails if the device lets a kernel use fewer storage buffers than this one does. Devices are opened without this check:
+/// drawing needs fewer than training, and what is never made needs none.
+fn check_bindings(gpu: &Gpu, shader: &Shader) -> Result<(), GpuError> {
+    let (needed, limit) = (shader.bindings.len() as u32, gpu.caps().max_storage_buffers);
+    if needed <= limit {
+        return Ok(());
+    }
+    Err(GpuError::TooManyBindings { kernel: shader.name.into(), needed, limit, device: gpu.caps().name.clone() })
 }
 
 fn specialisation(

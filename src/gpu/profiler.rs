@@ -34,6 +34,11 @@ impl Profiler {
         unsafe { self.gpu.device.reset_query_pool(self.pool, 0, 2 * MAX_PASSES) };
     }
 
+    /// As if there had been no passes, for a command buffer that is not submitted.
+    pub(crate) fn forget(&mut self) {
+        self.names.clear();
+    }
+
     /// Writes the first timestamp of a pass; `None` if there is no room.
     pub(crate) fn begin(&mut self, commands: vk::CommandBuffer, name: &'static str) -> Option<u32> {
         let index = self.names.len() as u32;
@@ -77,8 +82,7 @@ impl Profiler {
 
 impl Drop for Profiler {
     fn drop(&mut self) {
-        let _ = self.gpu.wait_all();
-        // SAFETY: the device is done with the queries.
+        // SAFETY: the recorder that owns this has waited for the submission that writes the queries.
         unsafe { self.gpu.device.destroy_query_pool(self.pool, None) };
     }
 }

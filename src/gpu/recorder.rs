@@ -1,17 +1,18 @@
 //! Records dispatches, fills and copies into one command buffer; barriers follow from the bindings.
 
+use std::mem;
 use std::sync::Arc;
 
 use ash::vk;
 
 use super::barrier::{Access, Barrier, HazardTracker};
-use super::buffer::Buffer;
+use super::buffer::{Buffer, BufferMemory};
 use super::context::Gpu;
 use super::error::GpuError;
-use super::interface::{BindingSet as _, Kernel};
+use super::interface::{BindingSet as _, Kernel, MOST_BINDINGS};
 use super::pipeline::Pipeline;
 use super::profiler::Profiler;
-use super::timeline::Ticket;
+use super::timeline::{Ticket, Timeline};
 
 /// Work-groups of a direct dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,11 +40,25 @@ impl Grid {
 /// Passes that the crash marker can name; later ones share the last slot's name.
 const MAX_MARKERS: usize = 1024;
 
-/// One reusable command buffer.
+/// What must be over before a recorder starts anew.
+#[derive(Clone, Copy)]
+pub(super) enum Submitted {
+    /// A submission of its own.
+    Own(Ticket),
+    /// One of the caller's; the ticket is of the recorder's own timeline.
+    Callers(Ticket),
+}
+
+/// One reusable command buffer, or commands in one of the caller's.
+///
+/// A recorder keeps the buffers that its commands use until these have been executed, whatever becomes of the [`Buffer`]s.
 pub struct Recorder {
-    gpu: Arc<Gpu>,
+    pub(super) gpu: Arc<Gpu>,
     pool: vk::CommandPool,
-    commands: vk::CommandBuffer,
+    /// The command buffer of the pool.
+    pub(super) own: vk::CommandBuffer,
+    /// Where commands go: `own`, or one of the caller's.
+    pub(super) commands: vk::CommandBuffer,
     descriptor_pools: Vec<vk::DescriptorPool>,
     /// Index of the pool in use and sets taken from it.
     descriptor_cursor: (usize, u32),
@@ -53,34 +68,46 @@ pub struct Recorder {
     /// it, since nothing orders these fills against the dispatches.
     markers: Buffer<u32>,
     marked: Vec<&'static str>,
-    recording: bool,
-    /// The last submission, which must be over before the command buffer is reused.
-    submitted: Option<Ticket>,
+    pub(super) recording: bool,
+    /// Number of the recording, of which no other one has the same.
+    number: u64,
+    /// Buffers that commands of this recording use, each once; with those of a recording in a command buffer of the caller's
+    /// until that is over.
+    kept: Vec<Arc<BufferMemory>>,
+    /// How the coming command touches buffers; kept for its memory.
+    accesses: Vec<(vk::Buffer, Access)>,
+    pub(super) submitted: Option<Submitted>,
+    /// What submissions of the caller's signal.
+    pub(super) callers: Option<Timeline>,
 }
 
 /// Descriptor sets per pool; a frame takes about 60.
 const SETS_PER_POOL: u32 = 128;
-/// Storage buffers per set on average; only the largest kernels have more.
-const BUFFERS_PER_SET: u32 = 20;
 
 impl Recorder {
     /// A recorder without timestamps.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
-        let info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.queue_family);
+        let markers = Buffer::for_readback(gpu, "crash markers", MAX_MARKERS)?;
+        let info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.queue_family());
         // SAFETY: a valid family; destroyed in drop.
         let pool = unsafe { gpu.device.create_command_pool(&info, None) }.map_err(GpuError::vulkan("command pool"))?;
         let mut recorder = Self {
             gpu: gpu.clone(),
             pool,
+            own: vk::CommandBuffer::null(),
             commands: vk::CommandBuffer::null(),
             descriptor_pools: Vec::new(),
             descriptor_cursor: (0, 0),
             hazards: HazardTracker::default(),
             profiler: None,
-            markers: Buffer::for_readback(gpu, "crash markers", MAX_MARKERS)?,
+            markers,
             marked: Vec::new(),
             recording: false,
+            number: 0,
+            kept: Vec::new(),
+            accesses: Vec::new(),
             submitted: None,
+            callers: None,
         };
         let info = vk::CommandBufferAllocateInfo::default()
             .command_pool(pool)
@@ -89,7 +116,7 @@ impl Recorder {
         // SAFETY: the pool is valid; the buffer is freed with it.
         let buffers =
             unsafe { gpu.device.allocate_command_buffers(&info) }.map_err(GpuError::vulkan("command buffer"))?;
-        recorder.commands = buffers[0];
+        recorder.own = buffers[0];
         Ok(recorder)
     }
 
@@ -106,22 +133,33 @@ impl Recorder {
         if self.recording {
             return Ok(());
         }
-        if let Some(ticket) = self.submitted.take() {
-            self.wait(ticket)?;
+        match self.submitted {
+            None => {}
+            Some(Submitted::Own(ticket)) => self.wait(ticket)?,
+            Some(Submitted::Callers(_)) => return Err(self.refuse("a picture", "the one before is not over")),
         }
-        let device = &self.gpu.device;
+        self.start()?;
         let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: the previous submission, if any, was waited for above, so pool and sets are not in use.
+        // SAFETY: `start` has seen that no submission uses the pool.
         unsafe {
+            let device = &self.gpu.device;
             device
                 .reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty())
                 .map_err(GpuError::vulkan("command pool"))?;
-            for &pool in &self.descriptor_pools {
-                device
-                    .reset_descriptor_pool(pool, vk::DescriptorPoolResetFlags::empty())
-                    .map_err(GpuError::vulkan("descriptor pool"))?;
-            }
-            device.begin_command_buffer(self.commands, &info).map_err(GpuError::vulkan("command buffer"))?;
+            device.begin_command_buffer(self.own, &info).map_err(GpuError::vulkan("command buffer"))?;
+        }
+        self.open(self.own);
+        Ok(())
+    }
+
+    /// Makes what belongs to a recording fit for the next one. Whatever was submitted before is over.
+    pub(super) fn start(&mut self) -> Result<(), GpuError> {
+        self.submitted = None;
+        self.kept.clear();
+        for &pool in &self.descriptor_pools {
+            // SAFETY: nothing that is submitted uses sets of the pool any more.
+            unsafe { self.gpu.device.reset_descriptor_pool(pool, vk::DescriptorPoolResetFlags::empty()) }
+                .map_err(GpuError::vulkan("descriptor pool"))?;
         }
         self.descriptor_cursor = (0, 0);
         self.marked.clear();
@@ -131,18 +169,56 @@ impl Recorder {
         if let Some(profiler) = &mut self.profiler {
             profiler.reset();
         }
-        // Earlier submissions are complete for the host but their writes must still be made visible to this one.
+        Ok(())
+    }
+
+    /// From now on commands go to `commands`, which is being recorded.
+    pub(super) fn open(&mut self, commands: vk::CommandBuffer) {
+        self.commands = commands;
+        self.recording = true;
+        self.number = self.gpu.next_recording();
+        self.kept.push(self.markers.inner().clone());
+        // Earlier submissions come first in the queue, but their writes must still be made visible to this one.
         self.barrier(Barrier {
             src_stage: vk::PipelineStageFlags2::ALL_COMMANDS,
             src_access: vk::AccessFlags2::MEMORY_WRITE,
             dst_stage: vk::PipelineStageFlags2::ALL_COMMANDS,
             dst_access: vk::AccessFlags2::MEMORY_READ | vk::AccessFlags2::MEMORY_WRITE,
         });
-        self.recording = true;
+    }
+
+    /// No more commands are recorded.
+    pub(super) fn close(&mut self) {
+        self.recording = false;
+        self.hazards = HazardTracker::default();
+    }
+
+    /// Keeps a buffer that a command of this recording uses.
+    fn keep(&mut self, buffer: &Arc<BufferMemory>, pass: &str) -> Result<(), GpuError> {
+        if !buffer.is_of(&self.gpu) {
+            return Err(self.refuse(pass, &format!("buffer {} is of another device", buffer.name())));
+        }
+        if !buffer.is_kept_by(self.number) {
+            self.kept.push(buffer.clone());
+        }
         Ok(())
     }
 
+    pub(super) fn refuse(&self, pass: &str, reason: &str) -> GpuError {
+        GpuError::Recording { pass: pass.into(), reason: reason.into() }
+    }
+
+    /// The barrier before a command that makes `self.accesses`, if it needs one.
+    fn order(&mut self) {
+        if let Some(barrier) = self.hazards.next(&self.accesses) {
+            self.barrier(barrier);
+        }
+    }
+
     /// Dispatches `grid` work-groups of a kernel.
+    ///
+    /// # Errors
+    /// More work-groups along a dimension than the device takes, or something of another device.
     pub fn dispatch<K: Kernel>(
         &mut self,
         pipeline: &Pipeline<K>,
@@ -150,13 +226,24 @@ impl Recorder {
         params: &K::Params,
         bindings: K::Bindings<'_>,
     ) -> Result<(), GpuError> {
+        let most = self.gpu.caps().max_workgroup_count;
+        if grid.x > most || grid.y > most {
+            let reason = format!("{} by {} work-groups; the device takes {most} along each", grid.x, grid.y);
+            return Err(self.refuse(K::SHADER.name, &reason));
+        }
         self.run::<K>(pipeline, params, &bindings, None, |device, commands| {
-            // SAFETY: the pipeline, its sets and push constants are bound by `run`; the grid is within 65535 squared.
+            // SAFETY: the pipeline, its sets and push constants are bound by `run`; the grid is within the device's limits.
             unsafe { device.cmd_dispatch(commands, grid.x, grid.y, 1) };
         })
     }
 
     /// Dispatches a kernel with the work-group counts in element `index` of `args` (three u32 each).
+    ///
+    /// # Errors
+    /// Something is of another device.
+    ///
+    /// # Panics
+    /// If `args` has no such element.
     pub fn dispatch_indirect<K: Kernel, A: bytemuck::NoUninit>(
         &mut self,
         pipeline: &Pipeline<K>,
@@ -167,10 +254,9 @@ impl Recorder {
         const { assert!(size_of::<A>() == 12, "indirect arguments are three u32") };
         let (buffer, index) = args;
         assert!(index < buffer.len(), "{}: no indirect arguments {index}", buffer.name());
-        let handle = buffer.handle();
-        self.run::<K>(pipeline, params, &bindings, Some(handle), |device, commands| {
-            // SAFETY: as in `dispatch`; the offset lies in the buffer and is a multiple of 4.
-            unsafe { device.cmd_dispatch_indirect(commands, handle, 12 * index as u64) };
+        self.run::<K>(pipeline, params, &bindings, Some(buffer.inner()), |device, commands| {
+            // SAFETY: as in `dispatch`; the offset lies in the buffer, which `run` keeps, and is a multiple of 4.
+            unsafe { device.cmd_dispatch_indirect(commands, buffer.handle(), 12 * index as u64) };
         })
     }
 
@@ -179,40 +265,48 @@ impl Recorder {
         pipeline: &Pipeline<K>,
         params: &K::Params,
         bindings: &K::Bindings<'_>,
-        indirect: Option<vk::Buffer>,
+        indirect: Option<&Arc<BufferMemory>>,
         dispatch: impl FnOnce(&ash::Device, vk::CommandBuffer),
     ) -> Result<(), GpuError> {
-        self.begin()?;
-        let mut accesses = Vec::with_capacity(BUFFERS_PER_SET as usize);
-        let mut bound = Vec::with_capacity(BUFFERS_PER_SET as usize);
-        bindings.visit(&mut |b| {
-            accesses.push((b.handle, if b.writable { Access::SHADER_WRITE } else { Access::SHADER_READ }));
-            bound.push((b.binding, [vk::DescriptorBufferInfo::default().buffer(b.handle).range(vk::WHOLE_SIZE)]));
-        });
-        accesses.extend(indirect.map(|handle| (handle, Access::INDIRECT)));
-        if let Some(barrier) = self.hazards.next(&accesses) {
-            self.barrier(barrier);
-        }
-        let set = self.descriptor_set(pipeline.set_layout)?;
-        let writes: Vec<_> = bound
-            .iter()
-            .map(|(binding, info)| {
-                vk::WriteDescriptorSet::default()
-                    .dst_set(set)
-                    .dst_binding(*binding)
-                    .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
-                    .buffer_info(info)
-            })
-            .collect();
         let name = K::SHADER.name;
+        if !Arc::ptr_eq(&pipeline.gpu, &self.gpu) {
+            return Err(self.refuse(name, "the pipeline is of another device"));
+        }
+        self.begin()?;
+        let mut bound = [(0, vk::DescriptorBufferInfo::default()); MOST_BINDINGS];
+        let (mut count, mut kept) = (0, Ok(()));
+        self.accesses.clear();
+        bindings.visit(&mut |b| {
+            let handle = b.buffer.handle();
+            self.accesses.push((handle, if b.writable { Access::SHADER_WRITE } else { Access::SHADER_READ }));
+            bound[count] = (b.binding, vk::DescriptorBufferInfo::default().buffer(handle).range(vk::WHOLE_SIZE));
+            count += 1;
+            if kept.is_ok() {
+                kept = self.keep(b.buffer, name);
+            }
+        });
+        kept?;
+        if let Some(args) = indirect {
+            self.accesses.push((args.handle(), Access::INDIRECT));
+            self.keep(args, name)?;
+        }
+        self.order();
+        let set = self.descriptor_set(pipeline.set_layout)?;
+        let mut writes = [vk::WriteDescriptorSet::default(); MOST_BINDINGS];
+        for (write, (binding, info)) in writes.iter_mut().zip(&bound[..count]) {
+            *write = vk::WriteDescriptorSet::default()
+                .dst_set(set)
+                .dst_binding(*binding)
+                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                .buffer_info(std::slice::from_ref(info));
+        }
         self.mark(name);
-        let (gpu, commands) = (self.gpu.clone(), self.commands);
-        let device = &gpu.device;
+        let (commands, device) = (self.commands, &self.gpu.device);
         let timer = self.profiler.as_mut().and_then(|p| p.begin(commands, name));
-        // SAFETY: the set was just allocated with the pipeline's layout; the command buffer is recording; buffers
-        // outlive the submission because their drop waits for the device.
+        // SAFETY: the set was just allocated with the pipeline's layout, whose bindings these are (contract of `Kernel`); the
+        // command buffer is recording; `kept` holds the buffers until the submission is over.
         unsafe {
-            device.update_descriptor_sets(&writes, &[]);
+            device.update_descriptor_sets(&writes[..count], &[]);
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.handle);
             device.cmd_bind_descriptor_sets(commands, vk::PipelineBindPoint::COMPUTE, pipeline.layout, 0, &[set], &[]);
             if K::SHADER.push_constant_bytes > 0 {
@@ -230,10 +324,11 @@ impl Recorder {
     /// Fills a whole buffer with one 32-bit value.
     pub fn fill<T: bytemuck::NoUninit>(&mut self, buffer: &mut Buffer<T>, value: u32) -> Result<(), GpuError> {
         self.begin()?;
-        if let Some(barrier) = self.hazards.next(&[(buffer.handle(), Access::COPY_WRITE)]) {
-            self.barrier(barrier);
-        }
-        // SAFETY: the command buffer is recording and the buffer has transfer usage.
+        self.keep(buffer.inner(), "fill")?;
+        self.accesses.clear();
+        self.accesses.push((buffer.handle(), Access::COPY_WRITE));
+        self.order();
+        // SAFETY: the command buffer is recording, and the buffer has transfer usage and is kept.
         unsafe { self.gpu.device.cmd_fill_buffer(self.commands, buffer.handle(), 0, vk::WHOLE_SIZE, value) };
         Ok(())
     }
@@ -265,110 +360,144 @@ impl Recorder {
         let fits = bytes <= source.bytes() && offset + bytes <= target.bytes();
         assert!(fits, "{} to {} from {first}: {bytes} bytes", source.name(), target.name());
         self.begin()?;
-        let accesses = [(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)];
-        if let Some(barrier) = self.hazards.next(&accesses) {
-            self.barrier(barrier);
-        }
+        self.keep(source.inner(), "copy")?;
+        self.keep(target.inner(), "copy")?;
+        self.accesses.clear();
+        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
+        self.order();
         let regions = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: bytes }];
-        // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted).
+        // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted) and are kept.
         unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
         Ok(())
     }
 
-    /// Starts a command that is recorded by hand and reads the whole of `source` by a copy.
-    #[cfg(feature = "window")]
-    pub(super) fn raw_copy<T: bytemuck::NoUninit>(
-        &mut self,
-        source: &Buffer<T>,
-    ) -> Result<vk::CommandBuffer, GpuError> {
+    /// Starts a command that the caller records by hand and that reads the whole of `source` by a copy, such as one into an
+    /// image. It goes into the command buffer returned before any other command of this recorder; barriers of what else it
+    /// touches are the caller's business.
+    pub fn raw_copy<T: bytemuck::NoUninit>(&mut self, source: &Buffer<T>) -> Result<vk::CommandBuffer, GpuError> {
         self.begin()?;
-        if let Some(barrier) = self.hazards.next(&[(source.handle(), Access::COPY_READ)]) {
-            self.barrier(barrier);
-        }
+        self.keep(source.inner(), "copy")?;
+        self.accesses.clear();
+        self.accesses.push((source.handle(), Access::COPY_READ));
+        self.order();
         Ok(self.commands)
     }
 
-    /// Starts a pass of commands that are recorded by hand; give what comes back to [`Recorder::end_by_hand`].
-    #[cfg(feature = "window")]
-    pub(super) fn begin_by_hand(&mut self, name: &'static str) -> Option<u32> {
+    /// Starts a pass of commands that are recorded by hand; give what comes back to [`Recorder::end_by_hand`]. Nothing happens
+    /// if no recording has been started.
+    pub fn begin_by_hand(&mut self, name: &'static str) -> Option<u32> {
+        if !self.recording {
+            return None;
+        }
         self.mark(name);
         self.profiler.as_mut().and_then(|profiler| profiler.begin(self.commands, name))
     }
 
-    /// Ends the pass.
-    #[cfg(feature = "window")]
-    pub(super) fn end_by_hand(&mut self, timer: Option<u32>) {
-        if let Some(profiler) = &mut self.profiler {
+    /// Ends the pass, if it is one of the current recording.
+    pub fn end_by_hand(&mut self, timer: Option<u32>) {
+        if let Some(profiler) = self.profiler.as_mut().filter(|_| self.recording) {
             profiler.end(self.commands, timer);
         }
     }
 
     /// Ends the command buffer and submits it.
     pub fn submit(&mut self) -> Result<Ticket, GpuError> {
-        self.submit_between(None, None)
+        // SAFETY: there are no semaphores.
+        unsafe { self.submit_between(None, None) }
     }
 
     /// As [`Recorder::submit`]; copies wait for a binary semaphore, and another one is signalled at the end.
-    pub(super) fn submit_between(
+    ///
+    /// # Safety
+    /// The semaphores are of this device; the first one is or will be signalled and nothing else waits for it, the second one
+    /// is not. They live until the submission is over. Commands that were recorded by hand are valid, and what they use
+    /// lives as long.
+    pub unsafe fn submit_between(
         &mut self,
         copies_after: Option<vk::Semaphore>,
         signalled: Option<vk::Semaphore>,
     ) -> Result<Ticket, GpuError> {
         self.begin()?;
-        // Downloads are read by the host after the wait.
-        self.barrier(Barrier {
-            src_stage: vk::PipelineStageFlags2::ALL_COMMANDS,
-            src_access: vk::AccessFlags2::MEMORY_WRITE,
-            dst_stage: vk::PipelineStageFlags2::HOST,
-            dst_access: vk::AccessFlags2::HOST_READ,
-        });
-        self.abandon();
+        if self.commands != self.own {
+            return Err(self.refuse("a picture", "the command buffer is the caller's"));
+        }
+        self.barrier(FOR_THE_HOST);
+        self.close();
+        let ended = self.end_and_submit(copies_after, signalled);
+        if ended.is_err() {
+            // What was not accepted uses nothing.
+            self.abandon();
+        }
+        ended
+    }
+
+    fn end_and_submit(
+        &mut self,
+        copies_after: Option<vk::Semaphore>,
+        signalled: Option<vk::Semaphore>,
+    ) -> Result<Ticket, GpuError> {
         // SAFETY: the command buffer is recording.
-        unsafe { self.gpu.device.end_command_buffer(self.commands) }.map_err(GpuError::vulkan("command buffer"))?;
-        let queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let ticket = self.gpu.timeline.next();
-        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.commands)];
+        unsafe { self.gpu.device.end_command_buffer(self.own) }.map_err(GpuError::vulkan("command buffer"))?;
+        let commands = [vk::CommandBufferSubmitInfo::default().command_buffer(self.own)];
         let whole = |semaphore| {
             vk::SemaphoreSubmitInfo::default().semaphore(semaphore).stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
         };
-        let signals: Vec<_> =
-            [whole(self.gpu.timeline.semaphore).value(ticket.0)].into_iter().chain(signalled.map(whole)).collect();
-        let waits: Vec<_> =
-            copies_after.map(|s| whole(s).stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER)).into_iter().collect();
-        let info = [vk::SubmitInfo2::default()
-            .wait_semaphore_infos(&waits)
-            .command_buffer_infos(&commands)
-            .signal_semaphore_infos(&signals)];
-        // SAFETY: the queue is locked; the command buffer is complete; the arrays live through the call.
-        unsafe { self.gpu.device.queue_submit2(*queue, &info, vk::Fence::null()) }.map_err(|e| self.explain(e))?;
-        self.gpu.timeline.submitted(ticket);
-        self.submitted = Some(ticket);
+        let waits = [whole(copies_after.unwrap_or_default()).stage_mask(vk::PipelineStageFlags2::ALL_TRANSFER)];
+        let waits = &waits[..usize::from(copies_after.is_some())];
+        let timeline = &self.gpu.timeline;
+        let accepted = self.gpu.with_queue(|queue| {
+            let ticket = timeline.next();
+            let signals = [whole(timeline.semaphore).value(ticket.0), whole(signalled.unwrap_or_default())];
+            let info = [vk::SubmitInfo2::default()
+                .wait_semaphore_infos(waits)
+                .command_buffer_infos(&commands)
+                .signal_semaphore_infos(&signals[..1 + usize::from(signalled.is_some())])];
+            // SAFETY: the queue is locked; the command buffer is complete; the arrays live through the call; the caller
+            // vouches for the semaphores.
+            unsafe { self.gpu.device.queue_submit2(queue, &info, vk::Fence::null()) }?;
+            timeline.submitted(ticket);
+            Ok::<_, vk::Result>(ticket)
+        });
+        let ticket = accepted?.map_err(|result| self.explain(result))?;
+        self.kept.iter().for_each(|buffer| buffer.submitted(ticket));
+        let room = Vec::with_capacity(self.kept.len());
+        self.gpu.keep_until(ticket, mem::replace(&mut self.kept, room));
+        self.submitted = Some(Submitted::Own(ticket));
         Ok(ticket)
     }
 
-    /// Forgets what was recorded since the last submission; the next command starts anew. To be called when recording
-    /// failed midway, before any buffer of the failed commands is reused.
+    /// Forgets what was recorded since the last submission and lets go of the buffers that it uses; the next command starts
+    /// anew. To be called when recording failed midway: the next submission would do the part that was recorded.
     pub fn abandon(&mut self) {
-        self.recording = false;
-        self.hazards = HazardTracker::default();
+        if !matches!(self.submitted, Some(Submitted::Callers(_))) {
+            self.kept.clear();
+        }
+        if let Some(profiler) = &mut self.profiler {
+            profiler.forget();
+        }
+        self.close();
     }
 
     /// Waits for a submission of this recorder; a lost device names the last pass begun.
     pub fn wait(&self, ticket: Ticket) -> Result<(), GpuError> {
-        self.gpu.timeline.wait(&self.gpu.device, ticket).map_err(|result| self.explain(result))
+        self.gpu.wait_for(ticket).map_err(|result| self.explain(result))
     }
 
     /// Waits for the last submission of this recorder, if there is one.
     pub fn wait_for_last(&self) -> Result<(), GpuError> {
-        self.submitted.map_or(Ok(()), |ticket| self.wait(ticket))
+        match self.submitted {
+            Some(Submitted::Own(ticket)) => self.wait(ticket),
+            _ => Ok(()),
+        }
     }
 
-    /// Milliseconds per pass of the last submission, in order; call after `wait`. Empty without a profiler.
+    /// Milliseconds per pass of the last submission, in order; call after `wait`. Empty without a profiler, and while the next
+    /// one is recorded.
     pub fn passes_ms(&self) -> Result<Vec<(&'static str, f64)>, GpuError> {
-        self.profiler.as_ref().map_or(Ok(Vec::new()), Profiler::read)
+        self.profiler.as_ref().filter(|_| !self.recording).map_or(Ok(Vec::new()), Profiler::read)
     }
 
-    fn explain(&self, result: vk::Result) -> GpuError {
+    pub(super) fn explain(&self, result: vk::Result) -> GpuError {
         if result != vk::Result::ERROR_DEVICE_LOST {
             return GpuError::Vulkan { what: "submission".into(), result };
         }
@@ -390,7 +519,7 @@ impl Recorder {
         }
     }
 
-    fn barrier(&self, barrier: Barrier) {
+    pub(super) fn barrier(&self, barrier: Barrier) {
         let memory = [vk::MemoryBarrier2 {
             src_stage_mask: barrier.src_stage,
             src_access_mask: barrier.src_access,
@@ -415,7 +544,7 @@ impl Recorder {
         let info = vk::DescriptorSetAllocateInfo::default()
             .descriptor_pool(self.descriptor_pools[pool_index])
             .set_layouts(&layouts);
-        // SAFETY: the pool has room for SETS_PER_POOL sets of up to BUFFERS_PER_SET buffers.
+        // SAFETY: the pool has room for SETS_PER_POOL sets of up to MOST_BINDINGS buffers, which no kernel exceeds.
         let sets = unsafe { self.gpu.device.allocate_descriptor_sets(&info) };
         Ok(sets.map_err(GpuError::vulkan("descriptor set"))?[0])
     }
@@ -424,16 +553,37 @@ impl Recorder {
 fn create_descriptor_pool(gpu: &Gpu) -> Result<vk::DescriptorPool, GpuError> {
     let sizes = [vk::DescriptorPoolSize {
         ty: vk::DescriptorType::STORAGE_BUFFER,
-        descriptor_count: SETS_PER_POOL * BUFFERS_PER_SET,
+        descriptor_count: SETS_PER_POOL * MOST_BINDINGS as u32,
     }];
     let info = vk::DescriptorPoolCreateInfo::default().max_sets(SETS_PER_POOL).pool_sizes(&sizes);
     // SAFETY: the sizes live through the call.
     unsafe { gpu.device.create_descriptor_pool(&info, None) }.map_err(GpuError::vulkan("descriptor pool"))
 }
 
+/// Downloads are read by the host after the wait.
+pub(super) const FOR_THE_HOST: Barrier = Barrier {
+    src_stage: vk::PipelineStageFlags2::ALL_COMMANDS,
+    src_access: vk::AccessFlags2::MEMORY_WRITE,
+    dst_stage: vk::PipelineStageFlags2::HOST,
+    dst_access: vk::AccessFlags2::HOST_READ,
+};
+
 impl Drop for Recorder {
     fn drop(&mut self) {
-        let _ = self.gpu.wait_all();
+        let over = match (self.submitted, &self.callers) {
+            (Some(Submitted::Own(ticket)), _) => {
+                matches!(self.gpu.wait_for(ticket), Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST))
+            }
+            (Some(Submitted::Callers(ticket)), Some(callers)) => callers.is_over(ticket),
+            _ => true,
+        };
+        if !over {
+            // The device may still use all of it, and a submission of the caller's cannot be waited for: it may never come.
+            // What is kept keeps the device.
+            mem::forget(mem::take(&mut self.kept));
+            mem::forget((self.profiler.take(), self.callers.take(), self.gpu.clone()));
+            return;
+        }
         // SAFETY: the device is done with everything recorded here.
         unsafe {
             for &pool in &self.descriptor_pools {

@@ -101,14 +101,14 @@ impl Swapchain {
         mode: PresentMode,
     ) -> Result<Self, GpuError> {
         // SAFETY: the caller vouches for the handles; the extensions of this display are enabled.
-        let surface = unsafe { ash_window::create_surface(&gpu.entry, &gpu.instance, display, window, None) }
+        let surface = unsafe { ash_window::create_surface(gpu.raw_entry(), gpu.raw_instance(), display, window, None) }
             .map_err(GpuError::vulkan("surface of the window"))?;
-        let surface_calls = khr::surface::Instance::new(&gpu.entry, &gpu.instance);
+        let surface_calls = khr::surface::Instance::new(gpu.raw_entry(), gpu.raw_instance());
         let mut swapchain = Self {
             gpu: gpu.clone(),
             surface_calls,
             surface,
-            calls: khr::swapchain::Device::new(&gpu.instance, &gpu.device),
+            calls: khr::swapchain::Device::new(gpu.raw_instance(), gpu.raw_device()),
             handle: vk::SwapchainKHR::null(),
             format: vk::SurfaceFormatKHR::default(),
             images: Vec::new(),
@@ -119,7 +119,11 @@ impl Swapchain {
         };
         // SAFETY: family and surface are valid.
         let presents = unsafe {
-            swapchain.surface_calls.get_physical_device_surface_support(gpu.physical, gpu.queue_family, surface)
+            swapchain.surface_calls.get_physical_device_surface_support(
+                gpu.raw_physical_device(),
+                gpu.queue_family(),
+                surface,
+            )
         };
         if !presents.map_err(GpuError::vulkan("surface support"))? {
             let feature = "pictures in windows of this display".into();
@@ -155,8 +159,9 @@ impl Swapchain {
     pub fn resize(&mut self, size_px: [u32; 2]) -> Result<(), GpuError> {
         self.wait_idle()?;
         // SAFETY: device and surface are valid.
-        let abilities =
-            unsafe { self.surface_calls.get_physical_device_surface_capabilities(self.gpu.physical, self.surface) };
+        let abilities = unsafe {
+            self.surface_calls.get_physical_device_surface_capabilities(self.gpu.raw_physical_device(), self.surface)
+        };
         let abilities = abilities.map_err(GpuError::vulkan("surface"))?;
         let insisted = abilities.current_extent;
         self.size_px = if insisted.width == u32::MAX { size_px } else { [insisted.width, insisted.height] };
@@ -215,7 +220,9 @@ impl Swapchain {
             .image_extent(vk::Extent3D { width, height, depth: 1 })];
         let layout = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
         // SAFETY: recording; the buffer holds all pixels (asserted), the image is in this layout, and barriers precede.
-        unsafe { self.gpu.device.cmd_copy_buffer_to_image(commands, pixels.handle(), image.image, layout, &region) };
+        unsafe {
+            self.gpu.raw_device().cmd_copy_buffer_to_image(commands, pixels.handle(), image.image, layout, &region)
+        };
         let mut drawn = layout;
         if let Some((painter, frame)) = ui {
             drawn = vk::ImageLayout::COLOR_ATTACHMENT_OPTIMAL;
@@ -225,7 +232,9 @@ impl Swapchain {
             recorder.end_by_hand(timer);
         }
         self.move_to(commands, image.image, drawn, vk::ImageLayout::PRESENT_SRC_KHR);
-        recorder.submit_between(Some(target.free), Some(image.complete))?;
+        // SAFETY: the image was acquired with `free`, so that it will be signalled; what waits for `complete` is the showing of
+        // the image, which was over when it was acquired; images and semaphores go when the device is idle.
+        unsafe { recorder.submit_between(Some(target.free), Some(image.complete)) }?;
         self.show(target)
     }
 
@@ -234,9 +243,8 @@ impl Swapchain {
         let (handles, indices) = ([self.handle], [target.index]);
         let info =
             vk::PresentInfoKHR::default().wait_semaphores(&complete).swapchains(&handles).image_indices(&indices);
-        let queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         // SAFETY: the queue is locked; the image was acquired, and `complete` is signalled by the submission before.
-        match unsafe { self.calls.queue_present(*queue, &info) } {
+        match self.gpu.with_queue(|queue| unsafe { self.calls.queue_present(queue, &info) })? {
             Ok(suboptimal) => Ok(!suboptimal),
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(false),
             Err(result) => Err(GpuError::vulkan("showing an image")(result)),
@@ -257,15 +265,16 @@ impl Swapchain {
             .subresource_range(whole_image())];
         let info = vk::DependencyInfo::default().image_memory_barriers(&barrier);
         // SAFETY: the command buffer is recording and the array lives through the call.
-        unsafe { self.gpu.device.cmd_pipeline_barrier2(commands, &info) };
+        unsafe { self.gpu.raw_device().cmd_pipeline_barrier2(commands, &info) };
     }
 
     /// A format with 8 bits per colour whose values are what pictures hold: sRGB values, which the device must not
     /// convert.
     fn choose_format(&self) -> Result<vk::SurfaceFormatKHR, GpuError> {
         // SAFETY: device and surface are valid.
-        let formats =
-            unsafe { self.surface_calls.get_physical_device_surface_formats(self.gpu.physical, self.surface) };
+        let formats = unsafe {
+            self.surface_calls.get_physical_device_surface_formats(self.gpu.raw_physical_device(), self.surface)
+        };
         let formats = formats.map_err(GpuError::vulkan("surface formats"))?;
         let wanted = [vk::Format::B8G8R8A8_UNORM, vk::Format::R8G8B8A8_UNORM, vk::Format::A8B8G8R8_UNORM_PACK32];
         let srgb = |f: &&vk::SurfaceFormatKHR| f.color_space == vk::ColorSpaceKHR::SRGB_NONLINEAR;
@@ -282,8 +291,9 @@ impl Swapchain {
         old: vk::SwapchainKHR,
     ) -> Result<vk::SwapchainKHR, GpuError> {
         // SAFETY: device and surface are valid.
-        let modes =
-            unsafe { self.surface_calls.get_physical_device_surface_present_modes(self.gpu.physical, self.surface) };
+        let modes = unsafe {
+            self.surface_calls.get_physical_device_surface_present_modes(self.gpu.raw_physical_device(), self.surface)
+        };
         let modes = modes.map_err(GpuError::vulkan("present modes"))?;
         if !modes.contains(&self.mode.vulkan()) {
             self.mode = PresentMode::Fifo;
@@ -318,7 +328,7 @@ impl Swapchain {
         if self.handle == vk::SwapchainKHR::null() {
             return Ok(());
         }
-        let device = &self.gpu.device;
+        let device = self.gpu.raw_device();
         // SAFETY: the swapchain is valid.
         let images = unsafe { self.calls.get_swapchain_images(self.handle) };
         let images = images.map_err(GpuError::vulkan("images of the window"))?;
@@ -348,14 +358,15 @@ impl Swapchain {
 
     /// Waits for the device, presentation included.
     fn wait_idle(&self) -> Result<(), GpuError> {
-        let _queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        // SAFETY: the queue is locked.
-        unsafe { self.gpu.device.device_wait_idle() }.map_err(GpuError::vulkan("waiting for the window"))
+        // SAFETY: the queue is locked, and the device of a window has no other.
+        self.gpu
+            .with_queue(|_| unsafe { self.gpu.raw_device().device_wait_idle() })?
+            .map_err(GpuError::vulkan("waiting for the window"))
     }
 
     /// The device must be idle.
     fn destroy_images(&mut self) {
-        let device = &self.gpu.device;
+        let device = self.gpu.raw_device();
         // SAFETY: the device is idle or lost, and each object is destroyed once; null handles are ignored.
         unsafe {
             for image in self.images.drain(..) {

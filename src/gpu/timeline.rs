@@ -1,6 +1,6 @@
 //! One timeline semaphore per device: every submission gets the next value.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use ash::vk;
 
@@ -12,8 +12,11 @@ pub struct Ticket(pub(crate) u64);
 
 /// The semaphore and the value of the last accepted submission.
 pub(crate) struct Timeline {
+    device: ash::Device,
     pub(crate) semaphore: vk::Semaphore,
     last: AtomicU64,
+    /// The device is lost, so that nothing is in flight any more.
+    lost: AtomicBool,
 }
 
 impl Timeline {
@@ -23,7 +26,7 @@ impl Timeline {
         // SAFETY: the device has the timelineSemaphore feature (required at creation); the chain lives through the call.
         let semaphore =
             unsafe { device.create_semaphore(&info, None) }.map_err(GpuError::vulkan("timeline semaphore"))?;
-        Ok(Self { semaphore, last: AtomicU64::new(0) })
+        Ok(Self { device: device.clone(), semaphore, last: AtomicU64::new(0), lost: AtomicBool::new(false) })
     }
 
     /// The value that the next submission signals. The caller holds the queue's lock until it has called `submitted`.
@@ -41,14 +44,51 @@ impl Timeline {
         Ticket(self.last.load(Ordering::SeqCst))
     }
 
-    /// Blocks until the submission behind `ticket` has finished.
-    pub(crate) fn wait(&self, device: &ash::Device, ticket: Ticket) -> Result<(), vk::Result> {
+    /// Blocks until the semaphore has the value of `ticket`.
+    pub(crate) fn wait(&self, ticket: Ticket) -> Result<(), vk::Result> {
         if ticket.0 == 0 {
             return Ok(());
         }
         let (semaphores, values) = ([self.semaphore], [ticket.0]);
         let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
         // SAFETY: the semaphore belongs to `device` and the arrays live through the call.
-        unsafe { device.wait_semaphores(&info, u64::MAX) }
+        let waited = unsafe { self.device.wait_semaphores(&info, u64::MAX) };
+        if waited == Err(vk::Result::ERROR_DEVICE_LOST) {
+            self.lost.store(true, Ordering::SeqCst);
+        }
+        waited
+    }
+
+    /// True if the semaphore has the value of `ticket`, or will never have it because the device is lost.
+    pub(crate) fn is_over(&self, ticket: Ticket) -> bool {
+        ticket <= self.finished()
+    }
+
+    /// True if the device is known to be lost.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.finished() == Ticket(u64::MAX)
+    }
+
+    /// The last value that was signalled; the greatest of all if the device is lost.
+    pub(crate) fn finished(&self) -> Ticket {
+        if self.lost.load(Ordering::SeqCst) {
+            return Ticket(u64::MAX);
+        }
+        // SAFETY: a timeline semaphore of this device.
+        match unsafe { self.device.get_semaphore_counter_value(self.semaphore) } {
+            Ok(value) => Ticket(value),
+            Err(vk::Result::ERROR_DEVICE_LOST) => {
+                self.lost.store(true, Ordering::SeqCst);
+                Ticket(u64::MAX)
+            }
+            Err(_) => Ticket(0),
+        }
+    }
+}
+
+impl Drop for Timeline {
+    fn drop(&mut self) {
+        // SAFETY: whoever owns this has waited for the submissions that signal it, or the device is lost.
+        unsafe { self.device.destroy_semaphore(self.semaphore, None) };
     }
 }

@@ -35,15 +35,21 @@ pub struct UiPainter {
 impl UiPainter {
     /// For images of a window.
     pub fn new(gpu: &Arc<Gpu>, swapchain: &Swapchain) -> Result<Self, GpuError> {
-        let info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.queue_family);
+        let info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.queue_family());
         // SAFETY: a valid family; destroyed in drop.
-        let pool = unsafe { gpu.device.create_command_pool(&info, None) }.map_err(GpuError::vulkan("command pool"))?;
+        let pool =
+            unsafe { gpu.raw_device().create_command_pool(&info, None) }.map_err(GpuError::vulkan("command pool"))?;
         let mut painter = Self { gpu: gpu.clone(), renderer: None, pool, to_free: Vec::new() };
         let format =
             DynamicRendering { color_attachment_format: swapchain.image_format(), depth_attachment_format: None };
         let options = Options { in_flight_frames: IN_FLIGHT, ..Options::default() };
-        let renderer =
-            Renderer::with_default_allocator(&gpu.instance, gpu.physical, gpu.device.clone(), format, options);
+        let renderer = Renderer::with_default_allocator(
+            gpu.raw_instance(),
+            gpu.raw_physical_device(),
+            gpu.raw_device().clone(),
+            format,
+            options,
+        );
         painter.renderer = Some(renderer.map_err(explain)?);
         Ok(painter)
     }
@@ -58,8 +64,8 @@ impl UiPainter {
         self.gpu.wait_all()?;
         renderer.free_textures(&std::mem::take(&mut self.to_free)).map_err(explain)?;
         if !frame.textures.set.is_empty() {
-            let queue = self.gpu.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            renderer.set_textures(*queue, self.pool, &frame.textures.set).map_err(explain)?;
+            let set = |queue| renderer.set_textures(queue, self.pool, &frame.textures.set);
+            self.gpu.with_queue(set)?.map_err(explain)?;
         }
         self.to_free.extend(&frame.textures.free);
         Ok(())
@@ -85,10 +91,10 @@ impl UiPainter {
             .layer_count(1)
             .color_attachments(&attachment);
         // SAFETY: recording; the view is of an image in this layout, and the array lives through the call.
-        unsafe { self.gpu.device.cmd_begin_rendering(commands, &info) };
+        unsafe { self.gpu.raw_device().cmd_begin_rendering(commands, &info) };
         let drawn = renderer.cmd_draw(commands, extent, frame.pixels_per_point, &frame.primitives);
         // SAFETY: begun above.
-        unsafe { self.gpu.device.cmd_end_rendering(commands) };
+        unsafe { self.gpu.raw_device().cmd_end_rendering(commands) };
         drawn.map_err(explain)
     }
 }
@@ -98,7 +104,7 @@ impl Drop for UiPainter {
         let _ = self.gpu.wait_all();
         drop(self.renderer.take());
         // SAFETY: the device is done with everything of the pool.
-        unsafe { self.gpu.device.destroy_command_pool(self.pool, None) };
+        unsafe { self.gpu.raw_device().destroy_command_pool(self.pool, None) };
     }
 }
 
