@@ -1,5 +1,6 @@
 //! Records dispatches, fills and copies into one command buffer; barriers follow from the bindings.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use ash::vk;
@@ -38,6 +39,9 @@ impl Grid {
 
 /// Passes that the crash marker can name; later ones share the last slot's name.
 const MAX_MARKERS: usize = 1024;
+
+/// Bytes that one update command takes at most: Vulkan's limit.
+const MAX_UPDATE_BYTES: usize = 65536;
 
 /// One reusable command buffer.
 pub struct Recorder {
@@ -272,6 +276,63 @@ impl Recorder {
         let regions = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: bytes }];
         // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted).
         unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
+        Ok(())
+    }
+
+    /// Copies what lies in the source from element `first` on to the start of the target, as much as the target holds.
+    ///
+    /// # Panics
+    /// If the source ends before that.
+    pub fn copy_from<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+        first: usize,
+        target: &mut Buffer<T>,
+    ) -> Result<(), GpuError> {
+        let (offset, bytes) = ((first * size_of::<T>()) as u64, target.bytes());
+        assert!(offset + bytes <= source.bytes(), "{}: {bytes} bytes from element {first}", source.name());
+        self.begin()?;
+        let accesses = [(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)];
+        if let Some(barrier) = self.hazards.next(&accesses) {
+            self.barrier(barrier);
+        }
+        let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
+        // SAFETY: recording; the source holds the region (asserted), which is as long as the target.
+        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
+        Ok(())
+    }
+
+    /// Writes these runs of `elements` to the same places of a buffer. The values travel in the command buffer: there is no
+    /// staging buffer, and `elements` may change as soon as this returns. Takes the buffer shared, since a scene that is drawn
+    /// is shared; barriers are those of any other write.
+    ///
+    /// # Panics
+    /// If a run goes beyond the elements or the buffer.
+    pub fn update<T: bytemuck::NoUninit>(
+        &mut self,
+        target: &Buffer<T>,
+        elements: &[T],
+        runs: &[Range<usize>],
+    ) -> Result<(), GpuError> {
+        const { assert!(size_of::<T>().is_multiple_of(4), "updates are of whole 32-bit words") };
+        if runs.is_empty() {
+            return Ok(());
+        }
+        self.begin()?;
+        if let Some(barrier) = self.hazards.next(&[(target.handle(), Access::COPY_WRITE)]) {
+            self.barrier(barrier);
+        }
+        for run in runs {
+            assert!(run.end <= target.len(), "{}: elements {run:?} of {}", target.name(), target.len());
+            let bytes: &[u8] = bytemuck::cast_slice(&elements[run.clone()]);
+            let first = (run.start * size_of::<T>()) as u64;
+            for (k, part) in bytes.chunks(MAX_UPDATE_BYTES).enumerate() {
+                let offset = first + (k * MAX_UPDATE_BYTES) as u64;
+                // SAFETY: recording; the part lies in the buffer (asserted), is at most 65536 bytes, and offset and length
+                // are multiples of 4 as the element's size is.
+                unsafe { self.gpu.device.cmd_update_buffer(self.commands, target.handle(), offset, part) };
+            }
+        }
         Ok(())
     }
 
