@@ -16,7 +16,7 @@ use super::error::GpuError;
 use super::instance::{OwnedInstance, choose_device, enumerate};
 use super::memory::Memory;
 use super::pipeline::PipelineStore;
-use super::timeline::{Ticket, Timeline};
+use super::timeline::{SubmissionCounts, Ticket, Timeline};
 use super::validation::ValidationMessages;
 
 /// Which device to use.
@@ -229,6 +229,11 @@ impl Gpu {
         let properties = unsafe { self.instance.get_physical_device_memory_properties(self.physical) };
         let heaps = &properties.memory_heaps[..properties.memory_heap_count as usize];
         heaps.iter().filter(|h| h.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL)).map(|h| h.size).max().unwrap_or(0)
+    }
+
+    /// Submissions and host waits since the device was opened.
+    pub fn submission_counts(&self) -> SubmissionCounts {
+        self.timeline.counts()
     }
 
     /// The loader's functions.

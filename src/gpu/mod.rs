@@ -36,6 +36,6 @@ pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
 #[cfg(feature = "window")]
 pub use swapchain::{PresentMode, Swapchain, Target, UI_PASS};
-pub use timeline::Ticket;
+pub use timeline::{SubmissionCounts, Ticket};
 #[cfg(feature = "window")]
 pub use ui_painter::{UiFrame, UiPainter};

@@ -1,6 +1,7 @@
 //! Records dispatches, fills and copies into one command buffer; barriers follow from the bindings.
 
 use std::mem;
+use std::ops::Range;
 use std::sync::Arc;
 
 use ash::vk;
@@ -39,6 +40,9 @@ impl Grid {
 
 /// Passes that the crash marker can name; later ones share the last slot's name.
 const MAX_MARKERS: usize = 1024;
+
+/// Bytes that one update command takes at most: Vulkan's limit.
+const MAX_UPDATE_BYTES: usize = 65536;
 
 /// What must be over before a recorder starts anew.
 #[derive(Clone, Copy)]
@@ -343,31 +347,76 @@ impl Recorder {
         target: &mut Buffer<T>,
         bytes: u64,
     ) -> Result<(), GpuError> {
-        self.copy_to(source, (target, 0), bytes)
-    }
-
-    /// Copies the first `bytes` bytes to where element `first` of the target begins.
-    ///
-    /// # Panics
-    /// If either buffer is shorter.
-    pub fn copy_to<T: bytemuck::NoUninit>(
-        &mut self,
-        source: &Buffer<T>,
-        (target, first): (&mut Buffer<T>, usize),
-        bytes: u64,
-    ) -> Result<(), GpuError> {
-        let offset = (first * size_of::<T>()) as u64;
-        let fits = bytes <= source.bytes() && offset + bytes <= target.bytes();
-        assert!(fits, "{} to {} from {first}: {bytes} bytes", source.name(), target.name());
+        let fits = bytes <= source.bytes() && bytes <= target.bytes();
+        assert!(fits, "{} to {}: {bytes} bytes", source.name(), target.name());
         self.begin()?;
         self.keep(source.inner(), "copy")?;
         self.keep(target.inner(), "copy")?;
         self.accesses.clear();
         self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
         self.order();
-        let regions = [vk::BufferCopy { src_offset: 0, dst_offset: offset, size: bytes }];
+        let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
         // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted) and are kept.
         unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
+        Ok(())
+    }
+
+    /// Copies what lies in the source from element `first` on to the start of the target, as much as the target holds.
+    ///
+    /// # Panics
+    /// If the source ends before that.
+    pub fn copy_from<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+        first: usize,
+        target: &mut Buffer<T>,
+    ) -> Result<(), GpuError> {
+        let (offset, bytes) = ((first * size_of::<T>()) as u64, target.bytes());
+        assert!(offset + bytes <= source.bytes(), "{}: {bytes} bytes from element {first}", source.name());
+        self.begin()?;
+        self.keep(source.inner(), "copy")?;
+        self.keep(target.inner(), "copy")?;
+        self.accesses.clear();
+        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
+        self.order();
+        let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
+        // SAFETY: recording; the source holds the region (asserted), which is as long as the target, and both are kept.
+        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
+        Ok(())
+    }
+
+    /// Writes these runs of `elements` to the same places of a buffer. The values travel in the command buffer: there is no
+    /// staging buffer, and `elements` may change as soon as this returns. Takes the buffer shared, since a scene that is drawn
+    /// is shared; barriers are those of any other write.
+    ///
+    /// # Panics
+    /// If a run goes beyond the elements or the buffer.
+    pub fn update<T: bytemuck::NoUninit>(
+        &mut self,
+        target: &Buffer<T>,
+        elements: &[T],
+        runs: &[Range<usize>],
+    ) -> Result<(), GpuError> {
+        const { assert!(size_of::<T>().is_multiple_of(4), "updates are of whole 32-bit words") };
+        if runs.is_empty() {
+            return Ok(());
+        }
+        self.begin()?;
+        self.keep(target.inner(), "update")?;
+        self.accesses.clear();
+        self.accesses.push((target.handle(), Access::COPY_WRITE));
+        self.order();
+        for run in runs {
+            assert!(run.end <= target.len(), "{}: elements {run:?} of {}", target.name(), target.len());
+            let bytes: &[u8] = bytemuck::cast_slice(&elements[run.clone()]);
+            let first = (run.start * size_of::<T>()) as u64;
+            for (k, part) in bytes.chunks(MAX_UPDATE_BYTES).enumerate() {
+                let offset = first + (k * MAX_UPDATE_BYTES) as u64;
+                // SAFETY: recording; the part lies in the buffer (asserted), is at most 65536 bytes, and offset and length
+                // are multiples of 4 as the element's size is.
+                unsafe { self.gpu.device.cmd_update_buffer(self.commands, target.handle(), offset, part) };
+            }
+        }
         Ok(())
     }
 

@@ -19,20 +19,7 @@ pub fn upload<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, name: &str, data: &[T]) -> 
 /// # Panics
 /// If `data` is longer than the buffer.
 pub fn write<T: bytemuck::NoUninit>(gpu: &Arc<Gpu>, buffer: &mut Buffer<T>, data: &[T]) -> Result<(), GpuError> {
-    write_at(gpu, (buffer, 0), data)
-}
-
-/// Writes `data` to `buffer` from element `first` on.
-///
-/// # Panics
-/// If `data` goes beyond the buffer.
-pub fn write_at<T: bytemuck::NoUninit>(
-    gpu: &Arc<Gpu>,
-    (buffer, first): (&mut Buffer<T>, usize),
-    data: &[T],
-) -> Result<(), GpuError> {
-    let end = first + data.len();
-    assert!(end <= buffer.len(), "{}: {} elements from {first} into {}", buffer.name(), data.len(), buffer.len());
+    assert!(data.len() <= buffer.len(), "{}: {} elements into {}", buffer.name(), data.len(), buffer.len());
     if data.is_empty() {
         return Ok(());
     }
@@ -41,25 +28,34 @@ pub fn write_at<T: bytemuck::NoUninit>(
     let mapped = staging.mapped_mut().ok_or_else(|| not_mapped("staging"))?;
     mapped.copy_from_slice(bytes);
     let mut recorder = Recorder::new(gpu)?;
-    recorder.copy_to(&staging, (buffer, first), bytes.len() as u64)?;
+    recorder.copy(&staging, buffer, bytes.len() as u64)?;
     let ticket = recorder.submit()?;
     recorder.wait(ticket)
 }
 
-/// The first `len` elements of a device buffer. Waits for everything submitted before.
+/// The first `len` elements of a device buffer, or all if it has fewer. Waits for everything submitted before.
 pub fn download<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     gpu: &Arc<Gpu>,
     buffer: &Buffer<T>,
     len: usize,
 ) -> Result<Vec<T>, GpuError> {
-    let len = len.min(buffer.len());
+    download_from(gpu, buffer, 0, len)
+}
+
+/// As [`download`], but `len` elements from element `first` on; only these are copied.
+pub fn download_from<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+    gpu: &Arc<Gpu>,
+    buffer: &Buffer<T>,
+    first: usize,
+    len: usize,
+) -> Result<Vec<T>, GpuError> {
+    let len = len.min(buffer.len().saturating_sub(first));
     if len == 0 {
         return Ok(Vec::new());
     }
     let mut readback = Buffer::<T>::for_readback(gpu, "readback", len)?;
     let mut recorder = Recorder::new(gpu)?;
-    let bytes = readback.bytes();
-    recorder.copy(buffer, &mut readback, bytes)?;
+    recorder.copy_from(buffer, first, &mut readback)?;
     let ticket = recorder.submit()?;
     recorder.wait(ticket)?;
     let mapped = readback.mapped().ok_or_else(|| not_mapped("readback"))?;

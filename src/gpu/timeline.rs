@@ -10,6 +10,17 @@ use super::error::GpuError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Ticket(pub(crate) u64);
 
+/// What the host has asked of a device since it was opened. The counts depend on the calls alone, not on how fast the device is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SubmissionCounts {
+    /// Command buffers that were submitted.
+    pub submissions: u64,
+    /// Host waits for a submission that no earlier wait had shown to be finished.
+    pub waits: u64,
+    /// Of these waits, those for the last submission: they leave the device without work.
+    pub drains: u64,
+}
+
 /// The semaphore and the value of the last accepted submission.
 pub(crate) struct Timeline {
     device: ash::Device,
@@ -17,6 +28,10 @@ pub(crate) struct Timeline {
     last: AtomicU64,
     /// The device is lost, so that nothing is in flight any more.
     lost: AtomicBool,
+    /// The largest value that a wait has returned for: everything up to it is finished.
+    finished: AtomicU64,
+    waits: AtomicU64,
+    drains: AtomicU64,
 }
 
 impl Timeline {
@@ -26,7 +41,8 @@ impl Timeline {
         // SAFETY: the device has the timelineSemaphore feature (required at creation); the chain lives through the call.
         let semaphore =
             unsafe { device.create_semaphore(&info, None) }.map_err(GpuError::vulkan("timeline semaphore"))?;
-        Ok(Self { device: device.clone(), semaphore, last: AtomicU64::new(0), lost: AtomicBool::new(false) })
+        let [last, finished, waits, drains] = [0; 4].map(AtomicU64::new);
+        Ok(Self { device: device.clone(), semaphore, last, lost: AtomicBool::new(false), finished, waits, drains })
     }
 
     /// The value that the next submission signals. The caller holds the queue's lock until it has called `submitted`.
@@ -44,10 +60,21 @@ impl Timeline {
         Ticket(self.last.load(Ordering::SeqCst))
     }
 
+    /// Submissions and waits so far.
+    pub(crate) fn counts(&self) -> SubmissionCounts {
+        let [submissions, waits, drains] =
+            [&self.last, &self.waits, &self.drains].map(|count| count.load(Ordering::SeqCst));
+        SubmissionCounts { submissions, waits, drains }
+    }
+
     /// Blocks until the semaphore has the value of `ticket`.
     pub(crate) fn wait(&self, ticket: Ticket) -> Result<(), vk::Result> {
-        if ticket.0 == 0 {
+        if ticket.0 <= self.finished.load(Ordering::SeqCst) {
             return Ok(());
+        }
+        self.waits.fetch_add(1, Ordering::SeqCst);
+        if ticket == self.last() {
+            self.drains.fetch_add(1, Ordering::SeqCst);
         }
         let (semaphores, values) = ([self.semaphore], [ticket.0]);
         let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
@@ -55,6 +82,9 @@ impl Timeline {
         let waited = unsafe { self.device.wait_semaphores(&info, u64::MAX) };
         if waited == Err(vk::Result::ERROR_DEVICE_LOST) {
             self.lost.store(true, Ordering::SeqCst);
+        }
+        if waited.is_ok() {
+            self.finished.fetch_max(ticket.0, Ordering::SeqCst);
         }
         waited
     }

@@ -14,6 +14,7 @@ use crate::scene::Camera;
 
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
+use super::extra_passes::ExtraPasses;
 use super::forward::{counters_of, record_slab, record_visibility, write_counters};
 use super::plan::Capacities;
 use super::renderer::{FrameStats, RenderOptions, Renderer};
@@ -97,7 +98,7 @@ impl Ahead {
 
 impl Renderer {
     /// Submits a picture without waiting for it; [`Ahead::arrive`] tells what became of it. Submissions that follow see the
-    /// picture as after [`Renderer::render`].
+    /// picture as after [`Renderer::render_with`].
     ///
     /// # Errors
     /// As [`Renderer::render`].
@@ -110,11 +111,12 @@ impl Renderer {
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
+        extra: ExtraPasses<'_>,
     ) -> Result<(), RenderError> {
         assert!(!ahead.is_full(), "a picture arrives before the next is submitted");
         self.prepare(scene, camera, options)?;
         let Some(mut slot) = ahead.free.pop() else { return Ok(()) };
-        match self.submit_slot(&mut slot, scene, camera, options) {
+        match self.submit_slot(&mut slot, scene, camera, options, extra) {
             Ok((ticket, capacities)) => ahead.pending.push_back((slot, ticket, capacities)),
             Err(error) => {
                 slot.recorder.abandon();
@@ -131,7 +133,9 @@ impl Renderer {
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
+        mut extra: ExtraPasses<'_>,
     ) -> Result<(Ticket, Capacities), RenderError> {
+        self.prepare_extra(&mut extra)?;
         let (inputs, frame) = self.passes(scene, camera, options);
         let mut counters = [0; COUNTER_COUNT as usize];
         counters[COUNTER_INSTANCES as usize] = scene.instance_count;
@@ -140,7 +144,10 @@ impl Renderer {
         slot.recorder.copy(&slot.counters_start, &mut frame.scratch.counters, bytes)?;
         record_visibility(&mut slot.recorder, &inputs, frame)?;
         record_slab(&mut slot.recorder, &inputs, frame)?;
+        extra.record(&mut slot.recorder, &inputs, frame)?;
         slot.recorder.copy(&frame.scratch.counters, &mut slot.counters_end, bytes)?;
-        Ok((slot.recorder.submit()?, frame.plan.capacities))
+        let ticket = slot.recorder.submit()?;
+        scene.changes_submitted();
+        Ok((ticket, frame.plan.capacities))
     }
 }

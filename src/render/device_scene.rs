@@ -1,12 +1,12 @@
 //! The scene in device memory: source Gaussians (templates, then background) as structure of arrays, instances, chunk
-//! bounds, offsets. Immutable; one template serves all its instances.
+//! bounds, offsets. One template serves all its instances; only the rows of the instance table change.
 
 use std::ops::Range;
 use std::sync::Arc;
 
 use crate::gpu::interface::types;
-use crate::gpu::staging::{download, upload, write_at};
-use crate::gpu::{Buffer, Gpu};
+use crate::gpu::staging::upload;
+use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::sh_coefficients;
@@ -14,6 +14,7 @@ use crate::scene::lod::Levels;
 use crate::scene::{Gaussians, InstancedScene};
 
 use super::error::RenderError;
+use super::instance_table::InstanceTable;
 use super::level_tables::build_level_tables;
 use super::scene_tables::{Tables, build_tables, cloud_tables, scale_bound};
 
@@ -85,8 +86,8 @@ pub struct DeviceScene {
     posed_instances: u32,
     /// By instance, where `instances` has its coarser levels; `None` without levels of detail.
     coarser: Option<Vec<Range<u32>>>,
-    /// Gaussians of each entry of `instances` as it was uploaded.
-    source_counts: Vec<u32>,
+    /// The rows of `instances` on the host, which edits change. `None` for scenes in training, whose rows the device changes.
+    table: Option<InstanceTable>,
 }
 
 /// What chunk culling may assume.
@@ -107,7 +108,8 @@ impl DeviceScene {
         Self::with_bounds(gpu, scene, chunk_size, Bounds::Tight)
     }
 
-    /// As [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move every step.
+    /// As [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move every step. Its instances are the
+    /// device's alone to move, so that [`DeviceScene::place_instances`] and [`DeviceScene::show_instances`] refuse it.
     pub fn unbounded(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         Self::with_bounds(gpu, scene, chunk_size, Bounds::Everywhere)
     }
@@ -124,7 +126,11 @@ impl DeviceScene {
         if bounds == Bounds::Everywhere {
             tables.widen();
         }
-        Self::with_tables(gpu, scene, (tables, chunk_size), scene.instances.len() as u32)
+        let mut out = Self::with_tables(gpu, scene, (tables, chunk_size), scene.instances.len() as u32)?;
+        if bounds == Bounds::Everywhere {
+            out.table = None;
+        }
+        Ok(out)
     }
 
     /// As [`DeviceScene::new`], with levels of detail: for `RenderOptions::lod_error_px` above 0. Takes two to three times
@@ -187,7 +193,7 @@ impl DeviceScene {
             },
             posed_instances,
             coarser: None,
-            source_counts: tables.instances.iter().map(|entry| entry.source_count).collect(),
+            table: Some(InstanceTable::new(tables.instances)),
         })
     }
 
@@ -209,62 +215,76 @@ impl DeviceScene {
         self.chunk_pairs = tables.chunk_pairs;
         self.expanded_len = tables.flat;
         self.counts.background = count;
+        self.table = self.table.take().map(|_| InstanceTable::new(tables.instances));
         Ok(())
     }
 
-    /// Moves instances: their entries of the instance table, and those of their levels, go to the device, and what lies
-    /// between them. Of one instance that is 128 bytes.
+    /// Moves instances: the next picture's command buffer writes their rows of the instance table, and those of their levels.
+    /// Of one instance without levels that is 128 bytes. Pictures in flight show the places they began with.
     ///
-    /// # Panics
-    /// If there is no such instance.
-    pub fn place_instances(&mut self, gpu: &Arc<Gpu>, places: &[(usize, Similarity)]) -> Result<(), RenderError> {
-        self.change_instances(gpu, places, |world_from_template, _, entry| {
-            entry.world_from_template = world_from_template.rows();
-            entry.scale = scale_bound(world_from_template);
+    /// # Errors
+    /// No such instance, or a scene in training; nothing is moved.
+    pub fn place_instances(&mut self, places: &[(usize, Similarity)]) -> Result<(), RenderError> {
+        self.change_instances(places, |world_from_template, row, _| {
+            row.world_from_template = world_from_template.rows();
+            row.scale = scale_bound(world_from_template);
         })
     }
 
-    /// Draws instances (true), or leaves them out: without Gaussians, culling passes nothing of them on. As
-    /// [`DeviceScene::place_instances`], only entries of the instance table go to the device.
+    /// Draws instances (true), or leaves them out: without Gaussians, culling passes nothing of them on. Rows are written as by
+    /// [`DeviceScene::place_instances`].
     ///
-    /// # Panics
-    /// If there is no such instance.
-    pub fn show_instances(&mut self, gpu: &Arc<Gpu>, shown: &[(usize, bool)]) -> Result<(), RenderError> {
-        let counts = std::mem::take(&mut self.source_counts);
-        let done = self
-            .change_instances(gpu, shown, |shown, k, entry| entry.source_count = if *shown { counts[k] } else { 0 });
-        self.source_counts = counts;
-        done
+    /// # Errors
+    /// As there.
+    pub fn show_instances(&mut self, shown: &[(usize, bool)]) -> Result<(), RenderError> {
+        self.change_instances(shown, |shown, row, source_count| {
+            row.source_count = if *shown { source_count } else { 0 }
+        })
     }
 
-    /// Changes the entries of instances and of their levels, by their index: one copy from the device, and one to it for
-    /// each of the two, however many instances there are.
+    /// Changes the rows of instances and of their levels, on the host.
     fn change_instances<T>(
         &mut self,
-        gpu: &Arc<Gpu>,
         instances: &[(usize, T)],
-        change: impl Fn(&T, usize, &mut types::Instance),
+        change: impl Fn(&T, &mut types::Instance, u32),
     ) -> Result<(), RenderError> {
-        let posed = self.posed_instances() as usize;
-        let own = |k: usize| k..k + 1;
-        let levels = |k: usize| self.coarser.as_ref().map_or(0..0, |c| c[k].start as usize..c[k].end as usize);
-        let last = |k: usize| own(k).end.max(levels(k).end);
-        let mut table = download(gpu, &self.instances, instances.iter().map(|(k, _)| last(*k)).max().unwrap_or(0))?;
-        let mut touched: [Option<Range<usize>>; 2] = [None, None];
+        let refused = |reason: String| Err(RenderError::Option { option: "the scene's instances", reason });
+        let Some(table) = &mut self.table else {
+            return refused("are those of a scene in training, which the device moves".into());
+        };
+        let posed = self.posed_instances as usize;
+        if let Some((k, _)) = instances.iter().find(|(k, _)| *k >= posed) {
+            return refused(format!("there are {posed}, and none has the index {k}"));
+        }
         for (k, to) in instances {
-            assert!(*k < posed, "there is no instance {k}");
-            for (run, entries) in
-                touched.iter_mut().zip([own(*k), levels(*k)]).filter(|(_, entries)| !entries.is_empty())
-            {
-                let so_far = run.take().unwrap_or(entries.clone());
-                *run = Some(so_far.start.min(entries.start)..so_far.end.max(entries.end));
-                entries.for_each(|entry| change(to, entry, &mut table[entry]));
+            let levels = self.coarser.as_ref().map_or(0..0, |coarser| coarser[*k].clone());
+            for row in std::iter::once(*k).chain(levels.map(|row| row as usize)) {
+                table.change(row, |row, source_count| change(to, row, source_count));
             }
         }
-        for run in touched.into_iter().flatten() {
-            write_at(gpu, (&mut self.instances, run.start), &table[run])?;
-        }
         Ok(())
+    }
+
+    /// Records the writes of rows that were changed since the last picture. The passes of a picture begin with this.
+    pub(super) fn record_changes(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
+        self.table.as_ref().map_or(Ok(()), |table| table.record(recorder, &self.instances))
+    }
+
+    /// The passes of a picture have been submitted, and with them the rows that were changed before.
+    pub(super) fn changes_submitted(&self) {
+        self.table.iter().for_each(InstanceTable::submitted);
+    }
+
+    /// Writes rows that no picture has written yet, for somebody who is about to read the device's.
+    pub(super) fn write_changes(&self, gpu: &Arc<Gpu>) -> Result<(), GpuError> {
+        if !self.table.as_ref().is_some_and(InstanceTable::has_changes) {
+            return Ok(());
+        }
+        let mut recorder = Recorder::new(gpu)?;
+        self.record_changes(&mut recorder)?;
+        let ticket = recorder.submit()?;
+        self.changes_submitted();
+        recorder.wait(ticket)
     }
 
     /// What decides on the code of kernels that use SH bands up to `sh_degree`.

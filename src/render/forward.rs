@@ -49,12 +49,14 @@ pub fn record_end(recorder: &mut Recorder, frame: &mut FrameBuffers) -> Result<(
     recorder.copy(&frame.scratch.counters, &mut frame.counters_end, bytes)
 }
 
-/// Instances -> chunks -> projected survivors -> order by depth.
+/// Instances -> chunks -> projected survivors -> order by depth. Rows of the instance table that an edit changed are written
+/// first.
 pub fn record_visibility(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
+    inputs.scene.record_changes(recorder)?;
     record_culling(recorder, inputs, frame)?;
     record_expansion(recorder, inputs, frame)?;
     let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes: radix_passes(u32::MAX) };

@@ -1,17 +1,21 @@
-//! Single splats of a picture as marks, on the device: kernel `tile_marks` after each depth slab.
+//! Single splats of a picture as marks, on the device: kernel `tile_marks` behind the blend of each depth slab.
 
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::{MARK_ELLIPSES, MARK_POINTS};
 use crate::gpu::staging::download;
-use crate::gpu::{Buffer, Gpu, Recorder};
-use crate::kernels::{MarkPipelines, tile_marks};
+use crate::gpu::{Buffer, Gpu, GpuError, PipelineCache, Recorder};
+use crate::kernels::{MarkPipelines, Variant, tile_marks};
 use crate::scene::Camera;
 
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
-use super::renderer::{BlendedSlab, FrameStats, RenderOptions, Renderer};
-use super::surfaces::{Surfaces, block_grid};
+use super::extra_passes::{ExtraPasses, block_grid};
+use super::forward::ForwardInputs;
+use super::frame_buffers::FrameBuffers;
+use super::plan::FramePlan;
+use super::renderer::{FrameStats, RenderOptions, Renderer};
+use super::surfaces::Surfaces;
 
 /// What marks a splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,7 +32,6 @@ const LEAST_ALPHA: f32 = 1.0 / 255.0;
 /// The nearest mark of each pixel.
 pub struct Marks {
     gpu: Arc<Gpu>,
-    recorder: Recorder,
     pipelines: Option<MarkPipelines>,
     /// Red, green, blue and 255 from the lowest byte; 0 without a mark.
     pub(super) by_pixel: Buffer<u32>,
@@ -38,13 +41,7 @@ pub struct Marks {
 impl Marks {
     /// Without a picture.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
-        Ok(Self {
-            gpu: gpu.clone(),
-            recorder: Recorder::new(gpu)?,
-            pipelines: None,
-            by_pixel: Buffer::new(gpu, "marks", 1)?,
-            size_px: [0; 2],
-        })
+        Ok(Self { gpu: gpu.clone(), pipelines: None, by_pixel: Buffer::new(gpu, "marks", 1)?, size_px: [0; 2] })
     }
 
     /// Red, green and blue by pixel, row by row; `None` without a mark.
@@ -57,21 +54,38 @@ impl Marks {
         Ok(download(&self.gpu, &self.by_pixel, count)?.into_iter().map(rgb).collect())
     }
 
-    fn after_slab(&mut self, slab: &BlendedSlab<'_>, shape: MarkShape) -> Result<(), RenderError> {
-        let plan = &slab.frame.plan;
+    /// Makes buffer and pipeline anew if they do not fit the picture.
+    pub(super) fn prepare(
+        &mut self,
+        cache: &PipelineCache,
+        variant: Variant,
+        plan: &FramePlan,
+    ) -> Result<(), RenderError> {
         if self.size_px != plan.size_px {
             self.by_pixel = Buffer::new(&self.gpu, "marks", plan.pixels() as usize)?;
             self.size_px = plan.size_px;
         }
-        if self.pipelines.as_ref().is_none_or(|p| p.variant != slab.variant) {
-            self.pipelines = Some(MarkPipelines::new(slab.gpu, slab.cache, slab.variant)?);
+        if self.pipelines.as_ref().is_none_or(|p| p.variant != variant) {
+            self.pipelines = Some(MarkPipelines::new(&self.gpu, cache, variant)?);
         }
+        Ok(())
+    }
+
+    /// Records kernel `tile_marks` for a slab.
+    pub(super) fn record(
+        &mut self,
+        recorder: &mut Recorder,
+        inputs: &ForwardInputs<'_>,
+        frame: &FrameBuffers,
+        shape: MarkShape,
+    ) -> Result<(), GpuError> {
+        let (plan, variant) = (&frame.plan, inputs.pipelines.variant);
         let Some(pipelines) = &self.pipelines else { return Ok(()) };
         let bindings = tile_marks::Bindings {
-            splats: &slab.frame.splats,
-            isect_values: &slab.frame.tile_sort.values,
-            tile_ranges: &slab.frame.tile_ranges,
-            counters: &slab.frame.scratch.counters,
+            splats: &frame.splats,
+            isect_values: &frame.tile_sort.values,
+            tile_ranges: &frame.tile_ranges,
+            counters: &frame.scratch.counters,
             marks: &mut self.by_pixel,
         };
         let (shape, alpha_min) = match shape {
@@ -79,9 +93,7 @@ impl Marks {
             MarkShape::Ellipses(alpha) => (MARK_ELLIPSES, alpha.max(LEAST_ALPHA)),
         };
         let params = tile_marks::Params { size_px: plan.size_px, tiles: plan.tiles, shape, alpha_min };
-        self.recorder.dispatch(&pipelines.tile_marks, block_grid(slab), &params, bindings)?;
-        let ticket = self.recorder.submit()?;
-        Ok(self.recorder.wait(ticket)?)
+        recorder.dispatch(&pipelines.tile_marks, block_grid(plan, &variant), &params, bindings)
     }
 }
 
@@ -97,16 +109,8 @@ impl Renderer {
         camera: &Camera,
         options: &RenderOptions,
         (marks, shape): (&mut Marks, MarkShape),
-        mut surfaces: Option<&mut Surfaces>,
+        surfaces: Option<&mut Surfaces>,
     ) -> Result<FrameStats, RenderError> {
-        let stats = self.render_slabs(scene, camera, options, &mut |slab| {
-            marks.after_slab(&slab, shape)?;
-            surfaces.as_mut().map_or(Ok(()), |surfaces| surfaces.after_slab(scene, &slab))
-        });
-        if stats.is_err() {
-            marks.recorder.abandon();
-            surfaces.into_iter().for_each(|surfaces| surfaces.recorder.abandon());
-        }
-        stats
+        self.render_with(scene, camera, options, ExtraPasses { surfaces, marks: Some((marks, shape)) })
     }
 }

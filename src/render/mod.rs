@@ -1,17 +1,19 @@
 //! L3: from a scene and a camera to a picture on the device.
 //!
-//! [`DeviceScene`] is the immutable scene in device memory; [`plan`] the pure arithmetic of buffer sizes; [`FrameBuffers`]
-//! what one frame needs besides; [`Renderer`] records the passes in order and decides what to do when a buffer was too
-//! small: grow and redo, or go on with the next depth slab. Nothing is ever dropped.
+//! [`DeviceScene`] is the scene in device memory, of which only the instance table changes; [`plan`] the pure arithmetic of
+//! buffer sizes; [`FrameBuffers`] what one frame needs besides; [`Renderer`] records the passes in order and decides what to do
+//! when a buffer was too small: grow and redo, or go on with the next depth slab. Nothing is ever dropped.
 
 pub mod ahead;
 pub mod backward;
 pub mod contributions;
 pub mod device_scene;
 pub mod error;
+pub mod extra_passes;
 pub mod forward;
 pub mod frame_buffers;
 pub mod gradients;
+mod instance_table;
 mod level_tables;
 pub mod marks;
 pub mod picture;
@@ -31,6 +33,7 @@ pub use ahead::{Ahead, Arrived, FRAMES_IN_FLIGHT};
 pub use contributions::{CONTRIBUTION_ONE, Contribution, ContributionRenderer};
 pub use device_scene::{DeviceScene, SceneCounts};
 pub use error::RenderError;
+pub use extra_passes::ExtraPasses;
 pub use frame_buffers::FrameBuffers;
 pub use gradients::{GradientBuffers, SourceTables, StepLog};
 pub use marks::{MarkShape, Marks};

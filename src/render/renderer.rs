@@ -12,6 +12,7 @@ use crate::scene::Camera;
 
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
+use super::extra_passes::ExtraPasses;
 use super::forward::{
     ForwardInputs, read_counters, record_begin, record_blend, record_end, record_lists, record_visibility,
     write_counters,
@@ -105,8 +106,7 @@ impl FrameStats {
     }
 }
 
-/// A depth slab that has just been blended, or listed only if it is the last of [`Renderer::list_slabs`]: for passes that look
-/// at the same lists as the blend.
+/// A depth slab that has just been blended, or only listed if it is the last, for [`Renderer::list_slabs`].
 pub(super) struct BlendedSlab<'a> {
     /// The device.
     pub(super) gpu: &'a Arc<Gpu>,
@@ -124,6 +124,14 @@ pub(super) struct BlendedSlab<'a> {
 
 /// Called after each depth slab of a frame that is not redone.
 pub(super) type AfterSlab<'a> = dyn FnMut(BlendedSlab<'_>) -> Result<(), RenderError> + 'a;
+
+/// What becomes of the lists of each depth slab.
+pub(super) enum EachSlab<'a> {
+    /// They are blended onto the picture, and these passes follow in the same command buffer.
+    Blend(ExtraPasses<'a>),
+    /// The host is called when they are there. Those of the last slab are not blended: there is no picture.
+    List(&'a mut AfterSlab<'a>),
+}
 
 /// Renders one scene at a time; keeps its frame buffers between frames.
 pub struct Renderer {
@@ -225,42 +233,31 @@ impl Renderer {
         camera: &Camera,
         options: &RenderOptions,
     ) -> Result<FrameStats, RenderError> {
-        self.render_slabs(scene, camera, options, &mut |_| Ok(()))
+        self.slabs(scene, camera, options, EachSlab::Blend(ExtraPasses::default()))
     }
 
-    /// As [`Renderer::render`], with a look at every depth slab.
-    pub(super) fn render_slabs(
-        &mut self,
-        scene: &DeviceScene,
-        camera: &Camera,
-        options: &RenderOptions,
-        after_slab: &mut AfterSlab<'_>,
-    ) -> Result<FrameStats, RenderError> {
-        self.slabs(scene, camera, options, true, after_slab)
-    }
-
-    /// As [`Renderer::render_slabs`], for whom lists are enough: the last slab is not blended, and there is no picture. Pass times
+    /// As [`Renderer::render`], for whom lists are enough: the last slab is not blended, and there is no picture. Pass times
     /// are those of the last slab.
-    pub(super) fn list_slabs(
+    pub(super) fn list_slabs<'a>(
         &mut self,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
-        after_slab: &mut AfterSlab<'_>,
+        after_slab: &'a mut AfterSlab<'a>,
     ) -> Result<FrameStats, RenderError> {
-        self.slabs(scene, camera, options, false, after_slab)
+        self.slabs(scene, camera, options, EachSlab::List(after_slab))
     }
 
-    fn slabs(
+    /// Renders a picture, or only its lists.
+    pub(super) fn slabs(
         &mut self,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
-        blends_last: bool,
-        after_slab: &mut AfterSlab<'_>,
+        mut each: EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
         self.prepare(scene, camera, options)?;
-        let stats = self.render_prepared(scene, camera, options, blends_last, after_slab);
+        let stats = self.render_prepared(scene, camera, options, &mut each);
         if stats.is_err() {
             self.recorder.abandon();
         }
@@ -288,6 +285,12 @@ impl Renderer {
         self.prepare_frame(scene, camera, options)
     }
 
+    /// Makes what more passes need, after [`Renderer::prepare`].
+    pub(super) fn prepare_extra(&self, extra: &mut ExtraPasses<'_>) -> Result<(), RenderError> {
+        let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
+        extra.prepare(&self.cache, pipelines.variant, &frame.plan)
+    }
+
     /// What the passes need, after [`Renderer::prepare`].
     pub(super) fn passes<'a>(
         &'a mut self,
@@ -305,23 +308,25 @@ impl Renderer {
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
-        blends_last: bool,
-        after_slab: &mut AfterSlab<'_>,
+        each: &mut EachSlab<'_>,
     ) -> Result<FrameStats, RenderError> {
         let view = view_of(camera, options);
         let mut stats = FrameStats::default();
         loop {
             self.prepare_frame(scene, camera, options)?;
+            if let EachSlab::Blend(extra) = each {
+                self.prepare_extra(extra)?;
+            }
             let mut counters = [0; COUNTER_COUNT as usize];
             counters[COUNTER_INSTANCES as usize] = scene.instance_count;
-            let counters = self.submit_slab(scene, view, options, blends_last, (counters, true))?;
+            let counters = self.submit_slab(scene, view, options, each, (counters, true))?;
             if self.grow(scene, &counters)? {
                 stats.redone += 1;
                 continue;
             }
             stats.passes_ms = self.recorder.passes_ms()?;
-            after_slab(self.blended_slab(true, &counters))?;
-            self.finish_slabs(scene, view, options, blends_last, (counters, &mut stats), after_slab)?;
+            self.slab_done(each, true, &counters)?;
+            self.finish_slabs(scene, view, options, each, (counters, &mut stats))?;
             return Ok(stats);
         }
     }
@@ -413,7 +418,7 @@ impl Renderer {
         scene: &DeviceScene,
         view: types::View,
         options: &RenderOptions,
-        blends_last: bool,
+        each: &mut EachSlab<'_>,
         (counters, first): (Counters, bool),
     ) -> Result<Counters, RenderError> {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
@@ -425,14 +430,16 @@ impl Renderer {
             record_visibility(recorder, &inputs, frame)?;
         }
         record_lists(recorder, &inputs, frame)?;
-        if blends_last {
+        if let EachSlab::Blend(extra) = each {
             record_blend(recorder, &inputs, frame)?;
+            extra.record(recorder, &inputs, frame)?;
         }
         record_end(recorder, frame)?;
         let ticket = recorder.submit()?;
+        scene.changes_submitted();
         recorder.wait(ticket)?;
         let counters = read_counters(frame);
-        if !blends_last && !is_last(&counters) {
+        if matches!(each, EachSlab::List(_)) && !is_last(&counters) {
             record_blend(recorder, &inputs, frame)?;
             let ticket = recorder.submit()?;
             recorder.wait(ticket)?;
@@ -440,10 +447,12 @@ impl Renderer {
         Ok(counters)
     }
 
-    fn blended_slab(&self, first: bool, counters: &Counters) -> BlendedSlab<'_> {
+    /// Calls the host where it wants to be called.
+    fn slab_done(&self, each: &mut EachSlab<'_>, first: bool, counters: &Counters) -> Result<(), RenderError> {
+        let EachSlab::List(after_slab) = each else { return Ok(()) };
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
-        let last = is_last(counters);
-        BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant: pipelines.variant, frame, first, last }
+        let (variant, last) = (pipelines.variant, is_last(counters));
+        after_slab(BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant, frame, first, last })
     }
 
     /// Enlarges buffers that the frame overflowed; true if it must be done again.
@@ -476,9 +485,8 @@ impl Renderer {
         scene: &DeviceScene,
         view: types::View,
         options: &RenderOptions,
-        blends_last: bool,
+        each: &mut EachSlab<'_>,
         (mut counters, stats): (Counters, &mut FrameStats),
-        after_slab: &mut AfterSlab<'_>,
     ) -> Result<(), RenderError> {
         let needed = counters[COUNTER_INTERSECTIONS as usize];
         stats.slabs = 1;
@@ -488,7 +496,7 @@ impl Renderer {
         while !is_last(&counters) {
             let begin = counters[COUNTER_SLAB_END as usize];
             counters[COUNTER_SLAB_BEGIN as usize] = begin;
-            counters = self.submit_slab(scene, view, options, blends_last, (counters, false))?;
+            counters = self.submit_slab(scene, view, options, each, (counters, false))?;
             if counters[COUNTER_SLAB_END as usize] <= begin {
                 let reason = format!("made no progress at splat {begin}");
                 return Err(GpuError::Kernel { kernel: "plan_slab".into(), reason }.into());
@@ -496,7 +504,7 @@ impl Renderer {
             stats.slabs += 1;
             stats.intersections += u64::from(counters[COUNTER_SLAB_INTERSECTIONS as usize]);
             stats.passes_ms.extend(self.recorder.passes_ms()?);
-            after_slab(self.blended_slab(false, &counters))?;
+            self.slab_done(each, false, &counters)?;
         }
         let most = (self.gpu.caps().max_storage_bytes / 4).min(MOST_INTERSECTIONS) as u32;
         if needed > self.capacities.intersections {

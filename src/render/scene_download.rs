@@ -59,6 +59,7 @@ impl DeviceScene {
 
     /// `like`, with the transforms of the device.
     fn download_instances(&self, gpu: &Arc<Gpu>, like: &[Instance]) -> Result<Vec<Instance>, RenderError> {
+        self.write_changes(gpu)?;
         let on_device = download(gpu, &self.instances, like.len())?;
         let current = |(k, (like, now)): (usize, (&Instance, types::Instance))| {
             let transform = Similarity::from_rows(now.world_from_template);

@@ -1,11 +1,14 @@
 //! Pictures that nobody waits for are those of `render`; one that will not be complete leaves the window as it was.
 
+use glam::{DMat3, DVec3};
 use instgs_vk::gpu::{Gpu, Recorder};
+use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{
-    Ahead, Arrived, Capacities, DeviceScene, FRAMES_IN_FLIGHT, Presenter, RenderOptions, Renderer, Show, ShownPicture,
+    Ahead, Arrived, Capacities, DeviceScene, ExtraPasses, FRAMES_IN_FLIGHT, Presenter, RenderOptions, Renderer, Show,
+    ShownPicture,
 };
-use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Camera, Instance};
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::random_scene::random_case;
@@ -49,7 +52,7 @@ fn pictures_ahead_are_those_of_render() {
         if ahead.is_full() {
             arrived.extend(ahead.arrive().unwrap());
         }
-        renderer.submit_ahead(&mut ahead, &device, camera, &options).unwrap();
+        renderer.submit_ahead(&mut ahead, &device, camera, &options, ExtraPasses::default()).unwrap();
         assert_eq!(renderer.download().unwrap(), want[k].2, "picture {k}");
     }
     while let Some(one) = ahead.arrive().unwrap() {
@@ -91,7 +94,7 @@ fn incomplete_pictures_are_not_shown() {
         let before = window(&gpu, &mut presenter, (&renderer, &device), &away);
         renderer.set_capacities(capacities);
         for _ in 0..FRAMES_IN_FLIGHT {
-            renderer.submit_ahead(&mut ahead, &device, &camera, &options).unwrap();
+            renderer.submit_ahead(&mut ahead, &device, &camera, &options, ExtraPasses::default()).unwrap();
             let after = window(&gpu, &mut presenter, (&renderer, &device), &camera);
             assert_eq!(before != after, complete, "{capacities:?}");
         }
@@ -103,6 +106,42 @@ fn incomplete_pictures_are_not_shown() {
         renderer.render(&device, &camera, &options).unwrap();
         assert_ne!(window(&gpu, &mut presenter, (&renderer, &device), &camera), before);
     }
+    assert_silent(&gpu);
+}
+
+/// More rows than one update command takes, in two runs; what is downloaded has them, whether or not a picture came between.
+#[test]
+fn moved_rows_reach_the_device() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let case = random_case(4);
+    let mut scene = case.scene.clone();
+    let one = Instance { first_offset: None, ..scene.instances[0].clone() };
+    scene.instances = vec![one; 2000];
+    scene.groups.clear();
+    let mut device = renderer.upload(&scene).unwrap();
+    let by = |distance: f64| {
+        move |k: usize| {
+            let place = Similarity::from_parts(DMat3::IDENTITY, 1.0, DVec3::new(distance, k as f64, 0.0));
+            (k, place)
+        }
+    };
+    for (picture, distance) in [(false, 1.0), (true, 2.0)] {
+        let places: Vec<_> = (0..1100).chain(1500..1501).map(by(distance)).collect();
+        device.place_instances(&places).unwrap();
+        places.iter().for_each(|(k, place)| scene.instances[*k].world_from_template = *place);
+        if picture {
+            renderer.render(&device, &case.camera, &RenderOptions::default()).unwrap();
+        }
+        assert!(device.download(&gpu, &scene).unwrap() == scene, "picture: {picture}");
+    }
+    let error = device.place_instances(&[by(3.0)(0), by(3.0)(2000)]).unwrap_err().to_string();
+    assert!(error.contains("2000"), "{error}");
+    assert!(device.download(&gpu, &scene).unwrap() == scene, "nothing is moved");
+    // The device moves those of a scene in training.
+    let mut trained = DeviceScene::unbounded(&gpu, &scene, renderer.variant().workgroup_size).unwrap();
+    let error = trained.place_instances(&[by(3.0)(0)]).unwrap_err().to_string();
+    assert!(error.contains("training"), "{error}");
     assert_silent(&gpu);
 }
 

@@ -177,7 +177,7 @@ fn levels_move_with_their_instance_and_are_picked_as_it() {
     let options = with_error(RenderOptions::default(), 4.0);
     let mut moved = renderer.upload_for(&scene, &options).unwrap();
     let place = Similarity::from_parts(glam::DMat3::from_rotation_y(0.5), 1.5, DVec3::new(-2.0, 0.5, 1.0));
-    moved.place_instances(&gpu, &[(2, place)]).unwrap();
+    moved.place_instances(&[(2, place)]).unwrap();
     scene.instances[2].world_from_template = place;
     let uploaded = renderer.upload_for(&scene, &options).unwrap();
     let mut surfaces = Surfaces::new(&gpu).unwrap();

@@ -400,6 +400,40 @@ fn a_chair_is_dragged_by_its_handle() {
     assert!(by(0) == DVec3::ZERO && by(2) == DVec3::ZERO);
 }
 
+/// A picture of a drag takes two submissions, one that draws and one that fills the window. Before each, the host waits for
+/// those of two pictures ago at most, so that the device is never without work.
+#[test]
+fn a_drag_keeps_the_device_busy() {
+    let Some((display, folder, file)) = open_display() else { return };
+    let MiddleChair { shows: [x, y], centre, arrow: (_, tip) } = middle_chair(&chairs());
+    let moves = |range: std::ops::Range<u32>| -> String {
+        let at = |k: u32| [0, 1].map(|axis| tip[axis] + 0.02 * f64::from(k) * (tip[axis] - centre[axis]));
+        range.map(at).map(|[x, y]| format!("pointer {x} {y}\n")).collect()
+    };
+    let text = format!(
+        "key KeyH\n click {x} {y}\n frames 2\n pointer {} {}\n press left\n {} counts before.json\n {} counts after.json\n \
+         release left\n key ctrl+KeyS\n quit\n",
+        tip[0],
+        tip[1],
+        moves(8..12),
+        moves(12..23)
+    );
+    let output = play_script(&display, &file, &text);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(load_scene(&file).unwrap().scene != chairs(), "something was dragged");
+    let counts =
+        |name: &str| -> Value { serde_json::from_slice(&std::fs::read(folder.path().join(name)).unwrap()).unwrap() };
+    let (before, after) = (counts("before.json"), counts("after.json"));
+    let [submissions, waits, drains] =
+        ["submissions", "waits", "drains"].map(|what| after[what].as_u64().unwrap() - before[what].as_u64().unwrap());
+    // That of the first step is the twelfth.
+    let pictures = 12;
+    assert!(
+        submissions == 2 * pictures && waits <= 2 * pictures && drains == 0,
+        "{submissions} submissions, {waits} waits, {drains} of them for all of it, in {pictures} pictures"
+    );
+}
+
 /// A handle that is pressed without a drag moves nothing, and a double click on the one in the middle of what is chosen is
 /// one: the view turns about what is there.
 #[test]

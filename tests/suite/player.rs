@@ -1,7 +1,7 @@
 //! What the player draws after edits is what it draws of a scene that was opened so; and a picture shows whom one clicks on.
 
 use glam::{DMat3, DVec3};
-use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
+use instgs_vk::gpu::{Buffer, DeviceChoice, Gpu, GpuOptions, SubmissionCounts};
 use instgs_vk::io::load_scene;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
@@ -154,6 +154,71 @@ fn what_is_dragged_is_seen_at_once() {
         stage.finish_live();
         assert!(stage.editor().steps() == [1, 0] && picture(&mut stage) == *seen.last().unwrap());
         assert!(undo(&mut stage) && picture(&mut stage) == at_first && !undo(&mut stage));
+    }
+    assert_silent(&gpu);
+}
+
+/// Pictures of a drag are on their way two at a time, and each is the one of its own places. Each takes two submissions, one that
+/// draws and one that makes pixels, whatever is shown and chosen; nobody waits for the last of them.
+#[test]
+fn dragged_pictures_are_on_their_way_together() {
+    if gpu().is_none() {
+        return;
+    }
+    // A device of its own: counts are the device's.
+    let device = std::env::var("INSTGS_TEST_DEVICE").map_or(DeviceChoice::Best, |name| name.parse().unwrap());
+    let gpu = Gpu::open(&GpuOptions { device, validation: true, ..Default::default() }).unwrap();
+    let navigator = Navigator::around(&Orbit::around(&chairs(), None));
+    let (size, pictures, first_counted) = ([96, 64], 10, 2);
+    let camera = navigator.camera(size);
+    let edit = |k: usize| Edit::MoveBy { which: Selector::Index(1), by: DVec3::new(0.05 * (k + 1) as f64, 0.1, 0.0) };
+    for (view, chosen) in [
+        (View::Color, None),
+        (View::Color, Some(1)),
+        (View::Instances, None),
+        (View::Ellipses, Some(1)),
+        (View::Offsets, Some(0)),
+    ] {
+        let options = StageOptions { show: view.show(navigator.distance()), ..StageOptions::default() };
+        let mut stage = Stage::new(&gpu, chairs(), options).unwrap();
+        stage.click(chosen, false);
+        stage.draw(&camera).unwrap();
+        let pixel_count = size[0] as usize * size[1] as usize;
+        let mut shown: Vec<Buffer<u32>> =
+            (0..pictures).map(|_| Buffer::for_readback(&gpu, "shown", pixel_count).unwrap()).collect();
+        let mut before = SubmissionCounts::default();
+        for (k, shown) in shown.iter_mut().enumerate() {
+            if k == first_counted {
+                before = gpu.submission_counts();
+            }
+            stage.edit_live(&edit(k)).unwrap().unwrap();
+            stage.draw_ahead(&camera).unwrap();
+            let (recorder, pixels) = stage.record_pixels(size, false).unwrap();
+            recorder.copy(pixels, shown, 4 * pixel_count as u64).unwrap();
+            recorder.submit().unwrap();
+            assert!(stage.in_flight() > 0, "{view:?}");
+        }
+        let after = gpu.submission_counts();
+        let counted = (pictures - first_counted) as u64;
+        assert_eq!(after.submissions - before.submissions, 2 * counted, "{view:?}, {chosen:?} chosen");
+        assert_eq!(after.drains, before.drains, "{view:?}, {chosen:?} chosen");
+        assert!(after.waits - before.waits <= 2 * counted, "{view:?}: {before:?}, {after:?}");
+        assert!(stage.settle().unwrap());
+        gpu.wait_all().unwrap();
+        for (k, shown) in shown.iter().enumerate() {
+            let mut moved = chairs();
+            apply(&mut moved, &edit(k)).unwrap();
+            let mut fresh = Stage::new(&gpu, moved, options).unwrap();
+            fresh.click(chosen, false);
+            fresh.draw(&camera).unwrap();
+            let got: Vec<u8> = (0..pixel_count)
+                .flat_map(|i| {
+                    let [r, g, b, _] = shown.read_mapped(i).to_le_bytes();
+                    [r, g, b]
+                })
+                .collect();
+            assert!(got == fresh.rgb8().unwrap(), "{view:?}, {chosen:?} chosen, picture {k}: as if opened so");
+        }
     }
     assert_silent(&gpu);
 }

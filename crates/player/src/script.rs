@@ -13,6 +13,7 @@
 //! hold KeyW 12          a key that is held while so many pictures are drawn
 //! frames 5              so many pictures without doing anything
 //! shot a.png            the picture, without what is written over it; paths are relative to the script
+//! counts a.json         how many submissions and host waits there have been so far, to a file
 //! found                 waits until a search for boxes has ended
 //! boxes a.json          saves the boxes to a file
 //! lose                  the device counts as lost: what follows is drawn by one opened anew
@@ -63,6 +64,8 @@ pub enum Step {
     Wait,
     /// The picture goes to a file.
     Shot(PathBuf),
+    /// Submissions and host waits so far go to a file.
+    Counts(PathBuf),
     /// Nothing, until a search has ended.
     Found,
     /// The boxes go to a file.
@@ -117,6 +120,7 @@ fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, String
         }
         ("frames", [pictures]) => vec![Step::Wait; count(pictures)?],
         ("shot", [path]) => vec![Step::Shot(folder.join(path))],
+        ("counts", [path]) => vec![Step::Counts(folder.join(path))],
         ("found", []) => vec![Step::Found],
         ("boxes", [path]) => vec![Step::Boxes(folder.join(path))],
         ("lose", []) => vec![Step::Lose],
@@ -181,7 +185,7 @@ mod tests {
 
     #[test]
     fn lines_become_steps() {
-        let text = "# a comment\n size 640 480\n\nclick 3 4.5 # there\nkey ctrl+shift+KeyZ\nhold KeyW 2\nshot a.png\nfound\n\
+        let text = "# a comment\n size 640 480\n\nclick 3 4.5 # there\nkey ctrl+shift+KeyZ\nhold KeyW 2\nshot a.png\ncounts a.json\nfound\n\
                     boxes b.json\ndrop c.ply\ndouble 5 6\nclose\n";
         let steps = parse(text, Path::new("there")).unwrap();
         let want = [
@@ -195,6 +199,7 @@ mod tests {
             Step::Wait,
             Step::Hold(KeyCode::KeyW, false),
             Step::Shot("there/a.png".into()),
+            Step::Counts("there/a.json".into()),
             Step::Found,
             Step::Boxes("there/b.json".into()),
             Step::Drop("there/c.ply".into()),

@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::gpu::staging::download;
+use crate::gpu::staging::download_from;
 use crate::gpu::{Buffer, Gpu, Recorder, UI_PASS};
 use crate::io::picture_png::write_png;
 use crate::io::{ExportFormat, export_scene, save_scene};
 use crate::render::{
-    Ahead, Arrived, DeviceScene, FRAMES_IN_FLIGHT, FrameStats, InstanceLook, MarkShape, Marks, Presenter,
+    Ahead, Arrived, DeviceScene, ExtraPasses, FRAMES_IN_FLIGHT, FrameStats, InstanceLook, MarkShape, Marks, Presenter,
     RenderOptions, Renderer, Show, ShownPicture, Surfaces,
 };
 use crate::scene::edit::{Edit, EditOutcome};
@@ -163,26 +163,33 @@ impl Stage {
     }
 
     fn render(&mut self, camera: &Camera) -> Result<FrameStats, PlayerError> {
-        let (scene, mut options) = (&self.device_scene, self.options.render);
+        self.prepare_looks()?;
+        let options = self.render_options();
+        let extra = ExtraPasses {
+            surfaces: self.has_surfaces.then_some(&mut self.surfaces),
+            marks: self.has_marks.map(|shape| (&mut self.marks, shape)),
+        };
+        Ok(self.renderer.render_with(&self.device_scene, camera, &options, extra)?)
+    }
+
+    /// Notes what the next picture will have besides colours, and says which instances are chosen.
+    fn prepare_looks(&mut self) -> Result<(), PlayerError> {
+        self.has_surfaces = self.needs_surfaces();
+        self.has_marks = self.options.show.marks();
+        if self.has_surfaces {
+            self.presenter.set_instances(&self.looks())?;
+        }
+        Ok(())
+    }
+
+    /// Options of the render passes.
+    fn render_options(&self) -> RenderOptions {
+        let mut options = self.options.render;
         if matches!(self.options.show, Show::Offsets(_)) {
             // The merged Gaussians of coarser levels have offsets of their own.
             options.lod_error_px = 0.0;
         }
-        let options = &options;
-        self.has_surfaces = self.needs_surfaces();
-        if self.has_surfaces {
-            self.presenter.set_instances(&self.looks())?;
-        }
-        self.has_marks = self.options.show.marks();
-        let surfaces = self.has_surfaces.then_some(&mut self.surfaces);
-        Ok(match (self.has_marks, surfaces) {
-            (Some(shape), surfaces) => {
-                let marks = (&mut self.marks, shape);
-                self.renderer.render_with_marks(scene, camera, options, marks, surfaces)?
-            }
-            (None, Some(surfaces)) => self.renderer.render_with_surfaces(scene, camera, options, surfaces)?,
-            (None, None) => self.renderer.render(scene, camera, options)?,
-        })
+        options
     }
 
     /// What the passes did for the pictures that have been completed since this was asked last, in order.
@@ -198,11 +205,11 @@ impl Stage {
         true
     }
 
-    /// As [`Stage::draw`], but does not wait for the picture if it is like the ones before: of their size, in one depth slab,
-    /// and without surfaces or marks. After the last picture comes [`Stage::settle`].
+    /// As [`Stage::draw`], but does not wait for the picture if it is like the ones before: of their size, and in one depth slab.
+    /// After the last picture comes [`Stage::settle`].
     pub fn draw_ahead(&mut self, camera: &Camera) -> Result<(), PlayerError> {
         let alike = self.size_px() == Some([camera.width, camera.height]) && self.slabs == 1;
-        if !alike || self.needs_surfaces() || !self.has_wanted_levels() || self.options.show.marks().is_some() {
+        if !alike || !self.has_wanted_levels() {
             return self.draw(camera);
         }
         while self.ahead.is_full() {
@@ -210,8 +217,13 @@ impl Stage {
                 return self.draw(camera);
             }
         }
-        (self.has_surfaces, self.has_marks) = (false, None);
-        self.renderer.submit_ahead(&mut self.ahead, &self.device_scene, camera, &self.options.render)?;
+        self.prepare_looks()?;
+        let options = self.render_options();
+        let extra = ExtraPasses {
+            surfaces: self.has_surfaces.then_some(&mut self.surfaces),
+            marks: self.has_marks.map(|shape| (&mut self.marks, shape)),
+        };
+        self.renderer.submit_ahead(&mut self.ahead, &self.device_scene, camera, &options, extra)?;
         self.camera = Some(camera.clone());
         Ok(())
     }
@@ -353,8 +365,8 @@ impl Stage {
             return Ok(None);
         }
         let index = at_px[1] as usize * camera.width as usize + at_px[0] as usize;
-        let depths = download(&self.gpu, &frame.depths, index + 1)?;
-        let depth = depths.last().map_or(0.0, |d| f64::from(d[0]));
+        let depths = download_from(&self.gpu, &frame.depths, index, 1)?;
+        let depth = depths.first().map_or(0.0, |d| f64::from(d[0]));
         let ray = DVec3::new((at_px[0] - camera.cx) / camera.fx, (at_px[1] - camera.cy) / camera.fy, 1.0);
         let point = camera.position_world() + camera.rotation().transpose() * (ray * depth);
         Ok((depth > 0.0).then_some(point))
@@ -363,8 +375,8 @@ impl Stage {
     /// The instance that a pixel of the last picture shows; `None` for the background and where nothing is.
     pub fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
         let Some(camera) = self.camera.clone().filter(|camera| camera.has_pixel(at_px)) else { return Ok(None) };
+        self.settle()?;
         if !self.has_surfaces {
-            self.settle()?;
             self.upload_levels()?;
             let options = &self.options.render;
             self.renderer.render_with_surfaces(&self.device_scene, &camera, options, &mut self.surfaces)?;
@@ -503,7 +515,7 @@ impl Stage {
             Changed::Places(instances) => {
                 let place = |&k: &usize| (k, self.scene.instances[k].world_from_template);
                 let places: Vec<_> = instances.iter().map(place).collect();
-                self.device_scene.place_instances(&self.gpu, &places)?;
+                self.device_scene.place_instances(&places)?;
             }
             Changed::Shown(instances) => self.show(instances.iter().copied())?,
             Changed::Everything => self.upload()?,
@@ -514,6 +526,6 @@ impl Stage {
     /// Makes the device draw these instances, or leave them out, as the editor says.
     fn show(&mut self, instances: impl IntoIterator<Item = usize>) -> Result<(), PlayerError> {
         let shown: Vec<_> = instances.into_iter().map(|k| (k, !self.editor.hidden().contains(&k))).collect();
-        Ok(self.device_scene.show_instances(&self.gpu, &shown)?)
+        Ok(self.device_scene.show_instances(&shown)?)
     }
 }

@@ -349,7 +349,8 @@ impl Live {
         let goes_on = goes_on || !flight.is_still();
         self.last_shown = goes_on.then_some(start);
         self.pixel_times = self.stage.pixel_times();
-        let is_shown = goes_on || self.stage.settle()?;
+        // While something is dragged, the next picture is on its way already; the one that rests waits for itself.
+        let is_shown = goes_on || drags || self.stage.settle()?;
         self.arrived = self.stage.take_arrived();
         self.stats = self.arrived.last().unwrap_or(&self.stats).clone();
         if moves {
@@ -358,7 +359,7 @@ impl Live {
             let of_this_size = &self.arrived[first..];
             of_this_size.iter().for_each(|stats| self.resolution.took(stats.total_ms().unwrap_or(ms)));
         }
-        self.refine_at = (!goes_on && scale < 1.0).then(|| Instant::now() + REFINE_AFTER);
+        self.refine_at = (!goes_on && (drags || scale < 1.0)).then(|| Instant::now() + REFINE_AFTER);
         if let Some(recording) = &mut self.recording {
             recording.push(self.opened.elapsed().as_secs_f64(), self.navigator.camera(target.size_px));
         }

@@ -1,10 +1,13 @@
 //! Steps of a script, as events of the window.
 
+use std::path::Path;
+
 use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::event::{DeviceId, ElementState, MouseButton, MouseScrollDelta, TouchPhase, WindowEvent};
 
 use super::{After, Live, WindowJob};
 use crate::gpu::GpuError;
+use crate::io::IoError;
 use crate::controls::Button;
 use crate::error::PlayerError;
 use crate::script::Step;
@@ -61,6 +64,7 @@ impl Live {
             }
             Step::Boxes(path) => self.save_boxes(&path),
             Step::Shot(path) => self.stage.screenshot(&path)?,
+            Step::Counts(path) => self.write_counts(&path)?,
             Step::Lose => return Err(GpuError::DeviceLost { last_pass: "a script's lose".into() }.into()),
             Step::Drop(path) => {
                 self.event(&WindowEvent::DroppedFile(path), job)?;
@@ -69,6 +73,15 @@ impl Live {
             Step::Quit => return Ok(After::Quit),
         }
         Ok(After::Redraw)
+    }
+
+    /// Writes the device's [`SubmissionCounts`](crate::gpu::SubmissionCounts) as JSON.
+    fn write_counts(&self, path: &Path) -> Result<(), PlayerError> {
+        let counts = self.gpu.submission_counts();
+        let json = serde_json::json!({
+            "submissions": counts.submissions, "waits": counts.waits, "drains": counts.drains,
+        });
+        Ok(std::fs::write(path, json.to_string()).map_err(|error| IoError::new(path, error.to_string()))?)
     }
 
     fn play_button(&mut self, button: Button, down: bool, job: &WindowJob) -> Result<(), PlayerError> {

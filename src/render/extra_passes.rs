@@ -1,0 +1,75 @@
+//! Passes that some views want of a picture besides its colours. They look at the same lists as the blend and are recorded behind
+//! it, into the same command buffer: a picture with them is submitted, and waited for, as one without.
+
+use crate::gpu::{GpuError, Grid, PipelineCache, Recorder};
+use crate::kernels::Variant;
+use crate::scene::Camera;
+
+use super::device_scene::DeviceScene;
+use super::error::RenderError;
+use super::forward::ForwardInputs;
+use super::frame_buffers::FrameBuffers;
+use super::gradients::blocks_per_tile;
+use super::marks::{MarkShape, Marks};
+use super::plan::FramePlan;
+use super::renderer::{EachSlab, FrameStats, RenderOptions, Renderer};
+use super::surfaces::Surfaces;
+
+/// What to find out about a picture; nothing by default.
+#[derive(Default)]
+pub struct ExtraPasses<'a> {
+    /// The Gaussian at the surface of every pixel.
+    pub surfaces: Option<&'a mut Surfaces>,
+    /// Marks on its splats, in this shape.
+    pub marks: Option<(&'a mut Marks, MarkShape)>,
+}
+
+impl ExtraPasses<'_> {
+    /// Makes pipelines and buffers anew that do not fit the picture.
+    pub(super) fn prepare(
+        &mut self,
+        cache: &PipelineCache,
+        variant: Variant,
+        plan: &FramePlan,
+    ) -> Result<(), RenderError> {
+        if let Some((marks, _)) = &mut self.marks {
+            marks.prepare(cache, variant, plan)?;
+        }
+        self.surfaces.as_mut().map_or(Ok(()), |surfaces| surfaces.prepare(cache, variant, plan))
+    }
+
+    /// Records the passes of a slab, behind its blend.
+    pub(super) fn record(
+        &mut self,
+        recorder: &mut Recorder,
+        inputs: &ForwardInputs<'_>,
+        frame: &FrameBuffers,
+    ) -> Result<(), GpuError> {
+        if let Some((marks, shape)) = &mut self.marks {
+            marks.record(recorder, inputs, frame, *shape)?;
+        }
+        self.surfaces.as_mut().map_or(Ok(()), |surfaces| surfaces.record(recorder, inputs, frame))
+    }
+}
+
+/// One subgroup per 8x8 block of every tile.
+pub(super) fn block_grid(plan: &FramePlan, variant: &Variant) -> Grid {
+    let blocks = plan.tile_count() * blocks_per_tile(variant.tile_size);
+    Grid::groups(blocks.div_ceil(variant.blend_workgroup_size / variant.subgroup_size))
+}
+
+impl Renderer {
+    /// As [`Renderer::render`], with more passes.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn render_with(
+        &mut self,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+        extra: ExtraPasses<'_>,
+    ) -> Result<FrameStats, RenderError> {
+        self.slabs(scene, camera, options, EachSlab::Blend(extra))
+    }
+}
