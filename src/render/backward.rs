@@ -3,6 +3,7 @@
 use crate::gpu::interface::constants::*;
 use crate::gpu::{Buffer, GpuError, Grid, Recorder};
 use crate::kernels::*;
+use crate::scene::Owner;
 
 use super::forward::ForwardInputs;
 use super::frame_buffers::FrameBuffers;
@@ -100,12 +101,10 @@ pub fn record_gradients(
     record_blend_backward(recorder, inputs, frame, buffers)?;
     // What is not drawn has no gradient.
     recorder.fill(&mut buffers.source_gradients, 0)?;
-    recorder.fill(&mut gradients.offset_means, 0)?;
-    recorder.fill(&mut gradients.offset_sh_dc, 0)?;
-    recorder.fill(&mut gradients.offset_opacity_logits, 0)?;
-    recorder.fill(&mut gradients.offset_sh_rest, 0)?;
-    recorder.fill(&mut gradients.offset_log_scales, 0)?;
-    recorder.fill(&mut gradients.offset_quats, 0)?;
+    let offsets = gradients.parameters.scalars_mut().into_iter().filter(|(p, _)| p.owner() == Owner::Offset);
+    for (_, buffer) in offsets {
+        recorder.fill(buffer, 0)?;
+    }
     record_expand_backward(recorder, inputs, frame, buffers, gradients)?;
     record_gather(recorder, inputs, frame, buffers, log, gradients)?;
     if inputs.pipelines.poses { record_gather_poses(recorder, inputs, frame, buffers, gradients) } else { Ok(()) }
@@ -143,7 +142,7 @@ fn record_expand_backward(
     gradients: &mut GradientBuffers,
 ) -> Result<(), GpuError> {
     let scene = inputs.forward.scene;
-    let [_, sh1, sh2, sh3] = &scene.sh_bands;
+    let (parameters, by) = (&scene.parameters, &mut gradients.parameters);
     let bindings = preprocess_instance_expand_backward::Bindings {
         instances: &scene.instances,
         work_items: &frame.work_items,
@@ -154,21 +153,21 @@ fn record_expand_backward(
         first_emission: &frame.first_emission,
         tile_counts: &frame.tile_counts,
         isect_moments: &buffers.isect_moments,
-        means: &scene.means,
-        offset_means: &scene.offset_means,
-        quats: &scene.quats,
-        log_scales: &scene.log_scales,
-        sh1,
-        sh2,
-        sh3,
-        offset_sh_rest: &scene.offset_sh_rest,
-        offset_log_scales: &scene.offset_log_scales,
-        offset_quats: &scene.offset_quats,
+        means: &parameters.means,
+        offset_means: &parameters.offset_means,
+        quats: &parameters.quats,
+        log_scales: &parameters.log_scales,
+        sh1: &parameters.sh1,
+        sh2: &parameters.sh2,
+        sh3: &parameters.sh3,
+        offset_sh_rest: &parameters.offset_sh_rest,
+        offset_log_scales: &parameters.offset_log_scales,
+        offset_quats: &parameters.offset_quats,
         source_gradients: &mut buffers.source_gradients,
         pose_sums: &mut buffers.pose_sums,
-        offset_mean_gradients: &mut gradients.offset_means,
-        offset_sh_dc_gradients: &mut gradients.offset_sh_dc,
-        offset_logit_gradients: &mut gradients.offset_opacity_logits,
+        offset_mean_gradients: &mut by.offset_means,
+        offset_sh_dc_gradients: &mut by.offset_sh_dc,
+        offset_logit_gradients: &mut by.offset_opacity_logits,
     };
     let params = preprocess_instance_expand_backward::Params {
         view: inputs.forward.view,
@@ -190,7 +189,7 @@ fn record_gather(
     gradients: &mut GradientBuffers,
 ) -> Result<(), GpuError> {
     let scene = inputs.forward.scene;
-    let [sh0_gradients, sh1_gradients, sh2_gradients, sh3_gradients] = &mut gradients.sh_bands;
+    let (parameters, by) = (&scene.parameters, &mut gradients.parameters);
     let bindings = gather_gradients::Bindings {
         source_chunks: &inputs.tables.chunks,
         instance_from_template: &inputs.tables.instance_from_template,
@@ -200,23 +199,23 @@ fn record_gather(
         work_offsets: &frame.work_offsets,
         counters: &frame.scratch.counters,
         source_gradients: &buffers.source_gradients,
-        quats: &scene.quats,
-        log_scales: &scene.log_scales,
-        mean_gradients: &mut gradients.means,
-        quat_gradients: &mut gradients.quats,
-        log_scale_gradients: &mut gradients.log_scales,
-        opacity_logit_gradients: &mut gradients.opacity_logits,
-        sh0_gradients,
-        sh1_gradients,
-        sh2_gradients,
-        sh3_gradients,
+        quats: &parameters.quats,
+        log_scales: &parameters.log_scales,
+        mean_gradients: &mut by.means,
+        quat_gradients: &mut by.quats,
+        log_scale_gradients: &mut by.log_scales,
+        opacity_logit_gradients: &mut by.opacity_logits,
+        sh0_gradients: &mut by.sh0,
+        sh1_gradients: &mut by.sh1,
+        sh2_gradients: &mut by.sh2,
+        sh3_gradients: &mut by.sh3,
         screen_statistics: &mut gradients.screen_statistics,
         instances: &scene.instances,
-        offset_log_scales: &scene.offset_log_scales,
-        offset_quats: &scene.offset_quats,
-        offset_sh_rest_gradients: &mut gradients.offset_sh_rest,
-        offset_log_scale_gradients: &mut gradients.offset_log_scales,
-        offset_quat_gradients: &mut gradients.offset_quats,
+        offset_log_scales: &parameters.offset_log_scales,
+        offset_quats: &parameters.offset_quats,
+        offset_sh_rest_gradients: &mut by.offset_sh_rest,
+        offset_log_scale_gradients: &mut by.offset_log_scales,
+        offset_quat_gradients: &mut by.offset_quats,
         status: &log.status,
     };
     let chunk_count = inputs.tables.chunk_count;

@@ -9,13 +9,14 @@ use crate::gpu::staging::upload;
 use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
-use crate::scene::gaussians::sh_coefficients;
 use crate::scene::lod::Levels;
-use crate::scene::{Gaussians, InstancedScene};
+use crate::scene::parameters::Rows;
+use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::error::RenderError;
 use super::instance_table::InstanceTable;
 use super::level_tables::build_level_tables;
+use super::parameter_buffers::{ParameterBuffers, planned_parameter_bytes};
 use super::scene_tables::{Tables, build_tables, cloud_tables, scale_bound};
 
 /// Gaussians of the clouds of a scene, their SH degrees, and its offset records.
@@ -29,14 +30,8 @@ pub struct SceneCounts {
     pub background: usize,
     /// SH degree of the background.
     pub background_sh_degree: u32,
-    /// Offset records.
-    pub offsets: usize,
-    /// Offsets of SH coefficients above 0: 0, or a whole number per record.
-    pub offset_sh_rest: usize,
-    /// Offsets of log standard deviations: 0 or one per record.
-    pub offset_log_scales: usize,
-    /// Offsets of quaternions: 0 or one per record.
-    pub offset_quats: usize,
+    /// Rows of every parameter: of templates and background, or of offsets.
+    pub rows: ParameterSet<Rows>,
 }
 
 /// A scene on the device.
@@ -45,29 +40,8 @@ pub struct DeviceScene {
     pub instances: Buffer<types::Instance>,
     /// Bounds of chunks of `chunk_size` source Gaussians, template by template, background last.
     pub chunks: Buffer<types::Chunk>,
-    /// Source means.
-    pub means: Buffer<[f32; 3]>,
-    /// Source quaternions wxyz.
-    pub quats: Buffer<[f32; 4]>,
-    /// Source log standard deviations.
-    pub log_scales: Buffer<[f32; 3]>,
-    /// Source opacity logits.
-    pub opacity_logits: Buffer<f32>,
-    /// Source SH by band: 1, 3, 5, 7 coefficients per Gaussian of the clouds that have the band (see
-    /// `Instance::first_in_band`). Bands are apart because one binding is at most 128 MiB on some drivers.
-    pub sh_bands: [Buffer<[f32; 3]>; 4],
-    /// Offset means.
-    pub offset_means: Buffer<[f32; 3]>,
-    /// Offsets of SH coefficient 0.
-    pub offset_sh_dc: Buffer<[f32; 3]>,
-    /// Offsets of opacity logits.
-    pub offset_opacity_logits: Buffer<f32>,
-    /// Offsets of SH coefficients above 0, record by record; one unused element without.
-    pub offset_sh_rest: Buffer<[f32; 3]>,
-    /// Offsets of log standard deviations; one unused element without.
-    pub offset_log_scales: Buffer<[f32; 3]>,
-    /// Offsets of quaternions; one unused element without.
-    pub offset_quats: Buffer<[f32; 4]>,
+    /// What training may change, but for the places of instances: source Gaussians and offsets.
+    pub parameters: ParameterBuffers,
     /// Number of instances, background included.
     pub instance_count: u32,
     /// SH degree of the bands.
@@ -160,21 +134,11 @@ impl DeviceScene {
         posed_instances: u32,
     ) -> Result<Self, RenderError> {
         let sh_degree = scene.sh_degree();
-        let band = |gpu: &Arc<Gpu>, l: u32| upload(gpu, &format!("sh band {l}"), &sh_band(scene, l));
+        let rows = scene.parameter_rows();
         Ok(Self {
             instances: upload(gpu, "instances", &tables.instances)?,
             chunks: upload(gpu, "chunks", &tables.chunks)?,
-            means: upload(gpu, "means", &joined(scene, |g| &g.means))?,
-            quats: upload(gpu, "quats", &joined(scene, |g| &g.quats))?,
-            log_scales: upload(gpu, "log_scales", &joined(scene, |g| &g.log_scales))?,
-            opacity_logits: upload(gpu, "opacity_logits", &joined(scene, |g| &g.opacity_logits))?,
-            sh_bands: [band(gpu, 0)?, band(gpu, 1)?, band(gpu, 2)?, band(gpu, 3)?],
-            offset_means: upload(gpu, "offset means", &scene.offsets.means)?,
-            offset_sh_dc: upload(gpu, "offset sh_dc", &scene.offsets.sh_dc)?,
-            offset_opacity_logits: upload(gpu, "offset opacity_logits", &scene.offsets.opacity_logits)?,
-            offset_sh_rest: upload(gpu, "offset sh_rest", &scene.offsets.sh_rest)?,
-            offset_log_scales: upload(gpu, "offset log_scales", &scene.offsets.log_scales)?,
-            offset_quats: upload(gpu, "offset quats", &scene.offsets.quats)?,
+            parameters: ParameterBuffers::upload(gpu, scene, &rows)?,
             instance_count: tables.instances.len() as u32,
             sh_degree,
             chunk_size,
@@ -186,10 +150,7 @@ impl DeviceScene {
                 template_sh_degree: scene.templates.sh_degree,
                 background: scene.background.len(),
                 background_sh_degree: scene.background.sh_degree,
-                offsets: scene.offsets.len(),
-                offset_sh_rest: scene.offsets.sh_rest.len(),
-                offset_log_scales: scene.offsets.log_scales.len(),
-                offset_quats: scene.offsets.quats.len(),
+                rows,
             },
             posed_instances,
             coarser: None,
@@ -216,6 +177,13 @@ impl DeviceScene {
         self.expanded_len = tables.flat;
         self.counts.background = count;
         self.table = self.table.take().map(|_| InstanceTable::new(tables.instances));
+        for (parameter, rows) in self.counts.rows.iter_mut() {
+            rows[1] = match parameter.owner() {
+                Owner::Source => count,
+                Owner::ShBand(l) if l <= self.counts.background_sh_degree => count,
+                _ => 0,
+            };
+        }
         Ok(())
     }
 
@@ -291,11 +259,16 @@ impl DeviceScene {
     pub fn traits(&self, sh_degree: u32) -> SceneTraits {
         SceneTraits {
             sh_degree,
-            offset_sh_rest: self.counts.offset_sh_rest > 0,
-            offset_log_scales: self.counts.offset_log_scales > 0,
-            offset_quats: self.counts.offset_quats > 0,
+            offset_sh_rest: self.has(Parameter::OffsetShRest),
+            offset_log_scales: self.has(Parameter::OffsetLogScales),
+            offset_quats: self.has(Parameter::OffsetQuats),
             levels: self.has_levels(),
         }
+    }
+
+    /// True if a parameter has rows.
+    pub fn has(&self, parameter: Parameter) -> bool {
+        self.counts.rows[parameter] != [0, 0]
     }
 
     /// Instances besides the background, which has no place of its own.
@@ -310,19 +283,7 @@ impl DeviceScene {
 
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
-        self.instances.bytes()
-            + self.chunks.bytes()
-            + self.means.bytes()
-            + self.quats.bytes()
-            + self.log_scales.bytes()
-            + self.opacity_logits.bytes()
-            + self.sh_bands.iter().map(Buffer::bytes).sum::<u64>()
-            + self.offset_means.bytes()
-            + self.offset_sh_dc.bytes()
-            + self.offset_opacity_logits.bytes()
-            + self.offset_sh_rest.bytes()
-            + self.offset_log_scales.bytes()
-            + self.offset_quats.bytes()
+        self.instances.bytes() + self.chunks.bytes() + self.parameters.bytes()
     }
 }
 
@@ -352,9 +313,7 @@ impl PlannedBytes {
 
 /// What [`DeviceScene::new`] will allocate, without a device. The scene must be valid.
 pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
-    // Mean, quaternion, log scales, opacity logit, SH.
-    let gaussian_bytes = |degree: u32| 4 * (3 + 4 + 3 + 1 + 3 * sh_coefficients(degree) as u64);
-    let (templates, background) = (scene.templates.len() as u64, scene.background.len() as u64);
+    let background = scene.background.len() as u64;
     let chunks_of = |count: u32| u64::from(count.div_ceil(chunk_size));
     let chunks: u64 =
         scene.template_ranges.iter().map(|r| chunks_of(r.count)).sum::<u64>() + chunks_of(background as u32);
@@ -362,24 +321,14 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     let chunk_bytes = size_of::<types::Chunk>() as u64;
     let instance_bytes = size_of::<types::Instance>() as u64;
     let placeholder = |len: u64, bytes: u64| if len == 0 { bytes } else { 0 };
-    let in_band = |l: u32| {
-        let clouds = [&scene.templates, &scene.background];
-        clouds.into_iter().filter(|c| c.sh_degree >= l).map(|c| c.len() as u64).sum::<u64>()
-    };
+    let [template_bytes, background_bytes, offset_bytes, unused] = planned_parameter_bytes(scene);
     PlannedBytes {
-        templates: templates * gaussian_bytes(scene.templates.sh_degree),
-        background: background * gaussian_bytes(scene.background.sh_degree),
-        offsets: scene.offsets.tensor_bytes(),
+        templates: template_bytes,
+        background: background_bytes,
+        offsets: offset_bytes,
         instances: instances * instance_bytes,
         chunks: chunks * chunk_bytes,
-        unused: placeholder(templates + background, 44)
-            + (0..4).map(|l| placeholder(in_band(l), 12)).sum::<u64>()
-            + placeholder(scene.offsets.len() as u64, 28)
-            + placeholder(scene.offsets.sh_rest.len() as u64, 12)
-            + placeholder(scene.offsets.log_scales.len() as u64, 12)
-            + placeholder(scene.offsets.quats.len() as u64, 16)
-            + placeholder(instances, instance_bytes)
-            + placeholder(chunks, chunk_bytes),
+        unused: unused + placeholder(instances, instance_bytes) + placeholder(chunks, chunk_bytes),
     }
 }
 
@@ -392,20 +341,4 @@ fn check_limit(gpu: &Gpu, count: usize, sh_degree: u32) -> Result<(), RenderErro
         return Err(RenderError::TooMany { what: "source Gaussians", needed: count as u64, limit });
     }
     Ok(())
-}
-
-fn joined<T: Copy>(scene: &InstancedScene, field: fn(&Gaussians) -> &Vec<T>) -> Vec<T> {
-    [field(&scene.templates).as_slice(), field(&scene.background).as_slice()].concat()
-}
-
-/// Coefficients l^2 .. (l+1)^2 of every source Gaussian whose cloud has them.
-fn sh_band(scene: &InstancedScene, l: u32) -> Vec<[f32; 3]> {
-    let first = if l == 0 { 0 } else { sh_coefficients(l - 1) };
-    let mut out = Vec::new();
-    for cloud in [&scene.templates, &scene.background] {
-        if cloud.sh_degree >= l {
-            (0..cloud.len()).for_each(|i| out.extend_from_slice(&cloud.sh_of(i)[first..sh_coefficients(l)]));
-        }
-    }
-    out
 }

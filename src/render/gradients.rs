@@ -7,35 +7,16 @@ use crate::gpu::interface::types;
 use crate::gpu::staging::upload;
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::kernels::Variant;
-use crate::scene::InstancedScene;
+use crate::scene::{InstancedScene, ParameterSet};
 
 use super::device_scene::DeviceScene;
+use super::parameter_buffers::ParameterBuffers;
 use super::plan::FramePlan;
 
 /// One gradient per parameter of a scene, in the layout of the [`DeviceScene`].
 pub struct GradientBuffers {
-    /// By source means.
-    pub means: Buffer<[f32; 3]>,
-    /// By source quaternions, not normalised.
-    pub quats: Buffer<[f32; 4]>,
-    /// By source log standard deviations.
-    pub log_scales: Buffer<[f32; 3]>,
-    /// By source opacity logits.
-    pub opacity_logits: Buffer<f32>,
-    /// By SH bands 0 to 3.
-    pub sh_bands: [Buffer<[f32; 3]>; 4],
-    /// By offset means.
-    pub offset_means: Buffer<[f32; 3]>,
-    /// By offsets of SH coefficient 0.
-    pub offset_sh_dc: Buffer<[f32; 3]>,
-    /// By offsets of opacity logits.
-    pub offset_opacity_logits: Buffer<f32>,
-    /// By offsets of SH coefficients above 0.
-    pub offset_sh_rest: Buffer<[f32; 3]>,
-    /// By offsets of log standard deviations.
-    pub offset_log_scales: Buffer<[f32; 3]>,
-    /// By offsets of quaternions.
-    pub offset_quats: Buffer<[f32; 4]>,
+    /// By what the scene's buffer of the same name holds.
+    pub parameters: ParameterBuffers,
     /// By the places of instances besides the background.
     pub poses: Buffer<types::PoseGradient>,
     /// Sums over steps, by source, for densification: length of the gradient by the screen mean in units of half the image,
@@ -46,39 +27,18 @@ pub struct GradientBuffers {
 impl GradientBuffers {
     /// Room for the gradients of a scene.
     pub fn new(gpu: &Arc<Gpu>, scene: &DeviceScene) -> Result<Self, GpuError> {
-        let band = |l: usize| Buffer::new(gpu, &format!("gradients, sh band {l}"), scene.sh_bands[l].len());
+        let statistics = vec![[0.0; 3]; scene.parameters.means.len()];
         Ok(Self {
-            means: Buffer::new(gpu, "gradients, means", scene.means.len())?,
-            quats: Buffer::new(gpu, "gradients, quats", scene.quats.len())?,
-            log_scales: Buffer::new(gpu, "gradients, log_scales", scene.log_scales.len())?,
-            opacity_logits: Buffer::new(gpu, "gradients, opacity_logits", scene.opacity_logits.len())?,
-            sh_bands: [band(0)?, band(1)?, band(2)?, band(3)?],
-            offset_means: Buffer::new(gpu, "gradients, offset means", scene.offset_means.len())?,
-            offset_sh_dc: Buffer::new(gpu, "gradients, offset sh_dc", scene.offset_sh_dc.len())?,
-            offset_opacity_logits: Buffer::new(gpu, "gradients, offset logits", scene.offset_opacity_logits.len())?,
-            offset_sh_rest: Buffer::new(gpu, "gradients, offset sh_rest", scene.offset_sh_rest.len())?,
-            offset_log_scales: Buffer::new(gpu, "gradients, offset log_scales", scene.offset_log_scales.len())?,
-            offset_quats: Buffer::new(gpu, "gradients, offset quats", scene.offset_quats.len())?,
+            parameters: ParameterBuffers::new(gpu, "gradients, ", &scene.counts.rows)?,
             poses: Buffer::new(gpu, "gradients, poses", scene.posed_instances() as usize)?,
-            screen_statistics: upload(gpu, "screen statistics", &vec![[0.0; 3]; scene.means.len()])?,
+            screen_statistics: upload(gpu, "screen statistics", &statistics)?,
         })
     }
 
     /// The least that stands for gradients: their memory is free until the next [`GradientBuffers::new`].
     pub fn placeholder(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
-        let band = || Buffer::new(gpu, "no gradients", 1);
         Ok(Self {
-            means: Buffer::new(gpu, "no gradients", 1)?,
-            quats: Buffer::new(gpu, "no gradients", 1)?,
-            log_scales: Buffer::new(gpu, "no gradients", 1)?,
-            opacity_logits: Buffer::new(gpu, "no gradients", 1)?,
-            sh_bands: [band()?, band()?, band()?, band()?],
-            offset_means: Buffer::new(gpu, "no gradients", 1)?,
-            offset_sh_dc: Buffer::new(gpu, "no gradients", 1)?,
-            offset_opacity_logits: Buffer::new(gpu, "no gradients", 1)?,
-            offset_sh_rest: Buffer::new(gpu, "no gradients", 1)?,
-            offset_log_scales: Buffer::new(gpu, "no gradients", 1)?,
-            offset_quats: Buffer::new(gpu, "no gradients", 1)?,
+            parameters: ParameterBuffers::new(gpu, "no gradients, ", &ParameterSet::from_fn(|_| [0, 0]))?,
             poses: Buffer::new(gpu, "no gradients", 1)?,
             screen_statistics: Buffer::new(gpu, "no gradients", 1)?,
         })
@@ -86,19 +46,7 @@ impl GradientBuffers {
 
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
-        self.means.bytes()
-            + self.quats.bytes()
-            + self.log_scales.bytes()
-            + self.opacity_logits.bytes()
-            + self.sh_bands.iter().map(Buffer::bytes).sum::<u64>()
-            + self.offset_means.bytes()
-            + self.offset_sh_dc.bytes()
-            + self.offset_opacity_logits.bytes()
-            + self.offset_sh_rest.bytes()
-            + self.offset_log_scales.bytes()
-            + self.offset_quats.bytes()
-            + self.poses.bytes()
-            + self.screen_statistics.bytes()
+        self.parameters.bytes() + self.poses.bytes() + self.screen_statistics.bytes()
     }
 }
 

@@ -113,7 +113,7 @@ impl Presenter {
             pixels: &mut self.pixels,
             tile_ranges: &frame.tile_ranges,
             instances: &picture.scene.instances,
-            offset_means: &picture.scene.offset_means,
+            offset_means: &picture.scene.parameters.offset_means,
             marks: picture.marks.map_or(&self.no_marks, |m| &m.by_pixel),
         };
         let grid = Grid::threads(shown_px[0] * shown_px[1], self.variant.workgroup_size);

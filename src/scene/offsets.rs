@@ -1,6 +1,8 @@
 //! Offsets: per-instance, per-Gaussian differences from a template, which are added to its parameters (Eq. 6 of the
 //! InstGS paper).
 
+use super::parameters::{FloatArray, Parameter};
+
 /// M offset records, which all instances of a scene share; instance k uses the run `first_offset .. first_offset + N`,
 /// N being the size of its template, in the template's order.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -38,26 +40,63 @@ impl Offsets {
         &self.sh_rest[m * coefficients..][..coefficients]
     }
 
-    /// True if every value of record `m` is finite.
+    /// All arrays by their parameter; rare ones may be empty.
+    pub fn arrays(&self) -> [(Parameter, &dyn FloatArray); 6] {
+        [
+            (Parameter::OffsetMeans, &self.means),
+            (Parameter::OffsetShDc, &self.sh_dc),
+            (Parameter::OffsetOpacityLogits, &self.opacity_logits),
+            (Parameter::OffsetShRest, &self.sh_rest),
+            (Parameter::OffsetLogScales, &self.log_scales),
+            (Parameter::OffsetQuats, &self.quats),
+        ]
+    }
+
+    /// As [`Offsets::arrays`], to be changed.
+    pub fn arrays_mut(&mut self) -> [(Parameter, &mut dyn FloatArray); 6] {
+        [
+            (Parameter::OffsetMeans, &mut self.means),
+            (Parameter::OffsetShDc, &mut self.sh_dc),
+            (Parameter::OffsetOpacityLogits, &mut self.opacity_logits),
+            (Parameter::OffsetShRest, &mut self.sh_rest),
+            (Parameter::OffsetLogScales, &mut self.log_scales),
+            (Parameter::OffsetQuats, &mut self.quats),
+        ]
+    }
+
+    /// The array of a parameter, if it is one of offsets.
+    pub fn array(&self, parameter: Parameter) -> Option<&dyn FloatArray> {
+        self.arrays().into_iter().find(|(p, _)| *p == parameter).map(|(_, array)| array)
+    }
+
+    /// Rows that a record has in an array: 1, or none in a rare one that is empty, or the coefficients of `sh_rest`.
+    pub(crate) fn rows_per_record(&self, parameter: Parameter, array: &dyn FloatArray) -> usize {
+        match parameter {
+            Parameter::OffsetMeans | Parameter::OffsetShDc | Parameter::OffsetOpacityLogits => 1,
+            _ => array.flat().len() / parameter.width() / self.len().max(1),
+        }
+    }
+
+    /// The numbers of record `m` by array.
+    fn record(&self, m: usize) -> impl Iterator<Item = &[f32]> {
+        self.arrays().into_iter().map(move |(parameter, array)| {
+            let width = self.rows_per_record(parameter, array) * parameter.width();
+            &array.flat()[m * width..][..width]
+        })
+    }
+
+    /// True if every number of record `m` is finite.
     pub fn is_finite(&self, m: usize) -> bool {
-        let colours = self.rest_of(m).iter().chain(self.log_scales.get(m)).chain([&self.means[m], &self.sh_dc[m]]);
-        let scalars = self.quats.get(m).into_iter().flatten().chain([&self.opacity_logits[m]]);
-        colours.flatten().chain(scalars).all(|v| v.is_finite())
+        self.record(m).flatten().all(|v| v.is_finite())
     }
 
     /// Appends record `m` of `other`.
     pub fn push_from(&mut self, other: &Offsets, m: usize) {
-        self.means.push(other.means[m]);
-        self.sh_dc.push(other.sh_dc[m]);
-        self.opacity_logits.push(other.opacity_logits[m]);
-        self.sh_rest.extend_from_slice(other.rest_of(m));
-        self.log_scales.extend(other.log_scales.get(m));
-        self.quats.extend(other.quats.get(m));
+        self.arrays_mut().into_iter().zip(other.record(m)).for_each(|((_, array), row)| array.extend_flat(row));
     }
 
     /// Size of the offsets as f32 tensors, bytes: 28 per record without ablation offsets.
     pub fn tensor_bytes(&self) -> u64 {
-        let ablations = 12 * (self.sh_rest.len() + self.log_scales.len()) + 16 * self.quats.len();
-        (28 * self.len() + ablations) as u64
+        self.arrays().iter().map(|(_, array)| 4 * array.flat().len() as u64).sum()
     }
 }

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use instgs_vk::gpu::interface::types::{self, StepRecord};
 use instgs_vk::gpu::staging::{download, upload, write};
-use instgs_vk::gpu::{Buffer, Gpu, Recorder};
+use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::reference;
 use instgs_vk::reference::gather_gradients::{CloudGradient, OffsetGradient, SceneGradient};
 use instgs_vk::render::{DeviceScene, GradientBuffers, SourceTables, StepLog, TrainFrame, TrainView};
-use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
+use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter};
 
 use super::gpu::device_options;
 
@@ -86,31 +86,50 @@ impl GradientRunner {
     }
 }
 
-fn wide<const N: usize>(gpu: &Arc<Gpu>, buffer: &Buffer<[f32; N]>, len: usize) -> Vec<[f64; N]> {
-    download(gpu, buffer, len).unwrap().into_iter().map(|v| v.map(f64::from)).collect()
-}
-
 fn scene_gradient(gpu: &Arc<Gpu>, scene: &InstancedScene, buffers: &GradientBuffers) -> SceneGradient {
-    let offsets = scene.offsets.len();
-    SceneGradient {
-        templates: cloud_gradient(gpu, buffers, &scene.templates, 0, [0; 4]),
-        background: cloud_gradient(
-            gpu,
-            buffers,
-            &scene.background,
-            scene.templates.len(),
-            [0, 1, 2, 3].map(|l| if scene.templates.sh_degree >= l { scene.templates.len() } else { 0 }),
-        ),
+    let rows = scene.parameter_rows();
+    let values = |parameter: Parameter| -> Vec<f64> {
+        let count = rows[parameter].iter().sum::<usize>() * parameter.width();
+        let values = download(gpu, buffers.parameters.scalars()[parameter], count).unwrap();
+        values.into_iter().map(f64::from).collect()
+    };
+    let mut out = SceneGradient {
+        templates: CloudGradient::zeros(&scene.templates),
+        background: CloudGradient::zeros(&scene.background),
         offsets: OffsetGradient {
-            means: wide(gpu, &buffers.offset_means, offsets),
-            sh_dc: wide(gpu, &buffers.offset_sh_dc, offsets),
-            opacity_logits: narrow(gpu, &buffers.offset_opacity_logits, offsets),
-            sh_rest: wide(gpu, &buffers.offset_sh_rest, scene.offsets.sh_rest.len()),
-            log_scales: wide(gpu, &buffers.offset_log_scales, scene.offsets.log_scales.len()),
-            quats: wide(gpu, &buffers.offset_quats, scene.offsets.quats.len()),
+            means: values(Parameter::OffsetMeans).as_chunks().0.to_vec(),
+            sh_dc: values(Parameter::OffsetShDc).as_chunks().0.to_vec(),
+            opacity_logits: values(Parameter::OffsetOpacityLogits),
+            sh_rest: values(Parameter::OffsetShRest).as_chunks().0.to_vec(),
+            log_scales: values(Parameter::OffsetLogScales).as_chunks().0.to_vec(),
+            quats: values(Parameter::OffsetQuats).as_chunks().0.to_vec(),
         },
         instances: Vec::new(),
         poses: pose_gradients(gpu, buffers, scene.instances.len()),
+    };
+    for parameter in Parameter::ALL {
+        let all = values(parameter);
+        let (of_templates, of_background) = all.split_at(rows[parameter][0] * parameter.width());
+        set_cloud_gradient(&mut out.templates, parameter, of_templates);
+        set_cloud_gradient(&mut out.background, parameter, of_background);
+    }
+    out
+}
+
+/// Puts the gradient by one parameter of source Gaussians where the twin has it.
+fn set_cloud_gradient(cloud: &mut CloudGradient, parameter: Parameter, values: &[f64]) {
+    match parameter {
+        Parameter::Means => cloud.means = values.as_chunks().0.to_vec(),
+        Parameter::Quats => cloud.quats = values.as_chunks().0.to_vec(),
+        Parameter::LogScales => cloud.log_scales = values.as_chunks().0.to_vec(),
+        Parameter::OpacityLogits => cloud.opacity_logits = values.to_vec(),
+        _ => {
+            let Owner::ShBand(l) = parameter.owner() else { return };
+            let (first, colors) = ((l * l) as usize, values.as_chunks().0);
+            let rows = colors.chunks_exact(parameter.width() / 3);
+            let of_gaussians = cloud.sh.chunks_exact_mut(((cloud.sh_degree + 1) * (cloud.sh_degree + 1)) as usize);
+            of_gaussians.zip(rows).for_each(|(sh, row)| sh[first..][..row.len()].copy_from_slice(row));
+        }
     }
 }
 
@@ -120,37 +139,4 @@ fn pose_gradients(gpu: &Arc<Gpu>, buffers: &GradientBuffers, count: usize) -> Ve
         [x, y, z, a, b, c, g.log_scale].map(f64::from)
     };
     download(gpu, &buffers.poses, count).unwrap().into_iter().map(values).collect()
-}
-
-fn narrow(gpu: &Arc<Gpu>, buffer: &Buffer<f32>, len: usize) -> Vec<f64> {
-    download(gpu, buffer, len).unwrap().into_iter().map(f64::from).collect()
-}
-
-fn cloud_gradient(
-    gpu: &Arc<Gpu>,
-    buffers: &GradientBuffers,
-    cloud: &Gaussians,
-    first: usize,
-    first_in_band: [usize; 4],
-) -> CloudGradient {
-    let n = cloud.len();
-    let end = first + n;
-    let mut out = CloudGradient::zeros(cloud);
-    if n == 0 {
-        return out;
-    }
-    out.means = wide(gpu, &buffers.means, end)[first..].to_vec();
-    out.quats = wide(gpu, &buffers.quats, end)[first..].to_vec();
-    out.log_scales = wide(gpu, &buffers.log_scales, end)[first..].to_vec();
-    out.opacity_logits = narrow(gpu, &buffers.opacity_logits, end)[first..].to_vec();
-    for l in 0..=cloud.sh_degree as usize {
-        let width = 2 * l + 1;
-        let band = wide(gpu, &buffers.sh_bands[l], (first_in_band[l] + n) * width);
-        for i in 0..n {
-            for m in 0..width {
-                out.sh[i * cloud.sh_coefficients() + l * l + m] = band[(first_in_band[l] + i) * width + m];
-            }
-        }
-    }
-    out
 }

@@ -9,7 +9,7 @@ use instgs_vk::math::rng::Rng;
 use instgs_vk::reference::densify::{Densified, Limits, Made, densify, reset_opacity, shape};
 use instgs_vk::render::TrainFrame;
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{Gaussians, InstancedScene};
+use instgs_vk::scene::{Gaussians, InstancedScene, Owner};
 use instgs_vk::train::config::{ConfigBuilder, TrainConfig};
 use instgs_vk::train::device_state::DeviceState;
 use instgs_vk::train::strategy::{DensifyOutcome, Strategy};
@@ -106,15 +106,14 @@ pub(crate) fn upload_case(gpu: &Arc<Gpu>, case: &Case) -> DeviceState {
     let mut state = DeviceState::new(gpu, &scene, chunk_size).unwrap();
     write(gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
     let bands = case.cloud.sh_degree as usize + 5;
-    let arrays = moment_buffers(&mut state).into_iter().zip(&case.moments).take(bands);
+    let arrays = moment_buffers(&mut state).zip(&case.moments).take(bands);
     arrays.for_each(|(buffer, values)| write(gpu, buffer, values).unwrap());
     state
 }
 
-fn moment_buffers(state: &mut DeviceState) -> [&mut Buffer<[f32; 2]>; 8] {
-    let m = &mut state.moments;
-    let [b0, b1, b2, b3] = &mut m.sh_bands;
-    [&mut m.means, &mut m.quats, &mut m.log_scales, &mut m.opacity_logits, b0, b1, b2, b3]
+/// Moments of all parameters of a plain cloud.
+fn moment_buffers(state: &mut DeviceState) -> impl Iterator<Item = &mut Buffer<[f32; 2]>> {
+    state.moments.parameters.iter_mut().filter(|(p, _)| p.owner() != Owner::Offset).map(|(_, buffer)| buffer)
 }
 
 /// Everything that a strategy leaves on the device.
@@ -130,7 +129,7 @@ pub(crate) fn download_state(gpu: &Arc<Gpu>, state: &mut DeviceState) -> After {
     let bands = state.scene.counts.background_sh_degree as usize + 5;
     let cloud = state.scene.download(gpu, &InstancedScene::default()).unwrap().background;
     let statistics = download(gpu, &state.gradients.screen_statistics, count).unwrap();
-    let arrays = moment_buffers(state).into_iter().zip(WIDTHS).take(bands);
+    let arrays = moment_buffers(state).zip(WIDTHS).take(bands);
     let moments = arrays.map(|(buffer, width)| download(gpu, buffer, count * width).unwrap()).collect();
     After { cloud, moments, statistics }
 }

@@ -187,16 +187,16 @@ fn extras_of_a_step_are_the_twins() {
     for overflow in [0u32, 1] {
         write(&gpu, &mut log.status, &[overflow]).unwrap();
         let mut state = upload_case(&gpu, &case);
-        state.gradients.opacity_logits = upload(&gpu, "g", &vec![0.25; cloud.len()]).unwrap();
-        state.gradients.log_scales = upload(&gpu, "g", &vec![[0.5; 3]; cloud.len()]).unwrap();
+        state.gradients.parameters.opacity_logits = upload(&gpu, "g", &vec![0.25; cloud.len()]).unwrap();
+        state.gradients.parameters.log_scales = upload(&gpu, "g", &vec![[0.5; 3]; cloud.len()]).unwrap();
         let mut recorder = Recorder::new(&gpu).unwrap();
         let kernels = (&pipelines, variant.workgroup_size);
         extra.record_regularisation(&mut recorder, kernels, &log, &mut state).unwrap();
         extra.record_noise(&mut recorder, kernels, &log, &mut state, 17).unwrap();
         let ticket = recorder.submit().unwrap();
         recorder.wait(ticket).unwrap();
-        let by_logit = download(&gpu, &state.gradients.opacity_logits, cloud.len()).unwrap();
-        let by_scales = download(&gpu, &state.gradients.log_scales, cloud.len()).unwrap();
+        let by_logit = download(&gpu, &state.gradients.parameters.opacity_logits, cloud.len()).unwrap();
+        let by_scales = download(&gpu, &state.gradients.parameters.log_scales, cloud.len()).unwrap();
         let after = download_state(&gpu, &mut state).cloud;
         if overflow != 0 {
             assert!(after == *cloud && by_logit.iter().all(|&g| g == 0.25) && by_scales.iter().all(|&g| g == [0.5; 3]));

@@ -3,39 +3,19 @@
 use std::sync::Arc;
 
 use crate::gpu::interface::types::SourceGradient;
-use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
+use crate::gpu::{Gpu, GpuError, Recorder};
 use crate::kernels::BackwardPipelines;
 use crate::optim::{Adam, MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
 use crate::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
 use crate::scene::gaussians::sh_coefficients;
-use crate::scene::{Gaussians, InstancedScene};
+use crate::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::config::{Rates, SourceRates};
 
-/// Moments of every parameter buffer of a [`DeviceScene`], per f32.
+/// Moments of everything that training changes, per f32.
 pub struct Moments {
-    /// Of source means.
-    pub means: MomentBuffer,
-    /// Of source quaternions.
-    pub quats: MomentBuffer,
-    /// Of source log standard deviations.
-    pub log_scales: MomentBuffer,
-    /// Of source opacity logits.
-    pub opacity_logits: MomentBuffer,
-    /// Of SH bands 0 to 3.
-    pub sh_bands: [MomentBuffer; 4],
-    /// Of offset means.
-    pub offset_means: MomentBuffer,
-    /// Of offsets of SH coefficient 0.
-    pub offset_sh_dc: MomentBuffer,
-    /// Of offsets of opacity logits.
-    pub offset_opacity_logits: MomentBuffer,
-    /// Of offsets of SH coefficients above 0.
-    pub offset_sh_rest: MomentBuffer,
-    /// Of offsets of log standard deviations.
-    pub offset_log_scales: MomentBuffer,
-    /// Of offsets of quaternions.
-    pub offset_quats: MomentBuffer,
+    /// Of the parameter buffers of a [`DeviceScene`].
+    pub parameters: ParameterSet<MomentBuffer>,
     /// Of the places of instances: shift, rotation vector, logarithm of the scale.
     pub poses: MomentBuffer,
 }
@@ -43,30 +23,17 @@ pub struct Moments {
 impl Moments {
     /// Zeros for a scene.
     pub fn new(gpu: &Arc<Gpu>, scene: &DeviceScene) -> Result<Self, GpuError> {
-        let of = |name: &str, values: u64| zero_moments(gpu, &format!("moments, {name}"), values as usize / 4);
-        let band = |l: usize| of(&format!("sh band {l}"), scene.sh_bands[l].bytes());
+        let buffers = scene.parameters.scalars();
+        let of = |p: Parameter| zero_moments(gpu, &format!("moments, {}", p.name()), buffers[p].len());
         Ok(Self {
-            means: of("means", scene.means.bytes())?,
-            quats: of("quats", scene.quats.bytes())?,
-            log_scales: of("log_scales", scene.log_scales.bytes())?,
-            opacity_logits: of("opacity_logits", scene.opacity_logits.bytes())?,
-            sh_bands: [band(0)?, band(1)?, band(2)?, band(3)?],
-            offset_means: of("offset means", scene.offset_means.bytes())?,
-            offset_sh_dc: of("offset sh_dc", scene.offset_sh_dc.bytes())?,
-            offset_opacity_logits: of("offset logits", scene.offset_opacity_logits.bytes())?,
-            offset_sh_rest: of("offset sh_rest", scene.offset_sh_rest.bytes())?,
-            offset_log_scales: of("offset log_scales", scene.offset_log_scales.bytes())?,
-            offset_quats: of("offset quats", scene.offset_quats.bytes())?,
+            parameters: ParameterSet::try_from_fn(of)?,
             poses: zero_moments(gpu, "moments, poses", POSE_VALUES * scene.posed_instances() as usize)?,
         })
     }
 
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
-        let fixed = [&self.means, &self.quats, &self.log_scales, &self.opacity_logits];
-        let offsets = [&self.offset_means, &self.offset_sh_dc, &self.offset_opacity_logits];
-        let rare = [&self.offset_sh_rest, &self.offset_log_scales, &self.offset_quats, &self.poses];
-        fixed.into_iter().chain(&self.sh_bands).chain(offsets).chain(rare).map(Buffer::bytes).sum()
+        self.parameters.iter().map(|(_, buffer)| buffer.bytes()).sum::<u64>() + self.poses.bytes()
     }
 }
 
@@ -131,49 +98,21 @@ impl DeviceState {
         rates: &Rates,
         sh_degree: u32,
     ) -> Result<(), GpuError> {
-        let (scene, g, moments) = (&mut self.scene, &self.gradients, &mut self.moments);
-        let counts = scene.counts;
-        let mut step = |buffers: (&Buffer<f32>, &mut Buffer<f32>, &mut MomentBuffer), groups: ValueGroups| {
-            adam.record(recorder, (&pipelines.adam, workgroup_size), &log.status, buffers, groups)
-        };
-        let sources = |width: usize, rate: fn(&SourceRates) -> f64| ValueGroups {
-            counts: [counts.templates, counts.background].map(|count| width * count),
-            rates: [&rates.template, &rates.background].map(rate),
-        };
-        let means = (g.means.scalars(), scene.means.scalars_mut(), &mut moments.means);
-        step(means, sources(3, |r| r.means))?;
-        step((g.quats.scalars(), scene.quats.scalars_mut(), &mut moments.quats), sources(4, |r| r.quats))?;
-        let log_scales = (g.log_scales.scalars(), scene.log_scales.scalars_mut(), &mut moments.log_scales);
-        step(log_scales, sources(3, |r| r.log_scales))?;
-        let logits = (&g.opacity_logits, &mut scene.opacity_logits, &mut moments.opacity_logits);
-        step(logits, sources(1, |r| r.opacity))?;
-        let bands = g.sh_bands.iter().zip(&mut scene.sh_bands).zip(&mut moments.sh_bands);
-        for (l, ((gradient, band), moment)) in bands.enumerate().take(sh_degree as usize + 1) {
-            let mut groups = sources(3 * (2 * l + 1), if l == 0 { |r| r.sh_dc } else { |r| r.sh_rest });
-            // A cloud of a lower degree has no place in the band.
-            for (count, degree) in
-                groups.counts.iter_mut().zip([counts.template_sh_degree, counts.background_sh_degree])
-            {
-                *count = if degree as usize >= l { *count } else { 0 };
+        let (scene, gradients, moments) = (&mut self.scene, &self.gradients, &mut self.moments);
+        let buffers = scene.parameters.scalars_mut().zip(moments.parameters.each_mut());
+        for ((parameter, values, moments), (_, by)) in buffers.zip(gradients.parameters.scalars()) {
+            if matches!(parameter.owner(), Owner::ShBand(l) if l > sh_degree) {
+                continue;
             }
-            step((gradient.scalars(), band.scalars_mut(), moment), groups)?;
+            let groups = ValueGroups {
+                counts: scene.counts.rows[parameter].map(|rows| rows * parameter.width()),
+                rates: rates_of(parameter, rates),
+            };
+            let kernel = (&pipelines.adam, workgroup_size);
+            adam.record(recorder, kernel, &log.status, (by, values, moments), groups)?;
         }
-        let offsets = |width: usize, rate: f64| ValueGroups::single(width * counts.offsets, rate);
-        let means = (g.offset_means.scalars(), scene.offset_means.scalars_mut(), &mut moments.offset_means);
-        step(means, offsets(3, rates.offsets.means))?;
-        let dc = (g.offset_sh_dc.scalars(), scene.offset_sh_dc.scalars_mut(), &mut moments.offset_sh_dc);
-        step(dc, offsets(3, rates.offsets.sh_dc))?;
-        let logits = (&g.offset_opacity_logits, &mut scene.offset_opacity_logits, &mut moments.offset_opacity_logits);
-        step(logits, offsets(1, rates.offsets.opacity))?;
-        let rest = (g.offset_sh_rest.scalars(), scene.offset_sh_rest.scalars_mut(), &mut moments.offset_sh_rest);
-        step(rest, ValueGroups::single(3 * counts.offset_sh_rest, rates.offsets.sh_rest))?;
-        let scales =
-            (g.offset_log_scales.scalars(), scene.offset_log_scales.scalars_mut(), &mut moments.offset_log_scales);
-        step(scales, ValueGroups::single(3 * counts.offset_log_scales, rates.offsets.log_scales))?;
-        let quats = (g.offset_quats.scalars(), scene.offset_quats.scalars_mut(), &mut moments.offset_quats);
-        step(quats, ValueGroups::single(4 * counts.offset_quats, rates.offsets.quats))?;
         let posed = scene.posed_instances();
-        let poses = (&g.poses, &mut scene.instances, &mut moments.poses);
+        let poses = (&gradients.poses, &mut scene.instances, &mut moments.poses);
         adam.record_poses(
             recorder,
             (&pipelines.refine_poses, workgroup_size),
@@ -182,6 +121,26 @@ impl DeviceState {
             rates.poses.values(),
             posed,
         )
+    }
+}
+
+/// The learning rates of a parameter: of templates and background, or of offsets and nothing.
+fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
+    let sources = |of: fn(&SourceRates) -> f64| [&rates.template, &rates.background].map(of);
+    let offsets = &rates.offsets;
+    match parameter {
+        Parameter::Means => sources(|r| r.means),
+        Parameter::Quats => sources(|r| r.quats),
+        Parameter::LogScales => sources(|r| r.log_scales),
+        Parameter::OpacityLogits => sources(|r| r.opacity),
+        Parameter::Sh0 => sources(|r| r.sh_dc),
+        Parameter::Sh1 | Parameter::Sh2 | Parameter::Sh3 => sources(|r| r.sh_rest),
+        Parameter::OffsetMeans => [offsets.means, 0.0],
+        Parameter::OffsetShDc => [offsets.sh_dc, 0.0],
+        Parameter::OffsetOpacityLogits => [offsets.opacity, 0.0],
+        Parameter::OffsetShRest => [offsets.sh_rest, 0.0],
+        Parameter::OffsetLogScales => [offsets.log_scales, 0.0],
+        Parameter::OffsetQuats => [offsets.quats, 0.0],
     }
 }
 

@@ -8,7 +8,7 @@ use crate::gpu::{Buffer, Gpu};
 use crate::io::IoError;
 use crate::io::checkpoint::Checkpoint;
 use crate::optim::POSE_VALUES;
-use crate::scene::InstancedScene;
+use crate::scene::{InstancedScene, Owner};
 
 use super::device_state::{DeviceState, zeros};
 use super::error::TrainError;
@@ -30,44 +30,24 @@ type Flat<'a, B> = (String, [usize; 2], B);
 
 /// Every buffer that training changes, writable: one list serves writing and reading.
 fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
-    let (sources, offsets) = (state.source_count, state.scene.counts.offsets);
-    let posed = state.scene.posed_instances() as usize;
-    let s = &mut state.scene;
-    let degree = s.sh_degree as usize;
-    let m = &mut state.moments;
+    let (sources, posed) = (state.source_count, state.scene.posed_instances() as usize);
+    let (scene, moments) = (&mut state.scene, &mut state.moments);
     let mut out: Vec<Flat<'_, &mut Buffer<f32>>> = Vec::new();
-    let mut push = |name: &str, count: usize, width: usize, (parameters, moments)| {
-        out.push((format!("parameter.{name}"), [count, width], parameters));
-        out.push((format!("moment.{name}"), [count, 2 * width], moments));
-    };
-    push("means", sources, 3, (s.means.scalars_mut(), m.means.scalars_mut()));
-    push("quats", sources, 4, (s.quats.scalars_mut(), m.quats.scalars_mut()));
-    push("log_scales", sources, 3, (s.log_scales.scalars_mut(), m.log_scales.scalars_mut()));
-    push("opacity_logits", sources, 1, (&mut s.opacity_logits, m.opacity_logits.scalars_mut()));
-    for (l, pair) in s.sh_bands.iter_mut().zip(&mut m.sh_bands).enumerate().take(degree + 1) {
-        push(&format!("sh_band_{l}"), sources, 3 * (2 * l + 1), (pair.0.scalars_mut(), pair.1.scalars_mut()));
-    }
-    if offsets > 0 {
-        push("offset_means", offsets, 3, (s.offset_means.scalars_mut(), m.offset_means.scalars_mut()));
-        push("offset_sh_dc", offsets, 3, (s.offset_sh_dc.scalars_mut(), m.offset_sh_dc.scalars_mut()));
-        let logits = (&mut s.offset_opacity_logits, m.offset_opacity_logits.scalars_mut());
-        push("offset_opacity_logits", offsets, 1, logits);
-    }
-    // Of ablations: most scenes have none of these.
-    let rest = s.counts.offset_sh_rest;
-    if rest > 0 {
-        push("offset_sh_rest", rest, 3, (s.offset_sh_rest.scalars_mut(), m.offset_sh_rest.scalars_mut()));
-    }
-    let scales = s.counts.offset_log_scales;
-    if scales > 0 {
-        push("offset_log_scales", scales, 3, (s.offset_log_scales.scalars_mut(), m.offset_log_scales.scalars_mut()));
-    }
-    let quats = s.counts.offset_quats;
-    if quats > 0 {
-        push("offset_quats", quats, 4, (s.offset_quats.scalars_mut(), m.offset_quats.scalars_mut()));
+    for (parameter, values, moment) in scene.parameters.scalars_mut().zip(moments.parameters.each_mut()) {
+        let rows = scene.counts.rows[parameter].iter().sum();
+        let present = match parameter.owner() {
+            Owner::Source => true,
+            Owner::ShBand(l) => l <= scene.sh_degree,
+            Owner::Offset => rows > 0,
+        };
+        if present {
+            let (name, width) = (parameter.name(), parameter.width());
+            out.push((format!("parameter.{name}"), [rows, width], values));
+            out.push((format!("moment.{name}"), [rows, 2 * width], moment.scalars_mut()));
+        }
     }
     if posed > 0 {
-        out.push(("moment.poses".into(), [posed, 2 * POSE_VALUES], m.poses.scalars_mut()));
+        out.push(("moment.poses".into(), [posed, 2 * POSE_VALUES], moments.poses.scalars_mut()));
     }
     out.push(("statistics.screen".into(), [sources, 3], state.gradients.screen_statistics.scalars_mut()));
     out

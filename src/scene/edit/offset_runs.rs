@@ -30,45 +30,24 @@ pub(super) fn reserve(scene: &mut InstancedScene, records: u64) -> Result<(), St
         return Err(failed());
     }
     let records = usize::try_from(records).map_err(|_| failed())?;
-    let rest = scene.templates.sh_coefficients() - 1;
-    let Offsets { means, sh_dc, opacity_logits, sh_rest, log_scales, quats } = &mut scene.offsets;
-    let optional = |present: bool, count: usize| if present { count } else { 0 };
-    let reserved = means
-        .try_reserve(records)
-        .and_then(|()| sh_dc.try_reserve(records))
-        .and_then(|()| opacity_logits.try_reserve(records))
-        .and_then(|()| sh_rest.try_reserve(optional(!sh_rest.is_empty(), records * rest)))
-        .and_then(|()| log_scales.try_reserve(optional(!log_scales.is_empty(), records)))
-        .and_then(|()| quats.try_reserve(optional(!quats.is_empty(), records)));
-    reserved.map_err(|_| failed())
+    let rows = rows_per_record(&scene.offsets);
+    let mut arrays = scene.offsets.arrays_mut().into_iter().zip(rows);
+    arrays.try_for_each(|((_, array), rows)| array.try_reserve_rows(records * rows)).map_err(|_| failed())
+}
+
+/// Rows of a record by array.
+fn rows_per_record(offsets: &Offsets) -> Vec<usize> {
+    offsets.arrays().iter().map(|(parameter, array)| offsets.rows_per_record(*parameter, *array)).collect()
 }
 
 /// Appends a run, either a copy of the one at `source` or zeros; returns the index of its first record.
 pub(super) fn append(scene: &mut InstancedScene, source: Option<u32>, count: u32) -> u32 {
-    let rest = scene.templates.sh_coefficients() - 1;
-    let (source, count) = (source.map(|first| first as usize), count as usize);
-    let offsets = &mut scene.offsets;
-    let first = offsets.len() as u32;
-    extend(&mut offsets.means, source, count, 1);
-    extend(&mut offsets.sh_dc, source, count, 1);
-    extend(&mut offsets.opacity_logits, source, count, 1);
-    if !offsets.sh_rest.is_empty() {
-        extend(&mut offsets.sh_rest, source, count, rest);
-    }
-    if !offsets.log_scales.is_empty() {
-        extend(&mut offsets.log_scales, source, count, 1);
-    }
-    if !offsets.quats.is_empty() {
-        extend(&mut offsets.quats, source, count, 1);
+    let first = scene.offsets.len() as u32;
+    let rows = rows_per_record(&scene.offsets);
+    for ((_, array), rows) in scene.offsets.arrays_mut().into_iter().zip(rows) {
+        array.append_rows(source.map(|first| first as usize * rows), count as usize * rows);
     }
     first
-}
-
-fn extend<T: Copy + Default>(values: &mut Vec<T>, source: Option<usize>, count: usize, per_record: usize) {
-    match source {
-        Some(first) => values.extend_from_within(first * per_record..(first + count) * per_record),
-        None => values.resize(values.len() + count * per_record, T::default()),
-    }
 }
 
 /// Removes the records of `freed` runs (first, count) that no instance uses.

@@ -5,6 +5,7 @@ use crate::gpu::{Buffer, GpuError};
 use crate::kernels::{densify_mark, densify_place, densify_select, densify_split, reset_opacity as reset_kernel};
 use crate::render::RenderError;
 use crate::render::sort::SortBuffers;
+use crate::scene::Parameter;
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
 
@@ -122,18 +123,17 @@ fn record_mark(
     limits: &Limits,
     (sort, gains, fates): (&mut SortBuffers, &mut Buffer<u32>, &mut Fates),
 ) -> Result<(), GpuError> {
-    let scene = &state.scene;
-    let [sh0, sh1, sh2, sh3] = &scene.sh_bands;
+    let parameters = &state.scene.parameters;
     let count = state.source_count as u32;
     let bindings = densify_mark::Bindings {
-        means: &scene.means,
-        quats: &scene.quats,
-        log_scales: &scene.log_scales,
-        opacity_logits: &scene.opacity_logits,
-        sh0,
-        sh1,
-        sh2,
-        sh3,
+        means: &parameters.means,
+        quats: &parameters.quats,
+        log_scales: &parameters.log_scales,
+        opacity_logits: &parameters.opacity_logits,
+        sh0: &parameters.sh0,
+        sh1: &parameters.sh1,
+        sh2: &parameters.sh2,
+        sh3: &parameters.sh3,
         screen_statistics: &state.gradients.screen_statistics,
         keys: &mut sort.keys,
         values: &mut sort.values,
@@ -164,13 +164,13 @@ fn place(tools: &mut Tools, fates: &Fates, before: u32, after: u32) -> Result<Mo
 }
 
 fn split_children(tools: &mut Tools, state: &mut DeviceState, moves: &Moves, limits: &Limits) -> Result<(), GpuError> {
-    let scene = &mut state.scene;
+    let parameters = &mut state.scene.parameters;
     let bindings = densify_split::Bindings {
         origins: &moves.origins,
         made: &moves.made,
-        quats: &scene.quats,
-        means: &mut scene.means,
-        log_scales: &mut scene.log_scales,
+        quats: &parameters.quats,
+        means: &mut parameters.means,
+        log_scales: &mut parameters.log_scales,
     };
     let params = densify_split::Params {
         count: moves.count,
@@ -187,8 +187,8 @@ fn split_children(tools: &mut Tools, state: &mut DeviceState, moves: &Moves, lim
 pub(super) fn reset_opacity(tools: &mut Tools, state: &mut DeviceState, opacity: f64) -> Result<(), GpuError> {
     let count = state.source_count as u32;
     let bindings = reset_kernel::Bindings {
-        opacity_logits: &mut state.scene.opacity_logits,
-        moments: &mut state.moments.opacity_logits,
+        opacity_logits: &mut state.scene.parameters.opacity_logits,
+        moments: &mut state.moments.parameters[Parameter::OpacityLogits],
     };
     let grid = tools.threads(count);
     let params = reset_kernel::Params { count, logit_max: logit(opacity) };

@@ -84,18 +84,17 @@ fn record_weigh(
     logit_min: f32,
     (weights, copies): (&mut Buffer<u32>, &mut Buffer<u32>),
 ) -> Result<(), GpuError> {
-    let scene = &state.scene;
-    let [sh0, sh1, sh2, sh3] = &scene.sh_bands;
+    let parameters = &state.scene.parameters;
     let count = state.source_count as u32;
     let bindings = mcmc_weigh::Bindings {
-        means: &scene.means,
-        quats: &scene.quats,
-        log_scales: &scene.log_scales,
-        opacity_logits: &scene.opacity_logits,
-        sh0,
-        sh1,
-        sh2,
-        sh3,
+        means: &parameters.means,
+        quats: &parameters.quats,
+        log_scales: &parameters.log_scales,
+        opacity_logits: &parameters.opacity_logits,
+        sh0: &parameters.sh0,
+        sh1: &parameters.sh1,
+        sh2: &parameters.sh2,
+        sh3: &parameters.sh3,
         weights,
         copies,
     };
@@ -108,8 +107,8 @@ fn record_weigh(
 fn share(tools: &mut Tools, state: &mut DeviceState, moves: &Moves, logit_min: f32) -> Result<(), GpuError> {
     let bindings = mcmc_share::Bindings {
         made: &moves.made,
-        opacity_logits: &mut state.scene.opacity_logits,
-        log_scales: &mut state.scene.log_scales,
+        opacity_logits: &mut state.scene.parameters.opacity_logits,
+        log_scales: &mut state.scene.parameters.log_scales,
     };
     let params = mcmc_share::Params { count: moves.count, logit_min };
     let grid = tools.threads(moves.count);

@@ -51,10 +51,10 @@ impl McmcStep {
         };
         let bindings = mcmc_regularise::Bindings {
             status: &log.status,
-            log_scales: &state.scene.log_scales,
-            opacity_logits: &state.scene.opacity_logits,
-            log_scale_gradients: &mut state.gradients.log_scales,
-            opacity_logit_gradients: &mut state.gradients.opacity_logits,
+            log_scales: &state.scene.parameters.log_scales,
+            opacity_logits: &state.scene.parameters.opacity_logits,
+            log_scale_gradients: &mut state.gradients.parameters.log_scales,
+            opacity_logit_gradients: &mut state.gradients.parameters.opacity_logits,
         };
         recorder.dispatch(&pipelines.mcmc_regularise, Grid::threads(count as u32, workgroup_size), &params, bindings)
     }
@@ -73,13 +73,13 @@ impl McmcStep {
             return Ok(());
         }
         let params = mcmc_noise::Params { count, strength: self.noise as f32, seed: seed_words(self.seed), time: step };
-        let scene = &mut state.scene;
+        let parameters = &mut state.scene.parameters;
         let bindings = mcmc_noise::Bindings {
             status: &log.status,
-            quats: &scene.quats,
-            log_scales: &scene.log_scales,
-            opacity_logits: &scene.opacity_logits,
-            means: &mut scene.means,
+            quats: &parameters.quats,
+            log_scales: &parameters.log_scales,
+            opacity_logits: &parameters.opacity_logits,
+            means: &mut parameters.means,
         };
         recorder.dispatch(&pipelines.mcmc_noise, Grid::threads(count, workgroup_size), &params, bindings)
     }

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use crate::gpu::buffer::Floats;
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types::DispatchArgs;
 use crate::gpu::staging::{download, upload};
@@ -11,6 +10,7 @@ use crate::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
 use crate::render::scan::{Blocks, ScanScratch, plain, record_scan};
 use crate::render::sort::{Sort, SortBuffers, record_sort};
 use crate::render::{GradientBuffers, RenderError, SourceTables};
+use crate::scene::Owner;
 use crate::device_state::DeviceState;
 
 /// Pipelines and a recorder.
@@ -121,45 +121,30 @@ impl Tools {
     /// [`Tools::finish`].
     pub(super) fn move_arrays(&mut self, state: &mut DeviceState, moves: &Moves) -> Result<(), RenderError> {
         state.gradients = GradientBuffers::placeholder(&self.gpu)?;
-        let (scene, moments) = (&mut state.scene, &mut state.moments);
-        self.move_pair((&mut scene.means, &mut moments.means), 3, moves)?;
-        self.move_pair((&mut scene.quats, &mut moments.quats), 4, moves)?;
-        self.move_pair((&mut scene.log_scales, &mut moments.log_scales), 3, moves)?;
-        self.move_pair((&mut scene.opacity_logits, &mut moments.opacity_logits), 1, moves)?;
-        let bands = scene.sh_bands.iter_mut().zip(&mut moments.sh_bands);
-        for (l, pair) in bands.enumerate().take(scene.counts.background_sh_degree as usize + 1) {
-            self.move_pair(pair, 3 * (2 * l as u32 + 1), moves)?;
+        let degree = state.scene.counts.background_sh_degree;
+        let parameters = state.scene.parameters.scalars_mut();
+        for (parameter, values, moments) in parameters.zip(state.moments.parameters.each_mut()) {
+            let of_clouds = match parameter.owner() {
+                Owner::Source => true,
+                Owner::ShBand(l) => l <= degree,
+                Owner::Offset => false,
+            };
+            if of_clouds {
+                let width = parameter.width() as u32;
+                self.move_array(values, width, moves, Made::Inherits)?;
+                self.move_array(moments.scalars_mut(), 2 * width, moves, Made::IsZero)?;
+            }
         }
         Ok(())
     }
 
-    fn move_pair<T: Floats>(
-        &mut self,
-        (parameters, moments): (&mut Buffer<T>, &mut Buffer<[f32; 2]>),
-        width: u32,
-        moves: &Moves,
-    ) -> Result<(), GpuError> {
-        self.move_array(parameters, width, moves, Made::Inherits)?;
-        self.move_array(moments, 2 * width, moves, Made::IsZero)
-    }
-
     /// Moves an array of `width` f32 per Gaussian.
-    fn move_array<T: Floats>(
-        &mut self,
-        array: &mut Buffer<T>,
-        width: u32,
-        moves: &Moves,
-        made: Made,
-    ) -> Result<(), GpuError> {
+    fn move_array(&mut self, array: &mut Buffer<f32>, width: u32, moves: &Moves, made: Made) -> Result<(), GpuError> {
         let count = moves.count * width;
-        let mut after = Buffer::<T>::new(&self.gpu, array.name(), count as usize * 4 / size_of::<T>())?;
+        let mut after = Buffer::new(&self.gpu, array.name(), count as usize)?;
         let params = move_gaussians::Params { count, width, zero_made: u32::from(made == Made::IsZero) };
-        let bindings = move_gaussians::Bindings {
-            origins: &moves.origins,
-            made: &moves.made,
-            before: array.scalars(),
-            after: after.scalars_mut(),
-        };
+        let bindings =
+            move_gaussians::Bindings { origins: &moves.origins, made: &moves.made, before: array, after: &mut after };
         let grid = self.threads(count);
         self.recorder.dispatch(&self.pipelines.move_gaussians, grid, &params, bindings)?;
         self.run()?;

@@ -1,0 +1,97 @@
+//! One device buffer for every parameter of a scene, made from the list in `scene::parameters`.
+
+use std::sync::Arc;
+
+use crate::gpu::staging::{download, write};
+use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::scene::parameters::{Parameter, ParameterSet, Rows, for_parameters};
+use crate::scene::{InstancedScene, Owner};
+
+macro_rules! parameter_buffers {
+    ($($(#[$doc:meta])* $variant:ident $field:ident: $element:ty, $name:literal, $owner:expr, $width:literal;)*) => {
+        /// A buffer for every parameter, typed for the kernels: the parameters themselves, or their gradients. A parameter
+        /// without rows has one unused element, since Vulkan has no empty buffers.
+        pub struct ParameterBuffers {
+            $($(#[$doc])* pub $field: Buffer<$element>,)*
+        }
+
+        impl ParameterBuffers {
+            /// Buffers without contents for so many rows; their names start with `prefix`.
+            ///
+            /// # Errors
+            /// A buffer beyond the device's limits, by name.
+            pub fn new(gpu: &Arc<Gpu>, prefix: &str, rows: &ParameterSet<Rows>) -> Result<Self, GpuError> {
+                let name = |parameter: Parameter| format!("{prefix}{}", parameter.name());
+                let elements = |parameter: Parameter| {
+                    rows[parameter].iter().sum::<usize>() * parameter.width() / parameter.element()
+                };
+                Ok(Self {
+                    $($field: Buffer::new(gpu, &name(Parameter::$variant), elements(Parameter::$variant))?,)*
+                })
+            }
+
+            /// The buffers as plain f32, for what treats all parameters alike.
+            pub fn scalars(&self) -> ParameterSet<&Buffer<f32>> {
+                ParameterSet([$(self.$field.scalars()),*])
+            }
+
+            /// As [`ParameterBuffers::scalars`], to be changed.
+            pub fn scalars_mut(&mut self) -> ParameterSet<&mut Buffer<f32>> {
+                ParameterSet([$(self.$field.scalars_mut()),*])
+            }
+        }
+    };
+}
+for_parameters!(parameter_buffers);
+
+impl ParameterBuffers {
+    /// The parameters of a scene.
+    ///
+    /// # Errors
+    /// A buffer beyond the device's limits, by name.
+    pub fn upload(gpu: &Arc<Gpu>, scene: &InstancedScene, rows: &ParameterSet<Rows>) -> Result<Self, GpuError> {
+        let mut out = Self::new(gpu, "", rows)?;
+        for (parameter, buffer) in out.scalars_mut() {
+            write(gpu, buffer, &scene.parameter(parameter))?;
+        }
+        Ok(out)
+    }
+
+    /// Puts the parameters into a scene whose SH degrees are those of the device.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn download(
+        &self,
+        gpu: &Arc<Gpu>,
+        rows: &ParameterSet<Rows>,
+        scene: &mut InstancedScene,
+    ) -> Result<(), GpuError> {
+        for (parameter, buffer) in self.scalars() {
+            let rows = rows[parameter];
+            let values = download(gpu, buffer, rows.iter().sum::<usize>() * parameter.width())?;
+            scene.set_parameter(parameter, rows, &values);
+        }
+        Ok(())
+    }
+
+    /// Bytes of all buffers.
+    pub fn bytes(&self) -> u64 {
+        self.scalars().into_iter().map(|(_, buffer)| buffer.bytes()).sum()
+    }
+}
+
+/// Bytes of the parameters of a scene, without a device: of templates, background and offsets, and of the single elements
+/// that stand for parameters without rows.
+pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> [u64; 4] {
+    let [mut templates, mut background, mut offsets, mut unused] = [0; 4];
+    for (parameter, rows) in scene.parameter_rows() {
+        let [first, second] = rows.map(|rows| 4 * (rows * parameter.width()) as u64);
+        match parameter.owner() {
+            _ if first + second == 0 => unused += 4 * parameter.element() as u64,
+            Owner::Source | Owner::ShBand(_) => (templates, background) = (templates + first, background + second),
+            Owner::Offset => offsets += first,
+        }
+    }
+    [templates, background, offsets, unused]
+}
