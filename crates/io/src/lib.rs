@@ -4,7 +4,8 @@
 //!
 //! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`); [`write_glb`]. Views:
 //! [`dataset::read_views`], [`load_view`] for their images, [`read_points`], and [`camera_file`]. Repeated objects:
-//! [`MaskFolder`] and [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`].
+//! [`MaskFolder`] and [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`]. The
+//! files of a run: [`RunFolder`].
 
 use instgs_vk::{math, scene};
 
@@ -30,6 +31,7 @@ pub mod ply;
 mod ply_packed;
 mod ply_table;
 pub mod point_cloud;
+pub mod run_folder;
 mod safetensors_header;
 pub mod scene_export;
 pub mod scene_file;
@@ -61,6 +63,7 @@ pub use masks::{Mask, MaskFolder, read_mask, write_categories, write_mask};
 pub use nerf_write::write_transforms;
 pub use ply::{read_ply, write_ply};
 pub use point_cloud::{LoadedPoints, read_points, write_points};
+pub use run_folder::RunFolder;
 pub use scene_export::{ExportFormat, export_scene};
 pub use scene_file::read_scene_file;
 pub use scene_load::{LoadedScene, load_scene, save_scene};

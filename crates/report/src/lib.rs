@@ -35,7 +35,7 @@ pub use run_report::RunReport;
 pub use stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 pub use training_clock::training_seconds;
 
-use crate::io::{IoError, atomic_write};
+use crate::io::{IoError, RunFolder, atomic_write};
 use crate::scene::RepeatedBytes;
 use crate::train::events::Event;
 use crate::train::facts::Quality;
@@ -72,9 +72,9 @@ pub struct ViewPicture {
 ///
 /// # Errors
 /// Two pictures of a view that differ in size, a picture that is none, or a file that cannot be written.
-pub fn write(run: &Path, data: &ReportData) -> Result<(), IoError> {
+pub fn write(run: &RunFolder, data: &ReportData) -> Result<(), IoError> {
     write_json(run, &data.report)?;
-    let path = run.join("report.html");
+    let path = run.page();
     let text = html(data, &path)?;
     atomic_write(&path, |out| out.write_all(text.as_bytes()))
 }
@@ -83,8 +83,8 @@ pub fn write(run: &Path, data: &ReportData) -> Result<(), IoError> {
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_json(run: &Path, report: &RunReport) -> Result<(), IoError> {
-    crate::io::json::write_json(&run.join("report.json"), report)
+pub fn write_json(run: &RunFolder, report: &RunReport) -> Result<(), IoError> {
+    crate::io::json::write_json(&run.report(), report)
 }
 
 /// The page; `path` is for messages.

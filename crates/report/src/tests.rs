@@ -314,7 +314,7 @@ fn bad_numbers_and_empty_lists_of_two_phases_make_a_page() {
 fn the_json_of_two_phases_reads_back_and_older_ones_too() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let report = two_phases().report;
-    write_json(folder.path(), &report)?;
+    write_json(&RunFolder::new(folder.path()), &report)?;
     let text = std::fs::read_to_string(folder.path().join("report.json"))?;
     assert_eq!(serde_json::from_str::<RunReport>(&text)?, report);
     let mut value: serde_json::Value = serde_json::from_str(&text)?;
@@ -332,7 +332,7 @@ fn the_json_of_two_phases_reads_back_and_older_ones_too() -> Result<(), Box<dyn 
 fn the_json_has_the_contracts_names_and_reads_back() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let data = sample();
-    write(folder.path(), &data)?;
+    write(&RunFolder::new(folder.path()), &data)?;
     assert!(folder.path().join("report.html").exists());
     let text = std::fs::read_to_string(folder.path().join("report.json"))?;
     let value: serde_json::Value = serde_json::from_str(&text)?;

@@ -23,8 +23,6 @@ use super::trainer::TrainJob;
 use super::view_store::{self, PrefetchLimits};
 use super::views::{TrainViews, ViewsPlan};
 
-/// The merged scene that the joint phase starts from, in the run folder.
-pub const INITIAL_SCENE: &str = "initial.instgs";
 /// Without a budget of the user's, training pictures take at most this part of the device's memory.
 const PICTURE_SHARE: f64 = 0.25;
 /// Sub-stream of the seed for random starts ("init" in ASCII).
@@ -59,7 +57,7 @@ pub(super) fn find_checkpoint(job: &TrainJob) -> Result<Resumed, TrainError> {
     if !job.resume {
         return Ok(Resumed::default());
     }
-    let newest = checkpoint::latest(&job.out.join("checkpoints"))?;
+    let newest = checkpoint::latest(&job.folder().checkpoints())?;
     if let Some((path, found)) = &newest.found {
         check_fits(found, path, &job.config)?;
     }
@@ -263,7 +261,7 @@ fn first_instanced(
     chunk_size: u32,
 ) -> Result<Start, TrainError> {
     data.warnings.extend(resumed.warnings);
-    let path = job.out.join(INITIAL_SCENE);
+    let path = job.folder().initial_scene();
     let mut scene = load_scene(&path)?.scene;
     let degrees = [&scene.templates, &scene.background].map(|cloud| cloud.sh_degree);
     if degrees != [job.config.sh_degree; 2] {
@@ -404,7 +402,7 @@ mod tests {
         };
         assert!(needs(&[], false)? && needs(&[], true)?);
         assert!(!needs(&["init=random"], false)? && !needs(&["init_scene=a.ply"], false)?);
-        let path = save(&out.join("checkpoints"), &sample())?;
+        let path = save(&crate::io::RunFolder::new(&out).checkpoints(), &sample())?;
         // Without --resume the checkpoint does not count, whatever it is.
         assert!(needs(&[], false)? && needs(&["sh_degree=3"], false)?);
         assert!(!needs(&[], true)?);

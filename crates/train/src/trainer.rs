@@ -7,7 +7,7 @@ use std::time::Instant;
 use crate::eval::{EvalReport, Evaluated, evaluate};
 use crate::gpu::Gpu;
 use crate::io::checkpoint;
-use crate::io::{View, atomic_write, write_ply, write_scene_file};
+use crate::io::{RunFolder, View, atomic_write, write_ply, write_scene_file};
 use crate::kernels::Variant;
 use crate::math::rng::Rng;
 use crate::optim::Adam;
@@ -21,7 +21,6 @@ use super::events::{Event, EventSink};
 use super::facts::{DatasetFacts, MemoryUse, StageTime};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
-pub use super::start::INITIAL_SCENE;
 use super::start::{Loaded, TrainData, load_all};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
@@ -37,7 +36,7 @@ const REPORT_EVERY: u64 = 10;
 const TIGHT: f64 = 0.8;
 
 /// What to train. With the method `instgs`, the joint phase: the run folder holds the scene it starts from
-/// ([`INITIAL_SCENE`]).
+/// ([`RunFolder::initial_scene`]).
 #[derive(Clone, Debug)]
 pub struct TrainJob {
     /// Dataset folder.
@@ -48,6 +47,13 @@ pub struct TrainJob {
     pub config: TrainConfig,
     /// Go on from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
+}
+
+impl TrainJob {
+    /// The files of the run.
+    pub fn folder(&self) -> RunFolder {
+        RunFolder::new(&self.out)
+    }
 }
 
 /// What a run left behind, besides its files.
@@ -133,7 +139,8 @@ pub fn train(
         mb => u64::from(mb) << 20,
     });
     let load = Instant::now();
-    let config_path = job.out.join("config.toml");
+    let folder = job.folder();
+    let config_path = folder.config();
     let before = std::fs::read(&config_path).ok();
     let text = job.config.to_toml()?;
     // Before pictures are read, which may take minutes: a run that is killed then must know itself.
@@ -174,9 +181,9 @@ pub fn train(
         return Err(TrainError::Other(format!("after {done} steps no Gaussian is left that is finite")));
     }
     if job.config.method == Method::Gaussians {
-        write_ply(&job.out.join("point_cloud.ply"), &scene.background, scene.antialias)?;
+        write_ply(&folder.point_cloud(), &scene.background, scene.antialias)?;
     }
-    write_scene_file(&job.out.join("scene.instgs"), &scene)?;
+    write_scene_file(&folder.scene(), &scene)?;
     stages.push(StageTime { name: "save".into(), seconds: save.elapsed().as_secs_f64() });
 
     let interrupted = done < job.config.steps;
@@ -347,7 +354,7 @@ impl<'a> Run<'a> {
 
     /// `due` says that what happens between the steps after `done` has not happened yet.
     fn save_checkpoint(&mut self, done: u64, due: bool) -> Result<PathBuf, TrainError> {
-        let folder = self.job.out.join("checkpoints");
+        let folder = self.job.folder().checkpoints();
         let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &mut self.state, done, due)?)?;
         checkpoint::prune(&folder, checkpoint::KEEP)?;
         Ok(path)

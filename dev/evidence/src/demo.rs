@@ -15,6 +15,7 @@ use super::picture_grid::{DIFFERENCE_GAIN, Grid};
 use super::printer::Printer;
 use super::train::Session;
 use crate::bench::comparison::SeedResult;
+use crate::io::RunFolder;
 use crate::synth::dataset;
 use crate::train::config::{ConfigBuilder, TrainConfig};
 use crate::train::interrupt::Interrupt;
@@ -80,7 +81,7 @@ pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &P
     device::check_validation(&gpu)?;
     let report = DemoReport {
         pictures: args.out.join("pictures.png"),
-        scene: comparison.out.join("seed_0/instgs/scene.instgs"),
+        scene: RunFolder::new(comparison.out.join("seed_0/instgs")).scene(),
         data,
         results,
         seconds: started.elapsed().as_secs_f64(),

@@ -14,8 +14,8 @@ use super::args::create_folder;
 use super::device::DeviceArgs;
 use super::error::CliError;
 use super::printer::Printer;
-use crate::io::{IoError, MaskFolder, View, read_views};
-use crate::report::stage_pictures::{REVIEW, review};
+use crate::io::{IoError, MaskFolder, RunFolder, View, read_views};
+use crate::report::stage_pictures::review;
 
 /// Makes masks of a dataset's photos, or looks over those there are.
 ///
@@ -107,7 +107,7 @@ fn check_folder(out: &Path) -> Result<(), CliError> {
 }
 
 fn write_page(out: &Path, views: &[View], masks: &MaskFolder, printer: &Printer) -> Result<PathBuf, CliError> {
-    let page = out.join(REVIEW);
+    let page = RunFolder::new(out).review();
     review(&page, views, masks, None)?;
     printer.line(format_args!("every view with its masks: {}", page.display()));
     Ok(page)

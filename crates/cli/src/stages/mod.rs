@@ -11,15 +11,13 @@ use clap::Args;
 
 use super::error::CliError;
 use super::printer::{Printer, Progress};
+use crate::io::RunFolder;
 use crate::pipeline::CloudLabels;
 use crate::pipeline::label_gaussians::{read_cloud, require_segments};
 use crate::scene::InstancedScene;
 use crate::segment::LabelProgress;
 use crate::template::GroupReport;
 use crate::train::config::{ConfigBuilder, TrainConfig};
-
-/// The configuration, in a folder of segments and in a run folder.
-const CONFIG: &str = "config.toml";
 
 /// Where the earlier stage left its files.
 #[derive(Args)]
@@ -42,16 +40,18 @@ struct Segments {
 impl SegmentsArgs {
     /// The folder's configuration with `--set` above it; flags are the caller's to add.
     fn config(&self) -> Result<ConfigBuilder, CliError> {
-        require_segments(&self.segments)?;
-        let own = self.segments.join(CONFIG);
+        let folder = RunFolder::new(&self.segments);
+        require_segments(&folder)?;
+        let own = folder.config();
         let builder = ConfigBuilder::new().file(&own.display().to_string())?;
         with_sets(builder, &self.set)
     }
 
     /// Reads everything.
     fn open(&self, config: TrainConfig) -> Result<Segments, CliError> {
-        let cloud = read_cloud(&self.segments)?;
-        let labels = CloudLabels::read(&self.segments, cloud.background.len())?;
+        let folder = RunFolder::new(&self.segments);
+        let cloud = read_cloud(&folder)?;
+        let labels = CloudLabels::read(&folder, cloud.background.len())?;
         Ok(Segments { config, cloud, labels })
     }
 }

@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{CONFIG, LabelLines, with_sets};
+use super::{LabelLines, with_sets};
 use crate::cli::args::create_folder;
 use crate::cli::device::{self, DeviceArgs};
 use crate::cli::error::CliError;
 use crate::cli::printer::Printer;
 use crate::cli::table::{Table, grouped};
 use crate::cli::train::absolute;
-use crate::io::{IoError, atomic_write, write_ply};
-use crate::pipeline::label_gaussians::{CLOUD, LABELS, read_cloud};
+use crate::io::{IoError, RunFolder, atomic_write, write_ply};
+use crate::pipeline::label_gaussians::read_cloud;
 use crate::pipeline::{check_masks, label_gaussians};
-use crate::report::stage_pictures::{self, REVIEW};
+use crate::report::stage_pictures;
 use crate::segment::ConsensusReport;
 use crate::train::TrainJob;
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
@@ -75,6 +75,7 @@ struct Report<'a> {
 pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     check_folder(&args.out)?;
     let job = TrainJob { data: args.data.clone(), out: args.out.clone(), config: args.resolved()?, resume: false };
+    let folder = job.folder();
     let mut warnings = check_masks(&job)?;
     let given = given_plain_cloud(&args.scene, &job.config)?;
     warnings.extend(given.warnings);
@@ -82,9 +83,9 @@ pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer:
     let gpu = device::open(device_args.choice())?;
     create_folder(&args.out)?;
     let text = job.config.to_toml()?;
-    atomic_write(&args.out.join(CONFIG), |out| out.write_all(text.as_bytes()))?;
-    write_ply(&args.out.join(CLOUD), &given.cloud, job.config.antialias)?;
-    let cloud = read_cloud(&args.out)?;
+    atomic_write(&folder.config(), |out| out.write_all(text.as_bytes()))?;
+    write_ply(&folder.point_cloud(), &given.cloud, job.config.antialias)?;
+    let cloud = read_cloud(&folder)?;
     let mut lines = LabelLines::new(printer);
     let found = label_gaussians(&gpu, &job, &cloud, &mut |at| lines.at(at));
     drop(lines);
@@ -130,8 +131,7 @@ impl SegmentArgs {
 
 /// Refuses a folder whose files would be replaced by those of another scene.
 fn check_folder(out: &Path) -> Result<(), CliError> {
-    let taken = [LABELS, "events.jsonl", "vanilla", "checkpoints", "report.json"];
-    match taken.iter().find(|name| out.join(name).exists()) {
+    match RunFolder::new(out).trace_of_segments() {
         Some(found) => {
             let error = IoError::new(out, format!("holds segments or a run already ({found})"));
             Err(error.advise("choose another folder").into())
@@ -155,7 +155,7 @@ fn print(report: &Report<'_>, printer: &Printer) {
     printer.line(table);
     let [gaussians, background] = [report.gaussians, report.background].map(|count| grouped(count as u64));
     let out = report.out.display();
-    printer.line(format_args!("masks and objects of every view: {}", report.out.join(REVIEW).display()));
+    printer.line(format_args!("masks and objects of every view: {}", RunFolder::new(report.out).review().display()));
     printer
         .line(format_args!("{out}: {gaussians} Gaussians, {background} of no object; next: register --segments {out}"));
 }

@@ -12,7 +12,7 @@ use crate::cli::printer::Printer;
 use crate::cli::stages::{LabelLines, group_lines};
 use crate::io::json::read_json;
 use crate::io::{Dataset, IoError, Split, read_views, write_ply};
-use crate::pipeline::label_gaussians::{CLOUD, require_segments};
+use crate::pipeline::label_gaussians::require_segments;
 use crate::pipeline::{MaskSource, Prepared, check_masks, masks_from_prompt, prepare};
 use crate::render::Renderer;
 use crate::report::{JointMatch, ReportData, ReportError, RunReport, StagePictures, stage_pictures};
@@ -24,8 +24,6 @@ use crate::train::facts::{Bytes, Quality, StageTime};
 use crate::train::given::{GivenCloud, given_cloud};
 use crate::train::{TrainError, TrainJob, eval_options, leave_out_masked};
 
-/// The configuration, in the run folder.
-const CONFIG: &str = "config.toml";
 /// How the keys begin that only the joint phase goes by, or that say nothing of the outcome.
 const OF_JOINT_PHASE: [&str; 12] = [
     "joint.steps",
@@ -59,7 +57,7 @@ pub(super) fn run(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, Cl
     create_folder(&job.out)?;
     // The joint phase writes it, too; but a run that is stopped before that must know itself when it goes on.
     let text = job.config.to_toml()?;
-    crate::io::atomic_write(&job.out.join(CONFIG), |out| out.write_all(text.as_bytes()))?;
+    crate::io::atomic_write(&job.folder().config(), |out| out.write_all(text.as_bytes()))?;
     let naming = found_by_name(session.printer, job)?;
     let told = if given { told } else { checked(session, job)? };
     let given = !job.config.init_scene.is_empty();
@@ -92,8 +90,8 @@ fn checked(session: &Session<'_>, job: &TrainJob) -> Result<Vec<String>, CliErro
 
 /// A run that goes on keeps the objects and templates that it found: what these came from must be as it was.
 fn check_same_stages(job: &TrainJob) -> Result<(), CliError> {
-    let path = job.out.join(CONFIG);
-    if !job.resume || !path.is_file() || require_segments(&job.out).is_err() {
+    let path = job.folder().config();
+    if !job.resume || !path.is_file() || require_segments(&job.folder()).is_err() {
         return Ok(());
     }
     let earlier = ConfigBuilder::new().file(&path.display().to_string())?.finish()?;
@@ -117,12 +115,12 @@ impl Pictures {
         let drawn = stage_pictures::draw(session.gpu, job, prepared);
         let drawn = drawn.map_err(|error| warn_of_pictures(session, &error)).ok();
         if drawn.is_some() {
-            let folder = job.out.join(stage_pictures::FOLDER);
+            let folder = job.folder().stage_pictures();
             session.printer.line(format_args!("pictures of masks, objects, poses and templates: {}", folder.display()));
         }
         match stage_pictures::review_segments(job) {
             Ok(()) => {
-                let path = job.out.join(stage_pictures::REVIEW);
+                let path = job.folder().review();
                 session.printer.line(format_args!("masks and objects of every view: {}", path.display()));
             }
             Err(error) => session.printer.warning(format_args!("the sheet of masks is missing: {error}")),
@@ -167,22 +165,22 @@ fn complete(data: &mut ReportData, cloud: PlainCloud, prepared: Prepared, pictur
 
 /// Trains in `RUN/vanilla`, unless that is done.
 fn trained_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliError> {
-    let out = job.out.join("vanilla");
-    let path = out.join("report.json");
+    let run = job.folder().plain_cloud_run();
+    let path = run.report();
     let config = job.config.cloud_phase();
     let done = if job.resume && path.is_file() { Some(read_json::<RunReport>(&path)?) } else { None };
     let report = match done {
         Some(report) if report.steps == config.steps => report,
         _ => {
             session.printer.line("1 of 3: a plain cloud of Gaussians");
-            run_phase(session, &job.out, &TrainJob { out: out.clone(), config, ..job.clone() }, |_| ())?
+            run_phase(session, &job.out, &TrainJob { out: run.path().into(), config, ..job.clone() }, |_| ())?
         }
     };
-    let (from, to) = (out.join(CLOUD), job.out.join(CLOUD));
+    let (from, to) = (run.point_cloud(), job.folder().point_cloud());
     let bytes = fs::read(&from).map_err(|e| IoError::new(&from, format!("cannot read: {e}")))?;
     crate::io::atomic_write(&to, |file| file.write_all(&bytes))?;
     // The log of a cloud that is reused may have been removed; only the page needs it.
-    let log = out.join("events.jsonl");
+    let log = run.events();
     let events = if log.is_file() { read_events(&log)? } else { Vec::new() };
     Ok(PlainCloud { report, events })
 }
@@ -192,7 +190,7 @@ fn taken_cloud(session: &Session<'_>, job: &TrainJob) -> Result<PlainCloud, CliE
     let started = Instant::now();
     let GivenCloud { cloud, file_bytes, warnings } = given_cloud(Path::new(&job.config.init_scene), &job.config)?;
     warnings.iter().for_each(|text| session.printer.warning(text));
-    write_ply(&job.out.join(CLOUD), &cloud, job.config.antialias)?;
+    write_ply(&job.folder().point_cloud(), &cloud, job.config.antialias)?;
     let scene = InstancedScene { antialias: job.config.antialias, ..InstancedScene::from_cloud(cloud) };
     let eval = evaluated(session, job, &scene)?;
     let seconds = started.elapsed().as_secs_f64();

@@ -15,7 +15,7 @@ use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::printer::Printer;
 use super::table::{Table, grouped};
-use crate::io::IoError;
+use crate::io::{IoError, RunFolder};
 use crate::report::RunReport;
 use crate::train::TrainJob;
 use crate::train::config::{ConfigBuilder, Method, TrainConfig};
@@ -91,7 +91,7 @@ pub(super) struct TrainArgs {
 
 impl TrainArgs {
     fn resolved(&self) -> Result<TrainConfig, CliError> {
-        let own = self.out.join("config.toml");
+        let own = RunFolder::new(&self.out).config();
         let mut builder = ConfigBuilder::new();
         if self.resume && own.is_file() {
             builder = builder.file(&own.display().to_string())?;
@@ -146,8 +146,7 @@ impl TrainArgs {
     }
 
     fn check_folder(&self) -> Result<(), CliError> {
-        let taken = ["config.toml", "vanilla", "checkpoints", "report.json", "point_cloud.ply"];
-        let Some(found) = taken.iter().find(|name| self.out.join(name).exists()) else { return Ok(()) };
+        let Some(found) = RunFolder::new(&self.out).trace_of_run() else { return Ok(()) };
         if self.resume {
             return Ok(());
         }
@@ -244,7 +243,7 @@ mod tests {
         let config = resolved(folder.path(), &["--init", "a/../b.ply", "--set", "init_scene=c.ply"])?;
         // The flag is above --set; links are left as they are.
         assert_eq!(Path::new(&config.init_scene), here.join("a/../b.ply"));
-        std::fs::write(folder.path().join("config.toml"), config.to_toml()?)?;
+        std::fs::write(RunFolder::new(folder.path()).config(), config.to_toml()?)?;
         assert_eq!(resolved(folder.path(), &["--resume"])?.init_scene, config.init_scene);
         assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.init_scene, "/x.ply");
         assert_eq!(resolved(folder.path(), &[])?.init_scene, "");

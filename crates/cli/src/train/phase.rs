@@ -10,8 +10,8 @@ use crate::cli::printer::{Printer, Progress};
 use crate::cli::table::grouped;
 use crate::eval::Evaluated;
 use crate::gpu::Gpu;
-use crate::io::IoError;
 use crate::io::picture_png::write_png;
+use crate::io::{IoError, RunFolder};
 use crate::report::{self, ReportData, Rgb8, RunReport, ViewPicture};
 use crate::scene::{InstancedScene, RepeatedBytes};
 use crate::train::config::Method;
@@ -56,13 +56,13 @@ pub(super) fn run_phase(
         return Err(interrupted(&job.data, run, trained.done));
     }
     log.flush()?;
-    write_renders(&job.out, &pictures)?;
-    let events = read_events(&job.out.join("events.jsonl"))?;
+    write_renders(&job.folder(), &pictures)?;
+    let events = read_events(&job.folder().events())?;
     let report = run_report(job, &gpu.caps().name, &trained, &events)?;
     let shown = report::choose(&report.views, PICTURES).into_iter().filter_map(|i| pictures.get(i).cloned()).collect();
     let mut data = ReportData { report, events, pictures: shown, ..ReportData::default() };
     complete(&mut data);
-    report::write(&job.out, &data)?;
+    report::write(&job.folder(), &data)?;
     Ok(data.report)
 }
 
@@ -72,11 +72,11 @@ fn interrupted(data: &Path, run: &Path, done: u64) -> CliError {
 }
 
 fn open_log(job: &TrainJob, printer: &Printer) -> Result<EventLog, CliError> {
-    let path = job.out.join("events.jsonl");
+    let path = job.folder().events();
     if !job.resume {
         return Ok(EventLog::create(&path)?);
     }
-    let newest = crate::io::checkpoint::latest(&job.out.join("checkpoints"))?;
+    let newest = crate::io::checkpoint::latest(&job.folder().checkpoints())?;
     let step = newest.found.map_or(0, |(_, found)| found.step);
     let (log, dropped) = EventLog::resume(&path, step)?;
     if dropped.later > 0 {
@@ -145,11 +145,11 @@ fn picture_of(view: &Evaluated<'_>) -> ViewPicture {
     }
 }
 
-fn write_renders(out: &Path, pictures: &[ViewPicture]) -> Result<(), CliError> {
+fn write_renders(run: &RunFolder, pictures: &[ViewPicture]) -> Result<(), CliError> {
     if pictures.is_empty() {
         return Ok(());
     }
-    let folder = out.join("renders");
+    let folder = run.renders();
     create_folder(&folder)?;
     for picture in pictures {
         let Rgb8 { width, height, pixels } = &picture.render;
@@ -169,10 +169,10 @@ pub(in crate::cli) fn counts(scene: &InstancedScene) -> Counts {
 }
 
 fn run_report(job: &TrainJob, device: &str, trained: &Trained, events: &[Event]) -> Result<RunReport, CliError> {
-    let file = job.out.join(match job.config.method {
-        Method::Gaussians => "point_cloud.ply",
-        Method::Instanced => "scene.instgs",
-    });
+    let file = match job.config.method {
+        Method::Gaussians => job.folder().point_cloud(),
+        Method::Instanced => job.folder().scene(),
+    };
     let bytes = std::fs::metadata(&file).map_err(|e| IoError::new(&file, format!("cannot be read: {e}")))?.len();
     let times = &trained.times;
     let stages = trained.stages.iter().map(|stage| match stage.name.as_str() {

@@ -3,7 +3,6 @@
 //! stages that follow need no more than that.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -13,7 +12,7 @@ use crate::gpu::Gpu;
 use crate::io::checkpoint::Checkpoint;
 use crate::io::json::{read_json, write_json};
 use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, MaskFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
+use crate::io::{IoError, MaskFolder, RunFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
 use crate::scene::{Camera, InstancedScene, PosedGroup};
 use crate::segment::{
     Consensus, ConsensusOptions, ConsensusReport, KEPT_BYTES, LabelOptions, LabelProgress, ViewContributions,
@@ -26,14 +25,6 @@ use super::mask_source::mask_folder;
 use crate::train::facts::StageTime;
 use crate::train::{TrainJob, eval_options};
 
-/// The plain cloud, in the folder.
-pub const CLOUD: &str = "point_cloud.ply";
-/// The cameras that the masks belong to, in the order of the consensus.
-const CAMERAS: &str = "cameras.json";
-/// The object of every mask.
-pub const CONSENSUS: &str = "consensus.json";
-/// Labels by Gaussian of the cloud; written last.
-pub const LABELS: &str = "labels.safetensors";
 /// The tensor of labels.
 pub const LABEL_TENSOR: &str = "instance_of_gaussian";
 /// The tensor of what Gaussians add to the pictures.
@@ -96,9 +87,9 @@ impl CloudLabels {
     ///
     /// # Errors
     /// A file that is missing, damaged, or of another cloud.
-    pub fn read(folder: &Path, gaussians: usize) -> Result<Self, IoError> {
+    pub fn read(folder: &RunFolder, gaussians: usize) -> Result<Self, IoError> {
         require_segments(folder)?;
-        let path = folder.join(LABELS);
+        let path = folder.labels();
         let mut file = Checkpoint::read(&path)?;
         let labels: Vec<u32> = file.take(LABEL_TENSOR, &[], &path)?;
         let weights_px: Vec<f32> = file.take(WEIGHT_TENSOR, &[], &path)?;
@@ -107,19 +98,19 @@ impl CloudLabels {
             let what = format!("has {} labels, and the cloud {gaussians} Gaussians", labels.len());
             return Err(IoError::new(&path, what).advise("segment the scene again, into another folder"));
         }
-        let found: Consensus = read_json(&folder.join(CONSENSUS))?;
-        let cameras = read_cameras(&folder.join(CAMERAS))?;
+        let found: Consensus = read_json(&folder.consensus())?;
+        let cameras = read_cameras(&folder.cameras())?;
         Ok(Self { labels, weights_px, views_seen, consensus: found.report, cameras, stages: Vec::new() })
     }
 
-    fn write(&self, found: &Consensus, folder: &Path) -> Result<(), IoError> {
-        write_cameras(&folder.join(CAMERAS), &self.cameras)?;
-        write_json(&folder.join(CONSENSUS), found)?;
+    fn write(&self, found: &Consensus, folder: &RunFolder) -> Result<(), IoError> {
+        write_cameras(&folder.cameras(), &self.cameras)?;
+        write_json(&folder.consensus(), found)?;
         let mut file = Checkpoint::default();
         file.put(LABEL_TENSOR, &[self.labels.len()], self.labels.clone());
         file.put(WEIGHT_TENSOR, &[self.weights_px.len()], self.weights_px.clone());
         file.put(VIEWS_TENSOR, &[self.views_seen.len()], self.views_seen.clone());
-        file.write(&folder.join(LABELS))
+        file.write(&folder.labels())
     }
 }
 
@@ -127,25 +118,25 @@ impl CloudLabels {
 ///
 /// # Errors
 /// A file that is missing or damaged.
-pub fn read_cloud(folder: &Path) -> Result<InstancedScene, IoError> {
-    Ok(load_scene(&folder.join(CLOUD))?.scene)
+pub fn read_cloud(folder: &RunFolder) -> Result<InstancedScene, IoError> {
+    Ok(load_scene(&folder.point_cloud())?.scene)
 }
 
 /// Checks that a folder holds the files that [`label_gaussians`] leaves there.
 ///
 /// # Errors
 /// One of these files is missing.
-pub fn require_segments(folder: &Path) -> Result<(), IoError> {
+pub fn require_segments(folder: &RunFolder) -> Result<(), IoError> {
     if is_segmented(folder) {
         return Ok(());
     }
-    let error = IoError::new(folder, "holds no segmented scene");
+    let error = IoError::new(folder.path(), "holds no segmented scene");
     Err(error.advise("make one with instgs-vk segment --out, or name a run of --method instgs"))
 }
 
 /// True if a folder has all that [`CloudLabels::read`] reads.
-pub(super) fn is_segmented(folder: &Path) -> bool {
-    [CAMERAS, CONSENSUS, LABELS].iter().all(|name| folder.join(name).is_file())
+pub(super) fn is_segmented(folder: &RunFolder) -> bool {
+    [folder.cameras(), folder.consensus(), folder.labels()].iter().all(|path| path.is_file())
 }
 
 /// Finds the objects of `cloud`, or, if the job resumes, reads them from the files of an earlier run if they fit.
@@ -161,8 +152,8 @@ pub fn label_gaussians(
 ) -> Result<CloudLabels, PipelineError> {
     let started = Instant::now();
     if job.resume
-        && is_segmented(&job.out)
-        && let Ok(earlier) = CloudLabels::read(&job.out, cloud.background.len())
+        && is_segmented(&job.folder())
+        && let Ok(earlier) = CloudLabels::read(&job.folder(), cloud.background.len())
     {
         return Ok(CloudLabels { stages: vec![stage("segment", started)], ..earlier });
     }
@@ -195,7 +186,7 @@ pub fn label_gaussians(
         cameras,
         stages: vec![consensus_stage, stage("segment", labelling)],
     };
-    out.write(&found, &job.out)?;
+    out.write(&found, &job.folder())?;
     Ok(out)
 }
 

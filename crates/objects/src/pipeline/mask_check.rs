@@ -24,7 +24,7 @@ pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, IoError> {
     if !job.config.groups.is_empty() {
         read_groups(Path::new(&job.config.groups))?;
     }
-    if job.resume && is_segmented(&job.out) {
+    if job.resume && is_segmented(&job.folder()) {
         return Ok(Vec::new());
     }
     let source = MaskSource::of(job)?;

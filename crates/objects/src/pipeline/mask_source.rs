@@ -5,9 +5,6 @@ use std::path::PathBuf;
 use crate::io::{IoError, MaskFolder};
 use crate::train::TrainJob;
 
-/// The folder of masks that a run makes for itself, in the run folder.
-const MADE_MASKS: &str = "masks";
-
 /// Where masks come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum MaskSource {
@@ -67,7 +64,7 @@ impl MaskSource {
 
 /// The folder of masks that a run makes for itself.
 pub(super) fn made_masks(job: &TrainJob) -> PathBuf {
-    job.out.join(MADE_MASKS)
+    job.folder().masks()
 }
 
 /// The folder of a job's masks.

@@ -22,10 +22,6 @@ use super::mask_check::without_mask_line;
 use super::register_objects::{self, ObjectGroups, find_groups};
 use crate::train::TrainJob;
 use crate::train::facts::StageTime;
-use crate::train::trainer::INITIAL_SCENE;
-
-/// What this stage found, in the run folder.
-const REPORT: &str = "prepared.json";
 
 /// What became of the groups.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -76,12 +72,12 @@ pub fn prepare(
     job: &TrainJob,
     progress: &mut dyn FnMut(LabelProgress),
 ) -> Result<Prepared, PipelineError> {
-    let report_path = job.out.join(REPORT);
-    let initial = job.out.join(INITIAL_SCENE);
+    let report_path = job.folder().prepared();
+    let initial = job.folder().initial_scene();
     if job.resume && initial.is_file() && report_path.is_file() {
         return Ok(read_json(&report_path)?);
     }
-    let cloud = read_cloud(&job.out)?;
+    let cloud = read_cloud(&job.folder())?;
     let boxes = masks_from_boxes(gpu, job, &cloud, progress)?;
     let labels = label_gaussians(gpu, job, &cloud, progress)?;
     let ObjectGroups { groups, registration, stages: registering } = find_groups(gpu, job, &cloud, &labels)?;

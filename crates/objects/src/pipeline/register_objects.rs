@@ -17,9 +17,6 @@ use crate::train::config::TrainConfig;
 use crate::train::facts::StageTime;
 use crate::train::{TrainJob, eval_options};
 
-/// The groups, in the run folder.
-pub const GROUPS: &str = "groups.json";
-
 /// Which objects are alike, and where each stands.
 pub struct ObjectGroups {
     /// The groups; none if no two objects are alike.
@@ -51,7 +48,7 @@ pub(super) fn find_groups(
             ObjectGroups { groups, registration: Vec::new(), stages: Vec::new() }
         }
     };
-    write_groups(&job.out.join(GROUPS), &found.groups)?;
+    write_groups(&job.folder().groups(), &found.groups)?;
     Ok(found)
 }
 

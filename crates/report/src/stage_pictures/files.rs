@@ -8,12 +8,9 @@ use crate::io::{IoError, atomic_write};
 use crate::{Rgb8, StagePictures};
 use crate::train::TrainJob;
 
-/// The folder, in the run folder.
-pub const FOLDER: &str = "stages";
-
 /// Writes every picture there is; those of the same name are replaced.
 pub(super) fn write(job: &TrainJob, pictures: &StagePictures) -> Result<(), IoError> {
-    let folder = job.out.join(FOLDER);
+    let folder = job.folder().stage_pictures();
     fs::create_dir_all(&folder).map_err(|e| IoError::new(&folder, format!("cannot create: {e}")))?;
     named(pictures).par_iter().try_for_each(|(name, picture)| {
         let path = folder.join(format!("{name}.png"));

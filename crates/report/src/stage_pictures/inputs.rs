@@ -9,8 +9,7 @@ use crate::io::checkpoint::Checkpoint;
 use crate::io::json::read_json;
 use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
-use crate::pipeline::label_gaussians::{CLOUD, CONSENSUS, LABEL_TENSOR, LABELS};
-use crate::pipeline::register_objects::GROUPS;
+use crate::pipeline::label_gaussians::LABEL_TENSOR;
 use crate::pipeline::{Prepared, mask_folder, training_views};
 use crate::scene::{Camera, Gaussians, PosedGroup};
 use crate::segment::{Consensus, ConsensusReport, IdTable};
@@ -42,13 +41,14 @@ pub(super) fn cameras(job: &TrainJob) -> Result<Vec<Camera>, IoError> {
 impl Inputs {
     pub(super) fn read(job: &TrainJob) -> Result<Self, IoError> {
         let (views, cameras) = training_views(job)?;
-        let labels = job.out.join(LABELS);
-        let consensus: Consensus = read_json(&job.out.join(CONSENSUS))?;
-        let groups = job.out.join(GROUPS);
+        let folder = job.folder();
+        let labels = folder.labels();
+        let consensus: Consensus = read_json(&folder.consensus())?;
+        let groups = folder.groups();
         Ok(Self {
             views,
             cameras,
-            cloud: load_scene(&job.out.join(CLOUD))?.scene.background,
+            cloud: load_scene(&folder.point_cloud())?.scene.background,
             labels: Checkpoint::read(&labels)?.take(LABEL_TENSOR, &[], &labels)?,
             table: consensus.table,
             // A run that goes on needs no masks once it has labels.

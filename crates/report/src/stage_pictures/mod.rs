@@ -23,13 +23,11 @@ use crate::io::json::read_json;
 use crate::io::view_image::load_view;
 use crate::io::{IoError, Mask, MaskFolder, View, load_scene};
 use crate::math::similarity::Similarity;
-use crate::pipeline::label_gaussians::CONSENSUS;
 use crate::pipeline::{Prepared, mask_folder, training_views};
 use crate::render::{RenderError, RenderOptions};
 use crate::scene::{Camera, InstancedScene};
 use crate::segment::{Consensus, IdTable};
 use crate::template::GroupReport;
-use crate::train::trainer::INITIAL_SCENE;
 use crate::train::{TrainJob, eval_options};
 use colors::Colors;
 use data::{ObjectColor, StagePictures, StageView, TemplatePictures};
@@ -38,8 +36,7 @@ use masks::{Paint, painted};
 use overlay::{Objects, group_name};
 use painter::{GROUND, Painter, rgb8};
 
-pub use files::FOLDER;
-pub use review::{REVIEW, review};
+pub use review::review;
 
 /// Views whose masks and labels are shown: enough to see a scene from all sides, and a page of them is read at a
 /// glance.
@@ -66,7 +63,7 @@ pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<Stage
         groups_left_out: inputs.groups.len().saturating_sub(tiles::GROUPS),
         ..StagePictures::default()
     };
-    let merged = load_scene(&job.out.join(INITIAL_SCENE))?.scene;
+    let merged = load_scene(&job.folder().initial_scene())?.scene;
     let pictures = template::pictures(&mut painter, &merged, &merged, &inputs.cameras)?;
     out.templates = (0..).zip(pictures).map(|(t, pictures)| template((t, pictures), &merged, prepared)).collect();
     out.templates_left_out = merged.template_ranges.len() - out.templates.len();
@@ -79,8 +76,8 @@ pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<Stage
 /// # Errors
 /// A scene that is missing or damaged; the device's.
 pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut StagePictures) -> Result<(), ReportError> {
-    let merged = load_scene(&job.out.join(INITIAL_SCENE))?.scene;
-    let trained = load_scene(&job.out.join("scene.instgs"))?.scene;
+    let merged = load_scene(&job.folder().initial_scene())?.scene;
+    let trained = load_scene(&job.folder().scene())?.scene;
     let cameras = inputs::cameras(job)?;
     let trained = template::pictures(&mut painter(gpu, job)?, &trained, &merged, &cameras)?;
     pictures.templates.iter_mut().zip(trained).for_each(|(template, trained)| template.trained = trained);
@@ -94,8 +91,8 @@ pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut Stag
 /// A mask, a photo or a file of the stage that is missing or damaged.
 pub fn review_segments(job: &TrainJob) -> Result<(), IoError> {
     let (views, _) = training_views(job)?;
-    let found: Consensus = read_json(&job.out.join(CONSENSUS))?;
-    review(&job.out.join(REVIEW), &views, &MaskFolder::open(&mask_folder(job)?)?, Some(&found))
+    let found: Consensus = read_json(&job.folder().consensus())?;
+    review(&job.folder().review(), &views, &MaskFolder::open(&mask_folder(job)?)?, Some(&found))
 }
 
 fn painter(gpu: &Arc<Gpu>, job: &TrainJob) -> Result<Painter, RenderError> {

@@ -15,8 +15,6 @@ use crate::math::statistics::median;
 use crate::{KindOfMasks, ObjectColor, ReviewSheet, ReviewView, write_review};
 use crate::segment::Consensus;
 
-/// The sheet's name in a folder of masks, of segments, or of a run.
-pub const REVIEW: &str = "review.html";
 /// Views that a line names; of more it gives the number.
 const NAMED_VIEWS: usize = 5;
 /// Views with fewer masks than this part of the median are named: there a detector has probably missed objects.
@@ -255,10 +253,10 @@ mod tests {
         assert_eq!((a.len(), b.len(), sheet.colors.len()), (2, 2, 1));
         assert!(a[0].1 != b[0].1, "ids differ");
         assert!(a[1].1 == b[1].1, "the object is the same");
-        review(&at.join(REVIEW), &views, &masks, Some(&found))?;
-        assert!(std::fs::read_to_string(at.join(REVIEW))?.contains("joined to 1 objects"));
+        review(&at.join("review.html"), &views, &masks, Some(&found))?;
+        assert!(std::fs::read_to_string(at.join("review.html"))?.contains("joined to 1 objects"));
         std::fs::remove_file(at.join("a.png"))?;
-        assert!(review(&at.join(REVIEW), &views, &masks, None).is_err_and(|e| e.to_string().contains("a.png")));
+        assert!(review(&at.join("review.html"), &views, &masks, None).is_err_and(|e| e.to_string().contains("a.png")));
         Ok(())
     }
 }

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use crate::cli::args::create_folder;
 use crate::cli::error::CliError;
 use crate::cli::train::{Session, train_job};
-use crate::io::IoError;
 use crate::io::json::read_json;
+use crate::io::{IoError, RunFolder};
 use crate::pipeline::makes_scene;
 use crate::report::RunReport;
 use crate::train::TrainJob;
@@ -24,22 +24,26 @@ pub(in crate::cli) struct Runs<'a> {
 }
 
 impl Runs<'_> {
+    /// The folder of a run.
+    pub(in crate::cli) fn folder(&self, name: &str) -> RunFolder {
+        RunFolder::new(self.out.join(name))
+    }
+
     /// Trains in a folder of its own, or goes on with what is there.
     pub(in crate::cli) fn train(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
-        let out = self.out.join(name);
-        let report = out.join("report.json");
-        if let Ok(done) = read_json::<RunReport>(&report)
+        let folder = self.folder(name);
+        if let Ok(done) = read_json::<RunReport>(&folder.report())
             && done.config == config
         {
             return Ok(done);
         }
-        train_job(self.session, &TrainJob { data: self.data.into(), out, config, resume: true })
+        train_job(self.session, &TrainJob { data: self.data.into(), out: folder.path().into(), config, resume: true })
     }
 
     /// The plain cloud of the instanced run, trained on for `more` steps, and ended as the joint phase is.
     pub(in crate::cli) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
-        let (from, to) = (self.out.join("instgs/vanilla"), self.out.join(name));
-        if !to.join("config.toml").exists() {
+        let (from, to) = (self.folder("instgs").plain_cloud_run(), self.folder(name));
+        if !to.config().exists() {
             copy_run(&from, &to)?;
         }
         let steps = self.config.steps + more;
@@ -48,30 +52,31 @@ impl Runs<'_> {
 
     /// An instanced run of other settings that starts from the same plain cloud.
     pub(in crate::cli) fn variant(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
-        let (from, to) = (self.out.join("instgs/vanilla"), self.out.join(name).join("vanilla"));
-        create_folder(&to)?;
-        // The report last: with it the cloud counts as trained.
-        copy_files(&from, &to, ["point_cloud.ply", "events.jsonl", "report.json"].map(String::from))?;
+        let (from, to) = (self.folder("instgs").plain_cloud_run(), self.folder(name).plain_cloud_run());
+        to.create()?;
+        copy_file(&from.point_cloud(), &to.point_cloud())?;
+        copy_file(&from.events(), &to.events())?;
+        // Last: with it the cloud counts as trained.
+        copy_file(&from.report(), &to.report())?;
         self.train(name, config)
     }
 }
 
 /// What a run is resumed from.
-fn copy_run(from: &Path, to: &Path) -> Result<(), CliError> {
-    create_folder(&to.join("checkpoints"))?;
-    let checkpoints = from.join("checkpoints");
+fn copy_run(from: &RunFolder, to: &RunFolder) -> Result<(), CliError> {
+    let checkpoints = from.checkpoints();
+    create_folder(&to.checkpoints())?;
     let newest = crate::io::checkpoint::latest(&checkpoints)?.found;
-    let name = newest.as_ref().and_then(|(path, _)| path.file_name()?.to_str());
-    let name = name.ok_or_else(|| IoError::new(&checkpoints, "has no checkpoint to go on from"))?;
-    // The configuration last: with it the run counts as copied.
-    copy_files(from, to, [format!("checkpoints/{name}"), "events.jsonl".into(), "config.toml".into()])
+    let newest = newest.as_ref().and_then(|(path, _)| Some((path, path.file_name()?)));
+    let (path, name) = newest.ok_or_else(|| IoError::new(&checkpoints, "has no checkpoint to go on from"))?;
+    copy_file(path, &to.checkpoints().join(name))?;
+    copy_file(&from.events(), &to.events())?;
+    // Last: with it the run counts as copied.
+    copy_file(&from.config(), &to.config())
 }
 
-fn copy_files(from: &Path, to: &Path, files: impl IntoIterator<Item = String>) -> Result<(), CliError> {
-    for file in files {
-        let path = from.join(&file);
-        std::fs::copy(&path, to.join(&file)).map_err(|e| IoError::new(&path, format!("cannot be copied: {e}")))?;
-    }
+fn copy_file(from: &Path, to: &Path) -> Result<(), CliError> {
+    std::fs::copy(from, to).map_err(|e| IoError::new(from, format!("cannot be copied: {e}")))?;
     Ok(())
 }
 

@@ -21,8 +21,8 @@ use crate::train::event_log::read_events;
 /// A scene that becomes a row.
 struct Subject {
     name: &'static str,
-    /// Its file, below the seed's folder.
-    file: String,
+    /// The scene's file.
+    file: PathBuf,
     seconds: f64,
     steps: u64,
 }
@@ -43,14 +43,14 @@ pub(super) fn compare_seed(
     let vanilla = ours.vanilla.clone().unwrap_or_default();
     let vanilla_seconds = work_seconds(&vanilla);
     let more_seconds = work_seconds(&ours) - vanilla_seconds;
-    let log = read_events(&runs.out.join("instgs/vanilla/events.jsonl"))?;
+    let log = read_events(&runs.folder("instgs").plain_cloud_run().events())?;
     let pace = final_steps_per_second(&log).unwrap_or(vanilla.steps_per_second);
     let more_steps_by_clock = (more_seconds * pace).ceil() as u64;
     let more = comparison.more_steps.unwrap_or(more_steps_by_clock).max(1);
     printer.line(format_args!("seed {seed}: 3DGS for the same time, {more} more steps"));
     let same_time = runs.continued("same_time", more)?;
 
-    let instanced = load_scene(&runs.out.join("instgs/scene.instgs"))?.scene;
+    let instanced = load_scene(&runs.folder("instgs").scene())?.scene;
     let packed = [("f16", Pack::F16), ("q8", Pack::Q8), ("small", Pack::Small)];
     for (name, pack) in packed {
         write_scene_file_packed(&runs.out.join(format!("{name}.instgs")), &instanced, pack)?;
@@ -58,23 +58,23 @@ pub(super) fn compare_seed(
     let mut subjects = vec![
         Subject {
             name: names::START,
-            file: "instgs/vanilla/point_cloud.ply".into(),
+            file: runs.folder("instgs").plain_cloud_run().point_cloud(),
             seconds: vanilla_seconds,
             steps: vanilla.steps,
         },
-        of_cloud(names::SAME_TIME, "same_time", &same_time),
+        of_cloud(names::SAME_TIME, runs.folder("same_time").point_cloud(), &same_time),
     ];
     for &rival in &comparison.rivals {
         subjects.push(runs.rival(rival, &same_time, &instanced)?);
     }
     let (seconds, steps) = (work_seconds(&ours), vanilla.steps + ours.steps);
     for (name, file) in [
-        (names::OURS, "instgs/scene.instgs"),
-        (names::OURS_F16, "f16.instgs"),
-        (names::OURS_Q8, "q8.instgs"),
-        (names::OURS_SMALL, "small.instgs"),
+        (names::OURS, runs.folder("instgs").scene()),
+        (names::OURS_F16, runs.out.join("f16.instgs")),
+        (names::OURS_Q8, runs.out.join("q8.instgs")),
+        (names::OURS_SMALL, runs.out.join("small.instgs")),
     ] {
-        subjects.push(Subject { name, file: file.into(), seconds, steps });
+        subjects.push(Subject { name, file, seconds, steps });
     }
     let mut result = SeedResult {
         seed,
@@ -94,9 +94,9 @@ fn replaced_gaussians(report: &RunReport) -> u64 {
     shared.flat_map(|group| &group.instances).map(|instance| instance.gaussians as u64).sum()
 }
 
-fn of_cloud(name: &'static str, folder: &str, report: &RunReport) -> Subject {
+fn of_cloud(name: &'static str, file: PathBuf, report: &RunReport) -> Subject {
     let (seconds, steps) = (work_seconds(report), report.steps);
-    Subject { name, file: format!("{folder}/point_cloud.ply"), seconds, steps }
+    Subject { name, file, seconds, steps }
 }
 
 impl Runs<'_> {
@@ -112,26 +112,29 @@ impl Runs<'_> {
                 // Of another limit it is another run.
                 let folder = format!("same_bytes_{most}");
                 let report = self.train(&folder, TrainConfig { max_gaussians: most, ..as_long })?;
-                Ok(of_cloud(names::SAME_BYTES, &folder, &report))
+                Ok(of_cloud(names::SAME_BYTES, self.folder(&folder).point_cloud(), &report))
             }
             Rival::AtOnce => {
                 printer.line(format_args!("seed {seed}: 3DGS for the same time, in one piece"));
-                Ok(of_cloud(names::AT_ONCE, "at_once", &self.train("at_once", as_long)?))
+                let report = self.train("at_once", as_long)?;
+                Ok(of_cloud(names::AT_ONCE, self.folder("at_once").point_cloud(), &report))
             }
             Rival::Mcmc => {
                 printer.line(format_args!("seed {seed}: 3DGS-MCMC for the same time"));
                 let report = self.train("mcmc", TrainConfig { strategy: Strategy::Mcmc, ..as_long })?;
-                Ok(of_cloud(names::MCMC, "mcmc", &report))
+                Ok(of_cloud(names::MCMC, self.folder("mcmc").point_cloud(), &report))
             }
             Rival::Spz => {
-                let cloud = load_scene(&self.out.join("same_time/point_cloud.ply"))?.scene;
-                write_spz(&self.out.join("same_time.spz"), &cloud.background, cloud.antialias)?;
-                Ok(Subject { file: "same_time.spz".into(), ..of_cloud(names::SPZ, "", same_time) })
+                let cloud = load_scene(&self.folder("same_time").point_cloud())?.scene;
+                let file = self.out.join("same_time.spz");
+                write_spz(&file, &cloud.background, cloud.antialias)?;
+                Ok(of_cloud(names::SPZ, file, same_time))
             }
             Rival::Small => {
-                let cloud = load_scene(&self.out.join("same_time/point_cloud.ply"))?.scene;
-                write_scene_file_packed(&self.out.join("same_time_small.instgs"), &cloud, Pack::Small)?;
-                Ok(Subject { file: "same_time_small.instgs".into(), ..of_cloud(names::SAME_TIME_SMALL, "", same_time) })
+                let cloud = load_scene(&self.folder("same_time").point_cloud())?.scene;
+                let file = self.out.join("same_time_small.instgs");
+                write_scene_file_packed(&file, &cloud, Pack::Small)?;
+                Ok(of_cloud(names::SAME_TIME_SMALL, file, same_time))
             }
             Rival::Rigid => {
                 printer.line(format_args!("seed {seed}: copies without offsets"));
@@ -143,7 +146,7 @@ impl Runs<'_> {
                 let steps = self.config.steps + report.steps;
                 Ok(Subject {
                     name: names::RIGID,
-                    file: "rigid/scene.instgs".into(),
+                    file: self.folder("rigid").scene(),
                     seconds: work_seconds(&report),
                     steps,
                 })
@@ -169,13 +172,12 @@ fn measure(
     let (masks, lpips) = (masks.as_ref(), comparison.lpips.as_ref());
     let measure = Measure { gpu: session.gpu, views, width, options, masks, lpips };
     for Subject { name, file, seconds, steps } in subjects {
-        let row =
-            measure.row(name, &runs.out.join(file), &mut |view| on_picture(name, view)).map_err(measure_failed)?;
+        let row = measure.row(name, file, &mut |view| on_picture(name, view)).map_err(measure_failed)?;
         result.rows.push(Row { seconds: *seconds, steps: *steps, ..row });
     }
     if comparison.frames > 0 {
         let cameras: Vec<Camera> = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();
-        time(session, comparison, &runs.out, &cameras, &runs.config, result)?;
+        time(runs, comparison.frames, &cameras, result)?;
     }
     Ok(())
 }

@@ -1,44 +1,33 @@
 //! Frame rates of two scenes, frame by frame in turn.
 
-use std::path::Path;
-
-use super::Comparison;
+use super::Runs;
 use crate::bench::comparison::SeedResult;
 use crate::bench::{self, Subject};
 use crate::cli::bench::print_report;
 use crate::cli::error::CliError;
-use crate::cli::train::Session;
 use crate::io::load_scene;
 use crate::scene::Camera;
-use crate::train::config::TrainConfig;
 use crate::train::eval_options;
 
 /// Frame rates of the instanced scene and the cloud that had the same time, frame by frame in turn.
-pub(super) fn time(
-    session: &Session<'_>,
-    comparison: &Comparison,
-    out: &Path,
-    cameras: &[Camera],
-    config: &TrainConfig,
-    result: &mut SeedResult,
-) -> Result<(), CliError> {
-    let paths = [out.join("instgs/scene.instgs"), out.join("same_time/point_cloud.ply")];
+pub(super) fn time(runs: &Runs<'_>, frames: u32, cameras: &[Camera], result: &mut SeedResult) -> Result<(), CliError> {
+    let paths = [runs.folder("instgs").scene(), runs.folder("same_time").point_cloud()];
     let loaded = [load_scene(&paths[0])?, load_scene(&paths[1])?];
-    let options = eval_options(config);
+    let options = eval_options(&runs.config);
     let subject = |i: usize| Subject {
         name: paths[i].display().to_string(),
         scene: &loaded[i].scene,
         file_bytes: loaded[i].file_bytes,
         options,
     };
-    let frames = comparison.frames.max(cameras.len() as u32);
-    let report = bench::run(session.gpu, &subject(0), Some(&subject(1)), cameras, frames, &mut |_| ())?;
+    let frames = frames.max(cameras.len() as u32);
+    let report = bench::run(runs.session.gpu, &subject(0), Some(&subject(1)), cameras, frames, &mut |_| ())?;
     if let Some(against) = &report.against {
         result.fps = Some([report.scene.fps, against.fps]);
         result.intersections = Some([report.scene.gaussians.intersections, against.gaussians.intersections]);
         let of = |pass: &str| against.passes_ms.iter().find(|(name, _)| *name == pass).map_or(f64::NAN, |p| p.1);
         result.passes_ms = report.scene.passes_ms.iter().map(|(name, ms)| ((*name).into(), *ms, of(name))).collect();
     }
-    print_report(&report, session.printer);
+    print_report(&report, runs.session.printer);
     Ok(())
 }

@@ -16,7 +16,7 @@ use crate::cli::picture_grid::Grid;
 use crate::cli::train::{Session, absolute};
 use crate::eval::Lpips;
 use crate::io::json::{read_json, write_json};
-use crate::io::{MaskFolder, Split, View, load_scene, read_views};
+use crate::io::{MaskFolder, RunFolder, Split, View, load_scene, read_views};
 use crate::pipeline::CloudLabels;
 use crate::report::RunReport;
 use crate::synth::dataset;
@@ -130,7 +130,7 @@ fn measured(
     grid.write(&out.join("pictures.png"))?;
     let first = evidence.seeds.first().copied().unwrap_or_default();
     let at = out.join(format!("seed_{first}"));
-    let report: RunReport = read_json(&at.join("instgs/report.json"))?;
+    let report: RunReport = read_json(&RunFolder::new(at.join("instgs")).report())?;
     let runs = Runs { session, data, out: at, config: TrainConfig { seed: first, ..comparison.config.clone() } };
     let views = read_views(data)?.views;
     Ok(SceneResult {
@@ -151,8 +151,8 @@ fn measured(
 
 /// How objects were found.
 fn segmentation(runs: &Runs<'_>, report: &RunReport, views: &[View]) -> Result<Segmentation, CliError> {
-    let folder = runs.out.join("instgs");
-    let cloud = load_scene(&folder.join("point_cloud.ply"))?.scene.background;
+    let folder = runs.folder("instgs");
+    let cloud = load_scene(&folder.point_cloud())?.scene.background;
     let segmented = CloudLabels::read(&folder, cloud.len())?;
     let seconds = |name: &str| report.stages.iter().filter(|s: &&StageTime| s.name == name).map(|s| s.seconds).sum();
     let consensus = &segmented.consensus;
@@ -205,7 +205,7 @@ fn ablations(
         let is_itself = config == runs.config;
         let folder = if is_itself { "instgs".into() } else { folder_of(&table, &name) };
         let report = if is_itself { runs.train(&folder, config)? } else { runs.variant(&folder, config)? };
-        let scene = runs.out.join(&folder).join("scene.instgs");
+        let scene = runs.folder(&folder).scene();
         let row = measure.row(&name, &scene, &mut |_| ()).map_err(|e| CliError::Other(e.to_string()))?;
         let steps = runs.config.steps + report.steps;
         out.push(Ablation { table, name, row: Row { seconds: work_seconds(&report), steps, ..row } });

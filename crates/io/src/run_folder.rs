@@ -1,0 +1,172 @@
+//! The folder of a run: the one place that knows what its files are called.
+
+use std::path::{Path, PathBuf};
+
+use super::IoError;
+
+/// Paths of the files that a run leaves, stage by stage; none of them need exist. The folder of the command `segment` is
+/// laid out in the same way. The plain cloud that an instanced scene is made of has a run folder of its own inside of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunFolder {
+    path: PathBuf,
+}
+
+impl RunFolder {
+    /// The run in folder `path`.
+    pub fn new(path: impl Into<PathBuf>) -> Self {
+        Self { path: path.into() }
+    }
+
+    /// The folder itself.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Makes the folder and those above it.
+    ///
+    /// # Errors
+    /// The system refuses.
+    pub fn create(&self) -> Result<(), IoError> {
+        create(&self.path)
+    }
+
+    /// The resolved configuration: with it a folder counts as that of a run.
+    pub fn config(&self) -> PathBuf {
+        self.path.join("config.toml")
+    }
+
+    /// What happened during training, one event a line.
+    pub fn events(&self) -> PathBuf {
+        self.path.join("events.jsonl")
+    }
+
+    /// The folder of checkpoints.
+    pub fn checkpoints(&self) -> PathBuf {
+        self.path.join("checkpoints")
+    }
+
+    /// Facts about a training that is done; written last, so that with it the training counts as done.
+    pub fn facts(&self) -> PathBuf {
+        self.path.join("trained.json")
+    }
+
+    /// The plain cloud.
+    pub fn point_cloud(&self) -> PathBuf {
+        self.path.join("point_cloud.ply")
+    }
+
+    /// The trained scene.
+    pub fn scene(&self) -> PathBuf {
+        self.path.join("scene.instgs")
+    }
+
+    /// The run that trains the plain cloud of an instanced scene.
+    pub fn plain_cloud_run(&self) -> Self {
+        Self::new(self.path.join("vanilla"))
+    }
+
+    /// The folder of masks that a run makes for itself.
+    pub fn masks(&self) -> PathBuf {
+        self.path.join("masks")
+    }
+
+    /// The cameras of the training views, in the order that the consensus and the labels count by.
+    pub fn cameras(&self) -> PathBuf {
+        self.path.join("cameras.json")
+    }
+
+    /// Which object every mask shows.
+    pub fn consensus(&self) -> PathBuf {
+        self.path.join("consensus.json")
+    }
+
+    /// The object of every Gaussian of the plain cloud.
+    pub fn labels(&self) -> PathBuf {
+        self.path.join("labels.safetensors")
+    }
+
+    /// Which objects are alike, and where they stand.
+    pub fn groups(&self) -> PathBuf {
+        self.path.join("groups.json")
+    }
+
+    /// The scene of templates and instances that the joint phase starts from.
+    pub fn initial_scene(&self) -> PathBuf {
+        self.path.join("initial.instgs")
+    }
+
+    /// What became of masks, objects and groups on the way to [`Self::initial_scene`].
+    pub fn prepared(&self) -> PathBuf {
+        self.path.join("prepared.json")
+    }
+
+    /// The report for programs.
+    pub fn report(&self) -> PathBuf {
+        self.path.join("report.json")
+    }
+
+    /// The report for people.
+    pub fn page(&self) -> PathBuf {
+        self.path.join("report.html")
+    }
+
+    /// The sheet of all views with their masks.
+    pub fn review(&self) -> PathBuf {
+        self.path.join("review.html")
+    }
+
+    /// The folder of pictures of what the stages from masks to templates did.
+    pub fn stage_pictures(&self) -> PathBuf {
+        self.path.join("stages")
+    }
+
+    /// The folder of rendered test views.
+    pub fn renders(&self) -> PathBuf {
+        self.path.join("renders")
+    }
+
+    /// The name of a file that shows that a run has been here, if there is one.
+    pub fn trace_of_run(&self) -> Option<String> {
+        let run = self.plain_cloud_run();
+        first_there([self.config(), run.path, self.checkpoints(), self.report(), self.point_cloud()])
+    }
+
+    /// The name of a file that shows that a scene was segmented or trained here, if there is one.
+    pub fn trace_of_segments(&self) -> Option<String> {
+        let run = self.plain_cloud_run();
+        first_there([self.labels(), self.events(), run.path, self.checkpoints(), self.report()])
+    }
+}
+
+/// Makes a folder and those above it.
+///
+/// # Errors
+/// The system refuses.
+pub fn create(folder: &Path) -> Result<(), IoError> {
+    std::fs::create_dir_all(folder).map_err(|e| IoError::new(folder, format!("cannot create the folder: {e}")))
+}
+
+fn first_there(paths: impl IntoIterator<Item = PathBuf>) -> Option<String> {
+    let found = paths.into_iter().find(|path| path.exists())?;
+    Some(found.file_name()?.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_run_left_is_noticed() -> Result<(), Box<dyn std::error::Error>> {
+        let folder = tempfile::tempdir()?;
+        let run = RunFolder::new(folder.path().join("runs/a"));
+        assert_eq!((run.trace_of_run(), run.trace_of_segments()), (None, None));
+        run.create()?;
+        std::fs::write(run.config(), "")?;
+        assert_eq!((run.trace_of_run(), run.trace_of_segments()), (Some("config.toml".into()), None));
+        run.plain_cloud_run().create()?;
+        assert_eq!(run.trace_of_segments(), Some("vanilla".into()));
+        std::fs::write(run.labels(), "")?;
+        assert_eq!(run.trace_of_segments(), Some("labels.safetensors".into()));
+        Ok(())
+    }
+}
