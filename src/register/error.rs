@@ -1,6 +1,7 @@
 //! Why objects could not be registered at all.
 
 use crate::render::RenderError;
+use crate::scene::CameraError;
 
 /// What is wrong with the input of [`register`](super::register()); one line for the user.
 #[derive(Debug, thiserror::Error)]
@@ -25,7 +26,7 @@ pub enum RegisterError {
     },
     /// A camera cannot be used.
     #[error("{0}")]
-    Camera(String),
+    Camera(CameraError),
     /// An option is out of range.
     #[error("{option} is {value}, but must be {want}")]
     Option {

@@ -1,5 +1,7 @@
 //! Why no instanced scene could be built.
 
+use crate::math::similarity::SimilarityError;
+
 /// What is wrong with the input of [`build`](super::build); one line for the user.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TemplateError {
@@ -51,7 +53,7 @@ pub enum TemplateError {
         /// The instance's mask id.
         id: u32,
         /// Why not.
-        reason: String,
+        reason: SimilarityError,
     },
     /// An option is out of range.
     #[error("{option} is {value}, but must be {want}")]

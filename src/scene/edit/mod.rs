@@ -21,7 +21,7 @@ use glam::DVec3;
 
 pub use placement::{instance_centres, template_centres};
 pub use scatter::{Footprint, OffsetSource, Scatter, ScatterOver, footprint};
-pub use select::Selector;
+pub use select::{ParseSelectorError, Selector};
 pub use thin::Keep;
 
 use crate::math::similarity::Similarity;

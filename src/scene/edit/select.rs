@@ -24,10 +24,18 @@ pub enum Selector {
     Template(u32),
 }
 
-impl FromStr for Selector {
-    type Err = String;
+/// A text that names no instance.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("\"{text}\" names no instance: want an index, several (0,3,4), id:N, group:NAME or template:N")]
+pub struct ParseSelectorError {
+    /// What was to be read.
+    pub text: String,
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
+impl FromStr for Selector {
+    type Err = ParseSelectorError;
+
+    fn from_str(text: &str) -> Result<Self, ParseSelectorError> {
         let number = |text: &str| text.parse::<u32>().ok();
         let parsed = match text.split_once(':') {
             Some(("id", id)) => number(id).map(Self::Id),
@@ -40,9 +48,7 @@ impl FromStr for Selector {
             }
             None => number(text).map(|index| Self::Index(index as usize)),
         };
-        parsed.ok_or_else(|| {
-            format!("\"{text}\" names no instance: want an index, several (0,3,4), id:N, group:NAME or template:N")
-        })
+        parsed.ok_or_else(|| ParseSelectorError { text: text.to_owned() })
     }
 }
 
