@@ -1,7 +1,7 @@
 //! Which of several poses it is, and how sure that is.
 
 use super::check::Agreement;
-use super::hypotheses::{Hypothesis, fit_at};
+use super::hypotheses::{Hypothesis, ObjectPair, fit_at};
 use super::options::RegisterOptions;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
@@ -98,5 +98,5 @@ pub(super) fn doubt_ratio(surfaces: f64, colors: [f64; 2], seen: Option<[Agreeme
 
 /// True if the motion brings the reference onto itself, as well as it lies on the target.
 pub(super) fn is_symmetry(reference: &ObjectSurface, motion: &Pose, cost: f64) -> bool {
-    fit_at((reference, reference), motion, BASE).cost <= SYMMETRIC * cost
+    fit_at(ObjectPair { reference, target: reference }, motion, BASE).cost <= SYMMETRIC * cost
 }

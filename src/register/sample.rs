@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::fpfh::{Feature, features};
+use super::icp::LevelSurface;
 use super::normals::{Viewers, covariance, unit_normals};
 use super::options::RegisterOptions;
 use super::surface::{Sample, Surface};
@@ -80,12 +81,13 @@ pub(super) struct Disc {
 impl ObjectSurface {
     /// From the Gaussians `indices` of the cloud; the error is a reason in a few words.
     pub(super) fn new(
-        (id, indices): (u32, &[u32]),
+        id: u32,
+        indices: &[u32],
         cloud: &Gaussians,
         cameras: &[Camera],
         options: &RegisterOptions,
     ) -> Result<Self, String> {
-        let (opaque, discs) = enough_discs((cloud, indices), cameras, options);
+        let (opaque, discs) = enough_discs(cloud, indices, cameras, options);
         if discs.len() < MIN_SURFACE_GAUSSIANS {
             return Err(format!("only {} of its Gaussians are opaque, small and not astray", discs.len()));
         }
@@ -118,8 +120,8 @@ impl ObjectSurface {
     }
 
     /// The points of a level, and the finest ones.
-    pub(super) fn at(&self, level: usize) -> (&Surface, &Surface) {
-        (&self.levels[level], &self.levels[FINE])
+    pub(super) fn at(&self, level: usize) -> LevelSurface<'_> {
+        LevelSurface { points: &self.levels[level], finest: &self.levels[FINE] }
     }
 
     /// The base voxel, scene units.
@@ -139,7 +141,8 @@ fn nearest_discs(discs: &[Disc], surface: &Surface, centroid: DVec3) -> Vec<u32>
 /// The Gaussians that make up the surface, of coarse clouds also fainter and larger ones; and how many are opaque and
 /// small.
 fn enough_discs(
-    (cloud, indices): (&Gaussians, &[u32]),
+    cloud: &Gaussians,
+    indices: &[u32],
     cameras: &[Camera],
     options: &RegisterOptions,
 ) -> (usize, Vec<Disc>) {
