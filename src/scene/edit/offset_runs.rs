@@ -1,5 +1,6 @@
 //! Runs of offset records: who uses them, copies, and removal of those that nobody uses.
 
+use crate::scene::edit::EditReason;
 use crate::scene::instanced_scene::InstancedScene;
 use crate::scene::offsets::Offsets;
 
@@ -19,9 +20,9 @@ pub(super) fn users_of_records(scene: &InstancedScene) -> Vec<usize> {
 }
 
 /// Makes room for more records, so that appending them cannot fail; the error says how many there would be.
-pub(super) fn reserve(scene: &mut InstancedScene, records: u64) -> Result<(), String> {
+pub(super) fn reserve(scene: &mut InstancedScene, records: u64) -> Result<(), EditReason> {
     let total = scene.offsets.len() as u64 + records;
-    let failed = || format!("{total} offset records are too many");
+    let failed = || EditReason::OffsetRecords { total };
     // The largest index says "no offsets" in files.
     if total >= u64::from(u32::MAX) {
         return Err(failed());

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::scene::edit::existing_template;
+use crate::scene::edit::{EditReason, existing_template};
 use crate::scene::instanced_scene::InstancedScene;
 
 /// Names that an error lists before it leaves the rest out.
@@ -74,7 +74,7 @@ impl Selector {
     }
 
     /// The instances in ascending order, at least one; the error says what exists.
-    pub(super) fn resolve(&self, scene: &InstancedScene) -> Result<Vec<usize>, String> {
+    pub(super) fn resolve(&self, scene: &InstancedScene) -> Result<Vec<usize>, EditReason> {
         let count = scene.instances.len();
         let found: Vec<usize> = match self {
             Self::Index(index) => (*index < count).then_some(*index).into_iter().collect(),
@@ -92,14 +92,14 @@ impl Selector {
                 (0..count).filter(|&k| scene.instances[k].template == *template).collect()
             }
         };
-        if found.is_empty() { Err(self.missing(scene)) } else { Ok(found) }
+        if found.is_empty() { Err(EditReason::NoInstance(self.missing(scene))) } else { Ok(found) }
     }
 
     /// The one instance.
-    pub(super) fn resolve_one(&self, scene: &InstancedScene) -> Result<usize, String> {
+    pub(super) fn resolve_one(&self, scene: &InstancedScene) -> Result<usize, EditReason> {
         match self.resolve(scene)?.as_slice() {
             [one] => Ok(*one),
-            several => Err(format!("{self} is {} instances, and this is for one", several.len())),
+            several => Err(EditReason::Several { which: self.clone(), count: several.len() }),
         }
     }
 
