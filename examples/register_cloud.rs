@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         };
         let photos: Option<Box<_>> = if flag("--photos") { Some(Box::new(photo_of_view)) } else { None };
         let photos = photos.map(|p| p as Box<instgs_vk::register::PhotoOfView<'_>>);
-        check = Some(RenderCheck::new(&gpu, (&cloud, &labels), &cameras, RenderOptions::default(), photos)?);
+        check = Some(RenderCheck::new(&gpu, &cloud, &labels, &cameras, RenderOptions::default(), photos)?);
     }
     let started = Instant::now();
     let found = register(&input, check.as_mut().map(|c| c as &mut dyn PoseCheck), &RegisterOptions::default())?;

@@ -175,8 +175,8 @@
 //!
 //! # Tests and tolerances
 //!
-//! - `tests/suite/golden_reference.rs`: the twins against files of an independent implementation (`tests/fixtures/golden`): 1e-12 in f64, 1e-6
-//!   for scenes rounded to f32.
+//! - `tests/suite/golden_reference.rs`: the twins against files of an independent implementation
+//!   (`tests/fixtures/golden`): 1e-12 in f64, 1e-6 for scenes rounded to f32.
 //! - `tests/suite/golden_gradients.rs`, `tests/suite/gradients.rs`: the twins' gradients against those files (1e-11) and against central
 //!   differences of the twins themselves (1e-4), for every kind of parameter, transforms of instances included.
 //! - `tests/suite/cli_train.rs`: whole runs as a user starts them: a floor of quality, the same bytes twice, after kills too, and

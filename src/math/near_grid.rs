@@ -109,7 +109,7 @@ impl NearGrid {
         let mut high = low.map(|cell| cell + 1);
         let mut best = Least { squared: f64::INFINITY, index: u32::MAX, second: f64::INFINITY };
         for ring in 0..=MOST_RINGS {
-            self.look(place, (low, high), ring > 0, &mut best);
+            self.look(place, low, high, ring > 0, &mut best);
             let reach = self.reach(from_low, low, high);
             if best.squared <= reach * reach.abs() {
                 let Least { squared, index, second } = best;
@@ -137,7 +137,7 @@ impl NearGrid {
     }
 
     /// Searches the cells from `low` to `high`, or only their outermost layer if `outer`.
-    fn look(&self, place: DVec3, (low, high): ([i32; 3], [i32; 3]), outer: bool, best: &mut Least) {
+    fn look(&self, place: DVec3, low: [i32; 3], high: [i32; 3], outer: bool, best: &mut Least) {
         let [nx, ny, nz] = self.counts;
         let inside = |axis: usize, count: i32| low[axis].max(0)..=high[axis].min(count - 1);
         let (left, right) = (low[0].max(0), high[0].min(nx - 1));

@@ -12,6 +12,23 @@ pub struct Similarity {
 /// How far A^T A may differ from s^2 I, relative to s^2: f32 files of composed transforms reach about 1e-5.
 const SIMILARITY_TOLERANCE: f64 = 1e-3;
 
+/// Why a matrix is no similarity. The text continues a sentence that begins with the matrix's name.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SimilarityError {
+    /// A value is infinite or no number.
+    #[error("has a value that is not finite")]
+    NotFinite,
+    /// The matrix mirrors, or is flat in some direction.
+    #[error("has determinant {determinant:.3e}: a similarity has a positive one (no mirroring, no zero scale)")]
+    Determinant {
+        /// Of the linear part.
+        determinant: f64,
+    },
+    /// The matrix shears, or scales differently by direction.
+    #[error("is not a rotation times a uniform scale")]
+    NotUniform,
+}
+
 impl Similarity {
     /// The identity transform.
     pub const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] };
@@ -20,17 +37,15 @@ impl Similarity {
     ///
     /// # Errors
     /// The text says why the matrix is not a similarity.
-    pub fn from_rows(rows: [[f32; 4]; 3]) -> Result<Self, String> {
+    pub fn from_rows(rows: [[f32; 4]; 3]) -> Result<Self, SimilarityError> {
         let out = Self { rows };
         if !rows.as_flattened().iter().all(|v| v.is_finite()) {
-            return Err("has a value that is not finite".into());
+            return Err(SimilarityError::NotFinite);
         }
         let a = out.linear();
-        let det = a.determinant();
-        if det <= 0.0 {
-            return Err(format!(
-                "has determinant {det:.3e}: a similarity has a positive one (no mirroring, no zero scale)"
-            ));
+        let determinant = a.determinant();
+        if determinant <= 0.0 {
+            return Err(SimilarityError::Determinant { determinant });
         }
         let s2 = out.scale() * out.scale();
         let error = (a.transpose() * a - DMat3::from_diagonal(DVec3::splat(s2)))
@@ -38,7 +53,7 @@ impl Similarity {
             .iter()
             .fold(0.0, |m: f64, v| m.max(v.abs()));
         if error > SIMILARITY_TOLERANCE * s2 {
-            return Err("is not a rotation times a uniform scale".into());
+            return Err(SimilarityError::NotUniform);
         }
         Ok(out)
     }

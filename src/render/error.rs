@@ -1,6 +1,7 @@
 //! Errors of rendering.
 
 use crate::gpu::GpuError;
+use crate::scene::CameraError;
 
 /// Why a frame could not be rendered.
 #[derive(Debug, thiserror::Error)]
@@ -9,8 +10,8 @@ pub enum RenderError {
     #[error(transparent)]
     Gpu(#[from] GpuError),
     /// The camera cannot be rendered.
-    #[error("{0}")]
-    Camera(String),
+    #[error(transparent)]
+    Camera(#[from] CameraError),
     /// The scene's indices are inconsistent.
     #[error(transparent)]
     Scene(#[from] crate::scene::instanced_scene::SceneError),

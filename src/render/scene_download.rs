@@ -5,8 +5,8 @@ use std::sync::Arc;
 use crate::gpu::Gpu;
 use crate::gpu::interface::types;
 use crate::gpu::staging::download;
-use crate::math::similarity::Similarity;
-use crate::scene::InstancedScene;
+use crate::math::similarity::{Similarity, SimilarityError};
+use crate::scene::gaussians::sh_coefficients;
 use crate::scene::instanced_scene::{Instance, SceneError};
 
 use super::device_scene::DeviceScene;
@@ -34,7 +34,7 @@ impl DeviceScene {
         let on_device = download(gpu, &self.instances, like.len())?;
         let current = |(k, (like, now)): (usize, (&Instance, types::Instance))| {
             let transform = Similarity::from_rows(now.world_from_template);
-            let error = |reason| SceneError {
+            let error = |reason: SimilarityError| SceneError {
                 tensor: "instance.world_from_template".into(),
                 reason: format!("instance {k} {reason}"),
             };

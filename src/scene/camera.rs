@@ -27,6 +27,33 @@ pub struct Camera {
 /// shown.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
 
+/// Why a camera cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CameraError {
+    /// A side of the image is 0 or too long.
+    #[error("camera {name}: size {width}x{height} is not within 1..={MAX_IMAGE_SIDE}")]
+    Size {
+        /// The camera's name.
+        name: String,
+        /// Image width in pixels.
+        width: u32,
+        /// Image height in pixels.
+        height: u32,
+    },
+    /// A focal length is not positive, or an intrinsic parameter is too large or not finite.
+    #[error("camera {name}: fx and fy must be positive, and all of fx, fy, cx, cy below 1e9")]
+    Intrinsics {
+        /// The camera's name.
+        name: String,
+    },
+    /// The pose is not a finite rotation and translation.
+    #[error("camera {name}: view_from_world is not a rigid transform")]
+    Pose {
+        /// The camera's name.
+        name: String,
+    },
+}
+
 impl Camera {
     /// Rotation part of `view_from_world`.
     pub fn rotation(&self) -> DMat3 {
@@ -102,19 +129,16 @@ impl Camera {
     ///
     /// # Errors
     /// The text says what is wrong.
-    pub fn validate(&self) -> Result<(), String> {
-        let name = &self.name;
+    pub fn validate(&self) -> Result<(), CameraError> {
+        let name = || self.name.clone();
         if self.width == 0 || self.height == 0 || self.width > MAX_IMAGE_SIDE || self.height > MAX_IMAGE_SIDE {
-            return Err(format!(
-                "camera {name}: size {}x{} is not within 1..={MAX_IMAGE_SIDE}",
-                self.width, self.height
-            ));
+            return Err(CameraError::Size { name: name(), width: self.width, height: self.height });
         }
         // The device computes in f32, whose 24 bits resolve no pixel beyond 1e9.
         let fits = |v: f64| v.abs() < 1e9;
         let positive = |v: f64| fits(v) && v > 0.0;
         if !(positive(self.fx) && positive(self.fy) && fits(self.cx) && fits(self.cy)) {
-            return Err(format!("camera {name}: fx and fy must be positive, and all of fx, fy, cx, cy below 1e9"));
+            return Err(CameraError::Intrinsics { name: name() });
         }
         let rotation = self.rotation();
         let error = (rotation.transpose() * rotation - DMat3::IDENTITY)
@@ -127,7 +151,7 @@ impl Camera {
         let rigid =
             affine && error < 1e-3 && rotation.determinant() > 0.0 && self.translation().abs().max_element() < 1e30;
         if !rigid {
-            return Err(format!("camera {name}: view_from_world is not a rigid transform"));
+            return Err(CameraError::Pose { name: name() });
         }
         Ok(())
     }

@@ -20,7 +20,7 @@ pub(crate) mod test_cameras;
 pub mod trajectory;
 pub mod up;
 
-pub use camera::Camera;
+pub use camera::{Camera, CameraError};
 pub use gaussians::Gaussians;
 pub use instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
 pub use labels::InstanceLabel;

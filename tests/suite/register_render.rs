@@ -49,7 +49,7 @@ fn the_true_pose_agrees_best() {
     let eye = |i: u32| DVec3::new((TAU * f64::from(i) / 8.0).cos() * 7.0, (TAU * f64::from(i) / 8.0).sin() * 7.0, 3.0);
     let cameras: Vec<Camera> =
         (0..8).map(|i| Camera::look_at("view", eye(i), DVec3::ZERO, DVec3::Z, 0.8, (160, 120))).collect();
-    let mut check = RenderCheck::new(&gpu, (&cloud, &labels), &cameras, RenderOptions::default(), None).unwrap();
+    let mut check = RenderCheck::new(&gpu, &cloud, &labels, &cameras, RenderOptions::default(), None).unwrap();
     // From the reference's place in the world to the target's, with the object turned and shifted before.
     let moved = |own: Similarity| {
         let rotation = second.rotation() * own.rotation() * first.rotation().transpose();
@@ -64,7 +64,7 @@ fn the_true_pose_agrees_best() {
     assert!(seen[2].silhouette > 0.05, "{seen:?}");
     assert_eq!(check.check(REFERENCE, TARGET, &poses).unwrap().unwrap(), seen, "the same bytes again");
     assert_eq!(check.check(REFERENCE, 99, &poses).unwrap(), None, "an id that no Gaussian has");
-    let unseen = RenderCheck::new(&gpu, (&cloud, &labels), &[], RenderOptions::default(), None);
+    let unseen = RenderCheck::new(&gpu, &cloud, &labels, &[], RenderOptions::default(), None);
     assert_eq!(unseen.unwrap().check(REFERENCE, TARGET, &poses).unwrap(), None, "no view");
     assert_silent(&gpu);
 }

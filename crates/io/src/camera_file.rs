@@ -28,7 +28,7 @@ pub fn parse_cameras(bytes: &[u8], path: &Path) -> Result<Vec<Camera>, IoError> 
         let name = value.get("name").and_then(|n| n.as_str()).map(|n| format!(" ({n})")).unwrap_or_default();
         let fail = |what: String| IoError::new(path, what).at(Place::Field(format!("camera {i}{name}")));
         let camera: Camera = serde_json::from_value(value).map_err(|e| fail(e.to_string()))?;
-        camera.validate().map_err(fail)?;
+        camera.validate().map_err(|e| fail(e.to_string()))?;
         cameras.push(camera);
     }
     Ok(cameras)

@@ -243,7 +243,7 @@ fn posed(
         cy: intrinsics.centre[1],
         view_from_world: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
     };
-    camera.validate().map_err(fail)?;
+    camera.validate().map_err(|e| fail(e.to_string()))?;
     Ok(PosedImage { camera, file, distortion: intrinsics.distortion, mask: None, split: None })
 }
 

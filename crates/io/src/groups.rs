@@ -139,7 +139,7 @@ fn similarity(matrix: &Matrix) -> Result<Similarity, String> {
         let hint = if is_affine_row([0, 1, 2, 3].map(|i| matrix[i][3])) { "; is the matrix transposed?" } else { "" };
         return Err(format!("has the fourth row {:?}, not 0 0 0 1{hint}", matrix[3]));
     }
-    Similarity::from_rows([0, 1, 2].map(|i: usize| matrix[i].map(|v| v as f32)))
+    Similarity::from_rows([0, 1, 2].map(|i: usize| matrix[i].map(|v| v as f32))).map_err(|e| e.to_string())
 }
 
 fn affine(matrix: &Matrix) -> DAffine3 {

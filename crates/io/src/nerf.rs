@@ -156,7 +156,7 @@ impl Frame<'_> {
             cy: self.number("cy")?.unwrap_or(0.5 * h),
             view_from_world: self.view_from_world()?,
         };
-        camera.validate().map_err(|e| IoError::new(self.path, e).at(Place::Field(self.name.clone())))?;
+        camera.validate().map_err(|e| IoError::new(self.path, e.to_string()).at(Place::Field(self.name.clone())))?;
         let mask = match self.frame.get("mask_path").filter(|v| !v.is_null()) {
             Some(value) => Some(value.as_str().ok_or_else(|| self.error("mask_path", "is not a string"))?.to_owned()),
             None => None,

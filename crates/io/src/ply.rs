@@ -88,8 +88,8 @@ fn read_plain(table: &PlyTable<'_>, vertex: &Element, path: &Path) -> Result<(Ga
     let sh = [&[dc], triples.as_slice()].concat();
     let shape = |value: &dyn Fn(usize) -> f32| {
         let [x, y] = scales.map(value);
-        let shape = ([x, y, thickness.map_or(f32::NEG_INFINITY, value)], value(opacity));
-        filter.map_or(shape, |filter| filtered(shape, value(filter)))
+        let (log_scales, logit) = ([x, y, thickness.map_or(f32::NEG_INFINITY, value)], value(opacity));
+        filter.map_or((log_scales, logit), |filter| filtered(log_scales, logit, value(filter)))
     };
     if let Some((bytes, columns)) = table.float_rows("vertex") {
         let rows = FloatRows { bytes, columns };
@@ -115,7 +115,7 @@ fn read_plain(table: &PlyTable<'_>, vertex: &Element, path: &Path) -> Result<(Ga
 
 /// Log scales and logit of a Gaussian after Mip-Splatting's 3D filter of standard deviation `filter`, scene units (Yu
 /// et al. 2024, Eq. 9): each variance grows by its square, and the opacity shrinks as the volume grows.
-fn filtered((log_scales, logit): ([f32; 3], f32), filter: f32) -> ([f32; 3], f32) {
+fn filtered(log_scales: [f32; 3], logit: f32, filter: f32) -> ([f32; 3], f32) {
     let grown = log_scales.map(|s| {
         let variance = (2.0 * f64::from(s)).exp();
         0.5 * (variance + f64::from(filter).powi(2)).ln()

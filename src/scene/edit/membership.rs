@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use crate::scene::edit::placement::{mapped_about, moved, rotation_of, template_centres};
-use crate::scene::edit::{EditOutcome, Selector, Turn, checked, existing_template, offset_runs};
+use crate::scene::edit::{EditOutcome, EditReason, Selector, Turn, checked, existing_template, offset_runs};
 use crate::scene::instanced_scene::{Instance, InstancedScene};
 use crate::scene::labels::{free_id, insert_id, remove_id};
 
@@ -16,7 +16,7 @@ pub(super) fn duplicate(
     which: &Selector,
     by: DVec3,
     turn: Option<Turn>,
-) -> Result<EditOutcome, String> {
+) -> Result<EditOutcome, EditReason> {
     let originals = which.resolve(scene)?;
     let rotation = turn.map(rotation_of).transpose()?;
     let centres = template_centres(scene);
@@ -27,7 +27,7 @@ pub(super) fn duplicate(
             rotation.map_or(original.world_from_template, |r| mapped_about(original.world_from_template, centre, r));
         Ok(Instance { world_from_template: checked(moved(turned, by), k)?, ..original.clone() })
     };
-    let copies = originals.iter().map(copy).collect::<Result<Vec<_>, String>>()?;
+    let copies = originals.iter().map(copy).collect::<Result<Vec<_>, EditReason>>()?;
     let mut outcome = EditOutcome::default();
     add(scene, copies, &mut outcome);
     Ok(outcome)
@@ -50,7 +50,7 @@ pub(super) fn add(scene: &mut InstancedScene, instances: Vec<Instance>, outcome:
     }
 }
 
-pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<EditOutcome, String> {
+pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<EditOutcome, EditReason> {
     let mut outcome = EditOutcome { removed: which.resolve(scene)?, ..EditOutcome::default() };
     drop_foreign(scene, "instance.", &mut outcome);
     let mut freed = Vec::new();
@@ -69,7 +69,7 @@ pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<Edi
     Ok(outcome)
 }
 
-pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) -> Result<EditOutcome, String> {
+pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) -> Result<EditOutcome, EditReason> {
     existing_template(scene, template)?;
     let mut outcome = EditOutcome::default();
     let chosen = which.resolve(scene)?;

@@ -21,10 +21,10 @@ use glam::DVec3;
 
 pub use placement::{instance_centres, template_centres};
 pub use scatter::{Footprint, OffsetSource, Scatter, ScatterOver, footprint};
-pub use select::Selector;
+pub use select::{ParseSelectorError, Selector};
 pub use thin::Keep;
 
-use crate::math::similarity::Similarity;
+use crate::math::similarity::{Similarity, SimilarityError};
 use crate::scene::instanced_scene::InstancedScene;
 
 /// A rotation about an axis, by the right-hand rule.
@@ -141,7 +141,104 @@ pub struct EditError {
     /// Name of the edit on the command line, for instance "duplicate".
     pub operation: &'static str,
     /// What is wrong, and which values exist.
-    pub reason: String,
+    pub reason: EditReason,
+}
+
+/// What is wrong with an edit.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum EditReason {
+    /// A number, direction or list of the edit is not usable.
+    #[error("{0}")]
+    Value(String),
+    /// The selector names no instance of the scene; the text says what there is.
+    #[error("{0}")]
+    NoInstance(String),
+    /// The edit is for one instance, and the selector names several.
+    #[error("{which} is {count} instances, and this is for one")]
+    Several {
+        /// What was given.
+        which: Selector,
+        /// Instances that it names.
+        count: usize,
+    },
+    /// The scene has no such template.
+    #[error("there is no template {template}: {}", templates_text(.count))]
+    NoTemplate {
+        /// What was given.
+        template: u32,
+        /// Templates of the scene.
+        count: usize,
+    },
+    /// Another template has some of the same Gaussians, and would change too.
+    #[error("template {other} has some of the same Gaussians as template {template}")]
+    SharedTemplate {
+        /// What was given.
+        template: u32,
+        /// The other one.
+        other: usize,
+    },
+    /// Nothing would be left of a template.
+    #[error("all {count} Gaussians of template {template} would go; delete its instances instead")]
+    EmptyTemplate {
+        /// What was given.
+        template: u32,
+        /// Its Gaussians.
+        count: usize,
+    },
+    /// An instance's new transform cannot be held by files and the device.
+    #[error("the transform of instance {instance} {error} then")]
+    Transform {
+        /// Index of the instance.
+        instance: usize,
+        /// What is wrong with it.
+        error: SimilarityError,
+    },
+    /// The scene would have more offset records than it can have, or than memory holds.
+    #[error("{total} offset records are too many")]
+    OffsetRecords {
+        /// Records after the edit.
+        total: u64,
+    },
+    /// The instance whose offsets are asked for has none.
+    #[error("instance {which} has no offsets")]
+    NoOffsets {
+        /// The instance.
+        which: Selector,
+    },
+    /// The offsets that are asked for belong to another template's Gaussians.
+    #[error("offsets of instance {which} are for template {has}, not {wanted}")]
+    OtherOffsets {
+        /// The instance.
+        which: Selector,
+        /// Its template.
+        has: u32,
+        /// The template of the new instances.
+        wanted: u32,
+    },
+    /// Too few instances fit with the distance that they must keep.
+    #[error("only {found} of {count} fit: want a larger extent or a smaller distance")]
+    DoNotFit {
+        /// Instances that found a place.
+        found: usize,
+        /// Instances that were asked for.
+        count: usize,
+    },
+}
+
+impl EditReason {
+    /// A value of the edit that is not usable, and what is wanted.
+    fn value(what: impl Into<String>) -> Self {
+        Self::Value(what.into())
+    }
+}
+
+/// Which templates a scene of so many has.
+fn templates_text(count: &usize) -> String {
+    match *count {
+        0 => "the scene has none".into(),
+        1 => "the only one is 0".into(),
+        count => format!("there are 0 to {}", count - 1),
+    }
 }
 
 impl Edit {
@@ -184,21 +281,17 @@ pub fn apply(scene: &mut InstancedScene, edit: &Edit) -> Result<EditOutcome, Edi
 }
 
 /// Checks that the template exists; the error lists the existing ones.
-fn existing_template(scene: &InstancedScene, template: u32) -> Result<(), String> {
+fn existing_template(scene: &InstancedScene, template: u32) -> Result<(), EditReason> {
     let count = scene.template_ranges.len();
     if (template as usize) < count {
         return Ok(());
     }
-    Err(match count {
-        0 => format!("there is no template {template}: the scene has none"),
-        1 => format!("there is no template {template}: the only one is 0"),
-        _ => format!("there is no template {template}: there are 0 to {}", count - 1),
-    })
+    Err(EditReason::NoTemplate { template, count })
 }
 
 /// Checks that a transform is finite and a similarity, as files and the device need it.
-fn checked(placement: Similarity, k: usize) -> Result<Similarity, String> {
-    Similarity::from_rows(placement.rows()).map_err(|what| format!("the new transform of instance {k} {what}"))
+fn checked(placement: Similarity, k: usize) -> Result<Similarity, EditReason> {
+    Similarity::from_rows(placement.rows()).map_err(|error| EditReason::Transform { instance: k, error })
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Runs of offset records: use counts, copies, and removal of unused ones.
 
+use crate::scene::edit::EditReason;
 use crate::scene::instanced_scene::InstancedScene;
 use crate::scene::offsets::Offsets;
 
@@ -22,9 +23,9 @@ pub(super) fn users_of_records(scene: &InstancedScene) -> Vec<usize> {
 ///
 /// # Errors
 /// The text says how many records there would be.
-pub(super) fn reserve(scene: &mut InstancedScene, records: u64) -> Result<(), String> {
+pub(super) fn reserve(scene: &mut InstancedScene, records: u64) -> Result<(), EditReason> {
     let total = scene.offsets.len() as u64 + records;
-    let failed = || format!("{total} offset records are too many");
+    let failed = || EditReason::OffsetRecords { total };
     // In files the largest index means "no offsets".
     if total >= u64::from(u32::MAX) {
         return Err(failed());

@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3};
 
 use crate::math::sh::widened;
 use crate::math::similarity::Similarity;
-use crate::scene::edit::{EditOutcome, Selector, Turn, checked};
+use crate::scene::edit::{EditOutcome, EditReason, Selector, Turn, checked};
 use crate::scene::instanced_scene::{Instance, InstancedScene};
 
 /// The centre of every template, in its frame: the mean of its Gaussians' means, or the origin if it has none.
@@ -49,10 +49,10 @@ pub(super) fn mapped_about(placement: Similarity, centre: DVec3, map: DMat3) -> 
 }
 
 /// The rotation matrix of a turn; the error says why it has none.
-pub(super) fn rotation_of(turn: Turn) -> Result<DMat3, String> {
-    let axis = turn.axis.try_normalize().ok_or("the axis has no direction")?;
+pub(super) fn rotation_of(turn: Turn) -> Result<DMat3, EditReason> {
+    let axis = turn.axis.try_normalize().ok_or_else(|| EditReason::value("the axis has no direction"))?;
     if !turn.angle.is_finite() {
-        return Err("the angle is not finite".into());
+        return Err(EditReason::value("the angle is not finite"));
     }
     Ok(DMat3::from_axis_angle(axis, turn.angle))
 }
@@ -62,7 +62,7 @@ fn place(
     scene: &mut InstancedScene,
     which: &Selector,
     place_one: impl Fn(Similarity, DVec3) -> Similarity,
-) -> Result<EditOutcome, String> {
+) -> Result<EditOutcome, EditReason> {
     let changed = which.resolve(scene)?;
     let centres = template_centres(scene);
     let place_one = |&k: &usize| {
@@ -76,23 +76,23 @@ fn place(
     Ok(EditOutcome { changed, ..EditOutcome::default() })
 }
 
-pub(super) fn move_by(scene: &mut InstancedScene, which: &Selector, by: DVec3) -> Result<EditOutcome, String> {
+pub(super) fn move_by(scene: &mut InstancedScene, which: &Selector, by: DVec3) -> Result<EditOutcome, EditReason> {
     place(scene, which, |placement, _| moved(placement, by))
 }
 
-pub(super) fn move_to(scene: &mut InstancedScene, which: &Selector, to: DVec3) -> Result<EditOutcome, String> {
+pub(super) fn move_to(scene: &mut InstancedScene, which: &Selector, to: DVec3) -> Result<EditOutcome, EditReason> {
     which.resolve_one(scene)?;
     place(scene, which, |placement, centre| moved(placement, to - placement.transform_point(centre)))
 }
 
-pub(super) fn rotate(scene: &mut InstancedScene, which: &Selector, turn: Turn) -> Result<EditOutcome, String> {
+pub(super) fn rotate(scene: &mut InstancedScene, which: &Selector, turn: Turn) -> Result<EditOutcome, EditReason> {
     let rotation = rotation_of(turn)?;
     place(scene, which, |placement, centre| mapped_about(placement, centre, rotation))
 }
 
-pub(super) fn scale(scene: &mut InstancedScene, which: &Selector, by: f64) -> Result<EditOutcome, String> {
+pub(super) fn scale(scene: &mut InstancedScene, which: &Selector, by: f64) -> Result<EditOutcome, EditReason> {
     if !(by.is_finite() && by > 0.0) {
-        return Err(format!("{by} is not a scale: want a number above 0"));
+        return Err(EditReason::value(format!("{by} is no scale: want a number above 0")));
     }
     place(scene, which, |placement, centre| mapped_about(placement, centre, DMat3::from_diagonal(DVec3::splat(by))))
 }

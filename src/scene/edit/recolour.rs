@@ -4,17 +4,17 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use crate::math::sh::SH_C0;
 use crate::scene::edit::membership::drop_foreign;
-use crate::scene::edit::{EditOutcome, Selector, offset_runs};
+use crate::scene::edit::{EditOutcome, EditReason, Selector, offset_runs};
 use crate::scene::instanced_scene::InstancedScene;
 
 /// Upper limit on a shift, in units of colour: far beyond any picture, and small enough that no f32 overflows.
 const LARGEST_SHIFT: f32 = 1e6;
 
-pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 3]) -> Result<EditOutcome, String> {
+pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 3]) -> Result<EditOutcome, EditReason> {
     if !rgb.iter().all(|v| v.abs() <= LARGEST_SHIFT) {
-        return Err(format!(
-            "{rgb:?} is not a colour shift: want three numbers, 1 being the difference of black and white"
-        ));
+        return Err(EditReason::value(format!(
+            "{rgb:?} is no colour shift: want three numbers, of which 1 is from black to white"
+        )));
     }
     // Colour is SH_C0 times the coefficient plus a constant.
     let d_sh_dc = rgb.map(|v| (f64::from(v) / SH_C0) as f32);
@@ -71,7 +71,7 @@ fn own_runs(
     scene: &mut InstancedScene,
     members_of_run: &mut BTreeMap<(u32, Option<u32>), Vec<usize>>,
     outcome: &mut EditOutcome,
-) -> Result<(), String> {
+) -> Result<(), EditReason> {
     let users = offset_runs::users_of_records(scene);
     let count_of = |template: u32| scene.template_ranges[template as usize].count;
     let shared = |&(template, first): &(u32, Option<u32>), members: usize| match first {

@@ -13,7 +13,7 @@ use crate::math::sh::widened;
 use crate::math::similarity::Similarity;
 use crate::scene::edit::membership::{MOST_INSTANCES, add, drop_foreign};
 use crate::scene::edit::placement::template_centres;
-use crate::scene::edit::{EditOutcome, Selector, checked, existing_template, offset_runs};
+use crate::scene::edit::{EditOutcome, EditReason, Selector, checked, existing_template, offset_runs};
 use crate::scene::instanced_scene::{Instance, InstancedScene};
 
 /// The ground contact of an object is this percentile of its means: trained templates have outliers below.
@@ -90,11 +90,11 @@ struct Stance {
     ground: f64,
 }
 
-pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<EditOutcome, String> {
+pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<EditOutcome, EditReason> {
     existing_template(scene, scatter.template)?;
     let total = scene.instances.len() as u64 + scatter.count as u64;
     if scatter.count == 0 || total > MOST_INSTANCES {
-        return Err(format!("{} is not a valid number of instances", scatter.count));
+        return Err(EditReason::value(format!("{} is no count of instances", scatter.count)));
     }
     let source = offset_source(scene, scatter)?;
     let placements = placements(scene, scatter)?;
@@ -115,7 +115,7 @@ pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<E
 }
 
 /// Index of the first offset record of the instance that new ones take their offsets from; `None` for no offsets.
-fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<u32>, String> {
+fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<u32>, EditReason> {
     let which = match &scatter.offsets {
         OffsetSource::None => return Ok(None),
         OffsetSource::Shared(which) | OffsetSource::Copied(which) => which,
@@ -123,22 +123,22 @@ fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<u32
     let source = &scene.instances[which.resolve_one(scene)?];
     if source.template != scatter.template {
         let (has, wanted) = (source.template, scatter.template);
-        return Err(format!("offsets of instance {which} are for template {has}, not {wanted}"));
+        return Err(EditReason::OtherOffsets { which: which.clone(), has, wanted });
     }
-    source.first_offset.map(Some).ok_or_else(|| format!("instance {which} has no offsets"))
+    source.first_offset.map(Some).ok_or_else(|| EditReason::NoOffsets { which: which.clone() })
 }
 
-fn placements(scene: &InstancedScene, scatter: &Scatter) -> Result<Vec<Similarity>, String> {
+fn placements(scene: &InstancedScene, scatter: &Scatter) -> Result<Vec<Similarity>, EditReason> {
     let (up, what) = match &scatter.over {
         ScatterOver::Plane { normal, .. } => (normal, "normal"),
         ScatterOver::Path { up, .. } => (up, "up direction"),
     };
-    let up = up.try_normalize().ok_or_else(|| format!("the {what} has no direction"))?;
+    let up = up.try_normalize().ok_or_else(|| EditReason::value(format!("the {what} has no direction")))?;
     let stance = stance(scene, scatter.template, up);
     let spots = match &scatter.over {
         ScatterOver::Plane { point, extent, min_distance, turn, seed, .. } => {
             if !turn.is_finite() {
-                return Err("the turn is not finite".into());
+                return Err(EditReason::value("the turn is not finite"));
             }
             let mut spots = plane_spots(*point, up, *extent, *min_distance, scatter.count, &mut Rng::new(*seed))?;
             spots.iter_mut().for_each(|(_, yaw)| *yaw *= turn / TAU);
@@ -229,9 +229,9 @@ fn plane_spots(
     min_distance: f64,
     count: usize,
     rng: &mut Rng,
-) -> Result<Vec<Spot>, String> {
+) -> Result<Vec<Spot>, EditReason> {
     if !extent.iter().chain([&min_distance]).all(|v| v.is_finite() && *v >= 0.0) {
-        return Err("extent and distance are lengths: want finite numbers from 0 on".into());
+        return Err(EditReason::value("extent and distance are lengths: want finite numbers from 0 on"));
     }
     let [along, across] = sides(normal);
     let mut taken = Taken { min_distance, spots_of_cell: BTreeMap::new() };
@@ -241,7 +241,7 @@ fn plane_spots(
         let free = (0..TRIES).map(|_| draw()).find(|&spot| taken.is_free(spot));
         let Some(spot) = free else {
             let found = spots.len();
-            return Err(format!("only {found} of {count} fit: want a larger extent or a smaller distance"));
+            return Err(EditReason::DoNotFit { found, count });
         };
         taken.insert(spot);
         spots.push((point + along * spot[0] + across * spot[1], rng.range(0.0, TAU)));
@@ -280,14 +280,14 @@ impl Taken {
 }
 
 /// Evenly spaced spots along a path; a single one is at its start.
-fn path_spots(points: &[DVec3], yaw: f64, count: usize, stance: &Stance) -> Result<Vec<Spot>, String> {
+fn path_spots(points: &[DVec3], yaw: f64, count: usize, stance: &Stance) -> Result<Vec<Spot>, EditReason> {
     if points.len() < 2 || !points.iter().all(|p| p.is_finite()) || !yaw.is_finite() {
-        return Err("a path has two or more points of finite numbers".into());
+        return Err(EditReason::value("a path has two or more points of finite numbers"));
     }
     let pieces: Vec<(DVec3, DVec3)> = points.windows(2).map(|w| (w[0], w[1])).filter(|(a, b)| a != b).collect();
     let length: f64 = pieces.iter().map(|(a, b)| a.distance(*b)).sum();
     if pieces.is_empty() || !length.is_finite() {
-        return Err(format!("a path of length {length} has no direction"));
+        return Err(EditReason::value(format!("a path of length {length} has no direction")));
     }
     let spacing = length / (count.max(2) - 1) as f64;
     let (mut piece, mut before) = (0, 0.0);

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use crate::scene::edit::existing_template;
+use crate::scene::edit::{EditReason, existing_template};
 use crate::scene::instanced_scene::InstancedScene;
 
 /// Upper limit on names that an error message lists.
@@ -24,10 +24,18 @@ pub enum Selector {
     Template(u32),
 }
 
-impl FromStr for Selector {
-    type Err = String;
+/// A text that names no instance.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("\"{text}\" names no instance: want an index, several (0,3,4), id:N, group:NAME or template:N")]
+pub struct ParseSelectorError {
+    /// What was to be read.
+    pub text: String,
+}
 
-    fn from_str(text: &str) -> Result<Self, String> {
+impl FromStr for Selector {
+    type Err = ParseSelectorError;
+
+    fn from_str(text: &str) -> Result<Self, ParseSelectorError> {
         let number = |text: &str| text.parse::<u32>().ok();
         let parsed = match text.split_once(':') {
             Some(("id", id)) => number(id).map(Self::Id),
@@ -40,9 +48,7 @@ impl FromStr for Selector {
             }
             None => number(text).map(|index| Self::Index(index as usize)),
         };
-        parsed.ok_or_else(|| {
-            format!("\"{text}\" names no instance: want an index, several (0,3,4), id:N, group:NAME or template:N")
-        })
+        parsed.ok_or_else(|| ParseSelectorError { text: text.to_owned() })
     }
 }
 
@@ -68,7 +74,7 @@ impl Selector {
     }
 
     /// The selected instances in ascending order, at least one; the error lists what exists.
-    pub(super) fn resolve(&self, scene: &InstancedScene) -> Result<Vec<usize>, String> {
+    pub(super) fn resolve(&self, scene: &InstancedScene) -> Result<Vec<usize>, EditReason> {
         let count = scene.instances.len();
         let found: Vec<usize> = match self {
             Self::Index(index) => (*index < count).then_some(*index).into_iter().collect(),
@@ -86,14 +92,14 @@ impl Selector {
                 (0..count).filter(|&k| scene.instances[k].template == *template).collect()
             }
         };
-        if found.is_empty() { Err(self.missing(scene)) } else { Ok(found) }
+        if found.is_empty() { Err(EditReason::NoInstance(self.missing(scene))) } else { Ok(found) }
     }
 
     /// The only selected instance; several are an error.
-    pub(super) fn resolve_one(&self, scene: &InstancedScene) -> Result<usize, String> {
+    pub(super) fn resolve_one(&self, scene: &InstancedScene) -> Result<usize, EditReason> {
         match self.resolve(scene)?.as_slice() {
             [one] => Ok(*one),
-            several => Err(format!("{self} selects {} instances, but this edit takes one", several.len())),
+            several => Err(EditReason::Several { which: self.clone(), count: several.len() }),
         }
     }
 

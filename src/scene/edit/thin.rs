@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use crate::math::sh::widened;
 use crate::scene::edit::membership::drop_foreign;
-use crate::scene::edit::{EditOutcome, existing_template};
+use crate::scene::edit::{EditOutcome, EditReason, existing_template};
 use crate::scene::instanced_scene::InstancedScene;
 
 /// Which side of a box remains after a crop.
@@ -24,10 +24,10 @@ pub(super) fn crop(
     template: u32,
     [min, max]: [DVec3; 2],
     keep: Keep,
-) -> Result<EditOutcome, String> {
+) -> Result<EditOutcome, EditReason> {
     // This rejects NaN, too.
     if !min.cmple(max).all() {
-        return Err(format!("no box reaches from {min} to {max}: want the lower corner first"));
+        return Err(EditReason::value(format!("no box reaches from {min} to {max}: want the lower corner first")));
     }
     let inside = |mean: DVec3| mean.cmpge(min).all() && mean.cmple(max).all();
     thin(scene, template, |mean| inside(mean) == (keep == Keep::Inside))
@@ -38,19 +38,19 @@ pub(super) fn erase(
     template: u32,
     centres: &[DVec3],
     radius: f64,
-) -> Result<EditOutcome, String> {
+) -> Result<EditOutcome, EditReason> {
     if !(radius.is_finite() && radius > 0.0) {
-        return Err(format!("{radius} is not a radius: want a number above 0"));
+        return Err(EditReason::value(format!("{radius} is no radius: want a number above 0")));
     }
     if centres.is_empty() || !centres.iter().all(|centre| centre.is_finite()) {
-        return Err("want one or more points of finite numbers".into());
+        return Err(EditReason::value("want one or more points of finite numbers"));
     }
     let touched = |mean: DVec3| centres.iter().any(|centre| centre.distance_squared(mean) <= radius * radius);
     thin(scene, template, |mean| !touched(mean))
 }
 
 /// Keeps the Gaussians of a template whose mean, in its frame, satisfies a condition.
-fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool) -> Result<EditOutcome, String> {
+fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool) -> Result<EditOutcome, EditReason> {
     existing_template(scene, template)?;
     check_alone(scene, template)?;
     let range = scene.template_ranges[template as usize];
@@ -66,10 +66,7 @@ fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool
         return Ok(outcome);
     }
     if kept == 0 {
-        let count = run.len();
-        return Err(format!(
-            "all {count} Gaussians of template {template} would be removed; delete its instances instead"
-        ));
+        return Err(EditReason::EmptyTemplate { template, count: run.len() });
     }
     drop_foreign(scene, "template.", &mut outcome);
     if !scene.offsets.is_empty() {
@@ -81,13 +78,13 @@ fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool
 }
 
 /// Checks that no other template shares Gaussians with this one: it would lose them too.
-fn check_alone(scene: &InstancedScene, template: u32) -> Result<(), String> {
+fn check_alone(scene: &InstancedScene, template: u32) -> Result<(), EditReason> {
     let range = scene.template_ranges[template as usize];
     let shares = |(other, r): (usize, &crate::scene::TemplateRange)| {
         other != template as usize && r.first < range.first + range.count && range.first < r.first + r.count
     };
     match scene.template_ranges.iter().enumerate().position(shares) {
-        Some(other) => Err(format!("template {other} shares Gaussians with template {template}")),
+        Some(other) => Err(EditReason::SharedTemplate { template, other }),
         None => Ok(()),
     }
 }

@@ -209,7 +209,7 @@ fn merged_instances(
 ) -> Vec<Vec<Offsets>> {
     let of_instance = |instance: &Instance| {
         let Some(own) = own_cloud(scene, instance) else { return Vec::new() };
-        let of_level = |(rung, range): &(Rung, TemplateRange)| own.level(scene, rung, (templates, *range));
+        let of_level = |(rung, range): &(Rung, TemplateRange)| own.level(scene, rung, templates, *range);
         rungs[instance.template as usize].iter().map(of_level).collect()
     };
     scene.instances.par_iter().map(of_instance).collect()

@@ -54,7 +54,8 @@ impl OwnCloud {
         &self,
         scene: &InstancedScene,
         rung: &Rung,
-        (templates, range): (&Gaussians, TemplateRange),
+        templates: &Gaussians,
+        range: TemplateRange,
     ) -> Offsets {
         let kinds = &scene.offsets;
         let shapes = !kinds.log_scales.is_empty() && !kinds.quats.is_empty();

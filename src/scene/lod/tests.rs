@@ -122,7 +122,7 @@ fn offsets_of_levels_are_those_of_the_merged_instance() {
         let parts = &levels.parts[levels.coarser[2].start as usize..levels.coarser[2].end as usize];
         assert_eq!(parts.len(), rungs.len());
         for (part, rung) in parts.iter().zip(&rungs) {
-            let own_offsets = own.level(&scene, rung, (&levels.templates, part.range));
+            let own_offsets = own.level(&scene, rung, &levels.templates, part.range);
             let first = part.first_offset.unwrap() as usize;
             for (j, members) in rung.members.iter().enumerate() {
                 let i = part.range.first as usize + j;

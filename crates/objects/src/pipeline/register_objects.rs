@@ -84,7 +84,7 @@ pub fn register_objects(
     let (gaussians, labels, cameras) = (&cloud.background, segmented.labels.as_slice(), &segmented.cameras);
     let input = RegisterInput { cloud: gaussians, instance_of_gaussian: labels, categories: &categories, cameras };
     // Of the Gaussians, not of photos: ids of masks need not be those of objects.
-    let mut check = RenderCheck::new(gpu, (gaussians, labels), cameras, eval_options(config), None)?;
+    let mut check = RenderCheck::new(gpu, gaussians, labels, cameras, eval_options(config), None)?;
     let options =
         RegisterOptions { allow_scale: config.joint.refine_scales, seed: config.seed, ..RegisterOptions::default() };
     let found = register(&input, Some(&mut check), &options)?;

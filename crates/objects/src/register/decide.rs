@@ -1,7 +1,7 @@
 //! Chooses among the poses of a target and states how certain the choice is.
 
 use super::check::Agreement;
-use super::hypotheses::{Hypothesis, fit_at};
+use super::hypotheses::{Hypothesis, ObjectPair, fit_at};
 use super::options::RegisterOptions;
 use super::pose::Pose;
 use super::sample::{BASE, ObjectSurface};
@@ -100,5 +100,5 @@ pub(super) fn doubt_ratio(surfaces: f64, colors: [f64; 2], seen: Option<[Agreeme
 
 /// Whether the motion maps the reference onto itself about as well as it fits the target, whose cost is `cost`.
 pub(super) fn is_symmetry(reference: &ObjectSurface, motion: &Pose, cost: f64) -> bool {
-    fit_at((reference, reference), motion, BASE).cost <= SYMMETRIC * cost
+    fit_at(ObjectPair { reference, target: reference }, motion, BASE).cost <= SYMMETRIC * cost
 }

@@ -1,6 +1,7 @@
 //! Errors of registration.
 
 use crate::render::RenderError;
+use crate::scene::CameraError;
 
 /// Why [`register`](super::register()) could not run; the text is one line for the user.
 #[derive(Debug, thiserror::Error)]
@@ -25,7 +26,7 @@ pub enum RegisterError {
     },
     /// A camera is invalid; the text says why.
     #[error("{0}")]
-    Camera(String),
+    Camera(CameraError),
     /// An option is out of range.
     #[error("{option} is {value}, but must be {want}")]
     Option {

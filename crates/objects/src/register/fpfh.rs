@@ -41,7 +41,7 @@ pub(super) fn features(surface: &Surface) -> Vec<Feature> {
 
 /// Histograms of the angles between a point and its neighbours (SPFH).
 fn simple_feature(surface: &Surface, i: usize, near: &[Neighbour]) -> [f64; FEATURE_LEN] {
-    let point = |i: usize| (surface.positions[i], surface.normals[i]);
+    let point = |i: usize| OrientedPoint { position: surface.positions[i], normal: surface.normals[i] };
     let mut out = [0.0; FEATURE_LEN];
     for n in near {
         let Some(parts) = pair_angles(point(i), point(n.index as usize)) else { continue };
@@ -69,15 +69,22 @@ fn weighted_mean(simple: &[[f64; FEATURE_LEN]], near: &[Neighbour]) -> [f64; FEA
     out
 }
 
+/// A point of a surface.
+struct OrientedPoint {
+    position: DVec3,
+    /// Of length 1.
+    normal: DVec3,
+}
+
 /// The three angles of two points with normals, as parts (0..=1) of their ranges: the turn of the second normal about
 /// the first, its lean sideways, and the lean of the line between the points. `None` if the points coincide or the line
 /// runs along the normal.
-fn pair_angles((p, p_normal): (DVec3, DVec3), (q, q_normal): (DVec3, DVec3)) -> Option<[f64; 3]> {
-    let line = (q - p).try_normalize()?;
-    let (at_p, at_q) = (p_normal.dot(line), q_normal.dot(line));
+fn pair_angles(p: OrientedPoint, q: OrientedPoint) -> Option<[f64; 3]> {
+    let line = (q.position - p.position).try_normalize()?;
+    let (at_p, at_q) = (p.normal.dot(line), q.normal.dot(line));
     // The source is the point whose normal is nearer to the line, so that the result does not depend on the order.
     let (source, other, line, along) =
-        if at_p.abs() >= at_q.abs() { (p_normal, q_normal, line, at_p) } else { (q_normal, p_normal, -line, -at_q) };
+        if at_p.abs() >= at_q.abs() { (p.normal, q.normal, line, at_p) } else { (q.normal, p.normal, -line, -at_q) };
     let sideways = line.cross(source).try_normalize()?;
     let third = source.cross(sideways);
     let turn = third.dot(other).atan2(source.dot(other));

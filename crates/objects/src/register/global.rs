@@ -53,12 +53,13 @@ fn best_matches(from: &[Feature], to: &[Feature]) -> Vec<usize> {
 pub(super) fn consensus_poses(
     pairs: &[Pair],
     voxel: f64,
-    (trials, modes): (usize, usize),
+    trials: usize,
+    modes: usize,
     allow_scale: bool,
     mut rng: Rng,
 ) -> Vec<Pose> {
     let reach = AGREE_VOXELS * voxel;
-    let mut best: Vec<(usize, Pose)> = Vec::new();
+    let mut best: Vec<Mode> = Vec::new();
     if pairs.len() < SAMPLE {
         return Vec::new();
     }
@@ -70,11 +71,11 @@ pub(super) fn consensus_poses(
         let Some(pose) = best_pose(&sample, allow_scale) else { continue };
         let agrees = |pair: &Pair| pose.apply(pair.from).distance_squared(pair.to) <= reach * reach;
         if sample.iter().all(agrees) {
-            let count = pairs.iter().filter(|pair| agrees(pair)).count();
-            insert(&mut best, (count, pose), modes, SAME_VOXELS * voxel);
+            let agreeing = pairs.iter().filter(|pair| agrees(pair)).count();
+            insert(&mut best, Mode { agreeing, pose }, modes, SAME_VOXELS * voxel);
         }
     }
-    let refined = |(_, pose): (usize, Pose)| {
+    let refined = |Mode { pose, .. }: Mode| {
         let agreeing = pairs.iter().filter(|pair| pose.apply(pair.from).distance_squared(pair.to) <= reach * reach);
         best_pose(&agreeing.copied().collect::<Vec<_>>(), allow_scale).unwrap_or(pose)
     };
@@ -93,19 +94,26 @@ fn edges_agree(sample: &[Pair; SAMPLE], allow_scale: bool, voxel: f64) -> bool {
     ratios.iter().all(|r| (EDGE_RATIO..=1.0 / EDGE_RATIO).contains(&(r / middle)))
 }
 
+/// A pose, and how many matches agree with it.
+#[derive(Clone, Copy)]
+struct Mode {
+    agreeing: usize,
+    pose: Pose,
+}
+
 /// Inserts a pose into the list of the best distinct ones, best first; in a tie the earlier one stays.
-fn insert(best: &mut Vec<(usize, Pose)>, new: (usize, Pose), modes: usize, same: f64) {
-    if best.len() == modes && best[modes - 1].0 >= new.0 {
+fn insert(best: &mut Vec<Mode>, new: Mode, modes: usize, same: f64) {
+    if best.len() == modes && best[modes - 1].agreeing >= new.agreeing {
         return;
     }
-    let like = |old: &(usize, Pose)| {
-        old.1.angle_to(&new.1) < SAME_ANGLE && old.1.translation.distance(new.1.translation) < same
+    let like = |old: &Mode| {
+        old.pose.angle_to(&new.pose) < SAME_ANGLE && old.pose.translation.distance(new.pose.translation) < same
     };
-    if best.iter().any(|old| like(old) && old.0 >= new.0) {
+    if best.iter().any(|old| like(old) && old.agreeing >= new.agreeing) {
         return;
     }
     best.retain(|old| !like(old));
-    let place = best.iter().position(|old| old.0 < new.0).unwrap_or(best.len());
+    let place = best.iter().position(|old| old.agreeing < new.agreeing).unwrap_or(best.len());
     best.insert(place, new);
     best.truncate(modes);
 }
@@ -131,7 +139,7 @@ mod tests {
                 Pair { from, to, weight: 1.0 }
             };
             let pairs: Vec<Pair> = (0..200).map(pair).collect();
-            let find = |trials| consensus_poses(&pairs, 0.5, (trials, 3), scale != 1.0, Rng::new(seed));
+            let find = |trials| consensus_poses(&pairs, 0.5, trials, 3, scale != 1.0, Rng::new(seed));
             let found = find(20_000);
             assert!(found[0].angle_to(&truth) < 0.02 && (found[0].scale / scale - 1.0).abs() < 0.01, "{:?}", found[0]);
             assert!(found[0].translation.distance(truth.translation) < 0.3);
@@ -142,7 +150,7 @@ mod tests {
                     .all(|p| p.angle_to(&found[0]) > SAME_ANGLE || p.translation.distance(found[0].translation) > 2.0)
             );
             assert_eq!(found, find(20_000), "the same seed, the same poses");
-            assert!(find(0).is_empty() && consensus_poses(&pairs[..2], 0.5, (100, 3), false, Rng::new(1)).is_empty());
+            assert!(find(0).is_empty() && consensus_poses(&pairs[..2], 0.5, 100, 3, false, Rng::new(1)).is_empty());
         }
     }
 

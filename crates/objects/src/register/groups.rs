@@ -62,9 +62,8 @@ pub fn register<'a>(
     for (i, &id) in input.instance_of_gaussian.iter().enumerate().filter(|(_, id)| **id != 0) {
         indices.entry(id).or_default().push(i as u32);
     }
-    let surface = |(&id, indices): (&u32, &Vec<u32>)| {
-        (id, ObjectSurface::new((id, indices), input.cloud, input.cameras, options))
-    };
+    let surface =
+        |(&id, indices): (&u32, &Vec<u32>)| (id, ObjectSurface::new(id, indices, input.cloud, input.cameras, options));
     let surfaces: Vec<(u32, Result<ObjectSurface, String>)> = indices.par_iter().map(surface).collect();
     let mut run = Run { up: up_direction(input.cameras), options, check, out: Registered::default() };
     let mut classes: BTreeMap<Option<&String>, Vec<&ObjectSurface>> = BTreeMap::new();
@@ -72,7 +71,7 @@ pub fn register<'a>(
         let name = input.categories.get(id);
         match surface {
             Ok(surface) => classes.entry(name).or_default().push(surface),
-            Err(reason) => run.out.instances.push(rejected((*id, name), 0, reason.clone())),
+            Err(reason) => run.out.instances.push(rejected(*id, name, 0, reason.clone())),
         }
     }
     let mut groups = Vec::new();
@@ -147,7 +146,7 @@ impl Run<'_> {
                 tried += 1;
                 let reason =
                     reasons.remove(&reference.id).map_or_else(|| "no other object is like it".into(), |u| u.reason);
-                self.out.instances.push(rejected((reference.id, name), reference.gaussians, reason));
+                self.out.instances.push(rejected(reference.id, name, reference.gaussians, reason));
             } else {
                 groups.push(Group::new(name, reference, members));
             }
@@ -159,7 +158,7 @@ impl Run<'_> {
                 None => "no other object is like it".into(),
             };
             let reason = reasons.remove(&surface.id).map_or_else(alone, |unlike| unlike.reason);
-            self.out.instances.push(rejected((surface.id, name), surface.gaussians, reason));
+            self.out.instances.push(rejected(surface.id, name, surface.gaussians, reason));
         }
         Ok(groups)
     }

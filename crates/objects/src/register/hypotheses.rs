@@ -39,6 +39,15 @@ pub(super) struct Hypothesis {
     pub color: f64,
 }
 
+/// Two objects that are compared.
+#[derive(Clone, Copy)]
+pub(super) struct ObjectPair<'a> {
+    /// The object that is moved.
+    pub reference: &'a ObjectSurface,
+    /// The object that it is moved onto.
+    pub target: &'a ObjectSurface,
+}
+
 /// Distinct poses whose cost is within the factor `near_tie` of the best, in order of cost.
 pub(super) fn hypotheses(
     reference: &ObjectSurface,
@@ -46,7 +55,7 @@ pub(super) fn hypotheses(
     up: Option<DVec3>,
     options: &RegisterOptions,
 ) -> Vec<Hypothesis> {
-    let pair = (reference, target);
+    let pair = ObjectPair { reference, target };
     let same = SAME_VOXELS * target.voxel();
     // Each level keeps fewer poses.
     let mut poses = starts(reference, target, up, options);
@@ -82,8 +91,8 @@ fn starts(
     };
     let matches: Vec<Pair> = mutual_matches(&reference.features, &target.features).into_iter().map(points).collect();
     let rng = Rng::new(options.seed).fork(u64::from(target.id) << 32 | u64::from(reference.id));
-    let count = (options.trials, CONSENSUS_MODES);
-    let mut out = consensus_poses(&matches, target.voxel(), count, options.allow_scale, rng);
+    let (trials, scaled) = (options.trials, options.allow_scale);
+    let mut out = consensus_poses(&matches, target.voxel(), trials, CONSENSUS_MODES, scaled, rng);
     let turned = |rotation: DMat3| Pose { rotation, scale, translation: DVec3::ZERO };
     let axis = up.unwrap_or(DVec3::Z);
     for i in 0..options.yaw_starts {
@@ -100,15 +109,10 @@ fn starts(
 }
 
 /// Poses after the steps of one level, with their costs there, in order of cost.
-fn refined(
-    pair: (&ObjectSurface, &ObjectSurface),
-    poses: &[Pose],
-    level: usize,
-    options: &RegisterOptions,
-) -> Vec<(Pose, f64)> {
+fn refined(pair: ObjectPair<'_>, poses: &[Pose], level: usize, options: &RegisterOptions) -> Vec<(Pose, f64)> {
     let icp_options = IcpOptions { steps: STEPS, allow_scale: options.allow_scale };
     let refined = |&start: &Pose| {
-        let pose = icp(&pair.0.levels[FINE], &pair.1.levels[level], start, icp_options);
+        let pose = icp(&pair.reference.levels[FINE], &pair.target.levels[level], start, icp_options);
         (pose, fit_at(pair, &pose, level).cost)
     };
     let mut all: Vec<(Pose, f64)> = poses.par_iter().map(refined).collect();
@@ -117,8 +121,8 @@ fn refined(
 }
 
 /// Fit of a pose of (reference, target) at a level.
-pub(super) fn fit_at((reference, target): (&ObjectSurface, &ObjectSurface), pose: &Pose, level: usize) -> Fit {
-    fit(reference.at(level), target.at(level), pose)
+pub(super) fn fit_at(pair: ObjectPair<'_>, pose: &Pose, level: usize) -> Fit {
+    fit(pair.reference.at(level), pair.target.at(level), pose)
 }
 
 /// The first `most` items whose poses differ from all before them.

@@ -44,7 +44,7 @@ pub(super) fn icp_apart(
     let reach = reach_of(data);
     let (mut pose, mut followed) = (start, Followed::new(model, data.len()));
     for _ in 0..options.steps {
-        let pairs = closest_pairs((model, &mut followed), data, &pose);
+        let pairs = closest_pairs(model, &mut followed, data, &pose);
         let Some(next) = best_pose(&pairs, options.allow_scale) else { break };
         let moved = next.movement_from(&pose, reach);
         pose = next;
@@ -59,7 +59,7 @@ pub(super) fn icp_apart(
 }
 
 /// Pairs each point of `data` with the nearest one of `model`, without pairs beyond reach and the farthest ones.
-fn closest_pairs((model, followed): (&Surface, &mut Followed<'_>), data: &Surface, pose: &Pose) -> Vec<Pair> {
+fn closest_pairs(model: &Surface, followed: &mut Followed<'_>, data: &Surface, pose: &Pose) -> Vec<Pair> {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::with_capacity(data.len());
     for (i, &to) in data.positions.iter().enumerate() {
         if let Some((j, distance)) = followed.nearest(i, pose.apply_inverse(to)) {
@@ -99,14 +99,20 @@ pub(super) fn mean_distance(model: &Surface, data: &Surface, pose: &Pose) -> f64
     sum / data.len().max(1) as f64
 }
 
+/// A surface at the resolution of one level, with the same surface at the finest.
+#[derive(Clone, Copy)]
+pub(super) struct LevelSurface<'a> {
+    /// The points that are judged.
+    pub points: &'a Surface,
+    /// The points that distances are taken to.
+    pub finest: &'a Surface,
+}
+
 /// Evaluates a pose with the points of one level; distances are taken to the finer `fine_model` and `fine_data`.
-pub(super) fn fit(
-    (model, fine_model): (&Surface, &Surface),
-    (data, fine_data): (&Surface, &Surface),
-    pose: &Pose,
-) -> Fit {
-    let to_model = |p: DVec3| fine_model.nearest(pose.apply_inverse(p)).map_or(f64::INFINITY, |n| n.1 * pose.scale);
-    let to_data = |p: DVec3| fine_data.nearest(pose.apply(p)).map_or(f64::INFINITY, |n| n.1);
+pub(super) fn fit(model: LevelSurface<'_>, data: LevelSurface<'_>, pose: &Pose) -> Fit {
+    let to_model = |p: DVec3| model.finest.nearest(pose.apply_inverse(p)).map_or(f64::INFINITY, |n| n.1 * pose.scale);
+    let to_data = |p: DVec3| data.finest.nearest(pose.apply(p)).map_or(f64::INFINITY, |n| n.1);
+    let (model, data) = (model.points, data.points);
     let there: Vec<f64> = data.positions.iter().map(|&p| to_model(p) / data.voxel).collect();
     let back: Vec<f64> = model.positions.iter().map(|&p| to_data(p) / data.voxel).collect();
     let mean = |all: &[f64]| all.iter().map(|d| d.min(MOST_VOXELS)).sum::<f64>() / all.len().max(1) as f64;
@@ -181,7 +187,10 @@ mod tests {
             let found = icp(&fine_model, &data, start, IcpOptions { steps: 60, allow_scale: scale != 1.0 });
             let (turn, shift) = (found.angle_to(&truth).to_degrees(), found.translation.distance(truth.translation));
             assert!(turn < 0.6 && shift < 0.1 && (found.scale / scale - 1.0).abs() < 0.01, "{turn} {shift} {found:?}");
-            let judged = |pose| fit((&model, &fine_model), (&data, &fine_data), pose);
+            let judged = |pose| {
+                let model = LevelSurface { points: &model, finest: &fine_model };
+                fit(model, LevelSurface { points: &data, finest: &fine_data }, pose)
+            };
             let (good, bad) = (judged(&found), judged(&start));
             assert!(good.inliers > 0.95 && good.covered < 0.97 && good.cost < 0.5 * bad.cost, "{good:?} {bad:?}");
         }
@@ -207,7 +216,8 @@ mod tests {
         let (none, one) = (surface([].into_iter(), 1.0), surface([DVec3::ZERO].into_iter(), 1.0));
         for (model, data) in [(&none, &none), (&one, &none), (&none, &one), (&one, &one)] {
             assert_eq!(icp(model, data, start, options), start);
-            let fit = fit((model, model), (data, data), &start);
+            let level = |points| LevelSurface { points, finest: points };
+            let fit = fit(level(model), level(data), &start);
             assert!(fit.cost.is_finite() && fit.inliers.is_finite() && fit.rmse.is_finite(), "{fit:?}");
         }
         // Points on a line leave the turn about it free; that is no failure.

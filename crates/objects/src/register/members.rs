@@ -7,7 +7,7 @@ use super::check::{Agreement, PoseCheck};
 use super::color::unexplained_color;
 use super::decide::{Certainty, Decision, doubt_ratio, is_symmetry};
 use super::error::RegisterError;
-use super::hypotheses::fit_at;
+use super::hypotheses::{ObjectPair, fit_at};
 use super::options::RegisterOptions;
 use super::outcome::target_from_reference;
 use super::pose::Pose;
@@ -81,7 +81,8 @@ impl<'a> Group<'a> {
         for (member, refined) in self.members.iter_mut().zip(&self.placed[1..]) {
             let hypothesis = &mut member.decision.hypothesis;
             hypothesis.pose = refined.pose;
-            hypothesis.fit = fit_at((self.reference, member.surface), &refined.pose, BASE);
+            let pair = ObjectPair { reference: self.reference, target: member.surface };
+            hypothesis.fit = fit_at(pair, &refined.pose, BASE);
         }
         let costs: Vec<f64> = self.members.iter().map(|m| m.decision.hypothesis.fit.cost).collect();
         let RegisterOptions { min_margin, seed, .. } = *options;
@@ -99,8 +100,8 @@ impl<'a> Group<'a> {
         let (mut any, count) = (false, self.members.len());
         for ((member, place), rival) in self.members.iter_mut().zip(&mut self.placed[1..]).zip(rivals) {
             let Some((pose, ratio)) = rival else { continue };
-            let pair = (self.reference, member.surface);
-            let colors = [place.pose, pose].map(|pose| unexplained_color(pair.0, pair.1, &pose));
+            let pair = ObjectPair { reference: self.reference, target: member.surface };
+            let colors = [place.pose, pose].map(|pose| unexplained_color(pair.reference, pair.target, &pose));
             let mut ratio = doubt_ratio(ratio, colors, None);
             let mut seen = None;
             if ratio < WORTH_PICTURES {
@@ -124,10 +125,11 @@ impl<'a> Group<'a> {
 /// Agreement of pictures for two poses of (reference, target); `None` if no view shows the target.
 fn pictures(
     check: Option<&mut (dyn PoseCheck + '_)>,
-    (reference, target): (&ObjectSurface, &ObjectSurface),
+    pair: ObjectPair<'_>,
     poses: [Pose; 2],
 ) -> Result<Option<[Agreement; 2]>, RegisterError> {
     let Some(check) = check else { return Ok(None) };
+    let ObjectPair { reference, target } = pair;
     let poses = poses.map(|pose| target_from_reference(reference, target, &pose));
     let seen = check.check(reference.id, target.id, &poses)?;
     Ok(seen.and_then(|seen| seen.try_into().ok()))

@@ -59,7 +59,7 @@ pub(super) fn reports(
         inliers: 1.0,
         accepted: true,
         verdict: Verdict::Reference,
-        ..rejected((reference.id, name), reference.gaussians, "most of its surface was seen".into())
+        ..rejected(reference.id, name, reference.gaussians, "most of its surface was seen".into())
     };
     let mut costs: Vec<f64> = members.iter().map(|m| m.decision.hypothesis.fit.cost_there).collect();
     costs.sort_by(f64::total_cmp);
@@ -88,11 +88,7 @@ pub(super) fn reports(
 }
 
 /// Report of an object that is in no group.
-pub(super) fn rejected(
-    (instance, name): (u32, Option<&String>),
-    gaussians: usize,
-    note: String,
-) -> InstanceRegistration {
+pub(super) fn rejected(instance: u32, name: Option<&String>, gaussians: usize, note: String) -> InstanceRegistration {
     InstanceRegistration {
         instance,
         group: None,

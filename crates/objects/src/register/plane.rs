@@ -38,7 +38,7 @@ pub(super) fn slide(model: &Surface, data: &Surface, start: Pose, options: Slide
     let reach = reach_of(data);
     let (mut pose, mut followed) = (start, Followed::new(model, data.len()));
     for _ in 0..options.steps {
-        let next = step((model, &mut followed), data, reach, &pose, options);
+        let next = step(model, &mut followed, data, reach, &pose, options);
         if !next.is_finite() {
             return pose;
         }
@@ -52,13 +52,7 @@ pub(super) fn slide(model: &Surface, data: &Surface, start: Pose, options: Slide
 }
 
 /// One Gauss-Newton step in the target's frame. Rotations are scaled to lengths at the radius `reach`.
-fn step(
-    (model, followed): (&Surface, &mut Followed<'_>),
-    data: &Surface,
-    reach: f64,
-    pose: &Pose,
-    options: Slide,
-) -> Pose {
+fn step(model: &Surface, followed: &mut Followed<'_>, data: &Surface, reach: f64, pose: &Pose, options: Slide) -> Pose {
     let (mut matrix, mut right) = ([[0.0; UNKNOWNS]; UNKNOWNS], [0.0; UNKNOWNS]);
     for (i, (&q, q_normal)) in data.positions.iter().zip(&data.normals).enumerate() {
         let Some((j, distance)) = followed.nearest(i, pose.apply_inverse(q)) else { continue };

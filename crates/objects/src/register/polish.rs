@@ -41,7 +41,7 @@ pub fn polished(
     }
     let surface = |id: u32| {
         let own = indices.get(&id)?;
-        ObjectSurface::new((id, own), input.cloud, input.cameras, options).ok()
+        ObjectSurface::new(id, own, input.cloud, input.cameras, options).ok()
     };
     let of_group = |group: &PosedGroup| {
         let surfaces: Vec<Option<ObjectSurface>> =
@@ -58,10 +58,10 @@ fn with_surfaces(group: &PosedGroup, surfaces: &[Option<ObjectSurface>], allow_s
     let Some((&(anchor, reference), others)) = seen.split_first().filter(|(_, others)| !others.is_empty()) else {
         return out;
     };
-    let from = group.instances[anchor].world_from_template;
-    let mut members = vec![Member { surface: reference, pose: Pose::IDENTITY }];
+    let reference = PlacedSurface { surface: reference, place: group.instances[anchor].world_from_template };
+    let mut members = vec![Member { surface: reference.surface, pose: Pose::IDENTITY }];
     members.extend(others.iter().map(|&(k, surface)| {
-        let pose = local_pose((reference, &from), (surface, &group.instances[k].world_from_template));
+        let pose = local_pose(reference, PlacedSurface { surface, place: group.instances[k].world_from_template });
         Member { surface, pose }
     }));
     let before = mean_cost(&members);
@@ -75,23 +75,33 @@ fn with_surfaces(group: &PosedGroup, surfaces: &[Option<ObjectSurface>], allow_s
     }
     if cost < (1.0 - LEAST_GAIN) * before {
         for (&(k, surface), member) in others.iter().zip(&members[1..]) {
-            out.instances[k].world_from_template = world_pose((reference, &from), surface, &member.pose);
+            out.instances[k].world_from_template = world_pose(reference, surface, &member.pose);
         }
     }
     out
 }
 
+/// An object's surface, and where the object stands.
+#[derive(Clone, Copy)]
+struct PlacedSurface<'a> {
+    surface: &'a ObjectSurface,
+    /// World from template.
+    place: Similarity,
+}
+
 /// The pose from the reference's local frame to an object's, for given places of both.
-fn local_pose((reference, from): (&ObjectSurface, &Similarity), (target, to): (&ObjectSurface, &Similarity)) -> Pose {
+fn local_pose(reference: PlacedSurface<'_>, target: PlacedSurface<'_>) -> Pose {
+    let (from, to) = (reference.place, target.place);
     let rotation = to.rotation() * from.rotation().transpose();
     let scale = to.scale() / from.scale();
-    let of_centroid = to.translation() + rotation * (reference.centroid - from.translation()) * scale;
-    Pose { rotation, scale, translation: of_centroid - target.centroid }
+    let of_centroid = to.translation() + rotation * (reference.surface.centroid - from.translation()) * scale;
+    Pose { rotation, scale, translation: of_centroid - target.surface.centroid }
 }
 
 /// The inverse of [`local_pose`]: an object's place in the world for its pose.
-fn world_pose((reference, from): (&ObjectSurface, &Similarity), target: &ObjectSurface, pose: &Pose) -> Similarity {
+fn world_pose(reference: PlacedSurface<'_>, target: &ObjectSurface, pose: &Pose) -> Similarity {
+    let from = reference.place;
     let rotation: DMat3 = pose.rotation * from.rotation();
-    let translation: DVec3 = target.centroid + pose.apply(from.translation() - reference.centroid);
+    let translation: DVec3 = target.centroid + pose.apply(from.translation() - reference.surface.centroid);
     Similarity::from_parts(rotation, pose.scale * from.scale(), translation)
 }

@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::fpfh::{Feature, features};
+use super::icp::LevelSurface;
 use super::normals::{Viewers, covariance, unit_normals};
 use super::options::RegisterOptions;
 use super::surface::{Sample, Surface};
@@ -80,12 +81,13 @@ pub(super) struct Disc {
 impl ObjectSurface {
     /// Samples the Gaussians `indices` of the cloud; the error is a short reason for the report.
     pub(super) fn new(
-        (id, indices): (u32, &[u32]),
+        id: u32,
+        indices: &[u32],
         cloud: &Gaussians,
         cameras: &[Camera],
         options: &RegisterOptions,
     ) -> Result<Self, String> {
-        let (opaque, discs) = enough_discs((cloud, indices), cameras, options);
+        let (opaque, discs) = enough_discs(cloud, indices, cameras, options);
         if discs.len() < MIN_SURFACE_GAUSSIANS {
             return Err(format!("only {} of its Gaussians are opaque, small and no strays", discs.len()));
         }
@@ -118,8 +120,8 @@ impl ObjectSurface {
     }
 
     /// The points of a level, and those of the finest level.
-    pub(super) fn at(&self, level: usize) -> (&Surface, &Surface) {
-        (&self.levels[level], &self.levels[FINE])
+    pub(super) fn at(&self, level: usize) -> LevelSurface<'_> {
+        LevelSurface { points: &self.levels[level], finest: &self.levels[FINE] }
     }
 
     /// Size of the base voxel, scene units.
@@ -138,7 +140,8 @@ fn nearest_discs(discs: &[Disc], surface: &Surface, centroid: DVec3) -> Vec<u32>
 
 /// Number of opaque, small Gaussians, and the Gaussians to draw points on: with relaxed limits if there are too few.
 fn enough_discs(
-    (cloud, indices): (&Gaussians, &[u32]),
+    cloud: &Gaussians,
+    indices: &[u32],
     cameras: &[Camera],
     options: &RegisterOptions,
 ) -> (usize, Vec<Disc>) {

@@ -43,7 +43,8 @@ impl<'a> RenderCheck<'a> {
     /// A device that cannot render.
     pub fn new(
         gpu: &Arc<Gpu>,
-        (cloud, instance_of_gaussian): (&'a Gaussians, &[u32]),
+        cloud: &'a Gaussians,
+        instance_of_gaussian: &[u32],
         cameras: &'a [Camera],
         options: RenderOptions,
         photo_of_view: Option<Box<PhotoOfView<'a>>>,

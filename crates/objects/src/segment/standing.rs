@@ -76,6 +76,15 @@ pub enum Standing {
     Ground,
 }
 
+/// Points that hang together.
+#[derive(Clone)]
+struct Piece {
+    /// Indices of the points.
+    members: Vec<u32>,
+    /// How far apart its points usually are, world units.
+    spacing: f64,
+}
+
 /// A cloud prepared for [`Surroundings::at`].
 pub struct Surroundings {
     up: DVec3,
@@ -120,7 +129,7 @@ impl Surroundings {
         let unclear = || Standing::Unclear(UprightBox::cube(place, USUAL_SIZE * eye.distance(place), self.up));
         let Some(close) = self.piece_around(&points) else { return unclear() };
         let near: Vec<u32> = near.iter().map(|n| n.index).collect();
-        let (piece, spacing) = self.widened_to_the_ground((&near, &points), close);
+        let Piece { members: piece, spacing } = self.widened_to_the_ground(&near, &points, close);
         if piece.len() < FEWEST || self.is_too_large(&piece) {
             return unclear();
         }
@@ -132,7 +141,7 @@ impl Surroundings {
 
     /// The piece connected to the first of `points`, as indices into them, and its spacing; `None` without points, or
     /// if they coincide.
-    fn piece_around(&self, points: &[[f32; 3]]) -> Option<(Vec<u32>, f64)> {
+    fn piece_around(&self, points: &[[f32; 3]]) -> Option<Piece> {
         let first: Vec<u32> = (0..points.len().min(AROUND) as u32).collect();
         let mut spacing = self.spacing(points, &first);
         let mut best = None;
@@ -140,9 +149,9 @@ impl Surroundings {
             if spacing <= 0.0 {
                 break;
             }
-            let piece = first_piece(points, spacing)?;
-            let wider = self.spacing(points, &piece);
-            best = Some((piece, spacing));
+            let members = first_piece(points, spacing)?;
+            let wider = self.spacing(points, &members);
+            best = Some(Piece { members, spacing });
             if wider <= spacing {
                 break;
             }
@@ -153,15 +162,15 @@ impl Surroundings {
 
     /// Grows a piece that hangs in the air beside others until it stands, and returns it with its spacing; `close`
     /// itself if that leads to no object. `near` holds the points' indices in the set.
-    fn widened_to_the_ground(&self, (near, points): (&[u32], &[[f32; 3]]), close: (Vec<u32>, f64)) -> (Vec<u32>, f64) {
+    fn widened_to_the_ground(&self, near: &[u32], points: &[[f32; 3]], close: Piece) -> Piece {
         let Some(ground) = self.ground else { return close };
-        let (mut piece, mut spacing) = close.clone();
+        let Piece { members: mut piece, mut spacing } = close.clone();
         for _ in 0..WIDENINGS {
             let heights: Vec<f64> = piece.iter().map(|&i| ground.height(widened(points[i as usize]))).collect();
             let stands = percentile(&heights, 0.0) < 2.0 * self.lift + spacing;
             let bottom = percentile(&heights, BOTTOM_PART);
-            if stands || !self.is_among_others(near, &piece, (ground, bottom), WIDER * REACH * spacing) {
-                return (piece, spacing);
+            if stands || !self.is_among_others(near, &piece, ground, bottom, WIDER * REACH * spacing) {
+                return Piece { members: piece, spacing };
             }
             spacing *= WIDER;
             match first_piece(points, spacing) {
@@ -174,7 +183,7 @@ impl Surroundings {
 
     /// Whether enough members of a piece have something else within `reach` that is higher above the ground than
     /// `bottom`.
-    fn is_among_others(&self, near: &[u32], piece: &[u32], (ground, bottom): (Plane, f64), reach: f64) -> bool {
+    fn is_among_others(&self, near: &[u32], piece: &[u32], ground: Plane, bottom: f64, reach: f64) -> bool {
         let mut is_member = vec![false; self.positions.len()];
         piece.iter().for_each(|&i| is_member[near[i as usize] as usize] = true);
         let is_beside = |n: &Neighbour| {

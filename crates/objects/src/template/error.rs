@@ -1,5 +1,7 @@
 //! Errors of building an instanced scene.
 
+use crate::math::similarity::SimilarityError;
+
 /// What is wrong with the input of [`build`](super::build); the text is one line for the user.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TemplateError {
@@ -51,7 +53,7 @@ pub enum TemplateError {
         /// Mask id of the instance.
         id: u32,
         /// Why it is no similarity.
-        reason: String,
+        reason: SimilarityError,
     },
     /// An option is out of range.
     #[error("{option} is {value}, but must be {want}")]

@@ -10,12 +10,11 @@ use rayon::prelude::*;
 use super::decide::free_id;
 use super::pattern::{SAME_DEPTH, common, likeness};
 use super::picture::{Frame, Picture, Splat};
-use super::refine::agreement;
+use super::refine::{LevelPoints, agreement};
 use super::search::{Place, TURNS, distinct, scales};
 use super::select::Selected;
 use super::{FindError, FindOptions, Found, FoundObject, RejectedPlace, Steps, moved_box, world_map};
 use crate::register::pose::Pose;
-use crate::register::sample::BASE;
 use crate::scene::{Camera, ObjectBox};
 
 /// Pixels of the coarse search are larger by this factor.
@@ -85,7 +84,7 @@ pub(super) fn found(
             rejected.push(RejectedPlace { center: moved.center, score, reason });
             continue;
         }
-        let level = (&selected.surface.levels[BASE].positions[..], &selected.scene.positions[..]);
+        let level = LevelPoints::finest(selected);
         let there = agreement(selected, level, &candidate.pose);
         objects.push(FoundObject {
             object: moved,
@@ -162,7 +161,7 @@ fn places(wall: &Wall<'_>, options: &FindOptions, steps: &mut Steps<'_, '_>) -> 
         let rotation = DMat3::from_axis_angle(selected.up, TAU * turn as f64 / TURNS as f64);
         for scale in scales(options.min_scale) {
             let pose = Pose { rotation, scale, translation: DVec3::ZERO };
-            all.extend(of_turn(splats, (&pattern, &coarse), &eyes, &pose));
+            all.extend(of_turn(splats, &pattern, &coarse, &eyes, &pose));
         }
         steps.advance()?;
     }
@@ -170,7 +169,7 @@ fn places(wall: &Wall<'_>, options: &FindOptions, steps: &mut Steps<'_, '_>) -> 
 }
 
 /// Positions for one rotation and scale: on planes half a layer apart, tile by tile.
-fn of_turn(splats: &[Splat], (pattern, frame): (&Picture, &Frame), eyes: &[DVec3], turn: &Pose) -> Vec<Place> {
+fn of_turn(splats: &[Splat], pattern: &Picture, frame: &Frame, eyes: &[DVec3], turn: &Pose) -> Vec<Place> {
     let turned = frame.moved(turn);
     let edge = TILE as f64 * turned.cell;
     let [width, height] = turned.extent();

@@ -66,14 +66,14 @@ pub(super) fn refined(
     let surface = &selected.surface;
     let thin = Surface::new(&selected.scene.samples(), surface.levels[BASE - 1].voxel);
     let coarse = |place: &Place| {
-        let level = (&surface.levels[BASE - 1].positions[..], &thin.positions[..]);
+        let level = LevelPoints { own: &surface.levels[BASE - 1].positions, scene: &thin.positions };
         let pose = settled(selected, level, place.pose, &REACHES[..COARSE], allow_scale);
         Place { pose, score: agreement(selected, level, &pose).score() }
     };
     let found = in_blocks(&places, coarse, steps)?;
     let found = distinct(found, SAME_PLACE * surface.size, MOST_FINE);
     let fine = |place: &Place| {
-        let level = (&surface.levels[BASE].positions[..], &selected.scene.positions[..]);
+        let level = LevelPoints::finest(selected);
         let pose = settled(selected, level, place.pose, &REACHES[COARSE..], allow_scale);
         Candidate { pose, agreement: agreement(selected, level, &pose), own: explained(selected, &pose) }
     };
@@ -95,14 +95,25 @@ fn in_blocks<T: Send>(
     Ok(out)
 }
 
+/// Points of the object and of the scene, about equally dense.
+#[derive(Clone, Copy)]
+pub(super) struct LevelPoints<'a> {
+    /// Of the object, about its centroid.
+    pub own: &'a [DVec3],
+    /// Of the scene, about the same place.
+    pub scene: &'a [DVec3],
+}
+
+impl<'a> LevelPoints<'a> {
+    /// The densest that are compared: those of the base level, and all of the scene.
+    pub(super) fn finest(selected: &'a Selected) -> Self {
+        Self { own: &selected.surface.levels[BASE].positions, scene: &selected.scene.positions }
+    }
+}
+
 /// Steps of closest points in both directions. `level` has points of the object and of the scene.
-fn settled(
-    selected: &Selected,
-    (own, scene): (&[DVec3], &[DVec3]),
-    start: Pose,
-    reaches: &[f64],
-    allow_scale: bool,
-) -> Pose {
+fn settled(selected: &Selected, level: LevelPoints<'_>, start: Pose, reaches: &[f64], allow_scale: bool) -> Pose {
+    let LevelPoints { own, scene } = level;
     let mut pose = start;
     let near = near_box(selected, scene, &pose);
     for reach in reaches {
@@ -139,7 +150,8 @@ fn near_box(selected: &Selected, scene: &[DVec3], pose: &Pose) -> Vec<DVec3> {
 }
 
 /// Agreement of the object and the points in its moved box.
-pub(super) fn agreement(selected: &Selected, (own, scene): (&[DVec3], &[DVec3]), pose: &Pose) -> Agreement {
+pub(super) fn agreement(selected: &Selected, level: LevelPoints<'_>, pose: &Pose) -> Agreement {
+    let LevelPoints { own, scene } = level;
     let limit = INLIER_VOXELS * selected.surface.voxel() * pose.scale;
     let found: Vec<f64> = own
         .iter()

@@ -68,7 +68,7 @@ pub(super) fn places(
     for turn in 0..TURNS {
         let rotation = DMat3::from_axis_angle(selected.up, TAU * turn as f64 / TURNS as f64);
         for (found, scale) in found.iter_mut().zip(&scales) {
-            found.extend(of_turn(&field, &scene, &points, (rotation, *scale)));
+            found.extend(of_turn(&field, &scene, &points, rotation, *scale));
         }
         steps.advance()?;
     }
@@ -87,7 +87,7 @@ pub(super) fn scales(least: f64) -> impl Iterator<Item = f64> {
 }
 
 /// The best candidate in each cell of translations, for one rotation and size.
-fn of_turn(field: &Field, scene: &[DVec3], points: &[DVec3], (rotation, scale): (DMat3, f64)) -> Vec<Place> {
+fn of_turn(field: &Field, scene: &[DVec3], points: &[DVec3], rotation: DMat3, scale: f64) -> Vec<Place> {
     let looked_up = points.iter().take(LOOKED_UP[LOOKED_UP.len() - 1].0);
     let turned: Vec<DVec3> = looked_up.map(|p| rotation * *p * scale).collect();
     let cells: Vec<Vec3> = turned.iter().map(|p| (*p / field.cell()).as_vec3()).collect();

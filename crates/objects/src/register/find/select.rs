@@ -89,11 +89,11 @@ pub(super) fn selected(input: &FindInput<'_>, options: &FindOptions) -> Result<S
     let support = support(&ground, object, up);
     let is_own = |&i: &u32| object.contains(place(i)) && support.is_none_or(|height| up.dot(place(i)) > height);
     let own: Vec<u32> = opaque.iter().copied().filter(is_own).collect();
-    let surface = ObjectSurface::new((object.id, &own), cloud, cameras, surfaces)
+    let surface = ObjectSurface::new(object.id, &own, cloud, cameras, surfaces)
         .map_err(|reason| fail(format!("selects no object: {reason}; draw it around one")))?;
     let few = discs(cloud, &own, cameras, surfaces).len() < FEW_GAUSSIANS;
     let limits = if few { relaxed(surfaces) } else { *surfaces };
-    let scene = scene_surface(input, (&own, &opaque), &surface, &limits);
+    let scene = scene_surface(input, &own, &opaque, &surface, &limits);
     let support = support.map(|height| height - up.dot(surface.centroid));
     let object_box = ObjectBox { center: object.center - surface.centroid, ..object.clone() };
     let wider = if options.min_scale < 1.0 { WIDE_SURROUNDINGS } else { SURROUNDINGS };
@@ -166,7 +166,8 @@ fn support(ground: &[DVec3], object: &ObjectBox, up: DVec3) -> Option<f64> {
 /// with.
 fn scene_surface(
     input: &FindInput<'_>,
-    (own, opaque): (&[u32], &[u32]),
+    own: &[u32],
+    opaque: &[u32],
     surface: &ObjectSurface,
     limits: &RegisterOptions,
 ) -> Surface {

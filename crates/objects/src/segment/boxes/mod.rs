@@ -141,14 +141,13 @@ impl Found {
         }
         report.notes.extend(left_note(&joined));
         for object in &boxes.objects {
-            let (id, category) = (object.id, object.category.clone());
-            report.objects.push(reported((id, category), BoxSource::World, 0));
+            report.objects.push(reported(object.id, object.category.clone(), BoxSource::World, 0));
         }
         for (id, of_object) in placed.by_object() {
             let id = u32::from(id);
             let source = if id >= first_id { BoxSource::Joined } else { BoxSource::Photos };
             let category = most_frequent(of_object.iter().filter_map(|(_, b)| b.category.as_ref()));
-            report.objects.push(reported((id, category), source, of_object.len()));
+            report.objects.push(reported(id, category, source, of_object.len()));
         }
         report.objects.sort_by_key(|object| object.id);
         Ok(Self { placed, report })
@@ -204,7 +203,7 @@ impl Found {
     }
 }
 
-fn reported((id, category): (u32, Option<String>), source: BoxSource, boxes: usize) -> BoxObject {
+fn reported(id: u32, category: Option<String>, source: BoxSource, boxes: usize) -> BoxObject {
     BoxObject { id, category, source, boxes, gaussians: 0, support: None, views: 0 }
 }
 
