@@ -6,7 +6,7 @@ use crate::gpu::Gpu;
 use crate::gpu::interface::types;
 use crate::gpu::staging::download;
 use crate::math::similarity::{Similarity, SimilarityError};
-use crate::scene::gaussians::sh_coefficients;
+use crate::scene::InstancedScene;
 use crate::scene::instanced_scene::{Instance, SceneError};
 
 use super::device_scene::DeviceScene;

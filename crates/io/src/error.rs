@@ -64,7 +64,7 @@ impl IoError {
     }
 
     /// An error of the operating system while doing `doing` ("cannot read", "cannot write").
-    pub(crate) fn os(path: &Path, doing: &str, error: &std::io::Error) -> Self {
+    pub fn os(path: &Path, doing: &str, error: &std::io::Error) -> Self {
         Self::new(path, format!("{doing}: {error}"))
     }
 }

@@ -101,7 +101,7 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
 }
 
 /// Reads the whole file into memory.
-pub(crate) fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
     if path.is_dir() {
         return Err(IoError::new(path, "is a folder, not a file"));
     }

@@ -135,7 +135,7 @@ pub struct EditOutcome {
 }
 
 /// Why an edit was rejected; the scene is unchanged.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{operation}: {reason}")]
 pub struct EditError {
     /// Name of the edit on the command line, for instance "duplicate".

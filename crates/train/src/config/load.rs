@@ -12,12 +12,12 @@ use crate::io::read_bytes;
 
 /// Name and text of each preset that `--config` knows; the first two hold the defaults.
 pub const PRESETS: [(&str, &str); 6] = [
-    ("default", include_str!("../../../configs/default.toml")),
-    ("instgs", include_str!("../../../configs/instgs.toml")),
-    ("quick", include_str!("../../../configs/quick.toml")),
-    ("paper", include_str!("../../../configs/paper.toml")),
-    ("mcmc", include_str!("../../../configs/mcmc.toml")),
-    ("instgs_quick", include_str!("../../../configs/instgs_quick.toml")),
+    ("default", include_str!("../../../../configs/default.toml")),
+    ("instgs", include_str!("../../../../configs/instgs.toml")),
+    ("quick", include_str!("../../../../configs/quick.toml")),
+    ("paper", include_str!("../../../../configs/paper.toml")),
+    ("mcmc", include_str!("../../../../configs/mcmc.toml")),
+    ("instgs_quick", include_str!("../../../../configs/instgs_quick.toml")),
 ];
 
 /// Longest value that an error repeats, characters.
