@@ -178,8 +178,8 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     pub(crate) fn mapped(&self) -> Option<&[u8]> {
         let first = self.inner.mapped_when_idle()?;
         // SAFETY: the allocation is mapped, has at least `bytes` bytes and lives as long as `self`. The device is done with
-        // them, and stays so while the slice lives: callers, all of this crate, do not submit in between. The host writes
-        // only through `&mut self`.
+        // them, since whoever records into a command buffer of the caller's sees to that before it looks. It stays so while
+        // the slice lives: callers, all of this crate, do not submit in between. The host writes only through `&mut self`.
         Some(unsafe { std::slice::from_raw_parts(first.as_ptr(), self.bytes() as usize) })
     }
 
@@ -197,6 +197,13 @@ impl<T: bytemuck::AnyBitPattern + bytemuck::NoUninit> Buffer<T> {
         let first = index * size_of::<T>();
         let bytes = self.mapped().and_then(|all| all.get(first..first + size_of::<T>()));
         bytes.map_or_else(T::zeroed, bytemuck::pod_read_unaligned)
+    }
+
+    /// The first `len` elements of a buffer made with [`Buffer::for_readback`], or all if it has fewer; waits for the
+    /// submissions that use it. Nothing of any other buffer.
+    pub fn read_all_mapped(&self, len: usize) -> Vec<T> {
+        let bytes = self.mapped().unwrap_or_default();
+        bytes.chunks_exact(size_of::<T>()).take(len).map(bytemuck::pod_read_unaligned).collect()
     }
 }
 

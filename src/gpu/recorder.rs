@@ -87,6 +87,8 @@ pub struct Recorder {
 
 /// Descriptor sets per pool; a frame takes about 60.
 const SETS_PER_POOL: u32 = 128;
+/// Storage buffers of all sets of a pool: every set may be of the kernel with the most.
+const POOL_BUFFERS: u32 = SETS_PER_POOL * MOST_BINDINGS as u32;
 
 impl Recorder {
     /// A recorder without timestamps.
@@ -600,10 +602,7 @@ impl Recorder {
 }
 
 fn create_descriptor_pool(gpu: &Gpu) -> Result<vk::DescriptorPool, GpuError> {
-    let sizes = [vk::DescriptorPoolSize {
-        ty: vk::DescriptorType::STORAGE_BUFFER,
-        descriptor_count: SETS_PER_POOL * MOST_BINDINGS as u32,
-    }];
+    let sizes = [vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: POOL_BUFFERS }];
     let info = vk::DescriptorPoolCreateInfo::default().max_sets(SETS_PER_POOL).pool_sizes(&sizes);
     // SAFETY: the sizes live through the call.
     unsafe { gpu.device.create_descriptor_pool(&info, None) }.map_err(GpuError::vulkan("descriptor pool"))
@@ -648,14 +647,66 @@ mod tests {
     use super::*;
     use crate::gpu::GpuOptions;
 
+    fn gpu() -> Option<Arc<Gpu>> {
+        match Gpu::open(&GpuOptions { validation: true, ..Default::default() }) {
+            Ok(gpu) => Some(gpu),
+            Err(_) if std::env::var("INSTGS_SKIP_GPU").as_deref() == Ok("1") => None,
+            Err(error) => panic!("{error} (set INSTGS_SKIP_GPU=1 to skip GPU tests)"),
+        }
+    }
+
+    /// A buffer may be dropped at any time: it goes when nothing that was recorded uses it any more.
+    #[test]
+    fn what_is_recorded_outlives_its_buffer() {
+        let Some(gpu) = gpu() else { return };
+        let mut recorder = Recorder::new(&gpu).unwrap();
+        let without = gpu.memory_usage().0;
+        let fill = |recorder: &mut Recorder| {
+            let mut buffer = Buffer::<u32>::new(&gpu, "dropped", 1 << 20).unwrap();
+            recorder.fill(&mut buffer, 1).unwrap();
+            recorder.fill(&mut buffer, 2).unwrap();
+        };
+        for _ in 0..2 {
+            fill(&mut recorder);
+            assert!(gpu.memory_usage().0 > without, "the recording keeps it");
+            let ticket = recorder.submit().unwrap();
+            recorder.wait(ticket).unwrap();
+            assert_eq!(gpu.memory_usage().0, without, "nothing keeps it after the submission");
+        }
+        fill(&mut recorder);
+        recorder.abandon();
+        assert_eq!(gpu.memory_usage().0, without, "nothing keeps it after recording was abandoned");
+        fill(&mut recorder);
+        let mut other = Recorder::new(&gpu).unwrap();
+        fill(&mut other);
+        other.submit().unwrap();
+        drop((recorder, other));
+        assert!(gpu.memory_usage().0 < without, "with the recorders, what they kept and their markers go");
+        let messages = gpu.validation_messages().take();
+        assert!(messages.is_empty(), "{messages:?}");
+        assert_eq!(Arc::strong_count(&gpu), 1, "no submission keeps the device");
+    }
+
+    #[test]
+    fn buffers_of_another_device_are_refused() {
+        let (Some(gpu), Some(other)) = (gpu(), gpu()) else { return };
+        let mut buffer = Buffer::<u32>::new(&other, "foreign", 1).unwrap();
+        let mut recorder = Recorder::new(&gpu).unwrap();
+        let refused = recorder.fill(&mut buffer, 1);
+        assert!(matches!(refused, Err(GpuError::Recording { .. })), "{refused:?}");
+    }
+
+    /// What the allocation of descriptor sets relies on.
+    #[test]
+    fn a_pool_has_room_for_its_sets_of_any_kernel() {
+        let most = crate::gpu::interface::ALL_SHADERS.iter().map(|shader| shader.bindings.len()).max();
+        assert!(POOL_BUFFERS as usize >= SETS_PER_POOL as usize * most.unwrap());
+    }
+
     /// The tests' check for silence can fail: a write after a write without a barrier is reported.
     #[test]
     fn synchronization_validation_sees_a_planted_hazard() {
-        let gpu = match Gpu::open(&GpuOptions { validation: true, ..Default::default() }) {
-            Ok(gpu) => gpu,
-            Err(_) if std::env::var("INSTGS_SKIP_GPU").as_deref() == Ok("1") => return,
-            Err(error) => panic!("{error} (set INSTGS_SKIP_GPU=1 to skip GPU tests)"),
-        };
+        let Some(gpu) = gpu() else { return };
         let mut buffer = Buffer::<u32>::new(&gpu, "planted", 64).unwrap();
         let mut recorder = Recorder::new(&gpu).unwrap();
         for forget in [false, true] {

@@ -17,7 +17,7 @@ use super::error::RenderError;
 use super::extra_passes::ExtraPasses;
 use super::forward::{counters_of, record_slab, record_visibility, write_counters};
 use super::plan::Capacities;
-use super::renderer::{FrameStats, RenderOptions, Renderer};
+use super::renderer::{Counters, FrameStats, RenderOptions, Renderer};
 
 /// Pictures on their way at most: one that the device draws and one that the host prepares. More would only make what one
 /// sees older.
@@ -42,7 +42,8 @@ struct Slot {
 pub enum Arrived {
     /// It is as [`Renderer::render`] would have drawn it.
     Complete(FrameStats),
-    /// A buffer was too small, or it takes several slabs: it has to be drawn by [`Renderer::render`], which sees to that.
+    /// A buffer was too small, or it takes several slabs: it has to be drawn by [`Renderer::render`], which sees to that, or,
+    /// for [`ImageFrames`](super::ImageFrames), recorded anew.
     Incomplete,
 }
 
@@ -74,26 +75,32 @@ impl Ahead {
     pub fn arrive(&mut self) -> Result<Option<Arrived>, RenderError> {
         let Some((slot, ticket, capacities)) = self.pending.pop_front() else { return Ok(None) };
         slot.recorder.wait(ticket)?;
-        let counters = counters_of(&slot.counters_end);
-        let count = |slot: u32| u64::from(counters[slot as usize]);
-        let complete = count(COUNTER_CANDIDATES_NEEDED) <= u64::from(capacities.candidates)
-            && count(COUNTER_WORK_ITEMS_NEEDED) <= u64::from(capacities.work_items)
-            && count(COUNTER_SLAB_END) >= count(COUNTER_VISIBLE);
-        let arrived = if complete {
-            Arrived::Complete(FrameStats {
-                work_items: count(COUNTER_WORK_ITEMS),
-                visible: count(COUNTER_VISIBLE),
-                intersections: count(COUNTER_SLAB_INTERSECTIONS),
-                slabs: 1,
-                redone: 0,
-                passes_ms: slot.recorder.passes_ms()?,
-            })
-        } else {
-            Arrived::Incomplete
-        };
+        let mut arrived = arrived_of(&counters_of(&slot.counters_end), capacities);
+        if let Arrived::Complete(stats) = &mut arrived {
+            stats.passes_ms = slot.recorder.passes_ms()?;
+        }
         self.free.push(slot);
         Ok(Some(arrived))
     }
+}
+
+/// What the counters after a picture say of it, whose buffers had room for `capacities`.
+pub(super) fn arrived_of(counters: &Counters, capacities: Capacities) -> Arrived {
+    let count = |slot: u32| u64::from(counters[slot as usize]);
+    let complete = count(COUNTER_CANDIDATES_NEEDED) <= u64::from(capacities.candidates)
+        && count(COUNTER_WORK_ITEMS_NEEDED) <= u64::from(capacities.work_items)
+        && count(COUNTER_SLAB_END) >= count(COUNTER_VISIBLE);
+    if !complete {
+        return Arrived::Incomplete;
+    }
+    Arrived::Complete(FrameStats {
+        work_items: count(COUNTER_WORK_ITEMS),
+        visible: count(COUNTER_VISIBLE),
+        intersections: count(COUNTER_SLAB_INTERSECTIONS),
+        slabs: 1,
+        redone: 0,
+        passes_ms: Vec::new(),
+    })
 }
 
 impl Renderer {

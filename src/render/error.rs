@@ -23,6 +23,12 @@ pub enum RenderError {
         /// What is wrong, and what is allowed.
         reason: String,
     },
+    /// What is on its way has to be taken first.
+    #[error("{pending} pictures are on their way already; poll or wait for the oldest first")]
+    Busy {
+        /// Pictures on their way.
+        pending: usize,
+    },
     /// The device counted more elements than memory can hold.
     #[error(
         "{what}: {needed} are needed, and this device holds at most {limit}; use fewer Gaussians, a view of fewer, or a \

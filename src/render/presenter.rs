@@ -144,6 +144,11 @@ impl Presenter {
         }
     }
 
+    /// The next picture starts from black: what was recorded last is not submitted.
+    pub(super) fn forget_pixels(&mut self) {
+        self.shown_px = [0; 2];
+    }
+
     /// The pixels recorded last: one u32 each, row by row from the top.
     pub fn pixels(&self) -> &Buffer<u32> {
         &self.pixels

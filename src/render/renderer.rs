@@ -18,6 +18,7 @@ use super::forward::{
     write_counters,
 };
 use super::frame_buffers::FrameBuffers;
+use super::image_frames::Needs;
 use super::picture::Picture;
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::self_test::self_test;
@@ -192,6 +193,11 @@ impl Renderer {
         })
     }
 
+    /// The device.
+    pub(super) fn gpu(&self) -> &Arc<Gpu> {
+        &self.gpu
+    }
+
     /// The kernel variant; scenes are uploaded with its `workgroup_size` as chunk size.
     pub fn variant(&self) -> &Variant {
         &self.variant
@@ -320,7 +326,8 @@ impl Renderer {
             let mut counters = [0; COUNTER_COUNT as usize];
             counters[COUNTER_INSTANCES as usize] = scene.instance_count;
             let counters = self.submit_slab(scene, view, options, each, (counters, true))?;
-            if self.grow(scene, &counters)? {
+            let Some(frame) = &self.frame else { unreachable_state() };
+            if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters)? {
                 stats.redone += 1;
                 continue;
             }
@@ -455,10 +462,8 @@ impl Renderer {
         after_slab(BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant, frame, first, last })
     }
 
-    /// Enlarges buffers that the frame overflowed; true if it must be done again.
-    fn grow(&mut self, scene: &DeviceScene, counters: &Counters) -> Result<bool, RenderError> {
-        let Some(frame) = &self.frame else { unreachable_state() };
-        let have = frame.plan.capacities;
+    /// Enlarges buffers that the frame overflowed, which had room for `have`; true if it must be done again.
+    fn grow(&mut self, chunk_pairs: u64, have: Capacities, counters: &Counters) -> Result<bool, RenderError> {
         let candidates = counters[COUNTER_CANDIDATES_NEEDED as usize];
         let work_items = counters[COUNTER_WORK_ITEMS_NEEDED as usize];
         let most_slots = (self.gpu.caps().max_storage_bytes / size_of::<types::Splat>() as u64).min(1 << 31) as u32;
@@ -472,11 +477,41 @@ impl Renderer {
         if work_items > have.work_items {
             check_fits("visible chunks", work_items, most_items)?;
             // Never more than the scene has, so that a plain cloud is not over-allocated.
-            let pairs = u32::try_from(scene.chunk_pairs).unwrap_or(u32::MAX);
+            let pairs = u32::try_from(chunk_pairs).unwrap_or(u32::MAX);
             self.capacities.work_items = grown(work_items, most_items).min(pairs.max(work_items));
             return Ok(true);
         }
         Ok(false)
+    }
+
+    /// Enlarges the buffers that an earlier picture overflowed, for those that are recorded from now on.
+    ///
+    /// # Errors
+    /// Larger buffers do not help: the picture takes more than one depth slab.
+    pub(super) fn grow_for_next(&mut self, counters: &Counters, needs: Needs) -> Result<(), RenderError> {
+        let before = self.capacities;
+        if self.grow(needs.chunk_pairs, needs.have, counters)? {
+            // A later picture may have asked for more already.
+            self.capacities.candidates = self.capacities.candidates.max(before.candidates);
+            self.capacities.work_items = self.capacities.work_items.max(before.work_items);
+            return Ok(());
+        }
+        let most_splats = max_slab_splats(&self.gpu, self.variant.subgroup_size);
+        check_fits("splats of a picture in one depth slab", counters[COUNTER_VISIBLE as usize], most_splats)?;
+        let needed = counters[COUNTER_INTERSECTIONS as usize];
+        let most = self.most_intersections_of_device();
+        let allowed = most.min(self.most_intersections).min(needs.max_intersections.unwrap_or(u32::MAX));
+        check_fits(
+            "(splat, tile) pairs of a picture in one depth slab",
+            needed,
+            allowed.max(needs.have.intersections),
+        )?;
+        self.capacities.intersections = self.capacities.intersections.max(grown(needed, most));
+        Ok(())
+    }
+
+    fn most_intersections_of_device(&self) -> u32 {
+        (self.gpu.caps().max_storage_bytes / 4).min(MOST_INTERSECTIONS) as u32
     }
 
     /// Blends the remaining slabs, and enlarges the intersection buffer for the next frame.
@@ -506,7 +541,7 @@ impl Renderer {
             stats.passes_ms.extend(self.recorder.passes_ms()?);
             self.slab_done(each, false, &counters)?;
         }
-        let most = (self.gpu.caps().max_storage_bytes / 4).min(MOST_INTERSECTIONS) as u32;
+        let most = self.most_intersections_of_device();
         if needed > self.capacities.intersections {
             self.capacities.intersections = grown(needed, most);
         }
@@ -515,7 +550,7 @@ impl Renderer {
 }
 
 /// Values of the counters' slots.
-type Counters = [u32; COUNTER_COUNT as usize];
+pub(super) type Counters = [u32; COUNTER_COUNT as usize];
 
 /// No visible splat is behind the slab that was done last.
 fn is_last(counters: &Counters) -> bool {

@@ -11,6 +11,7 @@ mod ahead;
 mod backward;
 mod cull_chunks;
 mod densify;
+mod embedding;
 mod forward;
 mod image_loss;
 mod intersections;

@@ -1,0 +1,225 @@
+//! Pictures that end in images of a caller with a renderer of its own: they are recorded into the caller's command buffer, and
+//! the host never waits.
+//!
+//! As with [`Ahead`](super::Ahead), a picture must be right with the buffers as they are, in one depth slab. Whether it was is
+//! known when it is over: [`ImageFrames::poll`] says so, and enlarges the buffers for the next one if it was not.
+
+use std::collections::VecDeque;
+
+use crate::gpu::interface::constants::*;
+use crate::gpu::{Buffer, GpuError, ImageTarget, Recorder, Signal, vk};
+use crate::scene::Camera;
+
+use super::ahead::{Arrived, arrived_of};
+use super::device_scene::DeviceScene;
+use super::error::RenderError;
+use super::forward::{counters_of, record_slab, record_visibility, write_counters};
+use super::plan::Capacities;
+use super::presenter::{Presenter, ShownPicture};
+use super::renderer::{RenderOptions, Renderer};
+use super::show::Show;
+
+/// Pictures on their way to images of the caller's. Used with one [`Renderer`].
+///
+/// Dropping it frees what the device is done with; what it may still use is leaked, so a caller waits for the device first.
+pub struct ImageFrames {
+    presenter: Presenter,
+    free: Vec<Slot>,
+    /// Oldest first.
+    pending: VecDeque<Pending>,
+}
+
+/// What a picture needs for itself: what the device reads at its start and the host at its end.
+struct Slot {
+    recorder: Recorder,
+    counters_start: Buffer<u32>,
+    counters_end: Buffer<u32>,
+}
+
+/// A picture on its way.
+struct Pending {
+    slot: Slot,
+    needs: Needs,
+}
+
+/// What decides whether a picture was complete, and how large buffers may become if not.
+#[derive(Clone, Copy)]
+pub(super) struct Needs {
+    /// What the buffers of the picture hold.
+    pub(super) have: Capacities,
+    /// (instance, chunk) pairs of its scene.
+    pub(super) chunk_pairs: u64,
+    /// [`RenderOptions::max_intersections`].
+    pub(super) max_intersections: Option<u32>,
+}
+
+impl ImageFrames {
+    /// With none on its way, and at most `frames_in_flight` (1 or more) later.
+    pub fn new(renderer: &Renderer, frames_in_flight: usize) -> Result<Self, RenderError> {
+        let gpu = renderer.gpu();
+        let slot = || -> Result<Slot, GpuError> {
+            Ok(Slot {
+                recorder: Recorder::for_callers(gpu)?,
+                counters_start: Buffer::for_upload(gpu, "counters start", COUNTER_COUNT as usize)?,
+                counters_end: Buffer::for_readback(gpu, "counters end", COUNTER_COUNT as usize)?,
+            })
+        };
+        let free = (0..frames_in_flight.max(1)).map(|_| slot()).collect::<Result<_, _>>()?;
+        Ok(Self { presenter: Presenter::new(gpu, renderer)?, free, pending: VecDeque::new() })
+    }
+
+    /// What became of the oldest picture; `None` if it is not over, or there is none. Never waits. Every picture is told of
+    /// once, in the order in which they were recorded, and makes room for another one.
+    ///
+    /// [`Arrived::Incomplete`]: a buffer was too small. The image then holds the last picture of its size that was complete,
+    /// or black. The buffers have been enlarged for pictures that are recorded from now on. That can happen three times in a
+    /// row for a new view, since a list whose length depends on an incomplete one is not known yet;
+    /// [`Renderer::render`] of the view finds all sizes at once, by waiting.
+    ///
+    /// # Errors
+    /// The device is lost; or the picture was incomplete and larger buffers do not help
+    /// ([`RenderError::TooMany`]): it needs more than the device or `max_intersections` allows in one depth slab.
+    pub fn poll(&mut self, renderer: &mut Renderer) -> Result<Option<Arrived>, RenderError> {
+        match self.pending.front() {
+            Some(oldest) if oldest.slot.recorder.callers_over()? => self.take_oldest(renderer),
+            _ => Ok(None),
+        }
+    }
+
+    /// As [`ImageFrames::poll`], but waits for the oldest picture, whose submission must have been made: else it waits for ever.
+    /// `None` if there is no picture on its way.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn wait(&mut self, renderer: &mut Renderer) -> Result<Option<Arrived>, RenderError> {
+        if let Some(oldest) = self.pending.front() {
+            oldest.slot.recorder.wait_for_callers()?;
+        }
+        self.take_oldest(renderer)
+    }
+
+    fn take_oldest(&mut self, renderer: &mut Renderer) -> Result<Option<Arrived>, RenderError> {
+        let Some(Pending { slot, needs }) = self.pending.pop_front() else { return Ok(None) };
+        let counters = counters_of(&slot.counters_end);
+        self.free.push(slot);
+        let arrived = arrived_of(&counters, needs.have);
+        if arrived == Arrived::Incomplete {
+            renderer.grow_for_next(&counters, needs)?;
+        }
+        Ok(Some(arrived))
+    }
+
+    /// How many are on their way.
+    pub fn pending_len(&self) -> usize {
+        self.pending.len()
+    }
+
+    /// Forgets the picture that was recorded last: it is not told of by [`ImageFrames::poll`].
+    ///
+    /// # Errors
+    /// The device gives no semaphore; nothing is forgotten then.
+    ///
+    /// # Safety
+    /// The command buffer that it was recorded into has not been submitted since and never will be.
+    pub unsafe fn forget_last(&mut self) -> Result<(), RenderError> {
+        let Some(mut last) = self.pending.pop_back() else { return Ok(()) };
+        // SAFETY: the caller's promise.
+        match unsafe { last.slot.recorder.forget_callers() } {
+            Ok(()) => {
+                self.free.push(last.slot);
+                self.presenter.forget_pixels();
+                Ok(())
+            }
+            Err(error) => {
+                self.pending.push_back(last);
+                Err(error.into())
+            }
+        }
+    }
+}
+
+impl Renderer {
+    /// Records a whole picture into a command buffer of the caller's, up to and including its copy into an image, and returns
+    /// what the submission of the command buffer must signal. Neither submits nor waits, unless buffers have to be
+    /// made and memory is short.
+    ///
+    /// The commands are dispatches, copies, fills and barriers. They start with a barrier that makes everything that comes
+    /// before them in the queue visible to them, and end with one that makes the image visible to everything that comes
+    /// after. The image may be in any layout, loses what it held, and is left in `target.layout_after`. Of the command
+    /// buffer's state, the compute bind point (pipeline, descriptor set 0, push constants) is left changed. The picture is of the scene as it is when
+    /// the commands are executed; colours are blended over `options.background`, and alpha is 1.
+    ///
+    /// # Errors
+    /// As [`Renderer::render`]; [`RenderError::Busy`] if as many pictures are on their way as `frames` takes; another format than
+    /// [`ImageTarget::format`] allows. After any error the command buffer holds part of the commands: it must be reset, and
+    /// must not be submitted.
+    ///
+    /// # Safety
+    /// - `commands` is a primary command buffer of the device and of a pool of the [`Gpu`](crate::gpu::Gpu)'s queue family, is being
+    ///   recorded, and is not within a render pass.
+    /// - `target` is as [`ImageTarget`] says, and its image lives until the submission is over.
+    /// - The command buffer is submitted at most once, to the queue of the `Gpu`, and that submission signals the returned
+    ///   [`Signal`] at stage `ALL_COMMANDS` or after all of its commands. Command buffers with pictures of one renderer are submitted in the order in which they
+    ///   were recorded. If it is not submitted, [`ImageFrames::forget_last`] says so.
+    pub unsafe fn record_into_image(
+        &mut self,
+        frames: &mut ImageFrames,
+        commands: vk::CommandBuffer,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+        target: &ImageTarget,
+    ) -> Result<Signal, RenderError> {
+        let blue_first = target.blue_first()?;
+        if frames.free.is_empty() {
+            return Err(RenderError::Busy { pending: frames.pending.len() });
+        }
+        self.prepare(scene, camera, options)?;
+        let Some(mut slot) = frames.free.pop() else { return Err(RenderError::Busy { pending: 0 }) };
+        // SAFETY: the caller's promises.
+        let recorded = unsafe { slot.recorder.begin_in(commands) }
+            .map_err(RenderError::from)
+            .and_then(|()| self.record_slot(&mut slot, scene, camera, options))
+            .and_then(|have| {
+                let picture = ShownPicture { renderer: self, scene, surfaces: None, marks: None };
+                let window = (target.size_px, blue_first);
+                frames.presenter.record(&mut slot.recorder, Show::Color, picture, window)?;
+                // SAFETY: the caller's promises.
+                unsafe { slot.recorder.copy_to_image(frames.presenter.pixels(), target) }?;
+                Ok((slot.recorder.end_in()?, have))
+            });
+        match recorded {
+            Ok((signal, have)) => {
+                let max_intersections = options.max_intersections;
+                let needs = Needs { have, chunk_pairs: scene.chunk_pairs, max_intersections };
+                frames.pending.push_back(Pending { slot, needs });
+                Ok(signal)
+            }
+            Err(error) => {
+                slot.recorder.abandon();
+                frames.free.push(slot);
+                frames.presenter.forget_pixels();
+                Err(error)
+            }
+        }
+    }
+
+    fn record_slot(
+        &mut self,
+        slot: &mut Slot,
+        scene: &DeviceScene,
+        camera: &Camera,
+        options: &RenderOptions,
+    ) -> Result<Capacities, RenderError> {
+        let (inputs, frame) = self.passes(scene, camera, options);
+        let mut counters = [0; COUNTER_COUNT as usize];
+        counters[COUNTER_INSTANCES as usize] = scene.instance_count;
+        write_counters(&mut slot.counters_start, &counters);
+        let bytes = slot.counters_start.bytes();
+        slot.recorder.copy(&slot.counters_start, &mut frame.scratch.counters, bytes)?;
+        record_visibility(&mut slot.recorder, &inputs, frame)?;
+        record_slab(&mut slot.recorder, &inputs, frame)?;
+        slot.recorder.copy(&frame.scratch.counters, &mut slot.counters_end, bytes)?;
+        Ok(frame.plan.capacities)
+    }
+}
