@@ -139,26 +139,21 @@ fn multiply(convolution: &Convolution, matrix: &[f32], out: &mut [f32], channels
     // `first_channel`), `matrix` (rows x depth) and `weights` (depth x outputs) lie within their slices; only `out` is
     // written.
     unsafe {
-        gemm::gemm(
+        matrixmultiply::sgemm(
             rows,
-            outputs,
             depth,
-            out.as_mut_ptr().add(first_channel),
-            1,
-            channels as isize,
-            true,
+            outputs,
+            1.0,
             matrix.as_ptr(),
-            1,
             depth as isize,
-            convolution.weights.as_ptr(),
             1,
+            convolution.weights.as_ptr(),
             outputs as isize,
+            1,
             1.0,
-            1.0,
-            false,
-            false,
-            false,
-            gemm::Parallelism::None,
+            out.as_mut_ptr().add(first_channel),
+            channels as isize,
+            1,
         );
     }
     out.chunks_exact_mut(channels).for_each(|row| row[own.clone()].iter_mut().for_each(|v| *v = v.max(0.0)));
