@@ -18,11 +18,7 @@ pub mod pipeline;
 pub mod profiler;
 pub mod recorder;
 pub mod staging;
-#[cfg(feature = "window")]
-pub mod swapchain;
 pub mod timeline;
-#[cfg(feature = "window")]
-pub mod ui_painter;
 pub mod validation;
 
 pub use ash::vk;
@@ -34,8 +30,4 @@ pub use error::GpuError;
 pub use external::{ImageTarget, Signal};
 pub use pipeline::{Pipeline, PipelineCache, user_cache_path};
 pub use recorder::{Grid, Recorder};
-#[cfg(feature = "window")]
-pub use swapchain::{PresentMode, Swapchain, Target, UI_PASS};
 pub use timeline::{SubmissionCounts, Ticket};
-#[cfg(feature = "window")]
-pub use ui_painter::{UiFrame, UiPainter};

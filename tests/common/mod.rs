@@ -6,8 +6,6 @@ pub(crate) mod dataset;
 pub(crate) mod golden;
 pub(crate) mod gpu;
 pub(crate) mod gpu_gradients;
-#[cfg(feature = "onnx")]
-pub(crate) mod onnx;
 pub(crate) mod program;
 pub(crate) mod random_scene;
 pub(crate) mod scramble;

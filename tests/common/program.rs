@@ -1,10 +1,21 @@
 //! The program as tests run it.
 
+use std::env::consts::EXE_SUFFIX;
+use std::path::PathBuf;
+
 use assert_cmd::Command;
 
-/// The program under test.
+/// The path of a program of this workspace, which `cargo test` builds beside the tests: tests of other packages need it, too.
+pub(crate) fn built(name: &str) -> PathBuf {
+    let tests = std::env::current_exe().unwrap();
+    let path = tests.ancestors().nth(2).unwrap().join(format!("{name}{EXE_SUFFIX}"));
+    assert!(path.is_file(), "{} is not there: cargo build --bin {name}", path.display());
+    path
+}
+
+/// The program `instgs-vk`.
 pub(crate) fn program() -> Command {
-    Command::new(env!("CARGO_BIN_EXE_instgs-vk"))
+    Command::new(built("instgs-vk"))
 }
 
 /// Runs, wants exit code 1 and exactly one line on stderr, which it returns.

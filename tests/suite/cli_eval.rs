@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::common::dataset::transforms;
-use crate::common::program::{error_of, skips_gpu};
+use crate::common::program::{built, error_of, skips_gpu};
 use assert_cmd::Command;
 use glam::DVec3;
 use instgs_vk::io::{write_cameras, write_ply};
@@ -19,7 +19,7 @@ const TEST_VIEWS: [&str; 2] = ["v0", "v8"];
 
 /// The program under the validation layers, without weights in the user's data folder.
 fn program(at: &Path) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_instgs-vk"));
+    let mut command = Command::new(built("instgs-vk"));
     command.env("INSTGS_VALIDATION", "1").env("XDG_DATA_HOME", at.join("user"));
     command
 }

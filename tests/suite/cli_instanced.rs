@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::common::program::{program, skips_gpu};
+use crate::common::program::{built, program, skips_gpu};
 use assert_cmd::Command;
 use instgs_vk::io::checkpoint::{self, Checkpoint};
 use instgs_vk::io::{load_scene, read_groups, write_groups};
@@ -102,7 +102,7 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
     let (_folder, at) = folder();
     let every = ["--set", "checkpoint_every=10", "--set", "offsets.sh_rest=true", "--set", "offsets.covariance=true"];
     train(&at, "a", &every).assert().success();
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_instgs-vk"))
+    let mut child = std::process::Command::new(built("instgs-vk"))
         .args(["train", "--data"])
         .arg(at.join("data"))
         .arg("--out")

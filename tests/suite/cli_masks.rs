@@ -8,7 +8,7 @@ use instgs_vk::io::{load_scene, read_boxes, read_mask, write_boxes};
 use instgs_vk::scene::{Boxes, ViewBox};
 
 use super::cli_stages::{Folder, has_all, json_of, warnings_of};
-use crate::common::onnx::{has_onnxruntime, models_folder};
+use crate::onnx::{has_onnxruntime, models_folder};
 use crate::common::program::{error_of, program, skips_gpu};
 
 fn masks(folder: &Folder, source: &[&str], out: &str) -> assert_cmd::Command {

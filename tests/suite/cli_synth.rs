@@ -1,5 +1,6 @@
 //! `instgs-vk synth` as a user runs it, read back with the library's readers.
 
+use crate::common::program::built;
 use std::fs;
 
 use assert_cmd::Command;
@@ -9,7 +10,7 @@ use instgs_vk::io::{load_view, read_points, read_views};
 use serde_json::Value;
 
 fn synth(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_instgs-vk"));
+    let mut command = Command::new(built("instgs-vk"));
     command.arg("synth").args(args);
     command
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::common::dataset::{photograph, write_points};
-use crate::common::program::{error_of, program, skips_gpu};
+use crate::common::program::{built, error_of, program, skips_gpu};
 use assert_cmd::Command;
 use instgs_vk::io::checkpoint;
 use instgs_vk::scene::Camera;
@@ -125,7 +125,7 @@ fn a_killed_run_resumes_to_the_same_bytes() {
     let folder = at.join("killed/checkpoints");
     for kill in 1..=3 {
         let resume: &[&str] = if kill > 1 { &["--resume"] } else { &[] };
-        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_instgs-vk"));
+        let mut command = std::process::Command::new(built("instgs-vk"));
         command.args(["train", "--data"]).arg(at.join("data")).arg("--out").arg(at.join("killed"));
         command.args(["--config", "quick"]).args(options).args(resume);
         let mut child = command.stdout(std::process::Stdio::null()).spawn().unwrap();

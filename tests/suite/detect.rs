@@ -9,7 +9,7 @@ use instgs_vk::detect::tokens::PromptTokenizer;
 use instgs_vk::detect::{Detector, Prompt, RuntimeOptions, Segmenter};
 use serde::Deserialize;
 
-use crate::common::onnx::{Tensors, has_onnxruntime, models, models_folder};
+use crate::onnx::{Tensors, has_onnxruntime, models, models_folder};
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 

@@ -13,7 +13,7 @@ use instgs_vk::io::{MaskFolder, Split, View, read_boxes, read_mask};
 use instgs_vk::math::distortion::Distortion;
 use instgs_vk::scene::Camera;
 
-use crate::common::onnx::{Tensors, has_onnxruntime, models, models_folder};
+use crate::onnx::{Tensors, has_onnxruntime, models, models_folder};
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 

@@ -18,10 +18,6 @@ mod cli_eval;
 mod cli_instanced;
 mod cli_lod;
 mod cli_masks;
-#[cfg(feature = "player")]
-mod cli_player;
-#[cfg(feature = "player")]
-mod cli_player_boxes;
 mod cli_stages;
 mod cli_synth;
 mod cli_train;
@@ -41,8 +37,8 @@ mod io_datasets;
 mod io_glb;
 mod io_own_datasets;
 mod io_real_files;
-#[cfg(feature = "player")]
-mod player;
+#[cfg(feature = "onnx")]
+mod onnx;
 mod register;
 mod register_render;
 mod segment;

@@ -1,6 +1,6 @@
 //! What is written over the picture: frame times, counts, bytes, and the few things that can be set.
 
-use crate::gpu::PresentMode;
+use crate::swapchain::PresentMode;
 use crate::math::digits::grouped;
 use crate::render::{FrameStats, Show};
 

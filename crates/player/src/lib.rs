@@ -19,7 +19,7 @@
 //!     recording.rs    a camera path as it was flown              (pure)
 //!     script.rs    what a person does, from a text file
 //!   stage.rs       scene on the device, render passes, kernel `present`
-//!     -> gpu::Swapchain   copy into the window's image, interface over it, show
+//!     -> swapchain.rs     copy into the window's image, interface over it, show
 //!   headless.rs    the same pictures without a window
 //! ```
 //!
@@ -50,8 +50,10 @@ pub mod script;
 pub mod search;
 pub mod stage;
 mod steps;
+pub mod swapchain;
 #[cfg(test)]
 mod test_screen;
+pub mod ui_painter;
 pub mod views;
 pub mod window;
 

@@ -10,7 +10,7 @@ use clap::{Parser, ValueEnum};
 use instgs_console::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, exit_code, parse};
-use crate::gpu::PresentMode;
+use crate::swapchain::PresentMode;
 use crate::io::json::as_map;
 use crate::io::{IoError, LoadedScene, load_scene, read_boxes, read_views};
 use crate::math::statistics::{Percentiles, median};

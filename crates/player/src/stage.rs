@@ -6,7 +6,8 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::gpu::staging::download_from;
-use crate::gpu::{Buffer, Gpu, Recorder, UI_PASS};
+use crate::gpu::{Buffer, Gpu, Recorder};
+use crate::swapchain::UI_PASS;
 use crate::io::picture_png::write_png;
 use crate::io::{ExportFormat, export_scene, save_scene};
 use crate::render::{

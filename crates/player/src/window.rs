@@ -10,7 +10,9 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::window::{Window, WindowId};
 
-use crate::gpu::{DeviceChoice, Gpu, PresentMode, Swapchain, UiFrame, UiPainter};
+use crate::gpu::{DeviceChoice, Gpu};
+use crate::swapchain::{PresentMode, Swapchain};
+use crate::ui_painter::{UiFrame, UiPainter};
 use crate::render::FrameStats;
 use crate::scene::{Boxes, Camera, InstancedScene};
 

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use ash::vk;
 use egui_ash_renderer::{DynamicRendering, Options, Renderer, RendererError};
 
-use super::context::Gpu;
-use super::error::GpuError;
-use super::swapchain::Swapchain;
+use instgs_vk::gpu::{Gpu, GpuError};
+
+use crate::swapchain::Swapchain;
 
 /// Sets of meshes, used in turn: one that is recorded and one that the device may still be drawing.
 const IN_FLIGHT: usize = 2;
@@ -72,7 +72,7 @@ impl UiPainter {
     }
 
     /// Records the interface onto an image that is a colour attachment. The frame before the last must be over.
-    pub(super) fn record(
+    pub(crate) fn record(
         &mut self,
         commands: vk::CommandBuffer,
         view: vk::ImageView,

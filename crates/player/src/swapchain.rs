@@ -8,11 +8,9 @@ use std::sync::Arc;
 use ash::{khr, vk};
 use raw_window_handle::{RawDisplayHandle, RawWindowHandle};
 
-use super::buffer::Buffer;
-use super::context::Gpu;
-use super::error::GpuError;
-use super::recorder::Recorder;
-use super::ui_painter::{UiFrame, UiPainter};
+use instgs_vk::gpu::{Buffer, Gpu, GpuError, Recorder};
+
+use crate::ui_painter::{UiFrame, UiPainter};
 
 /// Name of the pass that draws the user interface, where passes are timed.
 pub const UI_PASS: &str = "interface";
@@ -135,7 +133,7 @@ impl Swapchain {
     }
 
     /// The format of the images.
-    pub(super) fn image_format(&self) -> vk::Format {
+    pub(crate) fn image_format(&self) -> vk::Format {
         self.format.format
     }
 

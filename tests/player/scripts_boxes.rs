@@ -12,7 +12,7 @@ use instgs_vk::player::navigation::Navigator;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene, ObjectBox};
 
-use crate::cli_player::{VirtualDisplay, play_script, player};
+use crate::scripts::{VirtualDisplay, play_script, player};
 use crate::common::program::{error_of, skips_gpu};
 
 /// Of a block: middle, and edges.

@@ -15,10 +15,10 @@ use instgs_vk::scene::{Camera, InstancedScene};
 use serde_json::Value;
 
 use crate::common::chairs::chairs;
-use crate::common::program::{error_of, program, skips_gpu};
+use crate::common::program::{built, error_of, program, skips_gpu};
 
 pub(crate) fn player() -> Command {
-    let mut player = Command::new(env!("CARGO_BIN_EXE_instgs-player"));
+    let mut player = Command::new(built("instgs-player"));
     player.env("INSTGS_VALIDATION", "1").env_remove("DISPLAY").env_remove("WAYLAND_DISPLAY");
     // Else winit takes it from the display's millimetres.
     player.env("WINIT_X11_SCALE_FACTOR", "1");

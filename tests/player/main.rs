@@ -1,0 +1,10 @@
+//! The player: what a person does, played by scripts in a window under a virtual display, and its stage without a window.
+
+#![allow(clippy::print_stderr, reason = "tests that are skipped say so")]
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod scripts;
+mod scripts_boxes;
+mod stage;
