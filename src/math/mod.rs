@@ -6,7 +6,6 @@ pub mod digits;
 pub mod distortion;
 pub mod eigen;
 pub(crate) mod morton;
-pub mod near_grid;
 pub mod nearest;
 pub mod plane;
 pub mod rng;
