@@ -1,10 +1,12 @@
 //! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens distortion,
-//! nearest points, Morton order, planes, seeded random numbers, order statistics, digits for reading.
+//! nearest points, Morton order, planes, seeded random numbers, order statistics, digits for reading, a
+//! scale of colours.
 
 pub mod covariance;
 pub mod digits;
 pub mod distortion;
 pub mod eigen;
+pub mod heat;
 pub(crate) mod morton;
 pub mod nearest;
 pub mod plane;
