@@ -8,8 +8,10 @@ pub(crate) mod gpu;
 pub(crate) mod gpu_gradients;
 #[cfg(feature = "onnx")]
 pub(crate) mod onnx;
+pub(crate) mod paddock;
 pub(crate) mod program;
 pub(crate) mod random_scene;
+pub(crate) mod scale;
 pub(crate) mod scramble;
 pub(crate) mod tensor;
 
