@@ -11,7 +11,9 @@ use std::path::PathBuf;
 
 use instgs_vk::io::camera_file::write_cameras;
 use instgs_vk::io::save_scene;
-use instgs_vk::synth::scale;
+
+#[path = "../tests/common/scale.rs"]
+mod scale;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = PathBuf::from(std::env::args().nth(1).ok_or("usage: scale_scene OUT")?);

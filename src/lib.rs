@@ -114,7 +114,7 @@
 //! - L4 `register`: which objects are alike, and the pose of each against its group's reference.
 //! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
 //! - L4 `template`: templates, instances and first offsets from a labelled cloud and posed groups; pruning.
-//! - L5 `synth`: procedural scenes, and ray-traced data sets with known poses, among them that of `instgs-vk demo`.
+//! - L5 `synth`: ray-traced data sets with known poses, among them that of `instgs-vk demo`.
 //! - L5 `train`: configuration, start, steps, densification, checkpoints, events, report.
 //! - L6 `bench`: measurements and their report; `evidence` makes the tables and plots of many of them.
 //! - L6 `player`: a window on a scene: navigation, editing, boxes around objects, what is written over the picture, pictures

@@ -1,9 +1,9 @@
 //! A template of 50,000 Gaussians times 10,000 instances: memory and work follow what is visible, not what there is.
 
 use instgs_vk::render::{RenderOptions, Renderer};
-use instgs_vk::synth::scale;
 
 use crate::common::gpu::{assert_silent, gpu};
+use crate::common::scale;
 
 /// 5 * 10^8 expanded Gaussians take under 64 MB as a scene; offsets on 100 instances add their own 28 bytes a record.
 #[test]

@@ -5,10 +5,10 @@ use std::path::Path;
 
 use assert_cmd::Command;
 use instgs_vk::io::save_scene;
-use instgs_vk::synth::scale;
 use serde_json::Value;
 
 use crate::common::program::{program, skips_gpu};
+use crate::common::scale;
 
 /// The program under the validation layers.
 fn watched(args: &[&str], scene: &Path) -> Command {

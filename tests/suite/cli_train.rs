@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::common::dataset::{photograph, write_points};
+use crate::common::paddock::embedded_scene;
 use crate::common::program::{built, error_of, program, skips_gpu};
 use assert_cmd::Command;
 use instgs_vk::io::checkpoint;
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::synth::embedded_scene;
 use serde_json::Value;
 
 const VIEWS: u32 = 16;

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::common::paddock::{embedded_scene, push_disc};
 use glam::{DMat3, DVec3};
 use instgs_vk::math::covariance::{quat_multiply, rotation_from_quat, sigmoid};
 use instgs_vk::math::nearest::PointSet;
@@ -11,9 +12,7 @@ use instgs_vk::math::sh::{SH_C0, ShRotation, widened};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Gaussians, Instance, InstancedScene, PosedGroup, PosedInstance, TemplateRange};
 use instgs_vk::synth::car::car_surfels;
-use instgs_vk::synth::embedded_scene;
 use instgs_vk::synth::livery::Livery;
-use instgs_vk::synth::surface::push_disc;
 use instgs_vk::template::{
     Built, InstanceReport, Keep, OffsetInit, OffsetKinds, Sampling, TemplateError, TemplateOptions, TemplateSource,
     build,

@@ -1,6 +1,6 @@
 //! The views of a picture: their names, their keys, what is said of them, and how one of them is chosen.
 
-use crate::reference::present::heat;
+use crate::math::heat::heat;
 use crate::render::Show;
 use crate::render::show::{ELLIPSE_ALPHA, OFFSET_TOP, TILE_LOAD_TOP};
 

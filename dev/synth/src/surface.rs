@@ -1,13 +1,11 @@
-//! Even point sets on parametric surfaces, and the flat Gaussians that close them.
+//! Even point sets on parametric surfaces.
 
 use std::collections::HashMap;
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::math::covariance::{logit, quat_from_rotation};
 use crate::math::rng::Rng;
-use crate::scene::gaussians::Gaussians;
 
 /// A point of a surface with the share of the surface that it stands for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -20,11 +18,6 @@ pub struct Surfel {
     pub spacing: f64,
 }
 
-/// Standard deviation of a disc along the surface per `spacing`. Dart throwing leaves neighbours 1 to 1.6 spacings
-/// apart, so discs of this size overlap at one deviation and the surface is closed.
-const DEVIATION_PER_SPACING: f64 = 0.80;
-/// Deviation across the surface per deviation along it.
-const FLATNESS: f64 = 0.12;
 /// Candidates per point of the densest packing: more gain few further points.
 const CANDIDATES_PER_POINT: f64 = 9.0;
 /// Cells per side in which a patch's area is measured.
@@ -150,26 +143,6 @@ pub fn curve(knots: &[(f64, f64)], x: f64) -> f64 {
     let s = t * t * (3.0 - 2.0 * t);
     let (m0, m1) = (slope(i - 1) * width, slope(i) * width);
     a.1 * (1.0 - s) + b.1 * s + m0 * t * (1.0 - t) * (1.0 - t) - m1 * t * t * (1.0 - t)
-}
-
-/// Appends a flat Gaussian tangent to the surface at `surfel`.
-pub fn push_disc(cloud: &mut Gaussians, surfel: &Surfel, opacity: f64, sh: &[DVec3]) {
-    let (a, b) = surfel.normal.any_orthonormal_pair();
-    let along = DEVIATION_PER_SPACING * surfel.spacing;
-    let deviations = DVec3::new(along, along, FLATNESS * along);
-    push_gaussian(cloud, surfel.position, DMat3::from_cols(a, b, surfel.normal), deviations, opacity, sh);
-}
-
-/// Appends a Gaussian with standard deviations along the columns of `axes`, a rotation.
-pub fn push_gaussian(cloud: &mut Gaussians, mean: DVec3, axes: DMat3, deviations: DVec3, opacity: f64, sh: &[DVec3]) {
-    debug_assert!((axes.determinant() - 1.0).abs() < 1e-6, "axes are no rotation: {axes}");
-    cloud.means.push(mean.as_vec3().to_array());
-    cloud.quats.push(quat_from_rotation(axes).map(|c| c as f32));
-    cloud.log_scales.push([deviations.x.ln() as f32, deviations.y.ln() as f32, deviations.z.ln() as f32]);
-    cloud.opacity_logits.push(logit(opacity) as f32);
-    for c in 0..cloud.sh_coefficients() {
-        cloud.sh.push(sh.get(c).copied().unwrap_or(DVec3::ZERO).as_vec3().to_array());
-    }
 }
 
 #[cfg(test)]

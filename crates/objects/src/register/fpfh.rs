@@ -26,7 +26,7 @@ pub(super) type Feature = [f32; FEATURE_LEN];
 pub(super) fn features(surface: &Surface) -> Vec<Feature> {
     let radius = RADIUS * surface.voxel;
     let neighbours = |i: usize| -> Vec<Neighbour> {
-        let near = surface.set().nearest(surface.positions[i].as_vec3().to_array(), MOST_NEIGHBOURS + 1);
+        let near = surface.set.nearest(surface.positions[i].as_vec3().to_array(), MOST_NEIGHBOURS + 1);
         near.into_iter().filter(|n| n.index as usize != i && n.squared_distance <= radius * radius).collect()
     };
     let near: Vec<Vec<Neighbour>> = (0..surface.len()).into_par_iter().map(neighbours).collect();

@@ -62,7 +62,7 @@ pub(super) fn unit_normals(surface: &Surface, direction: impl Fn(DVec3) -> DVec3
             return mean.normalize();
         }
         let position = surface.positions[i];
-        let near = surface.set().nearest(position.as_vec3().to_array(), NEIGHBOURS);
+        let near = surface.set.nearest(position.as_vec3().to_array(), NEIGHBOURS);
         let points: Vec<DVec3> = near.iter().map(|n| surface.positions[n.index as usize]).collect();
         let across = plane_normal(&points).unwrap_or(DVec3::Z);
         if across.dot(direction(position)) < 0.0 { -across } else { across }

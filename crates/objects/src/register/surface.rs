@@ -1,11 +1,8 @@
 //! Evenly spread points on an object's surface, at several resolutions.
 
-use std::sync::OnceLock;
-
 use glam::DVec3;
 
-use crate::math::near_grid::{NearGrid, Nearest};
-use crate::math::nearest::PointSet;
+use crate::math::nearest::{NearestPlace, PointSet};
 
 /// A point drawn on a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,14 +25,9 @@ pub(super) struct Surface {
     pub normals: Vec<DVec3>,
     /// Base colours (SH band 0), rgb.
     pub colors: Vec<DVec3>,
-    /// Search among nearby `positions`, rounded to f32.
-    grid: NearGrid,
     /// Search among `positions` from anywhere, made on first use.
-    set: OnceLock<PointSet>,
+    pub set: PointSet,
 }
-
-/// Edge of the grid's cells, voxels: times are flat between 1 and 1.5, and higher outside.
-const CELL_VOXELS: f64 = 1.25;
 
 impl Surface {
     /// One mean sample per occupied voxel, in order of voxels. Samples must be finite.
@@ -57,15 +49,8 @@ impl Surface {
 
     /// A surface of given points with one normal and colour each.
     pub(super) fn of_points(voxel: f64, positions: Vec<DVec3>, normals: Vec<DVec3>, colors: Vec<DVec3>) -> Self {
-        let rounded: Vec<DVec3> = positions.iter().map(|p: &DVec3| p.as_vec3().as_dvec3()).collect();
-        let grid = NearGrid::new(&rounded, CELL_VOXELS * voxel);
-        Self { voxel, positions, normals, colors, grid, set: OnceLock::new() }
-    }
-
-    /// Search structure over `positions`, rounded to f32.
-    pub(super) fn set(&self) -> &PointSet {
-        self.set
-            .get_or_init(|| PointSet::new(&self.positions.iter().map(|p| p.as_vec3().to_array()).collect::<Vec<_>>()))
+        let set = PointSet::new(&positions.iter().map(|p| p.as_vec3().to_array()).collect::<Vec<_>>());
+        Self { voxel, positions, normals, colors, set }
     }
 
     /// Number of points in the surface.
@@ -75,16 +60,8 @@ impl Surface {
 
     /// The point nearest to `position` and its distance; `None` if there are no points.
     pub(super) fn nearest(&self, position: DVec3) -> Option<(usize, f64)> {
-        self.near(position.as_vec3().as_dvec3()).map(|near| (near.index as usize, near.distance))
-    }
-
-    /// The same for a position rounded to f32.
-    fn near(&self, place: DVec3) -> Option<Nearest> {
-        self.grid.nearest(place).or_else(|| {
-            let near = self.set().nearest_one(place.as_vec3().to_array())?;
-            let distance = near.squared_distance.sqrt();
-            Some(Nearest { index: near.index, distance, others: distance })
-        })
+        let near = self.set.nearest_one(position.as_vec3().to_array())?;
+        Some((near.index as usize, near.squared_distance.sqrt()))
     }
 
     /// The points as samples, for another resolution.
@@ -99,7 +76,7 @@ impl Surface {
 pub(super) struct Followed<'a> {
     surface: &'a Surface,
     /// By point: position of the last search and its result.
-    found: Vec<Option<(DVec3, Nearest)>>,
+    found: Vec<Option<(DVec3, NearestPlace)>>,
 }
 
 impl<'a> Followed<'a> {
@@ -110,17 +87,18 @@ impl<'a> Followed<'a> {
 
     /// [`Surface::nearest`] for the `i`-th point, which is now at `position`.
     pub(super) fn nearest(&mut self, i: usize, position: DVec3) -> Option<(usize, f64)> {
-        let place = position.as_vec3().as_dvec3();
+        let rounded = position.as_vec3();
+        let place = rounded.as_dvec3();
         if let Some((then, near)) = self.found[i] {
-            let index = near.index as usize;
+            let index = near.neighbour.index as usize;
             let distance = self.surface.positions[index].as_vec3().as_dvec3().distance(place);
             if distance + then.distance(place) < near.others {
                 return Some((index, distance));
             }
         }
-        let near = self.surface.near(place)?;
+        let near = self.surface.set.nearest_place(rounded.to_array())?;
         self.found[i] = Some((place, near));
-        Some((near.index as usize, near.distance))
+        Some((near.neighbour.index as usize, near.neighbour.squared_distance.sqrt()))
     }
 }
 

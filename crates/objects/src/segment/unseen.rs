@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::num::NonZero;
 
-use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
+
+use crate::math::nearest::PointSet;
 
 /// An axis-aligned box in the world frame: low and high corner.
 type Bounds = [[f64; 3]; 2];
@@ -18,8 +19,7 @@ pub fn label_unseen(means: &[[f32; 3]], seen: &[bool], labels: &mut [u16], neigh
     if places.is_empty() {
         return 0;
     }
-    let points: Vec<[f64; 3]> = places.iter().map(|&i| wide(means[i])).collect();
-    let tree: ImmutableKdTree<f64, 3> = ImmutableKdTree::new_from_slice(&points);
+    let set = PointSet::new(&places.iter().map(|&i| means[i]).collect::<Vec<_>>());
     let bounds = bounds_of_labels(means, seen, labels);
     let known = &*labels;
     let found: Vec<(usize, u16)> = (0..means.len())
@@ -27,8 +27,8 @@ pub fn label_unseen(means: &[[f32; 3]], seen: &[bool], labels: &mut [u16], neigh
         .filter(|&i| !seen[i] && is_finite(means[i]))
         .map(|i| {
             let mut counts: BTreeMap<u16, usize> = BTreeMap::new();
-            for near in tree.nearest_n::<SquaredEuclidean>(&wide(means[i]), neighbours) {
-                *counts.entry(known[places[near.item as usize]]).or_default() += 1;
+            for near in set.nearest(means[i], neighbours.get()) {
+                *counts.entry(known[places[near.index as usize]]).or_default() += 1;
             }
             (i, most_frequent(&counts))
         })

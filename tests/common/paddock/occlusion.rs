@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use crate::surface::Surfel;
+use instgs_vk::synth::surface::Surfel;
 
 /// Side of a voxel, metres.
 const VOXEL: f64 = 0.07;
@@ -15,13 +15,13 @@ const RAY_START: f64 = 0.15;
 const RAY_END: f64 = 2.2;
 
 /// Which voxels hold surfels.
-pub struct VoxelGrid {
+pub(crate) struct VoxelGrid {
     occupied: HashSet<[i32; 3]>,
 }
 
 impl VoxelGrid {
     /// From the positions of surfels.
-    pub fn new(positions: impl Iterator<Item = DVec3>) -> Self {
+    pub(crate) fn new(positions: impl Iterator<Item = DVec3>) -> Self {
         Self { occupied: positions.map(Self::voxel).collect() }
     }
 
@@ -30,14 +30,14 @@ impl VoxelGrid {
     }
 
     /// True if nothing lies between the surfel and the far end of a ray along `dir`; false for rays into the ground.
-    pub fn sees(&self, from: &Surfel, dir: DVec3) -> bool {
+    pub(crate) fn sees(&self, from: &Surfel, dir: DVec3) -> bool {
         let start = from.position + from.normal * RAY_START;
         let steps = ((RAY_END - RAY_START) / (0.8 * VOXEL)) as usize;
         (0..steps).all(|i| !self.occupied.contains(&Self::voxel(start + dir * (i as f64 * 0.8 * VOXEL))))
     }
 
     /// Cosine-weighted share of the upper half space that the surfel sees, 0..=1, among evenly spread directions.
-    pub fn openness(&self, from: &Surfel) -> f64 {
+    pub(crate) fn openness(&self, from: &Surfel) -> f64 {
         const DIRECTIONS: usize = 48;
         let golden_angle = PI * (3.0 - 5f64.sqrt());
         let (mut seen, mut all) = (0.0, 0.0);
@@ -56,13 +56,13 @@ impl VoxelGrid {
 }
 
 /// Averages values over neighbouring surfels that face the same way: takes the voxels' steps out of baked light.
-pub struct Smoother {
+pub(crate) struct Smoother {
     neighbours: Vec<Vec<u32>>,
 }
 
 impl Smoother {
     /// Neighbours are nearer than `radius`.
-    pub fn new(surfels: &[Surfel], radius: f64) -> Self {
+    pub(crate) fn new(surfels: &[Surfel], radius: f64) -> Self {
         let cell = |p: DVec3| (p / radius).floor().as_ivec3().to_array();
         let mut cells: HashMap<[i32; 3], Vec<u32>> = HashMap::new();
         for (i, s) in surfels.iter().enumerate() {
@@ -81,7 +81,7 @@ impl Smoother {
     }
 
     /// The mean over each surfel's neighbours, itself included.
-    pub fn smoothed(&self, values: &[f64]) -> Vec<f64> {
+    pub(crate) fn smoothed(&self, values: &[f64]) -> Vec<f64> {
         let mean = |list: &Vec<u32>| list.iter().map(|&i| values[i as usize]).sum::<f64>() / list.len() as f64;
         self.neighbours.iter().map(mean).collect()
     }

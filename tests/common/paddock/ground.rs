@@ -4,24 +4,26 @@ use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::math::rng::Rng;
-use crate::scene::gaussians::Gaussians;
-use crate::ground_map::GroundMap;
-use crate::markings::Markings;
-use crate::props::Caster;
-use crate::shading::{Light, TO_SUN, albedo, diffuse, sh_dc};
-use crate::surface::{PointGrid, Surfel, push_disc, push_gaussian};
+use super::discs::{push_disc, push_gaussian};
+use super::ground_map::GroundMap;
+use super::markings::Markings;
+use super::props::Caster;
+use super::shading::{Light, TO_SUN, diffuse, sh_dc};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::gaussians::Gaussians;
+use instgs_vk::synth::shading::albedo;
+use instgs_vk::synth::surface::{PointGrid, Surfel};
 
 /// Half the lawn's size, metres; the slab ends there.
-pub const SLAB_HALF: DVec2 = DVec2::new(23.0, 14.6);
+pub(crate) const SLAB_HALF: DVec2 = DVec2::new(23.0, 14.6);
 /// Half the asphalt's size.
-pub const ASPHALT_HALF: DVec2 = DVec2::new(19.8, 11.0);
+pub(crate) const ASPHALT_HALF: DVec2 = DVec2::new(19.8, 11.0);
 /// Distance between bays.
-pub const BAY_PITCH: f64 = 3.1;
+pub(crate) const BAY_PITCH: f64 = 3.1;
 /// Bays per row.
-pub const BAYS: usize = 12;
+pub(crate) const BAYS: usize = 12;
 /// |y| of the open and of the closed end of the bays.
-pub const BAY_Y: (f64, f64) = (4.6, 10.2);
+pub(crate) const BAY_Y: (f64, f64) = (4.6, 10.2);
 
 const SLAB_CORNER: f64 = 4.0;
 const ASPHALT_CORNER: f64 = 2.2;
@@ -37,14 +39,14 @@ const ENLARGED: f64 = 1.1;
 const DARTS: f64 = 14.0;
 
 /// Shadows on the ground.
-pub struct GroundLight {
+pub(crate) struct GroundLight {
     sun: GroundMap,
     contact: GroundMap,
 }
 
 impl GroundLight {
     /// From everything that throws a shadow.
-    pub fn new(casters: &[Caster]) -> Self {
+    pub(crate) fn new(casters: &[Caster]) -> Self {
         let (mut sun, mut contact) = (GroundMap::new(SLAB_HALF), GroundMap::new(SLAB_HALF));
         for caster in casters {
             let p = caster.position;
@@ -58,7 +60,7 @@ impl GroundLight {
     }
 
     /// Light at a ground point.
-    pub fn at(&self, p: DVec2) -> Light {
+    pub(crate) fn at(&self, p: DVec2) -> Light {
         let contact = self.contact.at(p);
         Light { openness: 1.0 - 0.82 * contact, sun: (1.0 - self.sun.at(p)) * (1.0 - 0.5 * contact) }
     }
@@ -75,7 +77,7 @@ fn rounded_rectangle(p: DVec2, half: DVec2, corner: f64) -> f64 {
 }
 
 /// Adds the whole ground.
-pub fn add_ground(rng: &mut Rng, cloud: &mut Gaussians, light: &GroundLight) {
+pub(crate) fn add_ground(rng: &mut Rng, cloud: &mut Gaussians, light: &GroundLight) {
     add_surface(rng, cloud, light);
     add_rim(rng, cloud);
 }

@@ -1,22 +1,31 @@
 //! A whole scene without training: a paddock with racing cars, made by code. What tests render, pack and merge.
 
+mod discs;
+mod ground;
+mod ground_map;
+mod markings;
+mod occlusion;
+mod props;
+mod shading;
+
 use std::f64::consts::PI;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::math::rng::Rng;
-use crate::math::sh::SH_C0;
-use crate::math::similarity::Similarity;
-use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
-use crate::scene::offsets::Offsets;
-use crate::car::{CarSurfel, Part, car_surfels};
-use crate::ground::{ASPHALT_HALF, BAY_PITCH, BAY_Y, BAYS, GroundLight, add_ground};
-use crate::livery::{Livery, Pattern, Wing};
-use crate::occlusion::{Smoother, VoxelGrid};
-use crate::props::{Caster, Props};
-use crate::shading::{ClearCoat, Light, TO_SUN, albedo, diffuse, sh_dc};
-use crate::surface::push_disc;
+pub(crate) use discs::push_disc;
+use ground::{ASPHALT_HALF, BAY_PITCH, BAY_Y, BAYS, GroundLight, add_ground};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::sh::SH_C0;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::gaussians::Gaussians;
+use instgs_vk::scene::instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::offsets::Offsets;
+use instgs_vk::synth::car::{CarSurfel, Part, car_surfels};
+use instgs_vk::synth::livery::{Livery, Pattern, Wing};
+use instgs_vk::synth::shading::albedo;
+use occlusion::{Smoother, VoxelGrid};
+use props::{Caster, Props};
+use shading::{ClearCoat, Light, TO_SUN, diffuse, sh_dc};
 
 const SEED: u64 = 20;
 /// Radius over which baked light is averaged, metres.
@@ -38,7 +47,7 @@ struct Placed {
 
 /// Builds the scene: one template of about 11,000 Gaussians (SH degree 3), 24 instances with their own offsets, and
 /// about 27,000 background Gaussians (SH degree 0). The same bits on every call.
-pub fn embedded_scene() -> InstancedScene {
+pub(crate) fn embedded_scene() -> InstancedScene {
     let root = Rng::new(SEED);
     let car = car_surfels(&mut root.fork(1));
     let grid = VoxelGrid::new(car.iter().map(|s| s.surfel.position));

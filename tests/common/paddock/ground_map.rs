@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 /// A grid over the ground with a value per cell, 0 = nothing.
-pub struct GroundMap {
+pub(crate) struct GroundMap {
     half_size: DVec2,
     columns: usize,
     rows: usize,
@@ -15,14 +15,14 @@ impl GroundMap {
     const CELL: f64 = 0.08;
 
     /// An empty map of |x| <= half_size.x, |y| <= half_size.y.
-    pub fn new(half_size: DVec2) -> Self {
+    pub(crate) fn new(half_size: DVec2) -> Self {
         let count = |half: f64| (2.0 * half / Self::CELL).ceil() as usize;
         let (columns, rows) = (count(half_size.x), count(half_size.y));
         Self { half_size, columns, rows, values: vec![0.0; columns * rows] }
     }
 
     /// The map of a function.
-    pub fn of(half_size: DVec2, value: impl Fn(DVec2) -> f64) -> Self {
+    pub(crate) fn of(half_size: DVec2, value: impl Fn(DVec2) -> f64) -> Self {
         let mut out = Self::new(half_size);
         for k in 0..out.values.len() {
             let cell = DVec2::new((k % out.columns) as f64 + 0.5, (k / out.columns) as f64 + 0.5);
@@ -32,7 +32,7 @@ impl GroundMap {
     }
 
     /// The largest map below this one that nowhere grows faster than `slope` per metre, by two chamfer sweeps.
-    pub fn graded(mut self, slope: f64) -> Self {
+    pub(crate) fn graded(mut self, slope: f64) -> Self {
         let (columns, rows) = (self.columns as isize, self.rows as isize);
         let straight = (slope * Self::CELL) as f32;
         let diagonal = straight * std::f32::consts::SQRT_2;
@@ -56,7 +56,7 @@ impl GroundMap {
     }
 
     /// Covers a disc; overlapping discs do not add up.
-    pub fn cover(&mut self, centre: DVec2, radius: f64, strength: f32) {
+    pub(crate) fn cover(&mut self, centre: DVec2, radius: f64, strength: f32) {
         let low = (centre - radius + self.half_size) / Self::CELL;
         let high = (centre + radius + self.half_size) / Self::CELL;
         let clamp = |v: f64, count: usize| v.clamp(0.0, count as f64) as usize;
@@ -72,7 +72,7 @@ impl GroundMap {
     }
 
     /// The map blurred with three box filters whose standard deviation together is `deviation` metres.
-    pub fn blurred(mut self, deviation: f64) -> Self {
+    pub(crate) fn blurred(mut self, deviation: f64) -> Self {
         // A box of half width h cells has variance h (h + 1) / 3; three of them have h (h + 1).
         let cells = deviation / Self::CELL;
         let half = ((cells * cells + 0.25).sqrt() - 0.5).round() as usize;
@@ -86,7 +86,7 @@ impl GroundMap {
     }
 
     /// The value at a point, bilinear; 0 outside.
-    pub fn at(&self, p: DVec2) -> f64 {
+    pub(crate) fn at(&self, p: DVec2) -> f64 {
         let q = (p + self.half_size) / Self::CELL - 0.5;
         let (base, f) = (q.floor(), q - q.floor());
         let cell = |i: f64, j: f64| {

@@ -2,9 +2,9 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::math::rng::Rng;
-use crate::math::similarity::Similarity;
-use crate::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
 
 /// Instances per side of the square field; neighbours stand `SPACING` apart.
 const SIDE: usize = 100;
@@ -12,7 +12,7 @@ const SIDE: usize = 100;
 const SPACING: f64 = 3.0;
 
 /// `SIDE`^2 = 10,000 instances of one template of `template_len` Gaussians.
-pub fn field(template_len: usize) -> InstancedScene {
+pub(crate) fn field(template_len: usize) -> InstancedScene {
     InstancedScene {
         templates: template(template_len),
         template_ranges: vec![TemplateRange { first: 0, count: template_len as u32 }],
@@ -23,13 +23,13 @@ pub fn field(template_len: usize) -> InstancedScene {
 }
 
 /// The field with only the instances that the camera may see.
-pub fn seen_part(field: &InstancedScene, camera: &Camera) -> InstancedScene {
+pub(crate) fn seen_part(field: &InstancedScene, camera: &Camera) -> InstancedScene {
     let instances = visible_instances(field, camera).into_iter().map(|k| field.instances[k].clone()).collect();
     InstancedScene { instances, ..field.clone() }
 }
 
 /// The field with offsets on `count` of its instances, at most 100.
-pub fn with_offsets(field: &InstancedScene, count: usize) -> InstancedScene {
+pub(crate) fn with_offsets(field: &InstancedScene, count: usize) -> InstancedScene {
     let per_instance = field.templates.len();
     let mut out = field.clone();
     for i in 0..count.min(100) {
@@ -46,19 +46,19 @@ pub fn with_offsets(field: &InstancedScene, count: usize) -> InstancedScene {
 }
 
 /// Straight down onto the middle of the field, at a height from which about 20 instances are in view.
-pub fn camera(size_px: (u32, u32)) -> Camera {
+pub(crate) fn camera(size_px: (u32, u32)) -> Camera {
     let middle = (SIDE as f64 / 2.0) * SPACING;
     let target = DVec3::new(middle, 0.0, middle);
     Camera::look_at("down", target + DVec3::new(0.0, 10.0, 0.0), target, DVec3::Z, 0.9, size_px)
 }
 
 /// The first thousand of the field's instances: ten rows.
-pub fn thousand(field: &InstancedScene) -> InstancedScene {
+pub(crate) fn thousand(field: &InstancedScene) -> InstancedScene {
     InstancedScene { instances: field.instances[..10 * SIDE].to_vec(), ..field.clone() }
 }
 
 /// Straight down along the middle of [`thousand`], from a height at which about 10 instances are in view of a wide picture.
-pub fn flight(count: u32, size_px: (u32, u32)) -> Vec<Camera> {
+pub(crate) fn flight(count: u32, size_px: (u32, u32)) -> Vec<Camera> {
     let camera = |i: u32| {
         let along = 0.2 + 0.6 * f64::from(i) / f64::from(count.max(2) - 1);
         let target = DVec3::new(along * SIDE as f64 * SPACING, 0.0, 5.0 * SPACING);

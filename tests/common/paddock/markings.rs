@@ -2,8 +2,8 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::ground::{BAY_PITCH, BAY_Y, BAYS};
-use crate::shading::albedo;
+use super::ground::{BAY_PITCH, BAY_Y, BAYS};
+use instgs_vk::synth::shading::albedo;
 
 /// A painted line.
 struct Line {
@@ -14,7 +14,7 @@ struct Line {
 }
 
 /// All paint on the asphalt.
-pub struct Markings {
+pub(crate) struct Markings {
     lines: Vec<Line>,
 }
 
@@ -31,7 +31,7 @@ const FADE: f64 = 0.06;
 
 impl Markings {
     /// Bays, a dashed middle line.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let (white, yellow) = (albedo(0xE8E8E2), albedo(0xE8B818));
         let row_half = 0.5 * BAY_PITCH * BAYS as f64;
         let mut lines = Vec::new();
@@ -79,12 +79,12 @@ impl Markings {
     }
 
     /// True on paint and close to it: where small Gaussians are needed.
-    pub fn near(&self, p: DVec2) -> bool {
+    pub(crate) fn near(&self, p: DVec2) -> bool {
         self.nearest(p).0 < 0.05
     }
 
     /// Albedo of the ground whose bare albedo is `bare`.
-    pub fn over(&self, bare: DVec3, p: DVec2) -> DVec3 {
+    pub(crate) fn over(&self, bare: DVec3, p: DVec2) -> DVec3 {
         let (distance, color) = self.nearest(p);
         bare.lerp(color, (0.5 - distance / FADE).clamp(0.0, 1.0))
     }

@@ -2,26 +2,28 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::math::rng::Rng;
-use crate::scene::gaussians::Gaussians;
-use crate::shading::{Light, TO_SUN, albedo, diffuse, sh_dc};
-use crate::surface::{Surfel, push_disc, push_gaussian, revolved, sample, sample_box};
+use super::discs::{push_disc, push_gaussian};
+use super::shading::{Light, TO_SUN, diffuse, sh_dc};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::gaussians::Gaussians;
+use instgs_vk::synth::shading::albedo;
+use instgs_vk::synth::surface::{Surfel, revolved, sample, sample_box};
 
 /// Something that throws a shadow: a ball in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Caster {
+pub(crate) struct Caster {
     /// Centre, world frame.
-    pub position: DVec3,
+    pub(crate) position: DVec3,
     /// Radius, scene units.
-    pub radius: f64,
+    pub(crate) radius: f64,
 }
 
 /// Collects props and what they shade.
-pub struct Props<'a> {
+pub(crate) struct Props<'a> {
     /// Where the Gaussians go.
-    pub cloud: &'a mut Gaussians,
+    pub(crate) cloud: &'a mut Gaussians,
     /// What throws shadows.
-    pub casters: &'a mut Vec<Caster>,
+    pub(crate) casters: &'a mut Vec<Caster>,
 }
 
 impl Props<'_> {
@@ -35,7 +37,7 @@ impl Props<'_> {
     }
 
     /// A tree: a trunk and leaf clusters around a few crown balls.
-    pub fn tree(&mut self, rng: &mut Rng, foot: DVec2, height: f64) {
+    pub(crate) fn tree(&mut self, rng: &mut Rng, foot: DVec2, height: f64) {
         let base = foot.extend(0.0);
         let trunk = revolved(base, DVec3::Z, move |u| DVec2::new(0.17 - 0.08 * u, 0.5 * height * u));
         let trunk = sample(rng, 0.13, trunk);
@@ -64,7 +66,7 @@ impl Props<'_> {
     }
 
     /// A lamp post whose arm reaches from `foot` along the unit vector `arm`.
-    pub fn lamp(&mut self, rng: &mut Rng, foot: DVec2, arm: DVec2) {
+    pub(crate) fn lamp(&mut self, rng: &mut Rng, foot: DVec2, arm: DVec2) {
         let height = 5.2;
         let steel = albedo(0x50565E);
         let plinth = sample_box(rng, 0.12, foot.extend(0.15), DMat3::IDENTITY, DVec3::new(0.14, 0.14, 0.15));
@@ -97,7 +99,7 @@ impl Props<'_> {
     }
 
     /// A stack of tyres, painted.
-    pub fn tyre_stack(&mut self, rng: &mut Rng, foot: DVec2, color: u32) {
+    pub(crate) fn tyre_stack(&mut self, rng: &mut Rng, foot: DVec2, color: u32) {
         for level in 0..3 {
             let centre = foot.extend(0.12 + 0.23 * f64::from(level));
             let bulge = |u: f64| {
