@@ -1,10 +1,57 @@
-//! instgs-vk: Gaussian splatting of scenes with repeated objects, on Vulkan 1.3 compute.
+//! The engine of instgs-vk: draws, and differentiates, scenes of 3D Gaussians with repeated objects, on Vulkan 1.3 compute.
 //!
 //! A scene keeps one *template* of Gaussians per kind of object. Each *instance* of it is a similarity transform and,
 //! optionally, *offsets*: small differences in position, base colour and opacity for every Gaussian of the template.
 //! What is not repeated is the *background*. A plain 3DGS cloud is the special case "background only", so there is one
 //! scene type ([`scene::InstancedScene`]) and one renderer ([`render::Renderer`]). Instances are expanded on the
 //! device, every frame, chunk by chunk, for what the camera may see.
+//!
+//! ```no_run
+//! use instgs_vk::gpu::{Gpu, GpuOptions};
+//! use instgs_vk::render::{RenderOptions, Renderer};
+//! use instgs_vk::scene::trajectory::Orbit;
+//! use instgs_vk::scene::{Gaussians, InstancedScene};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let cloud = Gaussians {
+//!     means: vec![[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]],
+//!     quats: vec![[1.0, 0.0, 0.0, 0.0]; 2],
+//!     log_scales: vec![[-2.0; 3]; 2],
+//!     opacity_logits: vec![4.0; 2],
+//!     sh_degree: 0,
+//!     sh: vec![[1.5, 0.0, 0.0], [0.0, 1.5, 0.0]],
+//! };
+//! let scene = InstancedScene::from_cloud(cloud); // or a file's, by the crate instgs-io
+//! let camera = Orbit::around(&scene, None).cameras(1, (1280, 720)).remove(0);
+//!
+//! let gpu = Gpu::open(&GpuOptions::default())?;
+//! let mut renderer = Renderer::new(&gpu)?;
+//! let on_device = renderer.upload(&scene)?;
+//! let stats = renderer.render(&on_device, &camera, &RenderOptions::default())?;
+//! println!("{}: {} Gaussians in view", gpu.caps().name, stats.visible);
+//! let picture = renderer.download()?; // rgba, depth; row by row from the top
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! `examples/one_picture.rs` does this with a `.ply`; `examples/into_your_image.rs` draws into an image of a program that has
+//! a Vulkan device of its own. Where the crates above this one are, and what each promises, is in `docs/design.md`; words are in
+//! `docs/glossary.md`.
+//!
+//! # What is promised
+//!
+//! These names stay as they are within a minor version. Everything else that is public serves the crates of this workspace (the
+//! trainer, the twins, the player) and may change.
+//!
+//! - Scenes: [`scene::InstancedScene`], [`scene::Gaussians`], [`scene::Offsets`], [`scene::Instance`], [`scene::TemplateRange`],
+//!   [`scene::Group`], [`scene::Camera`], [`scene::SceneError`], [`math::similarity::Similarity`], [`scene::trajectory::Orbit`];
+//!   changes: [`scene::edit::Edit`], [`scene::edit::Selector`], [`scene::edit::EditError`], [`scene::edit::apply`].
+//! - Device: [`gpu::Gpu`] (`open`, `from_raw`, `list`, `caps`, `wait`), [`gpu::GpuOptions`], [`gpu::DeviceChoice`],
+//!   [`gpu::DeviceCaps`], [`gpu::GpuError`], [`gpu::RawDevice`], [`gpu::RequiredFeatures`], [`gpu::QueueLock`],
+//!   [`gpu::ImageTarget`], [`gpu::Signal`], [`gpu::Ticket`], [`gpu::vk`].
+//! - Pictures: [`render::Renderer`] (`new`, `upload`, `render`, `download`, `record_into_image`), [`render::DeviceScene`]
+//!   (`place_instances`, `show_instances`, `bytes`), [`render::RenderOptions`], [`render::Picture`], [`render::FrameStats`],
+//!   [`render::RenderError`], [`render::ImageFrames`], [`render::Arrived`], [`render::Show`].
 //!
 //! # A frame
 //!
@@ -67,59 +114,9 @@
 //!
 //! A step is one submission; two are in flight, and the host reads a record of each when it has finished. A step that
 //! did not fit its buffers raises a sticky flag on the device, which turns it and all later steps into no-ops; the host
-//! enlarges the buffers, lowers the flag and submits the same steps again ([`train::step_runner`]). Everything about a
+//! enlarges the buffers, lowers the flag and submits the same steps again (`instgs_train::step_runner`). Everything about a
 //! step follows from its number, the seed and the configuration, so a resumed run ends in the same bytes. Between steps
-//! [`train::strategy`] changes the number of Gaussians on the device: mark, select, scan, move.
-//!
-//! # From photos and masks to an instanced scene
-//!
-//! `train --method instgs` ([`mod@train::prepare`], `cli/train/instanced.rs`); each stage leaves a file in the run folder. The
-//! commands `segment`, `register` and `merge` (`cli/stages/`) call the same functions on a folder of the same layout:
-//!
-//! ```text
-//!   masks/                      given; or, from words, by detect, before all else; or, from boxes, by segment::boxes, after
-//!                               the next
-//!   vanilla/, point_cloud.ply   a plain cloud, by the steps above (or given)
-//!   cameras.json                the training views', which the next two files count by
-//!   consensus.json              mask_contribution per view: how much of every mask each Gaussian makes up;
-//!                               segment::consensus: which masks are of one object, where ids differ from view to view
-//!   labels.safetensors          segment::label: the object whose pixels a Gaussian feeds more than 0.8 times all others
-//!   groups.json                 given, or register: which objects are alike, and where they stand; none may be
-//!   initial.instgs              template::build: objects in their group's frame, as many Gaussians as they have on
-//!                               average drawn from all of them; offsets from each template Gaussian to its match
-//!   review.html                 every view with its masks and the objects that they show
-//!   stages/*.png                train::stage_pictures: what each of these did, to be looked at; also in report.html
-//!   scene.instgs                the joint phase: templates, offsets, background and places learn together
-//! ```
-//!
-//! # Layers
-//!
-//! A module uses only modules of lower layers; `tests/suite/architecture.rs` checks it.
-//!
-//! - L0 `math`: spherical harmonics, covariances, similarities, lens distortion, nearest points, planes, seeded random
-//!   numbers.
-//! - L1 `gpu`: the only module that speaks Vulkan: device, buffers, pipelines, recorder with derived barriers,
-//!   profiler, and the kernels' interfaces as Rust types, generated from the GLSL by `build.rs`.
-//! - L1 `scene`: plain CPU data: Gaussians, offsets, instances, cameras, trajectories, flattening, editing, levels of detail.
-//! - L2 `reference`: f64 twins of the kernels, slow and obvious.
-//! - L2 `io`: files: `.instgs`, `.ply`, `.spz`, `.splat`, `.glb`, cameras, COLMAP,
-//!   `transforms.json`, photos (undistorted, downscaled), instance masks, `groups.json`, points, checkpoints, KTX2.
-//! - L2 `kernels`: the generated module of each kernel, the compiled pipelines, and the variant (sizes) picked for a device.
-//! - L3 `render`: scene on the device, buffer plan, the passes in order (forward and backward), growth and depth slabs,
-//!   self-test.
-//! - L3 `optim`: Adam, one state per parameter buffer.
-//! - L4 `detect`: instance masks from a text prompt, by ONNX models whose runtime is loaded when it is used.
-//! - L4 `segment`: which Gaussians of a plain cloud belong to which object, from masks; masks from boxes; what stands at a
-//!   place.
-//! - L4 `register`: which objects are alike, and the pose of each against its group's reference.
-//! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
-//! - L4 `template`: templates, instances and first offsets from a labelled cloud and posed groups; pruning.
-//! - L5 `synth`: ray-traced data sets with known poses, among them that of `instgs-vk demo`.
-//! - L5 `train`: configuration, start, steps, densification, checkpoints, events, report.
-//! - L6 `bench`: measurements and their report; `evidence` makes the tables and plots of many of them.
-//! - L6 `player`: a window on a scene: navigation, editing, boxes around objects, what is written over the picture, pictures
-//!   without a window.
-//! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
+//! `instgs_train::strategy` changes the number of Gaussians on the device: mark, select, scan, move.
 //!
 //! # Conventions
 //!
@@ -162,45 +159,21 @@
 //!   nothing and has no gradient. In training, a colour of the picture counts as at most 100, a gradient that is no number
 //!   or from 1e15 on as 0.
 //!
-//! # Adding a pass `foo`
+//! # Adding a pass, adding a parameter
+//!
+//! A pass `foo`:
 //!
 //! - `glsl/foo.comp`: the shader. It opens with a comment that says what it does, what it reads and writes, its grid, and
 //!   the twin and the test it has. `build.rs` compiles and reflects it and generates the module `kernels::foo`, with that
 //!   comment as its documentation and `Params` and `Bindings` as Rust types: a `readonly` buffer is a `&` field, any
 //!   other a `&mut` field, and the recorder derives barriers from that.
 //! - `kernels/pipelines.rs`: its pipeline, in the struct of those that are compiled together.
-//! - `render/` (or `train/strategy/`, `optim/`): the dispatch.
-//! - `reference/`: the f64 twin, and `tests/kernels/`: the test that compares the two. Kernels that are steps of one
-//!   algorithm share them, as the shader's comment says; `tests/suite/architecture.rs` checks that the files exist.
+//! - `render/` (or the trainer's `strategy/`, `optim/`): the dispatch.
+//! - `dev/reference`: the f64 twin, and `tests/kernels`: the test that compares the two. Kernels that are steps of one
+//!   algorithm share them, as the shader's comment says.
 //!
-//! # Tests and tolerances
-//!
-//! - `tests/suite/golden_reference.rs`: the twins against files of an independent implementation
-//!   (`tests/fixtures/golden`): 1e-12 in f64, 1e-6 for scenes rounded to f32.
-//! - `tests/suite/golden_gradients.rs`, `tests/suite/gradients.rs`: the twins' gradients against those files (1e-11) and against central
-//!   differences of the twins themselves (1e-4), for every kind of parameter, transforms of instances included.
-//! - `tests/suite/cli_train.rs`: whole runs as a user starts them: a floor of quality, the same bytes twice, after kills too, and
-//!   every kind of bad input.
-//! - `tests/suite/cli_instanced.rs`: the joint phase on a small ray-traced data set: quality, the same bytes twice and after a kill,
-//!   and the comparison's rows. `tests/suite/segment.rs`, `tests/suite/consensus.rs`, `tests/suite/template.rs`: labels, objects and
-//!   templates against known truth.
-//! - `tests/suite/boxes.rs`: masks from boxes in the world and in photos, with ids and without, against known objects.
-//! - `tests/suite/cli_stages.rs`: `segment`, `register` and `merge` give what `train` starts from, byte for byte; bad masks are named
-//!   before anything is trained, and of what cannot be shared the rest comes out.
-//! - `tests/suite/detect.rs`: masks from a prompt within 1e-3 of PyTorch and transformers, on tiny models. What runs models says
-//!   aloud that it did not run where there is no ONNX Runtime library, and fails with `INSTGS_NEED_ONNXRUNTIME=1`.
-//! - `tests/suite/stage_pictures.rs`: colours of objects, and wrong poses, in the report's pictures.
-//! - `tests/kernels/`: the kernels against the twins, on the device. Integer passes must be equal; colour and alpha of
-//!   whole frames are within 1e-4 of the twins and of the golden files, a flattened scene within 5e-4 of the instanced
-//!   one, and repeated frames identical. `tests/common/` holds the comparison.
-//! - Gradients are within 1e-3 of the twins and of the golden files, in relative L2 per tensor; the image loss and its
-//!   gradient within 1e-5, 1e-4 where its windows have no variance. Training steps give the same bytes when repeated and
-//!   whatever the sizes of buffers.
-//! - `tests/kernels/lod.rs`: levels of detail within 1e-4 of the twin, full quality the same bytes, no jump where levels change.
-//! - Pixels where f32 may rightly decide otherwise (alpha near 1/255, depths nearly equal, and the like) are excluded
-//!   by the `robust` mask, at most 2 % of an image. Planted errors prove that the comparisons can fail.
-//! - GPU tests run with validation and synchronisation validation, and any message fails them. Without a device they
-//!   fail, unless `INSTGS_SKIP_GPU=1` is set. `tools/test` repeats them on lavapipe at subgroup sizes 4, 8 and, with AVX-512, 16.
+//! An array that training may change is one line of [`scene::Parameter`]: upload, download, gradients, Adam, checkpoints and sizes
+//! in bytes follow from it.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod gpu;
