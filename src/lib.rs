@@ -73,8 +73,9 @@
 //!
 //! # From photos and masks to an instanced scene
 //!
-//! `train --method instgs` ([`mod@train::prepare`], `cli/train/instanced.rs`); each stage leaves a file in the run folder. The
-//! commands `segment`, `register` and `merge` (`cli/stages/`) call the same functions on a folder of the same layout:
+//! [`pipeline::Pipeline::run`], which is `train --method instgs`; each stage leaves a file in the run folder
+//! ([`io::RunFolder`] knows their names), and a run that is resumed goes on after the last one. One observer is told of all.
+//! The commands `segment`, `register` and `merge` (`cli/stages/`) call the same functions on a folder of the same layout:
 //!
 //! ```text
 //!   masks/                      given; or, from words, by detect, before all else; or, from boxes, by segment::boxes, after
@@ -87,9 +88,13 @@
 //!   groups.json                 given, or register: which objects are alike, and where they stand; none may be
 //!   initial.instgs              template::build: objects in their group's frame, as many Gaussians as they have on
 //!                               average drawn from all of them; offsets from each template Gaussian to its match
-//!   review.html                 every view with its masks and the objects that they show
-//!   stages/*.png                train::stage_pictures: what each of these did, to be looked at; also in report.html
 //!   scene.instgs                the joint phase: templates, offsets, background and places learn together
+//!   trained.json                what is known of it: times, counts, sizes, quality of test views
+//!
+//!   by report::ReportWriter, which listens:
+//!   review.html                 every view with its masks and the objects that they show
+//!   stages/*.png                report::stage_pictures: what each stage did, to be looked at; also in report.html
+//!   report.json, report.html    all of it
 //! ```
 //!
 //! # Layers
@@ -115,11 +120,13 @@
 //! - L4 `eval`: PSNR, SSIM, LPIPS of rendered views against photos.
 //! - L4 `template`: templates, instances and first offsets from a labelled cloud and posed groups; pruning.
 //! - L5 `synth`: procedural scenes, and ray-traced data sets with known poses, among them that of `instgs-vk demo`.
-//! - L5 `train`: configuration, start, steps, densification, checkpoints, events, report.
-//! - L6 `bench`: measurements and their report; `evidence` makes the tables and plots of many of them.
+//! - L5 `train`: configuration of training, start, steps, densification, checkpoints, events, facts.
+//! - L6 `pipeline`: from photos and masks to an instanced scene, stage by stage, and the configuration of all of it.
 //! - L6 `player`: a window on a scene: navigation, editing, boxes around objects, what is written over the picture, pictures
 //!   without a window.
-//! - L7 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
+//! - L7 `report`: the reports of a run, and pictures of what its stages did.
+//! - L8 `bench`: measurements and their report; `evidence` makes the tables and plots of many of them.
+//! - L9 `cli`: the command line, one file per subcommand, one printer. Only this layer prints.
 //!
 //! # Conventions
 //!

@@ -1,4 +1,4 @@
-//! L6: measurements of rendering, and the report they make. Parsing flags and printing is `cli/bench.rs`.
+//! L8: measurements of rendering, and the report they make. Parsing flags and printing is `cli/bench.rs`.
 
 pub mod comparison;
 pub mod evidence;

@@ -26,6 +26,11 @@ pub struct PlyCloud {
     pub notes: Vec<String>,
 }
 
+/// Bytes of a Gaussian in a plain `.ply`: position, normal, SH, opacity, scale, rotation as floats. 248 for SH degree 3.
+pub fn row_bytes(sh_degree: u32) -> u64 {
+    4 * (14 + 3 * sh_coefficients(sh_degree) as u64)
+}
+
 /// Reads the Gaussians of a `.ply` file. An opacity of 0 or 1, whose logit is infinite, becomes nearly that, a scale of 0
 /// the least that f32 has; values that are not finite otherwise are kept as they are.
 pub fn read_ply(path: &Path) -> Result<Gaussians, IoError> {
