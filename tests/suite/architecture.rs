@@ -69,7 +69,7 @@ const LAYERS: [(&str, u32); 20] = [
     ("pipeline", 6),
     ("report", 7),
     ("bench", 8),
-    ("player", 8),
+    ("player", 6),
     ("cli", 9),
 ];
 

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::inspect_file::{FilePart, Purpose};
 use super::table::{Table, grouped};
+use crate::io::ply;
 use crate::io::scene_pack::segments;
 use crate::scene::gaussians::sh_coefficients;
 use crate::scene::{InstancedScene, TemplateRange};
@@ -38,11 +39,6 @@ struct ByPack<T> {
     f32: T,
     f16: T,
     q8: T,
-}
-
-/// Bytes of a Gaussian in a .ply: position, normal, SH, opacity, scale, rotation as floats. 248 for SH 3.
-pub(super) fn ply_row_bytes(sh_degree: u32) -> u64 {
-    4 * (14 + 3 * sh_coefficients(sh_degree) as u64)
 }
 
 pub(super) fn ratio(a: u64, b: u64) -> f64 {
@@ -92,7 +88,7 @@ fn group(
         + bytes_of(own.count() as u64, Purpose::Offsets, true)
         + INSTANCE_BYTES * instances
         + RANGE_BYTES;
-    let flattened_ply_bytes = gaussians * instances * ply_row_bytes(scene.sh_degree());
+    let flattened_ply_bytes = gaussians * instances * ply::row_bytes(scene.sh_degree());
     let bound_bytes = bound_bytes(gaussians, instances, scene.templates.sh_degree);
     let times = |bytes| ratio(flattened_ply_bytes, bytes);
     GroupReport {
@@ -156,7 +152,7 @@ mod tests {
     /// DESIGN section 7: K = 8: 8.4 and 11.0 (q8), K = 64: 15.6.
     #[test]
     fn bounds_are_those_of_the_design() {
-        assert_eq!(ply_row_bytes(3), 248);
+        assert_eq!(ply::row_bytes(3), 248);
         assert_eq!(bound_bytes(10, 4, 3), ByPack { f32: 10 * (236 + 112), f16: 10 * (124 + 56), q8: 10 * (124 + 28) });
         let shrink = |k: u64, bound: u64| ratio(248 * k, bound);
         let near = |a: f64, b: f64| (a - b).abs() < 0.05;

@@ -1,10 +1,14 @@
-//! L7: the command line. One file per subcommand; each parses its flags, calls the library and reports through the one
-//! [`Printer`]. Exit codes: 0 done, 1 failed (one line `error: what, where, what to do` on stderr), 2 wrong usage.
+//! L9: the command line. One file per subcommand; each parses its flags, calls the library and reports through the one
+//! [`Printer`]. No subcommand calls another: what several need is in modules of its own, such as `training` (a run with its
+//! progress and reports) and `comparison`. Exit codes: 0 done, 1 failed (one line `error: what, where, what to do` on stderr), 2 wrong usage.
 
 mod args;
 mod bench;
 mod bench_lod;
+mod bench_report;
 mod compare;
+mod comparison;
+mod data_set;
 pub mod demo;
 mod device;
 mod edit;
@@ -18,18 +22,22 @@ mod inspect;
 mod inspect_file;
 mod inspect_groups;
 mod lavapipe;
+mod lpips_args;
+mod mask_args;
 mod masks;
 mod picture_files;
 mod picture_grid;
 #[cfg(feature = "player")]
 mod player;
 mod printer;
+mod progress_lines;
 mod render;
 mod stages;
 mod synth;
 mod table;
 mod tables;
 mod train;
+mod training;
 
 use std::process::ExitCode;
 

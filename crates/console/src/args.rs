@@ -196,6 +196,13 @@ pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliErro
     Ok(loaded)
 }
 
+/// A path as the configuration keeps it: valid in whatever folder the run is resumed.
+pub(super) fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
+    let fail = |what: String| CliError::Other(format!("{flag}: {what}"));
+    let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
+    absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
+}
+
 /// Makes a folder and those above it.
 pub fn create_folder(path: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(path).map_err(|e| IoError::new(path, format!("cannot create the folder: {e}")).into())

@@ -26,6 +26,11 @@ pub struct PlyCloud {
     pub notes: Vec<String>,
 }
 
+/// Bytes of a Gaussian in a plain `.ply`: position, normal, SH, opacity, scale, rotation as floats. 248 for SH degree 3.
+pub fn row_bytes(sh_degree: u32) -> u64 {
+    4 * (14 + 3 * sh_coefficients(sh_degree) as u64)
+}
+
 /// Reads the Gaussians of a `.ply` file. An infinite logit (opacity 0 or 1) becomes a large finite one, and a scale of
 /// 0 the smallest normal f32; other non-finite values are kept.
 pub fn read_ply(path: &Path) -> Result<Gaussians, IoError> {

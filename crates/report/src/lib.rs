@@ -1,6 +1,6 @@
 //! L7: what came out of a run: `RUN/report.json` and `RUN/report.html`, a page without scripts or anything from
 //! elsewhere, `RUN/review.html` and the pictures of [`stage_pictures`]. Of a run in two phases both reports show the plain
-//! cloud, too. Reports read what a run left; neither the trainer nor the pipeline calls them.
+//! cloud, too. [`ReportWriter`] listens to a run; neither the trainer nor the pipeline knows of it.
 
 use instgs_eval as eval;
 use instgs_io as io;
@@ -23,6 +23,7 @@ pub mod stage_pictures;
 mod stages;
 mod table;
 mod training_clock;
+mod writer;
 
 use std::path::Path;
 
@@ -34,6 +35,7 @@ pub use review_page::{KindOfMasks, ReviewSheet, ReviewView, write_review};
 pub use run_report::RunReport;
 pub use stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 pub use training_clock::training_seconds;
+pub use writer::ReportWriter;
 
 use crate::io::{IoError, RunFolder, atomic_write};
 use crate::scene::RepeatedBytes;

@@ -61,9 +61,9 @@ pub(super) fn section(title: &str, body: &str) -> String {
 
 fn head(report: &RunReport) -> String {
     let data = &report.dataset;
-    let all = match report.config.method {
-        Method::Gaussians => report.config.steps,
-        Method::Instanced => report.config.joint.steps,
+    let all = match report.config.train.method {
+        Method::Gaussians => report.config.train.steps,
+        Method::Instanced => report.config.train.joint.steps,
     };
     let planned = if report.steps < all { format!(" of {} (stopped early)", count(all)) } else { String::new() };
     let steps = format!("{} steps{planned}", count(report.steps));

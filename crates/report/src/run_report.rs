@@ -6,10 +6,10 @@ use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::JointMatch;
+use crate::pipeline::config::RunConfig;
 use crate::register::InstanceRegistration;
 use crate::scene::RepeatedBytes;
 use crate::template::GroupReport;
-use crate::train::config::TrainConfig;
 use crate::train::events::null_is_nan;
 use crate::train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, StageTime, ViewMetrics};
 
@@ -72,7 +72,7 @@ pub struct RunReport {
     /// What was trained on.
     pub dataset: DatasetFacts,
     /// The resolved configuration.
-    pub config: TrainConfig,
+    pub config: RunConfig,
 }
 
 /// A JSON object in the order of the list.

@@ -207,8 +207,8 @@ pub(super) fn two_phases() -> ReportData {
     let report = &mut data.report;
     report.method = "instgs".into();
     report.steps = 2000;
-    report.config.method = Method::Instanced;
-    report.config.joint.steps = 2000;
+    report.config.train.method = Method::Instanced;
+    report.config.train.joint.steps = 2000;
     report.stages =
         vec![stage("3dgs: train", 875.0), stage("segment", 30.0), stage("register", 4.7), stage("merge", 5.5)];
     report.eval = Some(quality(24.1));

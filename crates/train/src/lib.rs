@@ -20,6 +20,7 @@ pub mod given;
 pub mod initial;
 pub mod interrupt;
 pub mod memory;
+pub mod observer;
 mod start;
 pub mod state_file;
 pub mod step_runner;
@@ -30,5 +31,6 @@ pub mod view_store;
 pub mod views;
 
 pub use error::TrainError;
+pub use observer::{TrainMessage, TrainObserver};
 pub use start::leave_out_masked;
 pub use trainer::{TrainJob, Trained, eval_options, train};

@@ -1,23 +1,24 @@
 //! `instgs-vk demo`: the whole story on a data set made by code: photos, a plain cloud, templates and instances, a table
 //! and pictures side by side.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
 use serde::Serialize;
 
 use super::args::create_folder;
-use super::compare::{Comparison, Rival, compare};
+use super::comparison::{Comparison, Rival, compare};
+use super::data_set::make_data;
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::picture_grid::{DIFFERENCE_GAIN, Grid};
 use super::printer::Printer;
-use super::train::Session;
+use super::training::Session;
 use crate::bench::comparison::SeedResult;
 use crate::io::RunFolder;
+use crate::pipeline::config::{ConfigBuilder, RunConfig};
 use crate::synth::dataset;
-use crate::train::config::{ConfigBuilder, TrainConfig};
 use crate::train::interrupt::Interrupt;
 
 /// Steps of the plain cloud, of the joint phase, and the most Gaussians: with the build less than ten minutes on two CPU cores
@@ -97,24 +98,7 @@ pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &P
     Ok(())
 }
 
-/// Renders a data set, unless it is there.
-pub(super) fn make_data(
-    recipe: &str,
-    folder: &Path,
-    options: &dataset::Options,
-    printer: &Printer,
-) -> Result<(), CliError> {
-    // Cameras are written last.
-    if folder.join("transforms_test.json").is_file() {
-        return Ok(());
-    }
-    printer.line(format_args!("photos of the scene {recipe}, ray-traced"));
-    let mut progress = printer.progress("synth", u64::from(options.views));
-    dataset::write(recipe, folder, options, &mut |done| progress.advance_to(u64::from(done), ""))?;
-    Ok(())
-}
-
-fn config() -> Result<TrainConfig, CliError> {
+fn config() -> Result<RunConfig, CliError> {
     let mut builder = ConfigBuilder::new().file("instgs_quick")?;
     for assignment in QUICK {
         builder = builder.set(assignment)?;

@@ -8,7 +8,7 @@ use crate::cli::args::open_scene;
 use crate::cli::device::{self, DeviceArgs};
 use crate::cli::error::CliError;
 use crate::cli::printer::Printer;
-use crate::cli::stages::LabelLines;
+use crate::cli::progress_lines::LabelLines;
 use crate::cli::table::{Table, grouped};
 use crate::io::{View, read_boxes};
 use crate::pipeline::write_masks_from_boxes;
@@ -51,7 +51,7 @@ pub(super) fn make(
         BoxOptions { leave_out_support: !args.keep_support, width: args.width, render, ..BoxOptions::default() };
     let gpu = device::open(device_args.choice())?;
     let mut lines = LabelLines::new(printer);
-    let report = write_masks_from_boxes(&gpu, &cloud, views, &boxes, &options, out, &mut |at| lines.at(at));
+    let report = write_masks_from_boxes(&gpu, &cloud, views, &boxes, &options, out, &mut lines);
     drop(lines);
     let report = report?;
     device::check_validation(&gpu)?;

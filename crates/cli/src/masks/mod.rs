@@ -9,7 +9,6 @@ use clap::Args;
 
 use self::boxes::BoxArgs;
 use self::prompt::PromptArgs;
-pub(super) use self::prompt::{NamingLines, warn};
 use super::args::create_folder;
 use super::device::DeviceArgs;
 use super::error::CliError;

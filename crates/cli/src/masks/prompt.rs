@@ -6,9 +6,9 @@ use std::time::Instant;
 use clap::Args;
 
 use crate::cli::error::CliError;
-use crate::cli::printer::{Printer, Progress};
+use crate::cli::printer::Printer;
+use crate::cli::progress_lines::{NamingLines, warn_of_names};
 use crate::cli::table::{Table, grouped};
-use crate::detect::report::Dropped;
 use crate::detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, ViewMasks};
 use crate::io::View;
 use crate::pipeline::PipelineError;
@@ -90,53 +90,5 @@ pub(super) fn print(report: &Report, printer: &Printer) {
         table.row([phrase.phrase.clone(), grouped(phrase.masks as u64), grouped(phrase.views as u64)]);
     }
     printer.line(table);
-    warn(&report.found, printer);
-}
-
-/// What was not found, and what was found and left out.
-pub(in crate::cli) fn warn(found: &PromptReport, printer: &Printer) {
-    let without = found.views_without.len();
-    if without > 0 {
-        let first = found.views_without.first().map(String::as_str).unwrap_or_default();
-        printer.warning(format_args!(
-            "nothing was found in {without} of {} views ({first}{})",
-            found.views,
-            if without > 1 { ", ..." } else { "" }
-        ));
-    }
-    let Dropped { unnamed, repeated, outside, same_mask, empty, covered } = found.dropped;
-    let left_out: Vec<String> = [
-        (unnamed, "of no phrase above --text-threshold"),
-        (repeated, "covered by a better box of the same phrase"),
-        (outside, "outside of the photo"),
-        (same_mask, "with the mask of a better box"),
-        (empty, "without a pixel in their mask"),
-        (covered, "wholly behind smaller masks"),
-    ]
-    .into_iter()
-    .filter(|(count, _)| *count > 0)
-    .map(|(count, why)| format!("{count} {why}"))
-    .collect();
-    if !left_out.is_empty() {
-        printer.line(format_args!("boxes that became no mask: {}", left_out.join(", ")));
-    }
-}
-
-/// Progress over views.
-pub(in crate::cli) struct NamingLines<'a> {
-    printer: &'a Printer,
-    progress: Option<Progress>,
-}
-
-impl<'a> NamingLines<'a> {
-    /// Nothing is shown before the first view.
-    pub(in crate::cli) fn new(printer: &'a Printer) -> Self {
-        Self { printer, progress: None }
-    }
-
-    /// A view is done, of `total`.
-    pub(in crate::cli) fn at(&mut self, name: &str, found: &ViewMasks, total: usize) {
-        let progress = self.progress.get_or_insert_with(|| self.printer.progress("masks", total as u64));
-        progress.step(format_args!("{name}: {} masks", found.boxes.len()));
-    }
+    warn_of_names(&report.found, printer);
 }

@@ -4,16 +4,15 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{SegmentsArgs, create_folder_of, group_lines};
+use super::{SegmentsArgs, create_folder_of};
 use crate::cli::error::CliError;
 use crate::cli::printer::Printer;
+use crate::cli::progress_lines::group_lines;
 use crate::cli::table::grouped;
-use crate::cli::train::counts;
 use crate::io::{read_groups, save_scene};
 use crate::pipeline::build_templates;
 use crate::pipeline::build_templates::warnings;
 use crate::template::GroupReport;
-use crate::train::config::TrainConfig;
 use crate::train::facts::Counts;
 
 /// Merges the objects of each group of a segmented scene into a template, instances with offsets, and a background.
@@ -56,14 +55,15 @@ pub(in crate::cli) fn run(args: &MergeArgs, printer: &Printer) -> Result<(), Cli
     let groups = read_groups(&args.groups)?;
     create_folder_of(&args.out)?;
     printer.line(format_args!("merging {} groups", groups.len()));
-    let config = TrainConfig { groups: args.groups.display().to_string(), ..segments.config.clone() };
+    let mut config = segments.config.clone();
+    config.pipeline.groups = Some(args.groups.clone());
     let found = build_templates(&segments.cloud, &segments.labels, &groups, &config)?;
     save_scene(&args.out, &found.scene)?;
     let report = Report {
         segments: &args.segments.segments,
         out: &args.out,
         instances: found.scene.instances.len(),
-        gaussians: counts(&found.scene),
+        gaussians: Counts::of(&found.scene),
         hardly_seen: found.hardly_seen,
         groups: &found.groups,
         warnings: warnings(&found.groups),

@@ -10,8 +10,8 @@ use crate::cli::error::CliError;
 use crate::cli::printer::Printer;
 use crate::cli::table::Table;
 use crate::io::write_groups;
-use crate::pipeline::register_objects;
 use crate::pipeline::register_objects::warnings;
+use crate::pipeline::{Message, register_objects};
 use crate::register::InstanceRegistration;
 
 /// Finds which objects are alike, and the pose of each, and writes them as groups.json.
@@ -58,7 +58,8 @@ pub(in crate::cli) fn run(args: &RegisterArgs, device_args: &DeviceArgs, printer
     let gpu = device::open(device_args.choice())?;
     let objects = segments.labels.consensus.objects.iter().filter(|object| object.gaussians > 0).count();
     printer.line(format_args!("registering {objects} objects"));
-    let found = register_objects(&gpu, &segments.config, &segments.cloud, &segments.labels)?;
+    let found =
+        register_objects(&gpu, &segments.config, &segments.cloud, &segments.labels, &mut |_: Message<'_>| Ok(()))?;
     device::check_validation(&gpu)?;
     write_groups(&args.out, &found.groups)?;
     let mut told: Vec<String> = warnings(&found.registration).collect();

@@ -10,10 +10,9 @@ use crate::io::json::read_json;
 use crate::io::view_image::camera_at_width;
 use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
 use crate::pipeline::label_gaussians::LABEL_TENSOR;
-use crate::pipeline::{Prepared, mask_folder, training_views};
+use crate::pipeline::{PipelineJob, Prepared, mask_folder, training_views};
 use crate::scene::{Camera, Gaussians, PosedGroup};
 use crate::segment::{Consensus, ConsensusReport, IdTable};
-use crate::train::TrainJob;
 
 /// Everything that pictures are made from.
 pub(super) struct Inputs {
@@ -34,12 +33,12 @@ pub(super) struct Inputs {
 }
 
 /// The cameras of the training views at the size that is trained at.
-pub(super) fn cameras(job: &TrainJob) -> Result<Vec<Camera>, IoError> {
+pub(super) fn cameras(job: &PipelineJob) -> Result<Vec<Camera>, IoError> {
     Ok(training_views(job)?.1)
 }
 
 impl Inputs {
-    pub(super) fn read(job: &TrainJob) -> Result<Self, IoError> {
+    pub(super) fn read(job: &PipelineJob) -> Result<Self, IoError> {
         let (views, cameras) = training_views(job)?;
         let folder = job.folder();
         let labels = folder.labels();

@@ -4,13 +4,12 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::args::create_folder;
 use crate::cli::error::CliError;
-use crate::cli::train::{Session, train_job};
+use crate::cli::training::{Session, train_job};
 use crate::io::json::read_json;
 use crate::io::{IoError, RunFolder};
-use crate::pipeline::makes_scene;
+use crate::pipeline::config::RunConfig;
+use crate::pipeline::{PipelineJob, makes_scene};
 use crate::report::RunReport;
-use crate::train::TrainJob;
-use crate::train::config::TrainConfig;
 
 /// What one seed's runs share.
 pub(in crate::cli) struct Runs<'a> {
@@ -20,7 +19,7 @@ pub(in crate::cli) struct Runs<'a> {
     /// Folder that holds the run folders.
     pub(in crate::cli) out: PathBuf,
     /// Of the instanced run.
-    pub(in crate::cli) config: TrainConfig,
+    pub(in crate::cli) config: RunConfig,
 }
 
 impl Runs<'_> {
@@ -30,14 +29,17 @@ impl Runs<'_> {
     }
 
     /// Trains in a folder of its own, or goes on with what is there.
-    pub(in crate::cli) fn train(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
+    pub(in crate::cli) fn train(&self, name: &str, config: RunConfig) -> Result<RunReport, CliError> {
         let folder = self.folder(name);
         if let Ok(done) = read_json::<RunReport>(&folder.report())
             && done.config == config
         {
             return Ok(done);
         }
-        train_job(self.session, &TrainJob { data: self.data.into(), out: folder.path().into(), config, resume: true })
+        train_job(
+            self.session,
+            &PipelineJob { data: self.data.into(), out: folder.path().into(), config, resume: true },
+        )
     }
 
     /// The plain cloud of the instanced run, trained on for `more` steps, and ended as the joint phase is.
@@ -46,18 +48,20 @@ impl Runs<'_> {
         if !to.config().exists() {
             copy_run(&from, &to)?;
         }
-        let steps = self.config.steps + more;
-        self.train(name, TrainConfig { steps, ..self.config.cloud_alone() })
+        let mut config = self.config.cloud_alone();
+        config.train.steps = self.config.train.steps + more;
+        self.train(name, config)
     }
 
     /// An instanced run of other settings that starts from the same plain cloud.
-    pub(in crate::cli) fn variant(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
+    pub(in crate::cli) fn variant(&self, name: &str, config: RunConfig) -> Result<RunReport, CliError> {
         let (from, to) = (self.folder("instgs").plain_cloud_run(), self.folder(name).plain_cloud_run());
         to.create()?;
         copy_file(&from.point_cloud(), &to.point_cloud())?;
         copy_file(&from.events(), &to.events())?;
-        // Last: with it the cloud counts as trained.
         copy_file(&from.report(), &to.report())?;
+        // Last: with it the cloud counts as trained.
+        copy_file(&from.facts(), &to.facts())?;
         self.train(name, config)
     }
 }

@@ -3,7 +3,7 @@
 use super::Runs;
 use crate::bench::comparison::SeedResult;
 use crate::bench::{self, Subject};
-use crate::cli::bench::print_report;
+use crate::cli::bench_report::print_report;
 use crate::cli::error::CliError;
 use crate::io::load_scene;
 use crate::scene::Camera;
@@ -13,7 +13,7 @@ use crate::train::eval_options;
 pub(super) fn time(runs: &Runs<'_>, frames: u32, cameras: &[Camera], result: &mut SeedResult) -> Result<(), CliError> {
     let paths = [runs.folder("instgs").scene(), runs.folder("same_time").point_cloud()];
     let loaded = [load_scene(&paths[0])?, load_scene(&paths[1])?];
-    let options = eval_options(&runs.config);
+    let options = eval_options(&runs.config.train);
     let subject = |i: usize| Subject {
         name: paths[i].display().to_string(),
         scene: &loaded[i].scene,

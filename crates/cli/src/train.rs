@@ -4,21 +4,18 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-mod instanced;
-mod mask_args;
-mod phase;
-
-pub(super) use self::mask_args::MaskArgs;
-use self::phase::run_phase;
-pub(super) use self::phase::{Session, counts};
+use super::args::absolute;
 use super::device::{self, DeviceArgs};
 use super::error::CliError;
+use super::mask_args::MaskArgs;
 use super::printer::Printer;
 use super::table::{Table, grouped};
+use super::training::{Session, train_job};
 use crate::io::{IoError, RunFolder};
+use crate::pipeline::PipelineJob;
+use crate::pipeline::config::{ConfigBuilder, RunConfig};
 use crate::report::RunReport;
-use crate::train::TrainJob;
-use crate::train::config::{ConfigBuilder, Method, TrainConfig};
+use crate::train::config::Method;
 use crate::train::interrupt::Interrupt;
 
 /// Trains a scene of Gaussians from photos with known cameras.
@@ -90,7 +87,7 @@ pub(super) struct TrainArgs {
 }
 
 impl TrainArgs {
-    fn resolved(&self) -> Result<TrainConfig, CliError> {
+    fn resolved(&self) -> Result<RunConfig, CliError> {
         let own = RunFolder::new(&self.out).config();
         let mut builder = ConfigBuilder::new();
         if self.resume && own.is_file() {
@@ -128,7 +125,7 @@ impl TrainArgs {
             }
         }
         let config = builder.finish()?;
-        self.check_method(config.method)?;
+        self.check_method(config.train.method)?;
         Ok(config)
     }
 
@@ -155,13 +152,6 @@ impl TrainArgs {
     }
 }
 
-/// A path as the configuration keeps it: valid in whatever folder the run is resumed.
-pub(super) fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
-    let fail = |what: String| CliError::Other(format!("{flag}: {what}"));
-    let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
-    absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
-}
-
 pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let config = args.resolved()?;
     args.check_folder()?;
@@ -169,24 +159,13 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
     crate::io::read_views(&args.data)?;
     let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
-    let job = TrainJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
+    let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
     let report = train_job(&Session { gpu: &gpu, interrupt: &interrupt, printer }, &job)?;
     if args.json {
         return printer.json(&report);
     }
     print_report(&report, &args.out, printer);
     Ok(())
-}
-
-/// Trains by the job's method, all phases; the run folder has everything afterwards.
-///
-/// # Errors
-/// What is wrong with the input, the device, or that it was interrupted.
-pub(super) fn train_job(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, CliError> {
-    match job.config.method {
-        Method::Gaussians => run_phase(session, &job.out, job, |_| ()),
-        Method::Instanced => instanced::run(session, job),
-    }
 }
 
 fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
@@ -230,7 +209,7 @@ mod tests {
         args: TrainArgs,
     }
 
-    fn resolved(out: &Path, more: &[&str]) -> Result<TrainConfig, Box<dyn std::error::Error>> {
+    fn resolved(out: &Path, more: &[&str]) -> Result<RunConfig, Box<dyn std::error::Error>> {
         let out = out.display().to_string();
         let line = [&["train", "--data", "d", "--out", &out], more].concat();
         Ok(Line::try_parse_from(line)?.args.resolved()?)
@@ -242,11 +221,11 @@ mod tests {
         let here = std::env::current_dir()?;
         let config = resolved(folder.path(), &["--init", "a/../b.ply", "--set", "init_scene=c.ply"])?;
         // The flag is above --set; links are left as they are.
-        assert_eq!(Path::new(&config.init_scene), here.join("a/../b.ply"));
+        assert_eq!(config.train.init_scene, Some(here.join("a/../b.ply")));
         std::fs::write(RunFolder::new(folder.path()).config(), config.to_toml()?)?;
-        assert_eq!(resolved(folder.path(), &["--resume"])?.init_scene, config.init_scene);
-        assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.init_scene, "/x.ply");
-        assert_eq!(resolved(folder.path(), &[])?.init_scene, "");
+        assert_eq!(resolved(folder.path(), &["--resume"])?.train.init_scene, config.train.init_scene);
+        assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.train.init_scene, Some("/x.ply".into()));
+        assert_eq!(resolved(folder.path(), &[])?.train.init_scene, None);
         Ok(())
     }
 
