@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use glam::{DMat4, DVec4};
-use instgs_vk::io::{save_scene, write_cameras};
+use instgs_io::{save_scene, write_cameras};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 use serde_json::{Value, json};

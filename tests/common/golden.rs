@@ -9,12 +9,12 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
+use instgs_reference::RenderOptions;
+use instgs_reference::gather_gradients::CloudGradient;
+use instgs_reference::preprocess_instance_expand::SourceGaussian;
 use instgs_vk::math::covariance::logit;
 use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::reference::RenderOptions;
-use instgs_vk::reference::gather_gradients::CloudGradient;
-use instgs_vk::reference::preprocess_instance_expand::SourceGaussian;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 use npyz::npz::NpzArchive;

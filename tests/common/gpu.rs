@@ -2,8 +2,8 @@
 
 use std::sync::{Arc, OnceLock};
 
+use instgs_reference;
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
-use instgs_vk::reference;
 use instgs_vk::render::{Picture, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, InstancedScene};
 

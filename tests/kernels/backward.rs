@@ -1,11 +1,11 @@
 //! The backward passes: golden gradients, random scenes against the twin, overflow, determinism.
 
+use instgs_reference;
+use instgs_reference::View;
+use instgs_reference::finite_diff::Tensor;
+use instgs_reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference;
-use instgs_vk::reference::View;
-use instgs_vk::reference::finite_diff::Tensor;
-use instgs_vk::reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient};
 use instgs_vk::scene::{Gaussians, InstancedScene};
 
 use crate::common::golden::{GoldenCase, golden_cases};

@@ -1,12 +1,12 @@
 //! Bad numbers in a scene must not reach the gradients of the Gaussians around them.
 
+use instgs_reference;
+use instgs_reference::finite_diff::Tensor;
+use instgs_reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient, splat_gradients};
+use instgs_reference::preprocess_instance_expand::sources;
+use instgs_reference::{RenderOptions, View};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference;
-use instgs_vk::reference::finite_diff::Tensor;
-use instgs_vk::reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient, splat_gradients};
-use instgs_vk::reference::preprocess_instance_expand::sources;
-use instgs_vk::reference::{RenderOptions, View};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
 use crate::common::gpu::{assert_silent, gpu};

@@ -1,9 +1,9 @@
 //! Kernel `tile_marks` against its twin: random scenes, in one piece and in depth slabs, and poison.
 
-use instgs_vk::reference::preprocess_instance_expand::sources;
-use instgs_vk::reference::tile_blend::relaxed_limits;
-use instgs_vk::reference::tile_marks::{self as twin, Mark, marks};
-use instgs_vk::reference::{self, View, splats_in_depth_order};
+use instgs_reference::preprocess_instance_expand::sources;
+use instgs_reference::tile_blend::relaxed_limits;
+use instgs_reference::tile_marks::{self as twin, Mark, marks};
+use instgs_reference::{self, View, splats_in_depth_order};
 use instgs_vk::render::{MarkShape, Marks, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, InstancedScene};
 

@@ -2,21 +2,21 @@
 
 use std::sync::Arc;
 
+use instgs_io::view_image::{LoadedView, ViewImage};
+use instgs_reference;
+use instgs_reference::View;
+use instgs_reference::gather_gradients::{SceneGradient, scene_gradient};
+use instgs_reference::image_loss::{ImagePair, image_loss};
+use instgs_train::config::{OffsetRates, PoseRates, Rates, SourceRates};
+use instgs_train::device_state::DeviceState;
+use instgs_train::step_runner::{StepOutcome, StepPlan, StepRunner};
+use instgs_train::views::TrainViews;
 use instgs_vk::gpu::Gpu;
-use instgs_vk::io::view_image::{LoadedView, ViewImage};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::Adam;
-use instgs_vk::reference;
-use instgs_vk::reference::View;
-use instgs_vk::reference::gather_gradients::{SceneGradient, scene_gradient};
-use instgs_vk::reference::image_loss::{ImagePair, image_loss};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
-use instgs_vk::train::config::{OffsetRates, PoseRates, Rates, SourceRates};
-use instgs_vk::train::device_state::DeviceState;
-use instgs_vk::train::step_runner::{StepOutcome, StepPlan, StepRunner};
-use instgs_vk::train::views::TrainViews;
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::random_scene::{add_rare_offsets, random_case};

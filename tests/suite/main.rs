@@ -19,7 +19,6 @@ mod cli_instanced;
 mod cli_lod;
 mod cli_masks;
 mod cli_stages;
-mod cli_synth;
 mod cli_train;
 mod consensus;
 #[cfg(feature = "onnx")]

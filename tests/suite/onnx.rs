@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use instgs_vk::detect::{ModelsFolder, Photo, RuntimeOptions, Segmenter};
+use instgs_detect::{ModelsFolder, Photo, RuntimeOptions, Segmenter};
 use safetensors::SafeTensors;
 
 /// Models with random weights and what PyTorch makes with them; `tools/models/make_mask_model_fixtures.py` writes it.

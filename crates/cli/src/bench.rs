@@ -1,16 +1,16 @@
-//! `instgs-vk bench`: flags of the measurement, and its report as a table. The measuring is in [`crate::bench`].
+//! `instgs-vk bench`: flags of the measurement, and its report as a table. The measuring is in [`instgs_eval::bench`].
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::args::{LookArgs, ViewArgs, open_scene, parse_lod};
 use super::bench_report::print_report;
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
-use super::printer::Printer;
-use crate::bench::{self, Stage, Subject};
-use crate::io::LoadedScene;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::{LookArgs, ViewArgs, open_scene, parse_lod};
+use instgs_console::device::{self, DeviceArgs};
+use instgs_eval::bench::{self, Stage, Subject};
+use instgs_io::LoadedScene;
 
 /// Measures frame time and memory of a scene, alone or side by side with another one.
 ///

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use super::printer::Printer;
-use super::table::{Table, grouped};
-use crate::bench::{Report, SceneReport};
+use instgs_console::Printer;
+use instgs_console::table::{Table, grouped};
+use instgs_eval::bench::{Report, SceneReport};
 
 /// The report as tables.
-pub(super) fn print_report(report: &Report, printer: &Printer) {
+pub fn print_report(report: &Report, printer: &Printer) {
     let scene = &report.scene;
     let [width, height] = scene.resolution;
     let cameras = scene.cameras.len();

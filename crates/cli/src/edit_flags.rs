@@ -5,7 +5,7 @@ use std::str::FromStr;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use glam::DVec3;
 
-use crate::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Selector, Turn};
+use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn};
 
 /// Most instances of one `--scatter`: a million is far more than a scene shows, and typing errors end here.
 const MOST_SCATTERED: usize = 1_000_000;
@@ -214,7 +214,7 @@ impl<'a> Words<'a> {
         if self.plain.is_empty() {
             return Err("want an instance first: an index, id:N, group:NAME or template:N".into());
         }
-        self.plain.remove(0).parse()
+        selector(self.plain.remove(0))
     }
 
     /// The value of a name, taken out.
@@ -284,10 +284,14 @@ fn kept_side(text: &str) -> Result<Keep, String> {
     }
 }
 
+fn selector(text: &str) -> Result<Selector, String> {
+    text.parse().map_err(|e: ParseSelectorError| e.to_string())
+}
+
 fn offset_source(text: &str) -> Result<OffsetSource, String> {
     match text.split_once(':') {
-        Some(("shared", which)) => which.parse().map(OffsetSource::Shared),
-        Some(("copied", which)) => which.parse().map(OffsetSource::Copied),
+        Some(("shared", which)) => selector(which).map(OffsetSource::Shared),
+        Some(("copied", which)) => selector(which).map(OffsetSource::Copied),
         _ if text == "none" => Ok(OffsetSource::None),
         _ => Err("want none, shared:K or copied:K".into()),
     }

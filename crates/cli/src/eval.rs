@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::args::{LookArgs, SplitArg, create_folder, open_scene};
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
 use super::lpips_args::LpipsArgs;
 use super::picture_files;
-use super::printer::Printer;
-use super::table::Table;
-use crate::eval::{EvalReport, PicturePair, evaluate};
-use crate::io::picture_png::write_png;
-use crate::render::Renderer;
-use crate::scene::camera::MAX_IMAGE_SIDE;
+use instgs_console::Printer;
+use instgs_console::args::{LookArgs, SplitArg, create_folder, open_scene};
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::Table;
+use instgs_console::{CliError, failed_to_render};
+use instgs_eval::{EvalReport, PicturePair, evaluate};
+use instgs_io::picture_png::write_png;
+use instgs_vk::render::Renderer;
+use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 
 /// Differences in the pictures of --out are shown this many times as large.
 const DIFFERENCE_GAIN: f32 = 4.0;
@@ -75,8 +75,8 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let options = args.look.options(&loaded.scene);
     let place = args.scene.display();
     let gpu = device::open(device_args.choice())?;
-    let mut renderer = Renderer::new(&gpu).map_err(CliError::render(&place))?;
-    let scene = renderer.upload(&loaded.scene).map_err(CliError::render(&place))?;
+    let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
+    let scene = renderer.upload(&loaded.scene).map_err(failed_to_render(&place))?;
     let mut progress = printer.progress("eval", views.len() as u64);
     let (mut visible, mut names) = (0, file_names.iter());
     let report =

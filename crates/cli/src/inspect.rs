@@ -4,14 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::args::open_scene;
-use super::error::CliError;
 use super::inspect_file::{FilePart, FileSums, file_parts};
 use super::inspect_groups::{GroupReport, INSTANCE_BYTES, RANGE_BYTES, groups, groups_table, ratio};
-use super::printer::Printer;
-use super::table::{Table, grouped};
-use crate::io::ply;
-use crate::render::device_scene::{PlannedBytes, planned_bytes};
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::open_scene;
+use instgs_console::table::{Table, grouped};
+use instgs_io::ply;
+use instgs_vk::render::device_scene::{PlannedBytes, planned_bytes};
 
 /// Gaussians per chunk that the device figures are for: the usual work-group size (`instgs-vk info` shows it).
 const CHUNK_SIZE: u32 = 256;

@@ -3,11 +3,11 @@
 use std::ops::Range;
 
 use super::inspect_file::{FilePart, Purpose};
-use super::table::{Table, grouped};
-use crate::io::ply;
-use crate::io::scene_pack::segments;
-use crate::scene::gaussians::sh_coefficients;
-use crate::scene::{InstancedScene, TemplateRange};
+use instgs_console::table::{Table, grouped};
+use instgs_io::ply;
+use instgs_io::scene_pack::segments;
+use instgs_vk::scene::gaussians::sh_coefficients;
+use instgs_vk::scene::{InstancedScene, TemplateRange};
 
 /// 3x4 transform, template index, first offset, all of 4 bytes.
 pub(super) const INSTANCE_BYTES: u64 = 56;
@@ -142,12 +142,12 @@ pub(super) fn groups_table(groups: &[GroupReport]) -> Table {
 mod tests {
     use std::path::Path;
 
-    use super::super::error::CliError;
     use super::super::inspect_file::{FileSums, tensor_parts};
+    use super::instgs_console::error::CliError;
     use super::*;
-    use crate::io::Pack;
-    use crate::io::scene_file::tests::{sample_scene, with_ablations};
-    use crate::io::scene_write::packed_scene_file_bytes;
+    use instgs_io::Pack;
+    use instgs_io::scene_file::tests::{sample_scene, with_ablations};
+    use instgs_io::scene_write::packed_scene_file_bytes;
 
     /// DESIGN section 7: K = 8: 8.4 and 11.0 (q8), K = 64: 15.6.
     #[test]

@@ -4,12 +4,13 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::error::CliError;
-use crate::eval::lpips::weights::{conversion_command, user_weights_path};
-use crate::eval::{EvalError, InputRange, Lpips, Net};
+use instgs_console::CliError;
+use instgs_eval::lpips::weights::{conversion_command, user_weights_path};
+use instgs_eval::{EvalError, InputRange, Lpips, Net};
 
+/// Whether LPIPS is measured, and with which weights.
 #[derive(Args)]
-pub(super) struct LpipsArgs {
+pub struct LpipsArgs {
     /// Network of LPIPS
     #[arg(long, value_enum, default_value = "alex", value_name = "NET")]
     lpips_net: NetArg,
@@ -38,7 +39,7 @@ enum RangeArg {
 
 impl LpipsArgs {
     /// The network; else, if the user named no weights and has none in the data folder, why there is none.
-    pub(super) fn open(&self) -> Result<Result<Lpips, String>, CliError> {
+    pub fn open(&self) -> Result<Result<Lpips, String>, CliError> {
         let net = match self.lpips_net {
             NetArg::Alex => Net::Alex,
             NetArg::Vgg => Net::Vgg,

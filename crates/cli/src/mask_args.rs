@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::args::absolute;
-use super::error::CliError;
-use crate::pipeline::config::ConfigBuilder;
+use instgs_console::CliError;
+use instgs_console::args::absolute;
+use instgs_objects::pipeline::config::ConfigBuilder;
 
 /// At most one of a folder, boxes and words.
 #[derive(Args)]
-pub(super) struct MaskArgs {
+pub struct MaskArgs {
     /// Folder with a PNG of object ids per image [default: DATA/masks]; for instgs
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
@@ -27,7 +27,7 @@ pub(super) struct MaskArgs {
 
 impl MaskArgs {
     /// The flags, and whether each was given.
-    pub(super) fn given(&self) -> impl Iterator<Item = (&'static str, bool)> {
+    pub fn given(&self) -> impl Iterator<Item = (&'static str, bool)> {
         [
             ("--masks", self.masks.is_some()),
             ("--boxes", self.boxes.is_some()),
@@ -38,7 +38,7 @@ impl MaskArgs {
     }
 
     /// A configuration with what was given.
-    pub(super) fn put_into(&self, mut builder: ConfigBuilder) -> Result<ConfigBuilder, CliError> {
+    pub fn put_into(&self, mut builder: ConfigBuilder) -> Result<ConfigBuilder, CliError> {
         if let Some(prompt) = &self.prompt {
             builder = builder.flag("--prompt", "prompt", prompt.as_str())?;
         }

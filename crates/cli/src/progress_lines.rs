@@ -1,39 +1,39 @@
 //! What several commands print of masks, labels and groups.
 
-use super::printer::{Printer, Progress};
-use crate::detect::report::Dropped;
-use crate::detect::{PromptReport, ViewMasks};
-use crate::io::IoError;
-use crate::pipeline::{Message, Observer};
-use crate::segment::LabelProgress;
-use crate::template::GroupReport;
+use instgs_console::{Printer, Progress};
+use instgs_detect::report::Dropped;
+use instgs_detect::{PromptReport, ViewMasks};
+use instgs_io::IoError;
+use instgs_objects::pipeline::{Message, Observer};
+use instgs_objects::segment::LabelProgress;
+use instgs_objects::template::GroupReport;
 
 /// Progress of labels, and of masks from boxes.
-pub(super) struct LabelLines<'a> {
+pub struct LabelLines<'a> {
     printer: &'a Printer,
     progress: Option<Progress>,
 }
 
 impl<'a> LabelLines<'a> {
     /// Nothing is shown before the first view.
-    pub(super) fn new(printer: &'a Printer) -> Self {
+    pub fn new(printer: &'a Printer) -> Self {
         Self { printer, progress: None }
     }
 
     /// The stage is done.
-    pub(super) fn end(&mut self) {
+    pub fn end(&mut self) {
         self.progress = None;
     }
 
     /// Views are done.
-    pub(super) fn at(&mut self, at: LabelProgress) {
+    pub fn at(&mut self, at: LabelProgress) {
         let progress = self.progress.get_or_insert_with(|| self.printer.progress("segment", at.total as u64));
         progress.advance_to(at.done as u64, "");
     }
 }
 
 /// A line for each group that became a template.
-pub(super) fn group_lines(groups: &[GroupReport], printer: &Printer) {
+pub fn group_lines(groups: &[GroupReport], printer: &Printer) {
     for group in groups.iter().filter(|g| g.template.is_some()) {
         let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
         let (fewest, mean, most) = group.gaussians_per_instance;
@@ -47,7 +47,7 @@ pub(super) fn group_lines(groups: &[GroupReport], printer: &Printer) {
 }
 
 /// What was not found, and what was found and left out.
-pub(super) fn warn_of_names(found: &PromptReport, printer: &Printer) {
+pub fn warn_of_names(found: &PromptReport, printer: &Printer) {
     let without = found.views_without.len();
     if without > 0 {
         let first = found.views_without.first().map(String::as_str).unwrap_or_default();
@@ -76,24 +76,24 @@ pub(super) fn warn_of_names(found: &PromptReport, printer: &Printer) {
 }
 
 /// Progress of masks from words.
-pub(super) struct NamingLines<'a> {
+pub struct NamingLines<'a> {
     printer: &'a Printer,
     progress: Option<Progress>,
 }
 
 impl<'a> NamingLines<'a> {
     /// Nothing is shown before the first view.
-    pub(super) fn new(printer: &'a Printer) -> Self {
+    pub fn new(printer: &'a Printer) -> Self {
         Self { printer, progress: None }
     }
 
     /// All views are done.
-    pub(super) fn end(&mut self) {
+    pub fn end(&mut self) {
         self.progress = None;
     }
 
     /// A view is done, of `total`.
-    pub(super) fn at(&mut self, name: &str, found: &ViewMasks, total: usize) {
+    pub fn at(&mut self, name: &str, found: &ViewMasks, total: usize) {
         let progress = self.progress.get_or_insert_with(|| self.printer.progress("masks", total as u64));
         progress.step(format_args!("{name}: {} masks", found.boxes.len()));
     }

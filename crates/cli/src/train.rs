@@ -4,19 +4,19 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::args::absolute;
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
 use super::mask_args::MaskArgs;
-use super::printer::Printer;
-use super::table::{Table, grouped};
 use super::training::{Session, train_job};
-use crate::io::{IoError, RunFolder};
-use crate::pipeline::PipelineJob;
-use crate::pipeline::config::{ConfigBuilder, RunConfig};
-use crate::report::RunReport;
-use crate::train::config::Method;
-use crate::train::interrupt::Interrupt;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::absolute;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::{Table, grouped};
+use instgs_io::{IoError, RunFolder};
+use instgs_objects::pipeline::PipelineJob;
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_report::RunReport;
+use instgs_train::config::Method;
+use instgs_train::interrupt::Interrupt;
 
 /// Trains a scene of Gaussians from photos with known cameras.
 ///
@@ -119,8 +119,7 @@ impl TrainArgs {
         ];
         for (flag, key, value) in numbers {
             if let Some(value) = value {
-                let value =
-                    i64::try_from(value).map_err(|_| CliError::Other(format!("{flag}: {value} is too large")))?;
+                let value = i64::try_from(value).map_err(|_| CliError::msg(format!("{flag}: {value} is too large")))?;
                 builder = builder.flag(flag, key, value)?;
             }
         }
@@ -134,7 +133,7 @@ impl TrainArgs {
         let of_groups = [("--groups", self.groups.is_some()), ("--joint-steps", self.joint_steps.is_some())];
         let given = self.masks.given().chain(of_groups).find(|(_, given)| *given);
         match (method, given) {
-            (Method::Gaussians, Some((flag, _))) => Err(CliError::Other(format!(
+            (Method::Gaussians, Some((flag, _))) => Err(CliError::msg(format!(
                 "{flag} is for templates and instances, and this run trains a plain cloud; add --method instgs, or a \
                  preset that has it (--config instgs_quick)"
             ))),
@@ -156,8 +155,8 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
     let config = args.resolved()?;
     args.check_folder()?;
     // Before anything is made: a folder without cameras should not leave an empty run.
-    crate::io::read_views(&args.data)?;
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
+    instgs_io::read_views(&args.data)?;
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
     let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
     let report = train_job(&Session { gpu: &gpu, interrupt: &interrupt, printer }, &job)?;

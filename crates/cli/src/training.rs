@@ -3,31 +3,34 @@
 
 use std::sync::Arc;
 
-use super::device;
-use super::error::CliError;
-use super::printer::{Printer, Progress};
 use super::progress_lines::{LabelLines, NamingLines, group_lines, warn_of_names};
-use super::table::grouped;
-use crate::gpu::Gpu;
-use crate::io::IoError;
-use crate::pipeline::{Message, Observer, Phase, Pipeline, PipelineJob, Prepared, Stage};
-use crate::report::{ReportError, ReportWriter, RunReport};
-use crate::train::TrainMessage;
-use crate::train::events::Event;
-use crate::train::interrupt::Interrupt;
+use instgs_console::CliError;
+use instgs_console::device;
+use instgs_console::table::grouped;
+use instgs_console::{Printer, Progress};
+use instgs_io::IoError;
+use instgs_objects::pipeline::{Message, Observer, Phase, Pipeline, PipelineJob, Prepared, Stage};
+use instgs_report::{ReportError, ReportWriter, RunReport};
+use instgs_train::TrainMessage;
+use instgs_train::events::Event;
+use instgs_train::interrupt::Interrupt;
+use instgs_vk::gpu::Gpu;
 
 /// What all runs of a command share.
-pub(super) struct Session<'a> {
-    pub(super) gpu: &'a Arc<Gpu>,
-    pub(super) interrupt: &'a Interrupt,
-    pub(super) printer: &'a Printer,
+pub struct Session<'a> {
+    /// The device that everything runs on.
+    pub gpu: &'a Arc<Gpu>,
+    /// Ctrl-C.
+    pub interrupt: &'a Interrupt,
+    /// Where progress and warnings go.
+    pub printer: &'a Printer,
 }
 
 /// Trains by the job's method, all phases; the run folder has everything afterwards.
 ///
 /// # Errors
 /// What is wrong with the input, the device, or that it was interrupted.
-pub(super) fn train_job(session: &Session<'_>, job: &PipelineJob) -> Result<RunReport, CliError> {
+pub fn train_job(session: &Session<'_>, job: &PipelineJob) -> Result<RunReport, CliError> {
     let mut watcher = Watcher {
         session,
         job,

@@ -7,12 +7,12 @@ use glam::DVec3;
 
 use crate::error::CliError;
 use crate::printer::Printer;
-use crate::io::dataset::Split;
-use crate::io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views};
-use crate::render::RenderOptions;
-use crate::scene::camera::MAX_IMAGE_SIDE;
-use crate::scene::trajectory::Orbit;
-use crate::scene::{Camera, InstancedScene};
+use instgs_io::dataset::Split;
+use instgs_io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views};
+use instgs_vk::render::RenderOptions;
+use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
+use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Picture size of `--orbit` without `--size`.
 const ORBIT_SIZE: (u32, u32) = (1280, 720);
@@ -91,12 +91,7 @@ impl Triple {
 
 impl ViewArgs {
     /// The cameras, at least one; warns if `near` cuts a circle's view off.
-    pub fn cameras(
-        &self,
-        scene: &InstancedScene,
-        near: f32,
-        printer: &Printer,
-    ) -> Result<Vec<Camera>, CliError> {
+    pub fn cameras(&self, scene: &InstancedScene, near: f32, printer: &Printer) -> Result<Vec<Camera>, CliError> {
         let cameras = match &self.source {
             ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder)?,
             ViewSource { camera: Some(path), .. } => read_cameras(path)?,
@@ -197,8 +192,8 @@ pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliErro
 }
 
 /// A path as the configuration keeps it: valid in whatever folder the run is resumed.
-pub(super) fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
-    let fail = |what: String| CliError::Other(format!("{flag}: {what}"));
+pub fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
+    let fail = |what: String| CliError::msg(format!("{flag}: {what}"));
     let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
     absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
 }

@@ -8,7 +8,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::CliError;
-use crate::io::{IoError, atomic_write};
+use instgs_io::{IoError, atomic_write};
 
 /// Lines that a task of many steps prints where there is no terminal.
 const PROGRESS_LINES: u64 = 10;

@@ -1,6 +1,6 @@
 //! Text tables: columns as wide as their widest cell, the first to the left, the others to the right.
 
-pub use crate::math::digits::grouped;
+pub use instgs_vk::math::digits::grouped;
 
 /// Rows of cells.
 #[derive(Default)]

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::error::IoError;
 use crate::ply_table::{Element, PlyTable};
 use crate::{LEAST_LOG_SCALE, atomic_write, cut_note, logit_of_byte, ply_packed, read_bytes};
-use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
+use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// The contents of a `.ply` file.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::ply::PlyCloud;
 use crate::spz::SpzCloud;
 use crate::{IoError, ply, read_bytes, scene_file, scene_write, splat, spz};
-use crate::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::instanced_scene::InstancedScene;
 
 /// A scene loaded from a file.
 #[derive(Clone, Debug, PartialEq)]

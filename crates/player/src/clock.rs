@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::math::statistics::percentile;
+use instgs_vk::math::statistics::percentile;
 
 /// Pictures that are remembered: two seconds at 120 per second.
 const REMEMBERED: usize = 240;

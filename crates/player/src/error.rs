@@ -1,8 +1,8 @@
 //! What can go wrong in the player, one line each.
 
-use crate::gpu::GpuError;
-use crate::io::IoError;
-use crate::render::RenderError;
+use instgs_io::IoError;
+use instgs_vk::gpu::GpuError;
+use instgs_vk::render::RenderError;
 
 /// Why the player stopped, or could not do what was asked for.
 #[derive(Debug, thiserror::Error)]

@@ -10,8 +10,8 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use crate::scene::Camera;
-use crate::scene::edit::{Edit, Selector, Turn};
+use instgs_vk::scene::Camera;
+use instgs_vk::scene::edit::{Edit, Selector, Turn};
 
 /// Length of the arrows, pixels: they reach out of an object of a tenth of a picture of 1080 lines, and fit into one of 180.
 const ARROW_PX: f64 = 84.0;

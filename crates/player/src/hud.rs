@@ -1,8 +1,8 @@
 //! What is written over the picture: frame times, counts, bytes, and the few things that can be set.
 
 use crate::swapchain::PresentMode;
-use crate::math::digits::grouped;
-use crate::render::{FrameStats, Show};
+use instgs_vk::math::digits::grouped;
+use instgs_vk::render::{FrameStats, Show};
 
 use super::clock::FrameClock;
 use super::navigation::Navigator;

@@ -26,10 +26,6 @@
 //! A picture goes from the blend pass to the screen without a copy on the host: kernel `present` packs it into the pixels of
 //! the window, which are copied into one of the window's images.
 
-use instgs_io as io;
-use instgs_objects::{register, segment};
-use instgs_vk::{gpu, math, render, scene};
-
 pub mod box_handles;
 pub mod boxes;
 pub mod clock;

@@ -1,8 +1,8 @@
 //! The views of a picture: their names, their keys, what is said of them, and how one of them is chosen.
 
-use crate::math::heat::heat;
-use crate::render::Show;
-use crate::render::show::{ELLIPSE_ALPHA, OFFSET_TOP, TILE_LOAD_TOP};
+use instgs_vk::math::heat::heat;
+use instgs_vk::render::Show;
+use instgs_vk::render::show::{ELLIPSE_ALPHA, OFFSET_TOP, TILE_LOAD_TOP};
 
 /// Of the picture of a scene that is far away, this many distances to the target are black in the view of depth.
 const DEPTH_OF_DISTANCE: f32 = 3.0;

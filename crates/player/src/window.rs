@@ -10,11 +10,11 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::window::{Window, WindowId};
 
-use crate::gpu::{DeviceChoice, Gpu};
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::{UiFrame, UiPainter};
-use crate::render::FrameStats;
-use crate::scene::{Boxes, Camera, InstancedScene};
+use instgs_vk::gpu::{DeviceChoice, Gpu};
+use instgs_vk::render::FrameStats;
+use instgs_vk::scene::{Boxes, Camera, InstancedScene};
 
 use super::clock::FrameClock;
 use super::controls::Controls;

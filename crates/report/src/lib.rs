@@ -2,12 +2,6 @@
 //! elsewhere, `RUN/review.html` and the pictures of [`stage_pictures`]. Of a run in two phases both reports show the plain
 //! cloud, too. [`ReportWriter`] listens to a run; neither the trainer nor the pipeline knows of it.
 
-use instgs_eval as eval;
-use instgs_io as io;
-use instgs_objects::{pipeline, register, segment, template};
-use instgs_train as train;
-use instgs_vk::{gpu, math, render, scene};
-
 pub mod chart;
 mod curves;
 mod error;
@@ -37,10 +31,10 @@ pub use stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePict
 pub use training_clock::training_seconds;
 pub use writer::ReportWriter;
 
-use crate::io::{IoError, RunFolder, atomic_write};
-use crate::scene::RepeatedBytes;
-use crate::train::events::Event;
-use crate::train::facts::Quality;
+use instgs_io::{IoError, RunFolder, atomic_write};
+use instgs_train::events::Event;
+use instgs_train::facts::Quality;
+use instgs_vk::scene::RepeatedBytes;
 
 /// Everything that the page shows.
 #[derive(Clone, Debug, Default)]
@@ -86,7 +80,7 @@ pub fn write(run: &RunFolder, data: &ReportData) -> Result<(), IoError> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_json(run: &RunFolder, report: &RunReport) -> Result<(), IoError> {
-    crate::io::json::write_json(&run.report(), report)
+    instgs_io::json::write_json(&run.report(), report)
 }
 
 /// The page; `path` is for messages.

@@ -11,9 +11,9 @@ use super::run_report::RunReport;
 use super::stages as of_stages;
 use super::table::{bar, table};
 use super::{ReportData, ViewPicture};
-use crate::io::{IoError, Place};
-use crate::train::config::Method;
-use crate::train::facts::Quality;
+use instgs_io::{IoError, Place};
+use instgs_train::config::Method;
+use instgs_train::facts::Quality;
 
 pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     let report = &data.report;

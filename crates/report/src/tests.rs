@@ -3,10 +3,10 @@
 use std::f64::consts::TAU;
 
 use super::*;
-use crate::math::rng::Rng;
-use crate::template::{GroupReport, InstanceReport};
-use crate::train::config::Method;
-use crate::train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, ViewMetrics};
+use instgs_objects::template::{GroupReport, InstanceReport};
+use instgs_train::config::Method;
+use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, ViewMetrics};
+use instgs_vk::math::rng::Rng;
 
 fn quality(psnr: f64) -> Quality {
     Quality { psnr, ssim: 0.5 + psnr / 80.0, lpips: Some(0.5 - psnr / 80.0) }

@@ -5,17 +5,17 @@ use std::time::Instant;
 
 use super::stage_pictures::{self, data::StagePictures};
 use super::{JointMatch, ReportData, ReportError, Rgb8, RunReport, ViewPicture, choose, training_seconds, write};
-use crate::eval::Evaluated;
-use crate::gpu::Gpu;
-use crate::io::json::read_json;
-use crate::io::picture_png::write_png;
-use crate::io::{IoError, RunFolder, run_folder};
-use crate::pipeline::config::RunConfig;
-use crate::pipeline::{Finished, Message, ObjectPhases, Phase, PipelineJob, Prepared};
-use crate::train::TrainMessage;
-use crate::train::event_log::read_events;
-use crate::train::events::Event;
-use crate::train::facts::{StageTime, TrainFacts};
+use instgs_eval::Evaluated;
+use instgs_io::json::read_json;
+use instgs_io::picture_png::write_png;
+use instgs_io::{IoError, RunFolder, run_folder};
+use instgs_objects::pipeline::config::RunConfig;
+use instgs_objects::pipeline::{Finished, Message, ObjectPhases, Phase, PipelineJob, Prepared};
+use instgs_train::TrainMessage;
+use instgs_train::event_log::read_events;
+use instgs_train::events::Event;
+use instgs_train::facts::{StageTime, TrainFacts};
+use instgs_vk::gpu::Gpu;
 
 /// Test views whose pictures the page shows.
 const PICTURES: usize = 8;

@@ -6,8 +6,8 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::events::null_is_nan;
-use crate::eval::Metrics;
-use crate::scene::{InstancedScene, RepeatedBytes};
+use instgs_eval::Metrics;
+use instgs_vk::scene::{InstancedScene, RepeatedBytes};
 
 /// Everything that is known of a training that is done: `trained.json`. The names are those of `report.json`, so that the report
 /// of a version without that file can be read as well. Numbers that are not finite are `null` in the file.

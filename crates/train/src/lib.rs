@@ -2,12 +2,8 @@
 //!
 //! Plain data, no device: [`config`] (what to do at which step), [`view_order`] (which view a step uses), [`events`]
 //! and [`event_log`] (what happened), [`facts`] (what came out), [`interrupt`] (Ctrl-C). Checkpoint files are
-//! [`crate::io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
-//! [`crate::pipeline`].
-
-use instgs_eval as eval;
-use instgs_io as io;
-use instgs_vk::{gpu, kernels, math, optim, render, scene};
+//! [`instgs_io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
+//! [`instgs_objects::pipeline`].
 
 pub mod config;
 mod data_doubts;

@@ -1,8 +1,8 @@
 //! What a training run tells while it goes on, to the one who watches it.
 
 use super::events::Event;
-use crate::eval::Evaluated;
-use crate::io::IoError;
+use instgs_eval::Evaluated;
+use instgs_io::IoError;
 
 /// One thing that a run tells.
 #[derive(Clone, Copy, Debug)]

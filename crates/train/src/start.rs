@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::gpu::Gpu;
-use crate::io::checkpoint::{self, Checkpoint};
-use crate::io::dataset::{Dataset, Split, read_views};
-use crate::io::point_cloud::{advice_without_points, read_points};
-use crate::io::view_image::IGNORED;
-use crate::io::{IoError, View, load_scene};
-use crate::kernels::Variant;
-use crate::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
+use instgs_io::checkpoint::{self, Checkpoint};
+use instgs_io::dataset::{Dataset, Split, read_views};
+use instgs_io::point_cloud::{advice_without_points, read_points};
+use instgs_io::view_image::IGNORED;
+use instgs_io::{IoError, View, load_scene};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::kernels::Variant;
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
 
 use super::config::{Init, Method, Strategy, TrainConfig};
 use super::data_doubts::doubts;
@@ -247,7 +247,7 @@ pub(super) fn first_state(
         (None, Init::Points) => from_points(&data.points, degree, shape),
         (None, Init::Random) => {
             let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
-            let seed = crate::math::rng::Rng::new(config.seed).fork(INIT_STREAM).next_u64();
+            let seed = instgs_vk::math::rng::Rng::new(config.seed).fork(INIT_STREAM).next_u64();
             random_in_view(&cameras, config.init_count as usize, seed, degree, shape)
         }
     };
@@ -308,8 +308,8 @@ fn capped(cloud: Gaussians, most: usize, warnings: &mut Vec<String>) -> Gaussian
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::checkpoint::save;
     use crate::config::{ConfigBuilder, ConfigError};
+    use instgs_io::checkpoint::save;
 
     type Test = Result<(), Box<dyn std::error::Error>>;
 
@@ -378,7 +378,7 @@ mod tests {
                 cy: 0.5,
                 view_from_world: pose,
             };
-            let split = crate::io::Split::Test;
+            let split = instgs_io::Split::Test;
             Ok::<_, Box<dyn std::error::Error>>(View {
                 camera: sides,
                 image_path,
@@ -406,7 +406,7 @@ mod tests {
         };
         assert!(needs(&[], false)? && needs(&[], true)?);
         assert!(!needs(&["init=random"], false)? && !needs(&["init_scene=a.ply"], false)?);
-        let path = save(&crate::io::RunFolder::new(&out).checkpoints(), &sample())?;
+        let path = save(&instgs_io::RunFolder::new(&out).checkpoints(), &sample())?;
         // Without --resume the checkpoint does not count, whatever it is.
         assert!(needs(&[], false)? && needs(&["sh_degree=3"], false)?);
         assert!(!needs(&[], true)?);

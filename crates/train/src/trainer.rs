@@ -4,16 +4,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::eval::{EvalReport, Evaluated, evaluate};
-use crate::gpu::Gpu;
-use crate::io::checkpoint;
-use crate::io::json::write_json;
-use crate::io::{IoError, RunFolder, View, atomic_write, write_ply, write_scene_file};
-use crate::kernels::Variant;
-use crate::math::rng::Rng;
-use crate::optim::Adam;
-use crate::render::{DeviceScene, RenderOptions, Renderer};
-use crate::scene::{InstancedScene, RepeatedBytes};
+use instgs_eval::{EvalReport, Evaluated, evaluate};
+use instgs_io::checkpoint;
+use instgs_io::json::write_json;
+use instgs_io::{IoError, RunFolder, View, atomic_write, write_ply, write_scene_file};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::kernels::Variant;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::optim::Adam;
+use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
+use instgs_vk::scene::{InstancedScene, RepeatedBytes};
 
 use super::config::{Background, Method, TrainConfig};
 use super::device_state::DeviceState;
@@ -288,7 +288,7 @@ fn evaluate_at_end(
 }
 
 fn view_metrics(report: &EvalReport) -> Vec<ViewMetrics> {
-    let quality = |view: &crate::eval::ViewMetrics| Quality { psnr: view.psnr, ssim: view.ssim, lpips: view.lpips };
+    let quality = |view: &instgs_eval::ViewMetrics| Quality { psnr: view.psnr, ssim: view.ssim, lpips: view.lpips };
     report.views.iter().map(|view| ViewMetrics { name: view.name.clone(), quality: quality(view) }).collect()
 }
 

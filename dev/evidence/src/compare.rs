@@ -4,16 +4,16 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::args::absolute;
 use super::comparison::{Comparison, Rival, compare};
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
-use super::mask_args::MaskArgs;
-use super::printer::Printer;
-use super::training::Session;
-use crate::pipeline::config::ConfigBuilder;
-use crate::train::config::Method;
-use crate::train::interrupt::Interrupt;
+use instgs_cli::mask_args::MaskArgs;
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::absolute;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_objects::pipeline::config::ConfigBuilder;
+use instgs_train::config::Method;
+use instgs_train::interrupt::Interrupt;
 
 /// Compares an instanced scene with plain clouds that had as much time, or may have as many bytes.
 ///
@@ -67,7 +67,7 @@ pub(super) struct CompareArgs {
 
 pub(super) fn run(args: &CompareArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let comparison = args.comparison()?;
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
     let results = compare(&session, &comparison, &mut |_, _| ())?;
@@ -93,7 +93,7 @@ impl CompareArgs {
         (config.train.method, config.train.seed) = (Method::Instanced, 0);
         if config.train.init_scene.is_some() {
             let what = "compare trains its own plain cloud, of which it knows the time: leave out init_scene";
-            return Err(CliError::Other(what.into()));
+            return Err(CliError::msg(what));
         }
         Ok(Comparison {
             data: self.data.clone(),
@@ -109,7 +109,7 @@ impl CompareArgs {
 }
 
 fn as_i64(seed: u64) -> Result<i64, CliError> {
-    i64::try_from(seed).map_err(|_| CliError::Other(format!("--seeds: {seed} is too large")))
+    i64::try_from(seed).map_err(|_| CliError::msg(format!("--seeds: {seed} is too large")))
 }
 
 #[cfg(test)]
@@ -117,7 +117,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
-    use crate::cli::comparison::keep_config;
+    use crate::comparison::keep_config;
 
     #[derive(Parser)]
     struct Line {

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::error::CliError;
-use super::printer::Printer;
-use crate::synth::dataset;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_synth::dataset;
 
 /// Renders a data set, unless it is there.
 pub(super) fn make_data(

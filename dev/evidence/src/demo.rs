@@ -7,19 +7,19 @@ use std::time::Instant;
 use clap::Args;
 use serde::Serialize;
 
-use super::args::create_folder;
 use super::comparison::{Comparison, Rival, compare};
 use super::data_set::make_data;
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
 use super::picture_grid::{DIFFERENCE_GAIN, Grid};
-use super::printer::Printer;
-use super::training::Session;
-use crate::bench::comparison::SeedResult;
-use crate::io::RunFolder;
-use crate::pipeline::config::{ConfigBuilder, RunConfig};
-use crate::synth::dataset;
-use crate::train::interrupt::Interrupt;
+use crate::protocol::SeedResult;
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::create_folder;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_io::RunFolder;
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_synth::dataset;
+use instgs_train::interrupt::Interrupt;
 
 /// Steps of the plain cloud, of the joint phase, and the most Gaussians: with the build less than ten minutes on two CPU cores
 /// without AVX-512.
@@ -61,7 +61,7 @@ pub(super) struct DemoReport {
 
 pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let started = Instant::now();
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
     create_folder(&args.out)?;

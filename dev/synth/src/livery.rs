@@ -3,9 +3,9 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::math::rng::Rng;
 use crate::car::{AXLE_X, CarSurfel, Part, WHEEL_Y};
 use crate::shading::albedo;
+use instgs_vk::math::rng::Rng;
 
 /// How the two paints are laid out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

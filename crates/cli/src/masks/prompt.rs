@@ -5,13 +5,13 @@ use std::time::Instant;
 
 use clap::Args;
 
-use crate::cli::error::CliError;
-use crate::cli::printer::Printer;
-use crate::cli::progress_lines::{NamingLines, warn_of_names};
-use crate::cli::table::{Table, grouped};
-use crate::detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, ViewMasks};
-use crate::io::View;
-use crate::pipeline::PipelineError;
+use crate::progress_lines::{NamingLines, warn_of_names};
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::table::{Table, grouped};
+use instgs_detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, ViewMasks};
+use instgs_io::View;
+use instgs_objects::pipeline::PipelineError;
 
 /// How things are found by name.
 #[derive(Args)]
@@ -72,12 +72,12 @@ pub(super) fn make(
     let prompt = Prompt::parse(prompt).map_err(PipelineError::from)?;
     let Some(models) = &args.models else {
         let what = "--prompt needs models: give their folder with --models; tools/models/README.md says how to make it";
-        return Err(CliError::Other(what.into()));
+        return Err(CliError::msg(what));
     };
     let views: Vec<&View> = views.iter().collect();
     let mut lines = NamingLines::new(printer);
     let mut done = |name: &str, found: &ViewMasks| lines.at(name, found, views.len());
-    let found = crate::detect::masks_from_prompt(&views, &prompt, models, &args.options(), out, &mut done);
+    let found = instgs_detect::masks_from_prompt(&views, &prompt, models, &args.options(), out, &mut done);
     drop(lines);
     let found = found.map_err(PipelineError::from)?;
     Ok(Report { prompt: prompt.text(), found, seconds: started.elapsed().as_secs_f64() })

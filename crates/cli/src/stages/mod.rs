@@ -9,12 +9,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::error::CliError;
-use crate::io::RunFolder;
-use crate::pipeline::CloudLabels;
-use crate::pipeline::config::{ConfigBuilder, RunConfig};
-use crate::pipeline::label_gaussians::{read_cloud, require_segments};
-use crate::scene::InstancedScene;
+use instgs_console::CliError;
+use instgs_io::RunFolder;
+use instgs_objects::pipeline::CloudLabels;
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_objects::pipeline::label_gaussians::{read_cloud, require_segments};
+use instgs_vk::scene::InstancedScene;
 
 /// Where the earlier stage left its files.
 #[derive(Args)]
@@ -61,7 +61,7 @@ fn with_sets(builder: ConfigBuilder, sets: &[String]) -> Result<ConfigBuilder, C
 /// Makes the folder of a file that is to be written, before the work that fills it.
 fn create_folder_of(file: &Path) -> Result<(), CliError> {
     match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => super::args::create_folder(folder),
+        Some(folder) if !folder.as_os_str().is_empty() => instgs_console::args::create_folder(folder),
         _ => Ok(()),
     }
 }

@@ -5,20 +5,20 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::with_sets;
-use crate::cli::args::{absolute, create_folder};
-use crate::cli::device::{self, DeviceArgs};
-use crate::cli::error::CliError;
-use crate::cli::printer::Printer;
-use crate::cli::progress_lines::LabelLines;
-use crate::cli::table::{Table, grouped};
-use crate::io::{IoError, RunFolder, atomic_write, write_ply};
-use crate::pipeline::config::{ConfigBuilder, RunConfig};
-use crate::pipeline::label_gaussians::read_cloud;
-use crate::pipeline::{PipelineJob, check_masks, label_gaussians};
-use crate::report::stage_pictures;
-use crate::segment::ConsensusReport;
-use crate::train::config::Method;
-use crate::train::given::given_plain_cloud;
+use crate::progress_lines::LabelLines;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::{absolute, create_folder};
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::{Table, grouped};
+use instgs_io::{IoError, RunFolder, atomic_write, write_ply};
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_objects::pipeline::label_gaussians::read_cloud;
+use instgs_objects::pipeline::{PipelineJob, check_masks, label_gaussians};
+use instgs_objects::segment::ConsensusReport;
+use instgs_report::stage_pictures;
+use instgs_train::config::Method;
+use instgs_train::given::given_plain_cloud;
 
 /// Finds the objects of a trained plain cloud in the masks of its training views.
 ///
@@ -32,7 +32,7 @@ use crate::train::given::given_plain_cloud;
     instgs-vk segment --scene runs/cars/point_cloud.ply --data cars --out cars_segments\n  \
     instgs-vk register --segments cars_segments --out cars_groups.json\n  \
     instgs-vk merge --segments cars_segments --groups cars_groups.json --out cars.instgs")]
-pub(in crate::cli) struct SegmentArgs {
+pub(crate) struct SegmentArgs {
     /// Scene without instances: .ply, .spz, .splat or .instgs
     #[arg(long, value_name = "PLY")]
     scene: PathBuf,
@@ -57,7 +57,7 @@ pub(in crate::cli) struct SegmentArgs {
     width: Option<u32>,
     /// Report as JSON on stdout
     #[arg(long)]
-    pub(in crate::cli) json: bool,
+    pub(crate) json: bool,
 }
 
 /// What is printed with `--json`.
@@ -72,7 +72,7 @@ struct Report<'a> {
     seconds: f64,
 }
 
-pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+pub(crate) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     check_folder(&args.out)?;
     let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config: args.resolved()?, resume: false };
     let folder = job.folder();

@@ -1,8 +1,8 @@
 //! Templates, instances with offsets, and a background, from a segmented cloud and posed groups.
 
 use super::config::RunConfig;
-use crate::scene::{InstancedScene, PosedGroup};
 use crate::template::{GroupReport, POOR_MATCH, build};
+use instgs_vk::scene::{InstancedScene, PosedGroup};
 
 use super::error::PipelineError;
 use super::label_gaussians::CloudLabels;

@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
-use crate::detect::DetectError;
-use crate::eval::EvalError;
-use crate::io::IoError;
 use crate::register::RegisterError;
-use crate::render::RenderError;
 use crate::segment::SegmentError;
 use crate::template::TemplateError;
-use crate::train::TrainError;
-use crate::train::config::ConfigError;
+use instgs_detect::DetectError;
+use instgs_eval::EvalError;
+use instgs_io::IoError;
+use instgs_train::TrainError;
+use instgs_train::config::ConfigError;
+use instgs_vk::render::RenderError;
 
 /// One line for the user each.
 #[derive(Debug, thiserror::Error)]

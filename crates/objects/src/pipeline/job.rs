@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use super::config::RunConfig;
-use crate::io::RunFolder;
-use crate::train::TrainJob;
-use crate::train::config::ConfigError;
+use instgs_io::RunFolder;
+use instgs_train::TrainJob;
+use instgs_train::config::ConfigError;
 
 /// From which photos and masks a scene is made, how, and where the files go.
 #[derive(Clone, Debug)]

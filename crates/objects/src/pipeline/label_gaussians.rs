@@ -8,16 +8,16 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use crate::gpu::Gpu;
-use crate::io::checkpoint::Checkpoint;
-use crate::io::json::{read_json, write_json};
-use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, MaskFolder, RunFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
-use crate::scene::{Camera, InstancedScene, PosedGroup};
 use crate::segment::{
     Consensus, ConsensusOptions, ConsensusReport, KEPT_BYTES, LabelOptions, LabelProgress, ViewContributions,
     consensus, label_views,
 };
+use instgs_io::checkpoint::Checkpoint;
+use instgs_io::json::{read_json, write_json};
+use instgs_io::view_image::camera_at_width;
+use instgs_io::{IoError, MaskFolder, RunFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::scene::{Camera, InstancedScene, PosedGroup};
 
 use super::error::PipelineError;
 use super::job::PipelineJob;
@@ -25,8 +25,8 @@ use super::mask_check::views_without_mask;
 use super::mask_source::mask_folder;
 use super::observer::{Message, Observer};
 use super::stage_kinds::Stage;
-use crate::train::eval_options;
-use crate::train::facts::StageTime;
+use instgs_train::eval_options;
+use instgs_train::facts::StageTime;
 
 /// The tensor of labels.
 pub const LABEL_TENSOR: &str = "instance_of_gaussian";
@@ -220,9 +220,9 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::math::similarity::Similarity;
-    use crate::scene::PosedInstance;
-    use crate::scene::test_cameras::ring;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::PosedInstance;
+    use instgs_vk::scene::test_cameras::ring;
 
     /// The first two add as much to all pictures, the first in one of them, the second in 40 and hardly in any. By sums the
     /// two would share their fate.

@@ -11,14 +11,14 @@ use super::label_gaussians::training_views;
 use super::mask_source::{MaskSource, made_masks};
 use super::observer::{Message, Observer};
 use super::stage_kinds::Stage;
-use crate::detect::{self, Prompt, ViewMasks};
-use crate::gpu::Gpu;
-use crate::io::masks::CATEGORIES;
-use crate::io::{Dataset, IoError, Split, View, read_boxes, read_views, write_categories, write_mask};
-use crate::scene::{Boxes, InstancedScene};
 use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw};
-use crate::train::eval_options;
-use crate::train::facts::StageTime;
+use instgs_detect::{self, Prompt, ViewMasks};
+use instgs_io::masks::CATEGORIES;
+use instgs_io::{Dataset, IoError, Split, View, read_boxes, read_views, write_categories, write_mask};
+use instgs_train::eval_options;
+use instgs_train::facts::StageTime;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::scene::{Boxes, InstancedScene};
 
 /// Finds what the job's prompt names in the photos of its training views, and leaves masks in the run folder; `observer` is
 /// told of each view and of all together. How long it took; `None` if the masks come from elsewhere, or are there and the job
@@ -30,7 +30,7 @@ pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Resu
     let MaskSource::Prompt { prompt, models } = MaskSource::of(job)? else { return Ok(None) };
     let out = made_masks(job);
     // Written last.
-    if job.resume && out.join(detect::BOXES).is_file() {
+    if job.resume && out.join(instgs_detect::BOXES).is_file() {
         return Ok(None);
     }
     let clock = Stage::Masks.begin(observer)?;
@@ -43,7 +43,7 @@ pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Resu
             told = observer.notify(Message::ViewMasked { name, found, views: views.len() });
         }
     };
-    let report = detect::masks_from_prompt(&photos, &prompt, &models, &options, &out, &mut done)?;
+    let report = instgs_detect::masks_from_prompt(&photos, &prompt, &models, &options, &out, &mut done)?;
     told?;
     observer.notify(Message::NamesFound(&report))?;
     Ok(Some(clock.end(observer)?))
@@ -143,7 +143,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::scene::{Camera, ViewBox};
+    use instgs_vk::scene::{Camera, ViewBox};
 
     fn view(name: &str, split: Split) -> View {
         let camera = Camera::look_at(name, DVec3::NEG_Y, DVec3::ZERO, DVec3::Z, 0.8, (16, 8));

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use crate::io::{IoError, MaskFolder, View, read_groups};
+use instgs_io::{IoError, MaskFolder, View, read_groups};
 
 use super::job::PipelineJob;
 use super::label_gaussians::{is_segmented, training_views};

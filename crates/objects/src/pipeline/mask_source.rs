@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::job::PipelineJob;
-use crate::io::{IoError, MaskFolder};
+use instgs_io::{IoError, MaskFolder};
 
 /// Where masks come from.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,5 +1,5 @@
 //! L6: from photos and masks to an instanced scene. [`Pipeline::run`] does all of it and tells one [`Observer`]: the plain cloud
-//! ([`crate::train::train`]), masks ([`make_masks`], [`mask_check`]), the object of every Gaussian ([`mod@label_gaussians`]),
+//! ([`instgs_train::train`]), masks ([`make_masks`], [`mask_check`]), the object of every Gaussian ([`mod@label_gaussians`]),
 //! which objects are alike and where they stand ([`mod@register_objects`]), templates with instances
 //! ([`mod@build_templates`]), and the joint phase. Each stage is a function of its own as well.
 

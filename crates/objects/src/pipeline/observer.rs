@@ -3,11 +3,11 @@
 use super::config::RunConfig;
 use super::prepare::Prepared;
 use super::stage_kinds::Stage;
-use crate::detect::{PromptReport, ViewMasks};
-use crate::io::{IoError, RunFolder};
 use crate::segment::LabelProgress;
-use crate::train::TrainMessage;
-use crate::train::facts::{StageTime, TrainFacts};
+use instgs_detect::{PromptReport, ViewMasks};
+use instgs_io::{IoError, RunFolder};
+use instgs_train::TrainMessage;
+use instgs_train::facts::{StageTime, TrainFacts};
 
 /// The parts of a run, in order. A plain cloud has the first one only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,12 +6,12 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::gpu::Gpu;
-use crate::io::json::{read_json, write_json};
-use crate::io::write_scene_file;
 use crate::register::InstanceRegistration;
 use crate::segment::ConsensusReport;
 use crate::template::GroupReport;
+use instgs_io::json::{read_json, write_json};
+use instgs_io::write_scene_file;
+use instgs_vk::gpu::Gpu;
 
 use super::build_templates::{self, build_templates};
 use super::error::PipelineError;
@@ -22,7 +22,7 @@ use super::mask_check::without_mask_line;
 use super::observer::Observer;
 use super::register_objects::{self, ObjectGroups, find_groups};
 use super::stage_kinds::Stage;
-use crate::train::facts::StageTime;
+use instgs_train::facts::StageTime;
 
 /// What became of the groups.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

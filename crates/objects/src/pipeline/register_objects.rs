@@ -4,10 +4,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::gpu::Gpu;
-use crate::io::{read_groups, write_groups};
 use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, Verdict, polished, register};
-use crate::scene::{InstancedScene, PosedGroup};
+use instgs_io::{read_groups, write_groups};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::scene::{InstancedScene, PosedGroup};
 
 use super::config::RunConfig;
 use super::error::PipelineError;
@@ -15,8 +15,8 @@ use super::job::PipelineJob;
 use super::label_gaussians::CloudLabels;
 use super::observer::Observer;
 use super::stage_kinds::Stage;
-use crate::train::eval_options;
-use crate::train::facts::StageTime;
+use instgs_train::eval_options;
+use instgs_train::facts::StageTime;
 
 /// Which objects are alike, and where each stands.
 pub struct ObjectGroups {

@@ -14,17 +14,17 @@ use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
 use super::prepare::{Prepared, prepare};
-use crate::eval::EvalError;
-use crate::gpu::Gpu;
-use crate::io::json::read_json;
-use crate::io::{Dataset, IoError, RunFolder, Split, atomic_write, read_views, write_ply};
-use crate::render::Renderer;
-use crate::scene::InstancedScene;
-use crate::train::config::Method;
-use crate::train::facts::{Bytes, Counts, Quality, StageTime, TrainFacts};
-use crate::train::given::{GivenCloud, given_cloud};
-use crate::train::interrupt::Interrupt;
-use crate::train::{TrainMessage, Trained, eval_options, leave_out_masked, train};
+use instgs_eval::EvalError;
+use instgs_io::json::read_json;
+use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, read_views, write_ply};
+use instgs_train::config::Method;
+use instgs_train::facts::{Bytes, Counts, Quality, StageTime, TrainFacts};
+use instgs_train::given::{GivenCloud, given_cloud};
+use instgs_train::interrupt::Interrupt;
+use instgs_train::{TrainMessage, Trained, eval_options, leave_out_masked, train};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::Renderer;
+use instgs_vk::scene::InstancedScene;
 
 /// How the keys begin that only the joint phase goes by, or that say nothing of the outcome.
 const OF_JOINT_PHASE: [&str; 12] = [
@@ -208,8 +208,8 @@ impl Pipeline<'_> {
         let mut renderer = Renderer::new(self.gpu)?;
         let device_scene = renderer.upload(scene)?;
         let options = eval_options(config);
-        let tell = |_: crate::eval::Evaluated<'_>| Ok::<(), EvalError>(());
-        let report = crate::eval::evaluate(&mut renderer, &device_scene, &test, width, &options, None, tell)?;
+        let tell = |_: instgs_eval::Evaluated<'_>| Ok::<(), EvalError>(());
+        let report = instgs_eval::evaluate(&mut renderer, &device_scene, &test, width, &options, None, tell)?;
         Ok(Some(report.mean.into()))
     }
 }

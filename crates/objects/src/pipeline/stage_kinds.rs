@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use super::observer::{Message, Observer};
-use crate::io::IoError;
-use crate::train::facts::StageTime;
+use instgs_io::IoError;
+use instgs_train::facts::StageTime;
 
 /// A stage that is timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,14 +8,14 @@ use std::time::{Duration, Instant};
 use winit::keyboard::KeyCode;
 
 use super::Live;
-use crate::io::write_boxes;
 use crate::box_handles::{BoxDrag, BoxHandles, BoxPart, after, box_at_edge};
 use crate::boxes::BoxList;
 use crate::error::PlayerError;
 use crate::hud_boxes::{BoxAction, BoxFacts, BoxPanel, paint_boxes};
 use crate::search::Search;
-use crate::scene::{Boxes, ObjectBox};
-use crate::segment::standing::{Standing, Surroundings, UprightBox};
+use instgs_io::write_boxes;
+use instgs_objects::segment::standing::{Standing, Surroundings, UprightBox};
+use instgs_vk::scene::{Boxes, ObjectBox};
 
 /// How often the window looks how far a search is.
 const POLL: Duration = Duration::from_millis(100);

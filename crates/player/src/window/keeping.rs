@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use super::Live;
-use crate::io::{read_cameras, write_cameras};
 use crate::hud::Hud;
 use crate::navigation::Navigator;
 use crate::recording::{PATH_FPS, Recording};
-use crate::scene::Camera;
+use instgs_io::{read_cameras, write_cameras};
+use instgs_vk::scene::Camera;
 
 impl Live {
     /// Keeps the camera, in memory and in a camera file beside the scene.

@@ -5,7 +5,7 @@ use winit::keyboard::KeyCode;
 
 use super::Live;
 use crate::gizmo::Motion;
-use crate::scene::edit::Turn;
+use instgs_vk::scene::edit::Turn;
 
 /// What an arrow key moves things by, in distances to the target; with shift a tenth of it.
 const STEP_OF_DISTANCE: f64 = 0.01;

@@ -13,10 +13,6 @@ use super::boxing::Boxing;
 use super::editing::Editing;
 use super::keeping::kept_cameras;
 use super::{Live, WindowJob, window_error};
-use crate::gpu::{Gpu, GpuOptions};
-use crate::swapchain::{PresentMode, Swapchain};
-use crate::ui_painter::UiPainter;
-use crate::io::load_scene;
 use crate::clock::FrameClock;
 use crate::controls::Controls;
 use crate::error::PlayerError;
@@ -24,10 +20,14 @@ use crate::hud::Hud;
 use crate::navigation::{Navigator, vertical_of};
 use crate::resolution::Resolution;
 use crate::stage::{PixelTimes, Stage};
+use crate::swapchain::{PresentMode, Swapchain};
+use crate::ui_painter::UiPainter;
 use crate::views::View;
-use crate::render::{FrameStats, Show};
-use crate::scene::InstancedScene;
-use crate::scene::trajectory::Orbit;
+use instgs_io::load_scene;
+use instgs_vk::gpu::{Gpu, GpuOptions};
+use instgs_vk::render::{FrameStats, Show};
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::trajectory::Orbit;
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {

@@ -6,11 +6,11 @@ use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::event::{DeviceId, ElementState, MouseButton, MouseScrollDelta, TouchPhase, WindowEvent};
 
 use super::{After, Live, WindowJob};
-use crate::gpu::GpuError;
-use crate::io::IoError;
 use crate::controls::Button;
 use crate::error::PlayerError;
 use crate::script::Step;
+use instgs_io::IoError;
+use instgs_vk::gpu::GpuError;
 
 /// Pictures that a script waits for the window to take a size.
 const RESIZE_PICTURES: u32 = 100;
@@ -75,7 +75,7 @@ impl Live {
         Ok(After::Redraw)
     }
 
-    /// Writes the device's [`SubmissionCounts`](crate::gpu::SubmissionCounts) as JSON.
+    /// Writes the device's [`SubmissionCounts`](instgs_vk::gpu::SubmissionCounts) as JSON.
     fn write_counts(&self, path: &Path) -> Result<(), PlayerError> {
         let counts = self.gpu.submission_counts();
         let json = serde_json::json!({

@@ -4,9 +4,9 @@ use std::fs;
 
 use rayon::prelude::*;
 
-use crate::io::{IoError, atomic_write};
-use crate::pipeline::PipelineJob;
 use crate::{Rgb8, StagePictures};
+use instgs_io::{IoError, atomic_write};
+use instgs_objects::pipeline::PipelineJob;
 
 /// Writes every picture there is; those of the same name are replaced.
 pub(super) fn write(job: &PipelineJob, pictures: &StagePictures) -> Result<(), IoError> {

@@ -5,14 +5,14 @@ use glam::DVec3;
 use super::colors::Colors;
 use super::framing::{choose_views, means, middle};
 use super::overlay::Objects;
-use crate::io::checkpoint::Checkpoint;
-use crate::io::json::read_json;
-use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
-use crate::pipeline::label_gaussians::LABEL_TENSOR;
-use crate::pipeline::{PipelineJob, Prepared, mask_folder, training_views};
-use crate::scene::{Camera, Gaussians, PosedGroup};
-use crate::segment::{Consensus, ConsensusReport, IdTable};
+use instgs_io::checkpoint::Checkpoint;
+use instgs_io::json::read_json;
+use instgs_io::view_image::camera_at_width;
+use instgs_io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
+use instgs_objects::pipeline::label_gaussians::LABEL_TENSOR;
+use instgs_objects::pipeline::{PipelineJob, Prepared, mask_folder, training_views};
+use instgs_objects::segment::{Consensus, ConsensusReport, IdTable};
+use instgs_vk::scene::{Camera, Gaussians, PosedGroup};
 
 /// Everything that pictures are made from.
 pub(super) struct Inputs {

@@ -102,7 +102,7 @@ impl OffsetConfig {
 
 impl TrainConfig {
     /// What the steps of this method's own phase go by: of `instgs`, the joint phase.
-    pub(in crate::train) fn own_phase(&self) -> Self {
+    pub(crate) fn own_phase(&self) -> Self {
         match self.method {
             Method::Gaussians => self.clone(),
             Method::Instanced => self.joint_phase(),

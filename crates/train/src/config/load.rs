@@ -8,7 +8,7 @@ use toml::{Table, Value};
 
 use super::error::{ConfigError, one_line};
 use super::keys::{self, Key};
-use crate::io::read_bytes;
+use instgs_io::read_bytes;
 
 /// Longest value that an error repeats, characters.
 const VALUE_SHOWN: usize = 60;

@@ -26,10 +26,10 @@ pub use schedule::{OffsetRates, PoseRates, Rates, SourceRates};
 
 /// Name and text of each preset of the trainer; the first holds the defaults.
 pub const PRESETS: [(&str, &str); 4] = [
-    ("default", include_str!("../../../configs/default.toml")),
-    ("quick", include_str!("../../../configs/quick.toml")),
-    ("paper", include_str!("../../../configs/paper.toml")),
-    ("mcmc", include_str!("../../../configs/mcmc.toml")),
+    ("default", include_str!("../../../../configs/default.toml")),
+    ("quick", include_str!("../../../../configs/quick.toml")),
+    ("paper", include_str!("../../../../configs/paper.toml")),
+    ("mcmc", include_str!("../../../../configs/mcmc.toml")),
 ];
 
 /// Puts together a configuration of the trainer alone.

@@ -13,21 +13,21 @@ use clap::ValueEnum;
 pub(super) use self::runs::{Runs, work_seconds};
 use self::seed::compare_seed;
 use self::summary::{markdown, print_summary, summary};
-use super::args::create_folder;
-use super::error::CliError;
-use super::training::Session;
-use crate::bench::comparison::SeedResult;
-use crate::eval::{Evaluated, Lpips};
-use crate::io::{Dataset, IoError, Split, View, read_views};
-use crate::pipeline::config::RunConfig;
-use crate::train::leave_out_masked;
+use crate::protocol::SeedResult;
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::args::create_folder;
+use instgs_eval::{Evaluated, Lpips};
+use instgs_io::{Dataset, IoError, Split, View, read_views};
+use instgs_objects::pipeline::config::RunConfig;
+use instgs_train::leave_out_masked;
 
 /// What is compared, in the folder of a comparison.
 const CONFIG: &str = "config.toml";
 
 /// What is measured beside the instanced scene, its start, and the cloud that had the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(in crate::cli) enum Rival {
+pub(crate) enum Rival {
     /// A plain cloud whose .ply is not larger than the instanced scene packed as f16
     SameBytes,
     /// A plain cloud of as many steps as the cloud that had the same time, trained in one piece
@@ -44,33 +44,32 @@ pub(in crate::cli) enum Rival {
 
 impl Rival {
     /// In the order of the tables.
-    pub(in crate::cli) const ALL: [Self; 6] =
-        [Self::AtOnce, Self::Mcmc, Self::SameBytes, Self::Spz, Self::Small, Self::Rigid];
+    pub(crate) const ALL: [Self; 6] = [Self::AtOnce, Self::Mcmc, Self::SameBytes, Self::Spz, Self::Small, Self::Rigid];
 }
 
 /// What is compared.
-pub(in crate::cli) struct Comparison {
+pub(crate) struct Comparison {
     /// Dataset folder.
-    pub(in crate::cli) data: PathBuf,
+    pub(crate) data: PathBuf,
     /// Folder for runs and results.
-    pub(in crate::cli) out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Of the instanced runs, the seed apart.
-    pub(in crate::cli) config: RunConfig,
+    pub(crate) config: RunConfig,
     /// One comparison each.
-    pub(in crate::cli) seeds: Vec<u64>,
+    pub(crate) seeds: Vec<u64>,
     /// Timed frames; 0 = none.
-    pub(in crate::cli) frames: u32,
+    pub(crate) frames: u32,
     /// Steps that the plain cloud is trained on; `None` = by the clock.
-    pub(in crate::cli) more_steps: Option<u64>,
+    pub(crate) more_steps: Option<u64>,
     /// What else is measured.
-    pub(in crate::cli) rivals: Vec<Rival>,
+    pub(crate) rivals: Vec<Rival>,
     /// The network of LPIPS.
-    pub(in crate::cli) lpips: Option<Lpips>,
+    pub(crate) lpips: Option<Lpips>,
 }
 
 /// Trains and measures for every seed; writes compare.json and compare.md and prints the table. `on_picture` gets the rows'
 /// name and each test view of the first seed.
-pub(in crate::cli) fn compare(
+pub(crate) fn compare(
     session: &Session<'_>,
     comparison: &Comparison,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
@@ -90,7 +89,7 @@ pub(in crate::cli) fn compare(
     }
     let table = summary(&results);
     let markdown = markdown(&table);
-    crate::io::atomic_write(&comparison.out.join("compare.md"), |out| out.write_all(markdown.as_bytes()))?;
+    instgs_io::atomic_write(&comparison.out.join("compare.md"), |out| out.write_all(markdown.as_bytes()))?;
     print_summary(&table, &results, session.printer);
     Ok(results)
 }
@@ -109,7 +108,7 @@ fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View
 }
 
 /// Writes down what is compared; refuses a folder with runs of something else, which would be taken for results of this.
-pub(in crate::cli) fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
+pub(crate) fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
     let path = comparison.out.join(CONFIG);
     let data = std::fs::canonicalize(&comparison.data).unwrap_or_else(|_| comparison.data.clone());
     let more = comparison.more_steps.map_or("by the clock".into(), |steps| steps.to_string());
@@ -120,6 +119,6 @@ pub(in crate::cli) fn keep_config(comparison: &Comparison) -> Result<(), CliErro
             Err(error.advise("repeat it with the same configuration, or choose another --out").into())
         }
         Ok(_) => Ok(()),
-        Err(_) => Ok(crate::io::atomic_write(&path, |out| out.write_all(text.as_bytes()))?),
+        Err(_) => Ok(instgs_io::atomic_write(&path, |out| out.write_all(text.as_bytes()))?),
     }
 }

@@ -5,17 +5,17 @@ use std::path::{Path, PathBuf};
 use super::runs::{Runs, work_seconds};
 use super::timing::time;
 use super::{Comparison, Rival};
-use crate::bench::comparison::{Measure, MeasureError, Row, SeedResult, names};
-use crate::cli::error::CliError;
-use crate::cli::training::Session;
-use crate::eval::Evaluated;
-use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, MaskFolder, Pack, View, load_scene, ply, write_scene_file_packed, write_spz};
-use crate::report::{RunReport, final_steps_per_second};
-use crate::scene::{Camera, InstancedScene, RepeatedBytes};
-use crate::train::config::Strategy;
-use crate::train::eval_options;
-use crate::train::event_log::read_events;
+use crate::protocol::{Measure, MeasureError, Row, SeedResult, names};
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_eval::Evaluated;
+use instgs_io::view_image::camera_at_width;
+use instgs_io::{IoError, MaskFolder, Pack, View, load_scene, ply, write_scene_file_packed, write_spz};
+use instgs_report::{RunReport, final_steps_per_second};
+use instgs_train::config::Strategy;
+use instgs_train::eval_options;
+use instgs_train::event_log::read_events;
+use instgs_vk::scene::{Camera, InstancedScene, RepeatedBytes};
 
 /// A scene that becomes a row.
 struct Subject {
@@ -189,5 +189,5 @@ fn file_bytes(path: &Path) -> Result<u64, CliError> {
 }
 
 fn measure_failed(error: MeasureError) -> CliError {
-    CliError::Other(error.to_string())
+    CliError::msg(error.to_string())
 }

@@ -4,26 +4,26 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::bench::comparison::{Measure, Row};
-use crate::bench::evidence::label_truth::label_accuracy;
-use crate::bench::evidence::scene_list::{Size, Source};
-use crate::bench::evidence::{Ablation, Part, SceneJob, SceneList, SceneResult, Segmentation};
-use crate::cli::args::{absolute, create_folder};
-use crate::cli::comparison::{Comparison, Rival, Runs, compare, work_seconds};
-use crate::cli::data_set::make_data;
-use crate::cli::error::CliError;
-use crate::cli::picture_grid::Grid;
-use crate::cli::training::Session;
-use crate::eval::Lpips;
-use crate::io::json::{read_json, write_json};
-use crate::io::{MaskFolder, RunFolder, Split, View, load_scene, read_views};
-use crate::pipeline::CloudLabels;
-use crate::pipeline::config::{ConfigBuilder, RunConfig};
-use crate::report::RunReport;
-use crate::synth::dataset;
-use crate::train::config::Method;
-use crate::train::eval_options;
-use crate::train::facts::StageTime;
+use crate::comparison::{Comparison, Rival, Runs, compare, work_seconds};
+use crate::data_set::make_data;
+use crate::picture_grid::Grid;
+use crate::protocol::{Measure, Row};
+use crate::results::label_truth::label_accuracy;
+use crate::results::scene_list::{Size, Source};
+use crate::results::{Ablation, Part, SceneJob, SceneList, SceneResult, Segmentation};
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::args::{absolute, create_folder};
+use instgs_eval::Lpips;
+use instgs_io::json::{read_json, write_json};
+use instgs_io::{MaskFolder, RunFolder, Split, View, load_scene, read_views};
+use instgs_objects::pipeline::CloudLabels;
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_report::RunReport;
+use instgs_synth::dataset;
+use instgs_train::config::Method;
+use instgs_train::eval_options;
+use instgs_train::facts::StageTime;
 
 /// What all scenes share.
 pub(super) struct Evidence<'a> {
@@ -211,7 +211,7 @@ fn ablations(
         let folder = if is_itself { "instgs".into() } else { folder_of(&table, &name) };
         let report = if is_itself { runs.train(&folder, config)? } else { runs.variant(&folder, config)? };
         let scene = runs.folder(&folder).scene();
-        let row = measure.row(&name, &scene, &mut |_| ()).map_err(|e| CliError::Other(e.to_string()))?;
+        let row = measure.row(&name, &scene, &mut |_| ()).map_err(|e| CliError::msg(e.to_string()))?;
         let steps = runs.config.train.steps + report.steps;
         out.push(Ablation { table, name, row: Row { seconds: work_seconds(&report), steps, ..row } });
     }

@@ -1,7 +1,7 @@
 //! The keys of the pipeline.
 
-use crate::train::config::keys::Takes::{Flag, Real, RealAbove, RealBelow, Text, Whole, Word};
-use crate::train::config::keys::{Key, key};
+use instgs_train::config::keys::Takes::{Flag, Real, RealAbove, RealBelow, Text, Whole, Word};
+use instgs_train::config::keys::{Key, key};
 
 /// Every key of the pipeline, in the order of `configs/instgs.toml`.
 pub const KEYS: [Key; 19] = [

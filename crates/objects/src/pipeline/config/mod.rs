@@ -1,5 +1,5 @@
 //! The configuration of a whole run: the trainer's keys ([`TrainConfig`]) and those of the pipeline ([`PipelineConfig`]), in one
-//! file. What a key may be is in [`keys`] and [`crate::train::config::keys`], what it is for in `configs/default.toml` and
+//! file. What a key may be is in [`keys`] and [`instgs_train::config::keys`], what it is for in `configs/default.toml` and
 //! `configs/instgs.toml`.
 
 pub mod keys;
@@ -11,21 +11,21 @@ use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
-use crate::detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
 use crate::template::{HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
-use crate::train::config::keys::Key;
-use crate::train::config::{
+use instgs_detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
+use instgs_train::config::keys::Key;
+use instgs_train::config::{
     ConfigError, Configuration, Layers, PRESETS as TRAINER_PRESETS, TrainConfig, differences, empty_is_none, to_toml,
 };
 
 /// Name and text of each preset that `--config` knows; the first two hold the defaults.
 pub const PRESETS: [(&str, &str); 6] = [
     TRAINER_PRESETS[0],
-    ("instgs", include_str!("../../../configs/instgs.toml")),
+    ("instgs", include_str!("../../../../../configs/instgs.toml")),
     TRAINER_PRESETS[1],
     TRAINER_PRESETS[2],
     TRAINER_PRESETS[3],
-    ("instgs_quick", include_str!("../../../configs/instgs_quick.toml")),
+    ("instgs_quick", include_str!("../../../../../configs/instgs_quick.toml")),
 ];
 
 /// Puts together the configuration of a whole run.
@@ -124,7 +124,7 @@ pub struct TemplateConfig {
 }
 
 /// What the offsets of instances start from. Which offsets there are is the trainer's
-/// [`OffsetConfig`](crate::train::config::OffsetConfig).
+/// [`OffsetConfig`](instgs_train::config::OffsetConfig).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OffsetStart {
@@ -132,7 +132,7 @@ pub struct OffsetStart {
     pub init: OffsetInit,
 }
 
-/// What the joint phase starts from. What it does is the trainer's [`JointConfig`](crate::train::config::JointConfig).
+/// What the joint phase starts from. What it does is the trainer's [`JointConfig`](instgs_train::config::JointConfig).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointStart {

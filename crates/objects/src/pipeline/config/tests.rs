@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::*;
-use crate::train::config::{Method, keys::KEYS as TRAINER_KEYS};
+use instgs_train::config::{Method, keys::KEYS as TRAINER_KEYS};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 

@@ -2,7 +2,7 @@
 
 use crate::search::{Search, Searched, without_view_dependence};
 use crate::window::Live;
-use crate::segment::standing::Surroundings;
+use instgs_objects::segment::standing::Surroundings;
 
 impl Live {
     /// Begins the search for what is like the chosen box.

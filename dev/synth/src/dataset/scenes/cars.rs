@@ -10,8 +10,8 @@ use super::super::models::{car, props, tree};
 use super::super::noise::{band, fractal, smooth_step};
 use super::super::stage::{Scene, Stage, placed};
 use super::super::views::{Rig, Ring};
-use crate::math::rng::Rng;
 use crate::livery::{Livery, Wing};
+use instgs_vk::math::rng::Rng;
 
 /// Radius of the two discs that a car consists of, and their distance from its centre, metres.
 const DISC: (f64, f64) = (1.45, 1.15);

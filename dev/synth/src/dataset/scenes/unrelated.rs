@@ -10,8 +10,8 @@ use super::super::models::{car, furniture};
 use super::super::stage::{Scene, Stage, placed};
 use super::super::views::{Rig, Ring};
 use super::cars::surroundings;
-use crate::math::rng::Rng;
 use crate::livery::Livery;
+use instgs_vk::math::rng::Rng;
 
 /// Radius of the disc that contains both, metres.
 const EXTENT: f64 = 5.2;

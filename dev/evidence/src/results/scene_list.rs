@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::io::read_bytes;
-use crate::synth::dataset::RECIPES;
+use instgs_io::read_bytes;
+use instgs_synth::dataset::RECIPES;
 
 /// Why a list cannot be used; one line for the user.
 #[derive(Debug, thiserror::Error)]
