@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 /// A folder of `../shared/data`, which only ignored tests may ask for. Fails where this machine does not have it.
 pub(crate) fn shared_data(name: &str) -> PathBuf {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
+    let path = crate::common::repository().join("../shared/data").join(name);
     assert!(path.exists(), "{} does not exist: run this test where it does", path.display());
     path
 }

@@ -99,7 +99,7 @@ const SHARED: [&str; 5] =
 
 /// A folder given relative to the repository.
 fn folder(relative: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(relative)
+    crate::common::repository().join(relative)
 }
 
 /// The rendering cases in the repository; 9 views in all. Fails if a file is missing.

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use instgs_reference;
 use instgs_reference::gather_gradients::{CloudGradient, OffsetGradient, SceneGradient};
 use instgs_vk::gpu::interface::types::{self, StepRecord};
 use instgs_vk::gpu::staging::{download, upload, write};
@@ -46,7 +45,7 @@ impl GradientRunner {
         &mut self,
         scene: &InstancedScene,
         camera: &Camera,
-        options: &reference::RenderOptions,
+        options: &instgs_reference::RenderOptions,
         cotangents: &[[f64; 4]],
     ) -> DeviceGradient {
         let gpu = self.gpu.clone();

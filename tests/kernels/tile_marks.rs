@@ -23,7 +23,7 @@ const TOLERANCE: f64 = 0.2;
 fn want(
     scene: &InstancedScene,
     camera: &Camera,
-    options: &reference::RenderOptions,
+    options: &instgs_reference::RenderOptions,
     shape: twin::MarkShape,
 ) -> Vec<Mark> {
     let view = View::device(camera, options);

@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use instgs_io::view_image::{LoadedView, ViewImage};
-use instgs_reference;
 use instgs_reference::View;
 use instgs_reference::gather_gradients::{SceneGradient, scene_gradient};
 use instgs_reference::image_loss::{ImagePair, image_loss};
@@ -61,8 +60,8 @@ impl Data {
         let level = |v: f64| (v.clamp(0.0, 1.0) * 255.0).round() as u32;
         let packed = |c: &[f64; 3]| level(c[0]) | level(c[1]) << 8 | level(c[2]) << 16 | 255 << 24;
         let picture = |camera: &Camera| {
-            let options = reference::RenderOptions { background: [0.5; 3], ..Default::default() };
-            reference::render(scene, camera, &options).color.iter().map(packed).collect()
+            let options = instgs_reference::RenderOptions { background: [0.5; 3], ..Default::default() };
+            instgs_reference::render(scene, camera, &options).color.iter().map(packed).collect()
         };
         Self { targets: cameras.iter().map(picture).collect(), cameras }
     }
@@ -258,8 +257,8 @@ fn overflow_in_the_middle_changes_nothing() {
 /// The gradient of the loss of a view, by the twin.
 fn twin_gradient(scene: &InstancedScene, data: &Data, view: usize) -> SceneGradient {
     let camera = &data.cameras[view];
-    let options = reference::RenderOptions { background: [0.5; 3], ..Default::default() };
-    let picture = reference::render(scene, camera, &options);
+    let options = instgs_reference::RenderOptions { background: [0.5; 3], ..Default::default() };
+    let picture = instgs_reference::render(scene, camera, &options);
     let target: Vec<[f64; 3]> =
         data.targets[view].iter().map(|t| [0, 8, 16].map(|s| f64::from(t >> s & 255) / 255.0)).collect();
     let (width, height) = (camera.width as usize, camera.height as usize);

@@ -139,8 +139,8 @@ fn purpose_of(tensor: &str) -> Purpose {
 mod tests {
     use super::*;
     use instgs_io::Pack;
-    use instgs_io::scene_file::tests::with_ablations;
     use instgs_io::scene_write::packed_scene_file_bytes;
+    use instgs_samples::with_ablations;
 
     #[test]
     fn parts_add_up_to_the_file() -> Result<(), CliError> {

@@ -143,11 +143,11 @@ mod tests {
     use std::path::Path;
 
     use super::super::inspect_file::{FileSums, tensor_parts};
-    use super::instgs_console::error::CliError;
     use super::*;
+    use instgs_console::CliError;
     use instgs_io::Pack;
-    use instgs_io::scene_file::tests::{sample_scene, with_ablations};
     use instgs_io::scene_write::packed_scene_file_bytes;
+    use instgs_samples::{sample_scene, with_ablations};
 
     /// DESIGN section 7: K = 8: 8.4 and 11.0 (q8), K = 64: 15.6.
     #[test]

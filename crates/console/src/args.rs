@@ -243,7 +243,7 @@ fn parse_dilation(text: &str) -> Result<f32, String> {
 
 #[cfg(test)]
 mod tests {
-    use crate::*;
+    use super::*;
 
     #[test]
     fn sizes_and_triples() {

@@ -35,7 +35,7 @@ impl std::fmt::Display for Table {
 
 #[cfg(test)]
 mod tests {
-    use crate::*;
+    use super::*;
 
     #[test]
     fn aligns_and_groups() {

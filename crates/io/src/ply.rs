@@ -233,25 +233,9 @@ pub fn ply_bytes(cloud: &Gaussians, antialias: bool) -> Vec<u8> {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use super::*;
+    use instgs_samples::sample;
 
-    /// A cloud in which every value is different.
-    pub(crate) fn sample(degree: u32, n: usize) -> Gaussians {
-        let mut counter = 0;
-        let mut next = || {
-            counter += 1;
-            (counter % 997) as f32 * 0.001 - 0.4
-        };
-        let mut out = Gaussians { sh_degree: degree, ..Gaussians::default() };
-        for _ in 0..n {
-            out.means.push([next() * 8.0, next() * 8.0, next() * 8.0]);
-            out.quats.push([next() + 1.0, next(), next(), next()]);
-            out.log_scales.push([next() - 4.0, next() - 4.0, next() - 4.0]);
-            out.opacity_logits.push(next() * 3.0);
-            (0..sh_coefficients(degree)).for_each(|_| out.sh.push([next(), next(), next()]));
-        }
-        out
-    }
+    use super::*;
 
     fn parse(bytes: &[u8]) -> Result<Gaussians, IoError> {
         parse_ply(bytes, Path::new("test.ply")).map(|cloud| cloud.gaussians)

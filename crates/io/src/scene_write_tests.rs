@@ -1,9 +1,9 @@
 //! Packed files: precision, size, and values that do not fit the format.
 
 use super::*;
-use crate::ply::tests::sample;
 use crate::scene_file::parse_scene_file;
-use crate::scene_file::tests::{sample_scene, with_ablations};
+use instgs_samples::sample;
+use instgs_samples::{sample_scene, with_ablations};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::instanced_scene::{Instance, TemplateRange};

@@ -245,7 +245,7 @@ pub fn spz_bytes(cloud: &Gaussians, antialias: bool, path: &Path) -> Result<Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ply::tests::sample;
+    use instgs_samples::sample;
 
     fn parse(bytes: &[u8]) -> Result<SpzCloud, IoError> {
         parse_spz(bytes, Path::new("test.spz"))

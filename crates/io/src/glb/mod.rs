@@ -166,7 +166,7 @@ fn up_to_y(up: DVec3) -> Option<DMat3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene_file::tests::sample_scene;
+    use instgs_samples::sample_scene;
     use instgs_vk::scene::gaussians::Gaussians;
 
     fn document(scene: &InstancedScene) -> serde_json::Value {

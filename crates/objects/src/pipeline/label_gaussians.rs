@@ -220,9 +220,9 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use instgs_samples::ring;
     use instgs_vk::math::similarity::Similarity;
     use instgs_vk::scene::PosedInstance;
-    use instgs_vk::scene::test_cameras::ring;
 
     /// The first two add as much to all pictures, the first in one of them, the second in 40 and hardly in any. By sums the
     /// two would share their fate.

@@ -93,7 +93,7 @@ pub(super) fn covariance(points: &[DVec3]) -> [[f64; 3]; 3] {
 mod tests {
     use super::*;
     use crate::register::surface::Sample;
-    use instgs_vk::scene::test_cameras::ring;
+    use instgs_samples::ring;
 
     /// The normals of a ball point outwards, from flat Gaussians (whose sign the viewers give) and from neighbours.
     #[test]

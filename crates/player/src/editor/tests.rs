@@ -2,7 +2,7 @@
 
 use super::*;
 use glam::DVec3;
-use instgs_io::scene_file::tests::sample_scene;
+use instgs_samples::sample_scene;
 use instgs_vk::scene::Group;
 use instgs_vk::scene::edit::Keep;
 

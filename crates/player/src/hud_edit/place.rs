@@ -119,7 +119,7 @@ fn turn_between(from: &Similarity, degrees: [f64; 3]) -> Turn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use instgs_io::scene_file::tests::sample_scene;
+    use instgs_samples::sample_scene;
     use instgs_vk::scene::edit::apply;
 
     #[test]

@@ -85,7 +85,7 @@ impl EditPanel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use instgs_io::scene_file::tests::sample_scene;
+    use instgs_samples::sample_scene;
     use instgs_vk::scene::edit::{apply, instance_centres};
 
     #[test]

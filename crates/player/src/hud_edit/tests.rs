@@ -4,7 +4,7 @@ use egui::{Event, Pos2, Rect};
 
 use super::*;
 use crate::test_screen::{TestScreen, click, drag, press};
-use instgs_io::scene_file::tests::sample_scene;
+use instgs_samples::sample_scene;
 
 /// A panel and what it is about.
 struct Desk {
