@@ -162,6 +162,28 @@
 //!   nothing and has no gradient. In training, a colour of the picture counts as at most 100, a gradient that is no number
 //!   or from 1e15 on as 0.
 //!
+//! # Embedding
+//!
+//! In a program with a Vulkan device of its own (`examples/into_your_image.rs` is all of it; `examples/one_picture.rs` is the
+//! short way, on a device of this crate's):
+//!
+//! - [`gpu::Gpu::from_raw`] takes instance, device and queue, and destroys none of them. The device needs Vulkan 1.3 with the
+//!   features of [`gpu::RawDevice::required_features`] (and subgroup vote, ballot and shuffle in compute), and no extension but
+//!   `VK_KHR_portability_subset` where it is offered. Drawing needs 21 storage buffers per stage, training 26; what lacks
+//!   them fails when the first kernel that needs more is made, and names it.
+//! - The queue is shared: uploads, downloads and [`render::Renderer::render`] submit to it, each under the caller's
+//!   [`gpu::QueueLock`], or while the caller leaves the queue alone.
+//! - [`render::Renderer::record_into_image`] records a whole picture into the caller's command buffer, up to a copy into the
+//!   caller's `vk::Image`. It neither submits nor waits. Before: any layout, usage `TRANSFER_DST`. After: the layout
+//!   asked for, visible to everything later in the queue, and to the host. The caller submits in the order of
+//!   recording, and signals the timeline semaphore and value that it was given.
+//! - [`render::ImageFrames::poll`] says what became of each picture. If a buffer was too small, the image holds the last
+//!   complete picture (or black), and the next one is recorded with larger buffers; if that cannot help, an error
+//!   says what there is too much of.
+//! - [`render::Renderer::submit_readback`] copies a picture to the host while the next one is drawn;
+//!   [`render::Readback::poll`] has its pixels.
+//! - Buffers, scenes and renderers may be dropped while the device uses them: the memory goes when it is done.
+//!
 //! # Adding a pass `foo`
 //!
 //! Four files and one call: `glsl/foo.comp`, `src/kernels/foo.rs` (its page, and the re-export of its generated types),
@@ -194,6 +216,7 @@
 //! - Gradients are within 1e-3 of the twins and of the golden files, in relative L2 per tensor; the image loss and its
 //!   gradient within 1e-5, 1e-4 where its windows have no variance. Training steps give the same bytes when repeated and
 //!   whatever the sizes of buffers.
+//! - `tests/kernels/embedding.rs`: on a device and in images of a caller's, the same bytes; too small buffers are told of.
 //! - `tests/kernels/lod.rs`: levels of detail within 1e-4 of the twin, full quality the same bytes, no jump where levels change.
 //! - Pixels where f32 may rightly decide otherwise (alpha near 1/255, depths nearly equal, and the like) are excluded
 //!   by the `robust` mask, at most 2 % of an image. Planted errors prove that the comparisons can fail.
