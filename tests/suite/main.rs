@@ -25,6 +25,7 @@ mod consensus;
 mod detect;
 #[cfg(feature = "onnx")]
 mod detect_runs;
+mod examples;
 mod find;
 mod find_wall;
 mod golden_gradients;
