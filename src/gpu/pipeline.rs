@@ -146,7 +146,7 @@ impl<K: Kernel> Pipeline<K> {
     /// Kernel `K` for `subgroup_size` with the named 32-bit specialisation constants; compiled, unless the device has it.
     ///
     /// # Errors
-    /// A name that the shader does not declare, more storage buffers than the device lets a kernel use
+    /// A subgroup size that the device does not have, a name that the shader does not declare, more storage buffers than the device lets a kernel use
     /// ([`GpuError::TooManyBindings`]), or the driver refuses the pipeline.
     pub fn new(
         gpu: &Arc<Gpu>,
@@ -189,6 +189,10 @@ fn compile(
     constants: &[(&str, u32)],
 ) -> Result<Compiled, GpuError> {
     check_bindings(gpu, shader)?;
+    if !gpu.caps().subgroup_sizes().contains(&subgroup_size) {
+        let reason = format!("the device has no subgroups of {subgroup_size}");
+        return Err(GpuError::Kernel { kernel: shader.name.into(), reason });
+    }
     let (entries, data) = specialisation(shader, constants)?;
     let words = ash::util::read_spv(&mut std::io::Cursor::new(shader.spirv))
         .map_err(|e| GpuError::Kernel { kernel: shader.name.into(), reason: e.to_string() })?;

@@ -146,8 +146,8 @@ impl Renderer {
     /// The commands are dispatches, copies, fills and barriers. They start with a barrier that makes everything that comes
     /// before them in the queue visible to them, and end with one that makes the image visible to everything that comes
     /// after. The image may be in any layout, loses what it held, and is left in `target.layout_after`. Of the command
-    /// buffer's state, the compute bind point (pipeline, descriptor set 0, push constants) is left changed. The picture is of the scene as it is when
-    /// the commands are executed; colours are blended over `options.background`, and alpha is 1.
+    /// buffer's state, the compute bind point (pipeline, descriptor set 0, push constants) is left changed. The picture is of
+    /// the scene as it is when the commands are executed; colours are blended over `options.background`, and alpha is 1.
     ///
     /// # Errors
     /// As [`Renderer::render`]; [`RenderError::Busy`] if as many pictures are on their way as `frames` takes; another format than
@@ -155,12 +155,12 @@ impl Renderer {
     /// must not be submitted.
     ///
     /// # Safety
-    /// - `commands` is a primary command buffer of the device and of a pool of the [`Gpu`](crate::gpu::Gpu)'s queue family, is being
-    ///   recorded, and is not within a render pass.
+    /// - `commands` is a primary command buffer of the device and of a pool of the [`Gpu`](crate::gpu::Gpu)'s queue family, is
+    ///   being recorded, and is not within a render pass.
     /// - `target` is as [`ImageTarget`] says, and its image lives until the submission is over.
     /// - The command buffer is submitted at most once, to the queue of the `Gpu`, and that submission signals the returned
-    ///   [`Signal`] at stage `ALL_COMMANDS` or after all of its commands. Command buffers with pictures of one renderer are submitted in the order in which they
-    ///   were recorded. If it is not submitted, [`ImageFrames::forget_last`] says so.
+    ///   [`Signal`] at stage `ALL_COMMANDS`. Command buffers with pictures of one renderer are submitted in the order in which
+    ///   they were recorded. If it is not submitted, [`ImageFrames::forget_last`] says so.
     pub unsafe fn record_into_image(
         &mut self,
         frames: &mut ImageFrames,
