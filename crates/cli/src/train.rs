@@ -21,8 +21,8 @@ use instgs_train::interrupt::Interrupt;
 /// Trains a scene of Gaussians from photos with known cameras.
 ///
 /// DATA holds transforms.json (or transforms_train.json and transforms_test.json), or a COLMAP model in sparse/0 with
-/// images/. RUN gets config.toml, checkpoints/, events.jsonl, point_cloud.ply, scene.instgs, report.json, report.html and
-/// renders/ of the test views. Ctrl-C writes a checkpoint; --resume goes on from the newest one.
+/// images/. RUN gets config.toml, checkpoints/, events.jsonl, point_cloud.ply, scene.instgs, trained.json, report.json,
+/// report.html and renders/ of the test views. Ctrl-C writes a checkpoint; --resume goes on from the newest one.
 ///
 /// With --method instgs, repeated objects become instances of shared templates: the plain cloud is trained first, in
 /// RUN/vanilla (or taken from --init); masks say which Gaussian belongs to which object (their ids need not be the same from

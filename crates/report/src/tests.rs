@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use super::*;
 use instgs_objects::template::{GroupReport, InstanceReport};
 use instgs_train::config::Method;
-use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, ViewMetrics};
+use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, TrainFacts, ViewMetrics};
 use instgs_vk::math::rng::Rng;
 
 fn quality(psnr: f64) -> Quality {
@@ -325,6 +325,18 @@ fn the_json_of_two_phases_reads_back_and_older_ones_too() -> Result<(), Box<dyn 
     assert!(object.remove("joint_match").is_some() && object.remove("repeated").is_some());
     let old: RunReport = serde_json::from_value(value)?;
     assert_eq!(old, RunReport { joint_match: None, repeated: None, ..report });
+    Ok(())
+}
+
+/// A run of a version that left no `trained.json` goes on all the same.
+#[test]
+fn a_report_has_the_facts_of_its_training() -> Result<(), Box<dyn std::error::Error>> {
+    let report = sample().report;
+    let facts: TrainFacts = serde_json::from_str(&serde_json::to_string(&report)?)?;
+    assert_eq!((facts.steps, &facts.stages, facts.eval), (report.steps, &report.stages, report.eval));
+    assert_eq!((facts.gaussians, facts.bytes, facts.seed), (report.gaussians, report.bytes, report.seed));
+    assert_eq!((facts.memory_explained, facts.views), (report.memory_explained, report.views));
+    assert_eq!((facts.passes_ms.len(), facts.dataset), (report.passes_ms.len(), report.dataset));
     Ok(())
 }
 

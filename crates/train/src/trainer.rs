@@ -111,12 +111,12 @@ impl Clock {
 }
 
 /// The run's log, and the one who watches.
-struct Told<'a> {
+struct LogAndObserver<'a> {
     log: EventLog,
     observer: &'a mut dyn TrainObserver,
 }
 
-impl EventSink for Told<'_> {
+impl EventSink for LogAndObserver<'_> {
     fn event(&mut self, event: &Event) -> Result<(), IoError> {
         self.log.event(event)?;
         self.observer.notify(TrainMessage::Event(event))
@@ -149,16 +149,16 @@ pub fn train(
     let job = &TrainJob { config: job.config.own_phase(), ..job.clone() };
     let first_step = start.step;
     let log = open_log(job, first_step, observer)?;
-    let mut told = Told { log, observer };
+    let mut sink = LogAndObserver { log, observer };
     let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
     let mut stages = vec![StageTime::since("load", load)];
     run.clock.reported.0 = first_step;
-    run.announce(&mut told, first_step, &data)?;
+    run.announce(&mut sink, first_step, &data)?;
     if start.due {
-        run.densify(first_step, &mut told)?;
+        run.densify(first_step, &mut sink)?;
     }
     run.clock.started = Instant::now();
-    let done = run.steps(&mut told, interrupt, first_step)?;
+    let done = run.steps(&mut sink, interrupt, first_step)?;
     let train_seconds = run.clock.seconds();
     stages.push(StageTime { name: "train".into(), seconds: train_seconds });
 
@@ -173,7 +173,7 @@ pub fn train(
     stages.push(StageTime::since("save", save));
     if dropped_non_finite > 0 {
         let what = format!("dropped {dropped_non_finite} Gaussians with a non-finite parameter");
-        told.observer.notify(TrainMessage::Warning(&what))?;
+        sink.observer.notify(TrainMessage::Warning(&what))?;
     }
 
     let interrupted = done < job.config.steps;
@@ -183,13 +183,13 @@ pub fn train(
     drop((run.runner, run.views, run.state));
     let evaluation = Instant::now();
     let test = if interrupted { &[][..] } else { &data.test };
-    let eval = evaluate_at_end(gpu, &scene, test, &job.config, told.observer)?;
+    let eval = evaluate_at_end(gpu, &scene, test, &job.config, sink.observer)?;
     if let Some(report) = &eval {
-        told.event(&evaluated(done, report))?;
+        sink.event(&evaluated(done, report))?;
         stages.push(StageTime::since("eval", evaluation));
     }
-    told.event(&Event::Finished { step: done, interrupted, gaussians, seconds: train_seconds })?;
-    told.flush()?;
+    sink.event(&Event::Finished { step: done, interrupted, gaussians, seconds: train_seconds })?;
+    sink.flush()?;
     let steps = (done - first_step) as f64;
     let per_step = |ms: f64| ms / times.steps.max(1) as f64;
     let parameters = memory_explained.iter().find(|m| m.name == "parameters").map_or(0, |m| m.bytes);

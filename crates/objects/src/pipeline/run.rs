@@ -106,14 +106,14 @@ impl Pipeline<'_> {
         check_same_stages(job)?;
         // Masks that are there are looked at before hours of training, and before the folder is there.
         let are_there = matches!(MaskSource::of(job)?, MaskSource::Folder(_) | MaskSource::Boxes(_));
-        let mut told = if are_there { checked(job, observer)? } else { Vec::new() };
+        let mut warned = if are_there { checked(job, observer)? } else { Vec::new() };
         job.folder().create()?;
         // The joint phase writes it, too; but a run that is stopped before that must know itself when it goes on.
         let text = job.config.to_toml()?;
         atomic_write(&job.folder().config(), |out| out.write_all(text.as_bytes()))?;
         let naming = masks_from_prompt(job, observer)?;
         if !are_there {
-            told = checked(job, observer)?;
+            warned = checked(job, observer)?;
         }
         let plain_cloud = match &job.config.train.init_scene {
             Some(scene) => self.take_cloud(job, scene, observer)?,
@@ -122,7 +122,7 @@ impl Pipeline<'_> {
         observer.notify(Message::PhaseStarted(Phase::Objects))?;
         let mut prepared = prepare(self.gpu, job, observer)?;
         prepared.stages.splice(0..0, naming);
-        for text in prepared.warnings().iter().filter(|text| !told.contains(text)) {
+        for text in prepared.warnings().iter().filter(|text| !warned.contains(text)) {
             observer.notify(Message::Warning(text))?;
         }
         observer.notify(Message::Prepared(&prepared))?;
