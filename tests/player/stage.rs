@@ -443,16 +443,16 @@ fn what_does_not_fit_is_done_without() {
     let (got, words) = picture(&mut stage);
     assert!(got == in_full && stage.options.render.lod_error_px == 0.0);
     assert!(stage.take_arrived().iter().all(|stats| stats.slabs == 1), "nor is it slower");
-    assert!(words.is_some_and(|words| words.starts_with("detail is not merged: out of device memory")));
+    assert!(words.is_some_and(|words| words.starts_with("levels of detail are off: out of device memory")));
     gpu.set_memory_budget(gpu.memory_usage().0);
     stage.options.show = View::Instances.show(navigator.distance());
     let (got, words) = picture(&mut stage);
     assert!(got == in_full && View::of(stage.options.show) == View::Color);
-    assert!(words.is_some_and(|words| words.starts_with("the view is the colours again: out of device memory")));
+    assert!(words.is_some_and(|words| words.starts_with("the view is back to colours: out of device memory")));
     stage.click(Some(0), false);
     let (got, words) = picture(&mut stage);
     assert!(got == in_full && stage.editor().chosen().is_empty());
-    assert!(words.is_some_and(|words| words.starts_with("nothing is chosen any more: out of device memory")));
+    assert!(words.is_some_and(|words| words.starts_with("the selection was cleared: out of device memory")));
     assert_silent(&gpu);
 }
 

@@ -1,4 +1,4 @@
-//! The window: winit's events in, pictures out. Pictures are drawn only while something changes.
+//! The window: handles winit's events and draws frames. Frames are drawn only while something changes.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -11,10 +11,10 @@ use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::window::{Window, WindowId};
 
 use crate::gpu::{DeviceChoice, Gpu};
-use crate::swapchain::{PresentMode, Swapchain};
-use crate::ui_painter::{UiFrame, UiPainter};
 use crate::render::FrameStats;
 use crate::scene::{Boxes, Camera, InstancedScene};
+use crate::swapchain::{PresentMode, Swapchain};
+use crate::ui_painter::{UiFrame, UiPainter};
 
 use super::clock::FrameClock;
 use super::controls::Controls;
@@ -40,57 +40,58 @@ mod playing;
 use boxing::Boxing;
 use editing::Editing;
 
-/// A pause that is longer is not flown through: the window was hidden, or the device busy.
+/// The camera flies at most this long per frame: a longer interval means a hidden window or a busy device.
 const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
-/// A picture of fewer pixels is drawn again with all of them when nothing has moved for so long.
+/// A still view is redrawn at full resolution after this delay.
 const REFINE_AFTER: Duration = Duration::from_millis(150);
-/// A device that is lost again so soon is not opened a third time.
+/// A device that is lost again within this time is not reopened.
 const LOST_FOR_GOOD: Duration = Duration::from_secs(10);
 
-/// What to open.
+/// What the window opens, and how.
 pub struct WindowJob {
-    /// File of the scene.
+    /// Path of the scene's file.
     pub path: PathBuf,
-    /// What was in it, and its length in bytes; else what is wrong with it, to be said in the window.
+    /// The scene and its file size in bytes; else the error that the window displays.
     pub scene: Result<(InstancedScene, u64), String>,
-    /// How it looks.
+    /// How frames are rendered.
     pub options: StageOptions,
-    /// Opacity compensation for small splats; `None` = as each scene says.
+    /// Opacity compensation for small splats; `None` = the scene's own setting.
     pub antialias: Option<bool>,
-    /// Views of a data set to step through; the first is where the player starts. May be empty.
+    /// Views of a data set to step through; the first is the start camera. May be empty.
     pub cameras: Vec<Camera>,
-    /// The scene's vertical, if the user knows better.
+    /// The scene's up axis, if the user gives it.
     pub up: Option<glam::DVec3>,
     /// Width and height of the window, pixels.
     pub size_px: (u32, u32),
-    /// When pictures replace each other.
+    /// The requested present mode.
     pub mode: PresentMode,
-    /// Which device.
+    /// The Vulkan device to open.
     pub device: DeviceChoice,
-    /// With the validation layers.
+    /// True to enable the validation layers.
     pub validation: bool,
-    /// Close after so many pictures, drawn without pause through `path_cameras`; `None` = when the user closes it.
+    /// Number of frames to draw without a pause through `path_cameras`, after which the window closes; `None` = the
+    /// user closes it.
     pub frames: Option<u64>,
-    /// Cameras of these pictures, in turn.
+    /// Cameras of these frames, used in turn.
     pub path_cameras: Vec<Camera>,
-    /// Where the last picture goes.
+    /// File for the last frame, as PNG.
     pub screenshot: Option<PathBuf>,
-    /// What is done before each of the first pictures; then the user goes on.
+    /// Input to play back, one step per frame, before the user takes over.
     pub script: VecDeque<Step>,
-    /// Milliseconds that a picture may take on the device while things move; else it has fewer pixels.
+    /// Device time in milliseconds that a frame may take while the view changes; above it the resolution is lowered.
     pub budget_ms: Option<f64>,
-    /// Boxes around objects, and the file they are from: the tool for them is taken up at once.
+    /// Boxes around objects and their file; the tool for boxes is active at once.
     pub boxes: Option<(PathBuf, Boxes)>,
 }
 
-/// What the window did.
+/// What the window did, for reports.
 #[derive(Default)]
 pub struct WindowReport {
-    /// Of each picture, if their number was given.
+    /// Times of the frames, if their number was given.
     pub timings: Timings,
-    /// The device's name.
+    /// Name of the Vulkan device.
     pub device: String,
-    /// Size of the last picture.
+    /// Width and height of the last frame, pixels.
     pub size_px: [u32; 2],
     /// First message of the validation layers.
     pub validation_message: Option<String>,
@@ -99,13 +100,13 @@ pub struct WindowReport {
 /// Opens the window and returns when it is closed.
 ///
 /// # Errors
-/// No display, no device that draws into its windows, or a failure while drawing.
+/// No display, no device that can present to its windows, or a failure while drawing.
 pub fn run(job: WindowJob) -> Result<WindowReport, PlayerError> {
     let event_loop = EventLoop::new().map_err(window_error)?;
     event_loop.set_control_flow(ControlFlow::Wait);
     let mut player = Player { job, live: None, outcome: Ok(WindowReport::default()) };
     event_loop.run_app(&mut player).map_err(window_error)?;
-    // Device objects before the event loop's display.
+    // Device objects are destroyed before the event loop's display.
     player.live = None;
     player.outcome
 }
@@ -120,7 +121,7 @@ struct Player {
     outcome: Result<WindowReport, PlayerError>,
 }
 
-/// Everything that exists while the window does. Fields are dropped in this order: images before the window.
+/// Everything that exists while the window does. Fields are dropped in order: images before the window.
 struct Live {
     painter: UiPainter,
     stage: Stage,
@@ -136,36 +137,36 @@ struct Live {
     controls: Controls,
     hud: Hud,
     clock: FrameClock,
-    /// Of the last picture that is known to be complete, and of those before it that the report wants.
+    /// Statistics of the last complete frame, and of the complete frames since the last report.
     stats: FrameStats,
     arrived: Vec<FrameStats>,
     pixel_times: PixelTimes,
-    /// Views of the data set, and which one was shown last.
+    /// Views of the data set, and the index of the one shown last.
     cameras: (Vec<Camera>, Option<usize>),
-    /// Cameras that the user kept, and which one was shown last.
+    /// Cameras that the user kept, and the index of the one shown last.
     kept: (Vec<Camera>, Option<usize>),
     opened: Instant,
-    /// When the last picture was shown, if the one to come follows it without a pause.
+    /// When the last frame was shown, if the next one follows without a pause.
     last_shown: Option<Instant>,
-    /// Chosen, but not yet in use.
+    /// A present mode that was selected and is not in use yet.
     next_mode: Option<PresentMode>,
-    /// The user was told just now that changes are not saved, and what goes on without.
+    /// Set when the user was just warned of unsaved changes: the action that ignores them.
     warned: Option<String>,
-    /// A scene is shown: none is if the file could not be read, or was too large for the device.
+    /// False if no scene could be read, or it was too large for the device.
     has_scene: bool,
     script: VecDeque<Step>,
-    /// Pictures that the first step of the script has waited.
+    /// Frames that the first step of the script has waited for.
     waited: u32,
     resolution: Resolution,
-    /// When a picture of fewer pixels is drawn again with all of them, and that this was due: window systems differ in whether
-    /// the picture or the wait comes first.
+    /// When the view is redrawn at full resolution, and whether that time has come: window systems differ in whether
+    /// the redraw or the end of the wait is reported first.
     refine_at: Option<Instant>,
     refine: bool,
-    /// When the interface wants to be drawn again, for instance with a hint.
+    /// When the overlay asks to be redrawn, for instance to show a tooltip.
     ui_at: Option<Instant>,
     /// The camera path that is being recorded.
     recording: Option<Recording>,
-    /// When the device was opened anew, and what validation layers said of the one before.
+    /// When the device was reopened, and the first validation message of the lost one.
     reopened: Option<Instant>,
     validation_message: Option<String>,
     editing: Editing,
@@ -195,7 +196,7 @@ impl ApplicationHandler for Player {
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let wakes_at = self.live.as_mut().and_then(|live| {
             let now = Instant::now();
-            // Once, even if the picture cannot be shown, as of a hidden window.
+            // Cleared even if no frame can be shown, as in a hidden window.
             let due = [&mut live.refine_at, &mut live.ui_at].map(|at| at.take_if(|at| *at <= now));
             live.refine |= due[0].is_some();
             if due.iter().any(Option::is_some) {
@@ -222,7 +223,7 @@ impl ApplicationHandler for Player {
     }
 }
 
-/// What an event leads to.
+/// The window's reaction to an event.
 enum After {
     Nothing,
     Redraw,
@@ -259,8 +260,8 @@ impl Player {
         Ok(if done + u64::from(shown) >= frames { After::Quit } else { After::Nothing })
     }
 
-    /// After the loss of the device, goes on with one that is opened anew; ends else, and if it is lost again soon. What is
-    /// not saved is written first.
+    /// After the loss of the device, continues on a reopened one. Ends on any other error, and if the device is lost
+    /// again soon. Unsaved work is written first.
     fn failed(&mut self, event_loop: &ActiveEventLoop, error: PlayerError) {
         let Some(mut live) = self.live.take() else { return self.end(event_loop, Err(error)) };
         let (files, errors) = live.rescue();
@@ -282,7 +283,7 @@ impl Player {
         }
     }
 
-    /// Notes how it ended and leaves the event loop.
+    /// Records the outcome and leaves the event loop.
     fn end(&mut self, event_loop: &ActiveEventLoop, result: Result<(), PlayerError>) {
         event_loop.exit();
         let closing = result.and_then(|()| self.closing());
@@ -309,7 +310,8 @@ impl Player {
 }
 
 impl Live {
-    /// Draws and shows a picture; false if there is nowhere to show it now. `goes_on` says that another one follows at once.
+    /// Draws and presents a frame; false if there is no image to draw to. `goes_on` means that another frame follows at
+    /// once.
     fn picture(&mut self, goes_on: bool) -> Result<bool, PlayerError> {
         let start = Instant::now();
         if let Some(mode) = self.next_mode.take() {
@@ -329,8 +331,7 @@ impl Live {
         self.take_found();
         let (frame, animated) = self.lay_out()?;
         self.painter.prepare(&frame)?;
-        // All pixels when nothing moves: then there is time.
-        // One that rests has waited for it.
+        // A still view is drawn at full resolution, and so is the frame after REFINE_AFTER without motion.
         let rests = std::mem::take(&mut self.refine) || self.refine_at.is_some_and(|at| at <= start);
         let drags = !rests && (self.controls.is_dragging() || self.is_held());
         let moves = goes_on || !flight.is_still() || drags;
@@ -351,12 +352,12 @@ impl Live {
         let goes_on = goes_on || !flight.is_still();
         self.last_shown = goes_on.then_some(start);
         self.pixel_times = self.stage.pixel_times();
-        // While something is dragged, the next picture is on its way already; the one that rests waits for itself.
+        // During a drag the next frame is requested already; a still frame is waited for.
         let is_shown = goes_on || drags || self.stage.settle()?;
         self.arrived = self.stage.take_arrived();
         self.stats = self.arrived.last().unwrap_or(&self.stats).clone();
         if moves {
-            // With another size all that were on their way arrive, and are of the size before.
+            // After a resize, the frames in flight complete first, and they have the old size.
             let first = if resized { self.arrived.len().saturating_sub(1) } else { 0 };
             let of_this_size = &self.arrived[first..];
             of_this_size.iter().for_each(|stats| self.resolution.took(stats.total_ms().unwrap_or(ms)));
@@ -371,12 +372,12 @@ impl Live {
         Ok(true)
     }
 
-    /// Says so if the window has not the mode that was asked for.
+    /// Displays a notice if the window does not support the requested mode.
     fn check_mode(&mut self, wanted: PresentMode) {
         let mode = self.swapchain.mode();
-        // What went wrong with the file says more.
+        // An error about the file is more important.
         if mode != wanted && self.hud.message.is_none() {
-            self.hud.message = Some(format!("this window has no {}: {}", wanted.name(), mode.name()));
+            self.hud.message = Some(format!("this window does not support {}: using {}", wanted.name(), mode.name()));
         }
     }
 
@@ -385,7 +386,7 @@ impl Live {
         Ok(self.swapchain.resize([size.width, size.height])?)
     }
 
-    /// The interface of the next picture, and whether it moves by itself.
+    /// Lays out the overlay of the next frame; the flag is true while it is animated.
     fn lay_out(&mut self) -> Result<(UiFrame, bool), PlayerError> {
         let input = self.ui.take_egui_input(&self.window);
         let mut mode = self.swapchain.mode();
@@ -393,11 +394,11 @@ impl Live {
         let gaussians = [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()];
         let bytes = [
             ("file", self.file_bytes),
-            ("on the device", self.gpu.memory_usage().0),
-            ("of it the scene", self.stage.device_bytes()),
-            ("in it templates", scene.templates.tensor_bytes()),
-            ("offsets", scene.offsets.tensor_bytes()),
-            ("background", scene.background.tensor_bytes()),
+            ("device in total", self.gpu.memory_usage().0),
+            ("device, scene", self.stage.device_bytes()),
+            ("scene templates", scene.templates.tensor_bytes()),
+            ("scene offsets", scene.offsets.tensor_bytes()),
+            ("scene background", scene.background.tensor_bytes()),
         ];
         let ctx = self.ui.egui_ctx().clone();
         let (gizmo, hot, brush_px) = (self.gizmo(), self.editing.hot(), self.brush_px());
@@ -438,7 +439,7 @@ impl Live {
         self.act(actions)?;
         self.act_on_boxes(box_actions)?;
         if mode != self.swapchain.mode() {
-            // The image at hand belongs to the old mode: the next picture has the new one.
+            // The acquired image belongs to the old mode: the next frame uses the new one.
             self.next_mode = Some(mode);
         }
         self.ui.handle_platform_output(&self.window, output.platform_output);

@@ -1,4 +1,5 @@
-//! Boxes around objects, in the window: clicks that put them there, handles that are dragged, the search for the rest, files.
+//! The tool for boxes around objects, in the window: clicks that draw boxes, drags of handles, the search for similar
+//! objects, files.
 
 mod search;
 
@@ -8,55 +9,55 @@ use std::time::{Duration, Instant};
 use winit::keyboard::KeyCode;
 
 use super::Live;
-use crate::io::write_boxes;
 use crate::box_handles::{BoxDrag, BoxHandles, BoxPart, after, box_at_edge};
 use crate::boxes::BoxList;
 use crate::error::PlayerError;
 use crate::hud_boxes::{BoxAction, BoxFacts, BoxPanel, paint_boxes};
-use crate::search::Search;
+use crate::io::write_boxes;
 use crate::scene::{Boxes, ObjectBox};
+use crate::search::Search;
 use crate::segment::standing::{Standing, Surroundings, UprightBox};
 
-/// How often the window looks how far a search is.
+/// How often the window polls the progress of a search.
 const POLL: Duration = Duration::from_millis(100);
 
-/// The tool and its state.
+/// State of the tool for boxes.
 #[derive(Default)]
 pub(super) struct Boxing {
-    /// Clicks, keys and handles are for boxes.
+    /// True if clicks, keys and handles are for boxes.
     pub(super) on: bool,
     list: BoxList,
     grip: Option<BoxDrag>,
     hovered: Option<BoxPart>,
-    /// Of the cloud; made when it is clicked first.
+    /// Surroundings of the cloud, computed at the first click.
     around: Option<Surroundings>,
     search: Option<Search>,
-    /// Searches find other sizes too.
+    /// True if searches also find objects of other sizes.
     other_sizes: bool,
     panel: BoxPanel,
-    /// The last click drew a box.
+    /// True if the last click drew a box.
     drew: bool,
-    /// Where the boxes are from or were saved.
+    /// The file that the boxes were read from or saved to.
     file: Option<PathBuf>,
 }
 
 impl Boxing {
-    /// With boxes of a file.
+    /// The tool with the boxes of a file, active at once.
     pub(super) fn from_file(path: PathBuf, boxes: Boxes) -> Self {
         Self { on: true, list: BoxList::from_file(boxes), file: Some(path), ..Self::default() }
     }
 
-    /// True while something is dragged.
+    /// True while a part of a box is dragged.
     pub(super) fn is_held(&self) -> bool {
         self.grip.is_some()
     }
 
-    /// True while a search goes on.
+    /// True while a search is running.
     pub(super) fn is_searching(&self) -> bool {
         self.search.is_some()
     }
 
-    /// What a file of the boxes holds.
+    /// The contents of a file with the present boxes.
     pub(super) fn boxes_of_file(&self) -> Boxes {
         self.list.to_file()
     }
@@ -66,17 +67,17 @@ impl Boxing {
         self.list.is_unsaved()
     }
 
-    /// When the window should look again by itself.
+    /// When the window should redraw by itself to show a search's progress.
     pub(super) fn wakes_at(&self) -> Option<Instant> {
         self.search.as_ref().map(|_| Instant::now() + POLL)
     }
 }
 
 impl Live {
-    /// Takes the tool up or puts it away.
+    /// Activates or deactivates the tool.
     pub(super) fn toggle_boxes(&mut self) -> Result<(), PlayerError> {
         self.let_go()?;
-        // The outline of chosen instances is not for boxes.
+        // The outline of selected instances does not belong to boxes.
         self.stage.click(None, false);
         self.boxing.on = !self.boxing.on;
         Ok(())
@@ -87,7 +88,7 @@ impl Live {
         Some(BoxHandles::new(chosen, self.editing.mode, &self.handle_camera()))
     }
 
-    /// The pointer is somewhere else; true if the picture changes with it.
+    /// The pointer moved; true if that changes the overlay.
     pub(super) fn box_hover(&mut self, over_interface: bool) -> bool {
         if self.boxing.grip.is_some() {
             return true;
@@ -97,20 +98,20 @@ impl Live {
         std::mem::replace(&mut self.boxing.hovered, hovered) != hovered
     }
 
-    /// The left button goes down over the picture; true if it takes hold of a handle.
+    /// The left button is pressed over the view; true if it grabs a handle.
     pub(super) fn box_grab(&mut self) -> bool {
         let at = self.pointer_points();
         let handles = self.box_handles();
         self.boxing.grip = handles.and_then(|handles| handles.part_at(at).and_then(|part| handles.grab(part, at)));
         if self.boxing.grip.is_some() {
             self.controls.take_hold();
-            // What a field of the panel began is a change of its own.
+            // A change that a field of the panel started is an undo step of its own.
             self.boxing.list.finish();
         }
         self.boxing.grip.is_some()
     }
 
-    /// What is held goes where the pointer is.
+    /// Drags the held part to the pointer.
     pub(super) fn box_follow(&mut self) {
         let Some(drag) = self.boxing.grip.as_ref().filter(|_| !self.controls.holds_still()) else { return };
         if let Some(object) = drag.moved(&self.handle_camera(), self.pointer_points()) {
@@ -118,7 +119,7 @@ impl Live {
         }
     }
 
-    /// What was held stays; false if nothing was.
+    /// Completes the drag; false if nothing was held.
     pub(super) fn box_let_go(&mut self) -> bool {
         self.box_follow();
         let held = self.boxing.grip.take().is_some();
@@ -128,7 +129,7 @@ impl Live {
         held
     }
 
-    /// What was held goes back; false if nothing was.
+    /// Reverts the drag; false if nothing was held.
     fn box_drop(&mut self) -> bool {
         let held = self.boxing.grip.take().is_some();
         if held {
@@ -137,8 +138,8 @@ impl Live {
         held
     }
 
-    /// A click on the scene: chooses the box that is there, or puts one around what is there. With shift it takes the box
-    /// away.
+    /// A click on the scene: selects the box there, or draws one around the object there. With Shift it removes the
+    /// box.
     pub(super) fn box_click(&mut self, at_px: [f64; 2]) -> Result<(), PlayerError> {
         self.hud.message = None;
         self.boxing.drew = false;
@@ -150,11 +151,13 @@ impl Live {
         let there = at_edge.or_else(|| self.boxing.list.containing(place?));
         match (there, place) {
             (Some(index), _) if self.controls.shift => self.boxing.list.remove(index),
-            (None, _) if self.controls.shift => self.says("there is no box to take away"),
+            (None, _) if self.controls.shift => self.says("there is no box here to remove"),
             (Some(index), _) => self.boxing.list.choose(Some(index)),
             (None, None) => self.boxing.list.choose(None),
             (None, Some(place)) => match self.instance_at(at_px)? {
-                Some(k) => self.says(format!("that is instance {k} of the scene: boxes are for what has no instance")),
+                Some(k) => {
+                    self.says(format!("this is instance {k} already: boxes are for objects that are not instances yet"))
+                }
                 None => self.box_around(place),
             },
         }
@@ -162,7 +165,7 @@ impl Live {
         Ok(())
     }
 
-    /// The last click was the first of a double click, which is not for boxes: the box it drew goes.
+    /// The last click was the first of a double click, which has another meaning: removes the box it drew.
     pub(super) fn box_unclick(&mut self) {
         if std::mem::take(&mut self.boxing.drew) && self.boxing.on {
             self.boxing.list.undraw();
@@ -170,12 +173,12 @@ impl Live {
         }
     }
 
-    /// What is clicked or pressed next has nothing to do with the box that the last click drew.
+    /// The next click or key is unrelated to the box that the last click drew.
     pub(super) fn box_stays(&mut self) {
         self.boxing.drew = false;
     }
 
-    /// Puts a box around what stands at a place of the world.
+    /// Draws a box around the object at a point in world coordinates.
     fn box_around(&mut self, place: glam::DVec3) {
         let [_, _, up] = self.navigator.level_axes();
         let cloud = &self.stage.scene().background;
@@ -188,11 +191,11 @@ impl Live {
             Standing::Unclear(usual) => {
                 self.boxing.list.draw(object_of(usual));
                 self.boxing.drew = true;
-                self.says("where it ends cannot be told from what is around it: drag the dots until the box fits");
+                self.says("the object cannot be separated from its surroundings: drag the dots until the box fits");
             }
             Standing::Ground => {
                 self.boxing.list.choose(None);
-                self.says("that is the ground: click what stands on it");
+                self.says("this is the ground: click an object that stands on it");
             }
         }
     }
@@ -201,7 +204,7 @@ impl Live {
         self.hud.message = Some(words.into());
     }
 
-    /// Keys of the tool; false for others.
+    /// Handles the keys of the tool; false for other keys.
     pub(super) fn box_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
         self.box_stays();
         if self.controls.control {
@@ -246,14 +249,14 @@ impl Live {
         true
     }
 
-    /// Where boxes are saved: where they are from, or beside the scene under a name that is free.
+    /// The file to save boxes to: the one they are from, or an unused name beside the scene.
     fn box_file(&self) -> PathBuf {
         let beside = self.path.with_extension("boxes.json");
         let free = || if beside.exists() { self.free_name("boxes.json") } else { beside.clone() };
         self.boxing.file.clone().unwrap_or_else(free)
     }
 
-    /// Writes the boxes.
+    /// Saves the boxes to a file.
     pub(super) fn save_boxes(&mut self, path: &Path) {
         self.box_let_go();
         if self.boxing.list.boxes().is_empty() {
@@ -267,13 +270,13 @@ impl Live {
         }
         let [drawn, found] = self.boxing.list.counts();
         self.says(match written {
-            Ok(()) if drawn + found == 1 => format!("1 box is in {}", path.display()),
-            Ok(()) => format!("{} boxes are in {}", drawn + found, path.display()),
+            Ok(()) if drawn + found == 1 => format!("1 box saved to {}", path.display()),
+            Ok(()) => format!("{} boxes saved to {}", drawn + found, path.display()),
             Err(error) => error.to_string(),
         });
     }
 
-    /// Lays out the tool, while it is on; what its user wants done.
+    /// Lays out the tool, while it is active, and returns the user's actions.
     pub(super) fn lay_out_boxes(&mut self, ctx: &egui::Context) -> Vec<BoxAction> {
         if !self.boxing.on {
             return Vec::new();
@@ -299,7 +302,7 @@ impl Live {
         panel.lay_out(ctx, &facts)
     }
 
-    /// Does what the panel asks for.
+    /// Carries out the panel's actions.
     pub(super) fn act_on_boxes(&mut self, actions: Vec<BoxAction>) -> Result<(), PlayerError> {
         for action in actions {
             self.warned = None;
@@ -309,12 +312,12 @@ impl Live {
                 BoxAction::Finish => list.finish(),
                 BoxAction::Undo => {
                     if !list.undo() {
-                        self.says("there is nothing to take back");
+                        self.says("there is nothing to undo");
                     }
                 }
                 BoxAction::Redo => {
                     if !list.redo() {
-                        self.says("there is nothing to do again");
+                        self.says("there is nothing to redo");
                     }
                 }
                 BoxAction::Choose(index) => list.choose(Some(index)),
@@ -331,7 +334,7 @@ impl Live {
     }
 }
 
-/// A box without an id, which the list gives.
+/// A box with id 0, which the list replaces.
 fn object_of(upright: UprightBox) -> ObjectBox {
     let UprightBox { center, size, world_from_box } = upright;
     ObjectBox { id: 0, category: None, center, size, world_from_box }

@@ -1,4 +1,4 @@
-//! Editing in the window: handles and a brush that are dragged, the panel, and keys.
+//! Editing in the window: drags of handles and of the brush, the panel, and keys.
 
 use std::path::{Path, PathBuf};
 
@@ -12,40 +12,40 @@ use crate::hud_edit::{Action, EditFacts, EditPanel};
 use crate::scene::Camera;
 use crate::scene::edit::{Edit, EditOutcome};
 
-/// Points of a brush's stroke are so many pixels apart.
+/// Spacing of the points of a brush stroke, pixels.
 const BRUSH_STEP_PX: f64 = 3.0;
 
-/// What the pointer does besides turning the view, and the panel.
+/// State of the pointer's editing tools, and the panel.
 #[derive(Default)]
 pub(super) struct Editing {
-    /// Which handles there are.
+    /// The kind of handles that are shown.
     pub(super) mode: GizmoMode,
-    /// What is held.
+    /// The drag in progress.
     grip: Option<Grip>,
     /// The handle under the pointer.
     hovered: Option<Handle>,
-    /// Fields and tools.
+    /// State of the panel's fields and tools.
     pub(super) panel: EditPanel,
 }
 
-/// Something that is held.
+/// What a drag in progress holds.
 enum Grip {
     Handle(Drag),
     Brush(Stroke),
 }
 
-/// What a brush has touched since it was put down.
+/// A brush stroke, from the button's press on.
 struct Stroke {
     template: u32,
-    /// In the template's frame.
+    /// Centres of the brush in the template's frame.
     centres: Vec<DVec3>,
-    /// Where the pointer was since the last picture.
+    /// Pointer positions since the last frame, pixels.
     pending_px: Vec<[f64; 2]>,
     last_px: [f64; 2],
 }
 
 impl Editing {
-    /// The handle that is drawn bright.
+    /// The handle that is drawn highlighted.
     pub(super) fn hot(&self) -> Option<Handle> {
         match &self.grip {
             Some(Grip::Handle(drag)) => Some(drag.handle()),
@@ -56,24 +56,24 @@ impl Editing {
 }
 
 impl Live {
-    /// Pixels of a point of the interface.
+    /// Window pixels per interface point.
     pub(super) fn per_point(&self) -> f64 {
         f64::from(self.ui.egui_ctx().pixels_per_point())
     }
 
-    /// Where the pointer is, points of the interface.
+    /// Position of the pointer, interface points.
     pub(super) fn pointer_points(&self) -> [f64; 2] {
         self.controls.pointer_px().map(|v| v / self.per_point())
     }
 
-    /// The camera with points of the interface for pixels: handles are laid out and held in these.
+    /// The camera with interface points for pixels, in which handles are laid out and dragged.
     pub(super) fn handle_camera(&self) -> Camera {
         let (camera, per_point) = (self.navigator.camera(self.swapchain.size_px()), self.per_point());
         let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v / per_point);
         Camera { fx, fy, cx, cy, ..camera }
     }
 
-    /// The handles of what is chosen, as the camera sees them now.
+    /// The handles of the selection as the camera sees them now.
     pub(super) fn gizmo(&self) -> Option<Gizmo> {
         if self.has_brush() || self.boxing.on {
             return None;
@@ -82,12 +82,12 @@ impl Live {
         Gizmo::new(self.editing.mode, centre, &self.handle_camera())
     }
 
-    /// True if clicks and drags erase: what they erase from is chosen.
+    /// True if clicks and drags erase; there must be a selection to erase from.
     fn has_brush(&self) -> bool {
         self.editing.panel.brush.on && !self.stage.editor().chosen().is_empty()
     }
 
-    /// Where the brush is, and how far it reaches on what is chosen, pixels; `None` if it is put away.
+    /// Centre and radius of the brush at the selection's depth, window pixels; `None` if the brush is off.
     pub(super) fn brush_px(&self) -> Option<([f64; 2], f64)> {
         let (brush, scene, editor) = (self.editing.panel.brush, self.stage.scene(), self.stage.editor());
         let centre = editor.chosen_centre(scene).filter(|_| brush.on)?;
@@ -97,7 +97,7 @@ impl Live {
         (depth > 0.0).then(|| (self.controls.pointer_px(), brush.radius * scale * camera.fy / depth))
     }
 
-    /// The pointer is somewhere else, maybe over the interface; true if the picture changes with it.
+    /// The pointer moved, maybe over the overlay; true if that changes what is drawn.
     pub(super) fn hover(&mut self, over_interface: bool) -> bool {
         if self.boxing.on {
             return self.box_hover(over_interface);
@@ -113,7 +113,7 @@ impl Live {
                 }
                 return true;
             }
-            // Its circle goes with the pointer.
+            // The brush's circle follows the pointer.
             None if has_brush => return true,
             None => {}
         }
@@ -121,12 +121,12 @@ impl Live {
         std::mem::replace(&mut self.editing.hovered, hovered) != hovered
     }
 
-    /// The left button goes down over the picture; true if it takes hold of something.
+    /// The left button is pressed over the view; true if it grabs something.
     pub(super) fn grab(&mut self) -> Result<bool, PlayerError> {
         self.let_go()?;
         self.controls.forget_hold();
         if self.controls.shift {
-            // A click chooses one more, a drag moves the view.
+            // A click adds to the selection, a drag pans.
             return Ok(false);
         }
         if self.boxing.on {
@@ -137,7 +137,7 @@ impl Live {
             let touched = self.instance_at(at)?;
             let (scene, editor) = (self.stage.scene(), self.stage.editor());
             let template = touched.map(|k| scene.instances[k].template);
-            // Of what is chosen: a stroke that begins elsewhere turns the view.
+            // Only on selected templates: a stroke that begins elsewhere orbits.
             template.filter(|&template| editor.has_chosen_of(scene, template)).map(|template| {
                 Grip::Brush(Stroke { template, centres: Vec::new(), pending_px: vec![at], last_px: at })
             })
@@ -150,13 +150,13 @@ impl Live {
             drag.map(Grip::Handle)
         };
         if self.editing.grip.is_some() {
-            // What a field of the panel began is a change of its own.
+            // A change that a field of the panel started is an undo step of its own.
             self.stage.finish_live();
         }
         Ok(self.editing.grip.is_some())
     }
 
-    /// What is held goes where the pointer is. Done once for a picture, however many events came before it.
+    /// Applies the drag at the pointer's position: once per frame, however many events came before it.
     pub(super) fn follow_grip(&mut self) -> Result<(), PlayerError> {
         match self.editing.grip.take() {
             Some(Grip::Handle(drag)) => {
@@ -187,7 +187,7 @@ impl Live {
         self.editing.grip.is_some() || self.boxing.is_held()
     }
 
-    /// Erases where the brush went since the last picture.
+    /// Erases along the brush's path since the last frame.
     fn stroke(&mut self, stroke: &mut Stroke) -> Result<(), PlayerError> {
         let before = stroke.centres.len();
         for at in std::mem::take(&mut stroke.pending_px) {
@@ -202,7 +202,7 @@ impl Live {
         let erase = |centres: &[DVec3]| Edit::Erase { template, centres: centres.to_vec(), radius };
         let done = self.stage.edit_live(&erase(&stroke.centres))?;
         if done.is_err() {
-            // Nothing would be left: what was erased before stays so.
+            // The template would be empty: keeps what was erased before.
             stroke.centres.truncate(before);
             if before > 0 {
                 self.stage.edit_live(&erase(&stroke.centres))?.ok();
@@ -212,7 +212,7 @@ impl Live {
         Ok(())
     }
 
-    /// What was held stays where it is now: one change. False if nothing was held.
+    /// Completes the drag as one change; false if there was none.
     pub(super) fn let_go(&mut self) -> Result<bool, PlayerError> {
         self.follow_grip()?;
         let held = self.editing.grip.take().is_some();
@@ -222,7 +222,7 @@ impl Live {
         Ok(held | self.box_let_go())
     }
 
-    /// What was held goes back to where it was, or the brush is put away. False if there was neither.
+    /// Reverts the drag, or turns the brush off; false if there was neither.
     pub(super) fn drop_grip(&mut self) -> Result<bool, PlayerError> {
         if self.editing.grip.take().is_some() {
             self.stage.cancel_live()?;
@@ -231,7 +231,7 @@ impl Live {
         Ok(std::mem::take(&mut self.editing.panel.brush.on))
     }
 
-    /// Does what the panel asks for.
+    /// Carries out the panel's actions.
     pub(super) fn act(&mut self, actions: Vec<Action>) -> Result<(), PlayerError> {
         for action in actions {
             match action {
@@ -258,7 +258,7 @@ impl Live {
         Ok(())
     }
 
-    /// Lays out the panel, where the interface is shown; what its user wants done.
+    /// Lays out the panel, while the overlay is visible, and returns the user's actions.
     pub(super) fn lay_out_panel(&mut self, ctx: &egui::Context) -> Vec<Action> {
         if !self.hud.visible || self.boxing.on || self.stage.scene().instances.is_empty() {
             return Vec::new();
@@ -276,7 +276,7 @@ impl Live {
         self.editing.panel.lay_out(ctx, &facts)
     }
 
-    /// Saves under another name, from now on the scene's, or exports.
+    /// Saves the scene under another name, which it keeps, or exports it.
     fn write(&mut self, path: &Path) {
         self.stage.finish_live();
         let saves = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
@@ -290,7 +290,7 @@ impl Live {
         });
     }
 
-    /// What there is to say of an edit.
+    /// Displays the error or the warnings of an edit.
     fn said(&mut self, done: Result<EditOutcome, String>) {
         match done {
             Ok(outcome) => self.hud.message = outcome.warnings.into_iter().next(),
@@ -299,7 +299,7 @@ impl Live {
         self.warned = None;
     }
 
-    /// Keys that change the scene; false for others.
+    /// Handles keys that change the scene; false for other keys.
     pub(super) fn edit_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
         if self.boxing.on && self.box_key(code)? {
             return Ok(true);
@@ -326,7 +326,7 @@ impl Live {
             match done {
                 Ok(true) => {}
                 Ok(false) => {
-                    let nothing = if code == KeyCode::KeyH { "hide or to show" } else { "take back or to do again" };
+                    let nothing = if code == KeyCode::KeyH { "hide or show" } else { "undo or redo" };
                     self.hud.message = Some(format!("there is nothing to {nothing}"));
                 }
                 Err(reason) => self.hud.message = Some(reason),
@@ -362,16 +362,17 @@ impl Live {
         Ok(true)
     }
 
-    /// Where the scene is saved: the file it is from, if that is an `.instgs`; else one beside it, under a name that is free.
+    /// The file to save to: the scene's own if that is an `.instgs`; else an unused name beside it.
     fn save_path(&self) -> PathBuf {
         let beside = self.path.with_extension("instgs");
         if beside == self.path || !beside.exists() { beside } else { self.free_name("instgs") }
     }
 
-    /// Saves to a file, which is the scene's from now on. What could not be opened is not overwritten.
+    /// Saves the scene to a file, which becomes the scene's own. A file that could not be opened is not overwritten.
     fn save(&mut self, path: &Path) {
         if !self.has_scene {
-            self.hud.message = Some(format!("{} was not opened: there is nothing to save", self.path.display()));
+            self.hud.message =
+                Some(format!("{} could not be opened, so there is nothing to save", self.path.display()));
             return;
         }
         self.hud.message = Some(match self.stage.save(path) {

@@ -1,4 +1,4 @@
-//! Events of the window, as what they change.
+//! Handles the window's events.
 
 use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
 use winit::keyboard::{Key, KeyCode, PhysicalKey};
@@ -12,11 +12,11 @@ use crate::views::View;
 
 /// Points of a touch pad's scroll that count as one step of a wheel.
 const POINTS_PER_STEP: f64 = 40.0;
-/// What one press of a speed key does.
+/// Factor on the flight speed per press of a speed key.
 const SPEED_STEP: f64 = 1.5;
 
 impl Live {
-    /// What an event of the window changes.
+    /// Handles one event and returns whether to redraw.
     pub(super) fn event(&mut self, event: &WindowEvent, job: &WindowJob) -> Result<After, PlayerError> {
         let response = self.ui.on_window_event(&self.window, event);
         let height = f64::from(self.swapchain.size_px()[1]);
@@ -53,7 +53,7 @@ impl Live {
                 self.navigator.zoom(steps, self.controls.pointer_px(), self.swapchain.size_px());
                 steps != 0.0
             }
-            // A key that was held already when the window got the keyboard was meant for another one.
+            // A key that was already held when the window got focus was meant for another window.
             WindowEvent::KeyboardInput { event, is_synthetic, .. } if !(*is_synthetic && event.state.is_pressed()) => {
                 let Some(code) = code_of(event, self.controls.control) else { return Ok(After::Nothing) };
                 let down = event.state == ElementState::Pressed;
@@ -63,9 +63,10 @@ impl Live {
                 }
             }
             WindowEvent::DroppedFile(path) => {
-                // Named, so that the second of two files that are dropped together is not taken for the answer.
+                // The notice has the file's name, so that the second of two files dropped together does not count as
+                // the confirmation.
                 let name = path.file_name().unwrap_or_default().to_string_lossy();
-                if !self.asks_first(&format!("dropping {name} once more opens it without")) {
+                if !self.asks_first(&format!("drop {name} again to open it without saving")) {
                     self.open_file(path, job)?;
                 }
                 true
@@ -93,7 +94,7 @@ impl Live {
         let seconds = self.opened.elapsed().as_secs_f64();
         if button == Button::Left && self.is_held() {
             self.let_go()?;
-            // A handle that was clicked is not dragged, and not what is behind it.
+            // A click on a handle drags nothing, and does not select what is behind the handle.
             return match self.controls.let_hold_go(seconds) {
                 Some(click) if click.double => self.focus_at(click.at_px),
                 _ => {
@@ -116,7 +117,7 @@ impl Live {
         Ok(true)
     }
 
-    /// After a double click: turns about what is at a place of the window from now on; false if nothing is there.
+    /// After a double click: orbits around the point at a window position from now on; false if no splat is there.
     fn focus_at(&mut self, at_px: [f64; 2]) -> Result<bool, PlayerError> {
         self.box_unclick();
         let point = self.stage.point_at(self.in_picture(at_px));
@@ -127,14 +128,14 @@ impl Live {
         Ok(point.is_some())
     }
 
-    /// The instance at a place of the window. Where the device has no room to find it, there is none, and the message says so.
+    /// The instance at a window position; `None` with a notice if the device has no memory to find it.
     pub(super) fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
         self.hud.message = None;
         let instance = self.stage.instance_at(self.in_picture(at_px));
         self.found(instance)
     }
 
-    /// What was found in a picture: nothing, and a message, where the device had no room to look.
+    /// Result of a query of the frame; out of memory becomes `None` and a notice.
     pub(super) fn found<T>(&mut self, found: Result<Option<T>, PlayerError>) -> Result<Option<T>, PlayerError> {
         match found {
             Err(error) if error.is_out_of_memory() => {
@@ -145,22 +146,22 @@ impl Live {
         }
     }
 
-    /// True if the pointer is over a part of the interface. What an event says of it is of the last picture, since when the
-    /// pointer may have gone there.
+    /// True if the pointer is over the overlay. An event's own flag refers to the last frame, since when the pointer
+    /// may have moved.
     fn is_over_interface(&self) -> bool {
         let ctx = self.ui.egui_ctx();
         let [x, y] = self.pointer_points();
         ctx.layer_id_at(egui::pos2(x as f32, y as f32)).is_some_and(|layer| layer.order != egui::Order::Background)
     }
 
-    /// A place in the window as one in the last picture, which may have fewer pixels.
+    /// Window pixels converted to pixels of the last frame, which may have a lower resolution.
     pub(super) fn in_picture(&self, at_px: [f64; 2]) -> [f64; 2] {
         let shown = self.swapchain.size_px();
         let picture = self.stage.size_px().unwrap_or(shown);
         [0, 1].map(|axis| at_px[axis] * f64::from(picture[axis]) / f64::from(shown[axis].max(1)))
     }
 
-    /// A key goes down or up; `consumed` by the interface.
+    /// Handles the press or release of a key; `consumed` by the overlay.
     pub(super) fn key_event(
         &mut self,
         code: KeyCode,
@@ -168,7 +169,7 @@ impl Live {
         repeats: bool,
         consumed: bool,
     ) -> Result<After, PlayerError> {
-        // A field of the interface takes keys while it is typed into; saving is no text.
+        // A text field takes keys while it has focus, except for the shortcut that saves.
         let consumed = consumed && !(self.controls.control && code == KeyCode::KeyS);
         let flight = flight_key(code).filter(|_| !self.controls.control || !down);
         if let Some(key) = flight {
@@ -184,7 +185,7 @@ impl Live {
         if self.edit_key(code)? {
             return Ok(After::Redraw);
         }
-        // With Ctrl a key means something else, or nothing.
+        // With Ctrl, these keys have another meaning or none.
         if repeats || self.controls.control {
             return Ok(After::Nothing);
         }
@@ -193,11 +194,11 @@ impl Live {
             return Ok(After::Redraw);
         }
         match code {
-            // Closes the list of views.
+            // Closes the menu of views.
             KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
             KeyCode::Escape if self.drop_grip()? => {}
             KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
-            KeyCode::Escape => return Ok(self.leave("Escape once more leaves")),
+            KeyCode::Escape => return Ok(self.leave("press Escape again to quit without saving")),
             KeyCode::KeyB => self.toggle_boxes()?,
             KeyCode::KeyF => self.find_rest(),
             KeyCode::KeyG => {
@@ -225,8 +226,8 @@ impl Live {
     }
 }
 
-/// What a key means: those that fly by their place on the keyboard, others by what is written on them where that is a letter
-/// or a sign that means something here, so that Ctrl+Z is where a layout has its Z.
+/// The meaning of a key. Flight keys count by their place on the keyboard; other keys by the letter or sign on them
+/// where that has a meaning here, so that Ctrl+Z is where the layout has its Z.
 fn code_of(event: &KeyEvent, control: bool) -> Option<KeyCode> {
     let place = match event.physical_key {
         PhysicalKey::Code(code) => Some(code),
@@ -241,7 +242,7 @@ fn code_of(event: &KeyEvent, control: bool) -> Option<KeyCode> {
     }
 }
 
-/// The key of a US keyboard that has this letter or sign; `None` for those that mean nothing here.
+/// The key of a US keyboard with this letter or sign; `None` if it has no meaning here.
 fn written_key(text: &str) -> Option<KeyCode> {
     use KeyCode::{
         KeyA, KeyB, KeyC, KeyD, KeyE, KeyF, KeyG, KeyH, KeyI, KeyJ, KeyK, KeyL, KeyM, KeyN, KeyO, KeyP, KeyQ, KeyR,
@@ -265,7 +266,7 @@ fn written_key(text: &str) -> Option<KeyCode> {
     }
 }
 
-/// The view that a digit chooses.
+/// The view that a digit selects.
 fn view_key(code: KeyCode) -> Option<View> {
     use KeyCode::{Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9};
     let digits = [Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9];

@@ -1,4 +1,4 @@
-//! From a file and a window to the first picture: devices, also anew after a loss, and scenes.
+//! From a file and a window to the first frame: opening devices, reopening them after a loss, and opening scenes.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -13,21 +13,21 @@ use super::boxing::Boxing;
 use super::editing::Editing;
 use super::keeping::kept_cameras;
 use super::{Live, WindowJob, window_error};
-use crate::gpu::{Gpu, GpuOptions};
-use crate::swapchain::{PresentMode, Swapchain};
-use crate::ui_painter::UiPainter;
-use crate::io::load_scene;
 use crate::clock::FrameClock;
 use crate::controls::Controls;
 use crate::error::PlayerError;
+use crate::gpu::{Gpu, GpuOptions};
 use crate::hud::Hud;
+use crate::io::load_scene;
 use crate::navigation::{Navigator, vertical_of};
-use crate::resolution::Resolution;
-use crate::stage::{PixelTimes, Stage};
-use crate::views::View;
 use crate::render::{FrameStats, Show};
+use crate::resolution::Resolution;
 use crate::scene::InstancedScene;
 use crate::scene::trajectory::Orbit;
+use crate::stage::{PixelTimes, Stage};
+use crate::swapchain::{PresentMode, Swapchain};
+use crate::ui_painter::UiPainter;
+use crate::views::View;
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {
@@ -55,7 +55,7 @@ impl Live {
             stats: FrameStats::default(),
             arrived: Vec::new(),
             pixel_times: PixelTimes::default(),
-            // The first of the data set is where the view starts.
+            // The view starts at the data set's first camera.
             cameras: (std::mem::take(&mut job.cameras), Some(0)),
             kept: (kept_cameras(&job.path), None),
             has_scene: false,
@@ -86,15 +86,15 @@ impl Live {
         Ok(live)
     }
 
-    /// The same on a device that is opened anew, since the one that there was is lost.
+    /// Moves everything to a reopened device after the loss of the present one.
     pub(super) fn reopen(self, job: &WindowJob, reason: &PlayerError) -> Result<Self, PlayerError> {
         let mode = self.swapchain.mode();
         let last = self.gpu.validation_messages().take().into_iter().next();
-        // All that is of the old device, the window's images before those of the new one.
+        // Everything of the old device goes first: the window can have one swapchain at a time.
         drop((self.painter, self.swapchain));
         let (gpu, swapchain, painter, ui) = open_device(&self.window, job, mode)?;
         let stage = Stage::reopened(&gpu, self.stage)?;
-        let hud = Hud { message: Some(format!("{reason}; drawing goes on with a device opened anew")), ..self.hud };
+        let hud = Hud { message: Some(format!("{reason}; drawing continues on a reopened device")), ..self.hud };
         Ok(Self {
             painter,
             stage,
@@ -109,7 +109,7 @@ impl Live {
         })
     }
 
-    /// Shows a scene, or says why there is none.
+    /// Shows a scene, or displays why there is none.
     pub(super) fn take_scene(
         &mut self,
         scene: Result<(InstancedScene, u64), String>,
@@ -144,13 +144,13 @@ impl Live {
         match self.stage.open(scene, options) {
             Ok(()) => self.has_scene = true,
             Err(error) if error.is_lost() => return Err(error),
-            // Of no use to this device; the next file may be.
+            // The scene does not fit this device; the next file may.
             Err(error) => self.hud.message = Some(error.to_string()),
         }
         Ok(())
     }
 
-    /// Opens a file that was dropped on the window; what is wrong with it is said in the window.
+    /// Opens a file that was dropped on the window; errors are displayed in the window.
     pub(super) fn open_file(&mut self, path: &Path, job: &WindowJob) -> Result<(), PlayerError> {
         let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes)).map_err(|e| e.to_string());
         if loaded.is_ok() {
@@ -165,7 +165,7 @@ impl Live {
     }
 }
 
-/// A device for a window, the window's images, and the interface over them.
+/// Opens a device for a window, its swapchain, and the painter of the overlay.
 fn open_device(
     window: &Window,
     job: &WindowJob,
@@ -176,18 +176,18 @@ fn open_device(
     let options = GpuOptions { device, validation, display: Some(display), ..Default::default() };
     let gpu = Gpu::open(&options)?;
     let size = window.inner_size();
-    // SAFETY: `Live` keeps the window behind the swapchain, which is dropped first; the device was opened for its display.
+    // SAFETY: `Live` drops the swapchain before the window; the device was opened for this display.
     let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], mode) }?;
     let painter = UiPainter::new(&gpu, &swapchain)?;
     let scale = window.scale_factor() as f32;
     let ctx = egui::Context::default();
-    // Each blink would be a picture of the scene.
+    // Each blink would redraw the scene.
     ctx.all_styles_mut(|style| style.visuals.text_cursor.blink = false);
     let ui = egui_winit::State::new(ctx, egui::ViewportId::ROOT, window, Some(scale), None, None);
     Ok((gpu, swapchain, painter, ui))
 }
 
-/// The handles of a window.
+/// The raw display and window handles of a window.
 fn handles(window: &Window) -> Result<(RawDisplayHandle, RawWindowHandle), PlayerError> {
     let display = window.display_handle().map_err(window_error)?.as_raw();
     Ok((display, window.window_handle().map_err(window_error)?.as_raw()))

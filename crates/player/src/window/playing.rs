@@ -1,4 +1,4 @@
-//! Steps of a script, as events of the window.
+//! Plays the steps of a script as events of the window.
 
 use std::path::Path;
 
@@ -6,17 +6,17 @@ use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::event::{DeviceId, ElementState, MouseButton, MouseScrollDelta, TouchPhase, WindowEvent};
 
 use super::{After, Live, WindowJob};
-use crate::gpu::GpuError;
-use crate::io::IoError;
 use crate::controls::Button;
 use crate::error::PlayerError;
+use crate::gpu::GpuError;
+use crate::io::IoError;
 use crate::script::Step;
 
-/// Pictures that a script waits for the window to take a size.
+/// Frames that a script waits at most for the window to take a size.
 const RESIZE_PICTURES: u32 = 100;
 
 impl Live {
-    /// Does the next step of the script.
+    /// Plays the next step of the script.
     pub(super) fn play_step(&mut self, job: &WindowJob) -> Result<After, PlayerError> {
         let Some(step) = self.script.pop_front() else { return Ok(After::Nothing) };
         match step {
