@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::bvh::Ray;
 use super::irradiance::Irradiance;
 use super::light::disc;
-use super::stage::Scene;
+use super::scene_builder::Scene;
 use super::world::{Hit, Point, World};
 use crate::math::rng::Rng;
 use crate::scene::Camera;

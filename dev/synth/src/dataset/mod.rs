@@ -1,7 +1,7 @@
 //! `instgs-vk synth`: data sets with repeated objects and known truth. Ray-traced photos of a procedural scene, with
 //! cameras, masks, depth, points, groups and poses.
 //!
-//! A scene ([`scenes`]) places meshes ([`models`]) on a [`stage`]; a [`world`] traces rays through two levels of
+//! A scene ([`scenes`]) places meshes ([`models`]) with a [`scene_builder`]; a [`world`] traces rays through two levels of
 //! [`bvh`]. The sun is sampled per pixel ([`frame`]); sky and bounced light come from a cache ([`irradiance`]), so
 //! pictures are almost free of noise and consistent between views. The output is deterministic for a given name,
 //! options and build, with any number of threads.
@@ -16,8 +16,8 @@ pub mod mesh;
 pub mod models;
 pub mod noise;
 mod points;
+pub mod scene_builder;
 pub mod scenes;
-pub mod stage;
 pub mod truth;
 pub mod views;
 pub mod world;
@@ -32,7 +32,7 @@ use crate::io::{IoError, atomic_write, write_points};
 use crate::scene::camera::MAX_IMAGE_SIDE;
 use crate::scene::{Camera, PosedGroup};
 use irradiance::Irradiance;
-use stage::Scene;
+use scene_builder::Scene;
 
 /// Largest number of views of a data set.
 pub const MAX_VIEWS: u32 = 10_000;

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::stage::Scene;
+use super::scene_builder::Scene;
 use crate::math::rng::Rng;
 use crate::math::similarity::Similarity;
 use crate::scene::{PosedGroup, PosedInstance};

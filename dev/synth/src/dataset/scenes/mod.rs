@@ -6,7 +6,7 @@ mod hall;
 mod orchard;
 mod unrelated;
 
-use super::stage::Scene;
+use super::scene_builder::Scene;
 
 /// A scene that can be made by name.
 #[derive(Clone, Copy, Debug)]
