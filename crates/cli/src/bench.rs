@@ -9,7 +9,7 @@ use super::device::{self, DeviceArgs};
 use super::error::CliError;
 use super::printer::Printer;
 use super::table::{Table, grouped};
-use crate::bench::{self, Report, SceneReport, Stage, Subject};
+use crate::bench::{self, MeasurePhase, Report, SceneReport, Subject};
 use crate::io::LoadedScene;
 
 /// Measures frame time and memory of a scene, alone or side by side with another one.
@@ -67,8 +67,8 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     let against = args.against.as_deref().zip(loaded_against.as_ref());
     let against = against.map(|(path, loaded)| subject(path, loaded, &args.look));
     let mut progress = printer.progress("bench", args.frames.into());
-    let mut on_event = |stage| {
-        if stage == Stage::Timed {
+    let mut on_event = |phase| {
+        if phase == MeasurePhase::Timed {
             progress.step("");
         }
     };
