@@ -6,7 +6,7 @@ use crate::render::FrameStats;
 use crate::scene::Camera;
 
 use super::error::PlayerError;
-use super::stage::{PixelTimes, Stage};
+use super::scene_viewer::{PixelTimes, SceneViewer};
 
 /// Times and statistics of a run of frames.
 #[derive(Clone, Debug, Default)]
@@ -63,21 +63,21 @@ impl Timings {
 }
 
 /// Draws `frames` frames through the cameras in turn and converts each to pixels. Waits only for the last frame.
-pub fn play(stage: &mut Stage, cameras: &[Camera], frames: u64) -> Result<Timings, PlayerError> {
+pub fn play(viewer: &mut SceneViewer, cameras: &[Camera], frames: u64) -> Result<Timings, PlayerError> {
     let mut timings = Timings::default();
     timings.begin();
     let turns = cameras.iter().cycle().take(frames as usize);
     for camera in turns {
-        stage.draw_ahead(camera)?;
-        let (recorder, _) = stage.record_pixels([camera.width, camera.height], false)?;
+        viewer.draw_ahead(camera)?;
+        let (recorder, _) = viewer.record_pixels([camera.width, camera.height], false)?;
         recorder.submit()?;
-        timings.submitted(stage.in_flight());
-        timings.note(stage.pixel_times());
-        timings.stats.extend(stage.take_arrived());
+        timings.submitted(viewer.in_flight());
+        timings.note(viewer.pixel_times());
+        timings.stats.extend(viewer.take_arrived());
     }
-    stage.settle()?;
-    timings.arrived(stage.in_flight());
-    timings.stats.extend(stage.take_arrived());
+    viewer.settle()?;
+    timings.arrived(viewer.in_flight());
+    timings.stats.extend(viewer.take_arrived());
     Ok(timings)
 }
 

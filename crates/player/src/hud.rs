@@ -6,7 +6,7 @@ use crate::swapchain::PresentMode;
 
 use super::clock::FrameClock;
 use super::navigation::Navigator;
-use super::stage::PixelTimes;
+use super::scene_viewer::PixelTimes;
 use super::views;
 
 /// Keyboard and mouse bindings, for the help at the bottom.

@@ -18,7 +18,7 @@
 //!   resolution.rs       lower resolution while the view changes    (pure)
 //!   recording.rs        a recorded camera path                     (pure)
 //!   script.rs           user input from a text file
-//! stage.rs              scene on the device, render passes, kernel `present`
+//! scene_viewer.rs        scene on the device, render passes, kernel `present`
 //!   -> swapchain.rs     copy into the window's image, overlay on top, present
 //! headless.rs           the same frames without a window
 //! ```
@@ -46,9 +46,9 @@ pub mod navigation;
 pub mod program;
 pub mod recording;
 pub mod resolution;
+pub mod scene_viewer;
 pub mod script;
 pub mod search;
-pub mod stage;
 mod steps;
 pub mod swapchain;
 #[cfg(test)]
@@ -58,4 +58,4 @@ pub mod views;
 pub mod window;
 
 pub use error::PlayerError;
-pub use stage::{Stage, StageOptions};
+pub use scene_viewer::{SceneViewer, ViewerOptions};

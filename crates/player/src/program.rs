@@ -18,7 +18,7 @@ use crate::script::{self, Step};
 use crate::swapchain::PresentMode;
 use crate::views::View;
 use crate::window::{self, WindowJob};
-use crate::{PlayerError, Stage, StageOptions};
+use crate::{PlayerError, SceneViewer, ViewerOptions};
 use instgs_console::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, exit_code, parse};
@@ -217,7 +217,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     }
 }
 
-fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<StageOptions, CliError> {
+fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOptions, CliError> {
     let distance = Orbit::around(scene, args.up.map(Triple::direction)).distance;
     let view = args.show;
     let show = match args.level {
@@ -226,7 +226,7 @@ fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<StageOptio
     };
     let words = "--level needs --show tile-load, offsets or ellipses";
     let show = show.ok_or_else(|| CliError::msg(words))?;
-    Ok(StageOptions { render: args.lod.apply(args.look.options(scene)), show })
+    Ok(ViewerOptions { render: args.lod.apply(args.look.options(scene)), show })
 }
 
 /// The cameras of the frames of `--frames`.
@@ -273,17 +273,17 @@ fn window_job(
 fn headless(args: &PlayerArgs, loaded: LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
     let options = stage_options(args, &loaded.scene)?;
     let gpu = device::open(args.device.choice())?;
-    let mut stage = Stage::new(&gpu, loaded.scene, options)?;
-    let path_cameras = path_cameras(args, stage.scene(), cameras);
-    let timings = play(&mut stage, &path_cameras, args.frames.unwrap_or(1))?;
+    let mut viewer = SceneViewer::new(&gpu, loaded.scene, options)?;
+    let path_cameras = path_cameras(args, viewer.scene(), cameras);
+    let timings = play(&mut viewer, &path_cameras, args.frames.unwrap_or(1))?;
     if let Some(path) = &args.screenshot {
-        stage.screenshot(path)?;
+        viewer.screenshot(path)?;
     }
     device::check_validation(&gpu)?;
-    let size = stage.size_px().unwrap_or_default();
+    let size = viewer.size_px().unwrap_or_default();
     print(
         args,
-        &played(args, gaussian_counts(stage.scene()), (gpu.caps().name.clone(), size, false), &timings),
+        &played(args, gaussian_counts(viewer.scene()), (gpu.caps().name.clone(), size, false), &timings),
         printer,
     )
 }

@@ -22,7 +22,7 @@ use super::error::PlayerError;
 
 /// How frames are rendered.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct StageOptions {
+pub struct ViewerOptions {
     /// Options of the render passes; `antialias` is the scene's own unless the user overrides it.
     pub render: RenderOptions,
     /// The view: colours, depth, instances ...
@@ -50,7 +50,7 @@ impl PixelTimes {
 }
 
 /// A scene on the host and on the device, its editor, and the passes that draw it.
-pub struct Stage {
+pub struct SceneViewer {
     gpu: Arc<Gpu>,
     renderer: Renderer,
     presenter: Presenter,
@@ -66,7 +66,7 @@ pub struct Stage {
     scene: InstancedScene,
     device_scene: DeviceScene,
     /// How frames are rendered; may change between frames.
-    pub options: StageOptions,
+    pub options: ViewerOptions,
     /// Camera of the last frame.
     camera: Option<Camera>,
     /// Number of depth slabs of the last complete frame.
@@ -80,12 +80,12 @@ pub struct Stage {
     editor: Editor,
 }
 
-impl Stage {
+impl SceneViewer {
     /// Uploads a scene to the device.
     ///
     /// # Errors
     /// The device fails or has no memory for it.
-    pub fn new(gpu: &Arc<Gpu>, scene: InstancedScene, options: StageOptions) -> Result<Self, PlayerError> {
+    pub fn new(gpu: &Arc<Gpu>, scene: InstancedScene, options: ViewerOptions) -> Result<Self, PlayerError> {
         let renderer = Renderer::profiled(gpu)?;
         Ok(Self {
             gpu: gpu.clone(),
@@ -114,7 +114,7 @@ impl Stage {
     ///
     /// # Errors
     /// The device fails or has no memory for it; an empty scene is shown then.
-    pub fn open(&mut self, scene: InstancedScene, options: StageOptions) -> Result<(), PlayerError> {
+    pub fn open(&mut self, scene: InstancedScene, options: ViewerOptions) -> Result<(), PlayerError> {
         while self.ahead.arrive()?.is_some() {}
         (self.scene, self.options, self.editor) = (InstancedScene::default(), options, Editor::default());
         (self.camera, self.slabs, self.has_surfaces, self.has_marks) = (None, 0, false, None);
@@ -132,9 +132,9 @@ impl Stage {
     /// The device fails or has no memory for it.
     pub fn reopened(gpu: &Arc<Gpu>, old: Self) -> Result<Self, PlayerError> {
         let Self { scene, options, editor, .. } = old;
-        let mut stage = Self { editor, ..Self::new(gpu, scene, options)? };
-        stage.show(stage.editor.hidden().clone())?;
-        Ok(stage)
+        let mut viewer = Self { editor, ..Self::new(gpu, scene, options)? };
+        viewer.show(viewer.editor.hidden().clone())?;
+        Ok(viewer)
     }
 
     /// The scene as edited, on the host.
@@ -207,8 +207,8 @@ impl Stage {
         true
     }
 
-    /// Like [`Stage::draw`], but without waiting if the frame has the size of the previous one and that had one depth
-    /// slab. Call [`Stage::settle`] after the last frame.
+    /// Like [`SceneViewer::draw`], but without waiting if the frame has the size of the previous one and that had one depth
+    /// slab. Call [`SceneViewer::settle`] after the last frame.
     pub fn draw_ahead(&mut self, camera: &Camera) -> Result<(), PlayerError> {
         let alike = self.size_px() == Some([camera.width, camera.height]) && self.slabs == 1;
         if !alike || !self.has_wanted_levels() {
@@ -230,7 +230,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Like [`Stage::draw_ahead`]. If the device runs out of memory, falls back to a view that needs less, and returns
+    /// Like [`SceneViewer::draw_ahead`]. If the device runs out of memory, falls back to a view that needs less, and returns
     /// a notice that says which and why.
     pub fn draw_what_fits(&mut self, camera: &Camera) -> Result<Option<String>, PlayerError> {
         let mut words = None;
@@ -403,28 +403,24 @@ impl Stage {
         &self.editor
     }
 
-    /// See [`Editor::click`].
-    pub fn click(&mut self, instance: Option<usize>, more: bool) {
-        self.editor.click(instance, more);
+    /// The editor, to select instances or to complete a change. Edits, undo and hiding go through this type, which
+    /// keeps the device's scene up to date.
+    pub fn editor_mut(&mut self) -> &mut Editor {
+        &mut self.editor
     }
 
-    /// See [`Editor::choose_alike`].
-    pub fn choose_alike(&mut self) {
-        self.editor.choose_alike(&self.scene);
+    /// The editor with the scene, for selections that depend on it.
+    pub fn editor_and_scene(&mut self) -> (&mut Editor, &InstancedScene) {
+        (&mut self.editor, &self.scene)
     }
 
-    /// See [`Editor::choose_group`].
-    pub fn choose_group(&mut self) {
-        self.editor.choose_group(&self.scene);
-    }
-
-    /// See [`Editor::hide_chosen`]; false if nothing is chosen.
+    /// Hides the selected instances, in the editor and on the device; false without a selection.
     pub fn hide_chosen(&mut self) -> Result<bool, PlayerError> {
         let done = self.editor.hide_chosen();
         done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
     }
 
-    /// See [`Editor::show_all`]; false if nothing is hidden.
+    /// Shows all hidden instances, in the editor and on the device; false if nothing is hidden.
     pub fn show_all(&mut self) -> Result<bool, PlayerError> {
         let done = self.editor.show_all();
         done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
@@ -450,12 +446,7 @@ impl Stage {
         Ok(refused.map_or(outcome.map_err(|error| error.to_string()), Err))
     }
 
-    /// See [`Editor::finish`].
-    pub fn finish_live(&mut self) {
-        self.editor.finish();
-    }
-
-    /// See [`Editor::cancel`].
+    /// Reverts the change in progress, in the scene and on the device.
     pub fn cancel_live(&mut self) -> Result<(), PlayerError> {
         let changed = self.editor.cancel(&mut self.scene);
         self.follow(&changed)
@@ -467,7 +458,7 @@ impl Stage {
         self.step(false)
     }
 
-    /// Redoes the edit that was undone last; false if there is none. The inner error is that of [`Stage::undo`].
+    /// Redoes the edit that was undone last; false if there is none. The inner error is that of [`SceneViewer::undo`].
     pub fn redo(&mut self) -> Result<Result<bool, String>, PlayerError> {
         self.step(true)
     }
@@ -487,7 +478,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Like [`Stage::save`], but unsaved changes stay marked as unsaved.
+    /// Like [`SceneViewer::save`], but unsaved changes stay marked as unsaved.
     pub fn write_copy(&self, path: &Path) -> Result<(), PlayerError> {
         Ok(save_scene(path, &self.scene)?)
     }
@@ -498,7 +489,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Like [`Stage::follow`], but a change that the device has no memory for is reverted with `take_back`, and a
+    /// Like [`SceneViewer::follow`], but a change that the device has no memory for is reverted with `take_back`, and a
     /// notice says why.
     fn follow_or(
         &mut self,

@@ -16,7 +16,7 @@ const PARTS: u32 = 1000;
 
 /// A search that is running or has ended.
 pub struct Search {
-    told: Arc<Told>,
+    shared: Arc<SharedState>,
     thread: JoinHandle<Result<Found, FindError>>,
     like: u32,
     started: Instant,
@@ -24,7 +24,7 @@ pub struct Search {
 
 /// State shared by the window and the search's thread.
 #[derive(Default)]
-struct Told {
+struct SharedState {
     /// Progress, 0 to [`PARTS`].
     done: AtomicU32,
     stop: AtomicBool,
@@ -46,13 +46,13 @@ impl Search {
     /// those of the photos, possibly none; `up` is a unit vector. With `other_sizes`, objects of half to twice the size
     /// are found, too.
     pub fn start(cloud: Gaussians, cameras: Vec<Camera>, object: ObjectBox, up: DVec3, other_sizes: bool) -> Self {
-        let told = Arc::new(Told::default());
-        let (like, of_thread) = (object.id, told.clone());
+        let shared = Arc::new(SharedState::default());
+        let (like, of_thread) = (object.id, shared.clone());
         let work = move || {
             let input = FindInput { cloud: &cloud, cameras: &cameras, object: &object, up: Some(up) };
             find_alike(&input, &FindOptions::of_sizes(other_sizes), &mut |progress| of_thread.note(progress))
         };
-        Self { told, thread: std::thread::spawn(work), like, started: Instant::now() }
+        Self { shared, thread: std::thread::spawn(work), like, started: Instant::now() }
     }
 
     /// Id of the box whose object is searched for.
@@ -62,12 +62,12 @@ impl Search {
 
     /// Progress of the search, 0 to 1.
     pub fn part(&self) -> f32 {
-        self.told.done.load(Ordering::Relaxed) as f32 / PARTS as f32
+        self.shared.done.load(Ordering::Relaxed) as f32 / PARTS as f32
     }
 
     /// Requests a stop, which takes effect at the search's next step.
     pub fn stop(&self) {
-        self.told.stop.store(true, Ordering::Relaxed);
+        self.shared.stop.store(true, Ordering::Relaxed);
     }
 
     /// True if [`Search::end`] returns without waiting.
@@ -89,7 +89,7 @@ impl Search {
     }
 }
 
-impl Told {
+impl SharedState {
     fn note(&self, progress: FindProgress) -> ControlFlow<()> {
         let part = u64::from(PARTS) * progress.done as u64 / (progress.total as u64).max(1);
         self.done.store(part as u32, Ordering::Relaxed);

@@ -404,7 +404,7 @@ fn whole_image() -> vk::ImageSubresourceRange {
 }
 
 /// Pipeline stage and access of an image in a layout. The first use of an acquired image waits for its semaphore at the
-/// transfer stage.
+/// transfer viewer.
 fn use_in(layout: vk::ImageLayout) -> (vk::PipelineStageFlags2, vk::AccessFlags2) {
     match layout {
         vk::ImageLayout::UNDEFINED => (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::NONE),

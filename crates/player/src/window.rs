@@ -25,8 +25,8 @@ use super::hud_gizmo::{paint_brush, paint_gizmo};
 use super::navigation::Navigator;
 use super::recording::Recording;
 use super::resolution::Resolution;
+use super::scene_viewer::{PixelTimes, SceneViewer, ViewerOptions};
 use super::script::Step;
-use super::stage::{PixelTimes, Stage, StageOptions};
 
 mod boxing;
 mod editing;
@@ -54,7 +54,7 @@ pub struct WindowJob {
     /// The scene and its file size in bytes; else the error that the window displays.
     pub scene: Result<(InstancedScene, u64), String>,
     /// How frames are rendered.
-    pub options: StageOptions,
+    pub options: ViewerOptions,
     /// Opacity compensation for small splats; `None` = the scene's own setting.
     pub antialias: Option<bool>,
     /// Views of a data set to step through; the first is the start camera. May be empty.
@@ -124,7 +124,7 @@ struct Player {
 /// Everything that exists while the window does. Fields are dropped in order: images before the window.
 struct Live {
     painter: UiPainter,
-    stage: Stage,
+    viewer: SceneViewer,
     swapchain: Swapchain,
     gpu: Arc<Gpu>,
     ui: egui_winit::State,
@@ -253,7 +253,7 @@ impl Player {
         let shown = live.picture(self.job.frames.is_some() || !live.script.is_empty())?;
         let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
         if let (true, Ok(report)) = (shown, &mut self.outcome) {
-            report.timings.submitted(live.stage.in_flight());
+            report.timings.submitted(live.viewer.in_flight());
             report.timings.note(live.pixel_times);
             report.timings.stats.append(&mut live.arrived);
         }
@@ -296,11 +296,11 @@ impl Player {
         let (Some(live), Ok(report)) = (&mut self.live, &mut self.outcome) else { return Ok(()) };
         report.device = live.gpu.caps().name.clone();
         report.size_px = live.swapchain.size_px();
-        live.stage.settle()?;
-        report.timings.arrived(live.stage.in_flight());
-        report.timings.stats.extend(live.stage.take_arrived());
+        live.viewer.settle()?;
+        report.timings.arrived(live.viewer.in_flight());
+        report.timings.stats.extend(live.viewer.take_arrived());
         if let Some(path) = &self.job.screenshot {
-            live.stage.screenshot(path)?;
+            live.viewer.screenshot(path)?;
         }
         live.gpu.wait_all()?;
         let last = live.gpu.validation_messages().take().into_iter().next();
@@ -337,12 +337,12 @@ impl Live {
         let moves = goes_on || !flight.is_still() || drags;
         let scale = if moves { self.resolution.scale() } else { 1.0 };
         let size_px = Resolution::of(target.size_px, scale);
-        let resized = self.stage.size_px() != Some(size_px);
-        if let Some(words) = self.stage.draw_what_fits(&self.navigator.camera(size_px))? {
+        let resized = self.viewer.size_px() != Some(size_px);
+        if let Some(words) = self.viewer.draw_what_fits(&self.navigator.camera(size_px))? {
             self.hud.message = Some(words);
             self.window.request_redraw();
         }
-        let (recorder, pixels) = self.stage.record_pixels(target.size_px, target.blue_first)?;
+        let (recorder, pixels) = self.viewer.record_pixels(target.size_px, target.blue_first)?;
         let fits = self.swapchain.present(recorder, target, pixels, Some((&mut self.painter, &frame)))?;
         if !fits {
             self.resize()?;
@@ -351,10 +351,10 @@ impl Live {
         self.clock.push(ms);
         let goes_on = goes_on || !flight.is_still();
         self.last_shown = goes_on.then_some(start);
-        self.pixel_times = self.stage.pixel_times();
+        self.pixel_times = self.viewer.pixel_times();
         // During a drag the next frame is requested already; a still frame is waited for.
-        let is_shown = goes_on || drags || self.stage.settle()?;
-        self.arrived = self.stage.take_arrived();
+        let is_shown = goes_on || drags || self.viewer.settle()?;
+        self.arrived = self.viewer.take_arrived();
         self.stats = self.arrived.last().unwrap_or(&self.stats).clone();
         if moves {
             // After a resize, the frames in flight complete first, and they have the old size.
@@ -390,12 +390,12 @@ impl Live {
     fn lay_out(&mut self) -> Result<(UiFrame, bool), PlayerError> {
         let input = self.ui.take_egui_input(&self.window);
         let mut mode = self.swapchain.mode();
-        let scene = self.stage.scene();
+        let scene = self.viewer.scene();
         let gaussians = [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()];
         let bytes = [
             ("file", self.file_bytes),
             ("device in total", self.gpu.memory_usage().0),
-            ("device, scene", self.stage.device_bytes()),
+            ("device, scene", self.viewer.device_bytes()),
             ("scene templates", scene.templates.tensor_bytes()),
             ("scene offsets", scene.offsets.tensor_bytes()),
             ("scene background", scene.background.tensor_bytes()),
@@ -413,17 +413,17 @@ impl Live {
                 pixel_times: self.pixel_times,
                 gaussians,
                 bytes,
-                chosen: self.stage.editor().chosen().iter().copied().collect(),
-                instances: self.stage.scene().instances.len(),
-                steps: self.stage.editor().steps(),
+                chosen: self.viewer.editor().chosen().iter().copied().collect(),
+                instances: self.viewer.scene().instances.len(),
+                steps: self.viewer.editor().steps(),
                 scale: self.resolution.scale(),
             };
             let settings = Settings {
                 navigator: &mut self.navigator,
-                show: &mut self.stage.options.show,
+                show: &mut self.viewer.options.show,
                 mode: &mut mode,
                 budget_ms: &mut self.resolution.budget_ms,
-                lod_error_px: &mut self.stage.options.render.lod_error_px,
+                lod_error_px: &mut self.viewer.options.render.lod_error_px,
                 boxes: &mut boxes,
             };
             self.hud.lay_out(ctx, facts, settings);

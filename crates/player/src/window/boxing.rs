@@ -78,7 +78,7 @@ impl Live {
     pub(super) fn toggle_boxes(&mut self) -> Result<(), PlayerError> {
         self.let_go()?;
         // The outline of selected instances does not belong to boxes.
-        self.stage.click(None, false);
+        self.viewer.editor_mut().click(None, false);
         self.boxing.on = !self.boxing.on;
         Ok(())
     }
@@ -144,7 +144,7 @@ impl Live {
         self.hud.message = None;
         self.boxing.drew = false;
         let in_picture = self.in_picture(at_px);
-        let place = self.stage.point_at(in_picture);
+        let place = self.viewer.point_at(in_picture);
         let place = self.found(place)?;
         let objects = self.boxing.list.boxes().iter().map(|listed| &listed.object);
         let at_edge = box_at_edge(objects, &self.handle_camera(), at_px.map(|v| v / self.per_point()));
@@ -181,7 +181,7 @@ impl Live {
     /// Draws a box around the object at a point in world coordinates.
     fn box_around(&mut self, place: glam::DVec3) {
         let [_, _, up] = self.navigator.level_axes();
-        let cloud = &self.stage.scene().background;
+        let cloud = &self.viewer.scene().background;
         let around = self.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
         match around.at(place, self.navigator.eye()) {
             Standing::Object(found) => {

@@ -78,18 +78,18 @@ impl Live {
         if self.has_brush() || self.boxing.on {
             return None;
         }
-        let centre = self.stage.editor().chosen_centre(self.stage.scene())?;
+        let centre = self.viewer.editor().chosen_centre(self.viewer.scene())?;
         Gizmo::new(self.editing.mode, centre, &self.handle_camera())
     }
 
     /// True if clicks and drags erase; there must be a selection to erase from.
     fn has_brush(&self) -> bool {
-        self.editing.panel.brush.on && !self.stage.editor().chosen().is_empty()
+        self.editing.panel.brush.on && !self.viewer.editor().chosen().is_empty()
     }
 
     /// Centre and radius of the brush at the selection's depth, window pixels; `None` if the brush is off.
     pub(super) fn brush_px(&self) -> Option<([f64; 2], f64)> {
-        let (brush, scene, editor) = (self.editing.panel.brush, self.stage.scene(), self.stage.editor());
+        let (brush, scene, editor) = (self.editing.panel.brush, self.viewer.scene(), self.viewer.editor());
         let centre = editor.chosen_centre(scene).filter(|_| brush.on)?;
         let scale = scene.instances[*editor.chosen().first()?].world_from_template.scale();
         let camera = self.navigator.camera(self.swapchain.size_px());
@@ -135,7 +135,7 @@ impl Live {
         self.editing.grip = if self.has_brush() {
             let at = self.controls.pointer_px();
             let touched = self.instance_at(at)?;
-            let (scene, editor) = (self.stage.scene(), self.stage.editor());
+            let (scene, editor) = (self.viewer.scene(), self.viewer.editor());
             let template = touched.map(|k| scene.instances[k].template);
             // Only on selected templates: a stroke that begins elsewhere orbits.
             template.filter(|&template| editor.has_chosen_of(scene, template)).map(|template| {
@@ -151,7 +151,7 @@ impl Live {
         };
         if self.editing.grip.is_some() {
             // A change that a field of the panel started is an undo step of its own.
-            self.stage.finish_live();
+            self.viewer.editor_mut().finish();
         }
         Ok(self.editing.grip.is_some())
     }
@@ -162,8 +162,8 @@ impl Live {
             Some(Grip::Handle(drag)) => {
                 let moves = !self.controls.holds_still();
                 let motion = moves.then(|| drag.motion(&self.handle_camera(), self.pointer_points())).flatten();
-                if let (Some(motion), Some(which)) = (motion, self.stage.editor().selector()) {
-                    let done = self.stage.edit_live(&motion.edit(which))?;
+                if let (Some(motion), Some(which)) = (motion, self.viewer.editor().selector()) {
+                    let done = self.viewer.edit_live(&motion.edit(which))?;
                     self.said(done);
                 }
                 self.editing.grip = Some(Grip::Handle(drag));
@@ -179,7 +179,7 @@ impl Live {
 
     /// True if closing the window would lose changes of the scene or of boxes.
     pub(super) fn is_unsaved(&self) -> bool {
-        self.stage.editor().is_unsaved() || self.boxing.is_unsaved()
+        self.viewer.editor().is_unsaved() || self.boxing.is_unsaved()
     }
 
     /// True while something is dragged.
@@ -191,7 +191,7 @@ impl Live {
     fn stroke(&mut self, stroke: &mut Stroke) -> Result<(), PlayerError> {
         let before = stroke.centres.len();
         for at in std::mem::take(&mut stroke.pending_px) {
-            let touched = self.stage.template_point_at(self.in_picture(at));
+            let touched = self.viewer.template_point_at(self.in_picture(at));
             let touched = self.found(touched)?;
             stroke.centres.extend(touched.filter(|touched| touched.0 == stroke.template).map(|touched| touched.1));
         }
@@ -200,12 +200,12 @@ impl Live {
         }
         let (template, radius) = (stroke.template, self.editing.panel.brush.radius);
         let erase = |centres: &[DVec3]| Edit::Erase { template, centres: centres.to_vec(), radius };
-        let done = self.stage.edit_live(&erase(&stroke.centres))?;
+        let done = self.viewer.edit_live(&erase(&stroke.centres))?;
         if done.is_err() {
             // The template would be empty: keeps what was erased before.
             stroke.centres.truncate(before);
             if before > 0 {
-                self.stage.edit_live(&erase(&stroke.centres))?.ok();
+                self.viewer.edit_live(&erase(&stroke.centres))?.ok();
             }
         }
         self.said(done);
@@ -217,7 +217,7 @@ impl Live {
         self.follow_grip()?;
         let held = self.editing.grip.take().is_some();
         if held {
-            self.stage.finish_live();
+            self.viewer.editor_mut().finish();
         }
         Ok(held | self.box_let_go())
     }
@@ -225,7 +225,7 @@ impl Live {
     /// Reverts the drag, or turns the brush off; false if there was neither.
     pub(super) fn drop_grip(&mut self) -> Result<bool, PlayerError> {
         if self.editing.grip.take().is_some() {
-            self.stage.cancel_live()?;
+            self.viewer.cancel_live()?;
             return Ok(true);
         }
         Ok(std::mem::take(&mut self.editing.panel.brush.on))
@@ -236,21 +236,27 @@ impl Live {
         for action in actions {
             match action {
                 Action::Edit(edit) => {
-                    let done = self.stage.edit(&edit)?;
+                    let done = self.viewer.edit(&edit)?;
                     self.said(done);
                 }
                 Action::Live(edit) => {
-                    let done = self.stage.edit_live(&edit)?;
+                    let done = self.viewer.edit_live(&edit)?;
                     self.said(done);
                 }
-                Action::Finish => self.stage.finish_live(),
-                Action::Cancel => self.stage.cancel_live()?,
-                Action::Undo => self.hud.message = self.stage.undo()?.err(),
-                Action::Redo => self.hud.message = self.stage.redo()?.err(),
-                Action::Hide => drop(self.stage.hide_chosen()?),
-                Action::ShowAll => drop(self.stage.show_all()?),
-                Action::ChooseAlike => self.stage.choose_alike(),
-                Action::ChooseGroup => self.stage.choose_group(),
+                Action::Finish => self.viewer.editor_mut().finish(),
+                Action::Cancel => self.viewer.cancel_live()?,
+                Action::Undo => self.hud.message = self.viewer.undo()?.err(),
+                Action::Redo => self.hud.message = self.viewer.redo()?.err(),
+                Action::Hide => drop(self.viewer.hide_chosen()?),
+                Action::ShowAll => drop(self.viewer.show_all()?),
+                Action::ChooseAlike => {
+                    let (editor, scene) = self.viewer.editor_and_scene();
+                    editor.choose_alike(scene);
+                }
+                Action::ChooseGroup => {
+                    let (editor, scene) = self.viewer.editor_and_scene();
+                    editor.choose_group(scene);
+                }
                 Action::Mode(mode) => self.editing.mode = mode,
                 Action::Write(path) => self.write(&path),
             }
@@ -260,13 +266,13 @@ impl Live {
 
     /// Lays out the panel, while the overlay is visible, and returns the user's actions.
     pub(super) fn lay_out_panel(&mut self, ctx: &egui::Context) -> Vec<Action> {
-        if !self.hud.visible || self.boxing.on || self.stage.scene().instances.is_empty() {
+        if !self.hud.visible || self.boxing.on || self.viewer.scene().instances.is_empty() {
             return Vec::new();
         }
         let [_, _, up] = self.navigator.level_axes();
         let facts = EditFacts {
-            scene: self.stage.scene(),
-            editor: self.stage.editor(),
+            scene: self.viewer.scene(),
+            editor: self.viewer.editor(),
             up,
             step: self.number_step(),
             beside: self.beside(),
@@ -278,13 +284,13 @@ impl Live {
 
     /// Saves the scene under another name, which it keeps, or exports it.
     fn write(&mut self, path: &Path) {
-        self.stage.finish_live();
+        self.viewer.editor_mut().finish();
         let saves = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
         if saves {
             return self.save(path);
         }
         let [_, _, up] = self.navigator.level_axes();
-        self.hud.message = Some(match self.stage.export(path, up) {
+        self.hud.message = Some(match self.viewer.export(path, up) {
             Ok(()) => format!("exported to {}", path.display()),
             Err(error) => error.to_string(),
         });
@@ -309,16 +315,16 @@ impl Live {
                 self.let_go()?;
             }
             let done = match code {
-                KeyCode::KeyZ if self.controls.shift => self.stage.redo()?,
-                KeyCode::KeyZ => self.stage.undo()?,
-                KeyCode::KeyY => self.stage.redo()?,
+                KeyCode::KeyZ if self.controls.shift => self.viewer.redo()?,
+                KeyCode::KeyZ => self.viewer.undo()?,
+                KeyCode::KeyY => self.viewer.redo()?,
                 KeyCode::KeyS => {
                     self.save(&self.save_path());
                     Ok(true)
                 }
                 KeyCode::KeyH => {
                     self.let_go()?;
-                    Ok(if self.controls.shift { self.stage.show_all()? } else { self.stage.hide_chosen()? })
+                    Ok(if self.controls.shift { self.viewer.show_all()? } else { self.viewer.hide_chosen()? })
                 }
                 KeyCode::KeyD => Ok(true),
                 _ => return Ok(false),
@@ -347,7 +353,7 @@ impl Live {
             self.editing.mode = mode;
             return Ok(true);
         }
-        let Some(which) = self.stage.editor().selector() else { return Ok(false) };
+        let Some(which) = self.viewer.editor().selector() else { return Ok(false) };
         let edit = match code {
             KeyCode::KeyD if self.controls.control => Edit::Duplicate { which, by: self.beside(), turn: None },
             KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
@@ -357,7 +363,7 @@ impl Live {
             },
         };
         self.let_go()?;
-        let done = self.stage.edit(&edit)?;
+        let done = self.viewer.edit(&edit)?;
         self.said(done);
         Ok(true)
     }
@@ -375,7 +381,7 @@ impl Live {
                 Some(format!("{} could not be opened, so there is nothing to save", self.path.display()));
             return;
         }
-        self.hud.message = Some(match self.stage.save(path) {
+        self.hud.message = Some(match self.viewer.save(path) {
             Ok(()) => {
                 self.path = path.to_path_buf();
                 format!("saved to {}", path.display())

@@ -111,7 +111,7 @@ impl Live {
             self.box_click(click.at_px)?;
         } else {
             let instance = self.instance_at(click.at_px)?;
-            self.stage.click(instance, self.controls.shift);
+            self.viewer.editor_mut().click(instance, self.controls.shift);
         }
         self.controls.click_done(self.opened.elapsed().as_secs_f64());
         Ok(true)
@@ -120,7 +120,7 @@ impl Live {
     /// After a double click: orbits around the point at a window position from now on; false if no splat is there.
     fn focus_at(&mut self, at_px: [f64; 2]) -> Result<bool, PlayerError> {
         self.box_unclick();
-        let point = self.stage.point_at(self.in_picture(at_px));
+        let point = self.viewer.point_at(self.in_picture(at_px));
         let point = self.found(point)?;
         if let Some(point) = point {
             self.navigator.focus(point);
@@ -131,7 +131,7 @@ impl Live {
     /// The instance at a window position; `None` with a notice if the device has no memory to find it.
     pub(super) fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
         self.hud.message = None;
-        let instance = self.stage.instance_at(self.in_picture(at_px));
+        let instance = self.viewer.instance_at(self.in_picture(at_px));
         self.found(instance)
     }
 
@@ -157,7 +157,7 @@ impl Live {
     /// Window pixels converted to pixels of the last frame, which may have a lower resolution.
     pub(super) fn in_picture(&self, at_px: [f64; 2]) -> [f64; 2] {
         let shown = self.swapchain.size_px();
-        let picture = self.stage.size_px().unwrap_or(shown);
+        let picture = self.viewer.size_px().unwrap_or(shown);
         [0, 1].map(|axis| at_px[axis] * f64::from(picture[axis]) / f64::from(shown[axis].max(1)))
     }
 
@@ -190,20 +190,21 @@ impl Live {
             return Ok(After::Nothing);
         }
         if let Some(view) = view_key(code) {
-            self.stage.options.show = view.show(self.navigator.distance());
+            self.viewer.options.show = view.show(self.navigator.distance());
             return Ok(After::Redraw);
         }
         match code {
             // Closes the menu of views.
             KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
             KeyCode::Escape if self.drop_grip()? => {}
-            KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
+            KeyCode::Escape if !self.viewer.editor().chosen().is_empty() => self.viewer.editor_mut().click(None, false),
             KeyCode::Escape => return Ok(self.leave("press Escape again to quit without saving")),
             KeyCode::KeyB => self.toggle_boxes()?,
             KeyCode::KeyF => self.find_rest(),
             KeyCode::KeyG => {
                 self.let_go()?;
-                self.stage.choose_alike();
+                let (editor, scene) = self.viewer.editor_and_scene();
+                editor.choose_alike(scene);
             }
             KeyCode::KeyO if self.boxing.on => self.toggle_other_sizes(),
             KeyCode::KeyH => self.hud.visible = !self.hud.visible,

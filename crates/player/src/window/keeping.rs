@@ -54,7 +54,7 @@ impl Live {
     /// Writes the last frame beside the scene.
     pub(super) fn write_picture(&mut self) {
         let path = self.free_name("png");
-        self.hud.message = Some(match self.stage.screenshot(&path) {
+        self.hud.message = Some(match self.viewer.screenshot(&path) {
             Ok(()) => path.display().to_string(),
             Err(error) => error.to_string(),
         });

@@ -36,9 +36,9 @@ impl Live {
             None => files.push(path),
             Some(reason) => errors.push(reason),
         };
-        if self.stage.editor().is_unsaved() {
+        if self.viewer.editor().is_unsaved() {
             let path = self.free_name("recovered.instgs");
-            let failed = self.stage.write_copy(&path).err().map(|e| e.to_string());
+            let failed = self.viewer.write_copy(&path).err().map(|e| e.to_string());
             note(path, failed);
         }
         if self.boxing.is_unsaved() {

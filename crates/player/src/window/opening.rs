@@ -24,7 +24,7 @@ use crate::render::{FrameStats, Show};
 use crate::resolution::Resolution;
 use crate::scene::InstancedScene;
 use crate::scene::trajectory::Orbit;
-use crate::stage::{PixelTimes, Stage};
+use crate::scene_viewer::{PixelTimes, SceneViewer};
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
 use crate::views::View;
@@ -40,7 +40,7 @@ impl Live {
         let navigator = Navigator::around(&Orbit::around(&InstancedScene::default(), job.up));
         let mut live = Self {
             painter,
-            stage: Stage::new(&gpu, InstancedScene::default(), job.options)?,
+            viewer: SceneViewer::new(&gpu, InstancedScene::default(), job.options)?,
             swapchain,
             gpu,
             ui,
@@ -93,11 +93,11 @@ impl Live {
         // Everything of the old device goes first: the window can have one swapchain at a time.
         drop((self.painter, self.swapchain));
         let (gpu, swapchain, painter, ui) = open_device(&self.window, job, mode)?;
-        let stage = Stage::reopened(&gpu, self.stage)?;
+        let viewer = SceneViewer::reopened(&gpu, self.viewer)?;
         let hud = Hud { message: Some(format!("{reason}; drawing continues on a reopened device")), ..self.hud };
         Ok(Self {
             painter,
-            stage,
+            viewer,
             swapchain,
             gpu,
             ui,
@@ -129,7 +129,7 @@ impl Live {
             self.home.aim_at(orbit.center);
         }
         self.navigator = self.home.clone();
-        let mut options = self.stage.options;
+        let mut options = self.viewer.options;
         options.render.antialias = job.antialias.unwrap_or(scene.antialias);
         if let Show::Depth(_) = options.show {
             options.show = View::Depth.show(orbit.distance);
@@ -141,7 +141,7 @@ impl Live {
         self.file_bytes = bytes;
         self.clock.clear();
         self.has_scene = false;
-        match self.stage.open(scene, options) {
+        match self.viewer.open(scene, options) {
             Ok(()) => self.has_scene = true,
             Err(error) if error.is_lost() => return Err(error),
             // The scene does not fit this device; the next file may.

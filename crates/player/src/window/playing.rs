@@ -63,7 +63,7 @@ impl Live {
                 }
             }
             Step::Boxes(path) => self.save_boxes(&path),
-            Step::Shot(path) => self.stage.screenshot(&path)?,
+            Step::Shot(path) => self.viewer.screenshot(&path)?,
             Step::Counts(path) => self.write_counts(&path)?,
             Step::Lose => return Err(GpuError::DeviceLost { last_pass: "a script's lose".into() }.into()),
             Step::Drop(path) => {
