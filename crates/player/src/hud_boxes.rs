@@ -274,7 +274,8 @@ pub(super) fn paint_boxes(
     ctx: &Context,
     list: &BoxList,
     camera: &Camera,
-    (handles, hot): (Option<&BoxHandles>, Option<BoxPart>),
+    handles: Option<&BoxHandles>,
+    hot: Option<BoxPart>,
 ) {
     for (k, listed) in list.boxes().iter().enumerate() {
         let width = if list.chosen() == Some(k) { CHOSEN_WIDTH } else { WIDTH };

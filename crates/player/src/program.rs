@@ -211,7 +211,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
             if args.frames.is_none() {
                 return Ok(());
             }
-            let played = played(args, counts, (report.device, report.size_px, true), &report.timings);
+            let played = played(args, counts, report.device, report.size_px, true, &report.timings);
             print(args, &played, printer)
         }
     }
@@ -281,11 +281,7 @@ fn headless(args: &PlayerArgs, loaded: LoadedScene, cameras: &[Camera], printer:
     }
     device::check_validation(&gpu)?;
     let size = viewer.size_px().unwrap_or_default();
-    print(
-        args,
-        &played(args, gaussian_counts(viewer.scene()), (gpu.caps().name.clone(), size, false), &timings),
-        printer,
-    )
+    print(args, &played(args, gaussian_counts(viewer.scene()), gpu.caps().name.clone(), size, false, &timings), printer)
 }
 
 /// Number of stored and of expanded Gaussians.
@@ -296,7 +292,9 @@ fn gaussian_counts(scene: &InstancedScene) -> [u64; 2] {
 fn played(
     args: &PlayerArgs,
     [stored, expanded]: [u64; 2],
-    (device, resolution, window): (String, [u32; 2], bool),
+    device: String,
+    resolution: [u32; 2],
+    window: bool,
     timings: &Timings,
 ) -> Played {
     let ms = Percentiles::of(&timings.ms);

@@ -96,7 +96,8 @@ impl Swapchain {
     /// window must outlive the swapchain.
     pub unsafe fn new(
         gpu: &Arc<Gpu>,
-        (display, window): (RawDisplayHandle, RawWindowHandle),
+        display: RawDisplayHandle,
+        window: RawWindowHandle,
         size_px: [u32; 2],
         mode: PresentMode,
     ) -> Result<Self, GpuError> {

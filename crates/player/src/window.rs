@@ -39,6 +39,7 @@ mod playing;
 
 use boxing::Boxing;
 use editing::Editing;
+use keeping::CameraList;
 
 /// The camera flies at most this long per frame: a longer interval means a hidden window or a busy device.
 const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
@@ -141,10 +142,10 @@ struct Live {
     stats: FrameStats,
     arrived: Vec<FrameStats>,
     pixel_times: PixelTimes,
-    /// Views of the data set, and the index of the one shown last.
-    cameras: (Vec<Camera>, Option<usize>),
-    /// Cameras that the user kept, and the index of the one shown last.
-    kept: (Vec<Camera>, Option<usize>),
+    /// Views of the data set.
+    cameras: CameraList,
+    /// Cameras that the user kept.
+    kept: CameraList,
     opened: Instant,
     /// When the last frame was shown, if the next one follows without a pause.
     last_shown: Option<Instant>,

@@ -74,7 +74,7 @@ pub fn run(
     for subject in std::iter::once(subject).chain(against) {
         runs.push(Run::prepare(gpu, subject, cameras, on_event)?);
     }
-    for (frame, camera) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
+    for (frame, (index, camera)) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
         // The first scene of a round finds the caches as the other left them: alternate.
         let order: &mut dyn Iterator<Item = &mut Run<'_>> = if (frame + frame / cameras.len() as u32).is_multiple_of(2)
         {
@@ -83,7 +83,7 @@ pub fn run(
             &mut runs.iter_mut().rev()
         };
         for run in order {
-            run.time_frame(camera)?;
+            run.time_frame(index, camera)?;
         }
         on_event(MeasurePhase::Timed);
     }
@@ -129,7 +129,7 @@ impl<'a> Run<'a> {
         Ok(Self { subject, renderer, scene, device_peak: peak - before, times_ms, stats })
     }
 
-    fn time_frame(&mut self, (index, camera): (usize, &Camera)) -> Result<(), BenchError> {
+    fn time_frame(&mut self, index: usize, camera: &Camera) -> Result<(), BenchError> {
         let start = Instant::now();
         let stats = self.renderer.render(&self.scene, camera, &self.subject.options);
         let elapsed_ms = 1e3 * start.elapsed().as_secs_f64();

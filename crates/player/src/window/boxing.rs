@@ -283,7 +283,7 @@ impl Live {
         }
         let (camera, handles) = (self.handle_camera(), self.box_handles());
         let held = self.boxing.grip.as_ref().map(BoxDrag::part);
-        paint_boxes(ctx, &self.boxing.list, &camera, (handles.as_ref(), held.or(self.boxing.hovered)));
+        paint_boxes(ctx, &self.boxing.list, &camera, handles.as_ref(), held.or(self.boxing.hovered));
         if !self.hud.visible {
             return Vec::new();
         }

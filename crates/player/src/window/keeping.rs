@@ -9,20 +9,28 @@ use crate::navigation::Navigator;
 use crate::recording::{PATH_FPS, Recording};
 use crate::scene::Camera;
 
+/// Cameras to step through.
+#[derive(Default)]
+pub(super) struct CameraList {
+    pub(super) cameras: Vec<Camera>,
+    /// Index of the camera that was shown last.
+    pub(super) at: Option<usize>,
+}
+
 impl Live {
     /// Keeps the camera, in memory and in a camera file beside the scene.
     pub(super) fn keep_camera(&mut self) {
         let path = cameras_path(&self.path);
-        if let (true, true, Err(error)) = (self.kept.0.is_empty(), path.exists(), read_cameras(&path)) {
+        if let (true, true, Err(error)) = (self.kept.cameras.is_empty(), path.exists(), read_cameras(&path)) {
             self.hud.message = Some(format!("{error}; the file is not overwritten"));
             return;
         }
         let mut camera = self.navigator.camera(self.swapchain.size_px());
-        camera.name = format!("{:03}", self.kept.0.len());
-        self.kept.0.push(camera);
-        self.kept.1 = None;
-        self.hud.message = Some(match write_cameras(&path, &self.kept.0) {
-            Ok(()) => format!("camera {} saved to {}", self.kept.0.len(), path.display()),
+        camera.name = format!("{:03}", self.kept.cameras.len());
+        self.kept.cameras.push(camera);
+        self.kept.at = None;
+        self.hud.message = Some(match write_cameras(&path, &self.kept.cameras) {
+            Ok(()) => format!("camera {} saved to {}", self.kept.cameras.len(), path.display()),
             Err(error) => error.to_string(),
         });
     }
@@ -62,21 +70,17 @@ impl Live {
 }
 
 /// Shows the next or previous of a list of cameras, cyclically; from none to the first or the last.
-pub(super) fn step(
-    (cameras, at): &mut (Vec<Camera>, Option<usize>),
-    by: isize,
-    navigator: &mut Navigator,
-    hud: &mut Hud,
-) {
+pub(super) fn step(list: &mut CameraList, by: isize, navigator: &mut Navigator, hud: &mut Hud) {
+    let cameras = &list.cameras;
     if cameras.is_empty() {
         hud.message = Some("there are no cameras to step through: start with --data DIR, or keep one with C".into());
         return;
     }
-    let next = stepped(*at, by, cameras.len());
+    let next = stepped(list.at, by, cameras.len());
     let camera = &cameras[next];
     navigator.stand_at(camera);
     hud.message = Some(format!("camera {} of {}: {}", next + 1, cameras.len(), camera.name));
-    *at = Some(next);
+    list.at = Some(next);
 }
 
 /// The index `by` places from `at`, modulo `count`; from `None` forward the first, backward the last.

@@ -11,7 +11,7 @@ use winit::window::Window;
 
 use super::boxing::Boxing;
 use super::editing::Editing;
-use super::keeping::kept_cameras;
+use super::keeping::{CameraList, kept_cameras};
 use super::{Live, WindowJob, window_error};
 use crate::clock::FrameClock;
 use crate::controls::Controls;
@@ -56,8 +56,8 @@ impl Live {
             arrived: Vec::new(),
             pixel_times: PixelTimes::default(),
             // The view starts at the data set's first camera.
-            cameras: (std::mem::take(&mut job.cameras), Some(0)),
-            kept: (kept_cameras(&job.path), None),
+            cameras: CameraList { cameras: std::mem::take(&mut job.cameras), at: Some(0) },
+            kept: CameraList { cameras: kept_cameras(&job.path), at: None },
             has_scene: false,
             opened: Instant::now(),
             last_shown: None,
@@ -122,9 +122,9 @@ impl Live {
                 return Ok(());
             }
         };
-        let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.cameras.0)));
+        let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.cameras.cameras)));
         self.home = Navigator::around(&orbit);
-        if let Some(camera) = self.cameras.0.first() {
+        if let Some(camera) = self.cameras.cameras.first() {
             self.home.stand_at(camera);
             self.home.aim_at(orbit.center);
         }
@@ -157,8 +157,8 @@ impl Live {
             self.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
             self.path = path.to_path_buf();
             self.window.set_title(&format!("{} - instgs-player", self.title));
-            self.cameras = (Vec::new(), None);
-            self.kept = (kept_cameras(path), None);
+            self.cameras = CameraList::default();
+            self.kept = CameraList { cameras: kept_cameras(path), at: None };
             self.hud.message = None;
         }
         self.take_scene(loaded, job)
@@ -177,7 +177,7 @@ fn open_device(
     let gpu = Gpu::open(&options)?;
     let size = window.inner_size();
     // SAFETY: `Live` drops the swapchain before the window; the device was opened for this display.
-    let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], mode) }?;
+    let swapchain = unsafe { Swapchain::new(&gpu, display, handle, [size.width, size.height], mode) }?;
     let painter = UiPainter::new(&gpu, &swapchain)?;
     let scale = window.scale_factor() as f32;
     let ctx = egui::Context::default();

@@ -124,7 +124,7 @@ fn color_of(scene: &Scene, light: &Irradiance, lens: &Lens, pixel: (f64, f64), c
                 // Points of the sun, in another order.
                 let (u, v) = spread_evenly(count * 29 % MOST, [starts[2], starts[3]]);
                 let sun = disc(u as f32, v as f32);
-                Sample { at, ..sample(scene, light, lens, (&ray, hit), sun, &mut shared) }
+                Sample { at, ..sample(scene, light, lens, &ray, hit, sun, &mut shared) }
             });
             count += 1;
         }
@@ -172,7 +172,8 @@ fn sample(
     scene: &Scene,
     light: &Irradiance,
     lens: &Lens,
-    (ray, hit): (&Ray, Option<Hit>),
+    ray: &Ray,
+    hit: Option<Hit>,
     sun: (f32, f32),
     shared: &mut Option<(Point, Vec3)>,
 ) -> Sample {

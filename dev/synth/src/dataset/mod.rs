@@ -24,7 +24,7 @@ pub mod world;
 
 use std::path::Path;
 
-pub use scenes::{RECIPES, Recipe};
+pub use scenes::{ObjectCount, RECIPES, Recipe};
 pub use truth::PoseNoise;
 
 use crate::io::groups::write_groups;
@@ -112,7 +112,7 @@ fn names() -> String {
 /// No such scene; a number of objects that it cannot have; an option out of range.
 pub fn build(name: &str, options: &Options) -> Result<Scene, SynthError> {
     let recipe = RECIPES.iter().find(|r| r.name == name).ok_or_else(|| SynthError::UnknownName(name.into()))?;
-    let (own, least, most) = recipe.instances;
+    let ObjectCount { usual: own, least, most } = recipe.instances;
     let count = options.instances.unwrap_or(own);
     if !(least..=most).contains(&count) {
         let range = if least == most { least.to_string() } else { format!("{least} to {most}") };

@@ -16,7 +16,7 @@ impl Live {
         let [_, _, up] = self.navigator.level_axes();
         let up = self.boxing.around.as_ref().map_or(up, Surroundings::up);
         let cloud = without_view_dependence(&self.viewer.scene().background);
-        let (cameras, object) = (self.cameras.0.clone(), listed.object.clone());
+        let (cameras, object) = (self.cameras.cameras.clone(), listed.object.clone());
         self.boxing.search = Some(Search::start(cloud, cameras, object, up, self.boxing.other_sizes));
     }
 
