@@ -2,30 +2,24 @@
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use winit::application::ApplicationHandler;
 use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
-use winit::window::{Window, WindowId};
+use winit::window::WindowId;
 
-use crate::gpu::{DeviceChoice, Gpu};
-use crate::render::FrameStats;
+use crate::gpu::DeviceChoice;
 use crate::scene::{Boxes, Camera, InstancedScene};
-use crate::swapchain::{PresentMode, Swapchain};
-use crate::ui_painter::{UiFrame, UiPainter};
+use crate::swapchain::{PresentMode, Target};
+use crate::ui_painter::UiFrame;
 
-use super::clock::FrameClock;
-use super::controls::Controls;
 use super::error::PlayerError;
 use super::headless::Timings;
 use super::hud::{Facts, Hud, Settings};
 use super::hud_gizmo::{paint_brush, paint_gizmo};
-use super::navigation::Navigator;
-use super::recording::Recording;
 use super::resolution::Resolution;
-use super::scene_viewer::{PixelTimes, SceneViewer, ViewerOptions};
+use super::scene_viewer::ViewerOptions;
 use super::script::Step;
 
 mod boxing;
@@ -35,11 +29,10 @@ mod keeping;
 mod key_steps;
 mod leaving;
 mod opening;
+mod parts;
 mod playing;
 
-use boxing::Boxing;
-use editing::Editing;
-use keeping::CameraList;
+use parts::{CameraState, Interaction, Pacing, Playback, Screen, Session};
 
 /// The camera flies at most this long per frame: a longer interval means a hidden window or a busy device.
 const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
@@ -122,56 +115,15 @@ struct Player {
     outcome: Result<WindowReport, PlayerError>,
 }
 
-/// Everything that exists while the window does. Fields are dropped in order: images before the window.
+/// Everything that exists while the window does. Parts are dropped in order: the scene on the device before the window.
 struct Live {
-    painter: UiPainter,
-    viewer: SceneViewer,
-    swapchain: Swapchain,
-    gpu: Arc<Gpu>,
-    ui: egui_winit::State,
-    window: Arc<Window>,
-    path: PathBuf,
-    title: String,
-    file_bytes: u64,
-    navigator: Navigator,
-    home: Navigator,
-    controls: Controls,
+    session: Session,
+    screen: Screen,
     hud: Hud,
-    clock: FrameClock,
-    /// Statistics of the last complete frame, and of the complete frames since the last report.
-    stats: FrameStats,
-    arrived: Vec<FrameStats>,
-    pixel_times: PixelTimes,
-    /// Views of the data set.
-    cameras: CameraList,
-    /// Cameras that the user kept.
-    kept: CameraList,
-    opened: Instant,
-    /// When the last frame was shown, if the next one follows without a pause.
-    last_shown: Option<Instant>,
-    /// A present mode that was selected and is not in use yet.
-    next_mode: Option<PresentMode>,
-    /// Set when the user was just warned of unsaved changes: the action that ignores them.
-    warned: Option<String>,
-    /// False if no scene could be read, or it was too large for the device.
-    has_scene: bool,
-    script: VecDeque<Step>,
-    /// Frames that the first step of the script has waited for.
-    waited: u32,
-    resolution: Resolution,
-    /// When the view is redrawn at full resolution, and whether that time has come: window systems differ in whether
-    /// the redraw or the end of the wait is reported first.
-    refine_at: Option<Instant>,
-    refine: bool,
-    /// When the overlay asks to be redrawn, for instance to show a tooltip.
-    ui_at: Option<Instant>,
-    /// The camera path that is being recorded.
-    recording: Option<Recording>,
-    /// When the device was reopened, and the first validation message of the lost one.
-    reopened: Option<Instant>,
-    validation_message: Option<String>,
-    editing: Editing,
-    boxing: Boxing,
+    camera: CameraState,
+    input: Interaction,
+    pacing: Pacing,
+    playback: Playback,
 }
 
 impl ApplicationHandler for Player {
@@ -181,7 +133,7 @@ impl ApplicationHandler for Player {
         }
         match Live::open(event_loop, &mut self.job) {
             Ok(live) => {
-                live.window.request_redraw();
+                live.screen.window.request_redraw();
                 self.live = Some(live);
             }
             Err(error) => self.end(event_loop, Err(error)),
@@ -190,20 +142,16 @@ impl ApplicationHandler for Player {
 
     fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
         if let (StartCause::ResumeTimeReached { .. }, Some(live)) = (cause, &self.live) {
-            live.window.request_redraw();
+            live.screen.window.request_redraw();
         }
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let wakes_at = self.live.as_mut().and_then(|live| {
-            let now = Instant::now();
-            // Cleared even if no frame can be shown, as in a hidden window.
-            let due = [&mut live.refine_at, &mut live.ui_at].map(|at| at.take_if(|at| *at <= now));
-            live.refine |= due[0].is_some();
-            if due.iter().any(Option::is_some) {
-                live.window.request_redraw();
+            if live.pacing.take_due(Instant::now()) {
+                live.screen.window.request_redraw();
             }
-            [live.refine_at, live.ui_at, live.boxing.wakes_at()].into_iter().flatten().min()
+            live.pacing.wakes_at().into_iter().chain(live.input.boxing.wakes_at()).min()
         });
         event_loop.set_control_flow(wakes_at.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
@@ -234,7 +182,7 @@ enum After {
 impl Player {
     fn request_redraw(&self) {
         if let Some(live) = &self.live {
-            live.window.request_redraw();
+            live.screen.window.request_redraw();
         }
     }
 
@@ -243,7 +191,7 @@ impl Player {
         let done = self.outcome.as_ref().map_or(0, |report| report.timings.submitted_len() as u64);
         if self.job.frames.is_some() && !self.job.path_cameras.is_empty() {
             let cameras = &self.job.path_cameras;
-            live.navigator.stand_at(&cameras[(done % cameras.len() as u64) as usize]);
+            live.camera.navigator.stand_at(&cameras[(done % cameras.len() as u64) as usize]);
         }
         if let After::Quit = live.play_step(&self.job)? {
             return Ok(After::Quit);
@@ -251,12 +199,12 @@ impl Player {
         if let Ok(report) = &mut self.outcome {
             report.timings.begin();
         }
-        let shown = live.picture(self.job.frames.is_some() || !live.script.is_empty())?;
+        let shown = live.picture(self.job.frames.is_some() || !live.playback.script.is_empty())?;
         let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
         if let (true, Ok(report)) = (shown, &mut self.outcome) {
-            report.timings.submitted(live.viewer.in_flight());
-            report.timings.note(live.pixel_times);
-            report.timings.stats.append(&mut live.arrived);
+            report.timings.submitted(live.session.viewer.in_flight());
+            report.timings.note(live.pacing.pixel_times);
+            report.timings.stats.append(&mut live.pacing.arrived);
         }
         Ok(if done + u64::from(shown) >= frames { After::Quit } else { After::Nothing })
     }
@@ -266,7 +214,7 @@ impl Player {
     fn failed(&mut self, event_loop: &ActiveEventLoop, error: PlayerError) {
         let Some(mut live) = self.live.take() else { return self.end(event_loop, Err(error)) };
         let (files, errors) = live.rescue();
-        let again = error.is_lost() && live.reopened.is_none_or(|then| then.elapsed() > LOST_FOR_GOOD);
+        let again = error.is_lost() && live.session.reopened.is_none_or(|then| then.elapsed() > LOST_FOR_GOOD);
         let reopened = if again { live.reopen(&self.job, &error) } else { Err(error) };
         match reopened {
             Ok(live) => {
@@ -295,17 +243,16 @@ impl Player {
 
     fn closing(&mut self) -> Result<(), PlayerError> {
         let (Some(live), Ok(report)) = (&mut self.live, &mut self.outcome) else { return Ok(()) };
-        report.device = live.gpu.caps().name.clone();
-        report.size_px = live.swapchain.size_px();
-        live.viewer.settle()?;
-        report.timings.arrived(live.viewer.in_flight());
-        report.timings.stats.extend(live.viewer.take_arrived());
+        report.device = live.session.gpu.caps().name.clone();
+        report.size_px = live.screen.swapchain.size_px();
+        live.session.viewer.settle()?;
+        report.timings.arrived(live.session.viewer.in_flight());
+        report.timings.stats.extend(live.session.viewer.take_arrived());
         if let Some(path) = &self.job.screenshot {
-            live.viewer.screenshot(path)?;
+            live.session.viewer.screenshot(path)?;
         }
-        live.gpu.wait_all()?;
-        let last = live.gpu.validation_messages().take().into_iter().next();
-        report.validation_message = live.validation_message.take().or(last);
+        live.session.gpu.wait_all()?;
+        report.validation_message = live.session.take_validation_message();
         Ok(())
     }
 }
@@ -315,116 +262,112 @@ impl Live {
     /// once.
     fn picture(&mut self, goes_on: bool) -> Result<bool, PlayerError> {
         let start = Instant::now();
-        if let Some(mode) = self.next_mode.take() {
-            self.swapchain.set_mode(mode)?;
-            self.check_mode(mode);
-        }
-        let mut target = self.swapchain.acquire()?;
-        if target.is_none() {
-            self.resize()?;
-            target = self.swapchain.acquire()?;
-        }
-        let Some(target) = target else { return Ok(false) };
-        let since = self.last_shown.map(|then| start.duration_since(then).as_secs_f64());
-        let flight = self.controls.flight();
-        self.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
+        let Some(target) = self.acquire()? else { return Ok(false) };
+        let since = self.pacing.seconds_since_last(start);
+        let flight = self.input.controls.flight();
+        self.camera.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
         self.follow_grip()?;
         self.take_found();
         let (frame, animated) = self.lay_out()?;
-        self.painter.prepare(&frame)?;
+        self.screen.painter.prepare(&frame)?;
         // A still view is drawn at full resolution, and so is the frame after REFINE_AFTER without motion.
-        let rests = std::mem::take(&mut self.refine) || self.refine_at.is_some_and(|at| at <= start);
-        let drags = !rests && (self.controls.is_dragging() || self.is_held());
+        let rests = self.pacing.take_refine(start);
+        let drags = !rests && (self.input.controls.is_dragging() || self.input.is_held());
         let moves = goes_on || !flight.is_still() || drags;
-        let scale = if moves { self.resolution.scale() } else { 1.0 };
+        let scale = if moves { self.pacing.resolution.scale() } else { 1.0 };
         let size_px = Resolution::of(target.size_px, scale);
-        let resized = self.viewer.size_px() != Some(size_px);
-        if let Some(words) = self.viewer.draw_what_fits(&self.navigator.camera(size_px))? {
+        let resized = self.session.viewer.size_px() != Some(size_px);
+        if let Some(words) = self.session.viewer.draw_what_fits(&self.camera.navigator.camera(size_px))? {
             self.hud.message = Some(words);
-            self.window.request_redraw();
+            self.screen.window.request_redraw();
         }
-        let (recorder, pixels) = self.viewer.record_pixels(target.size_px, target.blue_first)?;
-        let fits = self.swapchain.present(recorder, target, pixels, Some((&mut self.painter, &frame)))?;
+        let (recorder, pixels) = self.session.viewer.record_pixels(target.size_px, target.blue_first)?;
+        let fits = self.screen.swapchain.present(recorder, target, pixels, Some((&mut self.screen.painter, &frame)))?;
         if !fits {
-            self.resize()?;
+            self.screen.resize()?;
         }
         let ms = 1e3 * since.unwrap_or_else(|| start.elapsed().as_secs_f64());
-        self.clock.push(ms);
+        self.pacing.clock.push(ms);
         let goes_on = goes_on || !flight.is_still();
-        self.last_shown = goes_on.then_some(start);
-        self.pixel_times = self.viewer.pixel_times();
+        self.pacing.last_shown = goes_on.then_some(start);
+        self.pacing.pixel_times = self.session.viewer.pixel_times();
         // During a drag the next frame is requested already; a still frame is waited for.
-        let is_shown = goes_on || drags || self.viewer.settle()?;
-        self.arrived = self.viewer.take_arrived();
-        self.stats = self.arrived.last().unwrap_or(&self.stats).clone();
+        let is_shown = goes_on || drags || self.session.viewer.settle()?;
+        self.pacing.note_arrived(self.session.viewer.take_arrived());
         if moves {
-            // After a resize, the frames in flight complete first, and they have the old size.
-            let first = if resized { self.arrived.len().saturating_sub(1) } else { 0 };
-            let of_this_size = &self.arrived[first..];
-            of_this_size.iter().for_each(|stats| self.resolution.took(stats.total_ms().unwrap_or(ms)));
+            self.pacing.adapt_resolution(resized, ms);
         }
-        self.refine_at = (!goes_on && (drags || scale < 1.0)).then(|| Instant::now() + REFINE_AFTER);
-        if let Some(recording) = &mut self.recording {
-            recording.push(self.opened.elapsed().as_secs_f64(), self.navigator.camera(target.size_px));
+        self.pacing.refine_at = (!goes_on && (drags || scale < 1.0)).then(|| Instant::now() + REFINE_AFTER);
+        if let Some(recording) = &mut self.camera.recording {
+            recording.push(self.pacing.seconds(), self.camera.navigator.camera(target.size_px));
         }
         if goes_on || animated || !fits || !is_shown {
-            self.window.request_redraw();
+            self.screen.window.request_redraw();
         }
         Ok(true)
     }
 
+    /// Acquires an image to draw to, in the mode and of the size that the window has now; `None` if there is none.
+    fn acquire(&mut self) -> Result<Option<Target>, PlayerError> {
+        if let Some(mode) = self.screen.next_mode.take() {
+            self.screen.swapchain.set_mode(mode)?;
+            self.check_mode(mode);
+        }
+        let target = self.screen.swapchain.acquire()?;
+        if target.is_some() {
+            return Ok(target);
+        }
+        self.screen.resize()?;
+        Ok(self.screen.swapchain.acquire()?)
+    }
+
     /// Displays a notice if the window does not support the requested mode.
     fn check_mode(&mut self, wanted: PresentMode) {
-        let mode = self.swapchain.mode();
+        let mode = self.screen.swapchain.mode();
         // An error about the file is more important.
         if mode != wanted && self.hud.message.is_none() {
             self.hud.message = Some(format!("this window does not support {}: using {}", wanted.name(), mode.name()));
         }
     }
 
-    fn resize(&mut self) -> Result<(), PlayerError> {
-        let size = self.window.inner_size();
-        Ok(self.swapchain.resize([size.width, size.height])?)
-    }
-
     /// Lays out the overlay of the next frame; the flag is true while it is animated.
     fn lay_out(&mut self) -> Result<(UiFrame, bool), PlayerError> {
-        let input = self.ui.take_egui_input(&self.window);
-        let mut mode = self.swapchain.mode();
-        let scene = self.viewer.scene();
+        let input = self.screen.ui.take_egui_input(&self.screen.window);
+        let mut mode = self.screen.swapchain.mode();
+        let scene = self.session.viewer.scene();
         let gaussians = [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()];
         let bytes = [
-            ("file", self.file_bytes),
-            ("device in total", self.gpu.memory_usage().0),
-            ("device, scene", self.viewer.device_bytes()),
+            ("file", self.session.file_bytes),
+            ("device in total", self.session.gpu.memory_usage().0),
+            ("device, scene", self.session.viewer.device_bytes()),
             ("scene templates", scene.templates.tensor_bytes()),
             ("scene offsets", scene.offsets.tensor_bytes()),
             ("scene background", scene.background.tensor_bytes()),
         ];
-        let ctx = self.ui.egui_ctx().clone();
-        let (gizmo, hot, brush_px) = (self.gizmo(), self.editing.hot(), self.brush_px());
-        let (mut actions, mut box_actions, mut boxes) = (Vec::new(), Vec::new(), self.boxing.on);
+        let ctx = self.screen.ui.egui_ctx().clone();
+        let (gizmo, hot, brush_px) = (self.gizmo(), self.input.editing.hot(), self.brush_px());
+        let (mut actions, mut box_actions, mut boxes) = (Vec::new(), Vec::new(), self.input.boxing.on);
         let output = ctx.run(input, |ctx| {
             let facts = Facts {
-                scene: &self.title,
-                device: &self.gpu.caps().name,
-                size_px: self.swapchain.size_px(),
-                clock: &self.clock,
-                stats: &self.stats,
-                pixel_times: self.pixel_times,
+                scene: &self.session.title,
+                device: &self.session.gpu.caps().name,
+                size_px: self.screen.swapchain.size_px(),
+                clock: &self.pacing.clock,
+                stats: &self.pacing.stats,
+                pixel_times: self.pacing.pixel_times,
                 gaussians,
                 bytes,
-                chosen: self.viewer.editor().chosen().iter().copied().collect(),
-                instances: self.viewer.scene().instances.len(),
-                steps: self.viewer.editor().steps(),
-                scale: self.resolution.scale(),
+                chosen: self.session.viewer.editor().chosen().iter().copied().collect(),
+                instances: self.session.viewer.scene().instances.len(),
+                steps: self.session.viewer.editor().steps(),
+                scale: self.pacing.resolution.scale(),
             };
             let settings = Settings {
-                navigator: &mut self.navigator,
-                show: &mut self.viewer.options.show,
+                navigator: &mut self.camera.navigator,
+                show: &mut self.session.viewer.options.show,
                 mode: &mut mode,
-                budget_ms: &mut self.resolution.budget_ms,
-                lod_error_px: &mut self.viewer.options.render.lod_error_px,
+                budget_ms: &mut self.pacing.resolution.budget_ms,
+                lod_error_px: &mut self.session.viewer.options.render.lod_error_px,
                 boxes: &mut boxes,
             };
             self.hud.lay_out(ctx, facts, settings);
@@ -433,22 +376,22 @@ impl Live {
             actions.extend(self.lay_out_panel(ctx));
             box_actions.extend(self.lay_out_boxes(ctx));
         });
-        let acts = !(actions.is_empty() && box_actions.is_empty()) || boxes != self.boxing.on;
-        if boxes != self.boxing.on {
+        let acts = !(actions.is_empty() && box_actions.is_empty()) || boxes != self.input.boxing.on;
+        if boxes != self.input.boxing.on {
             self.toggle_boxes()?;
         }
         self.act(actions)?;
         self.act_on_boxes(box_actions)?;
-        if mode != self.swapchain.mode() {
+        if mode != self.screen.swapchain.mode() {
             // The acquired image belongs to the old mode: the next frame uses the new one.
-            self.next_mode = Some(mode);
+            self.screen.next_mode = Some(mode);
         }
-        self.ui.handle_platform_output(&self.window, output.platform_output);
+        self.screen.ui.handle_platform_output(&self.screen.window, output.platform_output);
         let primitives = ctx.tessellate(output.shapes, output.pixels_per_point);
         let delay = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
         let animated = delay.is_some_and(|delay| delay.is_zero());
-        self.ui_at = delay.filter(|_| !animated).and_then(|delay| Instant::now().checked_add(delay));
+        self.pacing.ui_at = delay.filter(|_| !animated).and_then(|delay| Instant::now().checked_add(delay));
         let frame = UiFrame { textures: output.textures_delta, primitives, pixels_per_point: output.pixels_per_point };
-        Ok((frame, animated || acts || self.next_mode.is_some()))
+        Ok((frame, animated || acts || self.screen.next_mode.is_some()))
     }
 }

@@ -78,62 +78,63 @@ impl Live {
     pub(super) fn toggle_boxes(&mut self) -> Result<(), PlayerError> {
         self.let_go()?;
         // The outline of selected instances does not belong to boxes.
-        self.viewer.editor_mut().click(None, false);
-        self.boxing.on = !self.boxing.on;
+        self.session.viewer.editor_mut().click(None, false);
+        self.input.boxing.on = !self.input.boxing.on;
         Ok(())
     }
 
     fn box_handles(&self) -> Option<BoxHandles> {
-        let chosen = &self.boxing.list.chosen_box()?.object;
-        Some(BoxHandles::new(chosen, self.editing.mode, &self.handle_camera()))
+        let chosen = &self.input.boxing.list.chosen_box()?.object;
+        Some(BoxHandles::new(chosen, self.input.editing.mode, &self.handle_camera()))
     }
 
     /// The pointer moved; true if that changes the overlay.
     pub(super) fn box_hover(&mut self, over_interface: bool) -> bool {
-        if self.boxing.grip.is_some() {
+        if self.input.boxing.grip.is_some() {
             return true;
         }
         let at = self.pointer_points();
         let hovered = self.box_handles().filter(|_| !over_interface).and_then(|handles| handles.part_at(at));
-        std::mem::replace(&mut self.boxing.hovered, hovered) != hovered
+        std::mem::replace(&mut self.input.boxing.hovered, hovered) != hovered
     }
 
     /// The left button is pressed over the view; true if it grabs a handle.
     pub(super) fn box_grab(&mut self) -> bool {
         let at = self.pointer_points();
         let handles = self.box_handles();
-        self.boxing.grip = handles.and_then(|handles| handles.part_at(at).and_then(|part| handles.grab(part, at)));
-        if self.boxing.grip.is_some() {
-            self.controls.take_hold();
+        self.input.boxing.grip =
+            handles.and_then(|handles| handles.part_at(at).and_then(|part| handles.grab(part, at)));
+        if self.input.boxing.grip.is_some() {
+            self.input.controls.take_hold();
             // A change that a field of the panel started is an undo step of its own.
-            self.boxing.list.finish();
+            self.input.boxing.list.finish();
         }
-        self.boxing.grip.is_some()
+        self.input.boxing.grip.is_some()
     }
 
     /// Drags the held part to the pointer.
     pub(super) fn box_follow(&mut self) {
-        let Some(drag) = self.boxing.grip.as_ref().filter(|_| !self.controls.holds_still()) else { return };
+        let Some(drag) = self.input.boxing.grip.as_ref().filter(|_| !self.input.controls.holds_still()) else { return };
         if let Some(object) = drag.moved(&self.handle_camera(), self.pointer_points()) {
-            self.boxing.list.change(object);
+            self.input.boxing.list.change(object);
         }
     }
 
     /// Completes the drag; false if nothing was held.
     pub(super) fn box_let_go(&mut self) -> bool {
         self.box_follow();
-        let held = self.boxing.grip.take().is_some();
+        let held = self.input.boxing.grip.take().is_some();
         if held {
-            self.boxing.list.finish();
+            self.input.boxing.list.finish();
         }
         held
     }
 
     /// Reverts the drag; false if nothing was held.
     fn box_drop(&mut self) -> bool {
-        let held = self.boxing.grip.take().is_some();
+        let held = self.input.boxing.grip.take().is_some();
         if held {
-            self.boxing.list.cancel();
+            self.input.boxing.list.cancel();
         }
         held
     }
@@ -142,18 +143,18 @@ impl Live {
     /// box.
     pub(super) fn box_click(&mut self, at_px: [f64; 2]) -> Result<(), PlayerError> {
         self.hud.message = None;
-        self.boxing.drew = false;
+        self.input.boxing.drew = false;
         let in_picture = self.in_picture(at_px);
-        let place = self.viewer.point_at(in_picture);
+        let place = self.session.viewer.point_at(in_picture);
         let place = self.found(place)?;
-        let objects = self.boxing.list.boxes().iter().map(|listed| &listed.object);
-        let at_edge = box_at_edge(objects, &self.handle_camera(), at_px.map(|v| v / self.per_point()));
-        let there = at_edge.or_else(|| self.boxing.list.containing(place?));
+        let objects = self.input.boxing.list.boxes().iter().map(|listed| &listed.object);
+        let at_edge = box_at_edge(objects, &self.handle_camera(), at_px.map(|v| v / self.screen.per_point()));
+        let there = at_edge.or_else(|| self.input.boxing.list.containing(place?));
         match (there, place) {
-            (Some(index), _) if self.controls.shift => self.boxing.list.remove(index),
-            (None, _) if self.controls.shift => self.says("there is no box here to remove"),
-            (Some(index), _) => self.boxing.list.choose(Some(index)),
-            (None, None) => self.boxing.list.choose(None),
+            (Some(index), _) if self.input.controls.shift => self.input.boxing.list.remove(index),
+            (None, _) if self.input.controls.shift => self.says("there is no box here to remove"),
+            (Some(index), _) => self.input.boxing.list.choose(Some(index)),
+            (None, None) => self.input.boxing.list.choose(None),
             (None, Some(place)) => match self.instance_at(at_px)? {
                 Some(k) => {
                     self.says(format!("this is instance {k} already: boxes are for objects that are not instances yet"))
@@ -161,40 +162,40 @@ impl Live {
                 None => self.box_around(place),
             },
         }
-        self.warned = None;
+        self.input.warned = None;
         Ok(())
     }
 
     /// The last click was the first of a double click, which has another meaning: removes the box it drew.
     pub(super) fn box_unclick(&mut self) {
-        if std::mem::take(&mut self.boxing.drew) && self.boxing.on {
-            self.boxing.list.undraw();
+        if std::mem::take(&mut self.input.boxing.drew) && self.input.boxing.on {
+            self.input.boxing.list.undraw();
             self.hud.message = None;
         }
     }
 
     /// The next click or key is unrelated to the box that the last click drew.
     pub(super) fn box_stays(&mut self) {
-        self.boxing.drew = false;
+        self.input.boxing.drew = false;
     }
 
     /// Draws a box around the object at a point in world coordinates.
     fn box_around(&mut self, place: glam::DVec3) {
-        let [_, _, up] = self.navigator.level_axes();
-        let cloud = &self.viewer.scene().background;
-        let around = self.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
-        match around.at(place, self.navigator.eye()) {
+        let [_, _, up] = self.camera.navigator.level_axes();
+        let cloud = &self.session.viewer.scene().background;
+        let around = self.input.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
+        match around.at(place, self.camera.navigator.eye()) {
             Standing::Object(found) => {
-                self.boxing.list.draw(object_of(found));
-                self.boxing.drew = true;
+                self.input.boxing.list.draw(object_of(found));
+                self.input.boxing.drew = true;
             }
             Standing::Unclear(usual) => {
-                self.boxing.list.draw(object_of(usual));
-                self.boxing.drew = true;
+                self.input.boxing.list.draw(object_of(usual));
+                self.input.boxing.drew = true;
                 self.says("the object cannot be separated from its surroundings: drag the dots until the box fits");
             }
             Standing::Ground => {
-                self.boxing.list.choose(None);
+                self.input.boxing.list.choose(None);
                 self.says("this is the ground: click an object that stands on it");
             }
         }
@@ -207,12 +208,12 @@ impl Live {
     /// Handles the keys of the tool; false for other keys.
     pub(super) fn box_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
         self.box_stays();
-        if self.controls.control {
+        if self.input.controls.control {
             let action = match code {
-                KeyCode::KeyZ if self.controls.shift => BoxAction::Redo,
+                KeyCode::KeyZ if self.input.controls.shift => BoxAction::Redo,
                 KeyCode::KeyZ => BoxAction::Undo,
                 KeyCode::KeyY => BoxAction::Redo,
-                KeyCode::KeyS => BoxAction::Save(self.boxing.panel.file().unwrap_or_else(|| self.box_file())),
+                KeyCode::KeyS => BoxAction::Save(self.input.boxing.panel.file().unwrap_or_else(|| self.box_file())),
                 _ => return Ok(false),
             };
             self.box_let_go();
@@ -222,11 +223,11 @@ impl Live {
         match code {
             KeyCode::KeyF => self.find_rest(),
             KeyCode::Escape if self.box_drop() => {}
-            KeyCode::Escape if self.boxing.is_searching() => self.stop_search(),
-            KeyCode::Escape if self.boxing.list.chosen().is_some() => self.boxing.list.choose(None),
+            KeyCode::Escape if self.input.boxing.is_searching() => self.stop_search(),
+            KeyCode::Escape if self.input.boxing.list.chosen().is_some() => self.input.boxing.list.choose(None),
             KeyCode::Escape => self.toggle_boxes()?,
             _ => {
-                let Some(index) = self.boxing.list.chosen() else { return Ok(false) };
+                let Some(index) = self.input.boxing.list.chosen() else { return Ok(false) };
                 return Ok(self.key_of_chosen_box(code, index));
             }
         }
@@ -236,39 +237,39 @@ impl Live {
     fn key_of_chosen_box(&mut self, code: KeyCode, index: usize) -> bool {
         if matches!(code, KeyCode::Delete | KeyCode::Backspace) {
             self.box_let_go();
-            self.boxing.list.remove(index);
+            self.input.boxing.list.remove(index);
             return true;
         }
         let Some(motion) = self.key_motion(code) else { return false };
         self.box_let_go();
-        if let Some(listed) = self.boxing.list.chosen_box() {
+        if let Some(listed) = self.input.boxing.list.chosen_box() {
             let moved = after(&listed.object, motion);
-            self.boxing.list.change(moved);
-            self.boxing.list.finish();
+            self.input.boxing.list.change(moved);
+            self.input.boxing.list.finish();
         }
         true
     }
 
     /// The file to save boxes to: the one they are from, or an unused name beside the scene.
     fn box_file(&self) -> PathBuf {
-        let beside = self.path.with_extension("boxes.json");
-        let free = || if beside.exists() { self.free_name("boxes.json") } else { beside.clone() };
-        self.boxing.file.clone().unwrap_or_else(free)
+        let beside = self.session.path.with_extension("boxes.json");
+        let free = || if beside.exists() { self.session.free_name("boxes.json") } else { beside.clone() };
+        self.input.boxing.file.clone().unwrap_or_else(free)
     }
 
     /// Saves the boxes to a file.
     pub(super) fn save_boxes(&mut self, path: &Path) {
         self.box_let_go();
-        if self.boxing.list.boxes().is_empty() {
+        if self.input.boxing.list.boxes().is_empty() {
             return self.says("there are no boxes to save");
         }
-        let written = write_boxes(path, &self.boxing.list.to_file());
+        let written = write_boxes(path, &self.input.boxing.list.to_file());
         if written.is_ok() {
-            self.boxing.list.saved();
-            self.boxing.panel.saved_to(path.display().to_string());
-            self.boxing.file = Some(path.to_path_buf());
+            self.input.boxing.list.saved();
+            self.input.boxing.panel.saved_to(path.display().to_string());
+            self.input.boxing.file = Some(path.to_path_buf());
         }
-        let [drawn, found] = self.boxing.list.counts();
+        let [drawn, found] = self.input.boxing.list.counts();
         self.says(match written {
             Ok(()) if drawn + found == 1 => format!("1 box saved to {}", path.display()),
             Ok(()) => format!("{} boxes saved to {}", drawn + found, path.display()),
@@ -278,23 +279,23 @@ impl Live {
 
     /// Lays out the tool, while it is active, and returns the user's actions.
     pub(super) fn lay_out_boxes(&mut self, ctx: &egui::Context) -> Vec<BoxAction> {
-        if !self.boxing.on {
+        if !self.input.boxing.on {
             return Vec::new();
         }
         let (camera, handles) = (self.handle_camera(), self.box_handles());
-        let held = self.boxing.grip.as_ref().map(BoxDrag::part);
-        paint_boxes(ctx, &self.boxing.list, &camera, handles.as_ref(), held.or(self.boxing.hovered));
+        let held = self.input.boxing.grip.as_ref().map(BoxDrag::part);
+        paint_boxes(ctx, &self.input.boxing.list, &camera, handles.as_ref(), held.or(self.input.boxing.hovered));
         if !self.hud.visible {
             return Vec::new();
         }
-        let [_, _, up] = self.navigator.level_axes();
+        let [_, _, up] = self.camera.navigator.level_axes();
         let (file, step) = (self.box_file().display().to_string(), self.number_step());
-        let Boxing { list, panel, around, search, other_sizes, .. } = &mut self.boxing;
+        let Boxing { list, panel, around, search, other_sizes, .. } = &mut self.input.boxing;
         let facts = BoxFacts {
             list,
             up: around.as_ref().map_or(up, Surroundings::up),
             step,
-            mode: self.editing.mode,
+            mode: self.input.editing.mode,
             searched: search.as_ref().map(Search::part),
             other_sizes: *other_sizes,
             file,
@@ -305,8 +306,8 @@ impl Live {
     /// Carries out the panel's actions.
     pub(super) fn act_on_boxes(&mut self, actions: Vec<BoxAction>) -> Result<(), PlayerError> {
         for action in actions {
-            self.warned = None;
-            let list = &mut self.boxing.list;
+            self.input.warned = None;
+            let list = &mut self.input.boxing.list;
             match action {
                 BoxAction::Change(object) => list.change(object),
                 BoxAction::Finish => list.finish(),
@@ -325,7 +326,7 @@ impl Live {
                 BoxAction::Find => self.find_rest(),
                 BoxAction::CancelSearch => self.stop_search(),
                 BoxAction::OtherSizes(other_sizes) => self.look_for_other_sizes(other_sizes),
-                BoxAction::Mode(mode) => self.editing.mode = mode,
+                BoxAction::Mode(mode) => self.input.editing.mode = mode,
                 BoxAction::Save(path) => self.save_boxes(&path),
                 BoxAction::Leave => self.toggle_boxes()?,
             }

@@ -12,7 +12,7 @@ use crate::scene::Camera;
 /// Cameras to step through.
 #[derive(Default)]
 pub(super) struct CameraList {
-    pub(super) cameras: Vec<Camera>,
+    pub(super) list: Vec<Camera>,
     /// Index of the camera that was shown last.
     pub(super) at: Option<usize>,
 }
@@ -20,29 +20,29 @@ pub(super) struct CameraList {
 impl Live {
     /// Keeps the camera, in memory and in a camera file beside the scene.
     pub(super) fn keep_camera(&mut self) {
-        let path = cameras_path(&self.path);
-        if let (true, true, Err(error)) = (self.kept.cameras.is_empty(), path.exists(), read_cameras(&path)) {
+        let path = cameras_path(&self.session.path);
+        if let (true, true, Err(error)) = (self.camera.kept.list.is_empty(), path.exists(), read_cameras(&path)) {
             self.hud.message = Some(format!("{error}; the file is not overwritten"));
             return;
         }
-        let mut camera = self.navigator.camera(self.swapchain.size_px());
-        camera.name = format!("{:03}", self.kept.cameras.len());
-        self.kept.cameras.push(camera);
-        self.kept.at = None;
-        self.hud.message = Some(match write_cameras(&path, &self.kept.cameras) {
-            Ok(()) => format!("camera {} saved to {}", self.kept.cameras.len(), path.display()),
+        let mut camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
+        camera.name = format!("{:03}", self.camera.kept.list.len());
+        self.camera.kept.list.push(camera);
+        self.camera.kept.at = None;
+        self.hud.message = Some(match write_cameras(&path, &self.camera.kept.list) {
+            Ok(()) => format!("camera {} saved to {}", self.camera.kept.list.len(), path.display()),
             Err(error) => error.to_string(),
         });
     }
 
     /// Starts recording the camera path, or ends it and writes the path beside the scene.
     pub(super) fn record_path(&mut self) {
-        let Some(recording) = self.recording.take() else {
-            self.recording = Some(Recording::default());
+        let Some(recording) = self.camera.recording.take() else {
+            self.camera.recording = Some(Recording::default());
             self.hud.message = Some("recording the camera path: P stops".into());
             return;
         };
-        let (path, cameras) = (self.free_name("path.json"), recording.cameras());
+        let (path, cameras) = (self.session.free_name("path.json"), recording.cameras());
         self.hud.message = Some(match write_cameras(&path, &cameras) {
             Ok(()) => format!(
                 "{} cameras, {PATH_FPS} per second: instgs-vk render --camera {}",
@@ -53,16 +53,10 @@ impl Live {
         });
     }
 
-    /// The first unused file name beside the scene with this extension.
-    pub(super) fn free_name(&self, ending: &str) -> PathBuf {
-        let mut names = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.{ending}")));
-        names.find(|path| !path.exists()).unwrap_or_default()
-    }
-
     /// Writes the last frame beside the scene.
     pub(super) fn write_picture(&mut self) {
-        let path = self.free_name("png");
-        self.hud.message = Some(match self.viewer.screenshot(&path) {
+        let path = self.session.free_name("png");
+        self.hud.message = Some(match self.session.viewer.screenshot(&path) {
             Ok(()) => path.display().to_string(),
             Err(error) => error.to_string(),
         });
@@ -70,17 +64,17 @@ impl Live {
 }
 
 /// Shows the next or previous of a list of cameras, cyclically; from none to the first or the last.
-pub(super) fn step(list: &mut CameraList, by: isize, navigator: &mut Navigator, hud: &mut Hud) {
-    let cameras = &list.cameras;
-    if cameras.is_empty() {
+pub(super) fn step(cameras: &mut CameraList, by: isize, navigator: &mut Navigator, hud: &mut Hud) {
+    let CameraList { list, at } = cameras;
+    if list.is_empty() {
         hud.message = Some("there are no cameras to step through: start with --data DIR, or keep one with C".into());
         return;
     }
-    let next = stepped(list.at, by, cameras.len());
-    let camera = &cameras[next];
+    let next = stepped(*at, by, list.len());
+    let camera = &list[next];
     navigator.stand_at(camera);
-    hud.message = Some(format!("camera {} of {}: {}", next + 1, cameras.len(), camera.name));
-    list.at = Some(next);
+    hud.message = Some(format!("camera {} of {}: {}", next + 1, list.len(), camera.name));
+    *at = Some(next);
 }
 
 /// The index `by` places from `at`, modulo `count`; from `None` forward the first, backward the last.

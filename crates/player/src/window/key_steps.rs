@@ -20,26 +20,26 @@ const SCALE_STEP: f64 = 1.05;
 impl Live {
     /// World units per point of dragging a number.
     pub(super) fn number_step(&self) -> f64 {
-        FINE * STEP_OF_DISTANCE * self.navigator.distance()
+        FINE * STEP_OF_DISTANCE * self.camera.navigator.distance()
     }
 
     /// World units per press of an arrow key, which grow with the target distance so that steps are visible.
     fn key_step(&self) -> f64 {
-        STEP_OF_DISTANCE * self.navigator.distance() * if self.controls.shift { FINE } else { 1.0 }
+        STEP_OF_DISTANCE * self.camera.navigator.distance() * if self.input.controls.shift { FINE } else { 1.0 }
     }
 
     /// Displacement of a copy from its original, world units.
     pub(super) fn beside(&self) -> DVec3 {
-        let [right, ..] = self.navigator.level_axes();
+        let [right, ..] = self.camera.navigator.level_axes();
         DUPLICATE_STEPS * self.key_step() * right
     }
 
     /// The motion of the selection for a key; `None` for other keys.
     pub(super) fn key_motion(&self, code: KeyCode) -> Option<Motion> {
-        let [right, ahead, up] = self.navigator.level_axes();
+        let [right, ahead, up] = self.camera.navigator.level_axes();
         let by = |by: DVec3| Motion::Move(self.key_step() * by);
         let turn = |angle: f64| Motion::Turn(Turn { axis: up, angle });
-        let angle = TURN_STEP * if self.controls.shift { FINE } else { 1.0 };
+        let angle = TURN_STEP * if self.input.controls.shift { FINE } else { 1.0 };
         Some(match code {
             KeyCode::ArrowLeft => by(-right),
             KeyCode::ArrowRight => by(right),

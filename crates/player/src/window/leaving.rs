@@ -19,11 +19,12 @@ impl Live {
     /// True if something is unsaved and the user has not just been warned; then displays that doing the same
     /// `once_more` continues without saving. A key or a button in between resets the warning.
     pub(super) fn asks_first(&mut self, once_more: &str) -> bool {
-        if !self.is_unsaved() || self.warned.as_deref() == Some(once_more) {
+        if !self.is_unsaved() || self.input.warned.as_deref() == Some(once_more) {
             return false;
         }
-        self.warned = Some(once_more.to_string());
-        let which = if self.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
+        self.input.warned = Some(once_more.to_string());
+        let which =
+            if self.input.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
         self.hud.message = Some(format!("{which}Ctrl+S saves them, or {once_more}"));
         true
     }
@@ -36,14 +37,14 @@ impl Live {
             None => files.push(path),
             Some(reason) => errors.push(reason),
         };
-        if self.viewer.editor().is_unsaved() {
-            let path = self.free_name("recovered.instgs");
-            let failed = self.viewer.write_copy(&path).err().map(|e| e.to_string());
+        if self.session.viewer.editor().is_unsaved() {
+            let path = self.session.free_name("recovered.instgs");
+            let failed = self.session.viewer.write_copy(&path).err().map(|e| e.to_string());
             note(path, failed);
         }
-        if self.boxing.is_unsaved() {
-            let path = self.free_name("recovered.boxes.json");
-            let failed = write_boxes(&path, &self.boxing.boxes_of_file()).err().map(|e| e.to_string());
+        if self.input.boxing.is_unsaved() {
+            let path = self.session.free_name("recovered.boxes.json");
+            let failed = write_boxes(&path, &self.input.boxing.boxes_of_file()).err().map(|e| e.to_string());
             note(path, failed);
         }
         (files, errors)
