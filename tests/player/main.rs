@@ -1,4 +1,4 @@
-//! The player: what a person does, played by scripts in a window under a virtual display, and its stage without a window.
+//! The player: what a person does, played by scripts in a window under a virtual display, and the scene viewer without a window.
 
 #![allow(clippy::print_stderr, reason = "tests that are skipped say so")]
 

@@ -128,7 +128,7 @@ fn without_a_display_it_says_what_to_do() {
         player().arg(&scene).args(["--frames", "1", "--size", "33x17"]).assert().success().get_output().clone();
     let warning = String::from_utf8(output.stderr).unwrap();
     assert!(warning.starts_with("warning: ") && warning.contains("without a window"), "{warning}");
-    assert!(String::from_utf8(output.stdout).unwrap().contains("1 pictures of 33x17"));
+    assert!(String::from_utf8(output.stdout).unwrap().contains("1 frames of 33x17"));
 }
 
 #[test]

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 use instgs_io::load_scene;
 use instgs_player::navigation::Navigator;
 use instgs_player::views::View;
-use instgs_player::{Stage, StageOptions};
+use instgs_player::{SceneViewer, ViewerOptions};
 use instgs_vk::gpu::{Buffer, DeviceChoice, Gpu, GpuOptions, SubmissionCounts};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
@@ -16,30 +16,30 @@ use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, TemplateRan
 use crate::common::chairs::chairs;
 use crate::common::gpu::{assert_silent, gpu};
 
-fn undo(stage: &mut Stage) -> bool {
-    stage.undo().unwrap().unwrap()
+fn undo(viewer: &mut SceneViewer) -> bool {
+    viewer.undo().unwrap().unwrap()
 }
 
-fn redo(stage: &mut Stage) -> bool {
-    stage.redo().unwrap().unwrap()
+fn redo(viewer: &mut SceneViewer) -> bool {
+    viewer.redo().unwrap().unwrap()
 }
 
 #[test]
 fn edited_scenes_look_as_if_opened_so() {
     let Some(gpu) = gpu() else { return };
-    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
+    let mut viewer = SceneViewer::new(&gpu, chairs(), ViewerOptions::default()).unwrap();
     let navigator = Navigator::around(&Orbit::around(&chairs(), None));
     let camera = navigator.camera([96, 64]);
-    let picture = |stage: &mut Stage| {
-        stage.draw(&camera).unwrap();
-        let got = stage.rgb8().unwrap();
-        let mut fresh = Stage::new(&gpu, stage.scene().clone(), StageOptions::default()).unwrap();
+    let picture = |viewer: &mut SceneViewer| {
+        viewer.draw(&camera).unwrap();
+        let got = viewer.rgb8().unwrap();
+        let mut fresh = SceneViewer::new(&gpu, viewer.scene().clone(), ViewerOptions::default()).unwrap();
         fresh.draw(&camera).unwrap();
         assert!(got == fresh.rgb8().unwrap(), "as if opened so");
         got
     };
     let which = || Selector::Indices(vec![0, 2]);
-    let mut pictures = vec![picture(&mut stage)];
+    let mut pictures = vec![picture(&mut viewer)];
     for edit in [
         Edit::MoveBy { which: which(), by: DVec3::new(0.3, 0.2, 0.1) },
         Edit::Rotate { which: which(), turn: Turn { axis: DVec3::Y, angle: 0.7 } },
@@ -50,23 +50,23 @@ fn edited_scenes_look_as_if_opened_so() {
         Edit::Erase { template: 0, centres: vec![DVec3::new(-0.1, 0.0, 0.0)], radius: 0.05 },
         Edit::Delete { which: which() },
     ] {
-        stage.edit(&edit).unwrap().unwrap();
+        viewer.edit(&edit).unwrap().unwrap();
         // Nothing chosen, so that there are no lines.
-        stage.click(None, false);
-        let now = picture(&mut stage);
+        viewer.editor_mut().click(None, false);
+        let now = picture(&mut viewer);
         assert!(pictures.last() != Some(&now), "{edit:?} shows");
         pictures.push(now);
     }
     for want in pictures.iter().rev().skip(1) {
-        assert!(undo(&mut stage));
-        stage.click(None, false);
-        assert!(picture(&mut stage) == *want);
+        assert!(undo(&mut viewer));
+        viewer.editor_mut().click(None, false);
+        assert!(picture(&mut viewer) == *want);
     }
-    assert!(!undo(&mut stage) && redo(&mut stage) && stage.editor().is_unsaved());
+    assert!(!undo(&mut viewer) && redo(&mut viewer) && viewer.editor().is_unsaved());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("edited.instgs");
-    stage.save(&path).unwrap();
-    assert!(!stage.editor().is_unsaved() && load_scene(&path).unwrap().scene == *stage.scene());
+    viewer.save(&path).unwrap();
+    assert!(!viewer.editor().is_unsaved() && load_scene(&path).unwrap().scene == *viewer.scene());
     assert_silent(&gpu);
 }
 
@@ -80,13 +80,13 @@ fn what_does_not_fit_the_device_is_refused() {
     }
     let device = std::env::var("INSTGS_TEST_DEVICE").map_or(DeviceChoice::Best, |name| name.parse().unwrap());
     let gpu = Gpu::open(&GpuOptions { device, validation: true, ..Default::default() }).unwrap();
-    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
+    let mut viewer = SceneViewer::new(&gpu, chairs(), ViewerOptions::default()).unwrap();
     let camera = Navigator::around(&Orbit::around(&chairs(), None)).camera([96, 64]);
-    let picture = |stage: &mut Stage| {
-        stage.draw(&camera).unwrap();
-        stage.rgb8().unwrap()
+    let picture = |viewer: &mut SceneViewer| {
+        viewer.draw(&camera).unwrap();
+        viewer.rgb8().unwrap()
     };
-    let before = picture(&mut stage);
+    let before = picture(&mut viewer);
     gpu.set_memory_budget(gpu.memory_usage().0 + (64 << 10));
     let over = ScatterOver::Plane {
         point: DVec3::ZERO,
@@ -101,30 +101,30 @@ fn what_does_not_fit_the_device_is_refused() {
         |count| Edit::Scatter(Scatter { template: 0, count, over: over.clone(), offsets: OffsetSource::None });
     for live in [false, true] {
         let edit = scatter(5000);
-        let done = if live { stage.edit_live(&edit) } else { stage.edit(&edit) };
+        let done = if live { viewer.edit_live(&edit) } else { viewer.edit(&edit) };
         let reason = done.unwrap().unwrap_err();
         assert!(reason.contains("out of device memory"), "{reason}");
-        assert!(*stage.scene() == chairs() && !stage.editor().is_unsaved());
-        assert_eq!(stage.editor().steps(), [0, 0]);
-        assert!(picture(&mut stage) == before, "as it was");
+        assert!(*viewer.scene() == chairs() && !viewer.editor().is_unsaved());
+        assert_eq!(viewer.editor().steps(), [0, 0]);
+        assert!(picture(&mut viewer) == before, "as it was");
     }
-    stage.edit(&scatter(5)).unwrap().unwrap();
-    assert_eq!(stage.scene().instances.len(), chairs().instances.len() + 5);
+    viewer.edit(&scatter(5)).unwrap().unwrap();
+    assert_eq!(viewer.scene().instances.len(), chairs().instances.len() + 5);
     assert_silent(&gpu);
 }
 
 #[test]
 fn what_is_dragged_is_seen_at_once() {
     let Some(gpu) = gpu() else { return };
-    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
+    let mut viewer = SceneViewer::new(&gpu, chairs(), ViewerOptions::default()).unwrap();
     let camera = Navigator::around(&Orbit::around(&chairs(), None)).camera([96, 64]);
-    let picture = |stage: &mut Stage| {
-        stage.draw(&camera).unwrap();
-        stage.rgb8().unwrap()
+    let picture = |viewer: &mut SceneViewer| {
+        viewer.draw(&camera).unwrap();
+        viewer.rgb8().unwrap()
     };
     let fresh =
-        |scene: &InstancedScene| picture(&mut Stage::new(&gpu, scene.clone(), StageOptions::default()).unwrap());
-    let at_first = picture(&mut stage);
+        |scene: &InstancedScene| picture(&mut SceneViewer::new(&gpu, scene.clone(), ViewerOptions::default()).unwrap());
+    let at_first = picture(&mut viewer);
     let which = || Selector::Index(1);
     let drags: [Vec<Edit>; 3] = [
         [0.2, -0.3, 0.5].map(|x| Edit::MoveBy { which: which(), by: DVec3::new(x, 0.1, 0.0) }).into(),
@@ -140,20 +140,20 @@ fn what_is_dragged_is_seen_at_once() {
     for drag in drags {
         let mut seen = vec![at_first.clone()];
         for edit in &drag {
-            stage.edit_live(edit).unwrap().unwrap();
+            viewer.edit_live(edit).unwrap().unwrap();
             let mut want = chairs();
             apply(&mut want, edit).unwrap();
-            assert!(*stage.scene() == want, "each begins where the drag began");
-            let now = picture(&mut stage);
+            assert!(*viewer.scene() == want, "each begins where the drag began");
+            let now = picture(&mut viewer);
             assert!(now == fresh(&want) && !seen.contains(&now), "{edit:?}");
             seen.push(now);
         }
-        stage.cancel_live().unwrap();
-        assert!(picture(&mut stage) == at_first && stage.editor().steps()[0] == 0);
-        drag.iter().for_each(|edit| drop(stage.edit_live(edit).unwrap().unwrap()));
-        stage.finish_live();
-        assert!(stage.editor().steps() == [1, 0] && picture(&mut stage) == *seen.last().unwrap());
-        assert!(undo(&mut stage) && picture(&mut stage) == at_first && !undo(&mut stage));
+        viewer.cancel_live().unwrap();
+        assert!(picture(&mut viewer) == at_first && viewer.editor().steps()[0] == 0);
+        drag.iter().for_each(|edit| drop(viewer.edit_live(edit).unwrap().unwrap()));
+        viewer.editor_mut().finish();
+        assert!(viewer.editor().steps() == [1, 0] && picture(&mut viewer) == *seen.last().unwrap());
+        assert!(undo(&mut viewer) && picture(&mut viewer) == at_first && !undo(&mut viewer));
     }
     assert_silent(&gpu);
 }
@@ -179,10 +179,10 @@ fn dragged_pictures_are_on_their_way_together() {
         (View::Ellipses, Some(1)),
         (View::Offsets, Some(0)),
     ] {
-        let options = StageOptions { show: view.show(navigator.distance()), ..StageOptions::default() };
-        let mut stage = Stage::new(&gpu, chairs(), options).unwrap();
-        stage.click(chosen, false);
-        stage.draw(&camera).unwrap();
+        let options = ViewerOptions { show: view.show(navigator.distance()), ..ViewerOptions::default() };
+        let mut viewer = SceneViewer::new(&gpu, chairs(), options).unwrap();
+        viewer.editor_mut().click(chosen, false);
+        viewer.draw(&camera).unwrap();
         let pixel_count = size[0] as usize * size[1] as usize;
         let mut shown: Vec<Buffer<u32>> =
             (0..pictures).map(|_| Buffer::for_readback(&gpu, "shown", pixel_count).unwrap()).collect();
@@ -191,25 +191,25 @@ fn dragged_pictures_are_on_their_way_together() {
             if k == first_counted {
                 before = gpu.submission_counts();
             }
-            stage.edit_live(&edit(k)).unwrap().unwrap();
-            stage.draw_ahead(&camera).unwrap();
-            let (recorder, pixels) = stage.record_pixels(size, false).unwrap();
+            viewer.edit_live(&edit(k)).unwrap().unwrap();
+            viewer.draw_ahead(&camera).unwrap();
+            let (recorder, pixels) = viewer.record_pixels(size, false).unwrap();
             recorder.copy(pixels, shown, 4 * pixel_count as u64).unwrap();
             recorder.submit().unwrap();
-            assert!(stage.in_flight() > 0, "{view:?}");
+            assert!(viewer.in_flight() > 0, "{view:?}");
         }
         let after = gpu.submission_counts();
         let counted = (pictures - first_counted) as u64;
         assert_eq!(after.submissions - before.submissions, 2 * counted, "{view:?}, {chosen:?} chosen");
         assert_eq!(after.drains, before.drains, "{view:?}, {chosen:?} chosen");
         assert!(after.waits - before.waits <= 2 * counted, "{view:?}: {before:?}, {after:?}");
-        assert!(stage.settle().unwrap());
+        assert!(viewer.settle().unwrap());
         gpu.wait_all().unwrap();
         for (k, shown) in shown.iter().enumerate() {
             let mut moved = chairs();
             apply(&mut moved, &edit(k)).unwrap();
-            let mut fresh = Stage::new(&gpu, moved, options).unwrap();
-            fresh.click(chosen, false);
+            let mut fresh = SceneViewer::new(&gpu, moved, options).unwrap();
+            fresh.editor_mut().click(chosen, false);
             fresh.draw(&camera).unwrap();
             let got: Vec<u8> = (0..pixel_count)
                 .flat_map(|i| {
@@ -227,46 +227,46 @@ fn dragged_pictures_are_on_their_way_together() {
 #[test]
 fn hidden_instances_are_as_if_they_were_not_there() {
     let Some(gpu) = gpu() else { return };
-    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
+    let mut viewer = SceneViewer::new(&gpu, chairs(), ViewerOptions::default()).unwrap();
     let camera = Navigator::around(&Orbit::around(&chairs(), None)).camera([192, 128]);
-    let picture = |stage: &mut Stage| {
-        stage.click(None, false);
-        stage.draw(&camera).unwrap();
-        stage.rgb8().unwrap()
+    let picture = |viewer: &mut SceneViewer| {
+        viewer.editor_mut().click(None, false);
+        viewer.draw(&camera).unwrap();
+        viewer.rgb8().unwrap()
     };
     let without = |scene: &InstancedScene| {
         let mut scene = scene.clone();
         apply(&mut scene, &Edit::Delete { which: Selector::Index(1) }).unwrap();
-        picture(&mut Stage::new(&gpu, scene, StageOptions::default()).unwrap())
+        picture(&mut SceneViewer::new(&gpu, scene, ViewerOptions::default()).unwrap())
     };
-    let at_first = picture(&mut stage);
+    let at_first = picture(&mut viewer);
     let mean = DVec3::from_array(chairs().templates.means[2].map(f64::from));
     let at = camera.pixel_of(chairs().instances[1].world_from_template.transform_point(mean)).unwrap();
-    assert_eq!(stage.instance_at(at).unwrap(), Some(1));
-    let (template, touched) = stage.template_point_at(at).unwrap().unwrap();
+    assert_eq!(viewer.instance_at(at).unwrap(), Some(1));
+    let (template, touched) = viewer.template_point_at(at).unwrap().unwrap();
     let back = camera.pixel_of(chairs().instances[1].world_from_template.transform_point(touched)).unwrap();
     assert!(template == 0 && (back[0] - at[0]).hypot(back[1] - at[1]) < 1e-3, "{back:?}");
     assert!(touched.distance(mean) < 0.4, "on the chair: {touched}");
-    assert!(!stage.hide_chosen().unwrap() && !stage.show_all().unwrap());
-    stage.click(Some(1), false);
-    assert!(stage.hide_chosen().unwrap());
-    let hidden = picture(&mut stage);
+    assert!(!viewer.hide_chosen().unwrap() && !viewer.show_all().unwrap());
+    viewer.editor_mut().click(Some(1), false);
+    assert!(viewer.hide_chosen().unwrap());
+    let hidden = picture(&mut viewer);
     assert!(hidden == without(&chairs()) && hidden != at_first);
-    assert_ne!(stage.instance_at(at).unwrap(), Some(1));
-    assert!(*stage.scene() == chairs() && !stage.editor().is_unsaved());
+    assert_ne!(viewer.instance_at(at).unwrap(), Some(1));
+    assert!(*viewer.scene() == chairs() && !viewer.editor().is_unsaved());
     // One that only places, one that uploads everything again.
-    stage.edit(&Edit::MoveBy { which: Selector::Index(2), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
-    assert!(picture(&mut stage) == without(stage.scene()));
-    stage.edit(&Edit::Recolour { which: Selector::Index(0), rgb: [0.3, 0.0, -0.3] }).unwrap().unwrap();
-    assert!(picture(&mut stage) == without(stage.scene()));
+    viewer.edit(&Edit::MoveBy { which: Selector::Index(2), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
+    assert!(picture(&mut viewer) == without(viewer.scene()));
+    viewer.edit(&Edit::Recolour { which: Selector::Index(0), rgb: [0.3, 0.0, -0.3] }).unwrap().unwrap();
+    assert!(picture(&mut viewer) == without(viewer.scene()));
     // Moved while it is hidden, and the table's entry read back: still hidden.
-    stage.edit(&Edit::MoveBy { which: Selector::Index(1), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
-    assert!(picture(&mut stage) == without(stage.scene()));
-    (0..3).for_each(|_| assert!(undo(&mut stage)));
-    assert!(picture(&mut stage) == hidden);
-    assert!(stage.show_all().unwrap() && picture(&mut stage) == at_first);
-    assert!(undo(&mut stage) && picture(&mut stage) == hidden);
-    assert!(undo(&mut stage) && picture(&mut stage) == at_first);
+    viewer.edit(&Edit::MoveBy { which: Selector::Index(1), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
+    assert!(picture(&mut viewer) == without(viewer.scene()));
+    (0..3).for_each(|_| assert!(undo(&mut viewer)));
+    assert!(picture(&mut viewer) == hidden);
+    assert!(viewer.show_all().unwrap() && picture(&mut viewer) == at_first);
+    assert!(undo(&mut viewer) && picture(&mut viewer) == hidden);
+    assert!(undo(&mut viewer) && picture(&mut viewer) == at_first);
     assert_silent(&gpu);
 }
 
@@ -275,27 +275,27 @@ fn hidden_instances_are_as_if_they_were_not_there() {
 fn hidden_levels_are_as_if_they_were_not_there() {
     let Some(gpu) = gpu() else { return };
     let render = RenderOptions { lod_error_px: 8.0, ..RenderOptions::default() };
-    let options = StageOptions { render, ..StageOptions::default() };
+    let options = ViewerOptions { render, ..ViewerOptions::default() };
     let scene = bushes();
     let camera = Navigator::around(&Orbit::around(&scene, None)).camera([48, 32]);
-    let picture = |stage: &mut Stage| {
-        stage.click(None, false);
-        stage.draw(&camera).unwrap();
-        stage.rgb8().unwrap()
+    let picture = |viewer: &mut SceneViewer| {
+        viewer.editor_mut().click(None, false);
+        viewer.draw(&camera).unwrap();
+        viewer.rgb8().unwrap()
     };
-    let fresh = |scene: InstancedScene| picture(&mut Stage::new(&gpu, scene, options).unwrap());
-    let mut stage = Stage::new(&gpu, scene.clone(), options).unwrap();
-    let at_first = picture(&mut stage);
-    let in_full = picture(&mut Stage::new(&gpu, scene, StageOptions::default()).unwrap());
+    let fresh = |scene: InstancedScene| picture(&mut SceneViewer::new(&gpu, scene, options).unwrap());
+    let mut viewer = SceneViewer::new(&gpu, scene.clone(), options).unwrap();
+    let at_first = picture(&mut viewer);
+    let in_full = picture(&mut SceneViewer::new(&gpu, scene, ViewerOptions::default()).unwrap());
     assert!(at_first != in_full, "there are levels");
-    stage.click(Some(1), false);
-    assert!(stage.hide_chosen().unwrap());
-    stage.edit(&Edit::MoveBy { which: Selector::Index(0), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
-    let mut left = stage.scene().clone();
+    viewer.editor_mut().click(Some(1), false);
+    assert!(viewer.hide_chosen().unwrap());
+    viewer.edit(&Edit::MoveBy { which: Selector::Index(0), by: DVec3::new(0.0, 0.2, 0.0) }).unwrap().unwrap();
+    let mut left = viewer.scene().clone();
     apply(&mut left, &Edit::Delete { which: Selector::Index(1) }).unwrap();
-    assert!(picture(&mut stage) == fresh(left));
-    (0..2).for_each(|_| assert!(undo(&mut stage)));
-    assert!(picture(&mut stage) == at_first);
+    assert!(picture(&mut viewer) == fresh(left));
+    (0..2).for_each(|_| assert!(undo(&mut viewer)));
+    assert!(picture(&mut viewer) == at_first);
     assert_silent(&gpu);
 }
 
@@ -327,16 +327,16 @@ fn bushes() -> InstancedScene {
 #[test]
 fn edited_scenes_are_exported() {
     let Some(gpu) = gpu() else { return };
-    let mut stage = Stage::new(&gpu, chairs(), StageOptions::default()).unwrap();
-    stage.edit(&Edit::Delete { which: Selector::Index(0) }).unwrap().unwrap();
+    let mut viewer = SceneViewer::new(&gpu, chairs(), ViewerOptions::default()).unwrap();
+    viewer.edit(&Edit::Delete { which: Selector::Index(0) }).unwrap().unwrap();
     let folder = tempfile::tempdir().unwrap();
     for name in ["x.ply", "x.spz", "x.glb"] {
-        stage.export(&folder.path().join(name), DVec3::NEG_Y).unwrap();
+        viewer.export(&folder.path().join(name), DVec3::NEG_Y).unwrap();
     }
     let cloud = load_scene(&folder.path().join("x.ply")).unwrap().scene;
-    assert!(cloud.background == stage.scene().flatten());
+    assert!(cloud.background == viewer.scene().flatten());
     assert_eq!(load_scene(&folder.path().join("x.spz")).unwrap().scene.background.len(), cloud.background.len());
-    let error = stage.export(&folder.path().join("x.obj"), DVec3::NEG_Y).unwrap_err().to_string();
+    let error = viewer.export(&folder.path().join("x.obj"), DVec3::NEG_Y).unwrap_err().to_string();
     assert!(error.contains("unknown format \".obj\""), "{error}");
     assert_silent(&gpu);
 }
@@ -345,30 +345,31 @@ fn edited_scenes_are_exported() {
 fn clicks_find_instances_and_draw_a_line_around_them() {
     let Some(gpu) = gpu() else { return };
     let scene = chairs();
-    let mut stage = Stage::new(&gpu, scene.clone(), StageOptions::default()).unwrap();
+    let mut viewer = SceneViewer::new(&gpu, scene.clone(), ViewerOptions::default()).unwrap();
     let camera = Navigator::around(&Orbit::around(&scene, None)).camera([192, 128]);
-    stage.draw(&camera).unwrap();
-    let plain = stage.rgb8().unwrap();
+    viewer.draw(&camera).unwrap();
+    let plain = viewer.rgb8().unwrap();
     // A Gaussian of each chair, as the camera sees it.
     for (k, instance) in scene.instances.iter().enumerate() {
         let mean = scene.templates.means[2].map(f64::from);
         let at = camera.pixel_of(instance.world_from_template.transform_point(DVec3::from_array(mean))).unwrap();
-        assert_eq!(stage.instance_at(at).unwrap(), Some(k), "{at:?}");
-        let point = stage.point_at(at).unwrap().unwrap();
+        assert_eq!(viewer.instance_at(at).unwrap(), Some(k), "{at:?}");
+        let point = viewer.point_at(at).unwrap().unwrap();
         let back = camera.pixel_of(point).unwrap();
         assert!((back[0] - at[0]).hypot(back[1] - at[1]) < 1e-6);
     }
-    assert_eq!(stage.instance_at([1.0, 1.0]).unwrap(), None);
-    assert_eq!((stage.instance_at([-1.0, 0.0]).unwrap(), stage.instance_at([192.0, 0.0]).unwrap()), (None, None));
-    assert_eq!(stage.point_at([1.0, 1.0]).unwrap(), None);
-    stage.click(Some(1), false);
-    stage.draw(&camera).unwrap();
-    let lined = stage.rgb8().unwrap();
+    assert_eq!(viewer.instance_at([1.0, 1.0]).unwrap(), None);
+    assert_eq!((viewer.instance_at([-1.0, 0.0]).unwrap(), viewer.instance_at([192.0, 0.0]).unwrap()), (None, None));
+    assert_eq!(viewer.point_at([1.0, 1.0]).unwrap(), None);
+    viewer.editor_mut().click(Some(1), false);
+    viewer.draw(&camera).unwrap();
+    let lined = viewer.rgb8().unwrap();
     let line = lined.chunks_exact(3).zip(plain.chunks_exact(3)).filter(|(a, b)| a != b).map(|(a, _)| a.to_vec());
     let line: Vec<Vec<u8>> = line.collect();
     assert!(line.len() > 20 && line.iter().all(|rgb| *rgb == [255, 184, 0]), "{} pixels", line.len());
-    stage.choose_alike();
-    assert_eq!(stage.editor().chosen().len(), 3);
+    let (editor, scene) = viewer.editor_and_scene();
+    editor.choose_alike(scene);
+    assert_eq!(viewer.editor().chosen().len(), 3);
     assert_silent(&gpu);
 }
 
@@ -385,13 +386,13 @@ fn every_view_looks_its_own_way_and_picks_the_same() {
     for chosen in [None, Some(2)] {
         for view in View::ALL {
             // Nothing is left of another view.
-            let options = StageOptions { show: view.show(navigator.distance()), ..StageOptions::default() };
-            let mut stage = Stage::new(&gpu, scene.clone(), options).unwrap();
-            stage.click(chosen, false);
-            stage.draw(&camera).unwrap();
-            let picture = stage.rgb8().unwrap();
-            assert_eq!(stage.instance_at(at).unwrap(), Some(1), "{view:?}, {chosen:?} chosen");
-            assert!(stage.rgb8().unwrap() == picture, "{view:?}: picking changes the picture");
+            let options = ViewerOptions { show: view.show(navigator.distance()), ..ViewerOptions::default() };
+            let mut viewer = SceneViewer::new(&gpu, scene.clone(), options).unwrap();
+            viewer.editor_mut().click(chosen, false);
+            viewer.draw(&camera).unwrap();
+            let picture = viewer.rgb8().unwrap();
+            assert_eq!(viewer.instance_at(at).unwrap(), Some(1), "{view:?}, {chosen:?} chosen");
+            assert!(viewer.rgb8().unwrap() == picture, "{view:?}: picking changes the picture");
             assert!(!pictures.contains(&picture), "{view:?}, {chosen:?} chosen: as another");
             pictures.push(picture);
         }
@@ -410,57 +411,57 @@ fn what_does_not_fit_is_done_without() {
     let scene = crowd();
     let navigator = Navigator::around(&Orbit::around(&scene, None));
     let camera = navigator.camera([192, 128]);
-    let mut stage = Stage::new(&gpu, scene.clone(), StageOptions::default()).unwrap();
-    let picture = |stage: &mut Stage| {
-        let words = stage.draw_what_fits(&camera).unwrap();
+    let mut viewer = SceneViewer::new(&gpu, scene.clone(), ViewerOptions::default()).unwrap();
+    let picture = |viewer: &mut SceneViewer| {
+        let words = viewer.draw_what_fits(&camera).unwrap();
         // Reading the picture takes memory that the player has no need of.
         let budget = gpu.memory_budget();
         gpu.set_memory_budget(u64::MAX);
-        let picture = stage.rgb8().unwrap();
+        let picture = viewer.rgb8().unwrap();
         gpu.set_memory_budget(budget);
         (picture, words)
     };
-    let (in_full, None) = picture(&mut stage) else { panic!("there is room") };
+    let (in_full, None) = picture(&mut viewer) else { panic!("there is room") };
     // Half of the chairs go; then there is room for these, but not for all.
     let gone = Edit::Delete { which: Selector::Indices((0..scene.instances.len() / 2).collect()) };
-    let fewer = |stage: &mut Stage| {
-        stage.edit(&gone).unwrap().unwrap();
-        picture(stage).0
+    let fewer = |viewer: &mut SceneViewer| {
+        viewer.edit(&gone).unwrap().unwrap();
+        picture(viewer).0
     };
-    let of_fewer = fewer(&mut stage);
-    assert!(undo(&mut stage));
-    assert!(redo(&mut stage));
-    gpu.set_memory_budget(upload_peak(&gpu, &mut stage));
-    let refused = stage.undo().unwrap().unwrap_err();
-    assert!(refused.contains("out of device memory") && stage.editor().steps() == [1, 0], "{refused}");
-    assert!(picture(&mut stage) == (of_fewer.clone(), None) && stage.scene().instances.len() < scene.instances.len());
+    let of_fewer = fewer(&mut viewer);
+    assert!(undo(&mut viewer));
+    assert!(redo(&mut viewer));
+    gpu.set_memory_budget(upload_peak(&gpu, &mut viewer));
+    let refused = viewer.undo().unwrap().unwrap_err();
+    assert!(refused.contains("out of device memory") && viewer.editor().steps() == [1, 0], "{refused}");
+    assert!(picture(&mut viewer) == (of_fewer.clone(), None) && viewer.scene().instances.len() < scene.instances.len());
     gpu.set_memory_budget(u64::MAX);
-    assert!(undo(&mut stage) && picture(&mut stage) == (in_full.clone(), None));
+    assert!(undo(&mut viewer) && picture(&mut viewer) == (in_full.clone(), None));
 
     // Levels of detail, a view that needs surfaces, and what is chosen.
-    gpu.set_memory_budget(upload_peak(&gpu, &mut stage));
-    stage.options.render.lod_error_px = 2.0;
-    let (got, words) = picture(&mut stage);
-    assert!(got == in_full && stage.options.render.lod_error_px == 0.0);
-    assert!(stage.take_arrived().iter().all(|stats| stats.slabs == 1), "nor is it slower");
-    assert!(words.is_some_and(|words| words.starts_with("detail is not merged: out of device memory")));
+    gpu.set_memory_budget(upload_peak(&gpu, &mut viewer));
+    viewer.options.render.lod_error_px = 2.0;
+    let (got, words) = picture(&mut viewer);
+    assert!(got == in_full && viewer.options.render.lod_error_px == 0.0);
+    assert!(viewer.take_arrived().iter().all(|stats| stats.slabs == 1), "nor is it slower");
+    assert!(words.is_some_and(|words| words.starts_with("levels of detail are off: out of device memory")));
     gpu.set_memory_budget(gpu.memory_usage().0);
-    stage.options.show = View::Instances.show(navigator.distance());
-    let (got, words) = picture(&mut stage);
-    assert!(got == in_full && View::of(stage.options.show) == View::Color);
-    assert!(words.is_some_and(|words| words.starts_with("the view is the colours again: out of device memory")));
-    stage.click(Some(0), false);
-    let (got, words) = picture(&mut stage);
-    assert!(got == in_full && stage.editor().chosen().is_empty());
-    assert!(words.is_some_and(|words| words.starts_with("nothing is chosen any more: out of device memory")));
+    viewer.options.show = View::Instances.show(navigator.distance());
+    let (got, words) = picture(&mut viewer);
+    assert!(got == in_full && View::of(viewer.options.show) == View::Color);
+    assert!(words.is_some_and(|words| words.starts_with("the view is back to colours: out of device memory")));
+    viewer.editor_mut().click(Some(0), false);
+    let (got, words) = picture(&mut viewer);
+    assert!(got == in_full && viewer.editor().chosen().is_empty());
+    assert!(words.is_some_and(|words| words.starts_with("the selection was cleared: out of device memory")));
     assert_silent(&gpu);
 }
 
 /// Bytes in use at most while the scene goes to the device again.
-fn upload_peak(gpu: &Gpu, stage: &mut Stage) -> u64 {
+fn upload_peak(gpu: &Gpu, viewer: &mut SceneViewer) -> u64 {
     gpu.reset_memory_peak();
-    stage.edit_live(&Edit::Recolour { which: Selector::Template(0), rgb: [0.1; 3] }).unwrap().unwrap();
-    stage.cancel_live().unwrap();
+    viewer.edit_live(&Edit::Recolour { which: Selector::Template(0), rgb: [0.1; 3] }).unwrap().unwrap();
+    viewer.cancel_live().unwrap();
     gpu.memory_usage().1
 }
 

@@ -1,7 +1,7 @@
 //! The tiny models of the fixtures, and the library that runs models.
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use instgs_detect::{ModelsFolder, Photo, RuntimeOptions, Segmenter};

@@ -9,7 +9,7 @@ use instgs_console::CliError;
 use instgs_console::Printer;
 use instgs_console::args::{LookArgs, ViewArgs, open_scene, parse_lod};
 use instgs_console::device::{self, DeviceArgs};
-use instgs_eval::bench::{self, Stage, Subject};
+use instgs_eval::bench::{self, MeasurePhase, Subject};
 use instgs_io::LoadedScene;
 
 /// Measures frame time and memory of a scene, alone or side by side with another one.
@@ -67,8 +67,8 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     let against = args.against.as_deref().zip(loaded_against.as_ref());
     let against = against.map(|(path, loaded)| subject(path, loaded, &args.look));
     let mut progress = printer.progress("bench", args.frames.into());
-    let mut on_event = |stage| {
-        if stage == Stage::Timed {
+    let mut on_event = |phase| {
+        if phase == MeasurePhase::Timed {
             progress.step("");
         }
     };

@@ -1,4 +1,4 @@
-//! Flags that several commands share: scenes, views, and how a picture looks.
+//! Flags that several commands share: scenes, views, and rendering options.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use instgs_vk::scene::{Camera, InstancedScene};
 /// Picture size of `--orbit` without `--size`.
 const ORBIT_SIZE: (u32, u32) = (1280, 720);
 
-/// Where the cameras of a command come from: exactly one of its flags.
+/// Source of a command's cameras: exactly one of the flags.
 #[derive(Args)]
 #[group(required = true, multiple = false)]
 pub struct ViewSource {
@@ -43,7 +43,7 @@ pub struct ViewArgs {
     /// Picture size; views of other sizes are scaled per axis [default: the views' own; 1280x720 with --orbit]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u32, u32)>,
-    /// Up axis of --orbit [default: across a scene that is a plate, as -y, +z or +x; else -y]
+    /// Up axis of --orbit [default: for a flat scene the one of -y, +z, +x nearest to its normal; else -y]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, conflicts_with_all = ["data", "camera"], allow_hyphen_values = true)]
     up: Option<Triple>,
 }
@@ -51,13 +51,13 @@ pub struct ViewArgs {
 /// Which views of a dataset.
 #[derive(Clone, Copy, ValueEnum)]
 pub enum SplitArg {
-    /// Held-out views.
+    /// The held-out views.
     #[value(help = None)]
     Test,
     /// Views to train from.
     #[value(help = None)]
     Train,
-    /// Both.
+    /// All views of the data set.
     #[value(help = None)]
     All,
 }
@@ -83,14 +83,14 @@ impl SplitArg {
 pub struct Triple([f32; 3]);
 
 impl Triple {
-    /// As a vector.
+    /// The numbers as an f64 vector.
     pub fn direction(self) -> DVec3 {
         DVec3::from_array(self.0.map(f64::from))
     }
 }
 
 impl ViewArgs {
-    /// The cameras, at least one; warns if `near` cuts a circle's view off.
+    /// The selected cameras, at least one. Warns if the near plane would cut into the scene as a circle of cameras sees it.
     pub fn cameras(&self, scene: &InstancedScene, near: f32, printer: &Printer) -> Result<Vec<Camera>, CliError> {
         let cameras = match &self.source {
             ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder)?,
@@ -127,43 +127,43 @@ impl ViewArgs {
     }
 }
 
-/// How pictures look: background, near plane, antialiasing, dilation.
+/// Rendering options: background, near plane, antialiasing, dilation.
 #[derive(Args)]
 pub struct LookArgs {
-    /// Colour behind the scene, three numbers as in the pictures (0 to 1) [default: 0,0,0]
+    /// Background colour, three sRGB values from 0 to 1 [default: 0,0,0]
     #[arg(long, value_name = "R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
     background: Option<Triple>,
-    /// Nearest depth that is drawn, scene units [default: 0.2]
+    /// Depth of the near plane, scene units [default: 0.2]
     #[arg(long, value_name = "Z", value_parser = parse_near)]
     near: Option<f32>,
-    /// Opacity compensation for small splats; --antialias=false turns it off [default: as the scene says]
+    /// Opacity compensation for small splats; --antialias=false turns it off [default: the scene's setting]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     antialias: Option<bool>,
     /// Variance added to every projected splat, px^2 [default: 0.3]
     #[arg(long, value_name = "PX2", value_parser = parse_dilation)]
     dilation: Option<f32>,
-    /// Limits the buffer of (splat, tile) pairs; frames that need more take several passes, with the same picture
+    /// Limit on the buffer of intersections; frames that need more are drawn in depth slabs, with the same result
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     max_intersections: Option<u32>,
 }
 
-/// Levels of detail, for the commands that make pictures to be looked at.
+/// The level-of-detail flag, for commands whose pictures are viewed rather than measured.
 #[derive(Args)]
 pub struct LodArgs {
-    /// Draws what is far away merged, over at most PX pixels; `bench --lod` says what it costs [default: all in full]
+    /// Merge distant Gaussians, with an error of at most PX pixels; `bench --lod` measures the effect [default: off]
     #[arg(long, value_name = "PX", value_parser = parse_lod)]
     lod: Option<f32>,
 }
 
 impl LodArgs {
-    /// The options with the flag's error.
+    /// The render options with the flag's error.
     pub fn apply(&self, options: RenderOptions) -> RenderOptions {
         RenderOptions { lod_error_px: self.lod.unwrap_or(0.0), ..options }
     }
 }
 
 impl LookArgs {
-    /// Opacity compensation, if a flag says which.
+    /// Opacity compensation, if a flag sets it.
     pub fn antialias(&self) -> Option<bool> {
         self.antialias
     }
@@ -182,7 +182,7 @@ impl LookArgs {
     }
 }
 
-/// Opens a scene and says what is worth knowing about its file.
+/// Opens a scene and prints warnings about its file.
 pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliError> {
     let loaded = load_scene(path)?;
     for what in loaded.warnings() {
@@ -191,14 +191,17 @@ pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliErro
     Ok(loaded)
 }
 
-/// A path as the configuration keeps it: valid in whatever folder the run is resumed.
+/// The absolute form of a path that a flag gives: the configuration keeps it, and a run may be resumed from another folder.
+///
+/// # Errors
+/// The path is not UTF-8 text, or the current folder is unknown.
 pub fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
     let fail = |what: String| CliError::msg(format!("{flag}: {what}"));
     let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
     absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
 }
 
-/// Makes a folder and those above it.
+/// Creates a folder and its parents.
 pub fn create_folder(path: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(path).map_err(|e| IoError::new(path, format!("cannot create the folder: {e}")).into())
 }
@@ -230,7 +233,7 @@ fn parse_near(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0).ok_or_else(|| "want a number >= 0".into())
 }
 
-/// Pixels that may be merged: above 0, and not more than the largest picture has.
+/// Parses a level-of-detail error in pixels: above 0, and at most the largest picture size.
 pub fn parse_lod(text: &str) -> Result<f32, String> {
     let most = MAX_IMAGE_SIDE as f32;
     let px = text.trim().parse().ok().filter(|v: &f32| *v > 0.0 && *v <= most);

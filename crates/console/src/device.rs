@@ -1,4 +1,4 @@
-//! Which device a command runs on, and whether the validation layers watch.
+//! Selection of the Vulkan device, and the validation layers.
 
 use std::sync::Arc;
 
@@ -7,12 +7,12 @@ use clap::Args;
 use crate::error::CliError;
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
 
-/// Stands in for `--device`.
+/// The environment variable that replaces `--device`.
 const DEVICE_VARIABLE: &str = "INSTGS_DEVICE";
 /// Set to 1, every command runs under the validation layers and fails on their first message; for tests.
 const VALIDATION_VARIABLE: &str = "INSTGS_VALIDATION";
 
-/// Which Vulkan device a command runs on.
+/// The flag that selects the Vulkan device.
 #[derive(Args)]
 pub struct DeviceArgs {
     /// Vulkan device: its number in `instgs-vk info`, or a part of its name. The environment variable INSTGS_DEVICE
@@ -22,7 +22,7 @@ pub struct DeviceArgs {
 }
 
 impl DeviceArgs {
-    /// The flag, else the variable, else the best device.
+    /// The device of the flag, else of the variable, else the best device.
     pub fn choice(&self) -> DeviceChoice {
         let variable = || std::env::var(DEVICE_VARIABLE).ok().filter(|text| !text.is_empty());
         let text = self.device.clone().or_else(variable);
@@ -32,17 +32,17 @@ impl DeviceArgs {
     }
 }
 
-/// True if the user wants the validation layers to watch.
+/// True if the environment enables the validation layers.
 pub fn validation() -> bool {
     std::env::var_os(VALIDATION_VARIABLE).is_some_and(|value| value == "1")
 }
 
-/// Opens the device.
+/// Opens the device, with the validation layers if they are enabled.
 pub fn open(choice: DeviceChoice) -> Result<Arc<Gpu>, CliError> {
     Ok(Gpu::open(&GpuOptions { device: choice, validation: validation(), ..Default::default() })?)
 }
 
-/// Fails if the validation layers had anything to say; without them there is nothing to check.
+/// Fails if the validation layers reported a message; always succeeds without them.
 pub fn check_validation(gpu: &Gpu) -> Result<(), CliError> {
     match gpu.validation_messages().take().first() {
         None => Ok(()),

@@ -1,4 +1,4 @@
-//! What a command fails with.
+//! The error type of commands.
 
 use std::fmt::Display;
 

@@ -1,4 +1,4 @@
-//! The one place that writes to the terminal.
+//! The only module that writes to the terminal.
 
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::CliError;
 use instgs_io::{IoError, atomic_write};
 
-/// Lines that a task of many steps prints where there is no terminal.
+/// Number of progress lines of a task with many steps, without a terminal.
 const PROGRESS_LINES: u64 = 10;
 
 /// Reports to stdout, warnings and errors to stderr. A closed stream is no error: `instgs-vk ... | head` just ends.
@@ -25,31 +25,31 @@ impl Printer {
         Self { json_on_stdout }
     }
 
-    /// A line of the report for people; dropped where stdout is for JSON.
+    /// Prints a line of the report in text form; dropped if stdout is for JSON.
     pub fn line(&self, text: impl Display) {
         if !self.json_on_stdout {
             let _ = writeln!(std::io::stdout().lock(), "{text}");
         }
     }
 
-    /// The JSON report, to stdout.
+    /// Writes the JSON report to stdout.
     pub fn json(&self, report: &impl serde::Serialize) -> Result<(), CliError> {
         let _ = std::io::stdout().lock().write_all(&json_bytes(report)?);
         Ok(())
     }
 
-    /// The JSON report, to a file.
+    /// Writes the JSON report to a file.
     pub fn json_file(&self, path: &Path, report: &impl serde::Serialize) -> Result<(), CliError> {
         let bytes = json_bytes(report)?;
         Ok(atomic_write(path, |out| out.write_all(&bytes))?)
     }
 
-    /// Something the user should know but that stops nothing.
+    /// Prints a warning: the command continues.
     pub fn warning(&self, text: impl Display) {
         let _ = writeln!(std::io::stderr().lock(), "warning: {}", one_line(&text));
     }
 
-    /// The one line of a failed command.
+    /// Prints the error of a failed command on one line.
     pub fn error(&self, error: &CliError) {
         let _ = writeln!(std::io::stderr().lock(), "error: {}", one_line(error));
     }
@@ -66,7 +66,7 @@ impl Printer {
     }
 }
 
-/// One long task; see [`Printer::progress`].
+/// Progress of one long task; see [`Printer::progress`].
 pub struct Progress {
     printer: Printer,
     what: &'static str,
@@ -76,12 +76,12 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// One step is done.
+    /// Records that one more step is done.
     pub fn step(&mut self, text: impl Display) {
         self.advance_to(self.done + 1, text);
     }
 
-    /// `done` steps are done.
+    /// Records that `done` steps are done in total.
     pub fn advance_to(&mut self, done: u64, text: impl Display) {
         let before = std::mem::replace(&mut self.done, done);
         match &self.bar {
@@ -99,7 +99,7 @@ impl Progress {
 }
 
 impl Progress {
-    /// Few steps are all told, of many about every tenth part.
+    /// True if the step is printed: every step of a few, about ten lines of many.
     fn worth_a_line(&self, before: u64) -> bool {
         let part = |done: u64| done * PROGRESS_LINES / self.total.max(1);
         self.total <= 2 * PROGRESS_LINES || part(self.done) > part(before)
@@ -121,7 +121,7 @@ fn json_bytes(report: &impl serde::Serialize) -> Result<Vec<u8>, CliError> {
     Ok(bytes)
 }
 
-/// Texts of drivers and other crates may hold line breaks.
+/// The text on one line: messages of drivers and other crates may contain line breaks.
 fn one_line(text: &impl Display) -> String {
     text.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
 }

@@ -1,34 +1,35 @@
-//! Handles on a box: a dot on each face that moves the face, and the handles of [`super::gizmo`] along the box's edges.
+//! Handles of a box in the view: a dot on each face, which moves the face, and the handles of [`super::gizmo`] aligned
+//! with the box's axes.
 
 use glam::{DQuat, DVec3};
 
 use super::gizmo::{Drag, Gizmo, GizmoMode, Handle, HandleLine, Motion, Ray, distance, distance_to_line};
 use instgs_vk::scene::{Camera, ObjectBox};
 
-/// A dot is grabbed, and an edge clicked, within so many pixels.
+/// Distance in pixels within which the pointer grabs a dot or clicks an edge.
 const REACH_PX: f64 = 8.0;
-/// Least edge that a drag leaves, of the longest one: thinner boxes can neither be seen nor grabbed.
+/// Smallest edge length that a drag can produce, relative to the longest edge: thinner boxes cannot be seen or grabbed.
 const THINNEST: f64 = 0.01;
-/// Edges are drawn from this part of their farther end's depth on; what is nearer is nearly at the camera.
+/// Near limit for drawing an edge, relative to the depth of its farther end: nearer parts are almost at the camera.
 const NEAREST: f64 = 0.01;
 
-/// Something of a box that can be dragged.
+/// A part of a box that can be dragged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoxPart {
-    /// The dot on a face: axis 0 to 2 of the box, and whether it is the one at its far end.
+    /// The dot on a face: the box axis (0 to 2), and true for the face on the axis's positive side.
     Face(usize, bool),
     /// Moves, turns or scales the box.
     Handle(Handle),
 }
 
-/// The handles of one picture.
+/// The handles of one box as one frame shows them.
 pub struct BoxHandles {
     object: ObjectBox,
     gizmo: Option<Gizmo>,
     camera: Camera,
 }
 
-/// A part that is held.
+/// A drag of one part of a box that is in progress.
 #[derive(Clone, Debug)]
 pub struct BoxDrag {
     part: BoxPart,
@@ -38,7 +39,7 @@ pub struct BoxDrag {
 
 #[derive(Clone, Debug)]
 enum Pull {
-    /// World units along a line from a face's middle outwards.
+    /// Distance in world units along the line from the face's centre outwards.
     Face {
         middle: DVec3,
         outwards: DVec3,
@@ -48,14 +49,14 @@ enum Pull {
 }
 
 impl BoxHandles {
-    /// On a box, as a camera sees it.
+    /// Handles of a box as the camera sees it.
     pub fn new(object: &ObjectBox, mode: GizmoMode, camera: &Camera) -> Self {
         let axes = DVec3::AXES.map(|axis| object.world_from_box * axis);
         let gizmo = Gizmo::along(axes, mode, object.center, camera);
         Self { object: object.clone(), gizmo, camera: camera.clone() }
     }
 
-    /// The middles of the faces that are before the camera, pixels.
+    /// The face dots that are in front of the camera, with their positions in pixels.
     pub fn dots(&self) -> Vec<(BoxPart, [f64; 2])> {
         let faces = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
         let dot = |(axis, far)| {
@@ -65,12 +66,12 @@ impl BoxHandles {
         faces.filter_map(dot).collect()
     }
 
-    /// The lines of the other handles.
+    /// The lines of the gizmo handles, in pixels.
     pub fn lines(&self) -> Vec<HandleLine> {
         self.gizmo.as_ref().map_or_else(Vec::new, Gizmo::lines)
     }
 
-    /// What is under the pointer: a dot before a line.
+    /// The part under the pointer. A dot wins over a line.
     pub fn part_at(&self, at_px: [f64; 2]) -> Option<BoxPart> {
         let near = |(part, dot_px)| (distance(at_px, dot_px), part);
         let dot = self.dots().into_iter().map(near).min_by(|a, b| a.0.total_cmp(&b.0));
@@ -78,7 +79,7 @@ impl BoxHandles {
         dot.filter(|dot| dot.0 <= REACH_PX).map(|dot| dot.1).or_else(handle)
     }
 
-    /// Begins to drag a part; `None` if the place says nothing about it.
+    /// Begins to drag a part; `None` if the pointer's position does not determine a value for it.
     pub fn grab(&self, part: BoxPart, at_px: [f64; 2]) -> Option<BoxDrag> {
         let pull = match part {
             BoxPart::Face(axis, far) => {
@@ -92,12 +93,12 @@ impl BoxHandles {
 }
 
 impl BoxDrag {
-    /// What is held.
+    /// The part that is being dragged.
     pub fn part(&self) -> BoxPart {
         self.part
     }
 
-    /// The box after the pointer's way from the begin to a place; `None` where that cannot be told.
+    /// The box after the pointer has moved to `to_px`; `None` where the position does not determine a value.
     pub fn moved(&self, camera: &Camera, to_px: [f64; 2]) -> Option<ObjectBox> {
         match (&self.pull, self.part) {
             (Pull::Face { middle, outwards, from }, BoxPart::Face(axis, _)) => {
@@ -105,7 +106,7 @@ impl BoxDrag {
                 let mut size = self.start.size;
                 size[axis] = (size[axis] + by).max(THINNEST * self.start.size.max_element());
                 let grown = size[axis] - self.start.size[axis];
-                // The opposite face stays.
+                // The opposite face stays in place.
                 Some(ObjectBox { size, center: self.start.center + 0.5 * grown * *outwards, ..self.start.clone() })
             }
             (Pull::Gizmo(drag), _) => Some(after(&self.start, drag.motion(camera, to_px)?)),
@@ -114,13 +115,13 @@ impl BoxDrag {
     }
 }
 
-/// The middle of a face and the direction out of it, world.
+/// Centre of a face and its outward normal, both in world coordinates.
 fn face(object: &ObjectBox, axis: usize, far: bool) -> (DVec3, DVec3) {
     let outwards = object.world_from_box * DVec3::AXES[axis] * if far { 1.0 } else { -1.0 };
     (object.center + 0.5 * object.size[axis] * outwards, outwards)
 }
 
-/// A box after a motion about its own centre.
+/// The box after a motion about its own centre.
 pub fn after(object: &ObjectBox, motion: Motion) -> ObjectBox {
     let object = object.clone();
     match motion {
@@ -133,14 +134,14 @@ pub fn after(object: &ObjectBox, motion: Motion) -> ObjectBox {
     }
 }
 
-/// The twelve edges of a box as far as they are before the camera, pixels.
+/// The twelve edges of a box, clipped to the part in front of the camera, in pixels.
 pub fn edges_px(object: &ObjectBox, camera: &Camera) -> Vec<[[f64; 2]; 2]> {
     let corners = object.corners();
     let ends = (0..8usize).flat_map(|a| (0..3).map(move |bit| (a, a | 1 << bit)).filter(|(a, b)| a != b));
     ends.filter_map(|(a, b)| segment_px(corners[a], corners[b], camera)).collect()
 }
 
-/// The part of a straight line that is before the camera, pixels.
+/// The part of a line segment in front of the camera, in pixels.
 fn segment_px(a: DVec3, b: DVec3, camera: &Camera) -> Option<[[f64; 2]; 2]> {
     let depth = |p: DVec3| camera.view_from_point(p).z;
     let least = NEAREST * depth(a).max(depth(b));
@@ -151,7 +152,7 @@ fn segment_px(a: DVec3, b: DVec3, camera: &Camera) -> Option<[[f64; 2]; 2]> {
     Some([camera.pixel_of(clipped(a, b))?, camera.pixel_of(clipped(b, a))?])
 }
 
-/// The box whose edge is nearest to the pointer, within reach.
+/// The box with the edge nearest to the pointer, within [`REACH_PX`].
 pub fn box_at_edge<'a>(boxes: impl Iterator<Item = &'a ObjectBox>, camera: &Camera, at_px: [f64; 2]) -> Option<usize> {
     let far = |object: &ObjectBox| {
         let of = edges_px(object, camera).into_iter().map(|edge| distance_to_line(at_px, &edge));
@@ -180,7 +181,7 @@ mod tests {
         }
     }
 
-    /// Every dot that is dragged to where a face should be brings the face there and leaves the opposite one.
+    /// Dragging a dot moves its face to the pointer and leaves the opposite face in place.
     #[test]
     fn a_dot_moves_its_face_only() {
         let (object, camera) = (turned(), camera());
@@ -195,7 +196,7 @@ mod tests {
             let moved = drag.moved(&camera, camera.pixel_of(want).unwrap()).unwrap();
             assert!(face(&moved, axis, far).0.distance(want) < 1e-9, "{part:?}");
             assert!(face(&moved, axis, !far).0.distance(face(&object, axis, !far).0) < 1e-9);
-            // Through the opposite face: the box stays one.
+            // Dragged through the opposite face: the box keeps a positive size.
             let beyond = middle - 5.0 * outwards;
             if let Some(flat) = camera.pixel_of(beyond).and_then(|px| drag.moved(&camera, px)) {
                 assert!((flat.size[axis] - 0.02).abs() < 1e-12 && flat.size[(axis + 1) % 3] > 0.5);
@@ -227,7 +228,7 @@ mod tests {
         assert_eq!((edges.len(), at_corner), (12, 3));
         assert_eq!(box_at_edge([&object].into_iter(), &camera, corner), Some(0));
         assert_eq!(box_at_edge([&object].into_iter(), &camera, [1.0, 1.0]), None);
-        // The camera is inside of the box.
+        // The camera is inside the box.
         let around = ObjectBox { size: DVec3::splat(40.0), ..object };
         let edges = edges_px(&around, &camera);
         assert!(!edges.is_empty() && edges.len() < 12 && edges.iter().flatten().flatten().all(|v| v.is_finite()));

@@ -1,37 +1,38 @@
-//! Boxes around objects of a cloud: drawn by hand and found, which one is chosen, and what was there before each change.
+//! The boxes around objects of a cloud: drawn and found boxes, the selected box, and the undo history.
 
 use glam::DVec3;
 
 use instgs_vk::scene::{Boxes, ObjectBox};
 
-/// Changes that can be taken back.
+/// Largest number of changes that can be undone.
 const MOST_STEPS: usize = 200;
-/// A found box whose centre is nearer to that of another box than this part of its own size is of the same object.
+/// A found box whose centre is closer to the centre of another box than this fraction of its own size contains the same
+/// object.
 const SAME: f64 = 0.25;
 
-/// Where a box is from.
+/// How a box came into the list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// A click, or a file.
+    /// Drawn with a click, or read from a file.
     Drawn,
-    /// The search for what is like the box of this id.
+    /// Found by the search for objects similar to the one in the box with this id.
     LikeBox(u32),
 }
 
-/// A box of the list.
+/// A box of the list and its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ListedBox {
-    /// What and where.
+    /// The box: id, category, centre, size and rotation.
     pub object: ObjectBox,
-    /// Where it is from.
+    /// How the box came into the list.
     pub origin: Origin,
 }
 
-/// All that can be taken back.
+/// The state that undo and redo restore.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct State {
     boxes: Vec<ListedBox>,
-    /// Index of the chosen one.
+    /// Index of the selected box.
     chosen: Option<usize>,
 }
 
@@ -41,20 +42,20 @@ pub struct BoxList {
     now: State,
     undo: Vec<State>,
     redo: Vec<State>,
-    /// What could be done again before a box was drawn last.
+    /// The redo history before the last box was drawn, for [`BoxList::undraw`].
     redo_before_draw: Vec<State>,
-    /// Before the change that goes on.
+    /// The state before the change that is in progress.
     before: Option<State>,
-    /// The boxes as they were saved last.
+    /// The boxes as they were last saved.
     saved: Vec<ListedBox>,
-    /// What else was in the file.
+    /// The other contents of the file.
     rest: Boxes,
-    /// The largest id that was ever given.
+    /// The largest id that was ever assigned.
     last_id: u32,
 }
 
 impl BoxList {
-    /// What was read from a file.
+    /// The list with the boxes of a file.
     pub fn from_file(file: Boxes) -> Self {
         let listed = |object: &ObjectBox| ListedBox { object: object.clone(), origin: Origin::Drawn };
         let boxes: Vec<ListedBox> = file.objects.iter().map(listed).collect();
@@ -62,8 +63,8 @@ impl BoxList {
         Self { saved: boxes.clone(), now: State { boxes, chosen: None }, rest, ..Self::default() }
     }
 
-    /// What goes to a file: the boxes, and what else was in the file they came from. Blanks that were typed around a
-    /// category would make another one of it.
+    /// The contents of the file to save: the boxes, and the other contents of the file they were read from. Categories
+    /// are trimmed: a blank around a typed name would make it another category.
     pub fn to_file(&self) -> Boxes {
         let named = |listed: &ListedBox| {
             let category = listed.object.category.as_deref().map(|text| text.trim().to_owned());
@@ -77,23 +78,23 @@ impl BoxList {
         &self.now.boxes
     }
 
-    /// Index of the chosen one.
+    /// Index of the selected box.
     pub fn chosen(&self) -> Option<usize> {
         self.now.chosen
     }
 
-    /// The chosen one.
+    /// The selected box, if there is one.
     pub fn chosen_box(&self) -> Option<&ListedBox> {
         self.now.boxes.get(self.now.chosen?)
     }
 
-    /// How many are drawn and found.
+    /// Number of drawn boxes and of found boxes.
     pub fn counts(&self) -> [usize; 2] {
         let drawn = self.now.boxes.iter().filter(|listed| listed.origin == Origin::Drawn).count();
         [drawn, self.now.boxes.len() - drawn]
     }
 
-    /// How many changes can be taken back and done again.
+    /// Number of changes that can be undone and redone.
     pub fn steps(&self) -> [usize; 2] {
         [self.undo.len(), self.redo.len()]
     }
@@ -103,26 +104,26 @@ impl BoxList {
         self.now.boxes != self.saved
     }
 
-    /// The boxes were saved as they are.
+    /// Marks the boxes as saved in their present state.
     pub fn saved(&mut self) {
         self.finish();
         self.saved.clone_from(&self.now.boxes);
     }
 
-    /// Chooses a box, or none.
+    /// Selects a box, or none.
     pub fn choose(&mut self, index: Option<usize>) {
         self.finish();
         self.now.chosen = index.filter(|&i| i < self.now.boxes.len());
     }
 
-    /// The smallest of the boxes that a point of the world is in.
+    /// Index of the smallest box that contains a point in world coordinates.
     pub fn containing(&self, point_world: DVec3) -> Option<usize> {
         let volume = |i: &usize| self.now.boxes[*i].object.size.element_product();
         let inside = (0..self.now.boxes.len()).filter(|&i| self.now.boxes[i].object.contains(point_world));
         inside.min_by(|a, b| volume(a).total_cmp(&volume(b)))
     }
 
-    /// Adds a box by hand, under an id that no other had, and chooses it. It is of the last drawn box's category.
+    /// Adds a box drawn by hand under an unused id and selects it. It gets the category of the last drawn box.
     pub fn draw(&mut self, object: ObjectBox) {
         self.finish();
         self.redo_before_draw = std::mem::take(&mut self.redo);
@@ -135,22 +136,22 @@ impl BoxList {
         self.finish();
     }
 
-    /// As if [`BoxList::draw`], which was the last change, had not been.
+    /// Reverts [`BoxList::draw`], which must have been the last change, without a trace in the undo history.
     pub fn undraw(&mut self) {
         if let Some(before) = self.undo.pop() {
             (self.now, self.redo) = (before, std::mem::take(&mut self.redo_before_draw));
         }
     }
 
-    /// Takes what was found to be like the box `id` in place of what was found so before; what has a box already is left
-    /// out. How many are new; `None` if there is no such box any more.
+    /// Replaces the earlier results of the search for objects similar to box `id` by `found`; results that coincide
+    /// with an existing box are dropped. Returns the number of new boxes; `None` if box `id` no longer exists.
     pub fn take_found(&mut self, id: u32, found: Vec<ObjectBox>) -> Option<usize> {
         let index_of = |boxes: &[ListedBox], id: u32| boxes.iter().position(|listed| listed.object.id == id);
         let like = self.now.boxes[index_of(&self.now.boxes, id)?].object.clone();
         let chosen = self.chosen_box().map(|listed| listed.object.id);
         self.begin();
         self.now.boxes.retain(|listed| listed.origin != Origin::LikeBox(id));
-        // What is chosen stays so, unless it was found before.
+        // The selection is kept, unless it was an earlier result.
         let still = chosen.and_then(|chosen| index_of(&self.now.boxes, chosen));
         self.now.chosen = still.or_else(|| index_of(&self.now.boxes, id));
         let before = self.now.boxes.len();
@@ -166,7 +167,8 @@ impl BoxList {
         Some(self.now.boxes.len() - before)
     }
 
-    /// Changes the chosen box as part of a change that goes on. Its category is also that of what was found to be like it.
+    /// Changes the selected box as part of a change in progress. A new category also applies to the boxes that were
+    /// found from it.
     pub fn change(&mut self, to: ObjectBox) {
         self.begin();
         let Some(chosen) = self.now.chosen.and_then(|i| self.now.boxes.get_mut(i)) else { return };
@@ -177,7 +179,7 @@ impl BoxList {
         }
     }
 
-    /// Takes a box out.
+    /// Removes a box from the list.
     pub fn remove(&mut self, index: usize) {
         if index >= self.now.boxes.len() {
             return;
@@ -192,18 +194,18 @@ impl BoxList {
         self.finish();
     }
 
-    /// The chosen box as it was before the change that goes on, or is without one.
+    /// The selected box before the change in progress, or as it is now if there is none.
     pub fn chosen_before(&self) -> Option<&ObjectBox> {
         let state = self.before.as_ref().unwrap_or(&self.now);
         state.boxes.get(state.chosen?).map(|listed| &listed.object)
     }
 
-    /// True while a change goes on.
+    /// True while a change is in progress.
     pub fn is_live(&self) -> bool {
         self.before.is_some()
     }
 
-    /// Ends a change that goes on: one step. Without one it does nothing.
+    /// Completes the change in progress as one undo step. Does nothing if there is none.
     pub fn finish(&mut self) {
         if let Some(before) = self.before.take().filter(|before| before.boxes != self.now.boxes) {
             self.undo.push(before);
@@ -213,14 +215,14 @@ impl BoxList {
         }
     }
 
-    /// Takes a change that goes on back, and forgets it.
+    /// Reverts and drops the change in progress.
     pub fn cancel(&mut self) {
         if let Some(before) = self.before.take() {
             self.now = before;
         }
     }
 
-    /// Takes the last change back; false if there is none.
+    /// Undoes the last change; false if there is none.
     pub fn undo(&mut self) -> bool {
         self.finish();
         let Some(before) = self.undo.pop() else { return false };
@@ -228,7 +230,7 @@ impl BoxList {
         true
     }
 
-    /// Does again what was taken back last; false if there is nothing.
+    /// Redoes the change that was undone last; false if there is none.
     pub fn redo(&mut self) -> bool {
         self.finish();
         let Some(after) = self.redo.pop() else { return false };
@@ -246,14 +248,14 @@ impl BoxList {
         self.now.boxes.iter().map(|listed| listed.object.id).max().unwrap_or(0)
     }
 
-    /// One that no box has.
+    /// An id that no present box has.
     fn free_id(&mut self) -> u32 {
         let id = self.largest_id() + 1;
         self.last_id = self.last_id.max(id);
         id
     }
 
-    /// One that no box has or had: a search may still be on its way for a box that was taken back.
+    /// An id that no box has or had: a search may still be running for a box whose drawing was undone.
     fn unused_id(&mut self) -> u32 {
         self.last_id = self.last_id.max(self.largest_id()) + 1;
         self.last_id
@@ -285,7 +287,7 @@ mod tests {
         assert_eq!((list.boxes().len(), list.boxes()[0].object.id), (1, 2));
     }
 
-    /// The first click of a double click is undone without a trace.
+    /// The first click of a double click is reverted and leaves the redo history as it was.
     #[test]
     fn what_is_undrawn_leaves_what_can_be_done_again() {
         let mut list = BoxList::default();
@@ -305,11 +307,11 @@ mod tests {
         list.draw(at(5.0));
         assert_eq!(list.boxes()[1].object.category.as_deref(), Some("car"), "as the one before");
         list.choose(Some(0));
-        // The box itself, one that has a box, and two new ones.
+        // The box itself, a result that coincides with another box, and two new results.
         assert_eq!(list.take_found(1, vec![at(0.1), at(5.1), at(10.0), at(15.0)]), Some(2));
         assert_eq!((places(&list), list.counts()), (vec![(1, 0.0), (2, 5.0), (3, 10.0), (4, 15.0)], [2, 2]));
         assert!(list.boxes().iter().all(|listed| listed.object.category.as_deref() == Some("car")));
-        // Again, in place of what was found before.
+        // A second search replaces the results of the first.
         assert_eq!(list.take_found(1, vec![at(20.0)]), Some(1));
         assert_eq!(places(&list), [(1, 0.0), (2, 5.0), (3, 20.0)]);
         assert!(list.undo() && list.counts() == [2, 2]);
@@ -343,7 +345,7 @@ mod tests {
         list.finish();
         assert_eq!((places(&list), list.steps()[0]), (vec![(1, 3.0), (2, 9.0)], 4));
         assert_eq!(list.boxes()[1].object.category.as_deref(), Some("vase"));
-        // A change that changes nothing is no step.
+        // A change to equal values is not an undo step.
         list.change(list.boxes()[0].object.clone());
         list.finish();
         assert_eq!(list.steps()[0], 4);

@@ -1,30 +1,30 @@
-//! How long pictures take.
+//! Frame times: the intervals between frames on the screen.
 
 use std::collections::VecDeque;
 
 use instgs_vk::math::statistics::percentile;
 
-/// Pictures that are remembered: two seconds at 120 per second.
+/// Number of intervals kept: two seconds at 120 frames per second.
 const REMEMBERED: usize = 240;
 
-/// Times of the last pictures.
+/// The times of the last frames.
 #[derive(Clone, Debug, Default)]
 pub struct FrameClock {
-    /// From one picture to the next, milliseconds, oldest first.
+    /// Intervals between frames in milliseconds, oldest first.
     times_ms: VecDeque<f64>,
 }
 
-/// What the times say.
+/// Median and slow frame times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameRate {
-    /// Half of the pictures took less, milliseconds.
+    /// Half of the frames took less, milliseconds.
     pub median_ms: f64,
-    /// One picture in a hundred took longer, milliseconds.
+    /// One frame in a hundred took longer, milliseconds.
     pub slow_ms: f64,
 }
 
 impl FrameClock {
-    /// Notes a picture that came `ms` milliseconds after the one before.
+    /// Records a frame that was shown `ms` milliseconds after the one before.
     pub fn push(&mut self, ms: f64) {
         if self.times_ms.len() == REMEMBERED {
             self.times_ms.pop_front();
@@ -32,17 +32,17 @@ impl FrameClock {
         self.times_ms.push_back(ms);
     }
 
-    /// Forgets everything: the next picture follows a pause.
+    /// Clears the record: the next frame follows a pause.
     pub fn clear(&mut self) {
         self.times_ms.clear();
     }
 
-    /// Milliseconds of the last pictures, oldest first.
+    /// Times of the last frames in milliseconds, oldest first.
     pub fn times_ms(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
         self.times_ms.iter().copied()
     }
 
-    /// Median and slowest percent; `None` before the first picture.
+    /// Median and 99th percentile; `None` before the first frame.
     pub fn rate(&self) -> Option<FrameRate> {
         let times: Vec<f64> = self.times_ms().collect();
         let at = |fraction| percentile(&times, fraction);

@@ -1,46 +1,47 @@
-//! What a person does with mouse and keyboard, as changes of the view. Knows no window system: tests play it by hand.
+//! Mouse and keyboard input as changes of the camera. Independent of the window system, so that tests can feed it
+//! directly.
 
 use super::navigation::{Flight, Navigator};
 
-/// A second click within this time and distance (points) of the first one makes a double click.
+/// A double click is two clicks within this time (seconds) and distance (points).
 const DOUBLE_CLICK: (f64, f64) = (0.4, 5.0);
-/// A button that is let go within so many points of where it was pressed was a click, not a drag.
+/// A press whose pointer stays within this distance in points is a click; beyond it, a drag.
 const CLICK_POINTS: f64 = 3.0;
 
-/// Buttons of the mouse that do something.
+/// Mouse buttons with a function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Button {
-    /// Turns the scene; with shift, moves it.
+    /// Orbits around the target; with Shift, pans.
     Left,
-    /// Looks around, for flying.
+    /// Looks around from where the camera is, for flying.
     Right,
-    /// Moves the scene.
+    /// Pans: moves the camera parallel to the image plane.
     Middle,
 }
 
 /// Keys that fly while they are held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlightKey {
-    /// W.
+    /// Flies forward (key W).
     Forward,
-    /// S.
+    /// Flies backward (key S).
     Back,
-    /// A.
+    /// Flies to the left (key A).
     Left,
-    /// D.
+    /// Flies to the right (key D).
     Right,
-    /// E.
+    /// Flies upwards (key E).
     Up,
-    /// Q.
+    /// Flies downwards (key Q).
     Down,
 }
 
-/// A click that was no drag.
+/// A press and release without a drag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Click {
-    /// Where, pixels.
+    /// Position of the pointer, pixels.
     pub at_px: [f64; 2],
-    /// The second one at the same place.
+    /// True for the second click of a double click.
     pub double: bool,
 }
 
@@ -50,19 +51,19 @@ struct Press {
     dragged: bool,
 }
 
-/// What is held down at the moment.
+/// The buttons and keys that are held, and the pointer.
 pub struct Controls {
     pointer_px: [f64; 2],
     press: Option<Press>,
     held: [bool; 6],
-    /// Shift is held.
+    /// True while Shift is held.
     pub shift: bool,
-    /// Ctrl (or Cmd) is held.
+    /// True while Ctrl (or Cmd) is held.
     pub control: bool,
-    /// Pixels of a point, the unit of interfaces: 2 on a screen whose pixels are half as large.
+    /// Pixels per point, the unit of the interface: 2 on a screen with twice the resolution.
     pub per_point: f64,
     last_click: Option<(f64, [f64; 2])>,
-    /// Where something was taken hold of that has not been dragged yet.
+    /// Where a handle was pressed, until the pointer moves far enough for a drag; pixels.
     still_hold_px: Option<[f64; 2]>,
 }
 
@@ -83,12 +84,12 @@ impl Default for Controls {
 }
 
 impl Controls {
-    /// Where the pointer is, pixels.
+    /// Position of the pointer, pixels.
     pub fn pointer_px(&self) -> [f64; 2] {
         self.pointer_px
     }
 
-    /// The pointer is somewhere else; true if that changed the view of a picture of `height_px`.
+    /// Moves the pointer; true if that changed the camera. `height_px` is the height of the view.
     pub fn pointer_moved(&mut self, to_px: [f64; 2], navigator: &mut Navigator, height_px: f64) -> bool {
         let by = [to_px[0] - self.pointer_px[0], to_px[1] - self.pointer_px[1]];
         self.pointer_px = to_px;
@@ -98,7 +99,7 @@ impl Controls {
         if !press.dragged && distance(to_px, press.at_px) <= reach_px {
             return false;
         }
-        // What the threshold held back is made good.
+        // The motion that the drag threshold held back is included.
         let by = if press.dragged { by } else { [to_px[0] - press.at_px[0], to_px[1] - press.at_px[1]] };
         press.dragged = true;
         match (press.button, self.shift) {
@@ -109,19 +110,20 @@ impl Controls {
         true
     }
 
-    /// True while a drag changes the view.
+    /// True while a drag changes the camera.
     pub fn is_dragging(&self) -> bool {
         self.press.as_ref().is_some_and(|press| press.dragged)
     }
 
-    /// A button goes down. While one is held, others count for nothing.
+    /// A button is pressed. While one is held, others are ignored.
     pub fn pressed(&mut self, button: Button) {
         if self.press.is_none() {
             self.press = Some(Press { button, at_px: self.pointer_px, dragged: false });
         }
     }
 
-    /// A button goes up, `seconds` after some moment; a click if the left one was not dragged.
+    /// A button is released at a time in `seconds` since a fixed moment; returns a click if the left button was not
+    /// dragged.
     pub fn released(&mut self, button: Button, seconds: f64) -> Option<Click> {
         let press = self.press.take_if(|press| press.button == button)?;
         if press.dragged || button != Button::Left {
@@ -130,22 +132,22 @@ impl Controls {
         Some(self.clicked(press.at_px, seconds))
     }
 
-    /// The button went down on a handle: it moves only when the pointer has gone as far as makes a drag.
+    /// The button was pressed on a handle, which moves once the pointer has passed the drag threshold.
     pub fn take_hold(&mut self) {
         self.still_hold_px = Some(self.pointer_px);
     }
 
-    /// Nothing is held by the pointer.
+    /// Ends the hold on a handle.
     pub fn forget_hold(&mut self) {
         self.still_hold_px = None;
     }
 
-    /// A handle is held that must not move yet.
+    /// True while a handle is held and the pointer has not passed the drag threshold.
     pub fn holds_still(&self) -> bool {
         self.still_hold_px.is_some()
     }
 
-    /// The handle is let go; a click if it was not dragged.
+    /// Releases the handle; returns a click if it was not dragged. `seconds` as for [`Controls::released`].
     pub fn let_hold_go(&mut self, seconds: f64) -> Option<Click> {
         self.still_hold_px.take().map(|at_px| self.clicked(at_px, seconds))
     }
@@ -153,30 +155,31 @@ impl Controls {
     fn clicked(&mut self, at_px: [f64; 2], seconds: f64) -> Click {
         let (time, reach) = (DOUBLE_CLICK.0, DOUBLE_CLICK.1 * self.per_point);
         let double = self.last_click.is_some_and(|(then, at)| seconds - then < time && distance(at, at_px) < reach);
-        // A third click is the first of a new pair.
+        // A third click begins a new pair.
         self.last_click = (!double).then_some((seconds, at_px));
         Click { at_px, double }
     }
 
-    /// What a click led to is done by now: what came meanwhile has waited, and a double click is no slower for it.
+    /// Restarts the double click's time after a click was processed, so that a slow reaction does not lengthen the time
+    /// between two clicks.
     pub fn click_done(&mut self, seconds: f64) {
         if let Some((then, _)) = &mut self.last_click {
             *then = seconds;
         }
     }
 
-    /// A flight key goes down or up.
+    /// A flight key is pressed or released.
     pub fn flight_key(&mut self, key: FlightKey, down: bool) {
         self.held[key as usize] = down;
     }
 
-    /// Nothing is held any more: the window lost the keyboard.
+    /// Releases everything: the window lost keyboard focus.
     pub fn let_go(&mut self) {
         (self.held, self.press, self.still_hold_px) = ([false; 6], None, None);
         (self.shift, self.control) = (false, false);
     }
 
-    /// Where the held keys lead.
+    /// The direction of flight of the keys that are held.
     pub fn flight(&self) -> Flight {
         let axis = |plus: FlightKey, minus: FlightKey| {
             f64::from(i8::from(self.held[plus as usize]) - i8::from(self.held[minus as usize]))
@@ -275,7 +278,7 @@ mod tests {
         assert_eq!(controls.released(Button::Left, 0.0), None);
     }
 
-    /// A chosen thing has a handle in its middle: a double click there is one all the same.
+    /// A selected object has a handle at its centre, and a double click there still counts.
     #[test]
     fn a_handle_that_is_not_dragged_was_clicked() {
         let (mut controls, mut n) = start();

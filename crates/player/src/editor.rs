@@ -1,7 +1,7 @@
-//! Choosing and changing instances: what is chosen, and what was there before each change.
+//! Selecting and changing instances, with undo.
 //!
-//! Hidden instances are a matter of the session: they are not drawn and cannot be chosen, but they stay in the scene, and
-//! in what is saved of it. Hiding can be taken back like a change.
+//! Hiding belongs to the session: hidden instances are not drawn and cannot be selected, but stay in the scene and in
+//! the files written from it. Hiding is an undo step like a change.
 
 use std::collections::BTreeSet;
 
@@ -14,63 +14,64 @@ use instgs_vk::scene::edit::{Edit, EditError, EditOutcome, Selector, apply, inst
 pub use super::steps::Changed;
 use super::steps::{Parts, Step};
 
-/// Changes that can be taken back.
+/// Largest number of changes that can be undone.
 const MOST_STEPS: usize = 200;
-/// Bytes that steps may take before the oldest are forgotten: changes of large templates keep the templates. The last step
-/// is kept whatever it takes.
+/// Memory in bytes that the undo steps may take before the oldest are dropped: changes of large templates keep a copy
+/// of the templates. The last step is kept whatever its size.
 const MOST_BYTES: u64 = 1 << 30;
 
-/// The state of editing one scene.
+/// Selection, hidden instances and undo history of one scene.
 #[derive(Default)]
 pub struct Editor {
     chosen: BTreeSet<usize>,
     hidden: BTreeSet<usize>,
     undo: Vec<Step>,
     redo: Vec<Step>,
-    /// A change that goes on: what was there before it began.
+    /// The state before the change in progress.
     in_progress: Option<Step>,
     unsaved: bool,
 }
 
 impl Editor {
-    /// Indices of the chosen instances.
+    /// Indices of the selected instances.
     pub fn chosen(&self) -> &BTreeSet<usize> {
         &self.chosen
     }
 
-    /// By instance, whether it is chosen.
+    /// Per instance, whether it is selected.
     pub fn chosen_flags(&self, scene: &InstancedScene) -> Vec<bool> {
         (0..scene.instances.len()).map(|k| self.chosen.contains(&k)).collect()
     }
 
-    /// The middle of what is chosen: the mean of the instances' centres, world units; `None` if nothing is.
+    /// Mean of the selected instances' centres, world units; `None` without a selection.
     pub fn chosen_centre(&self, scene: &InstancedScene) -> Option<DVec3> {
         let centres = instance_centres(scene, self.chosen.iter().copied());
         (!centres.is_empty()).then(|| centres.iter().sum::<DVec3>() / centres.len() as f64)
     }
 
-    /// True if something was changed since the scene was opened or saved.
+    /// True if the scene was changed since it was opened or saved.
     pub fn is_unsaved(&self) -> bool {
         self.unsaved || self.in_progress.is_some()
     }
 
-    /// The scene was saved as it is; a change that goes on ends with it.
+    /// Marks the scene as saved in its present state, which also completes a change in progress.
     pub fn saved(&mut self) {
         self.finish();
         self.unsaved = false;
     }
 
-    /// How many changes can be taken back and done again.
+    /// Number of changes that can be undone and redone.
     pub fn steps(&self) -> [usize; 2] {
         [self.undo.len(), self.redo.len()]
     }
 
-    /// True if an instance of the template is chosen.
+    /// True if an instance of the template is selected.
     pub fn has_chosen_of(&self, scene: &InstancedScene, template: u32) -> bool {
         self.chosen.iter().any(|&k| scene.instances[k].template == template)
     }
 
-    /// A click on an instance (`None`: beside all of them) chooses it alone; with `more` it adds it, or takes it out again.
+    /// Selects an instance (`None` for a click beside all of them), replacing the selection; with `more`, toggles it in
+    /// the selection.
     pub fn click(&mut self, instance: Option<usize>, more: bool) {
         self.finish();
         if !more {
@@ -83,15 +84,15 @@ impl Editor {
         }
     }
 
-    /// Chooses all instances of the templates of what is chosen, hidden ones aside.
+    /// Selects all visible instances of the selected instances' templates.
     pub fn choose_alike(&mut self, scene: &InstancedScene) {
         self.choose_same(|k| scene.instances[k].template, scene.instances.len());
     }
 
-    /// Chooses all instances of the groups of what is chosen, hidden ones aside; what has no group stays chosen.
+    /// Selects all visible instances of the selected instances' groups; an instance without a group stays selected.
     pub fn choose_group(&mut self, scene: &InstancedScene) {
         let labels = scene.instance_labels();
-        // One without a group is only like itself.
+        // An instance without a group matches only itself.
         self.choose_same(|k| labels[k].group.ok_or(k), labels.len());
     }
 
@@ -102,12 +103,12 @@ impl Editor {
         self.chosen = (0..instances).filter(wanted).collect();
     }
 
-    /// Indices of the instances that are not drawn.
+    /// Indices of the hidden instances.
     pub fn hidden(&self) -> &BTreeSet<usize> {
         &self.hidden
     }
 
-    /// Hides what is chosen, which is not chosen then; `None` if nothing is.
+    /// Hides the selected instances and clears the selection; `None` without a selection.
     pub fn hide_chosen(&mut self) -> Option<Changed> {
         self.finish();
         if self.chosen.is_empty() {
@@ -120,7 +121,7 @@ impl Editor {
         Some(Changed::Shown(chosen.into_iter().collect()))
     }
 
-    /// Shows all that is hidden and chooses it; `None` if nothing is.
+    /// Shows and selects all hidden instances; `None` if there are none.
     pub fn show_all(&mut self) -> Option<Changed> {
         self.finish();
         if self.hidden.is_empty() {
@@ -132,15 +133,15 @@ impl Editor {
         Some(Changed::Shown(self.chosen.iter().copied().collect()))
     }
 
-    /// Names what is chosen; `None` if nothing is.
+    /// The selector of the selected instances; `None` without a selection.
     pub fn selector(&self) -> Option<Selector> {
         (!self.chosen.is_empty()).then(|| Selector::Indices(self.chosen.iter().copied().collect()))
     }
 
-    /// Does an edit, which can be taken back. What it adds is chosen; what it removes is not.
+    /// Applies an edit as one undo step. Added instances are selected, removed ones leave the selection.
     ///
     /// # Errors
-    /// The edit cannot be done: the scene is as it was.
+    /// The edit cannot be applied; the scene is unchanged.
     pub fn apply(&mut self, scene: &mut InstancedScene, edit: &Edit) -> Result<(EditOutcome, Changed), EditError> {
         self.finish();
         let (step, outcome, changed) = self.change(scene, edit)?;
@@ -148,9 +149,9 @@ impl Editor {
         Ok((outcome, changed))
     }
 
-    /// Does an edit in place of the one before: both begin with the scene as it was when the first of them came, so that
-    /// all that a drag does is one change, of which [`Editor::finish`] makes a step to take back. If it cannot be done, the
-    /// scene is as it was then.
+    /// Applies an edit in place of the previous one of the change in progress: each starts from the scene before the
+    /// first of them, so that a whole drag is one change, which [`Editor::finish`] makes one undo step. If the edit
+    /// fails, the scene is as it was at the start.
     pub fn apply_live(&mut self, scene: &mut InstancedScene, edit: &Edit) -> (Result<EditOutcome, EditError>, Changed) {
         let back = self.cancel(scene);
         match self.change(scene, edit) {
@@ -162,7 +163,7 @@ impl Editor {
         }
     }
 
-    /// Where an instance stood before the change that goes on, or stands without one.
+    /// Pose of an instance before the change in progress, or its present one if there is none.
     ///
     /// # Panics
     /// If there is no such instance.
@@ -171,20 +172,20 @@ impl Editor {
         before.unwrap_or(scene.instances[k].world_from_template)
     }
 
-    /// True while edits take each other's place.
+    /// True while a change is in progress.
     pub fn is_live(&self) -> bool {
         self.in_progress.is_some()
     }
 
-    /// Ends a change that goes on; from now on it is one step. Without one it does nothing.
+    /// Completes the change in progress as one undo step. Does nothing if there is none.
     pub fn finish(&mut self) {
-        // A thing that was put back where it stood is no change.
+        // Moving an object back to its start is no change.
         if let Some(step) = self.in_progress.take().filter(|step| !step.parts.is_empty()) {
             self.push(step);
         }
     }
 
-    /// Takes a change that goes on back, and forgets it. Without one it does nothing.
+    /// Reverts and drops the change in progress. Does nothing if there is none.
     pub fn cancel(&mut self, scene: &mut InstancedScene) -> Changed {
         match self.in_progress.take() {
             Some(step) => self.exchange(scene, step).1,
@@ -192,7 +193,7 @@ impl Editor {
         }
     }
 
-    /// Takes the last change back; `None` if there is none.
+    /// Undoes the last change; `None` if there is none.
     pub fn undo(&mut self, scene: &mut InstancedScene) -> Option<Changed> {
         self.finish();
         let step = self.undo.pop()?;
@@ -202,7 +203,8 @@ impl Editor {
         Some(changed)
     }
 
-    /// Takes the last change back for good: the device has no room for it. `unsaved` was so before it.
+    /// Reverts the last change without a redo step, since the device has no memory for it. `unsaved` is the flag from
+    /// before the change.
     pub fn refuse(&mut self, scene: &mut InstancedScene, unsaved: bool) {
         if self.undo(scene).is_some() {
             self.redo.pop();
@@ -210,8 +212,8 @@ impl Editor {
         self.unsaved = unsaved;
     }
 
-    /// Undoes an [`Editor::undo`] that the device has no room for, or with `redone` an [`Editor::redo`]. `unsaved` was so before
-    /// it.
+    /// Reverts an [`Editor::undo`], or with `redone` an [`Editor::redo`], that the device has no memory for. `unsaved`
+    /// is the flag from before the step.
     pub fn refuse_step(&mut self, scene: &mut InstancedScene, redone: bool, unsaved: bool) {
         if redone {
             self.undo(scene);
@@ -221,7 +223,7 @@ impl Editor {
         self.unsaved = unsaved;
     }
 
-    /// Does again what was taken back last; `None` if there is nothing.
+    /// Redoes the change that was undone last; `None` if there is none.
     pub fn redo(&mut self, scene: &mut InstancedScene) -> Option<Changed> {
         self.finish();
         let step = self.redo.pop()?;
@@ -231,7 +233,7 @@ impl Editor {
         Some(changed)
     }
 
-    /// Changes the scene and what is chosen; the step holds what was there.
+    /// Applies an edit to scene and selection; the step holds the previous state.
     fn change(&mut self, scene: &mut InstancedScene, edit: &Edit) -> Result<(Step, EditOutcome, Changed), EditError> {
         let before = Parts::before(scene, edit);
         let outcome = apply(scene, edit)?;
@@ -249,12 +251,12 @@ impl Editor {
         Ok((step, outcome, changed))
     }
 
-    /// A step back to what is chosen and hidden now.
+    /// A step that restores the present selection and hidden instances, and `parts` of the scene.
     fn here(&self, parts: Parts) -> Step {
         Step { parts, chosen: self.chosen.clone(), hidden: self.hidden.clone() }
     }
 
-    /// A step that can be taken back from now on.
+    /// Appends an undo step and drops the redo history.
     fn push(&mut self, step: Step) {
         self.unsaved |= !step.parts.is_empty();
         self.undo.push(step);
@@ -272,12 +274,12 @@ impl Editor {
         self.undo.drain(..gone);
     }
 
-    /// Puts a step's parts into the scene and returns those that were there.
+    /// Swaps a step's parts with those of the scene; the returned step reverts the swap.
     fn exchange(&mut self, scene: &mut InstancedScene, mut step: Step) -> (Step, Changed) {
-        // What removes instances changes everything, so that lists of different numbering are never compared.
+        // Removing instances counts as a change of everything, so that lists with different indices are never compared.
         let changed = if step.parts.is_empty() {
             let shown: Vec<usize> = step.hidden.symmetric_difference(&self.hidden).copied().collect();
-            // A drag that has not moved anything yet: nothing must go to the device again.
+            // A drag that has not moved anything yet: nothing needs to be uploaded.
             if shown.is_empty() { Changed::Places(shown) } else { Changed::Shown(shown) }
         } else {
             step.parts.changed(scene)
@@ -289,7 +291,7 @@ impl Editor {
     }
 }
 
-/// Indices after some instances went, given in ascending order.
+/// Indices renumbered after instances were removed; both lists are ascending.
 fn renumbered(indices: &BTreeSet<usize>, removed: &[usize]) -> BTreeSet<usize> {
     let kept = indices.iter().filter(|k| removed.binary_search(k).is_err());
     kept.map(|&k| k - removed.partition_point(|&r| r < k)).collect()

@@ -1,41 +1,41 @@
-//! What can go wrong in the player, one line each.
+//! Errors of the player, each a message of one line.
 
 use instgs_io::IoError;
 use instgs_vk::gpu::GpuError;
 use instgs_vk::render::RenderError;
 
-/// Why the player stopped, or could not do what was asked for.
+/// Why the player stopped or a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum PlayerError {
-    /// The device.
+    /// The Vulkan device failed or refused memory.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// Rendering.
+    /// A render pass failed.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// A file.
+    /// A file could not be read or written.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// The window system.
-    #[error("window: {0}; without a display, --headless with --frames and --screenshot draws pictures")]
+    /// The window system failed.
+    #[error("window: {0}; without a display, use --headless with --frames and --screenshot")]
     Window(String),
-    /// The player had to end, and wrote what was not saved.
-    #[error("{reason}; what was not saved is in {files}")]
+    /// The player had to end and wrote unsaved work to files.
+    #[error("{reason}; unsaved work: {files}")]
     Rescued {
-        /// Why it had to end.
+        /// The error that ended the player.
         reason: Box<PlayerError>,
-        /// The files, or why there are none.
+        /// The files that were written, or why they could not be.
         files: String,
     },
 }
 
 impl PlayerError {
-    /// The device or the window's surface is lost; what was on it can be made anew on another.
+    /// True if the device or the window's surface is lost. Everything on it can be created again on another device.
     pub fn is_lost(&self) -> bool {
         self.of_device().is_some_and(GpuError::is_lost)
     }
 
-    /// The device has no room for what was asked of it; less may fit.
+    /// True if the device ran out of memory; a smaller request may succeed.
     pub fn is_out_of_memory(&self) -> bool {
         self.of_device().is_some_and(GpuError::is_out_of_memory)
     }

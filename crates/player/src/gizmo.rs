@@ -1,10 +1,10 @@
-//! Handles on what is chosen: arrows that move it, rings that turn it, a circle that scales it. Knows a camera and pixels
-//! only; `hud` draws the lines, and the window hands in where the pointer is. The window's camera has points of the interface
-//! for pixels, so that handles are as large on a fine screen as on a coarse one.
+//! Handles on the selection: arrows that move it, rings that turn it, and a circle that scales it. This module works
+//! with a camera and pixels only; `hud_gizmo` draws the lines, and the window passes in the pointer. The window's
+//! camera has interface points for pixels, so that handles have the same size on screens of any resolution.
 //!
-//! A drag says how far the pointer went since it began, as an edit of the scene as it was then. Where a direction cannot be
-//! told from the picture (an axis that points at the camera, a plane seen from its edge) there is no handle, or the drag
-//! stays as it was.
+//! A drag gives the motion of the pointer since its start as an edit of the scene at that time. Where the view does not
+//! determine a direction (an axis towards the camera, a plane seen edge-on), the handle is left out, or the drag keeps
+//! its last value.
 
 use std::f64::consts::PI;
 
@@ -13,73 +13,73 @@ use glam::DVec3;
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::edit::{Edit, Selector, Turn};
 
-/// Length of the arrows, pixels: they reach out of an object of a tenth of a picture of 1080 lines, and fit into one of 180.
+/// Length of the arrows in pixels: longer than an object of a tenth of a 1080-line view, and short enough for a view of
+/// 180 lines.
 const ARROW_PX: f64 = 84.0;
-/// Half the side of the square in the middle, pixels.
+/// Half the side of the square at the centre, pixels.
 const SQUARE_PX: f64 = 10.0;
-/// The arrows begin beyond the square.
+/// Where the arrows begin, outside of the square; pixels from the centre.
 const ARROW_START_PX: f64 = 16.0;
 /// Length of an arrow's barbs, pixels.
 const BARB_PX: f64 = 10.0;
-/// Radius of rings and circle, pixels.
+/// Radius of the rings and of the circle, pixels.
 const RING_PX: f64 = 72.0;
-/// A handle is grabbed within so many pixels of its line.
+/// Distance in pixels from its line within which a handle is grabbed.
 const REACH_PX: f64 = 7.0;
-/// An arrow that is foreshortened to less is not there: ten degrees from the line of sight.
+/// An arrow whose projection is shorter is left out: its axis is within ten degrees of the line of sight.
 const SHORTEST_PX: f64 = ARROW_PX / 6.0;
-/// A ring is drawn where its points are no farther behind its centre than this part of the radius: the far half would only
-/// be in the way.
+/// A ring's points are drawn up to this fraction of the radius behind its centre: the far half would clutter the view.
 const BEHIND: f64 = 0.12;
-/// Pieces of a whole ring; less than a pixel from the circle.
+/// Line segments of a whole ring; they deviate less than a pixel from the circle.
 const RING_PIECES: usize = 64;
-/// A ring whose plane is nearer to the line of sight than this sine (12 degrees) is turned by pulling along it.
+/// A ring whose plane is closer to the line of sight than this sine (12 degrees) is turned by pulling along it.
 const EDGE_ON: f64 = 0.2;
-/// Sine of 2 degrees: rays nearer to an axis, or to a plane, say nothing about places on it.
+/// Sine of 2 degrees. A ray closer to an axis or plane than this does not determine a point on it.
 const GRAZING: f64 = 0.035;
-/// Least factor of one drag.
+/// Smallest scale factor of one drag.
 const SMALLEST_FACTOR: f64 = 0.01;
 
-/// Which handles there are.
+/// The kind of handles that are shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum GizmoMode {
-    /// None.
+    /// No handles are shown.
     Off,
-    /// Three arrows and a square.
+    /// Three arrows and a square, which move.
     #[default]
     Move,
-    /// Three rings.
+    /// Three rings, which turn.
     Turn,
-    /// A circle.
+    /// A circle, which scales.
     Scale,
 }
 
-/// Something to drag. Axes are those of the world, or those given: 0 = x, 1 = y, 2 = z.
+/// A handle. Axes are 0 = x, 1 = y, 2 = z, of the world or of the given frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Handle {
     /// Moves along an axis.
     Arrow(usize),
-    /// Moves in the plane of the screen.
+    /// Moves parallel to the image plane.
     Square,
     /// Turns about an axis.
     Ring(usize),
-    /// Scales.
+    /// Scales about the centre.
     Circle,
 }
 
-/// The line of a handle.
+/// The polyline of a handle in the view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HandleLine {
-    /// Whose.
+    /// The handle that the line belongs to.
     pub handle: Handle,
-    /// Corners, pixels of the picture.
+    /// Vertices, pixels of the view.
     pub points_px: Vec<[f64; 2]>,
 }
 
-/// The handles of one picture.
+/// The handles as one frame shows them.
 #[derive(Clone, Debug)]
 pub struct Gizmo {
     mode: GizmoMode,
-    /// Unit vectors of the world.
+    /// The axes of the handles: unit vectors in world coordinates.
     axes: [DVec3; 3],
     centre: DVec3,
     centre_px: [f64; 2],
@@ -88,18 +88,18 @@ pub struct Gizmo {
     unit: f64,
 }
 
-/// How far the pointer went, as a change of what is chosen.
+/// The motion of a drag, as a change of the selection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
-    /// World units.
+    /// Translation in world units.
     Move(DVec3),
-    /// About centres.
+    /// Rotation of each object about its centre.
     Turn(Turn),
-    /// About centres.
+    /// Scale factor of each object about its centre.
     Scale(f64),
 }
 
-/// A handle that is held.
+/// A drag of a handle that is in progress.
 #[derive(Clone, Debug)]
 pub struct Drag {
     handle: Handle,
@@ -107,41 +107,41 @@ pub struct Drag {
     measure: Measure,
 }
 
-/// What is measured, and what it was at the begin.
+/// The measured quantity, with its value at the start of the drag.
 #[derive(Clone, Debug)]
 enum Measure {
-    /// World units from the centre along an axis.
+    /// Distance from the centre along an axis, world units.
     Along { axis: DVec3, from: f64 },
-    /// The point under the pointer of the plane through the centre.
+    /// The point under the pointer on the plane through the centre.
     Across { normal: DVec3, from: DVec3 },
     /// The direction from the centre in the ring's plane.
     Around { axis: DVec3, from: DVec3 },
-    /// Pixels along the ring's line.
+    /// Pixels along the tangent of the ring.
     Pulled { axis: DVec3, along_px: [f64; 2], from_px: [f64; 2] },
     /// Pixels from the centre.
     Away { centre_px: [f64; 2], from: f64 },
 }
 
 impl Gizmo {
-    /// Handles at a place of the world; `None` behind the camera, and without a mode.
+    /// Handles at a point in world coordinates; `None` behind the camera or with [`GizmoMode::Off`].
     pub fn new(mode: GizmoMode, centre: DVec3, camera: &Camera) -> Option<Self> {
         Self::along(DVec3::AXES, mode, centre, camera)
     }
 
-    /// As [`Gizmo::new`], with other axes than the world's: three unit vectors at right angles.
+    /// Like [`Gizmo::new`], with the given axes (orthogonal unit vectors) instead of the world's.
     pub fn along(axes: [DVec3; 3], mode: GizmoMode, centre: DVec3, camera: &Camera) -> Option<Self> {
         let centre_px = camera.pixel_of(centre).filter(|_| mode != GizmoMode::Off)?;
         let unit = camera.view_from_point(centre).z / camera.fy;
         Some(Self { mode, axes, centre, centre_px, camera: camera.clone(), unit })
     }
 
-    /// The lines of all handles that can be told from the picture.
+    /// The lines of all handles that the view determines.
     pub fn lines(&self) -> Vec<HandleLine> {
         let of = |handle: Handle| self.line(handle).map(|points_px| HandleLine { handle, points_px });
         self.handles().into_iter().filter_map(of).collect()
     }
 
-    /// The handle under the pointer: the nearest one within reach.
+    /// The nearest handle within [`REACH_PX`] of the pointer.
     pub fn handle_at(&self, at_px: [f64; 2]) -> Option<Handle> {
         let inside = (0..2).all(|k| (at_px[k] - self.centre_px[k]).abs() <= SQUARE_PX);
         if self.mode == GizmoMode::Move && inside {
@@ -152,7 +152,7 @@ impl Gizmo {
         (nearest.0 <= REACH_PX).then_some(nearest.1)
     }
 
-    /// Begins to drag a handle; `None` if the place says nothing about it.
+    /// Begins to drag a handle; `None` if the pointer's position does not determine a value for it.
     pub fn grab(&self, handle: Handle, at_px: [f64; 2]) -> Option<Drag> {
         let ray = Ray::through(&self.camera, at_px);
         let centre = self.centre;
@@ -207,7 +207,7 @@ impl Gizmo {
         }
     }
 
-    /// From beyond the square to the tip, and the barbs.
+    /// From the edge of the square to the tip, and the barbs.
     fn arrow(&self, axis: DVec3) -> Option<Vec<[f64; 2]>> {
         let at = |px: f64| self.camera.pixel_of(self.centre + px * self.unit * axis);
         let (start, tip) = (at(ARROW_START_PX)?, at(ARROW_PX)?);
@@ -220,11 +220,11 @@ impl Gizmo {
         Some(vec![start, tip, barb(1.0), barb(-1.0), tip])
     }
 
-    /// The part of a ring that is in front.
+    /// The part of a ring that faces the camera.
     fn ring(&self, axis: DVec3) -> Option<Vec<[f64; 2]>> {
         let towards = (self.camera.position_world() - self.centre).try_normalize()?;
         let front = towards.reject_from_normalized(axis);
-        // Towards the camera, in the ring's plane; any direction if the ring faces it.
+        // The direction towards the camera in the ring's plane; any direction if the ring faces the camera.
         let first = front.try_normalize().unwrap_or_else(|| axis.any_orthonormal_vector());
         let second = axis.cross(first);
         let half = if front.length() <= BEHIND { PI } else { (-BEHIND / front.length()).acos() };
@@ -236,7 +236,7 @@ impl Gizmo {
         (0..=RING_PIECES).map(point).collect()
     }
 
-    /// For a ring seen from its edge: where its front goes when it turns by a positive angle, a unit vector in the picture.
+    /// For a ring seen edge-on: the direction in the view in which its front moves for a positive angle, a unit vector.
     fn pull_direction(&self, axis: DVec3) -> Option<[f64; 2]> {
         let towards = (self.camera.position_world() - self.centre).try_normalize()?;
         if towards.dot(axis).abs() >= EDGE_ON {
@@ -250,12 +250,13 @@ impl Gizmo {
 }
 
 impl Drag {
-    /// Which handle is held.
+    /// The handle that is being dragged.
     pub fn handle(&self) -> Handle {
         self.handle
     }
 
-    /// What the pointer's way from the begin to a place means; `None` where that cannot be told. The camera may have moved.
+    /// The motion from the start of the drag to the pointer at `to_px`; `None` where the view does not determine it.
+    /// The camera may have moved since the start.
     pub fn motion(&self, camera: &Camera, to_px: [f64; 2]) -> Option<Motion> {
         let ray = Ray::through(camera, to_px);
         Some(match &self.measure {
@@ -278,7 +279,7 @@ impl Drag {
 }
 
 impl Motion {
-    /// The edit of some instances, each treated alike about its own centre.
+    /// The edit that applies the motion to each selected instance about its own centre.
     pub fn edit(&self, which: Selector) -> Edit {
         match *self {
             Self::Move(by) => Edit::MoveBy { which, by },
@@ -288,10 +289,10 @@ impl Motion {
     }
 }
 
-/// What a pixel may show.
+/// The viewing ray of a pixel, in world coordinates.
 pub(super) struct Ray {
     origin: DVec3,
-    /// A unit vector.
+    /// A unit vector from the camera into the scene.
     direction: DVec3,
 }
 
@@ -301,19 +302,19 @@ impl Ray {
         Self { origin: camera.position_world(), direction: (camera.rotation().transpose() * view).normalize() }
     }
 
-    /// How far along an axis (a unit vector) from a point the line is nearest to the ray. `None` if they are nearly
-    /// parallel, or nearest behind the camera.
+    /// Signed distance along an axis (a unit vector) from `point` to where it is closest to the ray. `None` if they are
+    /// almost parallel, or closest behind the camera.
     pub(super) fn along(&self, point: DVec3, axis: DVec3) -> Option<f64> {
         let cosine = axis.dot(self.direction);
         let sine2 = 1.0 - cosine * cosine;
         let way = point - self.origin;
-        // Least |way + t axis - s direction|^2 over t and s.
+        // Minimises |way + t axis - s direction|^2 over t and s.
         let t = (cosine * way.dot(self.direction) - way.dot(axis)) / sine2;
         let s = way.dot(self.direction) + t * cosine;
         (sine2 > GRAZING * GRAZING && s > 0.0).then_some(t)
     }
 
-    /// Where the ray meets a plane with a unit normal. `None` if it grazes it, or goes the other way.
+    /// Where the ray meets a plane with a unit normal. `None` if it grazes the plane or points away from it.
     fn across(&self, point: DVec3, normal: DVec3) -> Option<DVec3> {
         let sine = normal.dot(self.direction);
         let s = normal.dot(point - self.origin) / sine;
@@ -325,7 +326,7 @@ pub(super) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
 }
 
-/// From a point to the nearest one of a line of straight pieces.
+/// Distance from a point to a polyline, in the unit of both.
 pub(super) fn distance_to_line(at: [f64; 2], points: &[[f64; 2]]) -> f64 {
     let to_piece = |piece: &[[f64; 2]]| {
         let (a, b) = (piece[0], piece[1]);

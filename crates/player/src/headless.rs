@@ -1,4 +1,4 @@
-//! Pictures without a window: the same passes, one after another.
+//! Rendering without a window: the same passes, one frame after another.
 
 use std::time::Instant;
 
@@ -6,40 +6,40 @@ use instgs_vk::render::FrameStats;
 use instgs_vk::scene::Camera;
 
 use super::error::PlayerError;
-use super::stage::{PixelTimes, Stage};
+use super::scene_viewer::{PixelTimes, SceneViewer};
 
-/// What a run of pictures took.
+/// Times and statistics of a run of frames.
 #[derive(Clone, Debug, Default)]
 pub struct Timings {
-    /// From one picture's arrival to the next one's, milliseconds, by picture; those that are known to have arrived together
-    /// share the time.
+    /// Milliseconds from the completion of one frame to that of the next; frames that were seen to complete together
+    /// share the time equally.
     pub ms: Vec<f64>,
-    /// When the last of these arrived, or the first picture was begun.
+    /// When the last of these frames completed, or when the first was begun.
     since: Option<Instant>,
-    /// Pictures that were submitted.
+    /// Number of frames submitted.
     submitted: usize,
-    /// Kernel `present` on the device, milliseconds; of fewer pictures, since it is known later, and empty if the device has
-    /// no clock.
+    /// Device time of kernel `present` in milliseconds. It is known later, so that there are fewer entries than frames,
+    /// and none if the device has no timestamps.
     pub present_ms: Vec<f64>,
-    /// The interface, likewise; empty without a window.
+    /// Device time of the interface in milliseconds, with the same gaps; empty without a window.
     pub ui_ms: Vec<f64>,
-    /// What the render passes did, by complete picture.
+    /// Statistics of the render passes, one entry per complete frame.
     pub stats: Vec<FrameStats>,
 }
 
 impl Timings {
-    /// The clock starts with the first call, before the first picture.
+    /// Starts the clock at the first call, before the first frame.
     pub fn begin(&mut self) {
         self.since.get_or_insert_with(Instant::now);
     }
 
-    /// Another picture was submitted, and `in_flight` are on their way with it.
+    /// Records a submission; `in_flight` frames are now in flight, including the new one.
     pub fn submitted(&mut self, in_flight: usize) {
         self.submitted += 1;
         self.arrived(in_flight);
     }
 
-    /// Of all that were submitted `in_flight` are still on their way.
+    /// Records the completion of all submitted frames except the `in_flight` last ones.
     pub fn arrived(&mut self, in_flight: usize) {
         let Some(since) = self.since else { return };
         let count = self.submitted.saturating_sub(in_flight + self.ms.len());
@@ -50,34 +50,34 @@ impl Timings {
         }
     }
 
-    /// Pictures that were submitted.
+    /// Number of frames submitted.
     pub fn submitted_len(&self) -> usize {
         self.submitted
     }
 
-    /// Notes what the pixels of a picture took.
+    /// Records the device times of the kernels that make pixels.
     pub fn note(&mut self, pixels: PixelTimes) {
         self.present_ms.extend(pixels.present_ms);
         self.ui_ms.extend(pixels.ui_ms);
     }
 }
 
-/// Draws `frames` pictures, the cameras in turn, and makes each into pixels. Nobody waits for a picture but the last.
-pub fn play(stage: &mut Stage, cameras: &[Camera], frames: u64) -> Result<Timings, PlayerError> {
+/// Draws `frames` frames through the cameras in turn and converts each to pixels. Waits only for the last frame.
+pub fn play(viewer: &mut SceneViewer, cameras: &[Camera], frames: u64) -> Result<Timings, PlayerError> {
     let mut timings = Timings::default();
     timings.begin();
     let turns = cameras.iter().cycle().take(frames as usize);
     for camera in turns {
-        stage.draw_ahead(camera)?;
-        let (recorder, _) = stage.record_pixels([camera.width, camera.height], false)?;
+        viewer.draw_ahead(camera)?;
+        let (recorder, _) = viewer.record_pixels([camera.width, camera.height], false)?;
         recorder.submit()?;
-        timings.submitted(stage.in_flight());
-        timings.note(stage.pixel_times());
-        timings.stats.extend(stage.take_arrived());
+        timings.submitted(viewer.in_flight());
+        timings.note(viewer.pixel_times());
+        timings.stats.extend(viewer.take_arrived());
     }
-    stage.settle()?;
-    timings.arrived(stage.in_flight());
-    timings.stats.extend(stage.take_arrived());
+    viewer.settle()?;
+    timings.arrived(viewer.in_flight());
+    timings.stats.extend(viewer.take_arrived());
     Ok(timings)
 }
 
@@ -87,7 +87,7 @@ mod tests {
 
     use super::*;
 
-    /// Two pictures in flight, of 20 ms each on the device: few pictures are not faster than many.
+    /// Two frames in flight, each 20 ms on the device: the time per frame does not depend on their number.
     #[test]
     fn pictures_count_when_they_arrive() {
         for frames in 1..6_usize {
@@ -102,7 +102,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(20 * frames.min(2) as u64));
             timings.arrived(0);
             assert_eq!((timings.ms.len(), timings.submitted_len()), (frames, frames));
-            // A sleep is never shorter than asked for.
+            // A sleep is never shorter than requested.
             assert!(timings.ms.iter().all(|ms| *ms >= 20.0), "{frames}: {:?}", timings.ms);
         }
     }

@@ -1,4 +1,4 @@
-//! What is written over the picture: frame times, counts, bytes, and the few things that can be set.
+//! The overlay: frame times, counts, memory, and the settings that can be changed while the scene is shown.
 
 use crate::swapchain::PresentMode;
 use instgs_vk::math::digits::grouped;
@@ -6,37 +6,37 @@ use instgs_vk::render::{FrameStats, Show};
 
 use super::clock::FrameClock;
 use super::navigation::Navigator;
-use super::stage::PixelTimes;
+use super::scene_viewer::PixelTimes;
 use super::views;
 
-/// What the keys do, for the help at the bottom.
+/// Keyboard and mouse bindings, for the help at the bottom.
 const KEYS: [(&str, &str); 20] = [
-    ("drag left", "turn the scene; with Shift or the middle button: move it"),
-    ("drag right", "look around"),
-    ("W A S D, E Q", "fly, up and down; Shift: five times as fast; [ ]: slower, faster"),
-    ("wheel", "nearer to what is under the pointer, or farther"),
-    ("double click", "look at that point and turn about it"),
-    ("R, Page Up/Down", "back to the start; through the data set's cameras"),
-    ("C, V", "keep this camera; through the kept ones"),
+    ("left drag", "orbit; with Shift or the middle button: pan"),
+    ("right drag", "look around"),
+    ("W A S D, E Q", "fly; up and down; Shift: five times as fast; [ ]: slower, faster"),
+    ("wheel", "zoom in or out at the pointer"),
+    ("double click", "orbit around that point"),
+    ("R, Page Up/Down", "back to the first view; step through the data set's cameras"),
+    ("C, V", "keep this camera; step through the kept cameras"),
     ("1 to 9", "colour, coverage, depth, instances, templates, tile load, offsets, points, ellipses"),
-    ("click", "choose an object; with Shift: one more, or one less; G: all alike"),
-    ("M T X N", "drag arrows to move it, rings to turn it, a circle to scale it; none of these; Esc: back"),
-    ("arrows, Home End", "move it level, up and down; with Shift a tenth as far"),
-    (", .  + -", "turn it; larger, smaller"),
-    ("Ctrl+D, Delete", "a copy beside it; remove it"),
-    ("Ctrl+H, Ctrl+Shift+H", "hide it, which leaves it in the scene; show and choose all that is hidden"),
-    ("Ctrl+Z, Ctrl+Y, Ctrl+S", "take back, do again, save"),
-    ("B", "boxes: a click puts one around an object, dots resize it; Shift+click or Delete takes it away"),
-    ("F, O, Ctrl+S", "with boxes: find all objects like the chosen one; of other sizes too; save boxes.json"),
-    ("P", "record the camera path; P again ends and writes it"),
-    ("F12", "write the picture as PNG"),
-    ("F11, H, Esc", "full screen; this text; quit"),
+    ("click", "select an object; Shift: add or remove one; G: all of the same template"),
+    ("M T X N", "handles to move, rotate, scale; no handles; Esc: cancel the drag"),
+    ("arrows, Home End", "move it horizontally; up and down; Shift: a tenth as far"),
+    (", .  + -", "rotate it; larger, smaller"),
+    ("Ctrl+D, Delete", "duplicate it; delete it"),
+    ("Ctrl+H, Ctrl+Shift+H", "hide it (it stays in the scene); show and select everything hidden"),
+    ("Ctrl+Z, Ctrl+Y, Ctrl+S", "undo, redo, save"),
+    ("B", "boxes: click an object to draw one, drag dots to resize it; Shift+click or Delete removes it"),
+    ("F, O, Ctrl+S", "boxes: find all objects like the selected one; other sizes too; save boxes.json"),
+    ("P", "record a camera path; P again stops and saves it"),
+    ("F12", "save a screenshot as PNG"),
+    ("F11, H, Esc", "full screen; show or hide this overlay; quit"),
 ];
 
-/// What a picture may take, if somebody wants a limit: 60 pictures a second.
+/// Default of the frame-time limit once it is switched on, milliseconds: 60 frames per second.
 const USUAL_BUDGET_MS: f64 = 16.0;
 
-/// What there is to say.
+/// What the overlay displays.
 pub(super) struct Facts<'a> {
     pub(super) scene: &'a str,
     pub(super) device: &'a str,
@@ -44,46 +44,46 @@ pub(super) struct Facts<'a> {
     pub(super) clock: &'a FrameClock,
     pub(super) stats: &'a FrameStats,
     pub(super) pixel_times: PixelTimes,
-    /// Stored and expanded Gaussians.
+    /// Number of stored and of expanded Gaussians.
     pub(super) gaussians: [u64; 2],
-    /// Bytes by kind.
+    /// Memory in bytes, with the name of each kind.
     pub(super) bytes: [(&'static str, u64); 6],
-    /// Indices of what is chosen, and how many instances there are.
+    /// Indices of the selected instances. The field below is the number of instances.
     pub(super) chosen: Vec<usize>,
     pub(super) instances: usize,
-    /// Changes that can be taken back, and done again.
+    /// Number of changes that can be undone and redone.
     pub(super) steps: [usize; 2],
-    /// Part of width and height that pictures have while things move.
+    /// Current scale of the width and height of frames while the view changes.
     pub(super) scale: f64,
 }
 
-/// What can be set.
+/// The settings that the overlay can change.
 pub(super) struct Settings<'a> {
     pub(super) navigator: &'a mut Navigator,
     pub(super) show: &'a mut Show,
     pub(super) mode: &'a mut PresentMode,
-    /// Milliseconds that a picture may take on the device while things move.
+    /// Device time in milliseconds that a frame may take while the view changes; `None` = no limit.
     pub(super) budget_ms: &'a mut Option<f64>,
-    /// Pixels that may be merged; 0 = everything in full.
+    /// Screen-space error in pixels that levels of detail may make; 0 = full detail.
     pub(super) lod_error_px: &'a mut f32,
-    /// Clicks put boxes around objects.
+    /// True if the tool for boxes is active.
     pub(super) boxes: &'a mut bool,
 }
 
-/// The state of the interface itself.
+/// State of the overlay itself.
 #[derive(Default)]
 pub(super) struct Hud {
-    /// Whether the panel is there.
+    /// True if the panel is shown.
     pub(super) visible: bool,
-    /// Said until the next key: what was written where, or what went wrong.
+    /// A notice that is shown until the next key: a file that was written, or an error.
     pub(super) message: Option<String>,
 }
 
 impl Hud {
-    /// Lays out the interface.
+    /// Lays out the overlay for one frame.
     pub(super) fn lay_out(&self, ctx: &egui::Context, facts: Facts<'_>, settings: Settings<'_>) {
         if let Some(message) = &self.message {
-            // Another one for each text: it would have the width of the text before.
+            // Each text gets its own id: egui would reuse the width of the previous text.
             let id = egui::Id::new(("message", message));
             egui::Area::new(id).anchor(egui::Align2::CENTER_BOTTOM, [0.0, -12.0]).show(ctx, |ui| {
                 egui::Frame::popup(ui.style()).show(ui, |ui| ui.label(message));
@@ -109,7 +109,7 @@ fn rate(ui: &mut egui::Ui, facts: &Facts<'_>) {
     match facts.clock.rate() {
         Some(rate) => {
             let fps = 1e3 / rate.median_ms;
-            ui.label(format!("{fps:.1} FPS ({:.2} ms; slowest percent {:.2} ms)", rate.median_ms, rate.slow_ms));
+            ui.label(format!("{fps:.1} FPS ({:.2} ms; slowest 1 %: {:.2} ms)", rate.median_ms, rate.slow_ms));
         }
         None => {
             ui.label("idle");
@@ -124,7 +124,7 @@ fn rate(ui: &mut egui::Ui, facts: &Facts<'_>) {
     graph(ui, &facts.clock.times_ms().collect::<Vec<f64>>());
 }
 
-/// A line of the frame times, from 0 to the longest.
+/// Draws the frame times as a line graph that starts at 0.
 fn graph(ui: &mut egui::Ui, times_ms: &[f64]) {
     let (rect, _) = ui.allocate_exact_size([240.0, 36.0].into(), egui::Sense::hover());
     let painter = ui.painter_at(rect);
@@ -149,37 +149,37 @@ fn counts(ui: &mut egui::Ui, facts: &Facts<'_>) {
         row("Gaussians stored", grouped(facts.gaussians[0]));
         row("expanded", grouped(facts.gaussians[1]));
         row("visible", grouped(stats.visible));
-        row("(splat, tile) pairs", grouped(stats.intersections));
+        row("intersections", grouped(stats.intersections));
         for (kind, bytes) in facts.bytes {
-            row(&format!("bytes, {kind}"), grouped(bytes));
+            row(&format!("bytes: {kind}"), grouped(bytes));
         }
     });
 }
 
 fn chosen(ui: &mut egui::Ui, facts: &Facts<'_>) {
     let what = match facts.chosen.as_slice() {
-        [] => "nothing chosen".into(),
-        [one] => format!("instance {one} chosen"),
-        several => format!("{} chosen", several.len()),
+        [] => "nothing selected".into(),
+        [one] => format!("instance {one} selected"),
+        several => format!("{} selected", several.len()),
     };
     let [undo, redo] = facts.steps;
-    ui.label(format!("{} instances, {what}; {undo} changes, {redo} taken back", grouped(facts.instances as u64)));
+    ui.label(format!("{} instances, {what}; {undo} to undo, {redo} to redo", grouped(facts.instances as u64)));
 }
 
 fn set(ui: &mut egui::Ui, settings: Settings<'_>, slabs: u32) {
     let Settings { navigator, show, mode, budget_ms, lod_error_px, boxes } = settings;
-    ui.checkbox(boxes, "boxes around objects: select one, find the rest (B)");
+    ui.checkbox(boxes, "boxes: mark an object, find the rest (B)");
     let mut degrees = navigator.fov_y().to_degrees();
     if ui.add(egui::Slider::new(&mut degrees, 5.0..=150.0).text("field of view")).changed() {
         navigator.set_fov_y(degrees.to_radians());
     }
     let words = |px: f64, _| if px > 0.0 { format!("{px:.1} px") } else { "off".into() };
     let slider = egui::Slider::new(lod_error_px, 0.0..=8.0).step_by(0.5).custom_formatter(words);
-    ui.add(slider.text("detail that may be merged"));
+    ui.add(slider.text("level-of-detail error"));
     views::choose(ui, show, navigator.distance(), slabs);
     let mut limited = budget_ms.is_some();
     ui.horizontal(|ui| {
-        ui.checkbox(&mut limited, "fewer pixels while moving beyond");
+        ui.checkbox(&mut limited, "lower resolution in motion above");
         let mut ms = budget_ms.unwrap_or(USUAL_BUDGET_MS);
         ui.add_enabled(limited, egui::DragValue::new(&mut ms).range(1.0..=1000.0).suffix(" ms"));
         *budget_ms = limited.then_some(ms);
@@ -201,7 +201,7 @@ fn passes(ui: &mut egui::Ui, facts: &Facts<'_>) {
             ui.end_row();
         };
         sums.iter().for_each(|&(name, ms)| row(name, ms));
-        row("all of the scene", all);
+        row("all scene passes", all);
         let PixelTimes { present_ms, ui_ms } = facts.pixel_times;
         for (name, ms) in [("present", present_ms), ("interface", ui_ms)] {
             ms.into_iter().for_each(|ms| row(name, ms));

@@ -1,5 +1,5 @@
-//! Boxes around objects: their lines over the picture, one line of what to do next, and the panel. It changes nothing
-//! itself: it says what is to be done, in order.
+//! Interface of the tool for boxes: their lines over the view, a hint of one line, and the panel. It changes nothing
+//! itself but returns the user's actions in order.
 
 use std::path::PathBuf;
 
@@ -13,42 +13,42 @@ use super::hud_edit::{one, three};
 use super::hud_gizmo::{HOT, line, paint_lines};
 use instgs_vk::scene::{Camera, ObjectBox};
 
-/// Of boxes that were drawn, and that were found.
+/// Colour of drawn boxes; below, of found boxes.
 const DRAWN: Color32 = Color32::from_rgb(255, 150, 40);
 const FOUND: Color32 = Color32::from_rgb(70, 220, 240);
-/// Of lines, points of the interface; of the chosen box.
+/// Line width in points; below, that of the selected box.
 const WIDTH: f32 = 1.5;
 const CHOSEN_WIDTH: f32 = 3.0;
-/// Radius of a dot, points; of the one under the pointer.
+/// Radius of a dot in points; below, of the one under the pointer.
 const DOT: f32 = 4.5;
 const HOT_DOT: f32 = 6.5;
-/// Degrees for a point of dragging a number.
+/// Degrees per point of dragging a number.
 const DEGREES_PER_POINT: f64 = 0.5;
-/// Edges that can be typed, world units: what f32 clouds can hold.
+/// Range of edge lengths that can be typed, world units: what f32 clouds can represent.
 const EDGES: std::ops::RangeInclusive<f64> = 1e-6..=1e9;
-/// Height of the list, points: about eight boxes.
+/// Height of the list in points: about eight boxes.
 const LIST_HEIGHT: f32 = 150.0;
 
-/// What the panel shows.
+/// What the panel displays.
 pub(super) struct BoxFacts<'a> {
     pub(super) list: &'a BoxList,
-    /// The scene's vertical.
+    /// The up axis of the scene.
     pub(super) up: DVec3,
-    /// World units for a point of dragging a number.
+    /// World units per point of dragging a number.
     pub(super) step: f64,
     pub(super) mode: GizmoMode,
-    /// Of a search: what part is done.
+    /// Progress of the running search, 0 to 1; `None` without one.
     pub(super) searched: Option<f32>,
-    /// Searches find other sizes too.
+    /// True if searches also find objects of other sizes.
     pub(super) other_sizes: bool,
-    /// Where the boxes are saved.
+    /// The file that the boxes are saved to.
     pub(super) file: String,
 }
 
-/// What is to be done.
+/// An action that the user asked for in the panel.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum BoxAction {
-    /// The chosen box becomes another; goes on until `Finish`.
+    /// Replaces the selected box; the change is in progress until `Finish`.
     Change(ObjectBox),
     Finish,
     Undo,
@@ -57,23 +57,23 @@ pub(super) enum BoxAction {
     Remove(usize),
     Find,
     CancelSearch,
-    /// Searches find other sizes too, or no longer.
+    /// Whether searches also find objects of other sizes.
     OtherSizes(bool),
     Mode(GizmoMode),
     Save(PathBuf),
     Leave,
 }
 
-/// What the fields hold between pictures.
+/// State of the panel's fields between frames.
 #[derive(Default)]
 pub(super) struct BoxPanel {
-    /// The widget whose change goes on.
+    /// The widget whose change is in progress.
     live: Option<Id>,
     file: String,
 }
 
 impl BoxPanel {
-    /// Lays the line and the panel out; what their user wants done.
+    /// Lays out hint and panel, and returns the user's actions.
     pub(super) fn lay_out(&mut self, ctx: &Context, facts: &BoxFacts<'_>) -> Vec<BoxAction> {
         let mut actions = Vec::new();
         egui::Area::new("boxes hint".into()).anchor(Align2::CENTER_TOP, [0.0, 8.0]).show(ctx, |ui| {
@@ -120,11 +120,11 @@ impl BoxPanel {
         });
     }
 
-    /// Category, centre, edges and turn of the chosen box.
+    /// Category, centre, size and turn of the selected box.
     fn numbers(&mut self, ui: &mut Ui, facts: &BoxFacts<'_>, object: &ObjectBox, actions: &mut Vec<BoxAction>) {
         let mut category = object.category.clone().unwrap_or_default();
         let typed = ui.horizontal(|ui| {
-            ui.label("what it is");
+            ui.label("category");
             let field = egui::TextEdit::singleline(&mut category).hint_text("car, chair ...").desired_width(120.0);
             ui.add(field).changed()
         });
@@ -151,7 +151,7 @@ impl BoxPanel {
         }
     }
 
-    /// A widget changed what goes on while it is held.
+    /// Records a change by a widget that is still held.
     fn change(&mut self, widget: Id, to: ObjectBox, actions: &mut Vec<BoxAction>) {
         if self.live != Some(widget) {
             actions.push(BoxAction::Finish);
@@ -160,32 +160,32 @@ impl BoxPanel {
         actions.push(BoxAction::Change(to));
     }
 
-    /// Where the field says that boxes go; `None` if it is empty.
+    /// The file named in the field; `None` if the field is empty.
     pub(super) fn file(&self) -> Option<PathBuf> {
         Some(self.file.trim()).filter(|name| !name.is_empty()).map(PathBuf::from)
     }
 
-    /// The name in the field follows where the boxes were saved.
+    /// Sets the field to the file that the boxes were saved to.
     pub(super) fn saved_to(&mut self, file: String) {
         self.file = file;
     }
 }
 
-/// What to do next.
+/// The hint for the user's next action.
 fn hint(facts: &BoxFacts<'_>) -> String {
     let [drawn, found] = facts.list.counts();
     let counts = format!("{drawn} drawn, {found} found");
     if facts.searched.is_some() {
-        let sizes = if facts.other_sizes { ", of other sizes too" } else { "" };
-        return format!("Looking for what is like the box{sizes}; Esc stops it.");
+        let sizes = if facts.other_sizes { ", in other sizes too" } else { "" };
+        return format!("Searching for similar objects{sizes}; Esc stops the search.");
     }
     match (facts.list.chosen_box().map(|listed| listed.origin), found) {
-        (None, 0) if drawn == 0 => "Click an object: a box goes around it.  (B leaves)".into(),
-        (None, _) => format!("{counts}. Click an object or a box; Shift+click takes a box away; Ctrl+S saves."),
+        (None, 0) if drawn == 0 => "Click an object to draw a box around it.  (B closes this tool)".into(),
+        (None, _) => format!("{counts}. Click an object or a box; Shift+click removes a box; Ctrl+S saves."),
         (Some(Origin::Drawn), 0) => {
-            "Drag the dots until the box fits; M moves, T turns it. Then F finds all that look alike.".into()
+            "Drag the dots until the box fits; M moves it, T rotates it. Then F finds all similar objects.".into()
         }
-        (Some(_), _) => format!("{counts}. Shift+click or Delete takes a wrong box away; Ctrl+S saves; F finds again."),
+        (Some(_), _) => format!("{counts}. Shift+click or Delete removes a wrong box; Ctrl+S saves; F searches again."),
     }
 }
 
@@ -196,7 +196,7 @@ fn handles(ui: &mut Ui, mode: GizmoMode, actions: &mut Vec<BoxAction>) {
             ("move", GizmoMode::Move),
             ("turn", GizmoMode::Turn),
             ("scale", GizmoMode::Scale),
-            ("only dots", GizmoMode::Off),
+            ("dots only", GizmoMode::Off),
         ] {
             if ui.selectable_label(mode == wanted, label).clicked() {
                 actions.push(BoxAction::Mode(wanted));
@@ -205,7 +205,7 @@ fn handles(ui: &mut Ui, mode: GizmoMode, actions: &mut Vec<BoxAction>) {
     });
 }
 
-/// What begins a search, or how far it is; and what it looks for.
+/// The button that starts a search, or the running search's progress; and its settings.
 fn search(ui: &mut Ui, facts: &BoxFacts<'_>, actions: &mut Vec<BoxAction>) {
     ui.horizontal(|ui| match facts.searched {
         Some(part) => {
@@ -216,27 +216,27 @@ fn search(ui: &mut Ui, facts: &BoxFacts<'_>, actions: &mut Vec<BoxAction>) {
     });
     let mut other_sizes = facts.other_sizes;
     let switch = egui::Checkbox::new(&mut other_sizes, "other sizes too (O)");
-    let words = "half to twice the size; the search takes longer";
+    let words = "half to twice the size; searches take longer";
     if ui.add_enabled(facts.searched.is_none(), switch).on_hover_text(words).changed() {
         actions.push(BoxAction::OtherSizes(other_sizes));
     }
 }
 
-/// One row for each box: a click chooses it, the cross takes it out.
+/// One row per box: a click selects it, the cross removes it.
 fn rows(ui: &mut Ui, list: &BoxList, actions: &mut Vec<BoxAction>) {
     let [drawn, found] = list.counts();
     ui.label(format!("{drawn} drawn, {found} found"));
     egui::ScrollArea::vertical().max_height(LIST_HEIGHT).auto_shrink([false, true]).show(ui, |ui| {
         for (k, listed) in list.boxes().iter().enumerate() {
             ui.horizontal(|ui| {
-                if ui.small_button("x").on_hover_text("take it away").clicked() {
+                if ui.small_button("x").on_hover_text("remove this box").clicked() {
                     actions.push(BoxAction::Remove(k));
                 }
                 let from = match listed.origin {
                     Origin::Drawn => String::new(),
                     Origin::LikeBox(id) => format!(", like {id}"),
                 };
-                let category = listed.object.category.as_deref().unwrap_or("no name");
+                let category = listed.object.category.as_deref().unwrap_or("no category");
                 let words = egui::RichText::new(format!("{}: {category}{from}", listed.object.id));
                 let words = words.color(colour_of(listed.origin));
                 if ui.selectable_label(list.chosen() == Some(k), words).clicked() {
@@ -247,14 +247,14 @@ fn rows(ui: &mut Ui, list: &BoxList, actions: &mut Vec<BoxAction>) {
     });
 }
 
-/// A button that pushes an action.
+/// A button that appends an action.
 fn pushes(ui: &mut Ui, enabled: bool, label: &str, action: BoxAction, actions: &mut Vec<BoxAction>) {
     if ui.add_enabled(enabled, egui::Button::new(label)).clicked() {
         actions.push(action);
     }
 }
 
-/// How far the box's first edge is turned about the vertical, degrees.
+/// Turn of the box's first axis about the vertical, degrees.
 fn yaw_degrees(object: &ObjectBox, up: DVec3) -> f64 {
     let side = up.any_orthonormal_vector();
     let along = object.world_from_box * DVec3::X;
@@ -268,13 +268,14 @@ fn colour_of(origin: Origin) -> Color32 {
     }
 }
 
-/// Draws all boxes, and the handles of the chosen one; `hot` is held or under the pointer. The camera's pixels are points of
-/// the interface.
+/// Draws all boxes, and the handles of the selected one; `hot` is the part that is dragged or under the pointer. The
+/// camera's pixels are interface points.
 pub(super) fn paint_boxes(
     ctx: &Context,
     list: &BoxList,
     camera: &Camera,
-    (handles, hot): (Option<&BoxHandles>, Option<BoxPart>),
+    handles: Option<&BoxHandles>,
+    hot: Option<BoxPart>,
 ) {
     for (k, listed) in list.boxes().iter().enumerate() {
         let width = if list.chosen() == Some(k) { CHOSEN_WIDTH } else { WIDTH };

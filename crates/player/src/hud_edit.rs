@@ -1,7 +1,8 @@
-//! The panel of what is chosen: numbers to type or drag, buttons, and tools for templates. It changes nothing itself: it
-//! says what is to be done, in order.
+//! The panel of the selection: numbers to type or drag, buttons, and tools for templates. It changes nothing itself but
+//! returns the user's actions in order.
 //!
-//! What a widget does while it is held or typed into is one change: `Live` edits take each other's place until `Finish`.
+//! Edits by a widget while it is held or typed into are one change: each `Live` edit replaces the previous one until
+//! `Finish`.
 
 mod place;
 mod scatter;
@@ -24,27 +25,27 @@ use place::Relative;
 use scatter::ScatterFields;
 use template::{CropFields, Shift};
 
-/// Of the panel, points.
+/// Width of the panel, points.
 const WIDTH: f32 = 240.0;
-/// What of the window's height the panel's title and the room around it take, points.
+/// Height in points that the panel's title and margins take of the window.
 const MARGINS: f32 = 60.0;
 
-/// What the panel shows.
+/// What the panel displays.
 pub(super) struct EditFacts<'a> {
     pub(super) scene: &'a InstancedScene,
     pub(super) editor: &'a Editor,
-    /// The scene's vertical.
+    /// The up axis of the scene.
     pub(super) up: DVec3,
-    /// World units for a point of dragging a number.
+    /// World units per point of dragging a number.
     pub(super) step: f64,
-    /// Where a copy stands from its original, world units.
+    /// Displacement of a copy from its original, world units.
     pub(super) beside: DVec3,
     pub(super) mode: GizmoMode,
-    /// Where the scene is saved.
+    /// The file that the scene is saved to.
     pub(super) file: String,
 }
 
-/// What is to be done.
+/// An action that the user asked for in the panel.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Action {
     Edit(Edit),
@@ -58,27 +59,27 @@ pub(super) enum Action {
     ChooseAlike,
     ChooseGroup,
     Mode(GizmoMode),
-    /// A file to write, in the format that its ending names.
+    /// Writes a file, in the format that its extension names.
     Write(PathBuf),
 }
 
 /// The brush that erases Gaussians of a template.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Brush {
-    /// Clicks and drags erase.
+    /// True if clicks and drags erase.
     pub(super) on: bool,
-    /// Template units.
+    /// Radius of the brush, in template units.
     pub(super) radius: f64,
 }
 
-/// What the fields hold between pictures.
+/// State of the panel's fields between frames.
 #[derive(Default)]
 pub(super) struct EditPanel {
-    /// What the fields are about.
+    /// The selection that the fields were filled from.
     chosen: BTreeSet<usize>,
-    /// Steps that could be taken back at the last picture.
+    /// Number of undo steps at the last frame.
     steps: usize,
-    /// The widget whose change goes on.
+    /// The widget whose change is in progress.
     live: Option<Id>,
     relative: Relative,
     shift: Shift,
@@ -89,7 +90,7 @@ pub(super) struct EditPanel {
 }
 
 impl EditPanel {
-    /// Lays the panel out; what its user wants done.
+    /// Lays out the panel and returns the user's actions.
     pub(super) fn lay_out(&mut self, ctx: &Context, facts: &EditFacts<'_>) -> Vec<Action> {
         self.follow(facts);
         let mut actions = Vec::new();
@@ -108,7 +109,7 @@ impl EditPanel {
         actions
     }
 
-    /// Forgets what is about something else.
+    /// Resets the fields whose selection or undo step is no longer the present one.
     fn follow(&mut self, facts: &EditFacts<'_>) {
         let steps = facts.editor.steps()[0];
         if *facts.editor.chosen() != self.chosen || steps < self.steps {
@@ -118,7 +119,7 @@ impl EditPanel {
         }
         self.steps = steps;
         if !facts.editor.is_live() && self.live.take().is_some() {
-            // A key or a click ended it.
+            // A key or a click ended the crop.
             self.crop = None;
             self.relative = Relative::default();
         }
@@ -128,7 +129,7 @@ impl EditPanel {
         history(ui, facts, actions);
         match facts.editor.chosen().iter().copied().collect::<Vec<usize>>().as_slice() {
             [] => {
-                ui.label("Click an object to choose it, with Shift one more.");
+                ui.label("Click an object to select it; Shift+click adds or removes one.");
             }
             [one] => {
                 name(ui, facts, *one);
@@ -150,7 +151,7 @@ impl EditPanel {
         self.files(ui, facts, actions);
     }
 
-    /// Buttons of what is chosen.
+    /// The buttons that act on the selection.
     fn of_chosen(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
         let Some(which) = facts.editor.selector() else { return };
         ui.horizontal(|ui| {
@@ -161,8 +162,8 @@ impl EditPanel {
                 actions.push(Action::Edit(Edit::Delete { which }));
             }
             pushes(ui, true, "hide", Action::Hide, actions);
-            pushes(ui, true, "all alike", Action::ChooseAlike, actions);
-            pushes(ui, true, "its group", Action::ChooseGroup, actions);
+            pushes(ui, true, "same template", Action::ChooseAlike, actions);
+            pushes(ui, true, "same group", Action::ChooseGroup, actions);
         });
         ui.horizontal(|ui| {
             ui.label("handles");
@@ -191,7 +192,7 @@ impl EditPanel {
         });
     }
 
-    /// A widget changed what goes on while it is held.
+    /// Records a change by a widget that is still held.
     fn change(&mut self, widget: Id, edit: Edit, actions: &mut Vec<Action>) {
         if self.live != Some(widget) {
             actions.push(Action::Finish);
@@ -200,7 +201,8 @@ impl EditPanel {
         actions.push(Action::Live(edit));
     }
 
-    /// Ends what goes on once nothing is held or typed into. A crop goes on until it is applied or given up.
+    /// Completes the change in progress once nothing is held or typed into. A crop stays in progress until it is
+    /// applied or cancelled.
     fn settle(&mut self, ctx: &Context, actions: &mut Vec<Action>) {
         let cropping = self.crop.as_ref().is_some_and(|crop| self.live == Some(crop.id));
         let held = ctx.input(|input| input.pointer.any_down()) || ctx.memory(|memory| memory.focused().is_some());
@@ -213,14 +215,14 @@ impl EditPanel {
     }
 }
 
-/// A button that pushes an action.
+/// A button that appends an action.
 fn pushes(ui: &mut Ui, enabled: bool, label: &str, action: Action, actions: &mut Vec<Action>) {
     if ui.add_enabled(enabled, Button::new(label)).clicked() {
         actions.push(action);
     }
 }
 
-/// What can be taken back, done again, and shown.
+/// Buttons for undo, redo and showing hidden instances.
 fn history(ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
     let [undo, redo] = facts.editor.steps();
     let hidden = facts.editor.hidden().len();
@@ -231,7 +233,7 @@ fn history(ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
     });
 }
 
-/// Which instance it is, of which template and group.
+/// Names the instance, its template and its group.
 fn name(ui: &mut Ui, facts: &EditFacts<'_>, k: usize) {
     let scene = facts.scene;
     let template = scene.instances[k].template;
@@ -243,7 +245,7 @@ fn name(ui: &mut Ui, facts: &EditFacts<'_>, k: usize) {
     ui.label(format!("template {template} ({count} Gaussians), group {group}"));
 }
 
-/// Names the instances that an edit of colours is for.
+/// The instances that a change of colour applies to.
 fn selector(facts: &EditFacts<'_>, whole_template: Option<u32>) -> Selector {
     let chosen = || Selector::Indices(facts.editor.chosen().iter().copied().collect());
     whole_template.map_or_else(chosen, Selector::Template)

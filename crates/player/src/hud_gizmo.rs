@@ -1,25 +1,25 @@
-//! The handles on what is chosen, as lines over the picture.
+//! Draws the handles of the selection as lines over the view.
 
 use egui::{Color32, Pos2, Stroke};
 
 use super::gizmo::{Gizmo, Handle, HandleLine};
 
-/// Of lines, points of the interface.
+/// Width of lines, points.
 const WIDTH: f32 = 2.0;
-/// Of the line under the pointer.
+/// Width of the line under the pointer, points.
 const HOT_WIDTH: f32 = 3.5;
-/// Behind each line, so that it is seen on any picture.
+/// Colour of the shadow behind each line, which keeps it visible on any background.
 const SHADOW: Color32 = Color32::from_black_alpha(140);
-/// Of the line under the pointer.
+/// Colour of the line under the pointer.
 pub(super) const HOT: Color32 = Color32::from_rgb(255, 230, 80);
 
-/// Draws the handles; `hot` is held or under the pointer.
+/// Draws the handles; `hot` is the one that is dragged or under the pointer.
 pub(super) fn paint_gizmo(ctx: &egui::Context, gizmo: Option<&Gizmo>, hot: Option<Handle>) {
     let Some(gizmo) = gizmo else { return };
     paint_lines(ctx, gizmo.lines(), hot);
 }
 
-/// Draws lines of handles, the hot one over the others.
+/// Draws the lines of handles, the hot one last.
 pub(super) fn paint_lines(ctx: &egui::Context, mut lines: Vec<HandleLine>, hot: Option<Handle>) {
     lines.sort_by_key(|line| Some(line.handle) == hot);
     for HandleLine { handle, points_px } in lines {
@@ -29,7 +29,7 @@ pub(super) fn paint_lines(ctx: &egui::Context, mut lines: Vec<HandleLine>, hot: 
     }
 }
 
-/// Draws a line through places of the window, points of the interface, so that it is seen on any picture.
+/// Draws a polyline (interface points) with a shadow, so that it is visible on any background.
 pub(super) fn line(ctx: &egui::Context, places: &[[f64; 2]], stroke: Stroke) {
     let painter = ctx.layer_painter(egui::LayerId::background());
     let points: Vec<Pos2> = places.iter().map(|&[x, y]| egui::pos2(x as f32, y as f32)).collect();
@@ -37,7 +37,7 @@ pub(super) fn line(ctx: &egui::Context, places: &[[f64; 2]], stroke: Stroke) {
     painter.line(points, stroke);
 }
 
-/// Draws how far a brush at a place of the picture reaches, both in its pixels.
+/// Draws the circle of a brush; centre and radius in window pixels.
 pub(super) fn paint_brush(ctx: &egui::Context, brush: Option<([f64; 2], f64)>) {
     let Some(([x, y], radius)) = brush else { return };
     let per_point = ctx.pixels_per_point();
@@ -48,7 +48,7 @@ pub(super) fn paint_brush(ctx: &egui::Context, brush: Option<([f64; 2], f64)>) {
     }
 }
 
-/// Red, green and blue for x, y and z, as everywhere.
+/// Red, green and blue for x, y and z, the usual convention.
 fn colour_of(handle: Handle) -> Color32 {
     match handle {
         Handle::Arrow(0) | Handle::Ring(0) => Color32::from_rgb(235, 70, 70),

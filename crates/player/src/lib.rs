@@ -1,30 +1,30 @@
-//! L6: the standalone player: a window on a scene, at the speed of the device.
+//! The standalone player: an interactive window on a scene, drawn by the engine's renderer.
 //!
 //! ```text
-//!   window.rs      winit's events, one picture after another, only while something changes
-//!     controls.rs  what a person does -> what changes            (knows no window system)
-//!     navigation.rs   where the camera is                        (pure)
-//!     window/opening.rs   devices and scenes; input.rs events; keeping.rs files; playing.rs scripts
-//!     window/editing.rs   what is dragged and typed -> edits; key_steps.rs keys
-//!     editor.rs    what is chosen, changed and taken back         (pure; scene::edit), steps.rs what was there
-//!     gizmo.rs     arrows, rings and circle on what is chosen     (pure)
-//!     window/boxing.rs   boxes around objects: clicks, drags, the search for the rest, files
-//!     boxes.rs     the list of boxes, and what can be taken back    (pure)
-//!     box_handles.rs  dots and other handles on a box, its edges     (pure)
-//!     search.rs    what is like a box, on a thread of its own
-//!     hud.rs       what is written over the picture              (egui), hud_gizmo.rs handles, hud_edit.rs the panel,
-//!                  hud_boxes.rs boxes and their panel
-//!       views.rs   what can be shown of a picture                (egui)
-//!     resolution.rs   smaller pictures while things move         (pure)
-//!     recording.rs    a camera path as it was flown              (pure)
-//!     script.rs    what a person does, from a text file
-//!   stage.rs       scene on the device, render passes, kernel `present`
-//!     -> swapchain.rs     copy into the window's image, interface over it, show
-//!   headless.rs    the same pictures without a window
+//! window.rs             winit's events, one frame after another, only while something changes
+//!   controls.rs         mouse and keyboard -> camera motion        (independent of the window system)
+//!   navigation.rs       the camera's pose and motion               (pure)
+//!   window/opening.rs   devices and scenes; input.rs events; keeping.rs files; playing.rs scripts
+//!   window/editing.rs   drags and panel actions -> edits; key_steps.rs keys
+//!   editor.rs           selection, edits, undo history             (pure; scene::edit); steps.rs undo steps
+//!   gizmo.rs            arrows, rings and circle on the selection  (pure)
+//!   window/boxing.rs    boxes around objects: clicks, drags, the search for similar objects, files
+//!   boxes.rs            the list of boxes, its undo history        (pure)
+//!   box_handles.rs      the handles and edges of a box             (pure)
+//!   search.rs           the search for similar objects, on a thread of its own
+//!   hud.rs              the overlay                                (egui); hud_gizmo.rs handles, hud_edit.rs and
+//!                       hud_boxes.rs panels
+//!   views.rs            the views: colours, depth, instances ...   (egui)
+//!   resolution.rs       lower resolution while the view changes    (pure)
+//!   recording.rs        a recorded camera path                     (pure)
+//!   script.rs           user input from a text file
+//! scene_viewer.rs        scene on the device, render passes, kernel `present`
+//!   -> swapchain.rs     copy into the window's image, overlay on top, present
+//! headless.rs           the same frames without a window
 //! ```
 //!
-//! A picture goes from the blend pass to the screen without a copy on the host: kernel `present` packs it into the pixels of
-//! the window, which are copied into one of the window's images.
+//! A frame goes from the blend pass to the screen without a copy on the host: kernel `present` packs it into pixels in
+//! the window's format, which are copied into one of the swapchain's images.
 
 pub mod box_handles;
 pub mod boxes;
@@ -42,9 +42,9 @@ pub mod navigation;
 pub mod program;
 pub mod recording;
 pub mod resolution;
+pub mod scene_viewer;
 pub mod script;
 pub mod search;
-pub mod stage;
 mod steps;
 pub mod swapchain;
 #[cfg(test)]
@@ -54,4 +54,4 @@ pub mod views;
 pub mod window;
 
 pub use error::PlayerError;
-pub use stage::{Stage, StageOptions};
+pub use scene_viewer::{SceneViewer, ViewerOptions};

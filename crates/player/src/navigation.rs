@@ -1,72 +1,72 @@
-//! Where the camera is, and how it moves. Lengths are scene units, angles radians, places in the picture pixels.
+//! Pose and motion of the camera. Lengths are scene units, angles radians, positions in the view pixels.
 
 use glam::{DMat3, DVec3};
 
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
 
-/// Orbiting stops at this angle from straight up and straight down: beyond it left and right would change sides.
+/// Orbiting stops this far (radians) from straight up and down: beyond it, left and right would swap.
 const POLE: f64 = 2.0 * std::f64::consts::PI / 180.0;
-/// A drag over the height of the picture turns by half a circle.
+/// Angle in radians of a drag over the full height of the view.
 const TURN_PER_HEIGHT: f64 = std::f64::consts::PI;
-/// One step of the wheel brings the target nearer by a tenth.
+/// Factor on the distance to the target per step of the wheel.
 const ZOOM_PER_STEP: f64 = 0.9;
-/// Vertical fields of view that still look like pictures: 5 to 150 degrees.
+/// Range of the vertical field of view, radians: 5 to 150 degrees.
 const FIELDS_OF_VIEW: [f64; 2] = [0.0873, 2.618];
-/// Distances per second from target that one may fly: from looking at a detail to crossing a town.
+/// Range of the flight speed, in initial target distances per second: from inspecting a detail to crossing a town.
 const SPEEDS: [f64; 2] = [1e-3, 1e3];
-/// What shift does to the speed.
+/// Factor on the speed while Shift is held.
 const FAST: f64 = 5.0;
 
-/// The vertical of a data set: cameras are held upright on average. `None` without cameras, or if they are held in all
-/// ways.
+/// Estimates the up axis of a data set, assuming that cameras are held upright on average. `None` without cameras, or
+/// if their up directions cancel out.
 pub fn vertical_of(cameras: &[Camera]) -> Option<DVec3> {
     let sum: DVec3 = cameras.iter().map(|camera| -camera.rotation().row(1)).sum();
-    // Of random directions the mean is about 1 / sqrt(n) long.
+    // The mean of n random directions has a length of about 1 / sqrt(n).
     let mean = sum / cameras.len().max(1) as f64;
     (mean.length() > 0.3).then(|| mean.normalize())
 }
 
-/// A camera that a person moves. It looks at a target that it is turned about and comes nearer to.
+/// A camera that the user moves. Orbiting and zooming are relative to its target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Navigator {
     eye: DVec3,
-    /// Columns: right, down, forward, in the world.
+    /// Columns: right, down and forward in world coordinates.
     world_from_view: DMat3,
-    /// From the eye to the target.
+    /// Distance from the eye to the target.
     distance: f64,
-    /// Axis of turns to the left and right; a unit vector.
+    /// The axis of turns to the left and right: a unit vector.
     up: DVec3,
-    /// Vertical field of view.
+    /// Vertical field of view, radians.
     fov_y: f64,
-    /// Of flying, distances to the target at the start per second.
+    /// Flight speed, in units of `unit` per second.
     speed: f64,
-    /// What one distance is when flying: a scene's size does not change as one gets nearer.
+    /// Target distance at the start: the scale of flight, which does not shrink when the user zooms in.
     unit: f64,
 }
 
-/// A direction of flight in the camera's axes, each from -1 to 1.
+/// A direction of flight along the camera's axes, each component from -1 to 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Flight {
-    /// To the right.
+    /// To the right of the view.
     pub right: f64,
-    /// Upwards, along the scene's vertical.
+    /// Upwards, along the scene's up axis.
     pub up: f64,
-    /// Ahead.
+    /// Along the direction of view.
     pub forward: f64,
-    /// Five times as fast.
+    /// True for five times the speed.
     pub fast: bool,
 }
 
 impl Flight {
-    /// True if it leads nowhere.
+    /// True if all components are zero.
     pub fn is_still(&self) -> bool {
         self.right == 0.0 && self.up == 0.0 && self.forward == 0.0
     }
 }
 
 impl Navigator {
-    /// The first camera of the circle that `render --orbit` takes.
+    /// The first camera of the circle that `render --orbit` uses.
     pub fn around(orbit: &Orbit) -> Self {
         let camera = orbit.cameras(1, (16, 9)).remove(0);
         let mut navigator = Self {
@@ -82,14 +82,14 @@ impl Navigator {
         navigator
     }
 
-    /// Takes place and field of view of a camera. The target stays as far away as it was.
+    /// Takes the pose and the field of view of a camera. The distance to the target is kept.
     pub fn stand_at(&mut self, camera: &Camera) {
         self.eye = camera.position_world();
         self.world_from_view = camera.rotation().transpose();
         self.set_fov_y(2.0 * (0.5 * f64::from(camera.height) / camera.fy).atan());
     }
 
-    /// The camera for a picture of `size_px`.
+    /// The camera for an image of `size_px`.
     pub fn camera(&self, size_px: [u32; 2]) -> Camera {
         let focal = 0.5 * f64::from(size_px[1]) / (0.5 * self.fov_y).tan();
         let row = |axis: DVec3| [axis.x, axis.y, axis.z, -axis.dot(self.eye)];
@@ -106,98 +106,98 @@ impl Navigator {
         }
     }
 
-    /// Where the eye is.
+    /// Position of the eye, world coordinates.
     pub fn eye(&self) -> DVec3 {
         self.eye
     }
 
-    /// Level directions to the right and ahead as seen from here, and the vertical; unit vectors.
+    /// Level directions to the right and forward as seen from the camera, and the up axis; unit vectors.
     pub fn level_axes(&self) -> [DVec3; 3] {
         let right = self.world_from_view.x_axis.reject_from_normalized(self.up);
         let right = right.try_normalize().unwrap_or_else(|| self.up.any_orthonormal_vector());
         [right, self.up.cross(right), self.up]
     }
 
-    /// What the camera is turned about.
+    /// The point that the camera orbits, world coordinates.
     pub fn target(&self) -> DVec3 {
         self.eye + self.distance * self.world_from_view.z_axis
     }
 
-    /// From the eye to the target.
+    /// Distance from the eye to the target.
     pub fn distance(&self) -> f64 {
         self.distance
     }
 
-    /// Vertical field of view.
+    /// Vertical field of view, radians.
     pub fn fov_y(&self) -> f64 {
         self.fov_y
     }
 
-    /// Changes the vertical field of view, within 5 to 150 degrees; what is no number changes nothing.
+    /// Sets the vertical field of view, clamped to 5 to 150 degrees; NaN is ignored.
     pub fn set_fov_y(&mut self, fov_y: f64) {
         if fov_y.is_finite() {
             self.fov_y = fov_y.clamp(FIELDS_OF_VIEW[0], FIELDS_OF_VIEW[1]);
         }
     }
 
-    /// Speed of flight, in distances to the target at the start per second.
+    /// Flight speed, in initial target distances per second.
     pub fn speed(&self) -> f64 {
         self.speed
     }
 
-    /// Changes the speed of flight by a factor.
+    /// Multiplies the flight speed by a factor.
     pub fn change_speed(&mut self, factor: f64) {
         self.speed = (self.speed * factor).clamp(SPEEDS[0], SPEEDS[1]);
     }
 
-    /// Turns about the target as a drag by `by_px` in a picture `height_px` high does: what is in front follows.
+    /// Orbits around the target for a drag by `by_px` in a view of `height_px`: the near side follows the pointer.
     pub fn orbit(&mut self, by_px: [f64; 2], height_px: f64) {
         let target = self.target();
         self.turn(by_px, height_px);
         self.eye = target - self.distance * self.world_from_view.z_axis;
     }
 
-    /// Looks elsewhere from where it stands: what is far away follows the pointer.
+    /// Rotates the camera about its own position: distant points follow the pointer.
     pub fn look(&mut self, by_px: [f64; 2], height_px: f64) {
-        // A pixel is a pixel in the middle of the picture.
+        // Exact in the middle of the view: a point moves by as many pixels as the pointer.
         let scale = 2.0 * (0.5 * self.fov_y).tan() / TURN_PER_HEIGHT;
         self.turn([-by_px[0] * scale, -by_px[1] * scale], height_px);
     }
 
-    /// To the right and down, in pixels of a picture `height_px` high.
+    /// Rotates by a drag to the right and down, in pixels of a view of `height_px`.
     fn turn(&mut self, by_px: [f64; 2], height_px: f64) {
         let [right, down] = by_px.map(|px| px / height_px.max(1.0) * TURN_PER_HEIGHT);
-        // A camera that is upside down turns the other way about the vertical.
+        // An upside-down camera turns the other way about the vertical.
         let upright = if self.world_from_view.y_axis.dot(self.up) > 0.0 { -1.0 } else { 1.0 };
         let yaw = DMat3::from_axis_angle(self.up, -right * upright);
         let from_up = self.world_from_view.z_axis.dot(self.up).clamp(-1.0, 1.0).acos();
         let wanted = from_up + down * upright;
-        // A camera given beyond the limit may stay there, but goes no farther.
+        // A camera that starts beyond the limit may stay there, but does not go farther.
         let limits = [POLE.min(from_up), (std::f64::consts::PI - POLE).max(from_up)];
         let pitch = (wanted.clamp(limits[0], limits[1]) - from_up) * upright;
         let tilted = DMat3::from_axis_angle(self.world_from_view.x_axis, -pitch) * self.world_from_view;
         self.world_from_view = orthonormal(yaw * tilted);
     }
 
-    /// Moves with the picture: what is at the target's distance follows the pointer.
+    /// Translates parallel to the image plane: points at the target's depth follow the pointer.
     pub fn pan(&mut self, by_px: [f64; 2], height_px: f64) {
         let per_px = 2.0 * self.distance * (0.5 * self.fov_y).tan() / height_px.max(1.0);
         self.eye -= per_px * (by_px[0] * self.world_from_view.x_axis + by_px[1] * self.world_from_view.y_axis);
     }
 
-    /// Comes nearer by `steps` of the wheel (negative: goes away); what is under the pointer at the target's distance stays
+    /// Moves closer by `steps` of the wheel (negative: away); the point under the pointer at the target's depth stays
     /// there.
     pub fn zoom(&mut self, steps: f64, pointer_px: [f64; 2], size_px: [u32; 2]) {
         let camera = self.camera(size_px);
         let ray = [(pointer_px[0] - camera.cx) / camera.fx, (pointer_px[1] - camera.cy) / camera.fy];
         let under = self.eye + self.distance * (self.world_from_view * DVec3::new(ray[0], ray[1], 1.0));
-        // 1e-6 of the scene is beyond what f32 on the device tells apart.
+        // Below 1e-6 of the scene's size, f32 positions on the device cannot be told apart.
         let factor = ZOOM_PER_STEP.powf(steps).clamp(1e-6 * self.unit / self.distance, 1e6 * self.unit / self.distance);
         self.eye = under + (self.eye - under) * factor;
         self.distance *= factor;
     }
 
-    /// Flies for `seconds`.
+    /// Flies in a direction for `seconds`.
     pub fn fly(&mut self, flight: Flight, seconds: f64) {
         let axes = self.world_from_view;
         let direction = flight.right * axes.x_axis + flight.up * self.up + flight.forward * axes.z_axis;
@@ -205,7 +205,7 @@ impl Navigator {
         self.eye += direction.normalize_or_zero() * speed * seconds;
     }
 
-    /// Turns about what is in the middle of the picture as far away as a point, from now on.
+    /// Sets the target to the point on the line of sight that is as far away as `point_world`.
     pub fn aim_at(&mut self, point_world: DVec3) {
         let depth = (point_world - self.eye).dot(self.world_from_view.z_axis);
         if depth > 0.0 && point_world.is_finite() {
@@ -213,7 +213,7 @@ impl Navigator {
         }
     }
 
-    /// Makes a point the target: it is in the middle of the picture then, as far away as before.
+    /// Makes a point the target and moves the camera so that it is in the middle of the view at the same distance.
     pub fn focus(&mut self, point_world: DVec3) {
         let depth = (point_world - self.eye).dot(self.world_from_view.z_axis);
         if depth > 0.0 && point_world.is_finite() {
@@ -223,7 +223,7 @@ impl Navigator {
     }
 }
 
-/// Rounding adds up over thousands of turns.
+/// Removes the rounding errors that add up over thousands of rotations.
 fn orthonormal(m: DMat3) -> DMat3 {
     let forward = m.z_axis.normalize();
     let right = m.y_axis.cross(forward).normalize();
@@ -261,7 +261,7 @@ mod tests {
         let (target, before) = (n.target(), n.eye());
         n.orbit([180.0, 0.0], 180.0);
         assert!(near(n.target(), target));
-        // Half a circle about the vertical: the other side, at the same height.
+        // Half a circle about the vertical ends on the opposite side at the same height.
         let want = DVec3::new(2.0 * target.x - before.x, 2.0 * target.y - before.y, before.z);
         assert!(near(n.eye(), want), "{} {want}", n.eye());
         for k in 0..5000 {
@@ -288,7 +288,7 @@ mod tests {
         let mut n = navigator();
         n.orbit([0.0, 10.0], 180.0);
         assert!(n.camera(SIZE).pixel_of(front).unwrap()[1] > 90.5);
-        // Looking: the picture moves with the pointer, about as far (to the side by the cosine of 20 degrees less).
+        // Looking around moves the view with the pointer, here by the cosine of 20 degrees less.
         let mut n = navigator();
         let target = n.target();
         n.look([9.0, 4.0], 180.0);

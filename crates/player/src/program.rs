@@ -1,4 +1,4 @@
-//! `instgs-player`: a window on a scene; or pictures without one.
+//! The program `instgs-player`: a window on a scene, or frames without a window.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use crate::script::{self, Step};
 use crate::swapchain::PresentMode;
 use crate::views::View;
 use crate::window::{self, WindowJob};
-use crate::{PlayerError, Stage, StageOptions};
+use crate::{PlayerError, SceneViewer, ViewerOptions};
 use instgs_console::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, exit_code, parse};
@@ -23,7 +23,8 @@ use instgs_vk::render::FrameStats;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};
 
-/// Shows a scene in a window: turn it, fly through it, look at depth and at what it costs. H lists the keys.
+/// Shows a scene in a window: orbit or fly through it, edit it, view depth, instances and rendering cost. H lists the
+/// keys.
 #[derive(Parser)]
 #[command(
     name = "instgs-player",
@@ -33,54 +34,55 @@ use instgs_vk::scene::{Camera, InstancedScene};
     instgs-player room.instgs\n  \
     instgs-player room.instgs --data room          (Page Down steps through the data set's views)\n  \
     instgs-player room.instgs --headless --frames 120 --size 1920x1080 --screenshot last.png --json -\n\n\
-Editing: click an object (Shift: more, G: all alike); M, T, X, N: arrows to move it, rings to turn it, a circle to\n\
-scale it, none; Esc: puts back what is dragged; Ctrl+D, Delete, Ctrl+H: copy, remove, hide it; Ctrl+Shift+H: show all;\n\
-Ctrl+Z, Ctrl+Y, Ctrl+S: take back, do again, save. The panel has numbers, colours, scattering, crop and eraser.\n\n\
-Boxes: B, then click an object: a box goes around it; drag its dots until it fits; F: find all that look like it (O: of\n\
-other sizes too); Shift+click: take a wrong one away; Ctrl+S: save boxes.json, for instgs-vk masks and train --boxes."
+Editing: click an object to select it (Shift: add, G: all of the same template); M, T, X, N: handles to move, rotate or\n\
+scale it, no handles; Esc: cancel the drag; Ctrl+D, Delete, Ctrl+H: duplicate, delete, hide it; Ctrl+Shift+H: show all;\n\
+Ctrl+Z, Ctrl+Y, Ctrl+S: undo, redo, save. The panel has numbers, colours, scattering, crop and eraser.\n\n\
+Boxes: B, then click an object to draw a box around it; drag its dots until it fits; F: find all objects like it (O: in\n\
+other sizes too); Shift+click: remove a wrong one; Ctrl+S: save boxes.json, for instgs-vk masks and train --boxes."
 )]
 struct PlayerArgs {
-    /// Scene: .instgs, .ply, .spz or .splat; or drop one on the window
+    /// Scene file: .instgs, .ply, .spz or .splat; another can be dropped on the window
     #[arg(value_name = "S")]
     scene: PathBuf,
-    /// Start at, and step through, the views of this data set
+    /// Data set whose views give the first camera and can be stepped through
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
-    /// Size of the window
+    /// Width and height of the window in pixels
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1280x720")]
     size: (u32, u32),
-    /// Draw so many pictures without a pause and end: the views of --data in turn, else a circle around the scene
+    /// Draw N frames without a pause and exit: through the views of --data, or on a circle around the scene
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     frames: Option<u64>,
-    /// Where the last picture goes, as PNG, without what is written over it
+    /// Save the last frame as PNG, without the overlay
     #[arg(long, value_name = "PNG")]
     screenshot: Option<PathBuf>,
-    /// Draw without a window; also done where there is no display and --frames is given
+    /// Draw without a window; the default where there is no display and --frames is given
     #[arg(long, requires = "frames")]
     headless: bool,
-    /// Report on --frames as JSON, to a file or - for stdout
+    /// Write a report on --frames as JSON to a file, or - for stdout
     #[arg(long, value_name = "F", requires = "frames")]
     json: Option<PathBuf>,
-    /// Draw fewer pixels while things move if a picture takes the device longer than this; what stands still has all
+    /// Lower the resolution while the view changes if a frame takes the device longer than this; still views are always
+    /// sharp
     #[arg(long, value_name = "MS", value_parser = parse_budget, conflicts_with = "headless")]
     budget_ms: Option<f64>,
-    /// Play what a person does from a text file, one line a picture (see src/player/script.rs)
+    /// Play back user input from a text file, one line per frame
     #[arg(long, value_name = "F", conflicts_with = "headless")]
     script: Option<PathBuf>,
-    /// Boxes around objects: opens with the tool that draws and finds them (key B)
+    /// File of boxes around objects: opens with the tool that draws and finds them (key B)
     #[arg(long, value_name = "F", conflicts_with = "headless")]
     boxes: Option<PathBuf>,
-    /// When a picture replaces the one on the screen: with its refresh in order, with its refresh the newest, at once
+    /// Presentation mode: fifo (vsync), mailbox (vsync, newest frame), immediate (no vsync, may tear)
     #[arg(long, value_enum, default_value = "fifo")]
     present: PresentArg,
-    /// What is shown
+    /// The view to start with: colours, depth, instances ...
     #[arg(long, value_enum, default_value = "color")]
     show: View,
-    /// What --show tile-load (pairs a tile, 512 unless given) and offsets (part of the template's radius, 0.2) show palest; the
-    /// least alpha of ellipses (0.3)
+    /// Top of the colour scale for --show tile-load (intersections per tile, default 512) and offsets (fraction of the
+    /// template's radius, default 0.2); smallest alpha of ellipses (default 0.3)
     #[arg(long, value_name = "X", value_parser = parse_level)]
     level: Option<f32>,
-    /// Vertical of the scene [default: across a scene that is a plate, as -y, +z or +x; else -y]
+    /// Up axis of the scene [default: for a flat scene the one of -y, +z, +x nearest to its normal; else -y]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     up: Option<Triple>,
     #[command(flatten)]
@@ -120,17 +122,17 @@ impl ValueEnum for View {
 
 fn parse_level(text: &str) -> Result<f32, String> {
     let level = text.parse::<f32>().ok().filter(|level| level.is_finite() && *level > 0.0);
-    level.ok_or_else(|| "a number above 0 is wanted".into())
+    level.ok_or_else(|| "not a number above 0".into())
 }
 
 fn parse_budget(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|ms| (0.1..=1e6).contains(ms))
-        .ok_or_else(|| "not a number of milliseconds from 0.1".into())
+        .ok_or_else(|| "not a number of milliseconds of at least 0.1".into())
 }
 
-/// The steps of a script file; none without one.
+/// The steps of a script file; empty without a file.
 fn script(path: Option<&Path>) -> Result<VecDeque<Step>, CliError> {
     let Some(path) = path else { return Ok(VecDeque::new()) };
     let text = std::fs::read_to_string(path).map_err(|e| IoError::new(path, e.to_string()))?;
@@ -141,16 +143,16 @@ fn script(path: Option<&Path>) -> Result<VecDeque<Step>, CliError> {
 struct Played {
     scene: String,
     device: String,
-    /// Of the pictures.
+    /// Width and height of the frames, pixels.
     resolution: [u32; 2],
     window: bool,
     frames: u64,
     ms: Percentiles,
     fps: f64,
-    /// Medians over the pictures.
+    /// Median device time of each pass, milliseconds.
     #[serde(serialize_with = "as_map")]
     passes_ms: Vec<(&'static str, f64)>,
-    /// Medians; the interface is that of a window.
+    /// Median device times, milliseconds; the interface is drawn in a window only.
     present_ms: Option<f64>,
     ui_ms: Option<f64>,
     gaussians: PlayedGaussians,
@@ -160,9 +162,9 @@ struct Played {
 struct PlayedGaussians {
     stored: u64,
     expanded: u64,
-    /// Mean.
+    /// Mean number of visible splats.
     visible: u64,
-    /// Mean.
+    /// Mean number of intersections.
     intersections: u64,
 }
 
@@ -179,7 +181,7 @@ pub fn main() -> ExitCode {
 fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = load_scene(&args.scene);
     if let Err(error) = &loaded {
-        // A window can say it; a batch cannot.
+        // A window can show the error; a batch run must fail.
         if args.frames.is_some() {
             return Err(CliError::msg(error.to_string()));
         }
@@ -209,25 +211,25 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
             if args.frames.is_none() {
                 return Ok(());
             }
-            let played = played(args, counts, (report.device, report.size_px, true), &report.timings);
+            let played = played(args, counts, report.device, report.size_px, true, &report.timings);
             print(args, &played, printer)
         }
     }
 }
 
-fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<StageOptions, CliError> {
+fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOptions, CliError> {
     let distance = Orbit::around(scene, args.up.map(Triple::direction)).distance;
     let view = args.show;
     let show = match args.level {
         None => Some(view.show(distance)),
         Some(level) => view.show_at(distance, level),
     };
-    let words = "--level is for --show tile-load, offsets and ellipses";
+    let words = "--level needs --show tile-load, offsets or ellipses";
     let show = show.ok_or_else(|| CliError::msg(words))?;
-    Ok(StageOptions { render: args.lod.apply(args.look.options(scene)), show })
+    Ok(ViewerOptions { render: args.lod.apply(args.look.options(scene)), show })
 }
 
-/// The cameras of `--frames`.
+/// The cameras of the frames of `--frames`.
 fn path_cameras(args: &PlayerArgs, scene: &InstancedScene, cameras: &[Camera]) -> Vec<Camera> {
     let frames = args.frames.unwrap_or(0);
     if cameras.is_empty() {
@@ -271,22 +273,18 @@ fn window_job(
 fn headless(args: &PlayerArgs, loaded: LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
     let options = stage_options(args, &loaded.scene)?;
     let gpu = device::open(args.device.choice())?;
-    let mut stage = Stage::new(&gpu, loaded.scene, options)?;
-    let path_cameras = path_cameras(args, stage.scene(), cameras);
-    let timings = play(&mut stage, &path_cameras, args.frames.unwrap_or(1))?;
+    let mut viewer = SceneViewer::new(&gpu, loaded.scene, options)?;
+    let path_cameras = path_cameras(args, viewer.scene(), cameras);
+    let timings = play(&mut viewer, &path_cameras, args.frames.unwrap_or(1))?;
     if let Some(path) = &args.screenshot {
-        stage.screenshot(path)?;
+        viewer.screenshot(path)?;
     }
     device::check_validation(&gpu)?;
-    let size = stage.size_px().unwrap_or_default();
-    print(
-        args,
-        &played(args, gaussian_counts(stage.scene()), (gpu.caps().name.clone(), size, false), &timings),
-        printer,
-    )
+    let size = viewer.size_px().unwrap_or_default();
+    print(args, &played(args, gaussian_counts(viewer.scene()), gpu.caps().name.clone(), size, false, &timings), printer)
 }
 
-/// Stored and expanded.
+/// Number of stored and of expanded Gaussians.
 fn gaussian_counts(scene: &InstancedScene) -> [u64; 2] {
     [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()]
 }
@@ -294,7 +292,9 @@ fn gaussian_counts(scene: &InstancedScene) -> [u64; 2] {
 fn played(
     args: &PlayerArgs,
     [stored, expanded]: [u64; 2],
-    (device, resolution, window): (String, [u32; 2], bool),
+    device: String,
+    resolution: [u32; 2],
+    window: bool,
     timings: &Timings,
 ) -> Played {
     let ms = Percentiles::of(&timings.ms);
@@ -330,7 +330,7 @@ fn print(args: &PlayerArgs, played: &Played, printer: &Printer) -> Result<(), Cl
     let [width, height] = played.resolution;
     let how = if played.window { "in a window" } else { "without a window" };
     printer.line(format_args!(
-        "{}: {} pictures of {width}x{height} {how}, {:.1} FPS ({:.2} ms)",
+        "{}: {} frames of {width}x{height} {how}, {:.1} FPS ({:.2} ms)",
         played.device, played.frames, played.fps, played.ms.median
     ));
     if let Some(path) = &args.screenshot {

@@ -1,46 +1,46 @@
-//! A camera path that a person flew, as cameras at equal times.
+//! A camera path that the user flew, sampled at equal times.
 
 use glam::{DMat3, DQuat, DVec3};
 
 use instgs_vk::scene::Camera;
 
-/// Pictures per second of a path.
+/// Frame rate of the sampled path, frames per second.
 pub const PATH_FPS: f64 = 30.0;
-/// A pause between pictures that is longer was none of movement: pictures are drawn only while something changes.
+/// A longer interval between frames means that the camera stood still: frames are drawn only while something changes.
 const LONGEST_MOVE_SECONDS: f64 = 0.25;
 
-/// Cameras as they were shown.
+/// The cameras of a recorded path.
 #[derive(Clone, Debug, Default)]
 pub struct Recording {
-    /// Seconds since some moment, increasing; and the camera from then on.
+    /// Time in seconds since a fixed moment, increasing, and the camera from then on.
     shown: Vec<(f64, Camera)>,
 }
 
 impl Recording {
-    /// A picture was shown at a time, in seconds; times that do not increase are left out.
+    /// Records the camera of a frame that was shown at a time in seconds; times that do not increase are ignored.
     pub fn push(&mut self, seconds: f64, camera: Camera) {
         let Some((last, still)) = self.shown.last() else { return self.shown.push((seconds, camera)) };
         if seconds <= *last {
             return;
         }
         if seconds - last > LONGEST_MOVE_SECONDS {
-            // It stood still until just before.
+            // The camera stood still until just before.
             let still = still.clone();
             self.shown.push((seconds - LONGEST_MOVE_SECONDS / 2.0, still));
         }
         self.shown.push((seconds, camera));
     }
 
-    /// Seconds from the first picture to the last.
+    /// Duration from the first frame to the last, seconds.
     pub fn seconds(&self) -> f64 {
         self.shown.last().map_or(0.0, |(last, _)| last - self.shown[0].0)
     }
 
-    /// The cameras at [`PATH_FPS`], first and last included, between those that were shown: places on straight lines,
-    /// directions on great circles. All have the size of the first. Empty if nothing was shown.
+    /// The path sampled at [`PATH_FPS`], first and last frame included. Between frames, positions are interpolated
+    /// linearly and rotations spherically. All cameras have the image size of the first. Empty without frames.
     pub fn cameras(&self) -> Vec<Camera> {
         let Some((start, first)) = self.shown.first() else { return Vec::new() };
-        // A rounding error is no picture.
+        // The tolerance keeps a rounding error from adding a sample.
         let pictures = (self.seconds() * PATH_FPS - 1e-6).ceil() as usize + 1;
         let size = (first.width, first.height);
         let at = |k: usize| {
@@ -58,7 +58,7 @@ impl Recording {
     }
 }
 
-/// A camera between two, of the first one's size; `part` from 0 to 1.
+/// A camera between two, with the first one's image size; `part` is the interpolation weight, 0 to 1.
 fn between(a: &Camera, b: &Camera, part: f64) -> Camera {
     let b = b.resized(a.width, a.height);
     let mix = |x: f64, y: f64| x + part * (y - x);
@@ -92,7 +92,7 @@ mod tests {
         let (mut n, mut recording) = (navigator(), Recording::default());
         let start = n.clone();
         assert!(recording.cameras().is_empty());
-        // Uneven pictures of an even look around: 10 px each 0.1 s.
+        // Uneven frames of an even pan: 10 px per 0.1 s.
         for (seconds, px) in [(5.0, 0.0), (5.05, 5.0), (5.2, 20.0)] {
             n = start.clone();
             n.look([px, 0.0], 180.0);
@@ -110,7 +110,7 @@ mod tests {
         }
     }
 
-    /// A jump after a pause stays a jump, and time that runs backwards changes nothing.
+    /// A jump after a pause stays a jump, and decreasing times are ignored.
     #[test]
     fn pauses_stay_still() {
         let (mut n, mut recording) = (navigator(), Recording::default());

@@ -1,36 +1,37 @@
-//! Smaller pictures while things move, if the device does not make it within the time that a picture may take.
+//! Lower resolution while the view changes, if the device exceeds the time budget of a frame.
 
-/// Each scale is this part of the one before: half the pixels in two steps.
+/// Ratio of consecutive scales: two steps halve the number of pixels.
 const STEP: f64 = 0.840_896_415_253_714_6;
-/// The smallest scale, a quarter of width and height, is this many steps away.
+/// Number of steps to the smallest scale, a quarter of width and height.
 const MOST_STEPS: u32 = 8;
-/// A larger scale must be expected to need at most this part of the budget, so that it is not left again at once.
+/// The scale grows only if the predicted time is below this fraction of the budget, so that it does not shrink again at
+/// once.
 const HEADROOM: f64 = 0.8;
-/// So many pictures in a row must be fast before the scale grows: a third of a second at 60 per second.
+/// Number of consecutive fast frames before the scale grows: a third of a second at 60 frames per second.
 const PATIENCE: u32 = 20;
 
-/// The scale that pictures are drawn at while things move; what stands still has all its pixels.
+/// The scale of frames while the view changes; still frames have full resolution.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Resolution {
-    /// Milliseconds that a picture may take on the device; `None` = as long as it takes, with all pixels.
+    /// Device time in milliseconds that a frame may take; `None` = no limit and always full resolution.
     pub budget_ms: Option<f64>,
     steps: u32,
     fast: u32,
 }
 
 impl Resolution {
-    /// With all pixels at first.
+    /// Starts at full resolution with a budget.
     pub fn with_budget(budget_ms: Option<f64>) -> Self {
         Self { budget_ms, ..Self::default() }
     }
 
-    /// Part of width and height; 1 = all of it.
+    /// Factor on width and height; 1 = full resolution.
     pub fn scale(&self) -> f64 {
         if self.budget_ms.is_some() { STEP.powi(self.steps as i32) } else { 1.0 }
     }
 
-    /// A picture of the current scale took `ms` on the device. The time of a picture is taken to go with its pixels, which
-    /// is true of what is blended and too bold for the rest: then another step follows.
+    /// Adapts the scale to the device time `ms` of a frame at the present scale. The time is assumed to be proportional
+    /// to the number of pixels, which holds for blending and is optimistic for the rest; further steps then correct it.
     pub fn took(&mut self, ms: f64) {
         let Some(budget) = self.budget_ms.filter(|budget| *budget > 0.0 && ms.is_finite()) else { return };
         let per_step = STEP * STEP;
@@ -47,7 +48,7 @@ impl Resolution {
         }
     }
 
-    /// The size of a picture for a window; at least one pixel.
+    /// Size of a frame for a window at a scale; at least one pixel, or zero for a minimised window.
     pub fn of([width, height]: [u32; 2], scale: f64) -> [u32; 2] {
         [width, height].map(|side| ((f64::from(side) * scale).round() as u32).max(side.min(1)))
     }
@@ -57,7 +58,7 @@ impl Resolution {
 mod tests {
     use super::*;
 
-    /// A device that takes 1 ms and 40 more per full picture.
+    /// A device that takes 1 ms plus 40 ms per full-resolution frame.
     fn ms(scale: f64) -> f64 {
         1.0 + 40.0 * scale * scale
     }
@@ -73,7 +74,7 @@ mod tests {
         assert!(ms(scales[3]) <= 16.0, "{:?}", &scales[..4]);
         assert!(scales[3..].iter().all(|s| *s == scales[3]), "no to and fro: {scales:?}");
         assert!(ms(scales[3] / STEP) > HEADROOM * 16.0, "no smaller than needed");
-        // The view becomes easy: step by step all pixels again.
+        // The view becomes cheap: the scale returns to 1 step by step.
         (0..PATIENCE * MOST_STEPS).for_each(|_| resolution.took(2.0));
         assert_eq!(resolution.scale(), 1.0);
     }

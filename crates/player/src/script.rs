@@ -1,25 +1,25 @@
-//! What a person does, as lines of a text file, played in a real window: for tests, pictures of tutorials, and reports of what
-//! went wrong. One line is done for each picture.
+//! User input as lines of a text file, played back in a real window: for tests, for screenshots of tutorials, and for
+//! bug reports. Each frame plays one line.
 //!
 //! ```text
-//! size 640 480          the window has this size from now on
-//! pointer 120 80        the pointer goes there, pixels
-//! press left            left, right or middle; release alike
+//! size 640 480          resizes the window
+//! pointer 120 80        moves the pointer; window pixels
+//! press left            left, right or middle; likewise release
 //! click 120 80          pointer, press and release
-//! double 120 80         pointer, and two clicks before the next picture
+//! double 120 80         pointer, and two clicks before the next frame
 //! drag left 10 10 90 60 pointer, press, pointer in eight steps, release
-//! wheel 2               steps towards the scene
-//! key ctrl+shift+KeyZ   a key with what is held, by the name of its place on a US keyboard; keys that fly only tap
-//! hold KeyW 12          a key that is held while so many pictures are drawn
-//! frames 5              so many pictures without doing anything
-//! shot a.png            the picture, without what is written over it; paths are relative to the script
-//! counts a.json         how many submissions and host waits there have been so far, to a file
+//! wheel 2               two steps towards the scene
+//! key ctrl+shift+KeyZ   a key with its modifiers, by its place on a US keyboard; flight keys are only tapped
+//! hold KeyW 12          a key is held for 12 frames
+//! frames 5              5 frames without any input
+//! shot a.png            saves the frame without the overlay; paths are relative to the script
+//! counts a.json         saves the number of submissions and host waits so far
 //! found                 waits until a search for boxes has ended
 //! boxes a.json          saves the boxes to a file
-//! lose                  the device counts as lost: what follows is drawn by one opened anew
+//! lose                  simulates a lost device: the following frames are drawn on a reopened one
 //! drop a.ply            a file is dropped on the window
-//! close                 the window's button to close it, which asks if something is not saved
-//! quit                  the window closes
+//! close                 the window's close button, which asks if something is not saved
+//! quit                  closes the window
 //! # and the rest of a line is a comment
 //! ```
 
@@ -33,57 +33,57 @@ use winit::keyboard::KeyCode;
 
 use super::controls::Button;
 
-/// Pictures that a drag takes from its beginning to its end.
+/// Frames of a drag from start to end.
 const DRAG_STEPS: u32 = 8;
 
-/// One thing that is done before a picture.
+/// One input that is played back before a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
-    /// Width and height of the window, pixels.
+    /// Resizes the window: width and height, pixels.
     Size([u32; 2]),
-    /// The pointer moves, pixels.
+    /// Moves the pointer; window pixels.
     Pointer([f64; 2]),
-    /// A button goes down (true) or up.
+    /// Presses (true) or releases a button.
     Button(Button, bool),
-    /// The left button is clicked twice.
+    /// Clicks twice with the left button.
     DoubleClick,
-    /// Steps of the wheel.
+    /// Turns the wheel by a number of steps.
     Wheel(f64),
-    /// A key is pressed and released.
+    /// Presses and releases a key.
     Key {
-        /// Which.
+        /// The key, by its place on a US keyboard.
         code: KeyCode,
-        /// Ctrl is held.
+        /// True if Ctrl is held.
         control: bool,
-        /// Shift is held.
+        /// True if Shift is held.
         shift: bool,
     },
-    /// A key goes down (true) or up.
+    /// Presses (true) or releases a key.
     Hold(KeyCode, bool),
-    /// Nothing.
+    /// Draws a frame without any input.
     Wait,
-    /// The picture goes to a file.
+    /// Saves the frame to a PNG file.
     Shot(PathBuf),
-    /// Submissions and host waits so far go to a file.
+    /// Saves the number of submissions and host waits so far to a JSON file.
     Counts(PathBuf),
-    /// Nothing, until a search has ended.
+    /// Draws frames until the search has ended.
     Found,
-    /// The boxes go to a file.
+    /// Saves the boxes to a file.
     Boxes(PathBuf),
-    /// The device counts as lost.
+    /// Simulates the loss of the device.
     Lose,
-    /// A file is dropped on the window.
+    /// Drops a file on the window.
     Drop(PathBuf),
-    /// The window's button to close it.
+    /// Presses the window's close button.
     Close,
-    /// The window closes.
+    /// Closes the window without asking.
     Quit,
 }
 
-/// Reads a script; paths in it are relative to `folder`.
+/// Parses a script; relative paths in it are relative to `folder`.
 ///
 /// # Errors
-/// One line: which line is wrong, and how.
+/// A message of one line: the number of the bad line and what is wrong with it.
 pub fn parse(text: &str, folder: &Path) -> Result<VecDeque<Step>, String> {
     let mut steps = VecDeque::new();
     for (k, line) in text.lines().enumerate() {
@@ -127,7 +127,7 @@ fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, String
         ("drop", [path]) => vec![Step::Drop(folder.join(path))],
         ("close", []) => vec![Step::Close],
         ("quit", []) => vec![Step::Quit],
-        _ => return Err(format!("{:?} is no step of a script", [&[what], rest].concat().join(" "))),
+        _ => return Err(format!("{:?} is not a script step", [&[what], rest].concat().join(" "))),
     })
 }
 
@@ -153,7 +153,7 @@ fn key(keys: &str) -> Result<Step, String> {
 fn key_code(name: &str) -> Result<KeyCode, String> {
     let name_only: StrDeserializer<'_, Error> = name.into_deserializer();
     KeyCode::deserialize(name_only)
-        .map_err(|_| format!("{name:?} is no key: for instance KeyW, Digit1, ArrowLeft, F12"))
+        .map_err(|_| format!("{name:?} is not a key; examples: KeyW, Digit1, ArrowLeft, F12"))
 }
 
 fn button_of(name: &str) -> Result<Button, String> {
@@ -161,22 +161,25 @@ fn button_of(name: &str) -> Result<Button, String> {
         "left" => Button::Left,
         "right" => Button::Right,
         "middle" => Button::Middle,
-        _ => return Err(format!("{name:?} is no button: left, right or middle")),
+        _ => return Err(format!("{name:?} is not a button: left, right or middle")),
     })
 }
 
 fn number(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("{text:?} is no number"))
+    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("{text:?} is not a number"))
 }
 
-/// At most a million, as `--frames`.
+/// A number of frames, at most a million as for `--frames`.
 fn count(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|n| *n <= 1_000_000).ok_or_else(|| format!("{text:?} is no number from 0 to 1000000"))
+    text.parse().ok().filter(|n| *n <= 1_000_000).ok_or_else(|| format!("{text:?} is not a number from 0 to 1000000"))
 }
 
-/// At most 16384, which every device can draw.
+/// A side length in pixels, at most 16384, which every device can draw.
 fn side(text: &str) -> Result<u32, String> {
-    text.parse().ok().filter(|n| (1..=16384).contains(n)).ok_or_else(|| format!("{text:?} is no size from 1 to 16384"))
+    text.parse()
+        .ok()
+        .filter(|n| (1..=16384).contains(n))
+        .ok_or_else(|| format!("{text:?} is not a size from 1 to 16384"))
 }
 
 #[cfg(test)]

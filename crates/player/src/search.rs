@@ -1,4 +1,4 @@
-//! The search for what is like a box, beside the pictures.
+//! The search for objects similar to the one in a box, on a thread of its own.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -11,70 +11,71 @@ use glam::DVec3;
 use instgs_objects::register::find::{FindError, FindInput, FindOptions, FindProgress, Found, find_alike};
 use instgs_vk::scene::{Camera, Gaussians, ObjectBox};
 
-/// Parts of the work that are told apart.
+/// Resolution of the progress: a completed search has this value.
 const PARTS: u32 = 1000;
 
-/// A search that goes on.
+/// A search that is running or has ended.
 pub struct Search {
-    told: Arc<Told>,
+    shared: Arc<SharedState>,
     thread: JoinHandle<Result<Found, FindError>>,
     like: u32,
     started: Instant,
 }
 
-/// What the window and the search tell each other.
+/// State shared by the window and the search's thread.
 #[derive(Default)]
-struct Told {
-    /// Of [`PARTS`].
+struct SharedState {
+    /// Progress, 0 to [`PARTS`].
     done: AtomicU32,
     stop: AtomicBool,
 }
 
-/// How a search ended.
+/// Result of an ended search.
 #[derive(Debug)]
 pub enum Searched {
-    /// The repetitions, and the seconds it took.
+    /// Boxes around the similar objects, and the duration in seconds.
     Found(Vec<ObjectBox>, f64),
-    /// It was stopped.
+    /// The user stopped the search.
     Stopped,
-    /// Why nothing could be looked for: one line.
+    /// The search could not run: a message of one line.
     Failed(String),
 }
 
 impl Search {
-    /// Looks for what is like `object` in a cloud of the world; `cameras` saw it and may be none, `up` is a unit vector. With
-    /// `other_sizes` what is like it may be of half to twice its size.
+    /// Starts a search for objects similar to the one in box `object`, in a cloud in world coordinates. `cameras` are
+    /// those of the photos, possibly none; `up` is a unit vector. With `other_sizes`, objects of half to twice the size
+    /// are found, too.
     pub fn start(cloud: Gaussians, cameras: Vec<Camera>, object: ObjectBox, up: DVec3, other_sizes: bool) -> Self {
-        let told = Arc::new(Told::default());
-        let (like, of_thread) = (object.id, told.clone());
+        let shared = Arc::new(SharedState::default());
+        let (like, of_thread) = (object.id, shared.clone());
         let work = move || {
             let input = FindInput { cloud: &cloud, cameras: &cameras, object: &object, up: Some(up) };
             find_alike(&input, &FindOptions::of_sizes(other_sizes), &mut |progress| of_thread.note(progress))
         };
-        Self { told, thread: std::thread::spawn(work), like, started: Instant::now() }
+        Self { shared, thread: std::thread::spawn(work), like, started: Instant::now() }
     }
 
-    /// The box it is about.
+    /// Id of the box whose object is searched for.
     pub fn like(&self) -> u32 {
         self.like
     }
 
-    /// What part of it is done, 0 to 1.
+    /// Progress of the search, 0 to 1.
     pub fn part(&self) -> f32 {
-        self.told.done.load(Ordering::Relaxed) as f32 / PARTS as f32
+        self.shared.done.load(Ordering::Relaxed) as f32 / PARTS as f32
     }
 
-    /// Asks it to stop; it does so after its next step.
+    /// Requests a stop, which takes effect at the search's next step.
     pub fn stop(&self) {
-        self.told.stop.store(true, Ordering::Relaxed);
+        self.shared.stop.store(true, Ordering::Relaxed);
     }
 
-    /// True if [`Search::end`] does not wait.
+    /// True if [`Search::end`] returns without waiting.
     pub fn has_ended(&self) -> bool {
         self.thread.is_finished()
     }
 
-    /// Waits for the end.
+    /// Waits for the search's thread and returns the result.
     pub fn end(self) -> Searched {
         match self.thread.join() {
             Ok(Ok(found)) => {
@@ -83,12 +84,12 @@ impl Search {
             }
             Ok(Err(FindError::Stopped)) => Searched::Stopped,
             Ok(Err(error)) => Searched::Failed(error.to_string()),
-            Err(_) => Searched::Failed("the search broke off: an error of the program".into()),
+            Err(_) => Searched::Failed("the search failed: this is a bug in the player".into()),
         }
     }
 }
 
-impl Told {
+impl SharedState {
     fn note(&self, progress: FindProgress) -> ControlFlow<()> {
         let part = u64::from(PARTS) * progress.done as u64 / (progress.total as u64).max(1);
         self.done.store(part as u32, Ordering::Relaxed);
@@ -96,7 +97,7 @@ impl Told {
     }
 }
 
-/// A cloud without what depends on the direction of view: shapes do not need it, and it is most of the memory.
+/// A copy of the cloud without SH bands 1 to 3: the search does not use them, and they take most of the memory.
 pub fn without_view_dependence(cloud: &Gaussians) -> Gaussians {
     Gaussians {
         sh_degree: 0,

@@ -1,4 +1,4 @@
-//! What was there before a change of a scene, and what of the device's copy follows from it.
+//! Undo steps: the parts of a scene before a change, and which device data a change affects.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,19 +7,19 @@ use instgs_vk::scene::edit::Edit;
 use instgs_vk::scene::instanced_scene::ForeignTensor;
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 
-/// What of a scene must go to the device again.
+/// The part of a scene that must be uploaded again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Changed {
-    /// The places of these instances.
+    /// The poses of these instances.
     Places(Vec<usize>),
     /// Whether these instances are drawn.
     Shown(Vec<usize>),
-    /// All of it.
+    /// The whole scene, for instance after its templates changed.
     Everything,
 }
 
 impl Changed {
-    /// What follows from one change after another.
+    /// The combined effect of two changes in order.
     pub(super) fn and(self, then: Self) -> Self {
         match (self, then) {
             (Self::Places(first), Self::Places(then)) => {
@@ -31,19 +31,19 @@ impl Changed {
     }
 }
 
-/// What edits change of a scene, as it was at a moment. Parts that an edit left alone are absent.
+/// The parts of a scene that an edit changes, as they were before it. Parts that an edit leaves alone are absent.
 #[derive(Default)]
 pub(super) struct Parts {
     instances: Option<Vec<Instance>>,
     groups: Option<Vec<Group>>,
     offsets: Option<Offsets>,
     template_sh: Option<Vec<[f32; 3]>>,
-    /// All of the pool, with its colours: only where Gaussians were taken out of it.
+    /// The whole source pool with its colours: present only if Gaussians were removed from it.
     templates: Option<(Gaussians, Vec<TemplateRange>)>,
     foreign_tensors: Option<BTreeMap<String, ForeignTensor>>,
 }
 
-/// One change: what was there, what was chosen, and what was hidden.
+/// One undo step: the scene's parts, the selection and the hidden instances before a change.
 pub(super) struct Step {
     pub(super) parts: Parts,
     pub(super) chosen: BTreeSet<usize>,
@@ -51,7 +51,7 @@ pub(super) struct Step {
 }
 
 impl Parts {
-    /// The parts that an edit may change. Placing things is done many times a second while they are dragged, and copies
+    /// Copies the parts that an edit may change. Moving instances happens many times a second during a drag, and copies
     /// the list of instances only.
     pub(super) fn before(scene: &InstancedScene, edit: &Edit) -> Self {
         let places = Self { instances: Some(scene.instances.clone()), ..Self::default() };
@@ -71,7 +71,7 @@ impl Parts {
         }
     }
 
-    /// What is different in a scene now.
+    /// Keeps the parts that differ from a scene's present ones.
     pub(super) fn that_differ_from(self, scene: &InstancedScene) -> Self {
         Self {
             instances: self.instances.filter(|was| *was != scene.instances),
@@ -83,19 +83,19 @@ impl Parts {
         }
     }
 
-    /// Where an instance stood, if that is among the parts.
+    /// Stored pose of an instance, if the instances are among the parts.
     pub(super) fn place_of(&self, k: usize) -> Option<Similarity> {
         Some(self.instances.as_ref()?.get(k)?.world_from_template)
     }
 
-    /// True if nothing of the scene was different.
+    /// True if no part of the scene is stored.
     pub(super) fn is_empty(&self) -> bool {
         let Self { instances, groups, offsets, template_sh, templates, foreign_tensors } = self;
         let lists = groups.is_none() && offsets.is_none() && foreign_tensors.is_none();
         lists && instances.is_none() && template_sh.is_none() && templates.is_none()
     }
 
-    /// Memory that the parts take, but for names.
+    /// Memory of the parts in bytes, without names.
     pub(super) fn bytes(&self) -> u64 {
         let instances = self.instances.as_ref().map_or(0, |instances| 56 * instances.len() as u64);
         let offsets = self.offsets.as_ref().map_or(0, Offsets::tensor_bytes);
@@ -106,7 +106,7 @@ impl Parts {
         instances + offsets + sh + templates + foreign
     }
 
-    /// What goes to the device when a scene changes from one to the other.
+    /// What must be uploaded when the scene's parts and these are swapped.
     pub(super) fn changed(&self, scene: &InstancedScene) -> Changed {
         let pools = self.offsets.is_some() || self.template_sh.is_some() || self.templates.is_some();
         let none = Vec::new();
@@ -122,7 +122,7 @@ impl Parts {
         Changed::Places(was.iter().zip(is).enumerate().filter_map(elsewhere).collect())
     }
 
-    /// Puts the parts into the scene and keeps those that were there.
+    /// Swaps the stored parts with those of the scene.
     pub(super) fn exchange(&mut self, scene: &mut InstancedScene) {
         swap(&mut self.instances, &mut scene.instances);
         swap(&mut self.groups, &mut scene.groups);

@@ -1,7 +1,7 @@
-//! Pictures in a window: the surface, its images, and how one of them is filled and shown.
+//! Presentation in a window: the surface, its images, and how an image is filled and presented.
 //!
-//! A picture comes as a buffer of packed pixels (kernel `present`) and is copied into the image: that needs nothing of an
-//! image but that it can be the target of a copy. The user interface is drawn over it.
+//! A frame comes as a buffer of packed pixels (kernel `present`) and is copied into the image, so that images only need
+//! to be usable as a transfer destination and colour attachment. The overlay is drawn on top.
 
 use std::sync::Arc;
 
@@ -12,26 +12,26 @@ use instgs_vk::gpu::{Buffer, Gpu, GpuError, Recorder};
 
 use crate::ui_painter::{UiFrame, UiPainter};
 
-/// Name of the pass that draws the user interface, where passes are timed.
+/// Name of the pass that draws the overlay, in profiles.
 pub const UI_PASS: &str = "interface";
 
-/// When a new picture replaces the one on the screen.
+/// When a new frame replaces the one on the screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PresentMode {
-    /// With the screen's refresh, in order: no tearing, never faster than the screen.
+    /// At vertical blank, in order: no tearing, never faster than the screen.
     #[default]
     Fifo,
-    /// With the screen's refresh, the newest there is: no tearing, as fast as can be drawn.
+    /// At vertical blank, the newest frame: no tearing, and frames are drawn as fast as possible.
     Mailbox,
-    /// At once: may tear.
+    /// Immediately, which may tear.
     Immediate,
 }
 
 impl PresentMode {
-    /// All of them.
+    /// All modes, in the order in which they are offered.
     pub const ALL: [Self; 3] = [Self::Fifo, Self::Mailbox, Self::Immediate];
 
-    /// What users call it.
+    /// Name of the mode for users.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Fifo => "fifo",
@@ -49,7 +49,7 @@ impl PresentMode {
     }
 }
 
-/// The images of a window. Drop it before the window.
+/// The swapchain of a window. Must be dropped before the window.
 pub struct Swapchain {
     gpu: Arc<Gpu>,
     surface_calls: khr::surface::Instance,
@@ -60,7 +60,7 @@ pub struct Swapchain {
     images: Vec<SwapImage>,
     size_px: [u32; 2],
     mode: PresentMode,
-    /// Signalled when an image may be written; one more than images, used in turn.
+    /// Semaphores that an image's acquisition signals: one more than images, used in turn.
     free: Vec<vk::Semaphore>,
     next_free: usize,
 }
@@ -68,37 +68,40 @@ pub struct Swapchain {
 struct SwapImage {
     image: vk::Image,
     view: vk::ImageView,
-    /// Signalled when the picture is complete. By image: the presentation of an image is over when it is acquired again.
+    /// Signalled when the frame is complete. One per image, since the presentation of an image is over when it is
+    /// acquired again.
     complete: vk::Semaphore,
 }
 
-/// An image that may be filled.
+/// An acquired image that may be filled.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
     index: u32,
     free: vk::Semaphore,
     /// Width and height, pixels.
     pub size_px: [u32; 2],
-    /// Bytes of a pixel are blue, green, red, alpha instead of red first.
+    /// True if a pixel's bytes are blue, green, red, alpha instead of red first.
     pub blue_first: bool,
 }
 
 impl Swapchain {
-    /// For a window of `size_px`. Modes that the window does not offer become FIFO, which all do.
+    /// Creates a swapchain for a window of `size_px`. A mode that the window does not support becomes FIFO, which is
+    /// always supported.
     ///
     /// # Errors
-    /// The device cannot draw into this window, or there is no format with 8 bits per colour.
+    /// The device cannot present to this window, or there is no format with 8 bits per colour.
     ///
     /// # Safety
-    /// The handles are of an existing display and window, the display the one that `gpu` was opened for, and the window lives
-    /// until this is dropped.
+    /// The handles must be of an existing display and window, the display the one that `gpu` was opened for, and the
+    /// window must outlive the swapchain.
     pub unsafe fn new(
         gpu: &Arc<Gpu>,
-        (display, window): (RawDisplayHandle, RawWindowHandle),
+        display: RawDisplayHandle,
+        window: RawWindowHandle,
         size_px: [u32; 2],
         mode: PresentMode,
     ) -> Result<Self, GpuError> {
-        // SAFETY: the caller vouches for the handles; the extensions of this display are enabled.
+        // SAFETY: the caller guarantees valid handles; the extensions of this display are enabled.
         let surface = unsafe { ash_window::create_surface(gpu.raw_entry(), gpu.raw_instance(), display, window, None) }
             .map_err(GpuError::vulkan("surface of the window"))?;
         let surface_calls = khr::surface::Instance::new(gpu.raw_entry(), gpu.raw_instance());
@@ -115,7 +118,7 @@ impl Swapchain {
             free: Vec::new(),
             next_free: 0,
         };
-        // SAFETY: family and surface are valid.
+        // SAFETY: the queue family and the surface are valid.
         let presents = unsafe {
             swapchain.surface_calls.get_physical_device_surface_support(
                 gpu.raw_physical_device(),
@@ -132,7 +135,7 @@ impl Swapchain {
         Ok(swapchain)
     }
 
-    /// The format of the images.
+    /// Vulkan format of the images.
     pub(crate) fn image_format(&self) -> vk::Format {
         self.format.format
     }
@@ -142,18 +145,18 @@ impl Swapchain {
         self.size_px
     }
 
-    /// When pictures replace each other: FIFO if the window does not offer what was asked for.
+    /// The present mode in use: FIFO if the window does not support the requested one.
     pub fn mode(&self) -> PresentMode {
         self.mode
     }
 
-    /// Changes when pictures replace each other, if the window offers that; see [`Swapchain::mode`].
+    /// Requests another present mode; see [`Swapchain::mode`] for the result.
     pub fn set_mode(&mut self, mode: PresentMode) -> Result<(), GpuError> {
         self.mode = mode;
         self.resize(self.size_px)
     }
 
-    /// New images for a window that is `size_px` now, or of the size that the window system insists on.
+    /// Recreates the images for a window of `size_px`, or of the size that the window system dictates.
     pub fn resize(&mut self, size_px: [u32; 2]) -> Result<(), GpuError> {
         self.wait_idle()?;
         // SAFETY: device and surface are valid.
@@ -175,14 +178,15 @@ impl Swapchain {
         self.create_images()
     }
 
-    /// An image to fill; `None` if there is none now: the window is minimised or has changed, so that [`Swapchain::resize`]
+    /// Acquires an image to fill; `None` if the window is minimised or out of date, in which case [`Swapchain::resize`]
     /// must come first.
     pub fn acquire(&mut self) -> Result<Option<Target>, GpuError> {
         if self.handle == vk::SwapchainKHR::null() {
             return Ok(None);
         }
         let free = self.free[self.next_free];
-        // SAFETY: the semaphore is unsignalled: of the images plus one in turn, at most the number of images wait.
+        // SAFETY: the semaphore is unsignalled: with one semaphore more than images, used in turn, this one's last wait
+        // is over.
         match unsafe { self.calls.acquire_next_image(self.handle, u64::MAX, free, vk::Fence::null()) } {
             Ok((index, _)) => {
                 self.next_free = (self.next_free + 1) % self.free.len();
@@ -193,12 +197,12 @@ impl Swapchain {
         }
     }
 
-    /// Fills an image with `pixels` (one u32 each, row by row from the top, bytes in the target's order), draws the user
-    /// interface over it, submits everything that `recorder` holds, and shows it. False if the window has changed, so
-    /// that [`Swapchain::resize`] should come before the next picture.
+    /// Fills an image with `pixels` (one u32 each, row by row from the top, bytes in the target's order), draws the
+    /// overlay on top, submits everything that `recorder` holds, and presents the image. False if the window has
+    /// changed, so that [`Swapchain::resize`] should come before the next frame.
     ///
     /// # Panics
-    /// If `pixels` has fewer than the image.
+    /// If `pixels` has fewer elements than the image has pixels.
     pub fn present(
         &mut self,
         recorder: &mut Recorder,
@@ -230,8 +234,9 @@ impl Swapchain {
             recorder.end_by_hand(timer);
         }
         self.move_to(commands, image.image, drawn, vk::ImageLayout::PRESENT_SRC_KHR);
-        // SAFETY: the image was acquired with `free`, so that it will be signalled; what waits for `complete` is the showing of
-        // the image, which was over when it was acquired; images and semaphores go when the device is idle.
+        // SAFETY: the image was acquired with `free`, which will be signalled; only the image's presentation waits for
+        // `complete`, and that was over when the image was acquired; images and semaphores are destroyed when the
+        // device is idle.
         unsafe { recorder.submit_between(Some(target.free), Some(image.complete)) }?;
         self.show(target)
     }
@@ -241,7 +246,7 @@ impl Swapchain {
         let (handles, indices) = ([self.handle], [target.index]);
         let info =
             vk::PresentInfoKHR::default().wait_semaphores(&complete).swapchains(&handles).image_indices(&indices);
-        // SAFETY: the queue is locked; the image was acquired, and `complete` is signalled by the submission before.
+        // SAFETY: the queue is locked; the image was acquired, and the preceding submission signals `complete`.
         match self.gpu.with_queue(|queue| unsafe { self.calls.queue_present(queue, &info) })? {
             Ok(suboptimal) => Ok(!suboptimal),
             Err(vk::Result::ERROR_OUT_OF_DATE_KHR) => Ok(false),
@@ -249,7 +254,7 @@ impl Swapchain {
         }
     }
 
-    /// A barrier between two uses of an image.
+    /// Records a barrier between two uses of an image.
     fn move_to(&self, commands: vk::CommandBuffer, image: vk::Image, from: vk::ImageLayout, to: vk::ImageLayout) {
         let ((src_stage, src_access), (dst_stage, dst_access)) = (use_in(from), use_in(to));
         let barrier = [vk::ImageMemoryBarrier2::default()
@@ -266,8 +271,8 @@ impl Swapchain {
         unsafe { self.gpu.raw_device().cmd_pipeline_barrier2(commands, &info) };
     }
 
-    /// A format with 8 bits per colour whose values are what pictures hold: sRGB values, which the device must not
-    /// convert.
+    /// Selects a format with 8 bits per colour that stores values unchanged: frames hold sRGB values already, which the
+    /// device must not encode again.
     fn choose_format(&self) -> Result<vk::SurfaceFormatKHR, GpuError> {
         // SAFETY: device and surface are valid.
         let formats = unsafe {
@@ -296,7 +301,7 @@ impl Swapchain {
         if !modes.contains(&self.mode.vulkan()) {
             self.mode = PresentMode::Fifo;
         }
-        // One to draw into while one is shown and one waits.
+        // One image to draw into while one is presented and one waits.
         let most = if abilities.max_image_count == 0 { u32::MAX } else { abilities.max_image_count };
         let [width, height] = self.size_px;
         let opaque = vk::CompositeAlphaFlagsKHR::OPAQUE;
@@ -338,7 +343,7 @@ impl Swapchain {
                 .view_type(vk::ImageViewType::TYPE_2D)
                 .format(self.format.format)
                 .subresource_range(whole_image());
-            // SAFETY: as above.
+            // SAFETY: a valid create-info; the view is destroyed by `destroy_images`.
             let view =
                 unsafe { device.create_image_view(&info, None) }.map_err(GpuError::vulkan("view of an image"))?;
             let mut swap_image = SwapImage { image, view, complete: vk::Semaphore::null() };
@@ -354,7 +359,7 @@ impl Swapchain {
         Ok(())
     }
 
-    /// Waits for the device, presentation included.
+    /// Waits until the device is idle, presentation included.
     fn wait_idle(&self) -> Result<(), GpuError> {
         // SAFETY: the queue is locked, and the device of a window has no other.
         self.gpu
@@ -362,7 +367,7 @@ impl Swapchain {
             .map_err(GpuError::vulkan("waiting for the window"))
     }
 
-    /// The device must be idle.
+    /// Destroys the images' views and semaphores. The device must be idle.
     fn destroy_images(&mut self) {
         let device = self.gpu.raw_device();
         // SAFETY: the device is idle or lost, and each object is destroyed once; null handles are ignored.
@@ -381,7 +386,7 @@ impl Drop for Swapchain {
         // A lost device returns an error here; destruction is then allowed as well.
         let _ = self.wait_idle();
         self.destroy_images();
-        // SAFETY: nothing uses images or surface any more; children go before parents.
+        // SAFETY: nothing uses images or surface any more; children are destroyed before parents.
         unsafe {
             if self.handle != vk::SwapchainKHR::null() {
                 self.calls.destroy_swapchain(self.handle, None);
@@ -399,7 +404,8 @@ fn whole_image() -> vk::ImageSubresourceRange {
     vk::ImageSubresourceRange::default().aspect_mask(vk::ImageAspectFlags::COLOR).level_count(1).layer_count(1)
 }
 
-/// Stage and access of an image in a layout. An image that comes from the window system waits for its semaphore at copies.
+/// Pipeline stage and access of an image in a layout. The first use of an acquired image waits for its semaphore at the
+/// transfer viewer.
 fn use_in(layout: vk::ImageLayout) -> (vk::PipelineStageFlags2, vk::AccessFlags2) {
     match layout {
         vk::ImageLayout::UNDEFINED => (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::NONE),

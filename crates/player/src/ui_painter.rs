@@ -1,4 +1,4 @@
-//! Draws a user interface made with egui over a picture.
+//! Draws egui's user interface over a frame.
 
 use std::sync::Arc;
 
@@ -9,17 +9,17 @@ use instgs_vk::gpu::{Gpu, GpuError};
 
 use crate::swapchain::Swapchain;
 
-/// Sets of meshes, used in turn: one that is recorded and one that the device may still be drawing.
+/// Sets of meshes, used in turn: one that is recorded while the device may still draw the other.
 const IN_FLIGHT: usize = 2;
 
-/// What to draw: egui's output of one frame.
+/// egui's output of one frame.
 #[derive(Default)]
 pub struct UiFrame {
-    /// Textures to set before drawing and to free after it.
+    /// Textures to upload before drawing and to free after it.
     pub textures: egui::TexturesDelta,
-    /// Triangles.
+    /// Triangle meshes with their clip rectangles.
     pub primitives: Vec<egui::ClippedPrimitive>,
-    /// Pixels of the window per point of the interface.
+    /// Window pixels per interface point.
     pub pixels_per_point: f32,
 }
 
@@ -33,10 +33,10 @@ pub struct UiPainter {
 }
 
 impl UiPainter {
-    /// For images of a window.
+    /// Creates the pipeline for images in the swapchain's format.
     pub fn new(gpu: &Arc<Gpu>, swapchain: &Swapchain) -> Result<Self, GpuError> {
         let info = vk::CommandPoolCreateInfo::default().queue_family_index(gpu.queue_family());
-        // SAFETY: a valid family; destroyed in drop.
+        // SAFETY: a valid queue family; the pool is destroyed in drop.
         let pool =
             unsafe { gpu.raw_device().create_command_pool(&info, None) }.map_err(GpuError::vulkan("command pool"))?;
         let mut painter = Self { gpu: gpu.clone(), renderer: None, pool, to_free: Vec::new() };
@@ -54,8 +54,8 @@ impl UiPainter {
         Ok(painter)
     }
 
-    /// Sets the textures of a frame, and frees those that earlier frames are done with; both are rare, and wait for the
-    /// device, which may still be drawing the last frame.
+    /// Uploads the textures of a frame, and frees those that earlier frames no longer use. Both are rare, and wait for
+    /// the device, which may still be drawing the last frame.
     pub fn prepare(&mut self, frame: &UiFrame) -> Result<(), GpuError> {
         let Some(renderer) = &mut self.renderer else { return Ok(()) };
         if self.to_free.is_empty() && frame.textures.set.is_empty() && frame.textures.free.is_empty() {
@@ -71,7 +71,8 @@ impl UiPainter {
         Ok(())
     }
 
-    /// Records the interface onto an image that is a colour attachment. The frame before the last must be over.
+    /// Records the interface onto an image that is a colour attachment. The frame before the previous one must be
+    /// complete, since its meshes are reused.
     pub(crate) fn record(
         &mut self,
         commands: vk::CommandBuffer,
@@ -93,7 +94,7 @@ impl UiPainter {
         // SAFETY: recording; the view is of an image in this layout, and the array lives through the call.
         unsafe { self.gpu.raw_device().cmd_begin_rendering(commands, &info) };
         let drawn = renderer.cmd_draw(commands, extent, frame.pixels_per_point, &frame.primitives);
-        // SAFETY: begun above.
+        // SAFETY: rendering was begun above.
         unsafe { self.gpu.raw_device().cmd_end_rendering(commands) };
         drawn.map_err(explain)
     }

@@ -1,41 +1,41 @@
-//! The views of a picture: their names, their keys, what is said of them, and how one of them is chosen.
+//! The views of a scene: names, keys, legends, and the menu that selects one.
 
 use instgs_vk::math::heat::heat;
 use instgs_vk::render::Show;
 use instgs_vk::render::show::{ELLIPSE_ALPHA, OFFSET_TOP, TILE_LOAD_TOP};
 
-/// Of the picture of a scene that is far away, this many distances to the target are black in the view of depth.
+/// The depth view is black from this multiple of the target distance on.
 const DEPTH_OF_DISTANCE: f32 = 3.0;
-/// Width and height of the bar of heat colours, points.
+/// Width and height of the colour bar, points.
 const BAR: [f32; 2] = [240.0, 10.0];
-/// Patches of the bar: more than its width in points shows.
+/// Patches of the colour bar: fine enough for its width.
 const PATCHES: u16 = 120;
 
-/// A view, without the values that it may be set to.
+/// A view, without its adjustable value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum View {
-    /// See [`Show::Color`].
+    /// Colours of the splats; see [`Show::Color`].
     Color,
-    /// See [`Show::Alpha`].
+    /// Coverage, 1 - transmittance; see [`Show::Alpha`].
     Alpha,
-    /// See [`Show::Depth`].
+    /// Depth as a grey value; see [`Show::Depth`].
     Depth,
-    /// See [`Show::Instances`].
+    /// One colour per instance; see [`Show::Instances`].
     Instances,
-    /// See [`Show::Templates`].
+    /// One colour per template; see [`Show::Templates`].
     Templates,
-    /// See [`Show::TileLoad`].
+    /// Intersections per tile; see [`Show::TileLoad`].
     TileLoad,
-    /// See [`Show::Offsets`].
+    /// Length of position offsets; see [`Show::Offsets`].
     Offsets,
-    /// See [`Show::Points`].
+    /// Centres of the splats; see [`Show::Points`].
     Points,
-    /// See [`Show::Ellipses`].
+    /// Outlines of the splats; see [`Show::Ellipses`].
     Ellipses,
 }
 
 impl View {
-    /// All of them: the keys 1 to 9 choose them in this order.
+    /// All views: the keys 1 to 9 select them in this order.
     pub const ALL: [Self; 9] = [
         Self::Color,
         Self::Alpha,
@@ -48,7 +48,7 @@ impl View {
         Self::Ellipses,
     ];
 
-    /// The view that is shown.
+    /// The view of a setting, without its value.
     pub fn of(show: Show) -> Self {
         match show {
             Show::Color => Self::Color,
@@ -63,14 +63,14 @@ impl View {
         }
     }
 
-    /// As [`View::show`], at a level of one's own; `None` if the view has none.
+    /// Like [`View::show`], with an explicit value; `None` if the view has none.
     pub fn show_at(self, distance: f64, value: f32) -> Option<Show> {
         let mut show = self.show(distance);
         level(&mut show).map(|(level, ..)| *level = value)?;
         Some(show)
     }
 
-    /// Shows it with the usual values, `distance` from what one looks at (scene units).
+    /// The view with its default value; `distance` is that to the target, scene units.
     pub fn show(self, distance: f64) -> Show {
         match self {
             Self::Color => Show::Color,
@@ -100,23 +100,25 @@ impl View {
     }
 }
 
-/// What the colours of a view mean; `slabs` are the depth slabs of the picture.
+/// Explains the colours of a view; `slabs` is the number of depth slabs of the frame.
 fn legend(show: Show, slabs: u32) -> String {
     match show {
-        Show::Color => "as it is".into(),
-        Show::Alpha => "white: nothing shines through".into(),
-        Show::Depth([white, black]) => format!("white at {white:.3}, black from {black:.3} on"),
-        Show::Instances => "a colour for each; black: background".into(),
-        Show::Templates => "a colour for each; grey: background".into(),
-        Show::TileLoad(top) if slabs > 1 => format!("0 to {top:.0} pairs a tile, in the last of {slabs} slabs"),
-        Show::TileLoad(top) => format!("0 to {top:.0} (splat, tile) pairs a tile"),
-        Show::Offsets(top) => format!("moved by 0 to {:.1} % of the template's radius", 100.0 * top),
-        Show::Points => "a disc of 1.5 pixels on each centre".into(),
-        Show::Ellipses(alpha) => format!("one standard deviation of each, from alpha {alpha:.2} on"),
+        Show::Color => "rendered colours".into(),
+        Show::Alpha => "white: opaque; black: nothing".into(),
+        Show::Depth([white, black]) => format!("white at depth {white:.3}, black from {black:.3}"),
+        Show::Instances => "one colour each; black: background".into(),
+        Show::Templates => "one colour each; grey: background".into(),
+        Show::TileLoad(top) if slabs > 1 => {
+            format!("0 to {top:.0} intersections per tile, in the last of {slabs} depth slabs")
+        }
+        Show::TileLoad(top) => format!("0 to {top:.0} intersections per tile"),
+        Show::Offsets(top) => format!("position offset of 0 to {:.1} % of the template's radius", 100.0 * top),
+        Show::Points => "a disc of 1.5 pixels at each centre".into(),
+        Show::Ellipses(alpha) => format!("one standard deviation, where alpha is at least {alpha:.2}"),
     }
 }
 
-/// Lets the user choose a view, and says what it means. `distance` as in [`View::show`], `slabs` as of the last picture.
+/// The menu of views, with legend and slider. `distance` as in [`View::show`], `slabs` as in [`legend`].
 pub(super) fn choose(ui: &mut egui::Ui, show: &mut Show, distance: f64, slabs: u32) {
     let chosen = View::of(*show);
     ui.horizontal(|ui| {
@@ -139,17 +141,17 @@ pub(super) fn choose(ui: &mut egui::Ui, show: &mut Show, distance: f64, slabs: u
     ui.label(legend(*show, slabs));
 }
 
-/// The value that a view can be set to, the range of its slider, and its name.
+/// The adjustable value of a view, the range of its slider, and its label.
 fn level(show: &mut Show) -> Option<(&mut f32, std::ops::RangeInclusive<f32>, &'static str)> {
     match show {
-        Show::TileLoad(top) => Some((top, 1.0..=65536.0, "palest")),
-        Show::Offsets(top) => Some((top, 0.001..=10.0, "palest")),
+        Show::TileLoad(top) => Some((top, 1.0..=65536.0, "top of the scale")),
+        Show::Offsets(top) => Some((top, 0.001..=10.0, "top of the scale")),
         Show::Ellipses(alpha) => Some((alpha, 0.004..=1.0, "least alpha")),
         _ => None,
     }
 }
 
-/// All heat colours.
+/// Draws the colour bar of the heat map.
 fn bar(ui: &mut egui::Ui) {
     let (rect, _) = ui.allocate_exact_size(BAR.into(), egui::Sense::hover());
     let width = rect.width() / f32::from(PATCHES);

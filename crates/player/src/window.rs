@@ -1,32 +1,26 @@
-//! The window: winit's events in, pictures out. Pictures are drawn only while something changes.
+//! The window: handles winit's events and draws frames. Frames are drawn only while something changes.
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use winit::application::ApplicationHandler;
 use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
-use winit::window::{Window, WindowId};
+use winit::window::WindowId;
 
-use crate::swapchain::{PresentMode, Swapchain};
-use crate::ui_painter::{UiFrame, UiPainter};
-use instgs_vk::gpu::{DeviceChoice, Gpu};
-use instgs_vk::render::FrameStats;
+use crate::swapchain::{PresentMode, Target};
+use crate::ui_painter::UiFrame;
+use instgs_vk::gpu::DeviceChoice;
 use instgs_vk::scene::{Boxes, Camera, InstancedScene};
 
-use super::clock::FrameClock;
-use super::controls::Controls;
 use super::error::PlayerError;
 use super::headless::Timings;
 use super::hud::{Facts, Hud, Settings};
 use super::hud_gizmo::{paint_brush, paint_gizmo};
-use super::navigation::Navigator;
-use super::recording::Recording;
 use super::resolution::Resolution;
+use super::scene_viewer::ViewerOptions;
 use super::script::Step;
-use super::stage::{PixelTimes, Stage, StageOptions};
 
 mod boxing;
 mod editing;
@@ -35,62 +29,63 @@ mod keeping;
 mod key_steps;
 mod leaving;
 mod opening;
+mod parts;
 mod playing;
 
-use boxing::Boxing;
-use editing::Editing;
+use parts::{CameraState, Interaction, Pacing, Playback, Screen, Session};
 
-/// A pause that is longer is not flown through: the window was hidden, or the device busy.
+/// The camera flies at most this long per frame: a longer interval means a hidden window or a busy device.
 const LONGEST_FLIGHT_SECONDS: f64 = 0.25;
-/// A picture of fewer pixels is drawn again with all of them when nothing has moved for so long.
+/// A still view is redrawn at full resolution after this delay.
 const REFINE_AFTER: Duration = Duration::from_millis(150);
-/// A device that is lost again so soon is not opened a third time.
+/// A device that is lost again within this time is not reopened.
 const LOST_FOR_GOOD: Duration = Duration::from_secs(10);
 
-/// What to open.
+/// What the window opens, and how.
 pub struct WindowJob {
-    /// File of the scene.
+    /// Path of the scene's file.
     pub path: PathBuf,
-    /// What was in it, and its length in bytes; else what is wrong with it, to be said in the window.
+    /// The scene and its file size in bytes; else the error that the window displays.
     pub scene: Result<(InstancedScene, u64), String>,
-    /// How it looks.
-    pub options: StageOptions,
-    /// Opacity compensation for small splats; `None` = as each scene says.
+    /// How frames are rendered.
+    pub options: ViewerOptions,
+    /// Opacity compensation for small splats; `None` = the scene's own setting.
     pub antialias: Option<bool>,
-    /// Views of a data set to step through; the first is where the player starts. May be empty.
+    /// Views of a data set to step through; the first is the start camera. May be empty.
     pub cameras: Vec<Camera>,
-    /// The scene's vertical, if the user knows better.
+    /// The scene's up axis, if the user gives it.
     pub up: Option<glam::DVec3>,
     /// Width and height of the window, pixels.
     pub size_px: (u32, u32),
-    /// When pictures replace each other.
+    /// The requested present mode.
     pub mode: PresentMode,
-    /// Which device.
+    /// The Vulkan device to open.
     pub device: DeviceChoice,
-    /// With the validation layers.
+    /// True to enable the validation layers.
     pub validation: bool,
-    /// Close after so many pictures, drawn without pause through `path_cameras`; `None` = when the user closes it.
+    /// Number of frames to draw without a pause through `path_cameras`, after which the window closes; `None` = the
+    /// user closes it.
     pub frames: Option<u64>,
-    /// Cameras of these pictures, in turn.
+    /// Cameras of these frames, used in turn.
     pub path_cameras: Vec<Camera>,
-    /// Where the last picture goes.
+    /// File for the last frame, as PNG.
     pub screenshot: Option<PathBuf>,
-    /// What is done before each of the first pictures; then the user goes on.
+    /// Input to play back, one step per frame, before the user takes over.
     pub script: VecDeque<Step>,
-    /// Milliseconds that a picture may take on the device while things move; else it has fewer pixels.
+    /// Device time in milliseconds that a frame may take while the view changes; above it the resolution is lowered.
     pub budget_ms: Option<f64>,
-    /// Boxes around objects, and the file they are from: the tool for them is taken up at once.
+    /// Boxes around objects and their file; the tool for boxes is active at once.
     pub boxes: Option<(PathBuf, Boxes)>,
 }
 
-/// What the window did.
+/// What the window did, for reports.
 #[derive(Default)]
 pub struct WindowReport {
-    /// Of each picture, if their number was given.
+    /// Times of the frames, if their number was given.
     pub timings: Timings,
-    /// The device's name.
+    /// Name of the Vulkan device.
     pub device: String,
-    /// Size of the last picture.
+    /// Width and height of the last frame, pixels.
     pub size_px: [u32; 2],
     /// First message of the validation layers.
     pub validation_message: Option<String>,
@@ -99,13 +94,13 @@ pub struct WindowReport {
 /// Opens the window and returns when it is closed.
 ///
 /// # Errors
-/// No display, no device that draws into its windows, or a failure while drawing.
+/// No display, no device that can present to its windows, or a failure while drawing.
 pub fn run(job: WindowJob) -> Result<WindowReport, PlayerError> {
     let event_loop = EventLoop::new().map_err(window_error)?;
     event_loop.set_control_flow(ControlFlow::Wait);
     let mut player = Player { job, live: None, outcome: Ok(WindowReport::default()) };
     event_loop.run_app(&mut player).map_err(window_error)?;
-    // Device objects before the event loop's display.
+    // Device objects are destroyed before the event loop's display.
     player.live = None;
     player.outcome
 }
@@ -120,56 +115,15 @@ struct Player {
     outcome: Result<WindowReport, PlayerError>,
 }
 
-/// Everything that exists while the window does. Fields are dropped in this order: images before the window.
+/// Everything that exists while the window does. Parts are dropped in order: the scene on the device before the window.
 struct Live {
-    painter: UiPainter,
-    stage: Stage,
-    swapchain: Swapchain,
-    gpu: Arc<Gpu>,
-    ui: egui_winit::State,
-    window: Arc<Window>,
-    path: PathBuf,
-    title: String,
-    file_bytes: u64,
-    navigator: Navigator,
-    home: Navigator,
-    controls: Controls,
+    session: Session,
+    screen: Screen,
     hud: Hud,
-    clock: FrameClock,
-    /// Of the last picture that is known to be complete, and of those before it that the report wants.
-    stats: FrameStats,
-    arrived: Vec<FrameStats>,
-    pixel_times: PixelTimes,
-    /// Views of the data set, and which one was shown last.
-    cameras: (Vec<Camera>, Option<usize>),
-    /// Cameras that the user kept, and which one was shown last.
-    kept: (Vec<Camera>, Option<usize>),
-    opened: Instant,
-    /// When the last picture was shown, if the one to come follows it without a pause.
-    last_shown: Option<Instant>,
-    /// Chosen, but not yet in use.
-    next_mode: Option<PresentMode>,
-    /// The user was told just now that changes are not saved, and what goes on without.
-    warned: Option<String>,
-    /// A scene is shown: none is if the file could not be read, or was too large for the device.
-    has_scene: bool,
-    script: VecDeque<Step>,
-    /// Pictures that the first step of the script has waited.
-    waited: u32,
-    resolution: Resolution,
-    /// When a picture of fewer pixels is drawn again with all of them, and that this was due: window systems differ in whether
-    /// the picture or the wait comes first.
-    refine_at: Option<Instant>,
-    refine: bool,
-    /// When the interface wants to be drawn again, for instance with a hint.
-    ui_at: Option<Instant>,
-    /// The camera path that is being recorded.
-    recording: Option<Recording>,
-    /// When the device was opened anew, and what validation layers said of the one before.
-    reopened: Option<Instant>,
-    validation_message: Option<String>,
-    editing: Editing,
-    boxing: Boxing,
+    camera: CameraState,
+    input: Interaction,
+    pacing: Pacing,
+    playback: Playback,
 }
 
 impl ApplicationHandler for Player {
@@ -179,7 +133,7 @@ impl ApplicationHandler for Player {
         }
         match Live::open(event_loop, &mut self.job) {
             Ok(live) => {
-                live.window.request_redraw();
+                live.screen.window.request_redraw();
                 self.live = Some(live);
             }
             Err(error) => self.end(event_loop, Err(error)),
@@ -188,20 +142,16 @@ impl ApplicationHandler for Player {
 
     fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
         if let (StartCause::ResumeTimeReached { .. }, Some(live)) = (cause, &self.live) {
-            live.window.request_redraw();
+            live.screen.window.request_redraw();
         }
     }
 
     fn about_to_wait(&mut self, event_loop: &ActiveEventLoop) {
         let wakes_at = self.live.as_mut().and_then(|live| {
-            let now = Instant::now();
-            // Once, even if the picture cannot be shown, as of a hidden window.
-            let due = [&mut live.refine_at, &mut live.ui_at].map(|at| at.take_if(|at| *at <= now));
-            live.refine |= due[0].is_some();
-            if due.iter().any(Option::is_some) {
-                live.window.request_redraw();
+            if live.pacing.take_due(Instant::now()) {
+                live.screen.window.request_redraw();
             }
-            [live.refine_at, live.ui_at, live.boxing.wakes_at()].into_iter().flatten().min()
+            live.pacing.wakes_at().into_iter().chain(live.input.boxing.wakes_at()).min()
         });
         event_loop.set_control_flow(wakes_at.map_or(ControlFlow::Wait, ControlFlow::WaitUntil));
     }
@@ -222,7 +172,7 @@ impl ApplicationHandler for Player {
     }
 }
 
-/// What an event leads to.
+/// The window's reaction to an event.
 enum After {
     Nothing,
     Redraw,
@@ -232,7 +182,7 @@ enum After {
 impl Player {
     fn request_redraw(&self) {
         if let Some(live) = &self.live {
-            live.window.request_redraw();
+            live.screen.window.request_redraw();
         }
     }
 
@@ -241,7 +191,7 @@ impl Player {
         let done = self.outcome.as_ref().map_or(0, |report| report.timings.submitted_len() as u64);
         if self.job.frames.is_some() && !self.job.path_cameras.is_empty() {
             let cameras = &self.job.path_cameras;
-            live.navigator.stand_at(&cameras[(done % cameras.len() as u64) as usize]);
+            live.camera.navigator.stand_at(&cameras[(done % cameras.len() as u64) as usize]);
         }
         if let After::Quit = live.play_step(&self.job)? {
             return Ok(After::Quit);
@@ -249,22 +199,22 @@ impl Player {
         if let Ok(report) = &mut self.outcome {
             report.timings.begin();
         }
-        let shown = live.picture(self.job.frames.is_some() || !live.script.is_empty())?;
+        let shown = live.picture(self.job.frames.is_some() || !live.playback.script.is_empty())?;
         let Some(frames) = self.job.frames else { return Ok(After::Nothing) };
         if let (true, Ok(report)) = (shown, &mut self.outcome) {
-            report.timings.submitted(live.stage.in_flight());
-            report.timings.note(live.pixel_times);
-            report.timings.stats.append(&mut live.arrived);
+            report.timings.submitted(live.session.viewer.in_flight());
+            report.timings.note(live.pacing.pixel_times);
+            report.timings.stats.append(&mut live.pacing.arrived);
         }
         Ok(if done + u64::from(shown) >= frames { After::Quit } else { After::Nothing })
     }
 
-    /// After the loss of the device, goes on with one that is opened anew; ends else, and if it is lost again soon. What is
-    /// not saved is written first.
+    /// After the loss of the device, continues on a reopened one. Ends on any other error, and if the device is lost
+    /// again soon. Unsaved work is written first.
     fn failed(&mut self, event_loop: &ActiveEventLoop, error: PlayerError) {
         let Some(mut live) = self.live.take() else { return self.end(event_loop, Err(error)) };
         let (files, errors) = live.rescue();
-        let again = error.is_lost() && live.reopened.is_none_or(|then| then.elapsed() > LOST_FOR_GOOD);
+        let again = error.is_lost() && live.session.reopened.is_none_or(|then| then.elapsed() > LOST_FOR_GOOD);
         let reopened = if again { live.reopen(&self.job, &error) } else { Err(error) };
         match reopened {
             Ok(live) => {
@@ -282,7 +232,7 @@ impl Player {
         }
     }
 
-    /// Notes how it ended and leaves the event loop.
+    /// Records the outcome and leaves the event loop.
     fn end(&mut self, event_loop: &ActiveEventLoop, result: Result<(), PlayerError>) {
         event_loop.exit();
         let closing = result.and_then(|()| self.closing());
@@ -293,136 +243,131 @@ impl Player {
 
     fn closing(&mut self) -> Result<(), PlayerError> {
         let (Some(live), Ok(report)) = (&mut self.live, &mut self.outcome) else { return Ok(()) };
-        report.device = live.gpu.caps().name.clone();
-        report.size_px = live.swapchain.size_px();
-        live.stage.settle()?;
-        report.timings.arrived(live.stage.in_flight());
-        report.timings.stats.extend(live.stage.take_arrived());
+        report.device = live.session.gpu.caps().name.clone();
+        report.size_px = live.screen.swapchain.size_px();
+        live.session.viewer.settle()?;
+        report.timings.arrived(live.session.viewer.in_flight());
+        report.timings.stats.extend(live.session.viewer.take_arrived());
         if let Some(path) = &self.job.screenshot {
-            live.stage.screenshot(path)?;
+            live.session.viewer.screenshot(path)?;
         }
-        live.gpu.wait_all()?;
-        let last = live.gpu.validation_messages().take().into_iter().next();
-        report.validation_message = live.validation_message.take().or(last);
+        live.session.gpu.wait_all()?;
+        report.validation_message = live.session.take_validation_message();
         Ok(())
     }
 }
 
 impl Live {
-    /// Draws and shows a picture; false if there is nowhere to show it now. `goes_on` says that another one follows at once.
+    /// Draws and presents a frame; false if there is no image to draw to. `goes_on` means that another frame follows at
+    /// once.
     fn picture(&mut self, goes_on: bool) -> Result<bool, PlayerError> {
         let start = Instant::now();
-        if let Some(mode) = self.next_mode.take() {
-            self.swapchain.set_mode(mode)?;
-            self.check_mode(mode);
-        }
-        let mut target = self.swapchain.acquire()?;
-        if target.is_none() {
-            self.resize()?;
-            target = self.swapchain.acquire()?;
-        }
-        let Some(target) = target else { return Ok(false) };
-        let since = self.last_shown.map(|then| start.duration_since(then).as_secs_f64());
-        let flight = self.controls.flight();
-        self.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
+        let Some(target) = self.acquire()? else { return Ok(false) };
+        let since = self.pacing.seconds_since_last(start);
+        let flight = self.input.controls.flight();
+        self.camera.navigator.fly(flight, since.unwrap_or(0.0).min(LONGEST_FLIGHT_SECONDS));
         self.follow_grip()?;
         self.take_found();
         let (frame, animated) = self.lay_out()?;
-        self.painter.prepare(&frame)?;
-        // All pixels when nothing moves: then there is time.
-        // One that rests has waited for it.
-        let rests = std::mem::take(&mut self.refine) || self.refine_at.is_some_and(|at| at <= start);
-        let drags = !rests && (self.controls.is_dragging() || self.is_held());
+        self.screen.painter.prepare(&frame)?;
+        // A still view is drawn at full resolution, and so is the frame after REFINE_AFTER without motion.
+        let rests = self.pacing.take_refine(start);
+        let drags = !rests && (self.input.controls.is_dragging() || self.input.is_held());
         let moves = goes_on || !flight.is_still() || drags;
-        let scale = if moves { self.resolution.scale() } else { 1.0 };
+        let scale = if moves { self.pacing.resolution.scale() } else { 1.0 };
         let size_px = Resolution::of(target.size_px, scale);
-        let resized = self.stage.size_px() != Some(size_px);
-        if let Some(words) = self.stage.draw_what_fits(&self.navigator.camera(size_px))? {
+        let resized = self.session.viewer.size_px() != Some(size_px);
+        if let Some(words) = self.session.viewer.draw_what_fits(&self.camera.navigator.camera(size_px))? {
             self.hud.message = Some(words);
-            self.window.request_redraw();
+            self.screen.window.request_redraw();
         }
-        let (recorder, pixels) = self.stage.record_pixels(target.size_px, target.blue_first)?;
-        let fits = self.swapchain.present(recorder, target, pixels, Some((&mut self.painter, &frame)))?;
+        let (recorder, pixels) = self.session.viewer.record_pixels(target.size_px, target.blue_first)?;
+        let fits = self.screen.swapchain.present(recorder, target, pixels, Some((&mut self.screen.painter, &frame)))?;
         if !fits {
-            self.resize()?;
+            self.screen.resize()?;
         }
         let ms = 1e3 * since.unwrap_or_else(|| start.elapsed().as_secs_f64());
-        self.clock.push(ms);
+        self.pacing.clock.push(ms);
         let goes_on = goes_on || !flight.is_still();
-        self.last_shown = goes_on.then_some(start);
-        self.pixel_times = self.stage.pixel_times();
-        // While something is dragged, the next picture is on its way already; the one that rests waits for itself.
-        let is_shown = goes_on || drags || self.stage.settle()?;
-        self.arrived = self.stage.take_arrived();
-        self.stats = self.arrived.last().unwrap_or(&self.stats).clone();
+        self.pacing.last_shown = goes_on.then_some(start);
+        self.pacing.pixel_times = self.session.viewer.pixel_times();
+        // During a drag the next frame is requested already; a still frame is waited for.
+        let is_shown = goes_on || drags || self.session.viewer.settle()?;
+        self.pacing.note_arrived(self.session.viewer.take_arrived());
         if moves {
-            // With another size all that were on their way arrive, and are of the size before.
-            let first = if resized { self.arrived.len().saturating_sub(1) } else { 0 };
-            let of_this_size = &self.arrived[first..];
-            of_this_size.iter().for_each(|stats| self.resolution.took(stats.total_ms().unwrap_or(ms)));
+            self.pacing.adapt_resolution(resized, ms);
         }
-        self.refine_at = (!goes_on && (drags || scale < 1.0)).then(|| Instant::now() + REFINE_AFTER);
-        if let Some(recording) = &mut self.recording {
-            recording.push(self.opened.elapsed().as_secs_f64(), self.navigator.camera(target.size_px));
+        self.pacing.refine_at = (!goes_on && (drags || scale < 1.0)).then(|| Instant::now() + REFINE_AFTER);
+        if let Some(recording) = &mut self.camera.recording {
+            recording.push(self.pacing.seconds(), self.camera.navigator.camera(target.size_px));
         }
         if goes_on || animated || !fits || !is_shown {
-            self.window.request_redraw();
+            self.screen.window.request_redraw();
         }
         Ok(true)
     }
 
-    /// Says so if the window has not the mode that was asked for.
+    /// Acquires an image to draw to, in the mode and of the size that the window has now; `None` if there is none.
+    fn acquire(&mut self) -> Result<Option<Target>, PlayerError> {
+        if let Some(mode) = self.screen.next_mode.take() {
+            self.screen.swapchain.set_mode(mode)?;
+            self.check_mode(mode);
+        }
+        let target = self.screen.swapchain.acquire()?;
+        if target.is_some() {
+            return Ok(target);
+        }
+        self.screen.resize()?;
+        Ok(self.screen.swapchain.acquire()?)
+    }
+
+    /// Displays a notice if the window does not support the requested mode.
     fn check_mode(&mut self, wanted: PresentMode) {
-        let mode = self.swapchain.mode();
-        // What went wrong with the file says more.
+        let mode = self.screen.swapchain.mode();
+        // An error about the file is more important.
         if mode != wanted && self.hud.message.is_none() {
-            self.hud.message = Some(format!("this window has no {}: {}", wanted.name(), mode.name()));
+            self.hud.message = Some(format!("this window does not support {}: using {}", wanted.name(), mode.name()));
         }
     }
 
-    fn resize(&mut self) -> Result<(), PlayerError> {
-        let size = self.window.inner_size();
-        Ok(self.swapchain.resize([size.width, size.height])?)
-    }
-
-    /// The interface of the next picture, and whether it moves by itself.
+    /// Lays out the overlay of the next frame; the flag is true while it is animated.
     fn lay_out(&mut self) -> Result<(UiFrame, bool), PlayerError> {
-        let input = self.ui.take_egui_input(&self.window);
-        let mut mode = self.swapchain.mode();
-        let scene = self.stage.scene();
+        let input = self.screen.ui.take_egui_input(&self.screen.window);
+        let mut mode = self.screen.swapchain.mode();
+        let scene = self.session.viewer.scene();
         let gaussians = [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()];
         let bytes = [
-            ("file", self.file_bytes),
-            ("on the device", self.gpu.memory_usage().0),
-            ("of it the scene", self.stage.device_bytes()),
-            ("in it templates", scene.templates.tensor_bytes()),
-            ("offsets", scene.offsets.tensor_bytes()),
-            ("background", scene.background.tensor_bytes()),
+            ("file", self.session.file_bytes),
+            ("device in total", self.session.gpu.memory_usage().0),
+            ("device, scene", self.session.viewer.device_bytes()),
+            ("scene templates", scene.templates.tensor_bytes()),
+            ("scene offsets", scene.offsets.tensor_bytes()),
+            ("scene background", scene.background.tensor_bytes()),
         ];
-        let ctx = self.ui.egui_ctx().clone();
-        let (gizmo, hot, brush_px) = (self.gizmo(), self.editing.hot(), self.brush_px());
-        let (mut actions, mut box_actions, mut boxes) = (Vec::new(), Vec::new(), self.boxing.on);
+        let ctx = self.screen.ui.egui_ctx().clone();
+        let (gizmo, hot, brush_px) = (self.gizmo(), self.input.editing.hot(), self.brush_px());
+        let (mut actions, mut box_actions, mut boxes) = (Vec::new(), Vec::new(), self.input.boxing.on);
         let output = ctx.run(input, |ctx| {
             let facts = Facts {
-                scene: &self.title,
-                device: &self.gpu.caps().name,
-                size_px: self.swapchain.size_px(),
-                clock: &self.clock,
-                stats: &self.stats,
-                pixel_times: self.pixel_times,
+                scene: &self.session.title,
+                device: &self.session.gpu.caps().name,
+                size_px: self.screen.swapchain.size_px(),
+                clock: &self.pacing.clock,
+                stats: &self.pacing.stats,
+                pixel_times: self.pacing.pixel_times,
                 gaussians,
                 bytes,
-                chosen: self.stage.editor().chosen().iter().copied().collect(),
-                instances: self.stage.scene().instances.len(),
-                steps: self.stage.editor().steps(),
-                scale: self.resolution.scale(),
+                chosen: self.session.viewer.editor().chosen().iter().copied().collect(),
+                instances: self.session.viewer.scene().instances.len(),
+                steps: self.session.viewer.editor().steps(),
+                scale: self.pacing.resolution.scale(),
             };
             let settings = Settings {
-                navigator: &mut self.navigator,
-                show: &mut self.stage.options.show,
+                navigator: &mut self.camera.navigator,
+                show: &mut self.session.viewer.options.show,
                 mode: &mut mode,
-                budget_ms: &mut self.resolution.budget_ms,
-                lod_error_px: &mut self.stage.options.render.lod_error_px,
+                budget_ms: &mut self.pacing.resolution.budget_ms,
+                lod_error_px: &mut self.session.viewer.options.render.lod_error_px,
                 boxes: &mut boxes,
             };
             self.hud.lay_out(ctx, facts, settings);
@@ -431,22 +376,22 @@ impl Live {
             actions.extend(self.lay_out_panel(ctx));
             box_actions.extend(self.lay_out_boxes(ctx));
         });
-        let acts = !(actions.is_empty() && box_actions.is_empty()) || boxes != self.boxing.on;
-        if boxes != self.boxing.on {
+        let acts = !(actions.is_empty() && box_actions.is_empty()) || boxes != self.input.boxing.on;
+        if boxes != self.input.boxing.on {
             self.toggle_boxes()?;
         }
         self.act(actions)?;
         self.act_on_boxes(box_actions)?;
-        if mode != self.swapchain.mode() {
-            // The image at hand belongs to the old mode: the next picture has the new one.
-            self.next_mode = Some(mode);
+        if mode != self.screen.swapchain.mode() {
+            // The acquired image belongs to the old mode: the next frame uses the new one.
+            self.screen.next_mode = Some(mode);
         }
-        self.ui.handle_platform_output(&self.window, output.platform_output);
+        self.screen.ui.handle_platform_output(&self.screen.window, output.platform_output);
         let primitives = ctx.tessellate(output.shapes, output.pixels_per_point);
         let delay = output.viewport_output.values().map(|viewport| viewport.repaint_delay).min();
         let animated = delay.is_some_and(|delay| delay.is_zero());
-        self.ui_at = delay.filter(|_| !animated).and_then(|delay| Instant::now().checked_add(delay));
+        self.pacing.ui_at = delay.filter(|_| !animated).and_then(|delay| Instant::now().checked_add(delay));
         let frame = UiFrame { textures: output.textures_delta, primitives, pixels_per_point: output.pixels_per_point };
-        Ok((frame, animated || acts || self.next_mode.is_some()))
+        Ok((frame, animated || acts || self.screen.next_mode.is_some()))
     }
 }

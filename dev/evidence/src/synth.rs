@@ -8,7 +8,7 @@ use clap::Args;
 use instgs_console::CliError;
 use instgs_console::Printer;
 use instgs_console::args::parse_size;
-use instgs_synth::dataset::{self, Options, PoseNoise, RECIPES, Truth};
+use instgs_synth::dataset::{self, ObjectCount, Options, PoseNoise, RECIPES, Truth};
 
 /// Makes photos of a procedural scene with repeated objects, and everything that is known about it.
 ///
@@ -52,7 +52,7 @@ pub(super) struct SynthArgs {
 fn after_help() -> String {
     let mut text = String::from("Scenes (objects: default, fewest to most):\n");
     for recipe in &RECIPES {
-        let (own, least, most) = recipe.instances;
+        let ObjectCount { usual: own, least, most } = recipe.instances;
         text += &format!("  {:<10} {} ({own}, {least} to {most})\n", recipe.name, recipe.about);
     }
     text + "\nExamples:\n  \

@@ -8,14 +8,14 @@ use glam::{DMat3, DVec2, DVec3};
 use crate::surface::{Surfel, curve, plane, revolved, sample, sample_box, superellipse};
 use instgs_vk::math::rng::Rng;
 
-/// What a surfel of the car is made of; liveries colour by it.
+/// Material of a surfel of the car; liveries choose colours by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// Painted body panel.
+    /// A painted body panel.
     Paint,
-    /// Window.
+    /// Glass of the windows.
     Glass,
-    /// Rubber.
+    /// Rubber of the tyres.
     Tyre,
     /// Wheel rim and spokes.
     Rim,
@@ -23,33 +23,33 @@ pub enum Part {
     Carbon,
     /// The rear wing with its struts and end plates.
     Wing,
-    /// Front lamp.
+    /// Glass of a front lamp.
     Headlight,
-    /// Rear lamp.
+    /// Glass of a rear lamp.
     Taillight,
 }
 
 /// One surfel of the car.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CarSurfel {
-    /// Where, template frame.
+    /// Position and normal in the template frame.
     pub surfel: Surfel,
-    /// Of what.
+    /// The material, by part of the car.
     pub part: Part,
 }
 
-/// Distance of the axles from the middle.
+/// Distance of the axles from the car's centre along x, metres.
 pub const AXLE_X: f64 = 1.36;
-/// Distance of a wheel's middle from the centre plane.
+/// Distance of a wheel's centre from the centre plane, metres.
 pub const WHEEL_Y: f64 = 0.825;
-/// Radius of a tyre: also the height of the axles.
+/// Radius of a tyre, and height of the axles, metres.
 pub const WHEEL_RADIUS: f64 = 0.34;
-/// Radius of the openings for wheels.
+/// Radius of the wheel arches, metres.
 pub(crate) const ARCH_RADIUS: f64 = 0.395;
 
 /// Smallest distance between surfels of large panels, metres.
 const PANEL_SPACING: f64 = 0.043;
-/// The same where there is detail.
+/// Smallest distance between surfels of detailed parts, metres.
 const DETAIL_SPACING: f64 = 0.032;
 
 /// (x, half width), (x, upper edge), (x, lower edge) of the body, and (x, roof height) of the cabin.
@@ -83,7 +83,7 @@ const ROOF: [(f64, f64); 8] = [
 pub(crate) const TYRE: [(f64, f64); 7] =
     [(0.33, -0.13), (0.34, -0.10), (0.34, 0.08), (0.33, 0.115), (0.30, 0.135), (0.235, 0.125), (0.215, 0.09)];
 
-/// The whole car.
+/// Samples the surfels of the whole car.
 pub fn car_surfels(rng: &mut Rng) -> Vec<CarSurfel> {
     let mut out = Vec::new();
     add_body(rng, &mut out);
@@ -127,7 +127,7 @@ pub(crate) fn skin_point(u: f64, v: f64) -> DVec3 {
     body_point(rear + (front - rear) * v, PI * (-0.24 + 1.48 * u), 1.0)
 }
 
-/// x of the body's rear and front end.
+/// x coordinates of the body's rear and front end, metres.
 pub(crate) fn ends() -> (f64, f64) {
     (TOP[0].0, TOP[TOP.len() - 1].0)
 }
@@ -149,7 +149,7 @@ fn add_body(rng: &mut Rng, out: &mut Vec<CarSurfel>) {
     add(out, floor, |_| Some(Part::Carbon));
 }
 
-/// What the flat rear end is made of.
+/// Material of the flat rear end.
 pub(crate) fn tail_part(s: &Surfel) -> Part {
     let p = s.position;
     match () {
@@ -159,7 +159,7 @@ pub(crate) fn tail_part(s: &Surfel) -> Part {
     }
 }
 
-/// What the skin is made of.
+/// Material of the body's skin.
 pub(crate) fn skin_part(s: &Surfel) -> Part {
     let p = s.position;
     let near_arch =
@@ -200,7 +200,7 @@ pub(crate) fn cabin_point(u: f64, v: f64) -> DVec3 {
     DVec3::new(x, section.x * half_width * (1.0 - 0.22 * section.y), foot + height * section.y)
 }
 
-/// What the cabin is made of.
+/// Material of the cabin.
 pub(crate) fn cabin_part(s: &Surfel) -> Part {
     let p = s.position;
     let sill = p.z < curve(&TOP, p.x) + 0.05;
@@ -249,7 +249,7 @@ fn add_wheel(rng: &mut Rng, out: &mut Vec<CarSurfel>, hub: DVec3) {
         let radius = DVec2::new(x, z).length();
         Some(if spoke < 0.42 || !(0.055..=0.195).contains(&radius) { Part::Rim } else { Part::Carbon })
     });
-    // What closes the wheel arch behind the wheel.
+    // The inner wall of the wheel arch.
     let well = move |u: f64| DVec2::new((ARCH_RADIUS + 0.04) * (1.0 - u), -0.17);
     let well = sample(rng, 0.06, revolved(hub, outward, well));
     add(out, well, |s| (s.position.z > 0.12).then_some(Part::Carbon));

@@ -1,4 +1,4 @@
-//! What makes one car differ from the next: colours, pattern, wing, ride height, steering. All of it becomes
+//! The differences between cars: colours, pattern, wing, ride height, steering. All of them become
 //! per-instance offsets of the one template.
 
 use glam::{DVec2, DVec3};
@@ -7,10 +7,10 @@ use crate::car::{AXLE_X, CarSurfel, Part, WHEEL_Y};
 use crate::shading::albedo;
 use instgs_vk::math::rng::Rng;
 
-/// How the two paints are laid out.
+/// Layout of the two paints on a car.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pattern {
-    /// One colour.
+    /// A single colour all over.
     Plain,
     /// Two stripes from nose to tail.
     Stripes,
@@ -23,9 +23,9 @@ pub enum Pattern {
 /// The rear wing of one car.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wing {
-    /// Moved up by this many metres (0 = as in the template).
+    /// Moved up by this distance in metres (0 = as in the template).
     Raised(f64),
-    /// Not there: its Gaussians are made transparent.
+    /// Removed, by making its Gaussians transparent.
     Removed,
 }
 
@@ -34,17 +34,17 @@ pub enum Wing {
 pub struct Livery {
     /// Main paint, linear albedo.
     pub primary: DVec3,
-    /// Second paint.
+    /// Second paint, linear albedo.
     pub secondary: DVec3,
-    /// Wheels.
+    /// Colour of the wheels' rims, linear albedo.
     pub rims: DVec3,
     /// Layout of the paints.
     pub pattern: Pattern,
     /// White discs for the start number on doors and bonnet.
     pub roundels: bool,
-    /// The rear wing.
+    /// State of the rear wing.
     pub wing: Wing,
-    /// Everything but the wheels moved up by this many metres.
+    /// Distance in metres by which everything but the wheels is raised.
     pub ride_height: f64,
     /// Angle of the front wheels in radians, left positive.
     pub steering: f64,
@@ -79,7 +79,7 @@ impl Livery {
         steering: 0.0,
     };
 
-    /// The livery of car number `k`: paints go round, the rest is drawn.
+    /// The livery of car number `k`: paints are used in turn, the rest is random.
     pub fn drawn(k: usize, rng: &mut Rng) -> Self {
         let (primary, secondary) = PAINTS[(k * 5 + k / PAINTS.len()) % PAINTS.len()];
         let patterns = [Pattern::Stripes, Pattern::TwoTone, Pattern::Bands, Pattern::Plain];
@@ -141,7 +141,7 @@ impl Livery {
         if second { self.secondary } else { self.primary }
     }
 
-    /// How far a surfel moves, template frame, metres.
+    /// Displacement of a surfel in the template frame, metres.
     pub fn displacement(&self, s: &CarSurfel) -> DVec3 {
         let p = s.surfel.position;
         let wheel = (p.x.abs() - AXLE_X).abs() < 0.37 && matches!(s.part, Part::Tyre | Part::Rim);
@@ -162,7 +162,7 @@ impl Livery {
         DVec3::Z * (self.ride_height + raised)
     }
 
-    /// True if the surfel is not there on this car.
+    /// True if this car does not have the surfel.
     pub fn hides(&self, s: &CarSurfel) -> bool {
         s.part == Part::Wing && self.wing == Wing::Removed
     }

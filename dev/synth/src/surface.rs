@@ -7,7 +7,7 @@ use glam::{DMat3, DVec2, DVec3};
 
 use instgs_vk::math::rng::Rng;
 
-/// A point of a surface with the share of the surface that it stands for.
+/// A sample of a surface: a point, its normal and the spacing of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surfel {
     /// Position, scene units.
@@ -40,7 +40,7 @@ impl PointGrid {
         (p / self.cell).floor().as_ivec3().to_array()
     }
 
-    /// Adds `p` if no point is nearer than `distance`; says whether it did.
+    /// Adds `p` if no point is nearer than `distance`; true if it was added.
     pub fn insert_apart(&mut self, p: DVec3, distance: f64) -> bool {
         let (low, high) = (self.cell_of(p - distance), self.cell_of(p + distance));
         for i in low[0]..=high[0] {

@@ -83,7 +83,7 @@ impl Recipe {
 }
 
 /// The diagonals of the objects' boxes by id.
-pub(crate) fn sizes(scene: &instgs_synth::dataset::stage::Scene, group: &PosedGroup) -> Vec<(u32, f64)> {
+pub(crate) fn sizes(scene: &instgs_synth::dataset::scene_builder::Scene, group: &PosedGroup) -> Vec<(u32, f64)> {
     let bodies = scene.world.bodies().iter().filter(|b| group.instances.iter().any(|i| i.id == b.id));
     let size = |b: &instgs_synth::dataset::world::Body| {
         f64::from(scene.world.object_bounds(b).diagonal()) * b.world_from_object.scale()

@@ -124,7 +124,7 @@ pub fn run_lod(
         let backwards = (frame + frame / cameras.len()) % 2 == 1;
         for turn in 0..bench.runs.len() {
             let run = if backwards { bench.runs.len() - 1 - turn } else { turn };
-            bench.time(run, (index, camera))?;
+            bench.time(run, index, camera)?;
         }
         on_frame();
     }
@@ -208,7 +208,7 @@ impl Bench<'_> {
         Ok(())
     }
 
-    fn time(&mut self, run: usize, (index, camera): (usize, &Camera)) -> Result<(), BenchError> {
+    fn time(&mut self, run: usize, index: usize, camera: &Camera) -> Result<(), BenchError> {
         let fail = self.failed();
         let (scene, run) = (&self.scenes[run.min(1)], &mut self.runs[run]);
         let start = Instant::now();

@@ -38,7 +38,7 @@ pub struct Subject<'a> {
 
 /// Progress events of [`run`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
+pub enum MeasurePhase {
     /// A warm-up frame is done.
     WarmUp,
     /// A frame of each scene has been timed.
@@ -67,14 +67,14 @@ pub fn run(
     against: Option<&Subject<'_>>,
     cameras: &[Camera],
     frames: u32,
-    on_event: &mut dyn FnMut(Stage),
+    on_event: &mut dyn FnMut(MeasurePhase),
 ) -> Result<Report, BenchError> {
     let cameras = &cameras[..cameras.len().min(frames as usize)];
     let mut runs = Vec::new();
     for subject in std::iter::once(subject).chain(against) {
         runs.push(Run::prepare(gpu, subject, cameras, on_event)?);
     }
-    for (frame, camera) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
+    for (frame, (index, camera)) in (0..frames).zip(cameras.iter().enumerate().cycle()) {
         // The first scene of a round finds the caches as the other left them: alternate.
         let order: &mut dyn Iterator<Item = &mut Run<'_>> = if (frame + frame / cameras.len() as u32).is_multiple_of(2)
         {
@@ -83,9 +83,9 @@ pub fn run(
             &mut runs.iter_mut().rev()
         };
         for run in order {
-            run.time_frame(camera)?;
+            run.time_frame(index, camera)?;
         }
-        on_event(Stage::Timed);
+        on_event(MeasurePhase::Timed);
     }
     let mut reports = Vec::new();
     for run in runs {
@@ -115,7 +115,7 @@ impl<'a> Run<'a> {
         gpu: &Arc<Gpu>,
         subject: &'a Subject<'a>,
         cameras: &[Camera],
-        on_event: &mut dyn FnMut(Stage),
+        on_event: &mut dyn FnMut(MeasurePhase),
     ) -> Result<Self, BenchError> {
         let fail = |error| BenchError { scene: subject.name.clone(), error };
         gpu.reset_memory_peak();
@@ -129,7 +129,7 @@ impl<'a> Run<'a> {
         Ok(Self { subject, renderer, scene, device_peak: peak - before, times_ms, stats })
     }
 
-    fn time_frame(&mut self, (index, camera): (usize, &Camera)) -> Result<(), BenchError> {
+    fn time_frame(&mut self, index: usize, camera: &Camera) -> Result<(), BenchError> {
         let start = Instant::now();
         let stats = self.renderer.render(&self.scene, camera, &self.subject.options);
         let elapsed_ms = 1e3 * start.elapsed().as_secs_f64();
@@ -143,7 +143,7 @@ impl<'a> Run<'a> {
         gpu: &Arc<Gpu>,
         cameras: &[Camera],
         frames: u32,
-        on_event: &mut dyn FnMut(Stage),
+        on_event: &mut dyn FnMut(MeasurePhase),
     ) -> Result<SceneReport, BenchError> {
         let Self { subject, renderer, scene, device_peak, times_ms, stats } = self;
         let variant = *renderer.variant();
@@ -199,7 +199,7 @@ pub(super) fn warm_up(
     scene: &DeviceScene,
     subject: &Subject<'_>,
     cameras: &[Camera],
-    on_event: &mut dyn FnMut(Stage),
+    on_event: &mut dyn FnMut(MeasurePhase),
 ) -> Result<(), BenchError> {
     let mut slabs_before = Vec::new();
     for round in 0..MOST_WARM_UP_ROUNDS {
@@ -211,7 +211,7 @@ pub(super) fn warm_up(
                 .map_err(|error| BenchError { scene: subject.name.clone(), error })?;
             slabs.push(stats.slabs);
             redone += stats.redone;
-            on_event(Stage::WarmUp);
+            on_event(MeasurePhase::WarmUp);
         }
         // A frame of several slabs enlarges the buffer for the next one, unless the limit is reached.
         let settled = redone == 0 && (slabs.iter().all(|&s| s == 1) || slabs == slabs_before);
@@ -231,7 +231,7 @@ fn profile(
     scene: &DeviceScene,
     subject: &Subject<'_>,
     cameras: &[Camera],
-    on_event: &mut dyn FnMut(Stage),
+    on_event: &mut dyn FnMut(MeasurePhase),
 ) -> Result<(PassesMs, f64), BenchError> {
     if gpu.caps().timestamp_period_ns == 0.0 {
         return Ok((Vec::new(), 0.0));
@@ -246,7 +246,7 @@ fn profile(
         let start = Instant::now();
         profiled.push(renderer.render(scene, camera, &subject.options).map_err(fail)?);
         times_ms.push(1e3 * start.elapsed().as_secs_f64());
-        on_event(Stage::Profiled);
+        on_event(MeasurePhase::Profiled);
     }
     Ok((FrameStats::median_ms_by_pass(&profiled), median(&times_ms)))
 }

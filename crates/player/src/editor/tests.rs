@@ -1,4 +1,4 @@
-//! Steps there and back, on a scene with two templates.
+//! Undo and redo on a scene with two templates.
 
 use super::*;
 use glam::DVec3;
@@ -31,7 +31,7 @@ fn clicks_choose_one_or_more_and_alike_all_of_a_kind() {
     assert!(editor.chosen().is_empty());
 }
 
-/// Every kind of change, all taken back and done again: the same scenes, bit for bit, at every step.
+/// Every kind of change is undone and redone; the scenes are the same, bit for bit, at every step.
 #[test]
 fn changes_are_taken_back_and_done_again() {
     let mut scene = sample_scene();
@@ -74,7 +74,7 @@ fn changes_are_taken_back_and_done_again() {
     assert!(editor.redo(&mut scene).is_none() && editor.is_unsaved());
     editor.saved();
     assert!(!editor.is_unsaved());
-    // A new change forgets what was taken back.
+    // A new change drops the redo history.
     editor.undo(&mut scene);
     editor.click(Some(0), false);
     let edit = move_by(&editor, DVec3::Z);
@@ -82,7 +82,7 @@ fn changes_are_taken_back_and_done_again() {
     assert!(editor.redo(&mut scene).is_none());
 }
 
-/// However many edits a drag makes, it is one step, and each begins with the scene as it was before the drag.
+/// All edits of a drag make one undo step, and each starts from the scene as it was before the drag.
 #[test]
 fn a_drag_is_one_step() {
     let mut scene = sample_scene();
@@ -102,7 +102,7 @@ fn a_drag_is_one_step() {
     assert!(!editor.is_live() && editor.steps() == [1, 0]);
     assert!(editor.undo(&mut scene).is_some() && scene == before && editor.undo(&mut scene).is_none());
     assert!(editor.redo(&mut scene).is_some() && scene == dragged);
-    // Saving, another edit, and taking back end the drag.
+    // Saving, another edit, and undo each end the drag.
     let edit = move_by(&editor, DVec3::Z);
     editor.apply_live(&mut scene, &edit).0.unwrap();
     editor.saved();
@@ -128,7 +128,7 @@ fn a_drag_that_is_given_up_or_leads_nowhere_leaves_no_step() {
     editor.apply_live(&mut scene, &edit).0.unwrap();
     assert_eq!(editor.cancel(&mut scene), Changed::Places(vec![0]));
     assert!(scene == before && !editor.is_live() && !editor.is_unsaved() && editor.steps() == [0, 0]);
-    // Back to where it began; and an edit that cannot be done, after one that could.
+    // A drag back to its start; and a failing edit after one that succeeded.
     for to in [DVec3::ZERO, DVec3::splat(f64::INFINITY)] {
         editor.apply_live(&mut scene, &edit).0.unwrap();
         let other = move_by(&editor, to);
@@ -137,7 +137,7 @@ fn a_drag_that_is_given_up_or_leads_nowhere_leaves_no_step() {
         editor.finish();
         assert!(scene == before && editor.steps() == [0, 0] && !editor.is_unsaved());
     }
-    // A recolouring is everything on the device, there and back.
+    // Recolouring uploads everything, in both directions.
     let recolour = Edit::Recolour { which: Selector::Template(0), rgb: [0.1, 0.0, 0.0] };
     assert_eq!(editor.apply_live(&mut scene, &recolour).1, Changed::Everything);
     assert_eq!(editor.cancel(&mut scene), Changed::Everything);
@@ -154,13 +154,13 @@ fn hidden_things_stay_in_the_scene_and_come_back() {
     assert_eq!(editor.hide_chosen(), Some(Changed::Shown(vec![1])));
     assert!(editor.hidden().contains(&1) && editor.chosen().is_empty());
     assert!(scene == before && !editor.is_unsaved() && editor.steps() == [1, 0]);
-    // All of a kind, but for what is hidden.
+    // All visible instances of one template.
     let template = before.instances[1].template;
     let other = (0..before.instances.len()).find(|&k| k != 1 && before.instances[k].template == template).unwrap();
     editor.click(Some(other), false);
     editor.choose_alike(&scene);
     assert!(editor.chosen().contains(&other) && !editor.chosen().contains(&1));
-    // One before it goes: it is another index, and again the old one when that is taken back.
+    // Deleting an earlier instance shifts the indices of the selection; undo restores them.
     editor.apply(&mut scene, &Edit::Delete { which: Selector::Index(0) }).unwrap();
     assert_eq!(editor.hidden().iter().copied().collect::<Vec<_>>(), [0]);
     assert_eq!(editor.undo(&mut scene), Some(Changed::Everything));

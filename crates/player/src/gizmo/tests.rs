@@ -1,11 +1,11 @@
-//! Handles against a camera whose pixels are known by hand.
+//! Tests of the handles with cameras whose pixels can be computed by hand.
 
 use super::*;
 
 const CENTRE: DVec3 = DVec3::new(0.4, -0.2, 0.3);
 const SIZE: (u32, u32) = (800, 600);
 
-/// Looks at the centre from a direction, `distance` away, upright if it can be.
+/// A camera at `distance` that looks at the centre from a direction, upright where possible.
 fn camera(from: DVec3, distance: f64) -> Camera {
     let up = if from.normalize().z.abs() > 0.9 { DVec3::Y } else { DVec3::Z };
     Camera::look_at("", CENTRE + distance * from.normalize(), CENTRE, up, 0.8, SIZE)
@@ -48,7 +48,7 @@ fn each_handle_is_hit_on_its_line_and_nowhere_else() {
         let lines = gizmo.lines();
         assert_eq!(lines.len(), [0, 4, 3, 1][mode as usize]);
         for line in &lines {
-            // The tip of an arrow, a point of a ring that no other one crosses.
+            // The tip of an arrow, or a point of a ring that no other ring crosses.
             let at = match line.handle {
                 Handle::Arrow(_) => line.points_px[1],
                 Handle::Square => mean(&line.points_px[..4]),
@@ -65,7 +65,7 @@ fn each_handle_is_hit_on_its_line_and_nowhere_else() {
     }
 }
 
-/// What is dragged stays under the pointer: the motion's move is the point's.
+/// The dragged point stays under the pointer.
 #[test]
 fn an_arrow_follows_the_pointer_along_its_axis() {
     let camera = oblique();
@@ -78,14 +78,14 @@ fn an_arrow_follows_the_pointer_along_its_axis() {
             let to = camera.pixel_of(from + by * axis).unwrap();
             let Some(Motion::Move(got)) = drag.motion(&camera, to) else { panic!("a move") };
             assert!(got.distance(by * axis) < 1e-9, "{k} {by} {got}");
-            // The camera may fly on while something is held.
+            // The camera may fly on during a drag.
             let later = super::tests::camera(DVec3::new(1.2, -1.0, 0.6), 2.5);
             let Some(Motion::Move(got)) = drag.motion(&later, later.pixel_of(from + by * axis).unwrap()) else {
                 panic!("a move")
             };
             assert!(got.distance(by * axis) < 1e-9);
         }
-        // Aside of the axis only the part along it counts, and it stays finite.
+        // Beside the axis only the component along it counts, and the motion stays finite.
         let [x, y] = camera.pixel_of(from).unwrap();
         let Some(Motion::Move(got)) = drag.motion(&camera, [x + 30.0, y - 20.0]) else { panic!("a move") };
         assert!(got.is_finite() && got.reject_from_normalized(axis).length() < 1e-12);
@@ -102,7 +102,7 @@ fn the_square_moves_in_the_plane_of_the_screen() {
     assert!((camera.view_from_point(CENTRE + by).z - 3.0).abs() < 1e-12, "as deep as before");
 }
 
-/// A point of the ring that is dragged to another one goes there when it is turned so.
+/// Dragging a ring's point to another one turns by the angle between them.
 #[test]
 fn a_ring_turns_a_point_to_the_pointer() {
     let camera = oblique();
@@ -131,7 +131,7 @@ fn the_circle_scales_by_the_distance_from_the_centre() {
     }
 }
 
-/// Where the picture says nothing about a direction there is no handle, or the drag stays where it was.
+/// Where the view does not determine a direction there is no handle, or the drag keeps its value.
 #[test]
 fn degenerate_views_give_no_wild_motions() {
     let along_x = camera(DVec3::X, 3.0);
@@ -139,7 +139,7 @@ fn degenerate_views_give_no_wild_motions() {
     let handles: Vec<Handle> = gizmo.lines().into_iter().map(|line| line.handle).collect();
     assert_eq!(handles, [Handle::Arrow(1), Handle::Arrow(2), Handle::Square], "x points at the camera");
     assert!(gizmo.grab(Handle::Arrow(0), [400.0, 300.0]).is_none());
-    // Towards and beyond the point where the axis vanishes: bounded, then nothing, never a leap to behind the camera.
+    // Towards and beyond the vanishing point of the axis: bounded, then nothing, never a jump behind the camera.
     let oblique = oblique();
     let drag = Gizmo::new(GizmoMode::Move, CENTRE, &oblique).unwrap().grab(Handle::Arrow(0), [400.0, 300.0]).unwrap();
     let vanishing = oblique.pixel_of(CENTRE - 1e6 * DVec3::X).unwrap();
@@ -154,7 +154,7 @@ fn degenerate_views_give_no_wild_motions() {
 
 #[test]
 fn a_ring_seen_from_its_edge_is_turned_by_pulling() {
-    // z is upwards in the picture and its ring a level line.
+    // The z axis points up in the view, and its ring is a horizontal line.
     let level = camera(DVec3::X, 3.0);
     let gizmo = gizmo(GizmoMode::Turn, &level);
     let line = gizmo.lines().into_iter().find(|line| line.handle == Handle::Ring(2)).unwrap();
@@ -166,7 +166,7 @@ fn a_ring_seen_from_its_edge_is_turned_by_pulling() {
     let front = CENTRE + 0.3 * DVec3::X;
     let after = CENTRE + glam::DMat3::from_axis_angle(turn.axis, turn.angle) * (front - CENTRE);
     assert!(level.pixel_of(after).unwrap()[0] > level.pixel_of(front).unwrap()[0]);
-    // The far half is not drawn, the ring that faces the camera is drawn as a whole.
+    // The far half is not drawn; the ring that faces the camera is drawn whole.
     let facing = gizmo.lines().into_iter().find(|line| line.handle == Handle::Ring(0)).unwrap();
     let turned = super::distance(facing.points_px[0], facing.points_px[RING_PIECES]);
     assert!(turned < 1e-6, "closed: {turned}");

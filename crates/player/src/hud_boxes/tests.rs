@@ -1,9 +1,9 @@
-//! The panel of boxes as a person uses it, without a window.
+//! Tests of the panel of boxes through simulated user input, without a window.
 
 use super::*;
 use crate::test_screen::{TestScreen, click, drag};
 
-/// A panel about a list; what was asked for is done, as the window does it.
+/// A panel with its list; the actions are applied as the window applies them.
 #[derive(Default)]
 struct Desk {
     screen: TestScreen,
@@ -13,7 +13,7 @@ struct Desk {
 }
 
 impl Desk {
-    /// One box that was drawn, chosen, and two that were found.
+    /// A list with one drawn box, which is selected, and two found ones.
     fn new() -> Self {
         let mut desk = Self::default();
         let at = |x: f64| ObjectBox {
@@ -80,7 +80,7 @@ fn buttons_and_rows_ask_for_what_they_say() {
     searching.pictures(vec![Vec::new(); 2]);
     assert_eq!(searching.click("cancel"), [BoxAction::CancelSearch]);
     assert_eq!(searching.click("other sizes too (O)"), [], "a search goes on as it began");
-    assert!(searching.screen.says("Looking for"));
+    assert!(searching.screen.says("Searching for"));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Where things stand, as numbers: of one instance as they are, of several by how much they change.
+//! Fields for poses: absolute for one selected instance, relative for several.
 
 use egui::{DragValue, Ui};
 use glam::{DMat3, DQuat, DVec3, EulerRot};
@@ -7,19 +7,19 @@ use super::{Action, EditFacts, EditPanel};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::edit::{Edit, Selector, Turn, instance_centres};
 
-/// Degrees for a point of dragging a number.
+/// Degrees per point of dragging a number.
 const DEGREES_PER_POINT: f64 = 0.5;
-/// Scales for a point of dragging a number, relative.
+/// Relative change of the scale per point of dragging a number.
 const SCALE_PER_POINT: f64 = 0.005;
-/// Scales that can be typed: what f32 placements of any scene can do with.
+/// Range of scales that can be typed: safe in f32 for any scene.
 const SCALES: std::ops::RangeInclusive<f64> = 1e-4..=1e4;
 
-/// How several instances change, while a number is held.
+/// The relative motion of several instances while a number is held.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Relative {
-    /// World units.
+    /// Translation in world units.
     by: [f64; 3],
-    /// About the vertical, degrees.
+    /// Rotation about the vertical, degrees.
     yaw: f64,
     scale: f64,
 }
@@ -40,7 +40,7 @@ impl EditPanel {
         if three(ui, "position", &mut at, facts.step, "") {
             self.change(id, Edit::MoveTo { which: which.clone(), to: DVec3::from_array(at) }, actions);
         }
-        // Edits of a drag begin with the scene as it was before it.
+        // Edits of a drag start from the scene as it was before the drag.
         let live = self.live;
         let begin = |id| if live == Some(id) { facts.editor.place_before(facts.scene, k) } else { now };
         let id = ui.id().with("rotation");
@@ -52,7 +52,7 @@ impl EditPanel {
         let id = ui.id().with("scale");
         let mut scale = now.scale();
         let speed = SCALE_PER_POINT * scale;
-        // A scene may have what cannot be typed.
+        // A scene may contain scales outside of the range that can be typed.
         let value = DragValue::new(&mut scale).speed(speed).range(SCALES).clamp_existing_to_range(false);
         if one(ui, "scale", value) {
             let by = scale / begin(id).scale();
@@ -60,7 +60,7 @@ impl EditPanel {
         }
     }
 
-    /// By how much several instances change, each about its own centre.
+    /// Fields for the relative motion of several instances, each about its own centre.
     pub(super) fn place_of_several(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, actions: &mut Vec<Action>) {
         let Some(which) = facts.editor.selector() else { return };
         let mut to = self.relative;
@@ -82,7 +82,7 @@ impl EditPanel {
     }
 }
 
-/// A row of three numbers; true if one changed.
+/// A row of three numbers; true if one of them changed.
 pub(crate) fn three(ui: &mut Ui, label: &str, values: &mut [f64; 3], speed: f64, suffix: &str) -> bool {
     ui.horizontal(|ui| {
         ui.label(label);
@@ -93,7 +93,7 @@ pub(crate) fn three(ui: &mut Ui, label: &str, values: &mut [f64; 3], speed: f64,
     .inner
 }
 
-/// A row of one number; true if it changed.
+/// A row with one number; true if it changed.
 pub(crate) fn one(ui: &mut Ui, label: &str, value: DragValue<'_>) -> bool {
     ui.horizontal(|ui| {
         ui.label(label);
@@ -102,13 +102,13 @@ pub(crate) fn one(ui: &mut Ui, label: &str, value: DragValue<'_>) -> bool {
     .inner
 }
 
-/// Angles about x, then y, then z, each as turned by those before; degrees.
+/// Euler angles in degrees: rotations about x, y and z, each in the frame rotated by those before it.
 fn euler_degrees(place: &Similarity) -> [f64; 3] {
     let (x, y, z) = DQuat::from_mat3(&place.rotation()).to_euler(EulerRot::XYZ);
     [x, y, z].map(f64::to_degrees)
 }
 
-/// The turn that gives a placement other angles.
+/// The rotation from a pose's present angles to the given ones.
 fn turn_between(from: &Similarity, degrees: [f64; 3]) -> Turn {
     let [x, y, z] = degrees.map(f64::to_radians);
     let to = DMat3::from_euler(EulerRot::XYZ, x, y, z);

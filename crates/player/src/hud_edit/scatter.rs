@@ -1,4 +1,4 @@
-//! Copies of a template over the ground around an instance.
+//! The form that scatters copies of a template on the ground around an instance.
 
 use egui::{DragValue, Grid, Ui};
 use glam::DVec3;
@@ -7,20 +7,20 @@ use super::{Action, EditFacts, EditPanel};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{Edit, Footprint, OffsetSource, Scatter, ScatterOver, Selector, footprint};
 
-/// Most copies at once: more would be a slip of the mouse. The command line has no such limit.
+/// Largest number of copies at once: more would be a slip of the mouse. The command line has no such limit.
 const MOST: usize = 10_000;
-/// At first the area is so many times as wide as the instance, and copies stand as far apart as it is wide.
+/// Initial width of the area relative to the instance's; copies are initially one instance width apart.
 const AREA: f64 = 6.0;
 
-/// What the fields hold.
+/// State of the form's fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ScatterFields {
     count: usize,
-    /// World units.
+    /// Width and depth of the area, world units.
     extent: [f64; 2],
-    /// Between centres, world units.
+    /// Least distance between centres, world units.
     distance: f64,
-    /// Degrees.
+    /// Largest random rotation, degrees.
     turn: f64,
     seed: u64,
 }
@@ -32,14 +32,14 @@ impl Default for ScatterFields {
 }
 
 impl ScatterFields {
-    /// Around the first of what is chosen.
+    /// Defaults for an area around the first selected instance.
     pub(super) fn beside(facts: &EditFacts<'_>) -> Self {
         let Some(&first) = facts.editor.chosen().first() else { return Self::default() };
         let Footprint { extent, .. } = footprint(facts.scene, first, facts.up);
         Self { extent: extent.map(|side| AREA * side), distance: extent[0].max(extent[1]), ..Self::default() }
     }
 
-    /// Copies of an instance's template around it, with its offsets.
+    /// The edit: copies of an instance's template around it, with its offsets.
     fn edit(&self, scene: &InstancedScene, instance: usize, up: DVec3) -> Edit {
         let original = &scene.instances[instance];
         let over = ScatterOver::Plane {
@@ -59,7 +59,7 @@ impl ScatterFields {
 }
 
 impl EditPanel {
-    /// Fields and button for copies around an instance.
+    /// Fields and button for scattering copies around an instance.
     pub(super) fn scatter_copies(&mut self, ui: &mut Ui, facts: &EditFacts<'_>, k: usize, actions: &mut Vec<Action>) {
         let fields = &mut self.scatter;
         Grid::new("scatter").num_columns(2).show(ui, |ui| {
@@ -72,8 +72,8 @@ impl EditPanel {
             let [width, depth] = &mut fields.extent;
             let length = |value| DragValue::new(value).speed(facts.step).range(0.0..=f64::MAX).max_decimals(3);
             row("area", vec![length(width), length(depth)]);
-            row("apart", vec![length(&mut fields.distance)]);
-            row("turned up to", vec![DragValue::new(&mut fields.turn).range(0.0..=360.0).suffix("°")]);
+            row("least distance", vec![length(&mut fields.distance)]);
+            row("random rotation", vec![DragValue::new(&mut fields.turn).range(0.0..=360.0).suffix("°")]);
             row("seed", vec![DragValue::new(&mut fields.seed)]);
         });
         if ui.button("scatter").clicked() {

@@ -1,4 +1,4 @@
-//! Colour, and what is changed in a template once for all of its instances.
+//! Fields for the base colour, and tools that change a template and with it all of its instances.
 
 use egui::{ComboBox, DragValue, Id, Slider, Ui};
 use glam::DVec3;
@@ -8,17 +8,17 @@ use instgs_vk::math::sh::widened;
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{Edit, Keep};
 
-/// A brush is at first as large as this part of the template.
+/// Initial radius of the brush, relative to the template's size.
 const BRUSH_PART: f64 = 0.03;
 
-/// The grey of the colour button that stands for no shift.
+/// Grey level of the colour button for a shift of zero.
 const MIDDLE: f32 = 128.0;
 
 /// A shift of base colours, in units of colour.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Shift {
     rgb: [f32; 3],
-    /// What of it is done, and can be taken back as a step.
+    /// The part of the shift that is a completed undo step.
     done: [f32; 3],
     whole_template: bool,
 }
@@ -29,25 +29,25 @@ impl Shift {
         self.rgb[0]
     }
 
-    /// What goes on is done.
+    /// Marks the shift in progress as completed.
     pub(super) fn finish(&mut self) {
         self.done = self.rgb;
     }
 }
 
-/// A crop that goes on.
+/// State of a crop in progress.
 pub(super) struct CropFields {
-    /// Of its widgets.
+    /// Id of the crop's widgets.
     pub(super) id: Id,
     template: u32,
-    /// Of the template before it.
+    /// Bounding box of the template before the crop.
     bounds: [DVec3; 2],
     corners: [DVec3; 2],
     keep: Keep,
 }
 
 impl EditPanel {
-    /// Shift of base colours, and the choice of another template.
+    /// Fields that shift base colours, and the choice of another template.
     pub(super) fn recolour_and_swap(
         &mut self,
         ui: &mut Ui,
@@ -72,7 +72,7 @@ impl EditPanel {
         ui.checkbox(&mut shift.whole_template, format!("all of template {template}"));
         if changed.inner {
             let which = selector(facts, shift.whole_template.then_some(template));
-            // The edits of a drag begin with what was done before it.
+            // The edits of a drag start from the shift that was completed before it.
             let rgb = [0, 1, 2].map(|k| shift.rgb[k] - shift.done[k]);
             self.change(ui.id().with("shift"), Edit::Recolour { which, rgb }, actions);
         }
@@ -87,7 +87,7 @@ impl EditPanel {
         }
     }
 
-    /// A box and a brush that take Gaussians out of the template.
+    /// Tools that remove Gaussians from the template: a box and a brush.
     pub(super) fn crop_and_brush(
         &mut self,
         ui: &mut Ui,
@@ -100,7 +100,9 @@ impl EditPanel {
             ui.label(format!("template {template} has no Gaussians"));
             return;
         };
-        ui.label(format!("All instances of template {template} change; its own frame counts."));
+        ui.label(format!(
+            "Changes all instances of template {template}. Coordinates are those of the template's frame."
+        ));
         match self.crop.take() {
             None => {
                 if ui.button("crop with a box").clicked() {
@@ -124,7 +126,7 @@ impl EditPanel {
         });
     }
 
-    /// The sliders of a crop; `None` once it is applied or given up.
+    /// The sliders of a crop; `None` once it is applied or cancelled.
     fn go_on_cropping(&mut self, ui: &mut Ui, mut crop: CropFields, actions: &mut Vec<Action>) -> Option<CropFields> {
         let mut changed = false;
         let [low, high] = &mut crop.corners;
@@ -151,12 +153,12 @@ impl EditPanel {
             self.change(id, Edit::Crop { template, corners, keep }, actions);
         }
         let done = ui.horizontal(|ui| {
-            let action = match (ui.button("apply").clicked(), ui.button("give up").clicked()) {
+            let action = match (ui.button("apply").clicked(), ui.button("cancel").clicked()) {
                 (true, _) => Action::Finish,
                 (_, true) => Action::Cancel,
                 _ => return false,
             };
-            // What another widget began is not this one's to end.
+            // A change that another widget started is not ended here.
             if self.live == Some(crop.id) {
                 actions.push(action);
                 self.live = None;

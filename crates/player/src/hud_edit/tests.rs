@@ -1,4 +1,4 @@
-//! The panel as a person uses it, without a window.
+//! Tests of the panel through simulated user input, without a window.
 
 use egui::{Event, Pos2, Rect};
 
@@ -6,7 +6,7 @@ use super::*;
 use crate::test_screen::{TestScreen, click, drag, press};
 use instgs_samples::sample_scene;
 
-/// A panel and what it is about.
+/// A panel with the scene and the editor it shows.
 struct Desk {
     screen: TestScreen,
     panel: EditPanel,
@@ -20,12 +20,12 @@ impl Desk {
         chosen.iter().for_each(|&k| editor.click(Some(k), true));
         let (screen, panel, scene) = (TestScreen::default(), EditPanel::default(), sample_scene());
         let mut desk = Self { screen, panel, scene, editor };
-        // Windows find their size in the first pictures.
+        // Windows settle on their size within the first frames.
         (0..4).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
         desk
     }
 
-    /// One picture; what was asked for is done, as the window does it.
+    /// One frame; the actions are applied as the window applies them.
     fn frame(&mut self, events: Vec<Event>) -> Vec<Action> {
         let facts = EditFacts {
             scene: &self.scene,
@@ -66,7 +66,7 @@ impl Desk {
         self.pictures(click(self.place(text).center()))
     }
 
-    /// Drags what is right of a label.
+    /// Drags the field to the right of a label.
     fn drag(&mut self, label: &str, by: f32) -> Vec<Action> {
         self.pictures(drag(self.place(label).right_center() + egui::vec2(14.0, 0.0), by))
     }
@@ -77,8 +77,8 @@ fn buttons_ask_for_what_they_say() {
     let which = || Selector::Indices(vec![1]);
     for (text, want) in [
         ("hide", Action::Hide),
-        ("all alike", Action::ChooseAlike),
-        ("its group", Action::ChooseGroup),
+        ("same template", Action::ChooseAlike),
+        ("same group", Action::ChooseGroup),
         ("turn", Action::Mode(GizmoMode::Turn)),
         ("copy", Action::Edit(Edit::Duplicate { which: which(), by: DVec3::X, turn: None })),
         ("delete", Action::Edit(Edit::Delete { which: which() })),
@@ -90,7 +90,7 @@ fn buttons_ask_for_what_they_say() {
     assert!(Desk::new(&[]).screen.says("Click an object"));
 }
 
-/// Each number, held and dragged: it changes while it is held, and is one step.
+/// Dragging any number changes the scene while it is held and makes one undo step.
 #[test]
 fn a_dragged_number_is_one_step() {
     for (chosen, label) in [
@@ -110,7 +110,7 @@ fn a_dragged_number_is_one_step() {
         let before = sample_scene();
         let moved = |k: usize| desk.scene.instances[k].world_from_template != before.instances[k].world_from_template;
         assert!((0..before.instances.len()).all(|k| moved(k) == chosen.contains(&k)), "{label}");
-        // The next drag of it goes on from there.
+        // The next drag of the number continues from its last value.
         desk.drag(label, 30.0);
         assert_eq!(desk.editor.steps(), [2, 0]);
         (0..2).for_each(|_| drop(desk.editor.undo(&mut desk.scene).unwrap()));
@@ -138,7 +138,7 @@ fn a_shift_of_colours_adds_up_over_drags() {
     let mut desk = Desk::new(&[0]);
     desk.click("Colour and template");
     let before = desk.scene.clone();
-    // Right of the colour button is the first number.
+    // The first number is to the right of the colour button.
     let red = |desk: &Desk| {
         f64::from(desk.scene.offsets.sh_dc[0][0] - before.offsets.sh_dc[0][0]) * instgs_vk::math::sh::SH_C0
     };
@@ -157,10 +157,10 @@ fn a_shift_of_colours_adds_up_over_drags() {
     assert_eq!(desk.panel.shift.red(), 0.0, "the fields begin anew");
 }
 
-/// A crop goes on over several sliders until it is applied or given up.
+/// A crop over several sliders is one undo step once applied, or none if cancelled.
 #[test]
 fn a_crop_is_one_step_or_none() {
-    for (button, steps) in [("apply", [1, 0]), ("give up", [0, 0])] {
+    for (button, steps) in [("apply", [1, 0]), ("cancel", [0, 0])] {
         let mut desk = Desk::new(&[0]);
         let before = desk.scene.clone();
         desk.click("Crop and erase in the template");
@@ -176,7 +176,7 @@ fn a_crop_is_one_step_or_none() {
         assert!(desk.editor.is_live() && desk.scene.templates.len() < before.templates.len());
         desk.click(button);
         assert!(!desk.editor.is_live() && desk.editor.steps() == steps);
-        assert_eq!(desk.scene == before, button == "give up");
+        assert_eq!(desk.scene == before, button == "cancel");
         desk.editor.undo(&mut desk.scene);
         assert!(desk.scene == before);
     }

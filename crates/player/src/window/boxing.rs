@@ -1,4 +1,5 @@
-//! Boxes around objects, in the window: clicks that put them there, handles that are dragged, the search for the rest, files.
+//! The tool for boxes around objects, in the window: clicks that draw boxes, drags of handles, the search for similar
+//! objects, files.
 
 mod search;
 
@@ -17,46 +18,46 @@ use instgs_io::write_boxes;
 use instgs_objects::segment::standing::{Standing, Surroundings, UprightBox};
 use instgs_vk::scene::{Boxes, ObjectBox};
 
-/// How often the window looks how far a search is.
+/// How often the window polls the progress of a search.
 const POLL: Duration = Duration::from_millis(100);
 
-/// The tool and its state.
+/// State of the tool for boxes.
 #[derive(Default)]
 pub(super) struct Boxing {
-    /// Clicks, keys and handles are for boxes.
+    /// True if clicks, keys and handles are for boxes.
     pub(super) on: bool,
     list: BoxList,
     grip: Option<BoxDrag>,
     hovered: Option<BoxPart>,
-    /// Of the cloud; made when it is clicked first.
+    /// Surroundings of the cloud, computed at the first click.
     around: Option<Surroundings>,
     search: Option<Search>,
-    /// Searches find other sizes too.
+    /// True if searches also find objects of other sizes.
     other_sizes: bool,
     panel: BoxPanel,
-    /// The last click drew a box.
+    /// True if the last click drew a box.
     drew: bool,
-    /// Where the boxes are from or were saved.
+    /// The file that the boxes were read from or saved to.
     file: Option<PathBuf>,
 }
 
 impl Boxing {
-    /// With boxes of a file.
+    /// The tool with the boxes of a file, active at once.
     pub(super) fn from_file(path: PathBuf, boxes: Boxes) -> Self {
         Self { on: true, list: BoxList::from_file(boxes), file: Some(path), ..Self::default() }
     }
 
-    /// True while something is dragged.
+    /// True while a part of a box is dragged.
     pub(super) fn is_held(&self) -> bool {
         self.grip.is_some()
     }
 
-    /// True while a search goes on.
+    /// True while a search is running.
     pub(super) fn is_searching(&self) -> bool {
         self.search.is_some()
     }
 
-    /// What a file of the boxes holds.
+    /// The contents of a file with the present boxes.
     pub(super) fn boxes_of_file(&self) -> Boxes {
         self.list.to_file()
     }
@@ -66,133 +67,136 @@ impl Boxing {
         self.list.is_unsaved()
     }
 
-    /// When the window should look again by itself.
+    /// When the window should redraw by itself to show a search's progress.
     pub(super) fn wakes_at(&self) -> Option<Instant> {
         self.search.as_ref().map(|_| Instant::now() + POLL)
     }
 }
 
 impl Live {
-    /// Takes the tool up or puts it away.
+    /// Activates or deactivates the tool.
     pub(super) fn toggle_boxes(&mut self) -> Result<(), PlayerError> {
         self.let_go()?;
-        // The outline of chosen instances is not for boxes.
-        self.stage.click(None, false);
-        self.boxing.on = !self.boxing.on;
+        // The outline of selected instances does not belong to boxes.
+        self.session.viewer.editor_mut().click(None, false);
+        self.input.boxing.on = !self.input.boxing.on;
         Ok(())
     }
 
     fn box_handles(&self) -> Option<BoxHandles> {
-        let chosen = &self.boxing.list.chosen_box()?.object;
-        Some(BoxHandles::new(chosen, self.editing.mode, &self.handle_camera()))
+        let chosen = &self.input.boxing.list.chosen_box()?.object;
+        Some(BoxHandles::new(chosen, self.input.editing.mode, &self.handle_camera()))
     }
 
-    /// The pointer is somewhere else; true if the picture changes with it.
+    /// The pointer moved; true if that changes the overlay.
     pub(super) fn box_hover(&mut self, over_interface: bool) -> bool {
-        if self.boxing.grip.is_some() {
+        if self.input.boxing.grip.is_some() {
             return true;
         }
         let at = self.pointer_points();
         let hovered = self.box_handles().filter(|_| !over_interface).and_then(|handles| handles.part_at(at));
-        std::mem::replace(&mut self.boxing.hovered, hovered) != hovered
+        std::mem::replace(&mut self.input.boxing.hovered, hovered) != hovered
     }
 
-    /// The left button goes down over the picture; true if it takes hold of a handle.
+    /// The left button is pressed over the view; true if it grabs a handle.
     pub(super) fn box_grab(&mut self) -> bool {
         let at = self.pointer_points();
         let handles = self.box_handles();
-        self.boxing.grip = handles.and_then(|handles| handles.part_at(at).and_then(|part| handles.grab(part, at)));
-        if self.boxing.grip.is_some() {
-            self.controls.take_hold();
-            // What a field of the panel began is a change of its own.
-            self.boxing.list.finish();
+        self.input.boxing.grip =
+            handles.and_then(|handles| handles.part_at(at).and_then(|part| handles.grab(part, at)));
+        if self.input.boxing.grip.is_some() {
+            self.input.controls.take_hold();
+            // A change that a field of the panel started is an undo step of its own.
+            self.input.boxing.list.finish();
         }
-        self.boxing.grip.is_some()
+        self.input.boxing.grip.is_some()
     }
 
-    /// What is held goes where the pointer is.
+    /// Drags the held part to the pointer.
     pub(super) fn box_follow(&mut self) {
-        let Some(drag) = self.boxing.grip.as_ref().filter(|_| !self.controls.holds_still()) else { return };
+        let Some(drag) = self.input.boxing.grip.as_ref().filter(|_| !self.input.controls.holds_still()) else { return };
         if let Some(object) = drag.moved(&self.handle_camera(), self.pointer_points()) {
-            self.boxing.list.change(object);
+            self.input.boxing.list.change(object);
         }
     }
 
-    /// What was held stays; false if nothing was.
+    /// Completes the drag; false if nothing was held.
     pub(super) fn box_let_go(&mut self) -> bool {
         self.box_follow();
-        let held = self.boxing.grip.take().is_some();
+        let held = self.input.boxing.grip.take().is_some();
         if held {
-            self.boxing.list.finish();
+            self.input.boxing.list.finish();
         }
         held
     }
 
-    /// What was held goes back; false if nothing was.
+    /// Reverts the drag; false if nothing was held.
     fn box_drop(&mut self) -> bool {
-        let held = self.boxing.grip.take().is_some();
+        let held = self.input.boxing.grip.take().is_some();
         if held {
-            self.boxing.list.cancel();
+            self.input.boxing.list.cancel();
         }
         held
     }
 
-    /// A click on the scene: chooses the box that is there, or puts one around what is there. With shift it takes the box
-    /// away.
+    /// A click on the scene: selects the box there, or draws one around the object there. With Shift it removes the
+    /// box.
     pub(super) fn box_click(&mut self, at_px: [f64; 2]) -> Result<(), PlayerError> {
         self.hud.message = None;
-        self.boxing.drew = false;
+        self.input.boxing.drew = false;
         let in_picture = self.in_picture(at_px);
-        let place = self.stage.point_at(in_picture);
+        let place = self.session.viewer.point_at(in_picture);
         let place = self.found(place)?;
-        let objects = self.boxing.list.boxes().iter().map(|listed| &listed.object);
-        let at_edge = box_at_edge(objects, &self.handle_camera(), at_px.map(|v| v / self.per_point()));
-        let there = at_edge.or_else(|| self.boxing.list.containing(place?));
+        let objects = self.input.boxing.list.boxes().iter().map(|listed| &listed.object);
+        let at_edge = box_at_edge(objects, &self.handle_camera(), at_px.map(|v| v / self.screen.per_point()));
+        let there = at_edge.or_else(|| self.input.boxing.list.containing(place?));
         match (there, place) {
-            (Some(index), _) if self.controls.shift => self.boxing.list.remove(index),
-            (None, _) if self.controls.shift => self.says("there is no box to take away"),
-            (Some(index), _) => self.boxing.list.choose(Some(index)),
-            (None, None) => self.boxing.list.choose(None),
+            (Some(index), _) if self.input.controls.shift => self.input.boxing.list.remove(index),
+            (None, _) if self.input.controls.shift => self.says("there is no box here to remove"),
+            (Some(index), _) => self.input.boxing.list.choose(Some(index)),
+            (None, None) => self.input.boxing.list.choose(None),
             (None, Some(place)) => match self.instance_at(at_px)? {
-                Some(k) => self.says(format!("that is instance {k} of the scene: boxes are for what has no instance")),
+                Some(k) => {
+                    self.says(format!("this is instance {k} already: boxes are for objects that are not instances yet"))
+                }
                 None => self.box_around(place),
             },
         }
-        self.warned = None;
+        self.input.warned = None;
         Ok(())
     }
 
-    /// The last click was the first of a double click, which is not for boxes: the box it drew goes.
+    /// The last click was the first of a double click, which has another meaning: removes the box it drew.
     pub(super) fn box_unclick(&mut self) {
-        if std::mem::take(&mut self.boxing.drew) && self.boxing.on {
-            self.boxing.list.undraw();
+        if std::mem::take(&mut self.input.boxing.drew) && self.input.boxing.on {
+            self.input.boxing.list.undraw();
             self.hud.message = None;
         }
     }
 
-    /// What is clicked or pressed next has nothing to do with the box that the last click drew.
+    /// The next click or key is unrelated to the box that the last click drew.
     pub(super) fn box_stays(&mut self) {
-        self.boxing.drew = false;
+        self.input.boxing.drew = false;
     }
 
-    /// Puts a box around what stands at a place of the world.
+    /// Draws a box around the object at a point in world coordinates.
     fn box_around(&mut self, place: glam::DVec3) {
-        let [_, _, up] = self.navigator.level_axes();
-        let cloud = &self.stage.scene().background;
-        let around = self.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
-        match around.at(place, self.navigator.eye()) {
+        let [_, _, up] = self.camera.navigator.level_axes();
+        let cloud = &self.session.viewer.scene().background;
+        let around = self.input.boxing.around.get_or_insert_with(|| Surroundings::new(cloud, up));
+        match around.at(place, self.camera.navigator.eye()) {
             Standing::Object(found) => {
-                self.boxing.list.draw(object_of(found));
-                self.boxing.drew = true;
+                self.input.boxing.list.draw(object_of(found));
+                self.input.boxing.drew = true;
             }
             Standing::Unclear(usual) => {
-                self.boxing.list.draw(object_of(usual));
-                self.boxing.drew = true;
-                self.says("where it ends cannot be told from what is around it: drag the dots until the box fits");
+                self.input.boxing.list.draw(object_of(usual));
+                self.input.boxing.drew = true;
+                self.says("the object cannot be separated from its surroundings: drag the dots until the box fits");
             }
             Standing::Ground => {
-                self.boxing.list.choose(None);
-                self.says("that is the ground: click what stands on it");
+                self.input.boxing.list.choose(None);
+                self.says("this is the ground: click an object that stands on it");
             }
         }
     }
@@ -201,15 +205,15 @@ impl Live {
         self.hud.message = Some(words.into());
     }
 
-    /// Keys of the tool; false for others.
+    /// Handles the keys of the tool; false for other keys.
     pub(super) fn box_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
         self.box_stays();
-        if self.controls.control {
+        if self.input.controls.control {
             let action = match code {
-                KeyCode::KeyZ if self.controls.shift => BoxAction::Redo,
+                KeyCode::KeyZ if self.input.controls.shift => BoxAction::Redo,
                 KeyCode::KeyZ => BoxAction::Undo,
                 KeyCode::KeyY => BoxAction::Redo,
-                KeyCode::KeyS => BoxAction::Save(self.boxing.panel.file().unwrap_or_else(|| self.box_file())),
+                KeyCode::KeyS => BoxAction::Save(self.input.boxing.panel.file().unwrap_or_else(|| self.box_file())),
                 _ => return Ok(false),
             };
             self.box_let_go();
@@ -219,11 +223,11 @@ impl Live {
         match code {
             KeyCode::KeyF => self.find_rest(),
             KeyCode::Escape if self.box_drop() => {}
-            KeyCode::Escape if self.boxing.is_searching() => self.stop_search(),
-            KeyCode::Escape if self.boxing.list.chosen().is_some() => self.boxing.list.choose(None),
+            KeyCode::Escape if self.input.boxing.is_searching() => self.stop_search(),
+            KeyCode::Escape if self.input.boxing.list.chosen().is_some() => self.input.boxing.list.choose(None),
             KeyCode::Escape => self.toggle_boxes()?,
             _ => {
-                let Some(index) = self.boxing.list.chosen() else { return Ok(false) };
+                let Some(index) = self.input.boxing.list.chosen() else { return Ok(false) };
                 return Ok(self.key_of_chosen_box(code, index));
             }
         }
@@ -233,65 +237,65 @@ impl Live {
     fn key_of_chosen_box(&mut self, code: KeyCode, index: usize) -> bool {
         if matches!(code, KeyCode::Delete | KeyCode::Backspace) {
             self.box_let_go();
-            self.boxing.list.remove(index);
+            self.input.boxing.list.remove(index);
             return true;
         }
         let Some(motion) = self.key_motion(code) else { return false };
         self.box_let_go();
-        if let Some(listed) = self.boxing.list.chosen_box() {
+        if let Some(listed) = self.input.boxing.list.chosen_box() {
             let moved = after(&listed.object, motion);
-            self.boxing.list.change(moved);
-            self.boxing.list.finish();
+            self.input.boxing.list.change(moved);
+            self.input.boxing.list.finish();
         }
         true
     }
 
-    /// Where boxes are saved: where they are from, or beside the scene under a name that is free.
+    /// The file to save boxes to: the one they are from, or an unused name beside the scene.
     fn box_file(&self) -> PathBuf {
-        let beside = self.path.with_extension("boxes.json");
-        let free = || if beside.exists() { self.free_name("boxes.json") } else { beside.clone() };
-        self.boxing.file.clone().unwrap_or_else(free)
+        let beside = self.session.path.with_extension("boxes.json");
+        let free = || if beside.exists() { self.session.free_name("boxes.json") } else { beside.clone() };
+        self.input.boxing.file.clone().unwrap_or_else(free)
     }
 
-    /// Writes the boxes.
+    /// Saves the boxes to a file.
     pub(super) fn save_boxes(&mut self, path: &Path) {
         self.box_let_go();
-        if self.boxing.list.boxes().is_empty() {
+        if self.input.boxing.list.boxes().is_empty() {
             return self.says("there are no boxes to save");
         }
-        let written = write_boxes(path, &self.boxing.list.to_file());
+        let written = write_boxes(path, &self.input.boxing.list.to_file());
         if written.is_ok() {
-            self.boxing.list.saved();
-            self.boxing.panel.saved_to(path.display().to_string());
-            self.boxing.file = Some(path.to_path_buf());
+            self.input.boxing.list.saved();
+            self.input.boxing.panel.saved_to(path.display().to_string());
+            self.input.boxing.file = Some(path.to_path_buf());
         }
-        let [drawn, found] = self.boxing.list.counts();
+        let [drawn, found] = self.input.boxing.list.counts();
         self.says(match written {
-            Ok(()) if drawn + found == 1 => format!("1 box is in {}", path.display()),
-            Ok(()) => format!("{} boxes are in {}", drawn + found, path.display()),
+            Ok(()) if drawn + found == 1 => format!("1 box saved to {}", path.display()),
+            Ok(()) => format!("{} boxes saved to {}", drawn + found, path.display()),
             Err(error) => error.to_string(),
         });
     }
 
-    /// Lays out the tool, while it is on; what its user wants done.
+    /// Lays out the tool, while it is active, and returns the user's actions.
     pub(super) fn lay_out_boxes(&mut self, ctx: &egui::Context) -> Vec<BoxAction> {
-        if !self.boxing.on {
+        if !self.input.boxing.on {
             return Vec::new();
         }
         let (camera, handles) = (self.handle_camera(), self.box_handles());
-        let held = self.boxing.grip.as_ref().map(BoxDrag::part);
-        paint_boxes(ctx, &self.boxing.list, &camera, (handles.as_ref(), held.or(self.boxing.hovered)));
+        let held = self.input.boxing.grip.as_ref().map(BoxDrag::part);
+        paint_boxes(ctx, &self.input.boxing.list, &camera, handles.as_ref(), held.or(self.input.boxing.hovered));
         if !self.hud.visible {
             return Vec::new();
         }
-        let [_, _, up] = self.navigator.level_axes();
+        let [_, _, up] = self.camera.navigator.level_axes();
         let (file, step) = (self.box_file().display().to_string(), self.number_step());
-        let Boxing { list, panel, around, search, other_sizes, .. } = &mut self.boxing;
+        let Boxing { list, panel, around, search, other_sizes, .. } = &mut self.input.boxing;
         let facts = BoxFacts {
             list,
             up: around.as_ref().map_or(up, Surroundings::up),
             step,
-            mode: self.editing.mode,
+            mode: self.input.editing.mode,
             searched: search.as_ref().map(Search::part),
             other_sizes: *other_sizes,
             file,
@@ -299,22 +303,22 @@ impl Live {
         panel.lay_out(ctx, &facts)
     }
 
-    /// Does what the panel asks for.
+    /// Carries out the panel's actions.
     pub(super) fn act_on_boxes(&mut self, actions: Vec<BoxAction>) -> Result<(), PlayerError> {
         for action in actions {
-            self.warned = None;
-            let list = &mut self.boxing.list;
+            self.input.warned = None;
+            let list = &mut self.input.boxing.list;
             match action {
                 BoxAction::Change(object) => list.change(object),
                 BoxAction::Finish => list.finish(),
                 BoxAction::Undo => {
                     if !list.undo() {
-                        self.says("there is nothing to take back");
+                        self.says("there is nothing to undo");
                     }
                 }
                 BoxAction::Redo => {
                     if !list.redo() {
-                        self.says("there is nothing to do again");
+                        self.says("there is nothing to redo");
                     }
                 }
                 BoxAction::Choose(index) => list.choose(Some(index)),
@@ -322,7 +326,7 @@ impl Live {
                 BoxAction::Find => self.find_rest(),
                 BoxAction::CancelSearch => self.stop_search(),
                 BoxAction::OtherSizes(other_sizes) => self.look_for_other_sizes(other_sizes),
-                BoxAction::Mode(mode) => self.editing.mode = mode,
+                BoxAction::Mode(mode) => self.input.editing.mode = mode,
                 BoxAction::Save(path) => self.save_boxes(&path),
                 BoxAction::Leave => self.toggle_boxes()?,
             }
@@ -331,7 +335,7 @@ impl Live {
     }
 }
 
-/// A box without an id, which the list gives.
+/// A box with id 0, which the list replaces.
 fn object_of(upright: UprightBox) -> ObjectBox {
     let UprightBox { center, size, world_from_box } = upright;
     ObjectBox { id: 0, category: None, center, size, world_from_box }

@@ -1,6 +1,6 @@
-//! Editing in the window: handles and a brush that are dragged, the panel, and keys.
+//! Editing in the window: drags of handles and of the brush, the panel, and keys.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::DVec3;
 use winit::keyboard::KeyCode;
@@ -12,40 +12,40 @@ use crate::hud_edit::{Action, EditFacts, EditPanel};
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::edit::{Edit, EditOutcome};
 
-/// Points of a brush's stroke are so many pixels apart.
+/// Spacing of the points of a brush stroke, pixels.
 const BRUSH_STEP_PX: f64 = 3.0;
 
-/// What the pointer does besides turning the view, and the panel.
+/// State of the pointer's editing tools, and the panel.
 #[derive(Default)]
 pub(super) struct Editing {
-    /// Which handles there are.
+    /// The kind of handles that are shown.
     pub(super) mode: GizmoMode,
-    /// What is held.
+    /// The drag in progress.
     grip: Option<Grip>,
     /// The handle under the pointer.
     hovered: Option<Handle>,
-    /// Fields and tools.
+    /// State of the panel's fields and tools.
     pub(super) panel: EditPanel,
 }
 
-/// Something that is held.
+/// What a drag in progress holds.
 enum Grip {
     Handle(Drag),
     Brush(Stroke),
 }
 
-/// What a brush has touched since it was put down.
+/// A brush stroke, from the button's press on.
 struct Stroke {
     template: u32,
-    /// In the template's frame.
+    /// Centres of the brush in the template's frame.
     centres: Vec<DVec3>,
-    /// Where the pointer was since the last picture.
+    /// Pointer positions since the last frame, pixels.
     pending_px: Vec<[f64; 2]>,
     last_px: [f64; 2],
 }
 
 impl Editing {
-    /// The handle that is drawn bright.
+    /// The handle that is drawn highlighted.
     pub(super) fn hot(&self) -> Option<Handle> {
         match &self.grip {
             Some(Grip::Handle(drag)) => Some(drag.handle()),
@@ -53,57 +53,59 @@ impl Editing {
             None => self.hovered,
         }
     }
+
+    /// True while a handle or the brush is dragged.
+    pub(super) fn is_held(&self) -> bool {
+        self.grip.is_some()
+    }
 }
 
 impl Live {
-    /// Pixels of a point of the interface.
-    pub(super) fn per_point(&self) -> f64 {
-        f64::from(self.ui.egui_ctx().pixels_per_point())
-    }
-
-    /// Where the pointer is, points of the interface.
+    /// Position of the pointer, interface points.
     pub(super) fn pointer_points(&self) -> [f64; 2] {
-        self.controls.pointer_px().map(|v| v / self.per_point())
+        self.input.controls.pointer_px().map(|v| v / self.screen.per_point())
     }
 
-    /// The camera with points of the interface for pixels: handles are laid out and held in these.
+    /// The camera with interface points for pixels, in which handles are laid out and dragged.
     pub(super) fn handle_camera(&self) -> Camera {
-        let (camera, per_point) = (self.navigator.camera(self.swapchain.size_px()), self.per_point());
+        let (camera, per_point) =
+            (self.camera.navigator.camera(self.screen.swapchain.size_px()), self.screen.per_point());
         let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v / per_point);
         Camera { fx, fy, cx, cy, ..camera }
     }
 
-    /// The handles of what is chosen, as the camera sees them now.
+    /// The handles of the selection as the camera sees them now.
     pub(super) fn gizmo(&self) -> Option<Gizmo> {
-        if self.has_brush() || self.boxing.on {
+        if self.has_brush() || self.input.boxing.on {
             return None;
         }
-        let centre = self.stage.editor().chosen_centre(self.stage.scene())?;
-        Gizmo::new(self.editing.mode, centre, &self.handle_camera())
+        let centre = self.session.viewer.editor().chosen_centre(self.session.viewer.scene())?;
+        Gizmo::new(self.input.editing.mode, centre, &self.handle_camera())
     }
 
-    /// True if clicks and drags erase: what they erase from is chosen.
+    /// True if clicks and drags erase; there must be a selection to erase from.
     fn has_brush(&self) -> bool {
-        self.editing.panel.brush.on && !self.stage.editor().chosen().is_empty()
+        self.input.editing.panel.brush.on && !self.session.viewer.editor().chosen().is_empty()
     }
 
-    /// Where the brush is, and how far it reaches on what is chosen, pixels; `None` if it is put away.
+    /// Centre and radius of the brush at the selection's depth, window pixels; `None` if the brush is off.
     pub(super) fn brush_px(&self) -> Option<([f64; 2], f64)> {
-        let (brush, scene, editor) = (self.editing.panel.brush, self.stage.scene(), self.stage.editor());
+        let (brush, scene, editor) =
+            (self.input.editing.panel.brush, self.session.viewer.scene(), self.session.viewer.editor());
         let centre = editor.chosen_centre(scene).filter(|_| brush.on)?;
         let scale = scene.instances[*editor.chosen().first()?].world_from_template.scale();
-        let camera = self.navigator.camera(self.swapchain.size_px());
+        let camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
         let depth = camera.view_from_point(centre).z;
-        (depth > 0.0).then(|| (self.controls.pointer_px(), brush.radius * scale * camera.fy / depth))
+        (depth > 0.0).then(|| (self.input.controls.pointer_px(), brush.radius * scale * camera.fy / depth))
     }
 
-    /// The pointer is somewhere else, maybe over the interface; true if the picture changes with it.
+    /// The pointer moved, maybe over the overlay; true if that changes what is drawn.
     pub(super) fn hover(&mut self, over_interface: bool) -> bool {
-        if self.boxing.on {
+        if self.input.boxing.on {
             return self.box_hover(over_interface);
         }
-        let (at, has_brush) = (self.controls.pointer_px(), self.has_brush());
-        match &mut self.editing.grip {
+        let (at, has_brush) = (self.input.controls.pointer_px(), self.has_brush());
+        match &mut self.input.editing.grip {
             Some(Grip::Handle(_)) => return true,
             Some(Grip::Brush(stroke)) => {
                 let far = (at[0] - stroke.last_px[0]).hypot(at[1] - stroke.last_px[1]) >= BRUSH_STEP_PX;
@@ -113,31 +115,31 @@ impl Live {
                 }
                 return true;
             }
-            // Its circle goes with the pointer.
+            // The brush's circle follows the pointer.
             None if has_brush => return true,
             None => {}
         }
         let hovered = self.gizmo().filter(|_| !over_interface).and_then(|gizmo| gizmo.handle_at(self.pointer_points()));
-        std::mem::replace(&mut self.editing.hovered, hovered) != hovered
+        std::mem::replace(&mut self.input.editing.hovered, hovered) != hovered
     }
 
-    /// The left button goes down over the picture; true if it takes hold of something.
+    /// The left button is pressed over the view; true if it grabs something.
     pub(super) fn grab(&mut self) -> Result<bool, PlayerError> {
         self.let_go()?;
-        self.controls.forget_hold();
-        if self.controls.shift {
-            // A click chooses one more, a drag moves the view.
+        self.input.controls.forget_hold();
+        if self.input.controls.shift {
+            // A click adds to the selection, a drag pans.
             return Ok(false);
         }
-        if self.boxing.on {
+        if self.input.boxing.on {
             return Ok(self.box_grab());
         }
-        self.editing.grip = if self.has_brush() {
-            let at = self.controls.pointer_px();
+        self.input.editing.grip = if self.has_brush() {
+            let at = self.input.controls.pointer_px();
             let touched = self.instance_at(at)?;
-            let (scene, editor) = (self.stage.scene(), self.stage.editor());
+            let (scene, editor) = (self.session.viewer.scene(), self.session.viewer.editor());
             let template = touched.map(|k| scene.instances[k].template);
-            // Of what is chosen: a stroke that begins elsewhere turns the view.
+            // Only on selected templates: a stroke that begins elsewhere orbits.
             template.filter(|&template| editor.has_chosen_of(scene, template)).map(|template| {
                 Grip::Brush(Stroke { template, centres: Vec::new(), pending_px: vec![at], last_px: at })
             })
@@ -145,32 +147,32 @@ impl Live {
             let (gizmo, at) = (self.gizmo(), self.pointer_points());
             let drag = gizmo.and_then(|gizmo| gizmo.handle_at(at).and_then(|handle| gizmo.grab(handle, at)));
             if drag.is_some() {
-                self.controls.take_hold();
+                self.input.controls.take_hold();
             }
             drag.map(Grip::Handle)
         };
-        if self.editing.grip.is_some() {
-            // What a field of the panel began is a change of its own.
-            self.stage.finish_live();
+        if self.input.editing.grip.is_some() {
+            // A change that a field of the panel started is an undo step of its own.
+            self.session.viewer.editor_mut().finish();
         }
-        Ok(self.editing.grip.is_some())
+        Ok(self.input.editing.grip.is_some())
     }
 
-    /// What is held goes where the pointer is. Done once for a picture, however many events came before it.
+    /// Applies the drag at the pointer's position: once per frame, however many events came before it.
     pub(super) fn follow_grip(&mut self) -> Result<(), PlayerError> {
-        match self.editing.grip.take() {
+        match self.input.editing.grip.take() {
             Some(Grip::Handle(drag)) => {
-                let moves = !self.controls.holds_still();
+                let moves = !self.input.controls.holds_still();
                 let motion = moves.then(|| drag.motion(&self.handle_camera(), self.pointer_points())).flatten();
-                if let (Some(motion), Some(which)) = (motion, self.stage.editor().selector()) {
-                    let done = self.stage.edit_live(&motion.edit(which))?;
+                if let (Some(motion), Some(which)) = (motion, self.session.viewer.editor().selector()) {
+                    let done = self.session.viewer.edit_live(&motion.edit(which))?;
                     self.said(done);
                 }
-                self.editing.grip = Some(Grip::Handle(drag));
+                self.input.editing.grip = Some(Grip::Handle(drag));
             }
             Some(Grip::Brush(mut stroke)) => {
                 self.stroke(&mut stroke)?;
-                self.editing.grip = Some(Grip::Brush(stroke));
+                self.input.editing.grip = Some(Grip::Brush(stroke));
             }
             None => self.box_follow(),
         }
@@ -179,146 +181,151 @@ impl Live {
 
     /// True if closing the window would lose changes of the scene or of boxes.
     pub(super) fn is_unsaved(&self) -> bool {
-        self.stage.editor().is_unsaved() || self.boxing.is_unsaved()
+        self.session.viewer.editor().is_unsaved() || self.input.boxing.is_unsaved()
     }
 
-    /// True while something is dragged.
-    pub(super) fn is_held(&self) -> bool {
-        self.editing.grip.is_some() || self.boxing.is_held()
-    }
-
-    /// Erases where the brush went since the last picture.
+    /// Erases along the brush's path since the last frame.
     fn stroke(&mut self, stroke: &mut Stroke) -> Result<(), PlayerError> {
         let before = stroke.centres.len();
         for at in std::mem::take(&mut stroke.pending_px) {
-            let touched = self.stage.template_point_at(self.in_picture(at));
+            let touched = self.session.viewer.template_point_at(self.in_picture(at));
             let touched = self.found(touched)?;
             stroke.centres.extend(touched.filter(|touched| touched.0 == stroke.template).map(|touched| touched.1));
         }
         if stroke.centres.len() == before {
             return Ok(());
         }
-        let (template, radius) = (stroke.template, self.editing.panel.brush.radius);
+        let (template, radius) = (stroke.template, self.input.editing.panel.brush.radius);
         let erase = |centres: &[DVec3]| Edit::Erase { template, centres: centres.to_vec(), radius };
-        let done = self.stage.edit_live(&erase(&stroke.centres))?;
+        let done = self.session.viewer.edit_live(&erase(&stroke.centres))?;
         if done.is_err() {
-            // Nothing would be left: what was erased before stays so.
+            // The template would be empty: keeps what was erased before.
             stroke.centres.truncate(before);
             if before > 0 {
-                self.stage.edit_live(&erase(&stroke.centres))?.ok();
+                self.session.viewer.edit_live(&erase(&stroke.centres))?.ok();
             }
         }
         self.said(done);
         Ok(())
     }
 
-    /// What was held stays where it is now: one change. False if nothing was held.
+    /// Completes the drag as one change; false if there was none.
     pub(super) fn let_go(&mut self) -> Result<bool, PlayerError> {
         self.follow_grip()?;
-        let held = self.editing.grip.take().is_some();
+        let held = self.input.editing.grip.take().is_some();
         if held {
-            self.stage.finish_live();
+            self.session.viewer.editor_mut().finish();
         }
         Ok(held | self.box_let_go())
     }
 
-    /// What was held goes back to where it was, or the brush is put away. False if there was neither.
+    /// Reverts the drag, or turns the brush off; false if there was neither.
     pub(super) fn drop_grip(&mut self) -> Result<bool, PlayerError> {
-        if self.editing.grip.take().is_some() {
-            self.stage.cancel_live()?;
+        if self.input.editing.grip.take().is_some() {
+            self.session.viewer.cancel_live()?;
             return Ok(true);
         }
-        Ok(std::mem::take(&mut self.editing.panel.brush.on))
+        Ok(std::mem::take(&mut self.input.editing.panel.brush.on))
     }
 
-    /// Does what the panel asks for.
+    /// Carries out the panel's actions.
     pub(super) fn act(&mut self, actions: Vec<Action>) -> Result<(), PlayerError> {
         for action in actions {
             match action {
                 Action::Edit(edit) => {
-                    let done = self.stage.edit(&edit)?;
+                    let done = self.session.viewer.edit(&edit)?;
                     self.said(done);
                 }
                 Action::Live(edit) => {
-                    let done = self.stage.edit_live(&edit)?;
+                    let done = self.session.viewer.edit_live(&edit)?;
                     self.said(done);
                 }
-                Action::Finish => self.stage.finish_live(),
-                Action::Cancel => self.stage.cancel_live()?,
-                Action::Undo => self.hud.message = self.stage.undo()?.err(),
-                Action::Redo => self.hud.message = self.stage.redo()?.err(),
-                Action::Hide => drop(self.stage.hide_chosen()?),
-                Action::ShowAll => drop(self.stage.show_all()?),
-                Action::ChooseAlike => self.stage.choose_alike(),
-                Action::ChooseGroup => self.stage.choose_group(),
-                Action::Mode(mode) => self.editing.mode = mode,
+                Action::Finish => self.session.viewer.editor_mut().finish(),
+                Action::Cancel => self.session.viewer.cancel_live()?,
+                Action::Undo => self.hud.message = self.session.viewer.undo()?.err(),
+                Action::Redo => self.hud.message = self.session.viewer.redo()?.err(),
+                Action::Hide => drop(self.session.viewer.hide_chosen()?),
+                Action::ShowAll => drop(self.session.viewer.show_all()?),
+                Action::ChooseAlike => {
+                    let (editor, scene) = self.session.viewer.editor_and_scene();
+                    editor.choose_alike(scene);
+                }
+                Action::ChooseGroup => {
+                    let (editor, scene) = self.session.viewer.editor_and_scene();
+                    editor.choose_group(scene);
+                }
+                Action::Mode(mode) => self.input.editing.mode = mode,
                 Action::Write(path) => self.write(&path),
             }
         }
         Ok(())
     }
 
-    /// Lays out the panel, where the interface is shown; what its user wants done.
+    /// Lays out the panel, while the overlay is visible, and returns the user's actions.
     pub(super) fn lay_out_panel(&mut self, ctx: &egui::Context) -> Vec<Action> {
-        if !self.hud.visible || self.boxing.on || self.stage.scene().instances.is_empty() {
+        if !self.hud.visible || self.input.boxing.on || self.session.viewer.scene().instances.is_empty() {
             return Vec::new();
         }
-        let [_, _, up] = self.navigator.level_axes();
+        let [_, _, up] = self.camera.navigator.level_axes();
         let facts = EditFacts {
-            scene: self.stage.scene(),
-            editor: self.stage.editor(),
+            scene: self.session.viewer.scene(),
+            editor: self.session.viewer.editor(),
             up,
             step: self.number_step(),
             beside: self.beside(),
-            mode: self.editing.mode,
-            file: self.save_path().display().to_string(),
+            mode: self.input.editing.mode,
+            file: self.session.save_path().display().to_string(),
         };
-        self.editing.panel.lay_out(ctx, &facts)
+        self.input.editing.panel.lay_out(ctx, &facts)
     }
 
-    /// Saves under another name, from now on the scene's, or exports.
+    /// Saves the scene under another name, which it keeps, or exports it.
     fn write(&mut self, path: &Path) {
-        self.stage.finish_live();
+        self.session.viewer.editor_mut().finish();
         let saves = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("instgs"));
         if saves {
             return self.save(path);
         }
-        let [_, _, up] = self.navigator.level_axes();
-        self.hud.message = Some(match self.stage.export(path, up) {
+        let [_, _, up] = self.camera.navigator.level_axes();
+        self.hud.message = Some(match self.session.viewer.export(path, up) {
             Ok(()) => format!("exported to {}", path.display()),
             Err(error) => error.to_string(),
         });
     }
 
-    /// What there is to say of an edit.
+    /// Displays the error or the warnings of an edit.
     fn said(&mut self, done: Result<EditOutcome, String>) {
         match done {
             Ok(outcome) => self.hud.message = outcome.warnings.into_iter().next(),
             Err(reason) => self.hud.message = Some(reason),
         }
-        self.warned = None;
+        self.input.warned = None;
     }
 
-    /// Keys that change the scene; false for others.
+    /// Handles keys that change the scene; false for other keys.
     pub(super) fn edit_key(&mut self, code: KeyCode) -> Result<bool, PlayerError> {
-        if self.boxing.on && self.box_key(code)? {
+        if self.input.boxing.on && self.box_key(code)? {
             return Ok(true);
         }
-        if self.controls.control {
+        if self.input.controls.control {
             if matches!(code, KeyCode::KeyZ | KeyCode::KeyY | KeyCode::KeyS) {
                 self.let_go()?;
             }
             let done = match code {
-                KeyCode::KeyZ if self.controls.shift => self.stage.redo()?,
-                KeyCode::KeyZ => self.stage.undo()?,
-                KeyCode::KeyY => self.stage.redo()?,
+                KeyCode::KeyZ if self.input.controls.shift => self.session.viewer.redo()?,
+                KeyCode::KeyZ => self.session.viewer.undo()?,
+                KeyCode::KeyY => self.session.viewer.redo()?,
                 KeyCode::KeyS => {
-                    self.save(&self.save_path());
+                    self.save(&self.session.save_path());
                     Ok(true)
                 }
                 KeyCode::KeyH => {
                     self.let_go()?;
-                    Ok(if self.controls.shift { self.stage.show_all()? } else { self.stage.hide_chosen()? })
+                    Ok(if self.input.controls.shift {
+                        self.session.viewer.show_all()?
+                    } else {
+                        self.session.viewer.hide_chosen()?
+                    })
                 }
                 KeyCode::KeyD => Ok(true),
                 _ => return Ok(false),
@@ -326,7 +333,7 @@ impl Live {
             match done {
                 Ok(true) => {}
                 Ok(false) => {
-                    let nothing = if code == KeyCode::KeyH { "hide or to show" } else { "take back or to do again" };
+                    let nothing = if code == KeyCode::KeyH { "hide or show" } else { "undo or redo" };
                     self.hud.message = Some(format!("there is nothing to {nothing}"));
                 }
                 Err(reason) => self.hud.message = Some(reason),
@@ -344,12 +351,12 @@ impl Live {
         };
         if let Some(mode) = mode {
             self.let_go()?;
-            self.editing.mode = mode;
+            self.input.editing.mode = mode;
             return Ok(true);
         }
-        let Some(which) = self.stage.editor().selector() else { return Ok(false) };
+        let Some(which) = self.session.viewer.editor().selector() else { return Ok(false) };
         let edit = match code {
-            KeyCode::KeyD if self.controls.control => Edit::Duplicate { which, by: self.beside(), turn: None },
+            KeyCode::KeyD if self.input.controls.control => Edit::Duplicate { which, by: self.beside(), turn: None },
             KeyCode::Delete | KeyCode::Backspace => Edit::Delete { which },
             _ => match self.key_motion(code) {
                 Some(motion) => motion.edit(which),
@@ -357,26 +364,21 @@ impl Live {
             },
         };
         self.let_go()?;
-        let done = self.stage.edit(&edit)?;
+        let done = self.session.viewer.edit(&edit)?;
         self.said(done);
         Ok(true)
     }
 
-    /// Where the scene is saved: the file it is from, if that is an `.instgs`; else one beside it, under a name that is free.
-    fn save_path(&self) -> PathBuf {
-        let beside = self.path.with_extension("instgs");
-        if beside == self.path || !beside.exists() { beside } else { self.free_name("instgs") }
-    }
-
-    /// Saves to a file, which is the scene's from now on. What could not be opened is not overwritten.
+    /// Saves the scene to a file, which becomes the scene's own. A file that could not be opened is not overwritten.
     fn save(&mut self, path: &Path) {
-        if !self.has_scene {
-            self.hud.message = Some(format!("{} was not opened: there is nothing to save", self.path.display()));
+        if !self.session.has_scene {
+            self.hud.message =
+                Some(format!("{} could not be opened, so there is nothing to save", self.session.path.display()));
             return;
         }
-        self.hud.message = Some(match self.stage.save(path) {
+        self.hud.message = Some(match self.session.viewer.save(path) {
             Ok(()) => {
-                self.path = path.to_path_buf();
+                self.session.path = path.to_path_buf();
                 format!("saved to {}", path.display())
             }
             Err(error) => error.to_string(),

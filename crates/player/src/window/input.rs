@@ -1,4 +1,4 @@
-//! Events of the window, as what they change.
+//! Handles the window's events.
 
 use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
 use winit::keyboard::{Key, KeyCode, PhysicalKey};
@@ -12,50 +12,51 @@ use crate::views::View;
 
 /// Points of a touch pad's scroll that count as one step of a wheel.
 const POINTS_PER_STEP: f64 = 40.0;
-/// What one press of a speed key does.
+/// Factor on the flight speed per press of a speed key.
 const SPEED_STEP: f64 = 1.5;
 
 impl Live {
-    /// What an event of the window changes.
+    /// Handles one event and returns whether to redraw.
     pub(super) fn event(&mut self, event: &WindowEvent, job: &WindowJob) -> Result<After, PlayerError> {
-        let response = self.ui.on_window_event(&self.window, event);
-        let height = f64::from(self.swapchain.size_px()[1]);
+        let response = self.screen.ui.on_window_event(&self.screen.window, event);
+        let height = f64::from(self.screen.swapchain.size_px()[1]);
         let changed = match event {
             WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
-                self.controls.per_point = self.window.scale_factor();
-                self.resize()?;
+                self.input.controls.per_point = self.screen.window.scale_factor();
+                self.screen.resize()?;
                 true
             }
             WindowEvent::Focused(false) => {
                 let held = self.let_go()?;
-                self.controls.let_go();
+                self.input.controls.let_go();
                 held
             }
             WindowEvent::ModifiersChanged(modifiers) => {
                 let state = modifiers.state();
-                (self.controls.shift, self.controls.control) =
+                (self.input.controls.shift, self.input.controls.control) =
                     (state.shift_key(), state.control_key() || state.super_key());
                 false
             }
             WindowEvent::CursorMoved { position, .. } => {
-                let moved = self.controls.pointer_moved([position.x, position.y], &mut self.navigator, height);
+                let moved =
+                    self.input.controls.pointer_moved([position.x, position.y], &mut self.camera.navigator, height);
                 moved | self.hover(response.consumed)
             }
             WindowEvent::MouseInput { state, button, .. } => {
-                let consumed = response.consumed || self.is_over_interface();
+                let consumed = response.consumed || self.screen.is_over_interface(self.pointer_points());
                 self.button(*state, *button, consumed)?
             }
             WindowEvent::MouseWheel { delta, .. } if !response.consumed => {
                 let steps = match delta {
                     MouseScrollDelta::LineDelta(_, y) => f64::from(*y),
-                    MouseScrollDelta::PixelDelta(by) => by.y / (POINTS_PER_STEP * self.per_point()),
+                    MouseScrollDelta::PixelDelta(by) => by.y / (POINTS_PER_STEP * self.screen.per_point()),
                 };
-                self.navigator.zoom(steps, self.controls.pointer_px(), self.swapchain.size_px());
+                self.camera.navigator.zoom(steps, self.input.controls.pointer_px(), self.screen.swapchain.size_px());
                 steps != 0.0
             }
-            // A key that was held already when the window got the keyboard was meant for another one.
+            // A key that was already held when the window got focus was meant for another window.
             WindowEvent::KeyboardInput { event, is_synthetic, .. } if !(*is_synthetic && event.state.is_pressed()) => {
-                let Some(code) = code_of(event, self.controls.control) else { return Ok(After::Nothing) };
+                let Some(code) = code_of(event, self.input.controls.control) else { return Ok(After::Nothing) };
                 let down = event.state == ElementState::Pressed;
                 match self.key_event(code, down, event.repeat, response.consumed)? {
                     After::Nothing => false,
@@ -63,9 +64,10 @@ impl Live {
                 }
             }
             WindowEvent::DroppedFile(path) => {
-                // Named, so that the second of two files that are dropped together is not taken for the answer.
+                // The notice has the file's name, so that the second of two files dropped together does not count as
+                // the confirmation.
                 let name = path.file_name().unwrap_or_default().to_string_lossy();
-                if !self.asks_first(&format!("dropping {name} once more opens it without")) {
+                if !self.asks_first(&format!("drop {name} again to open it without saving")) {
                     self.open_file(path, job)?;
                 }
                 true
@@ -83,18 +85,18 @@ impl Live {
             _ => return Ok(false),
         };
         if state == ElementState::Pressed {
-            self.warned = None;
+            self.input.warned = None;
             let grabbed = !consumed && button == Button::Left && self.grab()?;
             if !(consumed || grabbed) {
-                self.controls.pressed(button);
+                self.input.controls.pressed(button);
             }
             return Ok(false);
         }
-        let seconds = self.opened.elapsed().as_secs_f64();
-        if button == Button::Left && self.is_held() {
+        let seconds = self.pacing.seconds();
+        if button == Button::Left && self.input.is_held() {
             self.let_go()?;
-            // A handle that was clicked is not dragged, and not what is behind it.
-            return match self.controls.let_hold_go(seconds) {
+            // A click on a handle drags nothing, and does not select what is behind the handle.
+            return match self.input.controls.let_hold_go(seconds) {
                 Some(click) if click.double => self.focus_at(click.at_px),
                 _ => {
                     self.box_stays();
@@ -102,39 +104,39 @@ impl Live {
                 }
             };
         }
-        let Some(click) = self.controls.released(button, seconds) else { return Ok(false) };
+        let Some(click) = self.input.controls.released(button, seconds) else { return Ok(false) };
         if click.double {
             return self.focus_at(click.at_px);
         }
-        if self.boxing.on {
+        if self.input.boxing.on {
             self.box_click(click.at_px)?;
         } else {
             let instance = self.instance_at(click.at_px)?;
-            self.stage.click(instance, self.controls.shift);
+            self.session.viewer.editor_mut().click(instance, self.input.controls.shift);
         }
-        self.controls.click_done(self.opened.elapsed().as_secs_f64());
+        self.input.controls.click_done(self.pacing.seconds());
         Ok(true)
     }
 
-    /// After a double click: turns about what is at a place of the window from now on; false if nothing is there.
+    /// After a double click: orbits around the point at a window position from now on; false if no splat is there.
     fn focus_at(&mut self, at_px: [f64; 2]) -> Result<bool, PlayerError> {
         self.box_unclick();
-        let point = self.stage.point_at(self.in_picture(at_px));
+        let point = self.session.viewer.point_at(self.in_picture(at_px));
         let point = self.found(point)?;
         if let Some(point) = point {
-            self.navigator.focus(point);
+            self.camera.navigator.focus(point);
         }
         Ok(point.is_some())
     }
 
-    /// The instance at a place of the window. Where the device has no room to find it, there is none, and the message says so.
+    /// The instance at a window position; `None` with a notice if the device has no memory to find it.
     pub(super) fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
         self.hud.message = None;
-        let instance = self.stage.instance_at(self.in_picture(at_px));
+        let instance = self.session.viewer.instance_at(self.in_picture(at_px));
         self.found(instance)
     }
 
-    /// What was found in a picture: nothing, and a message, where the device had no room to look.
+    /// Result of a query of the frame; out of memory becomes `None` and a notice.
     pub(super) fn found<T>(&mut self, found: Result<Option<T>, PlayerError>) -> Result<Option<T>, PlayerError> {
         match found {
             Err(error) if error.is_out_of_memory() => {
@@ -145,22 +147,14 @@ impl Live {
         }
     }
 
-    /// True if the pointer is over a part of the interface. What an event says of it is of the last picture, since when the
-    /// pointer may have gone there.
-    fn is_over_interface(&self) -> bool {
-        let ctx = self.ui.egui_ctx();
-        let [x, y] = self.pointer_points();
-        ctx.layer_id_at(egui::pos2(x as f32, y as f32)).is_some_and(|layer| layer.order != egui::Order::Background)
-    }
-
-    /// A place in the window as one in the last picture, which may have fewer pixels.
+    /// Window pixels converted to pixels of the last frame, which may have a lower resolution.
     pub(super) fn in_picture(&self, at_px: [f64; 2]) -> [f64; 2] {
-        let shown = self.swapchain.size_px();
-        let picture = self.stage.size_px().unwrap_or(shown);
+        let shown = self.screen.swapchain.size_px();
+        let picture = self.session.viewer.size_px().unwrap_or(shown);
         [0, 1].map(|axis| at_px[axis] * f64::from(picture[axis]) / f64::from(shown[axis].max(1)))
     }
 
-    /// A key goes down or up; `consumed` by the interface.
+    /// Handles the press or release of a key; `consumed` by the overlay.
     pub(super) fn key_event(
         &mut self,
         code: KeyCode,
@@ -168,11 +162,11 @@ impl Live {
         repeats: bool,
         consumed: bool,
     ) -> Result<After, PlayerError> {
-        // A field of the interface takes keys while it is typed into; saving is no text.
-        let consumed = consumed && !(self.controls.control && code == KeyCode::KeyS);
-        let flight = flight_key(code).filter(|_| !self.controls.control || !down);
+        // A text field takes keys while it has focus, except for the shortcut that saves.
+        let consumed = consumed && !(self.input.controls.control && code == KeyCode::KeyS);
+        let flight = flight_key(code).filter(|_| !self.input.controls.control || !down);
         if let Some(key) = flight {
-            self.controls.flight_key(key, down && !consumed);
+            self.input.controls.flight_key(key, down && !consumed);
             return Ok(if down { After::Redraw } else { After::Nothing });
         }
         if down && !consumed { self.key(code, repeats) } else { Ok(After::Nothing) }
@@ -180,43 +174,46 @@ impl Live {
 
     fn key(&mut self, code: KeyCode, repeats: bool) -> Result<After, PlayerError> {
         self.hud.message = None;
-        self.warned.take_if(|_| code != KeyCode::Escape);
+        self.input.warned.take_if(|_| code != KeyCode::Escape);
         if self.edit_key(code)? {
             return Ok(After::Redraw);
         }
-        // With Ctrl a key means something else, or nothing.
-        if repeats || self.controls.control {
+        // With Ctrl, these keys have another meaning or none.
+        if repeats || self.input.controls.control {
             return Ok(After::Nothing);
         }
         if let Some(view) = view_key(code) {
-            self.stage.options.show = view.show(self.navigator.distance());
+            self.session.viewer.options.show = view.show(self.camera.navigator.distance());
             return Ok(After::Redraw);
         }
         match code {
-            // Closes the list of views.
-            KeyCode::Escape if egui::Popup::is_any_open(self.ui.egui_ctx()) => {}
+            // Closes the menu of views.
+            KeyCode::Escape if egui::Popup::is_any_open(self.screen.ui.egui_ctx()) => {}
             KeyCode::Escape if self.drop_grip()? => {}
-            KeyCode::Escape if !self.stage.editor().chosen().is_empty() => self.stage.click(None, false),
-            KeyCode::Escape => return Ok(self.leave("Escape once more leaves")),
+            KeyCode::Escape if !self.session.viewer.editor().chosen().is_empty() => {
+                self.session.viewer.editor_mut().click(None, false);
+            }
+            KeyCode::Escape => return Ok(self.leave("press Escape again to quit without saving")),
             KeyCode::KeyB => self.toggle_boxes()?,
             KeyCode::KeyF => self.find_rest(),
             KeyCode::KeyG => {
                 self.let_go()?;
-                self.stage.choose_alike();
+                let (editor, scene) = self.session.viewer.editor_and_scene();
+                editor.choose_alike(scene);
             }
-            KeyCode::KeyO if self.boxing.on => self.toggle_other_sizes(),
+            KeyCode::KeyO if self.input.boxing.on => self.toggle_other_sizes(),
             KeyCode::KeyH => self.hud.visible = !self.hud.visible,
-            KeyCode::KeyR => self.navigator = self.home.clone(),
-            KeyCode::BracketLeft => self.navigator.change_speed(1.0 / SPEED_STEP),
-            KeyCode::BracketRight => self.navigator.change_speed(SPEED_STEP),
-            KeyCode::PageDown => step(&mut self.cameras, 1, &mut self.navigator, &mut self.hud),
-            KeyCode::PageUp => step(&mut self.cameras, -1, &mut self.navigator, &mut self.hud),
-            KeyCode::KeyV => step(&mut self.kept, 1, &mut self.navigator, &mut self.hud),
+            KeyCode::KeyR => self.camera.navigator = self.camera.home.clone(),
+            KeyCode::BracketLeft => self.camera.navigator.change_speed(1.0 / SPEED_STEP),
+            KeyCode::BracketRight => self.camera.navigator.change_speed(SPEED_STEP),
+            KeyCode::PageDown => step(&mut self.camera.data_views, 1, &mut self.camera.navigator, &mut self.hud),
+            KeyCode::PageUp => step(&mut self.camera.data_views, -1, &mut self.camera.navigator, &mut self.hud),
+            KeyCode::KeyV => step(&mut self.camera.kept, 1, &mut self.camera.navigator, &mut self.hud),
             KeyCode::KeyC => self.keep_camera(),
             KeyCode::KeyP => self.record_path(),
             KeyCode::F11 => {
-                let full = self.window.fullscreen().is_none();
-                self.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
+                let full = self.screen.window.fullscreen().is_none();
+                self.screen.window.set_fullscreen(full.then_some(Fullscreen::Borderless(None)));
             }
             KeyCode::F12 => self.write_picture(),
             _ => return Ok(After::Nothing),
@@ -225,8 +222,8 @@ impl Live {
     }
 }
 
-/// What a key means: those that fly by their place on the keyboard, others by what is written on them where that is a letter
-/// or a sign that means something here, so that Ctrl+Z is where a layout has its Z.
+/// The meaning of a key. Flight keys count by their place on the keyboard; other keys by the letter or sign on them
+/// where that has a meaning here, so that Ctrl+Z is where the layout has its Z.
 fn code_of(event: &KeyEvent, control: bool) -> Option<KeyCode> {
     let place = match event.physical_key {
         PhysicalKey::Code(code) => Some(code),
@@ -241,7 +238,7 @@ fn code_of(event: &KeyEvent, control: bool) -> Option<KeyCode> {
     }
 }
 
-/// The key of a US keyboard that has this letter or sign; `None` for those that mean nothing here.
+/// The key of a US keyboard with this letter or sign; `None` if it has no meaning here.
 fn written_key(text: &str) -> Option<KeyCode> {
     use KeyCode::{
         KeyA, KeyB, KeyC, KeyD, KeyE, KeyF, KeyG, KeyH, KeyI, KeyJ, KeyK, KeyL, KeyM, KeyN, KeyO, KeyP, KeyQ, KeyR,
@@ -265,7 +262,7 @@ fn written_key(text: &str) -> Option<KeyCode> {
     }
 }
 
-/// The view that a digit chooses.
+/// The view that a digit selects.
 fn view_key(code: KeyCode) -> Option<View> {
     use KeyCode::{Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9};
     let digits = [Digit1, Digit2, Digit3, Digit4, Digit5, Digit6, Digit7, Digit8, Digit9];

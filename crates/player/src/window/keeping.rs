@@ -1,4 +1,4 @@
-//! What goes to files beside the scene: cameras, camera paths, pictures.
+//! Files beside the scene: cameras, camera paths, screenshots.
 
 use std::path::{Path, PathBuf};
 
@@ -9,32 +9,40 @@ use crate::recording::{PATH_FPS, Recording};
 use instgs_io::{read_cameras, write_cameras};
 use instgs_vk::scene::Camera;
 
+/// Cameras to step through.
+#[derive(Default)]
+pub(super) struct CameraList {
+    pub(super) list: Vec<Camera>,
+    /// Index of the camera that was shown last.
+    pub(super) at: Option<usize>,
+}
+
 impl Live {
     /// Keeps the camera, in memory and in a camera file beside the scene.
     pub(super) fn keep_camera(&mut self) {
-        let path = cameras_path(&self.path);
-        if let (true, true, Err(error)) = (self.kept.0.is_empty(), path.exists(), read_cameras(&path)) {
-            self.hud.message = Some(format!("{error}; it is not written over"));
+        let path = cameras_path(&self.session.path);
+        if let (true, true, Err(error)) = (self.camera.kept.list.is_empty(), path.exists(), read_cameras(&path)) {
+            self.hud.message = Some(format!("{error}; the file is not overwritten"));
             return;
         }
-        let mut camera = self.navigator.camera(self.swapchain.size_px());
-        camera.name = format!("{:03}", self.kept.0.len());
-        self.kept.0.push(camera);
-        self.kept.1 = None;
-        self.hud.message = Some(match write_cameras(&path, &self.kept.0) {
-            Ok(()) => format!("camera {} is in {}", self.kept.0.len(), path.display()),
+        let mut camera = self.camera.navigator.camera(self.screen.swapchain.size_px());
+        camera.name = format!("{:03}", self.camera.kept.list.len());
+        self.camera.kept.list.push(camera);
+        self.camera.kept.at = None;
+        self.hud.message = Some(match write_cameras(&path, &self.camera.kept.list) {
+            Ok(()) => format!("camera {} saved to {}", self.camera.kept.list.len(), path.display()),
             Err(error) => error.to_string(),
         });
     }
 
-    /// Begins to record the camera path, or ends it and writes it beside the scene.
+    /// Starts recording the camera path, or ends it and writes the path beside the scene.
     pub(super) fn record_path(&mut self) {
-        let Some(recording) = self.recording.take() else {
-            self.recording = Some(Recording::default());
-            self.hud.message = Some("the camera path is recorded: P ends it".into());
+        let Some(recording) = self.camera.recording.take() else {
+            self.camera.recording = Some(Recording::default());
+            self.hud.message = Some("recording the camera path: P stops".into());
             return;
         };
-        let (path, cameras) = (self.free_name("path.json"), recording.cameras());
+        let (path, cameras) = (self.session.free_name("path.json"), recording.cameras());
         self.hud.message = Some(match write_cameras(&path, &cameras) {
             Ok(()) => format!(
                 "{} cameras, {PATH_FPS} per second: instgs-vk render --camera {}",
@@ -45,52 +53,42 @@ impl Live {
         });
     }
 
-    /// Beside the scene, the first name with this ending that is free.
-    pub(super) fn free_name(&self, ending: &str) -> PathBuf {
-        let mut names = (0..).map(|n: u32| self.path.with_extension(format!("{n:03}.{ending}")));
-        names.find(|path| !path.exists()).unwrap_or_default()
-    }
-
-    /// Writes the last picture beside the scene.
+    /// Writes the last frame beside the scene.
     pub(super) fn write_picture(&mut self) {
-        let path = self.free_name("png");
-        self.hud.message = Some(match self.stage.screenshot(&path) {
+        let path = self.session.free_name("png");
+        self.hud.message = Some(match self.session.viewer.screenshot(&path) {
             Ok(()) => path.display().to_string(),
             Err(error) => error.to_string(),
         });
     }
 }
 
-/// The next or previous of some cameras, all round; from none to the first or the last.
-pub(super) fn step(
-    (cameras, at): &mut (Vec<Camera>, Option<usize>),
-    by: isize,
-    navigator: &mut Navigator,
-    hud: &mut Hud,
-) {
-    if cameras.is_empty() {
-        hud.message = Some("there are no cameras to step through (--data DIR, or C keeps one)".into());
+/// Shows the next or previous of a list of cameras, cyclically; from none to the first or the last.
+pub(super) fn step(cameras: &mut CameraList, by: isize, navigator: &mut Navigator, hud: &mut Hud) {
+    let CameraList { list, at } = cameras;
+    if list.is_empty() {
+        hud.message = Some("there are no cameras to step through: start with --data DIR, or keep one with C".into());
         return;
     }
-    let next = stepped(*at, by, cameras.len());
-    let camera = &cameras[next];
+    let next = stepped(*at, by, list.len());
+    let camera = &list[next];
     navigator.stand_at(camera);
-    hud.message = Some(format!("camera {} of {}: {}", next + 1, cameras.len(), camera.name));
+    hud.message = Some(format!("camera {} of {}: {}", next + 1, list.len(), camera.name));
     *at = Some(next);
 }
 
-/// The index `by` from `at`, all round `count` of them; forward from none is the first, backward the last.
+/// The index `by` places from `at`, modulo `count`; from `None` forward the first, backward the last.
 fn stepped(at: Option<usize>, by: isize, count: usize) -> usize {
     let from = at.map_or(if by > 0 { -1 } else { 0 }, |at| at as isize);
     (from + by).rem_euclid(count as isize) as usize
 }
 
-/// Where kept cameras of a scene are; `render --camera` takes them too.
+/// The file of a scene's kept cameras; `render --camera` reads it, too.
 fn cameras_path(scene: &Path) -> PathBuf {
     scene.with_extension("cameras.json")
 }
 
-/// The cameras kept earlier; none if there is no such file, or another program's.
+/// Cameras that were kept earlier; none if there is no such file or it cannot be parsed.
 pub(super) fn kept_cameras(scene: &Path) -> Vec<Camera> {
     read_cameras(&cameras_path(scene)).unwrap_or_default()
 }

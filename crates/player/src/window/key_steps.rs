@@ -1,4 +1,4 @@
-//! Keys that move, turn and scale what is chosen, in steps that show from wherever one looks.
+//! Keys that move, turn and scale the selection in steps that are visible at the present distance.
 
 use glam::DVec3;
 use winit::keyboard::KeyCode;
@@ -7,39 +7,39 @@ use super::Live;
 use crate::gizmo::Motion;
 use instgs_vk::scene::edit::Turn;
 
-/// What an arrow key moves things by, in distances to the target; with shift a tenth of it.
+/// Step of an arrow key relative to the target distance; with Shift a tenth of it.
 const STEP_OF_DISTANCE: f64 = 0.01;
 const FINE: f64 = 0.1;
-/// A copy stands so many steps beside its original.
+/// Displacement of a copy from its original, in key steps.
 const DUPLICATE_STEPS: f64 = 10.0;
-/// What `,` and `.` turn things by: 5 degrees.
+/// Rotation per press of `,` or `.`, radians: 5 degrees.
 const TURN_STEP: f64 = std::f64::consts::PI / 36.0;
-/// What `+` and `-` scale things by.
+/// Scale factor per press of `+` or `-`.
 const SCALE_STEP: f64 = 1.05;
 
 impl Live {
-    /// World units for a point of dragging a number.
+    /// World units per point of dragging a number.
     pub(super) fn number_step(&self) -> f64 {
-        FINE * STEP_OF_DISTANCE * self.navigator.distance()
+        FINE * STEP_OF_DISTANCE * self.camera.navigator.distance()
     }
 
-    /// World units that an arrow key moves things by: steps that show, from wherever one looks.
+    /// World units per press of an arrow key, which grow with the target distance so that steps are visible.
     fn key_step(&self) -> f64 {
-        STEP_OF_DISTANCE * self.navigator.distance() * if self.controls.shift { FINE } else { 1.0 }
+        STEP_OF_DISTANCE * self.camera.navigator.distance() * if self.input.controls.shift { FINE } else { 1.0 }
     }
 
-    /// Where a copy stands from its original, world units.
+    /// Displacement of a copy from its original, world units.
     pub(super) fn beside(&self) -> DVec3 {
-        let [right, ..] = self.navigator.level_axes();
+        let [right, ..] = self.camera.navigator.level_axes();
         DUPLICATE_STEPS * self.key_step() * right
     }
 
-    /// How a key moves, turns or scales what is chosen; `None` for others.
+    /// The motion of the selection for a key; `None` for other keys.
     pub(super) fn key_motion(&self, code: KeyCode) -> Option<Motion> {
-        let [right, ahead, up] = self.navigator.level_axes();
+        let [right, ahead, up] = self.camera.navigator.level_axes();
         let by = |by: DVec3| Motion::Move(self.key_step() * by);
         let turn = |angle: f64| Motion::Turn(Turn { axis: up, angle });
-        let angle = TURN_STEP * if self.controls.shift { FINE } else { 1.0 };
+        let angle = TURN_STEP * if self.input.controls.shift { FINE } else { 1.0 };
         Some(match code {
             KeyCode::ArrowLeft => by(-right),
             KeyCode::ArrowRight => by(right),

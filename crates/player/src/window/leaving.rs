@@ -1,4 +1,4 @@
-//! Before work is lost: the user is asked once, and what is not saved is written when the player has to end.
+//! Protection of unsaved work: the user is asked once, and unsaved work is written if the player has to end.
 
 use std::path::PathBuf;
 
@@ -6,44 +6,45 @@ use super::{After, Live};
 use instgs_io::write_boxes;
 
 impl Live {
-    /// Ends; but if something is not saved, says so first.
+    /// Quits; if something is unsaved, warns first.
     pub(super) fn leave(&mut self, once_more: &str) -> After {
         if self.asks_first(once_more) { After::Redraw } else { After::Quit }
     }
 
-    /// The window is to be closed.
+    /// Handles a request to close the window.
     pub(super) fn close(&mut self) -> After {
-        self.leave("closing once more leaves")
+        self.leave("close again to quit without saving")
     }
 
-    /// True if something is not saved and the user has not been told so just now; then the window says it, and that doing
-    /// the same `once_more` goes on without it. A key or a button in between starts this again.
+    /// True if something is unsaved and the user has not just been warned; then displays that doing the same
+    /// `once_more` continues without saving. A key or a button in between resets the warning.
     pub(super) fn asks_first(&mut self, once_more: &str) -> bool {
-        if !self.is_unsaved() || self.warned.as_deref() == Some(once_more) {
+        if !self.is_unsaved() || self.input.warned.as_deref() == Some(once_more) {
             return false;
         }
-        self.warned = Some(once_more.to_string());
-        let which = if self.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
-        self.hud.message = Some(format!("the {which}Ctrl+S saves, {once_more}"));
+        self.input.warned = Some(once_more.to_string());
+        let which =
+            if self.input.boxing.is_unsaved() { "boxes are not saved: B, then " } else { "changes are not saved: " };
+        self.hud.message = Some(format!("{which}Ctrl+S saves them, or {once_more}"));
         true
     }
 
-    /// Writes what is not saved beside the scene, under names that are free: the player cannot go on. Which files, and what
-    /// could not be written.
+    /// Writes unsaved work beside the scene under unused names, since the player cannot continue. Returns the files,
+    /// and the errors of those that could not be written.
     pub(super) fn rescue(&mut self) -> (Vec<PathBuf>, Vec<String>) {
         let (mut files, mut errors) = (Vec::new(), Vec::new());
         let mut note = |path: PathBuf, failed: Option<String>| match failed {
             None => files.push(path),
             Some(reason) => errors.push(reason),
         };
-        if self.stage.editor().is_unsaved() {
-            let path = self.free_name("recovered.instgs");
-            let failed = self.stage.write_copy(&path).err().map(|e| e.to_string());
+        if self.session.viewer.editor().is_unsaved() {
+            let path = self.session.free_name("recovered.instgs");
+            let failed = self.session.viewer.write_copy(&path).err().map(|e| e.to_string());
             note(path, failed);
         }
-        if self.boxing.is_unsaved() {
-            let path = self.free_name("recovered.boxes.json");
-            let failed = write_boxes(&path, &self.boxing.boxes_of_file()).err().map(|e| e.to_string());
+        if self.input.boxing.is_unsaved() {
+            let path = self.session.free_name("recovered.boxes.json");
+            let failed = write_boxes(&path, &self.input.boxing.boxes_of_file()).err().map(|e| e.to_string());
             note(path, failed);
         }
         (files, errors)

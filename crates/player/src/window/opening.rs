@@ -1,4 +1,4 @@
-//! From a file and a window to the first picture: devices, also anew after a loss, and scenes.
+//! From a file and a window to the first frame: opening devices, reopening them after a loss, and opening scenes.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,21 +11,19 @@ use winit::window::Window;
 
 use super::boxing::Boxing;
 use super::editing::Editing;
-use super::keeping::kept_cameras;
+use super::keeping::{CameraList, kept_cameras};
+use super::parts::{CameraState, Interaction, Pacing, Playback, Screen, Session};
 use super::{Live, WindowJob, window_error};
-use crate::clock::FrameClock;
-use crate::controls::Controls;
 use crate::error::PlayerError;
 use crate::hud::Hud;
 use crate::navigation::{Navigator, vertical_of};
-use crate::resolution::Resolution;
-use crate::stage::{PixelTimes, Stage};
+use crate::scene_viewer::SceneViewer;
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
 use crate::views::View;
 use instgs_io::load_scene;
 use instgs_vk::gpu::{Gpu, GpuOptions};
-use instgs_vk::render::{FrameStats, Show};
+use instgs_vk::render::Show;
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
 
@@ -36,80 +34,64 @@ impl Live {
             .with_title(format!("{title} - instgs-player"))
             .with_inner_size(PhysicalSize::new(job.size_px.0, job.size_px.1));
         let window = Arc::new(event_loop.create_window(attributes).map_err(window_error)?);
-        let (gpu, swapchain, painter, ui) = open_device(&window, job, job.mode)?;
+        let (gpu, screen) = open_device(window, job, job.mode)?;
         let navigator = Navigator::around(&Orbit::around(&InstancedScene::default(), job.up));
         let mut live = Self {
-            painter,
-            stage: Stage::new(&gpu, InstancedScene::default(), job.options)?,
-            swapchain,
-            gpu,
-            ui,
-            window,
-            title,
-            file_bytes: 0,
-            home: navigator.clone(),
-            navigator,
-            controls: Controls::default(),
+            session: Session {
+                viewer: SceneViewer::new(&gpu, InstancedScene::default(), job.options)?,
+                gpu,
+                path: job.path.clone(),
+                title,
+                file_bytes: 0,
+                has_scene: false,
+                reopened: None,
+                validation_message: None,
+            },
+            screen,
             hud: Hud { visible: job.frames.is_none(), message: None },
-            clock: FrameClock::default(),
-            stats: FrameStats::default(),
-            arrived: Vec::new(),
-            pixel_times: PixelTimes::default(),
-            // The first of the data set is where the view starts.
-            cameras: (std::mem::take(&mut job.cameras), Some(0)),
-            kept: (kept_cameras(&job.path), None),
-            has_scene: false,
-            opened: Instant::now(),
-            last_shown: None,
-            next_mode: None,
-            warned: None,
-            script: std::mem::take(&mut job.script),
-            waited: 0,
-            resolution: Resolution::with_budget(job.budget_ms),
-            refine_at: None,
-            refine: false,
-            ui_at: None,
-            recording: None,
-            reopened: None,
-            validation_message: None,
-            editing: Editing::default(),
-            boxing: Boxing::default(),
-            path: job.path.clone(),
+            camera: CameraState {
+                home: navigator.clone(),
+                navigator,
+                // The view starts at the data set's first camera.
+                data_views: CameraList { list: std::mem::take(&mut job.cameras), at: Some(0) },
+                kept: CameraList { list: kept_cameras(&job.path), at: None },
+                recording: None,
+            },
+            input: Interaction::default(),
+            pacing: Pacing::new(job.budget_ms),
+            playback: Playback { script: std::mem::take(&mut job.script), waited: 0 },
         };
-        live.controls.per_point = live.window.scale_factor();
+        live.input.controls.per_point = live.screen.window.scale_factor();
         let scene = std::mem::replace(&mut job.scene, Err(String::new()));
         live.take_scene(scene, job)?;
         live.check_mode(job.mode);
         if let Some((path, boxes)) = job.boxes.take() {
-            live.boxing = Boxing::from_file(path, boxes);
+            live.input.boxing = Boxing::from_file(path, boxes);
         }
         Ok(live)
     }
 
-    /// The same on a device that is opened anew, since the one that there was is lost.
-    pub(super) fn reopen(self, job: &WindowJob, reason: &PlayerError) -> Result<Self, PlayerError> {
-        let mode = self.swapchain.mode();
-        let last = self.gpu.validation_messages().take().into_iter().next();
-        // All that is of the old device, the window's images before those of the new one.
-        drop((self.painter, self.swapchain));
-        let (gpu, swapchain, painter, ui) = open_device(&self.window, job, mode)?;
-        let stage = Stage::reopened(&gpu, self.stage)?;
-        let hud = Hud { message: Some(format!("{reason}; drawing goes on with a device opened anew")), ..self.hud };
+    /// Moves everything to a reopened device after the loss of the present one.
+    pub(super) fn reopen(mut self, job: &WindowJob, reason: &PlayerError) -> Result<Self, PlayerError> {
+        let mode = self.screen.swapchain.mode();
+        let validation_message = self.session.take_validation_message();
+        // Everything of the old device goes first: the window can have one swapchain at a time.
+        let Screen { painter, swapchain, window, next_mode, .. } = self.screen;
+        drop((painter, swapchain));
+        let (gpu, screen) = open_device(window, job, mode)?;
+        let viewer = SceneViewer::reopened(&gpu, self.session.viewer)?;
+        let reopened = Some(Instant::now());
+        self.pacing.last_shown = None;
+        let hud = Hud { message: Some(format!("{reason}; drawing continues on a reopened device")), ..self.hud };
         Ok(Self {
-            painter,
-            stage,
-            swapchain,
-            gpu,
-            ui,
+            session: Session { viewer, gpu, reopened, validation_message, ..self.session },
+            screen: Screen { next_mode, ..screen },
             hud,
-            last_shown: None,
-            reopened: Some(Instant::now()),
-            validation_message: self.validation_message.or(last),
             ..self
         })
     }
 
-    /// Shows a scene, or says why there is none.
+    /// Shows a scene, or displays why there is none.
     pub(super) fn take_scene(
         &mut self,
         scene: Result<(InstancedScene, u64), String>,
@@ -122,72 +104,69 @@ impl Live {
                 return Ok(());
             }
         };
-        let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.cameras.0)));
-        self.home = Navigator::around(&orbit);
-        if let Some(camera) = self.cameras.0.first() {
-            self.home.stand_at(camera);
-            self.home.aim_at(orbit.center);
+        let orbit = Orbit::around(&scene, job.up.or_else(|| vertical_of(&self.camera.data_views.list)));
+        self.camera.home = Navigator::around(&orbit);
+        if let Some(camera) = self.camera.data_views.list.first() {
+            self.camera.home.stand_at(camera);
+            self.camera.home.aim_at(orbit.center);
         }
-        self.navigator = self.home.clone();
-        let mut options = self.stage.options;
+        self.camera.navigator = self.camera.home.clone();
+        let mut options = self.session.viewer.options;
         options.render.antialias = job.antialias.unwrap_or(scene.antialias);
         if let Show::Depth(_) = options.show {
             options.show = View::Depth.show(orbit.distance);
         }
-        self.editing = Editing::default();
+        self.input.editing = Editing::default();
         self.stop_search();
-        self.boxing = Boxing::default();
-        (self.recording, self.refine_at, self.warned) = (None, None, None);
-        self.file_bytes = bytes;
-        self.clock.clear();
-        self.has_scene = false;
-        match self.stage.open(scene, options) {
-            Ok(()) => self.has_scene = true,
+        self.input.boxing = Boxing::default();
+        (self.camera.recording, self.pacing.refine_at, self.input.warned) = (None, None, None);
+        self.session.file_bytes = bytes;
+        self.pacing.clock.clear();
+        self.session.has_scene = false;
+        match self.session.viewer.open(scene, options) {
+            Ok(()) => self.session.has_scene = true,
             Err(error) if error.is_lost() => return Err(error),
-            // Of no use to this device; the next file may be.
+            // The scene does not fit this device; the next file may.
             Err(error) => self.hud.message = Some(error.to_string()),
         }
         Ok(())
     }
 
-    /// Opens a file that was dropped on the window; what is wrong with it is said in the window.
+    /// Opens a file that was dropped on the window; errors are displayed in the window.
     pub(super) fn open_file(&mut self, path: &Path, job: &WindowJob) -> Result<(), PlayerError> {
         let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes)).map_err(|e| e.to_string());
         if loaded.is_ok() {
-            self.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-            self.path = path.to_path_buf();
-            self.window.set_title(&format!("{} - instgs-player", self.title));
-            self.cameras = (Vec::new(), None);
-            self.kept = (kept_cameras(path), None);
+            self.session.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+            self.session.path = path.to_path_buf();
+            self.screen.window.set_title(&format!("{} - instgs-player", self.session.title));
+            self.camera.data_views = CameraList::default();
+            self.camera.kept = CameraList { list: kept_cameras(path), at: None };
             self.hud.message = None;
         }
         self.take_scene(loaded, job)
     }
 }
 
-/// A device for a window, the window's images, and the interface over them.
-fn open_device(
-    window: &Window,
-    job: &WindowJob,
-    mode: PresentMode,
-) -> Result<(Arc<Gpu>, Swapchain, UiPainter, egui_winit::State), PlayerError> {
-    let (display, handle) = handles(window)?;
+/// Opens a device for a window, and makes its swapchain and the painter of the overlay.
+fn open_device(window: Arc<Window>, job: &WindowJob, mode: PresentMode) -> Result<(Arc<Gpu>, Screen), PlayerError> {
+    let (display, handle) = handles(&window)?;
     let (device, validation) = (job.device.clone(), job.validation);
     let options = GpuOptions { device, validation, display: Some(display), ..Default::default() };
     let gpu = Gpu::open(&options)?;
     let size = window.inner_size();
-    // SAFETY: `Live` keeps the window behind the swapchain, which is dropped first; the device was opened for its display.
-    let swapchain = unsafe { Swapchain::new(&gpu, (display, handle), [size.width, size.height], mode) }?;
+    // SAFETY: `Screen` drops the swapchain before the window, and so does this function on errors; the device was opened
+    // for this display.
+    let swapchain = unsafe { Swapchain::new(&gpu, display, handle, [size.width, size.height], mode) }?;
     let painter = UiPainter::new(&gpu, &swapchain)?;
     let scale = window.scale_factor() as f32;
     let ctx = egui::Context::default();
-    // Each blink would be a picture of the scene.
+    // Each blink would redraw the scene.
     ctx.all_styles_mut(|style| style.visuals.text_cursor.blink = false);
-    let ui = egui_winit::State::new(ctx, egui::ViewportId::ROOT, window, Some(scale), None, None);
-    Ok((gpu, swapchain, painter, ui))
+    let ui = egui_winit::State::new(ctx, egui::ViewportId::ROOT, &*window, Some(scale), None, None);
+    Ok((gpu, Screen { painter, swapchain, ui, window, next_mode: None }))
 }
 
-/// The handles of a window.
+/// The raw display and window handles of a window.
 fn handles(window: &Window) -> Result<(RawDisplayHandle, RawWindowHandle), PlayerError> {
     let display = window.display_handle().map_err(window_error)?.as_raw();
     Ok((display, window.window_handle().map_err(window_error)?.as_raw()))

@@ -1,6 +1,4 @@
-//! Steps of a script, as events of the window.
-
-use std::path::Path;
+//! Plays the steps of a script as events of the window.
 
 use winit::dpi::{PhysicalPosition, PhysicalSize};
 use winit::event::{DeviceId, ElementState, MouseButton, MouseScrollDelta, TouchPhase, WindowEvent};
@@ -9,25 +7,28 @@ use super::{After, Live, WindowJob};
 use crate::controls::Button;
 use crate::error::PlayerError;
 use crate::script::Step;
-use instgs_io::IoError;
 use instgs_vk::gpu::GpuError;
 
-/// Pictures that a script waits for the window to take a size.
+/// Frames that a script waits at most for the window to take a size.
 const RESIZE_PICTURES: u32 = 100;
 
 impl Live {
-    /// Does the next step of the script.
+    /// Plays the next step of the script.
     pub(super) fn play_step(&mut self, job: &WindowJob) -> Result<After, PlayerError> {
-        let Some(step) = self.script.pop_front() else { return Ok(After::Nothing) };
+        let Some(step) = self.playback.script.pop_front() else { return Ok(After::Nothing) };
         match step {
             Step::Size([width, height]) => {
                 let wanted = PhysicalSize::new(width, height);
-                if self.waited == 0 {
-                    let _ = self.window.request_inner_size(wanted);
+                if self.playback.waited == 0 {
+                    let _ = self.screen.window.request_inner_size(wanted);
                 }
-                self.waited = if self.window.inner_size() == wanted { 0 } else { (self.waited + 1) % RESIZE_PICTURES };
-                if self.waited > 0 {
-                    self.script.push_front(step);
+                self.playback.waited = if self.screen.window.inner_size() == wanted {
+                    0
+                } else {
+                    (self.playback.waited + 1) % RESIZE_PICTURES
+                };
+                if self.playback.waited > 0 {
+                    self.playback.script.push_front(step);
                 }
             }
             Step::Pointer([x, y]) => {
@@ -47,10 +48,10 @@ impl Live {
                 self.event(&WindowEvent::MouseWheel { device_id, delta, phase }, job)?;
             }
             Step::Key { code, control, shift } => {
-                (self.controls.control, self.controls.shift) = (control, shift);
+                (self.input.controls.control, self.input.controls.shift) = (control, shift);
                 let after = self.key_event(code, true, false, false)?;
                 self.key_event(code, false, false, false)?;
-                (self.controls.control, self.controls.shift) = (false, false);
+                (self.input.controls.control, self.input.controls.shift) = (false, false);
                 return Ok(after);
             }
             Step::Hold(code, down) => {
@@ -58,13 +59,13 @@ impl Live {
             }
             Step::Wait => {}
             Step::Found => {
-                if self.boxing.is_searching() {
-                    self.script.push_front(step);
+                if self.input.boxing.is_searching() {
+                    self.playback.script.push_front(step);
                 }
             }
             Step::Boxes(path) => self.save_boxes(&path),
-            Step::Shot(path) => self.stage.screenshot(&path)?,
-            Step::Counts(path) => self.write_counts(&path)?,
+            Step::Shot(path) => self.session.viewer.screenshot(&path)?,
+            Step::Counts(path) => self.session.write_counts(&path)?,
             Step::Lose => return Err(GpuError::DeviceLost { last_pass: "a script's lose".into() }.into()),
             Step::Drop(path) => {
                 self.event(&WindowEvent::DroppedFile(path), job)?;
@@ -73,15 +74,6 @@ impl Live {
             Step::Quit => return Ok(After::Quit),
         }
         Ok(After::Redraw)
-    }
-
-    /// Writes the device's [`SubmissionCounts`](instgs_vk::gpu::SubmissionCounts) as JSON.
-    fn write_counts(&self, path: &Path) -> Result<(), PlayerError> {
-        let counts = self.gpu.submission_counts();
-        let json = serde_json::json!({
-            "submissions": counts.submissions, "waits": counts.waits, "drains": counts.drains,
-        });
-        Ok(std::fs::write(path, json.to_string()).map_err(|error| IoError::new(path, error.to_string()))?)
     }
 
     fn play_button(&mut self, button: Button, down: bool, job: &WindowJob) -> Result<(), PlayerError> {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use instgs_io::read_bytes;
-use instgs_synth::dataset::RECIPES;
+use instgs_synth::dataset::{ObjectCount, RECIPES};
 
 /// Why a list cannot be used; one line for the user.
 #[derive(Debug, thiserror::Error)]
@@ -173,7 +173,7 @@ impl SceneList {
                         let names: Vec<&str> = RECIPES.iter().map(|r| r.name).collect();
                         return at(format!("there is no generator {name}; there are {}", names.join(", ")));
                     };
-                    let (_, least, most) = recipe.instances;
+                    let ObjectCount { least, most, .. } = recipe.instances;
                     if let Some(k) = scene.instances.filter(|k| !(least..=most).contains(k)) {
                         return at(format!("{name} makes {least} to {most} objects, not {k}"));
                     }

@@ -119,14 +119,14 @@ pub struct Bvh {
 impl Bvh {
     /// Builds the tree over boxes. Returns it with the items of each leaf, at most `leaf_items`.
     pub fn build(boxes: &[Bounds], leaf_items: usize) -> (Self, Vec<Vec<u32>>) {
-        let mut out = (Self::default(), Vec::new());
+        let (mut bvh, mut leaves) = (Self::default(), Vec::new());
         if !boxes.is_empty() {
             let items = (0..boxes.len() as u32).collect();
             let mut builder = Builder { boxes, leaf_items, order: items, nodes: vec![Binary::EMPTY] };
             builder.split(0, 0, boxes.len(), 0);
-            builder.widened(0, &mut out);
+            builder.widened(0, &mut bvh, &mut leaves);
         }
-        out
+        (bvh, leaves)
     }
 
     /// Visits the leaves whose boxes the ray hits before `t_max`, near ones first. `visit` may lower `t_max`; the walk
@@ -188,25 +188,25 @@ struct Builder<'a> {
 
 impl Builder<'_> {
     /// Adds a wide node with the grandchildren of a binary node and everything below; returns its index.
-    fn widened(&self, root: u32, out: &mut (Bvh, Vec<Vec<u32>>)) -> u32 {
+    fn widened(&self, root: u32, bvh: &mut Bvh, leaves: &mut Vec<Vec<u32>>) -> u32 {
         let below = |n: u32| match self.nodes[n as usize] {
             Binary { count: 0, first, .. } => vec![first, first + 1],
             _ => vec![n],
         };
         let children: Vec<u32> = below(root).into_iter().flat_map(below).collect();
-        let number = out.0.nodes.len();
+        let number = bvh.nodes.len();
         let none = [Vec4::ZERO; 3];
         let lanes = (1 << children.len()) - 1;
-        out.0.nodes.push(Node { low: none, high: none, children: [0; LANES], lanes });
+        bvh.nodes.push(Node { low: none, high: none, children: [0; LANES], lanes });
         for (lane, &child) in children.iter().enumerate() {
             let Binary { bounds, first, count } = self.nodes[child as usize];
             let code = if count > 0 {
-                out.1.push(self.order[first as usize..(first + count) as usize].to_vec());
-                LEAF | (out.1.len() - 1) as u32
+                leaves.push(self.order[first as usize..(first + count) as usize].to_vec());
+                LEAF | (leaves.len() - 1) as u32
             } else {
-                self.widened(child, out)
+                self.widened(child, bvh, leaves)
             };
-            let node = &mut out.0.nodes[number];
+            let node = &mut bvh.nodes[number];
             node.children[lane] = code;
             for axis in 0..3 {
                 node.low[axis][lane] = bounds.low[axis];

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::bvh::Ray;
 use super::irradiance::Irradiance;
 use super::light::disc;
-use super::stage::Scene;
+use super::scene_builder::Scene;
 use super::world::{Hit, Point, World};
 use crate::shading::encoded;
 use instgs_vk::math::rng::Rng;
@@ -124,7 +124,7 @@ fn color_of(scene: &Scene, light: &Irradiance, lens: &Lens, pixel: (f64, f64), c
                 // Points of the sun, in another order.
                 let (u, v) = spread_evenly(count * 29 % MOST, [starts[2], starts[3]]);
                 let sun = disc(u as f32, v as f32);
-                Sample { at, ..sample(scene, light, lens, (&ray, hit), sun, &mut shared) }
+                Sample { at, ..sample(scene, light, lens, &ray, hit, sun, &mut shared) }
             });
             count += 1;
         }
@@ -172,7 +172,8 @@ fn sample(
     scene: &Scene,
     light: &Irradiance,
     lens: &Lens,
-    (ray, hit): (&Ray, Option<Hit>),
+    ray: &Ray,
+    hit: Option<Hit>,
     sun: (f32, f32),
     shared: &mut Option<(Point, Vec3)>,
 ) -> Sample {

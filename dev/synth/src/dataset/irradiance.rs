@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::bvh::{Bounds, Ray};
 use super::light::{cosine_direction, disc};
 use super::noise::hash;
-use super::stage::Scene;
+use super::scene_builder::Scene;
 use super::world::{Point, World};
 use instgs_vk::math::rng::Rng;
 

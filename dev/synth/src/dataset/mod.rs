@@ -1,7 +1,7 @@
 //! `instgs-vk synth`: data sets with repeated objects and known truth. Ray-traced photos of a procedural scene, with
 //! cameras, masks, depth, points, groups and poses.
 //!
-//! A scene ([`scenes`]) places meshes ([`models`]) on a [`stage`]; a [`world`] traces rays through two levels of
+//! A scene ([`scenes`]) places meshes ([`models`]) with a [`scene_builder`]; a [`world`] traces rays through two levels of
 //! [`bvh`]. The sun is sampled per pixel ([`frame`]); sky and bounced light come from a cache ([`irradiance`]), so
 //! pictures are almost free of noise and consistent between views. The output is deterministic for a given name,
 //! options and build, with any number of threads.
@@ -16,15 +16,15 @@ pub mod mesh;
 pub mod models;
 pub mod noise;
 mod points;
+pub mod scene_builder;
 pub mod scenes;
-pub mod stage;
 pub mod truth;
 pub mod views;
 pub mod world;
 
 use std::path::Path;
 
-pub use scenes::{RECIPES, Recipe};
+pub use scenes::{ObjectCount, RECIPES, Recipe};
 pub use truth::PoseNoise;
 
 use instgs_io::groups::write_groups;
@@ -32,7 +32,7 @@ use instgs_io::{IoError, atomic_write, write_points};
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 use instgs_vk::scene::{Camera, PosedGroup};
 use irradiance::Irradiance;
-use stage::Scene;
+use scene_builder::Scene;
 
 /// Largest number of views of a data set.
 pub const MAX_VIEWS: u32 = 10_000;
@@ -112,7 +112,7 @@ fn names() -> String {
 /// No such scene; a number of objects that it cannot have; an option out of range.
 pub fn build(name: &str, options: &Options) -> Result<Scene, SynthError> {
     let recipe = RECIPES.iter().find(|r| r.name == name).ok_or_else(|| SynthError::UnknownName(name.into()))?;
-    let (own, least, most) = recipe.instances;
+    let ObjectCount { usual: own, least, most } = recipe.instances;
     let count = options.instances.unwrap_or(own);
     if !(least..=most).contains(&count) {
         let range = if least == most { least.to_string() } else { format!("{least} to {most}") };

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::frame::{Lens, shaded};
 use super::irradiance::{Irradiance, spread};
-use super::stage::Scene;
+use super::scene_builder::Scene;
 use super::world::Point;
 use crate::shading::encoded;
 use instgs_vk::math::rng::Rng;

@@ -193,7 +193,7 @@ fn bounds_and_names() {
     let text = |name: &str, options: Options| build(name, &options).err().map(|e| e.to_string()).unwrap_or_default();
     assert!(text("car", TINY).contains("cars, hall, orchard, facade, unrelated"));
     for recipe in &RECIPES {
-        let (own, least, most) = recipe.instances;
+        let ObjectCount { usual: own, least, most } = recipe.instances;
         for count in [least, own, most] {
             let scene = build(recipe.name, &Options { instances: Some(count), ..TINY }).unwrap();
             let ids: Vec<u32> = scene.kinds.iter().flat_map(|k| k.ids.clone()).collect();

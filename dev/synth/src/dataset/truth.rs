@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
-use super::stage::Scene;
+use super::scene_builder::Scene;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{PosedGroup, PosedInstance};

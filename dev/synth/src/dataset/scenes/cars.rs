@@ -8,7 +8,7 @@ use super::super::light::Daylight;
 use super::super::look::{Spot, Surface, grass, srgb};
 use super::super::models::{car, props, tree};
 use super::super::noise::{band, fractal, smooth_step};
-use super::super::stage::{Scene, Stage, placed};
+use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
 use crate::livery::{Livery, Wing};
 use instgs_vk::math::rng::Rng;
@@ -18,11 +18,11 @@ const DISC: (f64, f64) = (1.45, 1.15);
 
 pub(super) fn build(seed: u64, count: u32) -> Scene {
     let mut rng = Rng::new(seed).fork(1);
-    let mut stage = Stage::new();
+    let mut builder = SceneBuilder::new();
     let (places, extent) = parked(&mut rng, count as usize);
-    let body = stage.mesh(car::body());
-    let wings = [car::wing(0.0), car::wing(0.13)].map(|wing| stage.mesh(wing));
-    let rack = stage.mesh(car::roof_rack());
+    let body = builder.mesh(car::body());
+    let wings = [car::wing(0.0), car::wing(0.13)].map(|wing| builder.mesh(wing));
+    let rack = builder.mesh(car::roof_rack());
     for (i, &(at, yaw)) in places.iter().enumerate() {
         let livery = Livery { roundels: false, ..Livery::drawn(i, &mut rng) };
         let mut meshes = vec![body];
@@ -34,13 +34,13 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
             meshes.push(rack);
         }
         let number = 1 + (rng.index(12) as u32 + 13 * i as u32) % 99;
-        stage.object("car", meshes, placed(at.extend(0.0), yaw, 1.0), car::CarLook { livery, number });
+        builder.object("car", meshes, placed(at.extend(0.0), yaw, 1.0), car::CarLook { livery, number });
     }
-    surroundings(&mut stage, &mut rng, extent);
+    surroundings(&mut builder, &mut rng, extent);
     let ring = |distance: f64, height: f64| Ring { distance: extent * distance, height: extent * height };
     let rings = vec![ring(1.28, 0.20), ring(1.15, 0.48), ring(1.5, 0.34), ring(1.3, 0.75), ring(0.95, 0.95)];
     let rig = Rig { target: DVec3::Z * 0.4, stray: 0.14 * extent, rings, azimuths: (0.0, TAU) };
-    stage.finish(Daylight::afternoon(-52.0, 42.0), rig, 0.011 * extent as f32, 2.2 * extent as f32)
+    builder.finish(Daylight::afternoon(-52.0, 42.0), rig, 0.011 * extent as f32, 2.2 * extent as f32)
 }
 
 /// Places (centre, yaw) of cars that do not touch, and the radius of the disc that contains them.
@@ -63,37 +63,37 @@ fn parked(rng: &mut Rng, count: usize) -> (Vec<(DVec2, f64)>, f64) {
     (places, extent + 2.3)
 }
 
-pub(super) fn surroundings(stage: &mut Stage, rng: &mut Rng, extent: f64) {
-    let ground = stage.mesh(props::ground(12.0 * extent));
-    stage.prop(ground, placed(DVec3::ZERO, 0.0, 1.0), Park { extent: extent as f32 });
+pub(super) fn surroundings(builder: &mut SceneBuilder, rng: &mut Rng, extent: f64) {
+    let ground = builder.mesh(props::ground(12.0 * extent));
+    builder.prop(ground, placed(DVec3::ZERO, 0.0, 1.0), Park { extent: extent as f32 });
     let around = |turn: f64, distance: f64| (DVec2::from_angle(turn) * distance * extent).extend(0.0);
-    let cone = stage.mesh(props::cone());
+    let cone = builder.mesh(props::cone());
     for i in 0..6 {
         let turn = TAU * (f64::from(i) + rng.uniform() * 0.6) / 6.0;
-        stage.prop(cone, placed(around(turn, rng.range(1.0, 1.06)), turn, 1.0), props::cone_look);
+        builder.prop(cone, placed(around(turn, rng.range(1.0, 1.06)), turn, 1.0), props::cone_look);
     }
-    let stack = stage.mesh(props::tyre_stack(4));
+    let stack = builder.mesh(props::tyre_stack(4));
     for turn in [0.5, 0.56, 2.7, 4.4] {
-        stage.prop(stack, placed(around(turn, 1.04), turn, 1.0), props::tyre_look);
+        builder.prop(stack, placed(around(turn, 1.04), turn, 1.0), props::tyre_look);
     }
-    let barrier = stage.mesh(props::barrier(3.4));
+    let barrier = builder.mesh(props::barrier(3.4));
     for i in 0..14 {
         let turn = TAU * (f64::from(i) + 0.5) / 14.0;
         if i % 5 != 3 {
             let place = placed(around(turn, 1.75), turn + 0.5 * PI, 1.0);
-            stage.prop(barrier, place, props::barrier_look);
+            builder.prop(barrier, place, props::barrier_look);
         }
     }
-    let lamp = stage.mesh(props::lamp_post());
+    let lamp = builder.mesh(props::lamp_post());
     for turn in [1.1, 3.9] {
-        stage.prop(lamp, placed(around(turn, 1.9), turn + PI, 1.0), props::lamp_look);
+        builder.prop(lamp, placed(around(turn, 1.9), turn + PI, 1.0), props::lamp_look);
     }
-    let shape = stage.mesh(tree::tree(11, 130));
+    let shape = builder.mesh(tree::tree(11, 130));
     for i in 0..7 {
         let turn = TAU * (f64::from(i) + 0.7 * rng.uniform()) / 7.0;
         let place = placed(around(turn, rng.range(2.1, 2.5)), turn, rng.range(1.5, 2.3));
         let look = tree::TreeLook { leaf: srgb(0x5C7C2E), fruit: srgb(0x5C7C2E), seed: i };
-        stage.prop(shape, place, look);
+        builder.prop(shape, place, look);
     }
 }
 

@@ -10,7 +10,7 @@ use super::super::mesh::MeshBuilder;
 use super::super::models::window::{HALF, WindowLook, blind, flower_box, window};
 use super::super::models::{props, tree};
 use super::super::noise::{fractal, grid_line, hash_unit, smooth_step};
-use super::super::stage::{Scene, Stage, placed};
+use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
 use instgs_vk::math::rng::Rng;
 
@@ -36,14 +36,14 @@ struct Wall {
 
 pub(super) fn build(seed: u64, count: u32) -> Scene {
     let mut rng = Rng::new(seed).fork(4);
-    let mut stage = Stage::new();
+    let mut builder = SceneBuilder::new();
     let columns = ((f64::from(count) * 1.6).sqrt().ceil() as u32).min(count);
     let rows = count.div_ceil(columns);
     let half_width = 0.5 * PITCH.0 * f64::from(columns) + 0.45;
     let wall = Wall { columns, rows, half_width, height: GROUND_FLOOR + PITCH.1 * f64::from(rows) + 0.35 };
-    windows(&mut stage, &mut rng, wall, count);
-    house(&mut stage, wall, count);
-    street(&mut stage, &mut rng, wall);
+    windows(&mut builder, &mut rng, wall, count);
+    house(&mut builder, wall, count);
+    street(&mut builder, &mut rng, wall);
     let reach = half_width.max(0.75 * wall.height);
     let ring = |distance: f64, height: f64| Ring { distance: reach * distance + 2.0, height };
     let top = wall.height;
@@ -55,7 +55,7 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
         ring(1.8, 0.5 * top),
     ];
     let rig = Rig { target: DVec3::new(0.0, 0.0, 0.52 * top), stray: 0.12 * reach, rings, azimuths: (-0.5 * PI, 2.0) };
-    stage.finish(Daylight::afternoon(-125.0, 44.0), rig, 0.0105 * reach as f32, (1.9 * reach + 4.0) as f32)
+    builder.finish(Daylight::afternoon(-125.0, 44.0), rig, 0.0105 * reach as f32, (1.9 * reach + 4.0) as f32)
 }
 
 /// Centre of the opening at an index of the grid, on the wall's face y = 0.
@@ -65,10 +65,10 @@ fn opening(wall: Wall, place: u32) -> DVec3 {
     DVec3::new(x, 0.0, GROUND_FLOOR + PITCH.1 * (f64::from(row) + 0.5))
 }
 
-fn windows(stage: &mut Stage, rng: &mut Rng, wall: Wall, count: u32) {
-    let shape = stage.mesh(window());
-    let blinds = [0.22, 0.45, 0.7].map(|part| stage.mesh(blind(part)));
-    let flowers = stage.mesh(flower_box());
+fn windows(builder: &mut SceneBuilder, rng: &mut Rng, wall: Wall, count: u32) {
+    let shape = builder.mesh(window());
+    let blinds = [0.22, 0.45, 0.7].map(|part| builder.mesh(blind(part)));
+    let flowers = builder.mesh(flower_box());
     for place in 0..count {
         let mut meshes = vec![shape];
         if rng.chance(0.45) {
@@ -83,12 +83,12 @@ fn windows(stage: &mut Stage, rng: &mut Rng, wall: Wall, count: u32) {
             blossom: srgb(BLOSSOMS[rng.index(BLOSSOMS.len())]),
             blind: srgb(0xC9C2B0),
         };
-        stage.object("window", meshes, placed(opening(wall, place), 0.0, 1.0), look);
+        builder.object("window", meshes, placed(opening(wall, place), 0.0, 1.0), look);
     }
 }
 
 /// The front with its openings, the other walls, roof, cornices, plinth and door.
-fn house(stage: &mut Stage, wall: Wall, count: u32) {
+fn house(builder: &mut SceneBuilder, wall: Wall, count: u32) {
     let mut b = MeshBuilder::new();
     let (w, h) = HALF;
     for place in 0..wall.columns * wall.rows {
@@ -133,8 +133,8 @@ fn house(stage: &mut Stage, wall: Wall, count: u32) {
         );
     }
     door(&mut b);
-    let mesh = stage.mesh(b);
-    stage.prop(mesh, placed(DVec3::ZERO, 0.0, 1.0), masonry);
+    let mesh = builder.mesh(b);
+    builder.prop(mesh, placed(DVec3::ZERO, 0.0, 1.0), masonry);
 }
 
 /// A panelled door with a frame, a canopy and two steps, which stands out from the wall.
@@ -193,27 +193,27 @@ fn bricks(spot: &Spot) -> Surface {
     Surface::matt(brick.lerp(srgb(0xC9BFB0), 0.85 * joint))
 }
 
-fn street(stage: &mut Stage, rng: &mut Rng, wall: Wall) {
-    let ground = stage.mesh(props::ground(150.0));
-    stage.prop(ground, placed(DVec3::ZERO, 0.0, 1.0), pavement);
-    let lamp = stage.mesh(props::lamp_post());
-    let shape = stage.mesh(tree::tree(13, 130));
-    let bench = stage.mesh(bench());
+fn street(builder: &mut SceneBuilder, rng: &mut Rng, wall: Wall) {
+    let ground = builder.mesh(props::ground(150.0));
+    builder.prop(ground, placed(DVec3::ZERO, 0.0, 1.0), pavement);
+    let lamp = builder.mesh(props::lamp_post());
+    let shape = builder.mesh(tree::tree(13, 130));
+    let bench = builder.mesh(bench());
     for side in [-1.0, 1.0] {
         let x = side * (0.62 * wall.half_width);
-        stage.prop(
+        builder.prop(
             lamp,
             placed(DVec3::new(side * (wall.half_width + 1.2), -3.0, 0.0), -0.5 * PI, 0.9),
             props::lamp_look,
         );
-        stage.prop(bench, placed(DVec3::new(x, -0.75, 0.0), 0.0, 1.0), |spot: &Spot| match spot.part {
+        builder.prop(bench, placed(DVec3::new(x, -0.75, 0.0), 0.0, 1.0), |spot: &Spot| match spot.part {
             0 => wood(spot, Vec3::X, srgb(0x8A5A34), 86),
             _ => Surface::matt(srgb(0x2C2E30)),
         });
         for back in [2.5, 9.0] {
             let at = DVec3::new(side * (wall.half_width + rng.range(2.6, 4.5)), back + rng.range(-1.0, 1.0), 0.0);
             let look = tree::TreeLook { leaf: srgb(0x5C7C30), fruit: srgb(0x5C7C30), seed: 87 };
-            stage.prop(shape, placed(at, rng.range(0.0, 6.0), rng.range(1.3, 1.9)), look);
+            builder.prop(shape, placed(at, rng.range(0.0, 6.0), rng.range(1.3, 1.9)), look);
         }
     }
 }

@@ -10,7 +10,7 @@ use super::super::mesh::MeshBuilder;
 use super::super::models::furniture::{TABLE_HEIGHT, VaseLook, WoodLook, bouquet, chair, cushion, table, vase};
 use super::super::models::props;
 use super::super::noise::{fractal, grid_line, hash_unit};
-use super::super::stage::{Scene, Stage, placed};
+use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
 use instgs_vk::math::rng::Rng;
 
@@ -27,7 +27,7 @@ const GLAZE: [(u32, u32); 4] = [(0x2F5E8C, 0xF2EEE0), (0xC46A32, 0x2A2A30), (0xE
 
 pub(super) fn build(seed: u64, count: u32) -> Scene {
     let mut rng = Rng::new(seed).fork(2);
-    let mut stage = Stage::new();
+    let mut builder = SceneBuilder::new();
     // Two vases and six chairs per table, as far as the number of objects allows.
     let tables = ((count + 4) / 9).max(1);
     let chairs = count - 3 * tables;
@@ -40,9 +40,9 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
             (cell * PITCH + DVec2::new(rng.range(-0.2, 0.2), rng.range(-0.15, 0.15)), rng.range(-0.12, 0.12))
         })
         .collect();
-    furnish(&mut stage, &mut rng, &spots, chairs);
+    furnish(&mut builder, &mut rng, &spots, chairs);
     let half = 0.5 * PITCH.x * f64::from(columns).max(f64::from(rows)) + 1.5;
-    room(&mut stage, half);
+    room(&mut builder, half);
     let ring = |inset: f64, height: f64| Ring { distance: half - inset, height };
     let rings = vec![ring(0.75, 1.7), ring(1.1, 2.6), ring(0.6, 3.2), ring(1.6, 2.2), ring(0.9, 2.9)];
     let rig = Rig { target: DVec3::Z * 0.55, stray: 0.35, rings, azimuths: (0.0, TAU) };
@@ -53,12 +53,12 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
         sun_radius: 0.012,
         ..Daylight::afternoon(-52.0, 33.0)
     };
-    stage.finish(light, rig, 0.013 * half as f32, 3.0 * half as f32)
+    builder.finish(light, rig, 0.013 * half as f32, 3.0 * half as f32)
 }
 
-fn furnish(stage: &mut Stage, rng: &mut Rng, tables: &[(DVec2, f64)], chairs: u32) {
+fn furnish(builder: &mut SceneBuilder, rng: &mut Rng, tables: &[(DVec2, f64)], chairs: u32) {
     let [chair, cushion, table, vase, bouquet] =
-        [chair(), cushion(), table(), vase(), bouquet()].map(|m| stage.mesh(m));
+        [chair(), cushion(), table(), vase(), bouquet()].map(|m| builder.mesh(m));
     let on = |(at, yaw): (DVec2, f64), offset: DVec2| at + DVec2::from_angle(yaw).rotate(offset);
     for i in 0..chairs as usize {
         let seat = i / tables.len();
@@ -76,11 +76,11 @@ fn furnish(stage: &mut Stage, rng: &mut Rng, tables: &[(DVec2, f64)], chairs: u3
         let place = placed(on((at, yaw), offset * away).extend(0.0), yaw + facing + rng.range(-0.45, 0.45), 1.0);
         let meshes = if i % 3 == 1 { vec![chair] } else { vec![chair, cushion] };
         let look = WoodLook { tone: srgb(TONES[rng.index(3)]), cloth: srgb(CLOTH[i % 4]), seed: 100 };
-        stage.object("chair", meshes, place, look);
+        builder.object("chair", meshes, place, look);
     }
     for (i, &(at, yaw)) in tables.iter().enumerate() {
         let look = WoodLook { tone: srgb([0x9A6A3A, 0x7A4E2E][i % 2]), cloth: Vec3::ZERO, seed: 110 };
-        stage.object("table", vec![table], placed(at.extend(0.0), yaw, 1.0), look);
+        builder.object("table", vec![table], placed(at.extend(0.0), yaw, 1.0), look);
     }
     for i in 0..2 * tables.len() {
         let side = if i % 2 == 0 { 1.0 } else { -1.0 };
@@ -88,7 +88,7 @@ fn furnish(stage: &mut Stage, rng: &mut Rng, tables: &[(DVec2, f64)], chairs: u3
         let place = placed(on(tables[i / 2], offset).extend(TABLE_HEIGHT), rng.range(0.0, TAU), 1.0);
         let (glaze, accent) = GLAZE[i % GLAZE.len()];
         let meshes = if i % 4 == 1 { vec![vase] } else { vec![vase, bouquet] };
-        stage.object("vase", meshes, place, VaseLook { glaze: srgb(glaze), accent: srgb(accent) });
+        builder.object("vase", meshes, place, VaseLook { glaze: srgb(glaze), accent: srgb(accent) });
     }
 }
 
@@ -99,12 +99,12 @@ const FRAME: u8 = 2;
 const CEILING: u8 = 3;
 const BEAM: u8 = 4;
 
-fn room(stage: &mut Stage, half: f64) {
-    let ground = stage.mesh(props::ground(80.0));
+fn room(builder: &mut SceneBuilder, half: f64) {
+    let ground = builder.mesh(props::ground(80.0));
     let outside = |spot: &Spot| Surface::matt(super::super::look::grass(spot, 120));
-    stage.prop(ground, placed(DVec3::Z * -0.25, 0.0, 1.0), outside);
-    let floor = stage.mesh(props::ground(half + WALL));
-    stage.prop(floor, placed(DVec3::ZERO, 0.0, 1.0), planks);
+    builder.prop(ground, placed(DVec3::Z * -0.25, 0.0, 1.0), outside);
+    let floor = builder.mesh(props::ground(half + WALL));
+    builder.prop(floor, placed(DVec3::ZERO, 0.0, 1.0), planks);
     let mut b = MeshBuilder::new();
     for side in 0..4 {
         wall(&mut b, half, side, side == 0 || side == 3);
@@ -117,9 +117,9 @@ fn room(stage: &mut Stage, half: f64) {
         let x = f64::from(i) * half / (f64::from(beams) + 0.5);
         b.block(DVec3::new(x, 0.0, HEIGHT - 0.12), DVec3::new(0.09, half, 0.12), 0.01);
     }
-    let mesh = stage.mesh(b);
-    stage.prop(mesh, placed(DVec3::ZERO, 0.0, 1.0), walls);
-    furnish_walls(stage, half);
+    let mesh = builder.mesh(b);
+    builder.prop(mesh, placed(DVec3::ZERO, 0.0, 1.0), walls);
+    furnish_walls(builder, half);
 }
 
 /// One wall; `side` counts quarter turns from +x. Windows, if any, stand in a row.
@@ -164,17 +164,17 @@ fn wall(b: &mut MeshBuilder, half: f64, side: u32, windows: bool) {
 }
 
 /// Pictures, a sideboard, and potted plants in the corners.
-fn furnish_walls(stage: &mut Stage, half: f64) {
+fn furnish_walls(builder: &mut SceneBuilder, half: f64) {
     let mut frame = MeshBuilder::new();
     frame.block(DVec3::ZERO, DVec3::new(0.02, 0.62, 0.44), 0.01);
     frame.part = 1;
     frame.card(DVec3::new(0.021, -0.55, -0.37), DVec3::Y * 1.1, DVec3::Z * 0.74, DVec3::X);
-    let frame = stage.mesh(frame);
+    let frame = builder.mesh(frame);
     for (i, along) in [-0.55, 0.0, 0.55].into_iter().enumerate() {
         let on_west = DVec3::new(-half + 0.022, along * half, 1.9);
-        stage.prop(frame, placed(on_west, 0.0, 1.0), Painting { seed: 130 + i as u32 });
+        builder.prop(frame, placed(on_west, 0.0, 1.0), Painting { seed: 130 + i as u32 });
         let on_north = DVec3::new(along * half, half - 0.022, 1.95);
-        stage.prop(frame, placed(on_north, -0.5 * PI, 1.0), Painting { seed: 140 + i as u32 });
+        builder.prop(frame, placed(on_north, -0.5 * PI, 1.0), Painting { seed: 140 + i as u32 });
     }
     let mut board = MeshBuilder::new();
     board.block(DVec3::Z * 0.48, DVec3::new(0.24, 0.95, 0.4), 0.012);
@@ -182,9 +182,9 @@ fn furnish_walls(stage: &mut Stage, half: f64) {
     for y in [-0.64, 0.0, 0.64] {
         board.block(DVec3::new(0.25, y, 0.48), DVec3::new(0.012, 0.29, 0.34), 0.01);
     }
-    let board = stage.mesh(board);
+    let board = builder.mesh(board);
     let look = WoodLook { tone: srgb(0x6E4428), cloth: Vec3::ZERO, seed: 150 };
-    stage.prop(board, placed(DVec3::new(-half + 0.3, 0.28 * half, 0.0), 0.0, 1.0), look);
+    builder.prop(board, placed(DVec3::new(-half + 0.3, 0.28 * half, 0.0), 0.0, 1.0), look);
     let mut pot = MeshBuilder::new();
     pot.lathe(DVec3::ZERO, DVec3::Z, &[(0.0, 0.0), (0.17, 0.0), (0.24, 0.42), (0.21, 0.42), (0.0, 0.38)], 28, false);
     pot.part = 1;
@@ -195,13 +195,13 @@ fn furnish_walls(stage: &mut Stage, half: f64) {
         let lean = glam::DMat3::from_rotation_z(f64::from(i) * 2.4) * glam::DMat3::from_rotation_y(0.6);
         pot.ellipsoid(at, lean, DVec3::new(0.22, 0.09, 0.025), (10, 14));
     }
-    let pot = stage.mesh(pot);
+    let pot = builder.mesh(pot);
     let potted = |spot: &Spot| match spot.part {
         0 => Surface::coated(srgb(0xB8663E), 0.03),
         _ => Surface::coated(srgb(0x3E6A34) * (1.0 + 0.5 * fractal(spot.position, 0.1, 2, spot.footprint, 151)), 0.03),
     };
     for (x, y) in [(-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0)] {
-        stage.prop(pot, placed(DVec3::new((half - 0.5) * x, (half - 0.5) * y, 0.0), x + y, 1.0), potted);
+        builder.prop(pot, placed(DVec3::new((half - 0.5) * x, (half - 0.5) * y, 0.0), x + y, 1.0), potted);
     }
 }
 

@@ -6,7 +6,18 @@ mod hall;
 mod orchard;
 mod unrelated;
 
-use super::stage::Scene;
+use super::scene_builder::Scene;
+
+/// How many objects a scene has.
+#[derive(Clone, Copy, Debug)]
+pub struct ObjectCount {
+    /// Number of objects without `--instances`.
+    pub usual: u32,
+    /// Smallest number allowed.
+    pub least: u32,
+    /// Largest number allowed.
+    pub most: u32,
+}
 
 /// A scene that can be made by name.
 #[derive(Clone, Copy, Debug)]
@@ -15,8 +26,8 @@ pub struct Recipe {
     pub name: &'static str,
     /// What the scene shows, one line.
     pub about: &'static str,
-    /// Number of objects without `--instances`, and the smallest and largest number allowed.
-    pub instances: (u32, u32, u32),
+    /// How many objects the scene can have.
+    pub instances: ObjectCount,
     /// Builds the scene from a seed and a number of objects.
     pub build: fn(u64, u32) -> Scene,
 }
@@ -24,17 +35,18 @@ pub struct Recipe {
 const fn recipe(
     name: &'static str,
     about: &'static str,
-    instances: (u32, u32, u32),
+    [usual, least, most]: [u32; 3],
     build: fn(u64, u32) -> Scene,
 ) -> Recipe {
+    let instances = ObjectCount { usual, least, most };
     Recipe { name, about, instances, build }
 }
 
 /// All scenes that can be made by name.
 pub const RECIPES: [Recipe; 5] = [
-    recipe("cars", "racing cars on a car park: liveries, wings, roof racks", (8, 2, 64), cars::build),
-    recipe("hall", "chairs, tables and vases in a hall, three groups", (18, 6, 60), hall::build),
-    recipe("orchard", "fruit trees of all sizes", (12, 2, 64), orchard::build),
-    recipe("facade", "windows of a house: blinds, curtains, flower boxes", (15, 2, 64), facade::build),
-    recipe("unrelated", "a car and a chair in one group, where sharing must fail", (2, 2, 2), unrelated::build),
+    recipe("cars", "racing cars on a car park: liveries, wings, roof racks", [8, 2, 64], cars::build),
+    recipe("hall", "chairs, tables and vases in a hall, three groups", [18, 6, 60], hall::build),
+    recipe("orchard", "fruit trees of all sizes", [12, 2, 64], orchard::build),
+    recipe("facade", "windows of a house: blinds, curtains, flower boxes", [15, 2, 64], facade::build),
+    recipe("unrelated", "a car and a chair in one group, where sharing must fail", [2, 2, 2], unrelated::build),
 ];

@@ -9,7 +9,7 @@ use super::super::look::{Spot, Surface, blend, grass, srgb, wood};
 use super::super::mesh::MeshBuilder;
 use super::super::models::tree::{TreeLook, tree};
 use super::super::noise::{fractal, smooth_step};
-use super::super::stage::{Scene, Stage, placed};
+use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
 use instgs_vk::math::rng::Rng;
 
@@ -21,8 +21,8 @@ const FRUIT: [u32; 6] = [0xC4241C, 0xE8B422, 0xE67A1E, 0x8A1C3A, 0xC8D048, 0xE04
 
 pub(super) fn build(seed: u64, count: u32) -> Scene {
     let mut rng = Rng::new(seed).fork(3);
-    let mut stage = Stage::new();
-    let shape = stage.mesh(tree(7, LEAVES));
+    let mut builder = SceneBuilder::new();
+    let shape = builder.mesh(tree(7, LEAVES));
     let columns = f64::from(count).sqrt().ceil() as u32;
     let rows = count.div_ceil(columns);
     let middle = |n: u32| 0.5 * f64::from(n - 1);
@@ -32,42 +32,42 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
         let place = placed(at.extend(0.0), rng.range(-PI, PI), rng.range(0.7, 1.3));
         let leaf = blend(srgb(0x5E8230), srgb(0x7D9440), rng.uniform() as f32);
         let fruit = srgb(FRUIT[i as usize % FRUIT.len()]);
-        stage.object("tree", vec![shape], place, TreeLook { leaf, fruit, seed: 40 });
+        builder.object("tree", vec![shape], place, TreeLook { leaf, fruit, seed: 40 });
     }
     let extent = PITCH * 0.5 * f64::from(columns.max(rows)) + 1.0;
-    surroundings(&mut stage, &mut rng, extent);
+    surroundings(&mut builder, &mut rng, extent);
     let ring = |distance: f64, height: f64| Ring { distance: extent * distance + 3.0, height };
     let rings =
         vec![ring(0.9, 1.9), ring(1.05, 4.2), ring(0.8, 0.9 * extent), ring(1.15, 3.0), ring(0.55, 1.25 * extent)];
     let rig = Rig { target: DVec3::Z * 1.3, stray: 0.15 * extent, rings, azimuths: (0.0, TAU) };
-    stage.finish(Daylight::afternoon(-35.0, 38.0), rig, 0.013 * extent as f32, (1.3 * extent + 4.0) as f32)
+    builder.finish(Daylight::afternoon(-35.0, 38.0), rig, 0.013 * extent as f32, (1.3 * extent + 4.0) as f32)
 }
 
-fn surroundings(stage: &mut Stage, rng: &mut Rng, extent: f64) {
-    let ground = stage.mesh(super::super::models::props::ground(12.0 * extent + 40.0));
-    stage.prop(ground, placed(DVec3::ZERO, 0.0, 1.0), meadow);
-    let crate_mesh = stage.mesh(fruit_crate());
+fn surroundings(builder: &mut SceneBuilder, rng: &mut Rng, extent: f64) {
+    let ground = builder.mesh(super::super::models::props::ground(12.0 * extent + 40.0));
+    builder.prop(ground, placed(DVec3::ZERO, 0.0, 1.0), meadow);
+    let crate_mesh = builder.mesh(fruit_crate());
     for _ in 0..5 {
         let at = DVec2::from_angle(rng.range(0.0, TAU)) * (extent * rng.range(0.2, 0.95));
-        stage.prop(crate_mesh, placed(at.extend(0.0), rng.range(0.0, TAU), 1.0), crate_look);
+        builder.prop(crate_mesh, placed(at.extend(0.0), rng.range(0.0, TAU), 1.0), crate_look);
     }
-    let ladder = stage.mesh(ladder());
-    stage.prop(ladder, placed(DVec3::new(0.5 * PITCH, 0.42 * PITCH, 0.0), 0.7, 1.0), crate_look);
-    let panel = stage.mesh(fence_panel());
+    let ladder = builder.mesh(ladder());
+    builder.prop(ladder, placed(DVec3::new(0.5 * PITCH, 0.42 * PITCH, 0.0), 0.7, 1.0), crate_look);
+    let panel = builder.mesh(fence_panel());
     let panels = ((2.0 * PI * (extent + 5.5)) / 3.0).round().max(8.0) as u32;
     for i in 0..panels {
         let turn = TAU * f64::from(i) / f64::from(panels);
         let at = DVec2::from_angle(turn) * (extent + 5.5);
         if i % 11 != 4 {
-            stage.prop(panel, placed(at.extend(0.0), turn + 0.5 * PI, 1.0), crate_look);
+            builder.prop(panel, placed(at.extend(0.0), turn + 0.5 * PI, 1.0), crate_look);
         }
     }
-    let hedge = stage.mesh(hedge());
+    let hedge = builder.mesh(hedge());
     for i in 0..9 {
         let turn = TAU * (f64::from(i) + 0.5 * rng.uniform()) / 9.0;
         let at = DVec2::from_angle(turn) * (extent + rng.range(8.5, 12.0));
         let look = TreeLook { leaf: srgb(0x4F6E2C), fruit: Vec3::ZERO, seed: 50 + i };
-        stage.prop(hedge, placed(at.extend(0.0), rng.range(0.0, TAU), rng.range(0.8, 1.5)), look);
+        builder.prop(hedge, placed(at.extend(0.0), rng.range(0.0, TAU), rng.range(0.8, 1.5)), look);
     }
 }
 

@@ -40,17 +40,17 @@ impl Scene {
     }
 }
 
-/// Collects meshes, props and objects; ids of objects count from 1.
+/// Builds a [`Scene`] from meshes, props and objects. Ids of objects start at 1.
 #[derive(Default)]
-pub struct Stage {
+pub struct SceneBuilder {
     meshes: Vec<Mesh>,
     bodies: Vec<Body>,
     kinds: Vec<Kind>,
     objects: u32,
 }
 
-impl Stage {
-    /// A stage without meshes.
+impl SceneBuilder {
+    /// A builder without meshes.
     pub fn new() -> Self {
         Self::default()
     }

@@ -1,4 +1,4 @@
-//! A scene on the device, and pictures of it as pixels of a window.
+//! A scene on the device, and frames of it as pixels for a window.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -20,22 +20,22 @@ use instgs_vk::scene::{Camera, Instance, InstancedScene};
 use super::editor::{Changed, Editor};
 use super::error::PlayerError;
 
-/// How pictures look.
+/// How frames are rendered.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct StageOptions {
-    /// Of the render passes; `antialias` is the scene's own unless it says otherwise.
+pub struct ViewerOptions {
+    /// Options of the render passes; `antialias` is the scene's own unless the user overrides it.
     pub render: RenderOptions,
-    /// What is shown.
+    /// The view: colours, depth, instances ...
     pub show: Show,
 }
 
-/// Milliseconds that the device took to make pixels of a picture; `None` before the first, or if it has no clock. The copy
-/// into the window's image is in neither: it waits until the window has one to give.
+/// Device times in milliseconds of turning a frame into pixels; `None` before the first frame or without device
+/// timestamps. The copy into the swapchain's image is in neither: it may wait for the presentation engine.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PixelTimes {
-    /// Kernel `present`.
+    /// Time of kernel `present`.
     pub present_ms: Option<f64>,
-    /// Drawing the interface over the picture; `None` without a window.
+    /// Time of drawing the overlay; `None` without a window.
     pub ui_ms: Option<f64>,
 }
 
@@ -49,43 +49,43 @@ impl PixelTimes {
     }
 }
 
-/// A scene and the passes that draw it.
-pub struct Stage {
+/// A scene on the host and on the device, its editor, and the passes that draw it.
+pub struct SceneViewer {
     gpu: Arc<Gpu>,
     renderer: Renderer,
     presenter: Presenter,
     surfaces: Surfaces,
     marks: Marks,
-    /// Pictures that the device may still be drawing.
+    /// The frames in flight.
     ahead: Ahead,
-    /// For making pixels, in turn: one for each picture on its way.
+    /// Recorders for making pixels, used in turn: one per frame in flight.
     recorders: [Recorder; FRAMES_IN_FLIGHT],
     turn: usize,
-    /// Of the pixels that `recorders[turn]` made last.
+    /// Times of the pixels that `recorders[turn]` made last.
     pixel_times: PixelTimes,
     scene: InstancedScene,
     device_scene: DeviceScene,
-    /// How pictures look; may change between pictures.
-    pub options: StageOptions,
-    /// Of the last picture.
+    /// How frames are rendered; may change between frames.
+    pub options: ViewerOptions,
+    /// Camera of the last frame.
     camera: Option<Camera>,
-    /// Depth slabs that the last complete picture took.
+    /// Number of depth slabs of the last complete frame.
     slabs: u32,
-    /// Of pictures that are complete, until they are asked for.
+    /// Statistics of complete frames that have not been taken yet.
     arrived: Vec<FrameStats>,
-    /// The surfaces are the last picture's.
+    /// True if the id buffer belongs to the last frame.
     has_surfaces: bool,
-    /// The marks are the last picture's, in this shape.
+    /// The shape of the marks that belong to the last frame, if any.
     has_marks: Option<MarkShape>,
     editor: Editor,
 }
 
-impl Stage {
-    /// Uploads a scene.
+impl SceneViewer {
+    /// Uploads a scene to the device.
     ///
     /// # Errors
-    /// The device refuses it.
-    pub fn new(gpu: &Arc<Gpu>, scene: InstancedScene, options: StageOptions) -> Result<Self, PlayerError> {
+    /// The device fails or has no memory for it.
+    pub fn new(gpu: &Arc<Gpu>, scene: InstancedScene, options: ViewerOptions) -> Result<Self, PlayerError> {
         let renderer = Renderer::profiled(gpu)?;
         Ok(Self {
             gpu: gpu.clone(),
@@ -109,12 +109,12 @@ impl Stage {
         })
     }
 
-    /// Shows another scene in place of this one, whose memory goes first: both may not fit. Nothing is chosen or can be taken
-    /// back.
+    /// Shows another scene in place of this one, which is freed first since both may not fit. Selection and undo
+    /// history are cleared.
     ///
     /// # Errors
-    /// The device refuses it: an empty scene is shown.
-    pub fn open(&mut self, scene: InstancedScene, options: StageOptions) -> Result<(), PlayerError> {
+    /// The device fails or has no memory for it; an empty scene is shown then.
+    pub fn open(&mut self, scene: InstancedScene, options: ViewerOptions) -> Result<(), PlayerError> {
         while self.ahead.arrive()?.is_some() {}
         (self.scene, self.options, self.editor) = (InstancedScene::default(), options, Editor::default());
         (self.camera, self.slabs, self.has_surfaces, self.has_marks) = (None, 0, false, None);
@@ -126,28 +126,28 @@ impl Stage {
         Ok(())
     }
 
-    /// The same scene, with what is chosen and can be taken back, on another device.
+    /// Moves the scene, with selection and undo history, to another device.
     ///
     /// # Errors
-    /// The device refuses it.
+    /// The device fails or has no memory for it.
     pub fn reopened(gpu: &Arc<Gpu>, old: Self) -> Result<Self, PlayerError> {
         let Self { scene, options, editor, .. } = old;
-        let mut stage = Self { editor, ..Self::new(gpu, scene, options)? };
-        stage.show(stage.editor.hidden().clone())?;
-        Ok(stage)
+        let mut viewer = Self { editor, ..Self::new(gpu, scene, options)? };
+        viewer.show(viewer.editor.hidden().clone())?;
+        Ok(viewer)
     }
 
-    /// The scene.
+    /// The scene as edited, on the host.
     pub fn scene(&self) -> &InstancedScene {
         &self.scene
     }
 
-    /// Bytes of the scene on the device.
+    /// Memory of the scene on the device, bytes.
     pub fn device_bytes(&self) -> u64 {
         self.device_scene.bytes()
     }
 
-    /// Draws a picture and leaves it on the device.
+    /// Draws a frame and waits for it; the frame stays on the device.
     pub fn draw(&mut self, camera: &Camera) -> Result<(), PlayerError> {
         while let Some(arrived) = self.ahead.arrive()? {
             self.note(arrived);
@@ -155,7 +155,8 @@ impl Stage {
         self.upload_levels()?;
         let mut stats = self.render(camera)?;
         if stats.slabs > 1 && matches!(self.options.show, Show::TileLoad(_)) {
-            // The load is that of the last depth slab: a picture that overflowed its buffers is drawn with those that it grew.
+            // The tile load is that of the last depth slab: a frame that overflowed its buffers is redone with the
+            // larger ones.
             stats = self.render(camera)?;
         }
         self.note(Arrived::Complete(stats));
@@ -173,7 +174,7 @@ impl Stage {
         Ok(self.renderer.render_with(&self.device_scene, camera, &options, extra)?)
     }
 
-    /// Notes what the next picture will have besides colours, and says which instances are chosen.
+    /// Prepares what the next frame has besides colours, and uploads which instances are selected.
     fn prepare_looks(&mut self) -> Result<(), PlayerError> {
         self.has_surfaces = self.needs_surfaces();
         self.has_marks = self.options.show.marks();
@@ -183,22 +184,22 @@ impl Stage {
         Ok(())
     }
 
-    /// Options of the render passes.
+    /// Options of the render passes for the present view.
     fn render_options(&self) -> RenderOptions {
         let mut options = self.options.render;
         if matches!(self.options.show, Show::Offsets(_)) {
-            // The merged Gaussians of coarser levels have offsets of their own.
+            // Merged Gaussians of coarser levels have offsets of their own.
             options.lod_error_px = 0.0;
         }
         options
     }
 
-    /// What the passes did for the pictures that have been completed since this was asked last, in order.
+    /// Statistics of the frames that completed since the last call, in order.
     pub fn take_arrived(&mut self) -> Vec<FrameStats> {
         std::mem::take(&mut self.arrived)
     }
 
-    /// True if the picture is complete.
+    /// Records a frame that has left the device; true if it is complete.
     fn note(&mut self, arrived: Arrived) -> bool {
         let Arrived::Complete(stats) = arrived else { return false };
         self.slabs = stats.slabs;
@@ -206,8 +207,8 @@ impl Stage {
         true
     }
 
-    /// As [`Stage::draw`], but does not wait for the picture if it is like the ones before: of their size, and in one depth slab.
-    /// After the last picture comes [`Stage::settle`].
+    /// Like [`SceneViewer::draw`], but without waiting if the frame has the size of the previous one and that had one depth
+    /// slab. Call [`SceneViewer::settle`] after the last frame.
     pub fn draw_ahead(&mut self, camera: &Camera) -> Result<(), PlayerError> {
         let alike = self.size_px() == Some([camera.width, camera.height]) && self.slabs == 1;
         if !alike || !self.has_wanted_levels() {
@@ -229,8 +230,8 @@ impl Stage {
         Ok(())
     }
 
-    /// As [`Stage::draw_ahead`]; but where the device has no room for how the scene is shown, it is shown in a way that takes
-    /// less, and the words say why and which.
+    /// Like [`SceneViewer::draw_ahead`]. If the device runs out of memory, falls back to a view that needs less, and returns
+    /// a notice that says which and why.
     pub fn draw_what_fits(&mut self, camera: &Camera) -> Result<Option<String>, PlayerError> {
         let mut words = None;
         loop {
@@ -244,31 +245,32 @@ impl Stage {
         }
     }
 
-    /// Gives up the next of what takes memory besides the scene itself; `None` if there is nothing of that kind.
+    /// Gives up the next thing that takes memory besides the scene itself and returns a notice; `None` if nothing is
+    /// left to give up.
     fn ask_for_less(&mut self) -> Result<Option<&'static str>, PlayerError> {
         if self.options.render.lod_error_px > 0.0 {
             self.options.render.lod_error_px = 0.0;
             self.upload()?;
-            return Ok(Some("detail is not merged"));
+            return Ok(Some("levels of detail are off"));
         }
         if self.options.show.needs_surfaces() || self.options.show.marks().is_some() {
             self.options.show = Show::Color;
-            return Ok(Some("the view is the colours again"));
+            return Ok(Some("the view is back to colours"));
         }
         if !self.editor.chosen().is_empty() {
             self.editor.click(None, false);
-            return Ok(Some("nothing is chosen any more"));
+            return Ok(Some("the selection was cleared"));
         }
         Ok(None)
     }
 
-    /// Pictures that the device may still be drawing.
+    /// Number of frames in flight.
     pub fn in_flight(&self) -> usize {
         self.ahead.pending_len()
     }
 
-    /// Waits for the last picture. False if it had to be drawn again, since a buffer was too small for it: what was shown
-    /// is an older one.
+    /// Waits for the last frame. False if it had to be redrawn because of an overflow, so that the window shows an
+    /// older frame.
     pub fn settle(&mut self) -> Result<bool, PlayerError> {
         let mut complete = true;
         while let Some(arrived) = self.ahead.arrive()? {
@@ -294,7 +296,7 @@ impl Stage {
         self.device_scene.has_levels() == (self.options.render.lod_error_px > 0.0)
     }
 
-    /// Levels of detail come and go with the error that is allowed, so that full quality is what it is without them.
+    /// Levels of detail exist on the device only while merging is allowed, so that full quality is independent of them.
     fn upload_levels(&mut self) -> Result<(), PlayerError> {
         if !self.has_wanted_levels() {
             self.upload()?;
@@ -302,7 +304,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Puts the scene on the device in place of the one that is there, whose memory goes first: both may not fit.
+    /// Uploads the scene in place of the present one, which is freed first since both may not fit.
     fn upload(&mut self) -> Result<(), PlayerError> {
         let options = &self.options.render;
         self.device_scene = self.renderer.upload_for(&InstancedScene::default(), options)?;
@@ -310,7 +312,8 @@ impl Stage {
         self.show(self.editor.hidden().clone())
     }
 
-    /// Records the last picture as pixels of a window of `shown_px`; to be submitted with the recorder that comes back.
+    /// Records the conversion of the last frame to pixels for a window of `shown_px`; the caller submits the returned
+    /// recorder.
     pub fn record_pixels(
         &mut self,
         shown_px: [u32; 2],
@@ -331,17 +334,17 @@ impl Stage {
         Ok((recorder, self.presenter.pixels()))
     }
 
-    /// What the device took for the pixels of an earlier picture.
+    /// Device times of the pixels of an earlier frame.
     pub fn pixel_times(&self) -> PixelTimes {
         self.pixel_times
     }
 
-    /// Width and height of the last picture; `None` before it.
+    /// Width and height of the last frame; `None` before the first.
     pub fn size_px(&self) -> Option<[u32; 2]> {
         self.camera.as_ref().map(|camera| [camera.width, camera.height])
     }
 
-    /// The last picture, as it is shown and at its own size, as bytes red, green, blue.
+    /// The last frame as the view shows it, at its own size, as 8-bit RGB.
     pub fn rgb8(&mut self) -> Result<Vec<u8>, PlayerError> {
         self.settle()?;
         let size = self.size_px().unwrap_or([1, 1]);
@@ -351,14 +354,14 @@ impl Stage {
         Ok(self.presenter.rgb8()?)
     }
 
-    /// Writes the last picture, as it is shown and at its own size, as PNG.
+    /// Writes the last frame as the view shows it, at its own size, as PNG.
     pub fn screenshot(&mut self, path: &Path) -> Result<(), PlayerError> {
         let [width, height] = self.size_px().unwrap_or([1, 1]);
         let rgb = self.rgb8()?;
         Ok(write_png(path, &rgb, (width, height))?)
     }
 
-    /// The point of the world that a pixel of the last picture shows; `None` where nothing is.
+    /// The world point that a pixel of the last frame shows; `None` where no splat is.
     pub fn point_at(&mut self, at_px: [f64; 2]) -> Result<Option<DVec3>, PlayerError> {
         self.settle()?;
         let (Some(frame), Some(camera)) = (self.renderer.frame(), &self.camera) else { return Ok(None) };
@@ -373,7 +376,7 @@ impl Stage {
         Ok((depth > 0.0).then_some(point))
     }
 
-    /// The instance that a pixel of the last picture shows; `None` for the background and where nothing is.
+    /// The instance that a pixel of the last frame shows; `None` for the background and where no splat is.
     pub fn instance_at(&mut self, at_px: [f64; 2]) -> Result<Option<usize>, PlayerError> {
         let Some(camera) = self.camera.clone().filter(|camera| camera.has_pixel(at_px)) else { return Ok(None) };
         self.settle()?;
@@ -386,8 +389,8 @@ impl Stage {
         Ok(instance.filter(|&k| k < self.scene.instances.len()))
     }
 
-    /// The template of the instance that a pixel of the last picture shows, and the point it shows, in the template's frame;
-    /// `None` for the background and where nothing is.
+    /// The template of the instance that a pixel of the last frame shows, and the surface point in the template's
+    /// frame; `None` for the background and where no splat is.
     pub fn template_point_at(&mut self, at_px: [f64; 2]) -> Result<Option<(u32, DVec3)>, PlayerError> {
         let (Some(instance), Some(point)) = (self.instance_at(at_px)?, self.point_at(at_px)?) else { return Ok(None) };
         let Instance { template, world_from_template, .. } = &self.scene.instances[instance];
@@ -395,39 +398,36 @@ impl Stage {
         Ok(Some((*template, world_from_template.linear().inverse() * from_origin)))
     }
 
-    /// What is chosen and what can be taken back.
+    /// Selection and undo history.
     pub fn editor(&self) -> &Editor {
         &self.editor
     }
 
-    /// See [`Editor::click`].
-    pub fn click(&mut self, instance: Option<usize>, more: bool) {
-        self.editor.click(instance, more);
+    /// The editor, to select instances or to complete a change. Edits, undo and hiding go through this type, which
+    /// keeps the device's scene up to date.
+    pub fn editor_mut(&mut self) -> &mut Editor {
+        &mut self.editor
     }
 
-    /// See [`Editor::choose_alike`].
-    pub fn choose_alike(&mut self) {
-        self.editor.choose_alike(&self.scene);
+    /// The editor with the scene, for selections that depend on it.
+    pub fn editor_and_scene(&mut self) -> (&mut Editor, &InstancedScene) {
+        (&mut self.editor, &self.scene)
     }
 
-    /// See [`Editor::choose_group`].
-    pub fn choose_group(&mut self) {
-        self.editor.choose_group(&self.scene);
-    }
-
-    /// See [`Editor::hide_chosen`]; false if nothing is chosen.
+    /// Hides the selected instances, in the editor and on the device; false without a selection.
     pub fn hide_chosen(&mut self) -> Result<bool, PlayerError> {
         let done = self.editor.hide_chosen();
         done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
     }
 
-    /// See [`Editor::show_all`]; false if nothing is hidden.
+    /// Shows all hidden instances, in the editor and on the device; false if nothing is hidden.
     pub fn show_all(&mut self) -> Result<bool, PlayerError> {
         let done = self.editor.show_all();
         done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
     }
 
-    /// Does an edit, in the scene and on the device; the words say why it cannot be done.
+    /// Applies an edit to the scene and the device. The inner error says why it cannot be applied; the scene is then
+    /// unchanged.
     pub fn edit(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
         let unsaved = self.editor.is_unsaved();
         match self.editor.apply(&mut self.scene, edit) {
@@ -439,30 +439,26 @@ impl Stage {
         }
     }
 
-    /// Does an edit in place of the one before, as a drag does; see [`Editor::apply_live`].
+    /// Applies an edit in place of the previous one of a drag; see [`Editor::apply_live`].
     pub fn edit_live(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
         let (outcome, changed) = self.editor.apply_live(&mut self.scene, edit);
         let refused = self.follow_or(&changed, |editor, scene| drop(editor.cancel(scene)))?;
         Ok(refused.map_or(outcome.map_err(|error| error.to_string()), Err))
     }
 
-    /// See [`Editor::finish`].
-    pub fn finish_live(&mut self) {
-        self.editor.finish();
-    }
-
-    /// See [`Editor::cancel`].
+    /// Reverts the change in progress, in the scene and on the device.
     pub fn cancel_live(&mut self) -> Result<(), PlayerError> {
         let changed = self.editor.cancel(&mut self.scene);
         self.follow(&changed)
     }
 
-    /// Takes the last edit back; false if there is none. The words say why the device refuses it, which leaves it as it is.
+    /// Undoes the last edit; false if there is none. The inner error says why the device refuses it; nothing changes
+    /// then.
     pub fn undo(&mut self) -> Result<Result<bool, String>, PlayerError> {
         self.step(false)
     }
 
-    /// Does again what was taken back last; false if there is nothing. Words as of [`Stage::undo`].
+    /// Redoes the edit that was undone last; false if there is none. The inner error is that of [`SceneViewer::undo`].
     pub fn redo(&mut self) -> Result<Result<bool, String>, PlayerError> {
         self.step(true)
     }
@@ -475,26 +471,26 @@ impl Stage {
         Ok(refused.map_or(Ok(true), Err))
     }
 
-    /// Writes the scene as `.instgs`.
+    /// Saves the scene as `.instgs`.
     pub fn save(&mut self, path: &Path) -> Result<(), PlayerError> {
         self.write_copy(path)?;
         self.editor.saved();
         Ok(())
     }
 
-    /// The same, but what is unsaved stays so.
+    /// Like [`SceneViewer::save`], but unsaved changes stay marked as unsaved.
     pub fn write_copy(&self, path: &Path) -> Result<(), PlayerError> {
         Ok(save_scene(path, &self.scene)?)
     }
 
-    /// Writes the scene, hidden instances included, in the format that the file's ending names; see [`export_scene`].
+    /// Writes the scene, including hidden instances, in the format of the file's extension; see [`export_scene`].
     pub fn export(&self, path: &Path, up: DVec3) -> Result<(), PlayerError> {
         export_scene(path, &self.scene, ExportFormat::of(path, None)?, up)?;
         Ok(())
     }
 
-    /// As [`Stage::follow`]; but what the device refuses, since there is no room for it, is taken back, and the words say
-    /// why.
+    /// Like [`SceneViewer::follow`], but a change that the device has no memory for is reverted with `take_back`, and a
+    /// notice says why.
     fn follow_or(
         &mut self,
         changed: &Changed,
@@ -510,7 +506,7 @@ impl Stage {
         }
     }
 
-    /// Makes the device's scene that of the host.
+    /// Updates the device's scene after a change of the host's.
     fn follow(&mut self, changed: &Changed) -> Result<(), PlayerError> {
         match changed {
             Changed::Places(instances) => {
@@ -524,7 +520,7 @@ impl Stage {
         Ok(())
     }
 
-    /// Makes the device draw these instances, or leave them out, as the editor says.
+    /// Updates on the device which of these instances are drawn, from the editor's hidden set.
     fn show(&mut self, instances: impl IntoIterator<Item = usize>) -> Result<(), PlayerError> {
         let shown: Vec<_> = instances.into_iter().map(|k| (k, !self.editor.hidden().contains(&k))).collect();
         Ok(self.device_scene.show_instances(&shown)?)
