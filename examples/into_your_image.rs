@@ -2,6 +2,8 @@
 //!
 //!     cargo run --release --example into_your_image -- cloud.ply picture.png
 
+#![allow(clippy::print_stdout, reason = "an example says what it did")]
+
 #[path = "headless/mod.rs"]
 mod headless;
 

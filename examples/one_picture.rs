@@ -2,6 +2,8 @@
 //!
 //!     cargo run --release --example one_picture -- cloud.ply picture.png
 
+#![allow(clippy::print_stdout, reason = "an example says what it did")]
+
 use std::path::Path;
 
 use instgs_io::picture_png::write_png;

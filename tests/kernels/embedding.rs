@@ -140,7 +140,7 @@ fn incomplete_pictures_are_told_of_and_the_next_ones_grow() {
 
     // More than one slab is allowed to hold: an error, not an image that stays as it is for ever.
     let mut embedded = Embedded::new(&caller, 8);
-    let few = RenderOptions { max_intersections: Some(1), ..options.clone() };
+    let few = RenderOptions { max_intersections: Some(1), ..options };
     let error = loop {
         match embedded.picture(&caller, &camera, &few) {
             Ok(arrived) => assert_eq!(arrived, Arrived::Incomplete),
