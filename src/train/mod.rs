@@ -3,7 +3,7 @@
 //! Plain data, no device: [`config`] (what to do at which step), [`view_order`] (which view a step uses), [`events`]
 //! and [`event_log`] (what happened), [`facts`] (what came out), [`interrupt`] (Ctrl-C). Checkpoint files are
 //! [`crate::io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
-//! [`crate::pipeline`].
+//! the room `pipeline`, above this one.
 
 pub mod config;
 mod data_doubts;
