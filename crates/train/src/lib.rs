@@ -1,9 +1,9 @@
-//! L5: training: configuration, initialisation, steps, densification, checkpoints.
+//! Trains Gaussian scenes, plain or with templates and instances: configuration, start, steps, densification, checkpoints.
 //!
-//! Plain data, no device: [`config`] (what to do at which step), [`view_order`] (which view a step uses), [`events`]
+//! Plain data, without a device: [`config`] (what to do at which step), [`view_order`] (which view a step uses), [`events`]
 //! and [`event_log`] (what happened), [`facts`] (what came out), [`interrupt`] (Ctrl-C). Checkpoint files are
-//! [`instgs_io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
-//! [`instgs_objects::pipeline`].
+//! [`instgs_io::checkpoint`]. Nothing here knows of masks and objects: what makes an instanced scene of a plain cloud is the
+//! crate `instgs-objects`.
 
 pub mod config;
 mod data_doubts;
