@@ -9,9 +9,9 @@ use std::path::Path;
 
 use ash::{Entry, vk};
 use headless::Headless;
+use instgs_io::picture_png::write_png;
+use instgs_io::ply::read_ply;
 use instgs_vk::gpu::Gpu;
-use instgs_vk::io::picture_png::write_png;
-use instgs_vk::io::ply::read_ply;
 use instgs_vk::render::{Arrived, ImageFrames, RenderOptions, Renderer};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;

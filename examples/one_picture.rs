@@ -4,9 +4,9 @@
 
 use std::path::Path;
 
+use instgs_io::picture_png::write_png;
+use instgs_io::ply::read_ply;
 use instgs_vk::gpu::{Gpu, GpuOptions};
-use instgs_vk::io::picture_png::write_png;
-use instgs_vk::io::ply::read_ply;
 use instgs_vk::render::{RenderOptions, Renderer};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;

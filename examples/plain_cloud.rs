@@ -6,8 +6,8 @@
 use std::path::PathBuf;
 
 use glam::DVec3;
-use instgs_vk::io::camera_file::write_cameras;
-use instgs_vk::io::ply::write_ply;
+use instgs_io::camera_file::write_cameras;
+use instgs_io::ply::write_ply;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Camera, Gaussians};

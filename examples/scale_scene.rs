@@ -9,8 +9,8 @@
 
 use std::path::PathBuf;
 
-use instgs_vk::io::camera_file::write_cameras;
-use instgs_vk::io::save_scene;
+use instgs_io::camera_file::write_cameras;
+use instgs_io::save_scene;
 
 #[path = "../tests/common/scale.rs"]
 mod scale;

@@ -8,7 +8,7 @@
 // - Bias corrections come from the host, so that a step that is done again gets the same numbers. Does nothing after an
 //   overflow (see `train_status`).
 //
-// Twin: `reference::adam`. Test: `tests/kernels/adam.rs`.
+// Twin: `instgs_reference::adam`. Test: `tests/kernels/adam.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -12,7 +12,7 @@
 //   The list cannot overflow: its buffers have one element per slot.
 // - The key is the bit pattern of the f32 depth. Its unsigned order is the order of depths because depth > near >= 0.
 //
-// Twin: `reference::compact`, with `reference::radix_sort::depth_key` for the key. Tested through the whole frame:
+// Twin: `instgs_reference::compact`, with `instgs_reference::radix_sort::depth_key` for the key. Tested through the whole frame:
 // `tests/kernels/intersections.rs`, `forward.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

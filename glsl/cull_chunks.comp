@@ -16,7 +16,7 @@
 //   beyond the capacity are not tested, but `COUNTER_CANDIDATES_NEEDED` keeps their number and the host redoes the
 //   frame.
 //
-// Twin: `reference::cull_chunks`, by brute force over pixels: the work list must contain all it finds and may contain
+// Twin: `instgs_reference::cull_chunks`, by brute force over pixels: the work list must contain all it finds and may contain
 // more. Tests: `tests/kernels/cull_chunks.rs`, `scale.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

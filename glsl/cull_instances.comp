@@ -22,7 +22,7 @@
 //   twice: transforms are validated to 1e-3 only), the ball 2e-6 of the terms of its transforms, which is what f32
 //   rounding leaves of large coordinates, and the border one pixel.
 //
-// Twin: `reference::cull_chunks` (both levels of culling), `reference::lod`. Tests: `tests/kernels/cull_chunks.rs`,
+// Twin: `instgs_reference::cull_chunks` (both levels of culling), `instgs_reference::lod`. Tests: `tests/kernels/cull_chunks.rs`,
 // `scale.rs`, `lod.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

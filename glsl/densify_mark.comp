@@ -10,7 +10,7 @@
 //   clone and the children of a split Gaussian have not been on screen, and children are measured by their own scale.
 // - Grid: one thread per Gaussian. Bytes per Gaussian: 56 + 12 (degree + 1)^2 read, 20 written.
 //
-// Twin: `reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -5,7 +5,7 @@
 // - The old order is kept. A copy comes right after its original; children stand where their parent stood.
 // - Grid: one thread per old Gaussian. Bytes: 12 read per old Gaussian, 8 written per new one.
 //
-// Twin: `reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "strategy.glsl"

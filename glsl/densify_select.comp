@@ -7,7 +7,7 @@
 //   (integer atomics: the order does not matter).
 // - Grid: one thread per place in the order. Bytes per Gaussian: 20 read, 8 written.
 //
-// Twin: `reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -3,10 +3,10 @@
 //
 // - Reads `origins`, `made` and `quats`; updates `means` and `log_scales` of children, which hold the parent's before.
 // - The place is `mean + R diag(scale) n` with standard normals n from a hash of (seed, steps done, old index, number
-//   of the child): see `reference::random`.
+//   of the child): see `instgs_reference::random`.
 // - Grid: one thread per new Gaussian. Bytes: 4 read per Gaussian, 68 more per child.
 //
-// Twin: `reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "strategy.glsl"

@@ -15,7 +15,7 @@
 // - A tile row takes the columns whose rectangle of pixel centres meets the ellipse alpha >= 1/255: tighter than the
 //   bounding box, and never short of a pixel that the splat reaches.
 //
-// Twin: `reference::emit_intersections`; which tiles a splat hits: `reference::preprocess_instance_expand::tiles_hit`.
+// Twin: `instgs_reference::emit_intersections`; which tiles a splat hits: `instgs_reference::preprocess_instance_expand::tiles_hit`.
 // Test: `tests/kernels/intersections.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

@@ -9,7 +9,7 @@
 //   parallel. Nothing is written beyond `capacity`; the scan has stored the full number in
 //   `COUNTER_WORK_ITEMS_NEEDED`, and the host enlarges the buffers and redoes the frame if it is larger.
 //
-// Twin: `reference::compact`. Test: `tests/kernels/cull_chunks.rs` (order and completeness of the work list).
+// Twin: `instgs_reference::compact`. Test: `tests/kernels/cull_chunks.rs` (order and completeness of the work list).
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

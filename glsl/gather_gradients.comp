@@ -11,7 +11,7 @@
 // - Grid: one work-group per chunk. The order of the sum is that of the instances: no atomics.
 // - Does nothing after an overflow (see `train_status`).
 //
-// Twin: `reference::gather_gradients`. Test: `tests/kernels/backward.rs`.
+// Twin: `instgs_reference::gather_gradients`. Test: `tests/kernels/backward.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

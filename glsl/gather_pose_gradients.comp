@@ -7,7 +7,7 @@
 // - Grid: one work-group per instance besides the background. Threads sum records of their own, one thread sums the
 //   threads: the order is always the same.
 //
-// Twin: `reference::poses`. Test: `tests/kernels/poses.rs`.
+// Twin: `instgs_reference::poses`. Test: `tests/kernels/poses.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -6,7 +6,7 @@
 // - Grid: one thread per strip of a column. Bytes per pixel: 101 read, 16 written.
 // - dL/dx = ((1 - lambda) sign(x - y) - lambda (W g_x + 2 x W g_xx + y W g_xy)) / (3 pixels); sign(0) = 0.
 //
-// Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
+// Twin: `instgs_reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -5,7 +5,7 @@
 // - Reads `ssim_gradients` (81 bytes a pixel), writes `row_gradients` (36 bytes), by pixel.
 // - Grid: one thread per strip of a row.
 //
-// Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
+// Twin: `instgs_reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -7,7 +7,7 @@
 // - With a1 = 2 x y + C1, a2 = 2 (xy - x y) + C2, b1 = x^2 + y^2 + C1, b2 = var x + var y + C2: SSIM = a1 a2 / (b1 b2),
 //   and the derivatives treat the means of x, x^2 and xy as independent.
 //
-// Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
+// Twin: `instgs_reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -13,7 +13,7 @@
 // - A pixel that does not count shows the target in both pictures: no error, no gradient, and its neighbours do not see
 //   what was rendered there.
 //
-// Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
+// Twin: `instgs_reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

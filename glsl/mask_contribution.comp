@@ -16,7 +16,7 @@
 //   tile size, subgroup size, depth slabs and batches change nothing as long as alpha and T have the same bits.
 // - For plain clouds, where a Gaussian's index in its template is its index in the pool of sources.
 //
-// Twin: `reference::mask_contribution`. Test: `tests/kernels/mask_contribution.rs`.
+// Twin: `instgs_reference::mask_contribution`. Test: `tests/kernels/mask_contribution.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "splat.glsl"

@@ -3,7 +3,7 @@
 //
 // - Grid: one thread per Gaussian afterwards. 8 bytes read, 4 written.
 //
-// Twin: `reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
+// Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 

@@ -7,7 +7,7 @@
 //   overflow (see `train_status`).
 // - Grid: one thread per Gaussian.
 //
-// Twin: `reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
+// Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "random.glsl"

@@ -7,7 +7,7 @@
 //   are dead, every Gaussian stays what it is.
 // - Grid: one thread per Gaussian afterwards.
 //
-// Twin: `reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
+// Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

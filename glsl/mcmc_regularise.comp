@@ -4,7 +4,7 @@
 // - Reads log scales, logits and the status; updates their gradients. Does nothing after an overflow.
 // - Grid: one thread per Gaussian. 32 bytes read, 16 written.
 //
-// Twin: `reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
+// Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "train_status.glsl"

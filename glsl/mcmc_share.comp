@@ -8,7 +8,7 @@
 // - The sum alternates; the kernel integrates an equal integral of positive values, the twin adds the paper's terms.
 // - Grid: one thread per Gaussian. 4 bytes read, 32 more where n > 1.
 //
-// Twin: `reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
+// Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 

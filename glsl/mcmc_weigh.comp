@@ -7,7 +7,7 @@
 // - The host picks `one` so that the sum fits 32 bits: opacities are multiples of 2^-20 up to 4096 Gaussians, of
 //   2^-12 for a million.
 //
-// Twin: `reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
+// Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -5,7 +5,7 @@
 //   (moments of Gaussians that are not as they were).
 // - Grid: one thread per f32 of the new array. 8 bytes each, and 8 of the tables.
 //
-// Twin: `reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "strategy.glsl"

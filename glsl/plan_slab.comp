@@ -17,7 +17,7 @@
 //   there is one (lavapipe: 65535 iterations), since `tile_blend` takes one iteration per subgroup of splats; else
 //   2^32 - 1.
 //
-// Twin: `reference::plan_slab`. Tests: `tests/kernels/plan_slab.rs`, `overflow.rs`.
+// Twin: `instgs_reference::plan_slab`. Tests: `tests/kernels/plan_slab.rs`, `overflow.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -27,7 +27,7 @@
 //   antialias compensation; the extent is enlarged (`1.001 ln(255 opacity) + 0.01`) for drivers' `log`; determinants
 //   below 1e30, variances, centres and depths below 1e15 keep later products finite.
 //
-// Twin: `reference::preprocess_instance_expand`, `reference::lod`. Tests: `tests/kernels/preprocess_instance_expand.rs`
+// Twin: `instgs_reference::preprocess_instance_expand`, `instgs_reference::lod`. Tests: `tests/kernels/preprocess_instance_expand.rs`
 // (splat by splat), `lod.rs`, `forward.rs`, `intersections.rs`, `poison.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

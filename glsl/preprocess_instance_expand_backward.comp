@@ -14,7 +14,7 @@
 // - Gradients by shape stay gradients by the template's covariance here, 6 numbers: their sum over instances is turned
 //   into quaternion and scales once.
 //
-// Twin: `reference::preprocess_instance_expand_backward`. Test: `tests/kernels/backward.rs`.
+// Twin: `instgs_reference::preprocess_instance_expand_backward`. Test: `tests/kernels/backward.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

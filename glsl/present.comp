@@ -11,7 +11,7 @@
 // - SHOW, OUTLINE and SCALED are constants: a driver without jumps around code that is not needed (lavapipe) did the
 //   outline's 125 reads for every pixel, which took half as long as blending.
 //
-// Twin: `reference::present`. Test: `tests/kernels/present.rs`.
+// Twin: `instgs_reference::present`. Test: `tests/kernels/present.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

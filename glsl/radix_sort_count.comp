@@ -16,7 +16,7 @@
 // - `RADIX_BITS` = 8 and so `RADIX_SIZE` = 256 counts; `BLOCK_SIZE` = 2048 keys keep the histogram an eighth of the
 //   keys.
 //
-// Twin: `reference::radix_sort`. Tests: `tests/kernels/radix_sort.rs`; also the start-up self-test in
+// Twin: `instgs_reference::radix_sort`. Tests: `tests/kernels/radix_sort.rs`; also the start-up self-test in
 // `render/self_test.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

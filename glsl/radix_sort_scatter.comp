@@ -15,7 +15,7 @@
 //   key is written once, to a place of its own. Deterministic: the atomics are integer counts in shared memory, and
 //   nothing is appended in the order of arrival.
 //
-// Twin: `reference::radix_sort`. Tests: `tests/kernels/radix_sort.rs` (lengths, key widths, equal keys, variants);
+// Twin: `instgs_reference::radix_sort`. Tests: `tests/kernels/radix_sort.rs` (lengths, key widths, equal keys, variants);
 // also the start-up self-test in `render/self_test.rs`, since some drivers miscompile some subgroup sizes.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

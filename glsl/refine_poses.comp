@@ -7,7 +7,7 @@
 //   instance. A is made a rotation times a scale again at every step.
 // - Grid: one thread per instance besides the background. Does nothing after an overflow (see `train_status`).
 //
-// Twin: `reference::poses`. Test: `tests/kernels/poses.rs`.
+// Twin: `instgs_reference::poses`. Test: `tests/kernels/poses.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

@@ -3,7 +3,7 @@
 //
 // - Grid: one thread per Gaussian. 4 bytes read, 12 written.
 //
-// Twin: `reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 

@@ -13,7 +13,7 @@
 // - Guarantees: equal to a sequential saturating sum, whatever the work-group and subgroup sizes. Elements past the
 //   end are neither read nor written, so buffers may be longer than the count.
 //
-// Twin: `reference::scan`. Tests: `tests/kernels/scan.rs` (lengths around block and work-group sizes, gather, begin).
+// Twin: `instgs_reference::scan`. Tests: `tests/kernels/scan.rs` (lengths around block and work-group sizes, gather, begin).
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -15,7 +15,7 @@
 // - `BLOCK_SIZE` = 2048: 8 values per thread of 256; 2^32 elements would be 2^21 blocks, so one level of block sums
 //   with a looping spine is enough.
 //
-// Twin: `reference::scan`. Tests: `tests/kernels/scan.rs`; also part of the start-up self-test in
+// Twin: `instgs_reference::scan`. Tests: `tests/kernels/scan.rs`; also part of the start-up self-test in
 // `render/self_test.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

@@ -13,7 +13,7 @@
 //   with it after the frame. Arguments fold more than 65535 work-groups into rows and are zero for no elements.
 // - Argument sets assume consumers with this kernel's `WORKGROUP_SIZE`, as all element-wise kernels of a variant have.
 //
-// Twin: `reference::scan`. Tests: `tests/kernels/scan.rs` (totals, limits and arguments), `overflow.rs`.
+// Twin: `instgs_reference::scan`. Tests: `tests/kernels/scan.rs` (totals, limits and arguments), `overflow.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

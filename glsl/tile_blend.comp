@@ -10,7 +10,7 @@
 // - Writes: 24 bytes a pixel. Between depth slabs they hold the exact fp32 state, so slabs do not change a bit.
 // - Grid: one subgroup per 8x8 block of every tile.
 //
-// Twin: `reference::tile_blend`. Tests: `tests/kernels/forward.rs`, `overflow.rs`, `poison.rs`. What else was tried,
+// Twin: `instgs_reference::tile_blend`. Tests: `tests/kernels/forward.rs`, `overflow.rs`, `poison.rs`. What else was tried,
 // and how long it took, is in `docs/measurements.md`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"

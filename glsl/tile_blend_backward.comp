@@ -15,7 +15,7 @@
 //   step's bit keep the first and get the partner's share of it, the others the second. At the end lane j holds
 //   splat j. Without, a butterfly for each splat.
 //
-// Twin: `reference::tile_blend_backward`. Test: `tests/kernels/backward.rs`.
+// Twin: `instgs_reference::tile_blend_backward`. Test: `tests/kernels/backward.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "splat.glsl"

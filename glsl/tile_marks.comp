@@ -12,7 +12,7 @@
 // - Writes `marks`, 4 bytes a pixel, which the next slab goes on from.
 // - Grid: one subgroup per 8x8 block of every tile.
 //
-// Twin: `reference::tile_marks`. Test: `tests/kernels/tile_marks.rs`.
+// Twin: `instgs_reference::tile_marks`. Test: `tests/kernels/tile_marks.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

@@ -10,7 +10,7 @@
 //   writer. Tiles without intersections keep the zeros that the buffer is filled with before, an empty run. Keys
 //   outside the image (see `emit_intersections`) are skipped.
 //
-// Twin: `reference::tile_ranges`. Test: `tests/kernels/intersections.rs` (the runs against the sorted keys).
+// Twin: `instgs_reference::tile_ranges`. Test: `tests/kernels/intersections.rs` (the runs against the sorted keys).
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

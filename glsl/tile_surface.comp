@@ -12,7 +12,7 @@
 // - Grid: one subgroup per 8x8 block of every tile.
 // - The background's own instance is one more than the last; of a level of detail, its `owner` is written.
 //
-// Twin: `reference::tile_surface`. Test: `tests/kernels/tile_surface.rs`.
+// Twin: `instgs_reference::tile_surface`. Test: `tests/kernels/tile_surface.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

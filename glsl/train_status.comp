@@ -8,7 +8,7 @@
 //   `gather_gradients` do nothing, in this and all later steps, until the host has enlarged the buffers and reset the
 //   flag; it then submits the same steps again.
 //
-// Twin: `reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
+// Twin: `instgs_reference::image_loss`. Test: `tests/kernels/image_loss.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "counters.glsl"

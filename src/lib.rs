@@ -44,7 +44,7 @@
 //! trainer, the twins, the player) and may change.
 //!
 //! - Scenes: [`scene::InstancedScene`], [`scene::Gaussians`], [`scene::Offsets`], [`scene::Instance`], [`scene::TemplateRange`],
-//!   [`scene::Group`], [`scene::Camera`], [`scene::SceneError`], [`math::similarity::Similarity`], [`scene::trajectory::Orbit`];
+//!   [`scene::Group`], [`scene::Camera`], [`scene::instanced_scene::SceneError`], [`math::similarity::Similarity`], [`scene::trajectory::Orbit`];
 //!   changes: [`scene::edit::Edit`], [`scene::edit::Selector`], [`scene::edit::EditError`], [`scene::edit::apply`].
 //! - Device: [`gpu::Gpu`] (`open`, `from_raw`, `list`, `caps`, `wait`), [`gpu::GpuOptions`], [`gpu::DeviceChoice`],
 //!   [`gpu::DeviceCaps`], [`gpu::GpuError`], [`gpu::RawDevice`], [`gpu::RequiredFeatures`], [`gpu::QueueLock`],
@@ -158,6 +158,28 @@
 //! - NaN and infinities in a scene do not spread: a Gaussian without a finite projection and a colour below 1e15 blends
 //!   nothing and has no gradient. In training, a colour of the picture counts as at most 100, a gradient that is no number
 //!   or from 1e15 on as 0.
+//!
+//! # Embedding
+//!
+//! In a program with a Vulkan device of its own (`examples/into_your_image.rs` is all of it; `examples/one_picture.rs` is the
+//! short way, on a device of this crate's):
+//!
+//! - [`gpu::Gpu::from_raw`] takes instance, device and queue, and destroys none of them. The device needs Vulkan 1.3 with the
+//!   features of [`gpu::RawDevice::required_features`] (and subgroup vote, ballot and shuffle in compute), and no extension but
+//!   `VK_KHR_portability_subset` where it is offered. Drawing needs 21 storage buffers per stage, training 26; what lacks
+//!   them fails when the first kernel that needs more is made, and names it.
+//! - The queue is shared: uploads, downloads and [`render::Renderer::render`] submit to it, each under the caller's
+//!   [`gpu::QueueLock`], or while the caller leaves the queue alone.
+//! - [`render::Renderer::record_into_image`] records a whole picture into the caller's command buffer, up to a copy into the
+//!   caller's `vk::Image`. It neither submits nor waits. Before: any layout, usage `TRANSFER_DST`. After: the layout
+//!   asked for, visible to everything later in the queue, and to the host. The caller submits in the order of
+//!   recording, and signals the timeline semaphore and value that it was given.
+//! - [`render::ImageFrames::poll`] says what became of each picture. If a buffer was too small, the image holds the last
+//!   complete picture (or black), and the next one is recorded with larger buffers; if that cannot help, an error
+//!   says what there is too much of.
+//! - [`render::Renderer::submit_readback`] copies a picture to the host while the next one is drawn;
+//!   [`render::Readback::poll`] has its pixels.
+//! - Buffers, scenes and renderers may be dropped while the device uses them: the memory goes when it is done.
 //!
 //! # Adding a pass, adding a parameter
 //!

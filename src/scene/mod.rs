@@ -15,8 +15,6 @@ pub mod posed_group;
 pub mod prune;
 pub mod recentre;
 pub mod repeated_bytes;
-#[cfg(test)]
-pub(crate) mod test_cameras;
 pub mod trajectory;
 pub mod up;
 

@@ -29,7 +29,13 @@ pub fn up_direction(cameras: &[Camera]) -> Option<DVec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::test_cameras::ring;
+    use crate::scene::Camera;
+
+    /// Cameras on a ring around the origin, above it, looking at it with `up` upwards.
+    fn ring(up: DVec3) -> Vec<Camera> {
+        let eye = |i: u32| DVec3::new(9.0 * f64::from(i).cos(), 9.0 * f64::from(i).sin(), 4.0);
+        (0..12).map(|i| Camera::look_at("", eye(i), DVec3::ZERO, up, 0.8, (64, 48))).collect()
+    }
 
     #[test]
     fn up_is_what_pictures_agree_on() {

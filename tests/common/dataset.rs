@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use glam::{DMat4, DVec4};
-use instgs_vk::io::{save_scene, write_cameras};
+use instgs_io::{save_scene, write_cameras};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 use serde_json::{Value, json};
 
 /// A folder of `../shared/data`, which only ignored tests may ask for. Fails where this machine does not have it.
 pub(crate) fn shared_data(name: &str) -> PathBuf {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
+    let path = crate::common::repository().join("../shared/data").join(name);
     assert!(path.exists(), "{} does not exist: run this test where it does", path.display());
     path
 }

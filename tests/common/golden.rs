@@ -9,12 +9,12 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
+use instgs_reference::RenderOptions;
+use instgs_reference::gather_gradients::CloudGradient;
+use instgs_reference::preprocess_instance_expand::SourceGaussian;
 use instgs_vk::math::covariance::logit;
 use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::reference::RenderOptions;
-use instgs_vk::reference::gather_gradients::CloudGradient;
-use instgs_vk::reference::preprocess_instance_expand::SourceGaussian;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 use npyz::npz::NpzArchive;
@@ -99,7 +99,7 @@ const SHARED: [&str; 5] =
 
 /// A folder given relative to the repository.
 fn folder(relative: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(relative)
+    crate::common::repository().join(relative)
 }
 
 /// The rendering cases in the repository; 9 views in all. Fails if a file is missing.

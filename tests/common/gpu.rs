@@ -3,7 +3,6 @@
 use std::sync::{Arc, OnceLock};
 
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
-use instgs_vk::reference;
 use instgs_vk::render::{Picture, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, InstancedScene};
 
@@ -35,7 +34,7 @@ pub(crate) fn assert_silent(gpu: &Gpu) {
 }
 
 /// Renderer options that mean the same as the twin's.
-pub(crate) fn device_options(options: &reference::RenderOptions) -> RenderOptions {
+pub(crate) fn device_options(options: &instgs_reference::RenderOptions) -> RenderOptions {
     RenderOptions {
         near: options.near as f32,
         dilation_px2: options.dilation as f32,

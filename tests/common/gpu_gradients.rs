@@ -2,12 +2,11 @@
 
 use std::sync::Arc;
 
+use instgs_reference::gather_gradients::{CloudGradient, OffsetGradient, SceneGradient};
 use instgs_vk::gpu::interface::types::{self, StepRecord};
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
-use instgs_vk::reference;
-use instgs_vk::reference::gather_gradients::{CloudGradient, OffsetGradient, SceneGradient};
 use instgs_vk::render::{DeviceScene, GradientBuffers, SourceTables, StepLog, TrainFrame, TrainView};
 use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter};
 
@@ -46,7 +45,7 @@ impl GradientRunner {
         &mut self,
         scene: &InstancedScene,
         camera: &Camera,
-        options: &reference::RenderOptions,
+        options: &instgs_reference::RenderOptions,
         cotangents: &[[f64; 4]],
     ) -> DeviceGradient {
         let gpu = self.gpu.clone();

@@ -1,10 +1,10 @@
 //! Seeded random instanced scenes with a camera and options: what a kernel must survive.
 
 use glam::DVec3;
+use instgs_reference::{RenderOptions, render};
 use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::reference::{RenderOptions, render};
 use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
 
 use super::MAX_EXCLUDED_FRACTION;

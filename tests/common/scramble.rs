@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use instgs_vk::io::masks::Mask;
+use instgs_io::masks::Mask;
 use instgs_vk::math::rng::Rng;
 
 /// How masks are spoilt.

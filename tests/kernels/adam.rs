@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use instgs_reference::adam::{AdamOptions, AdamState, adam_step};
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Buffer, Gpu, PipelineCache, Recorder};
 use instgs_vk::kernels::{BackwardPipelines, SceneTraits, Variant};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::{Adam, MomentBuffer, ValueGroups, zero_moments};
-use instgs_vk::reference::adam::{AdamOptions, AdamState, adam_step};
 
 use crate::common::gpu::{assert_silent, gpu};
 

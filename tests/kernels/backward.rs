@@ -1,11 +1,10 @@
 //! The backward passes: golden gradients, random scenes against the twin, overflow, determinism.
 
+use instgs_reference::View;
+use instgs_reference::finite_diff::Tensor;
+use instgs_reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference;
-use instgs_vk::reference::View;
-use instgs_vk::reference::finite_diff::Tensor;
-use instgs_vk::reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient};
 use instgs_vk::scene::{Gaussians, InstancedScene};
 
 use crate::common::golden::{GoldenCase, golden_cases};
@@ -56,7 +55,7 @@ fn golden_gradients() {
 /// Random cotangents, zero where the twin calls a pixel fragile.
 pub(crate) fn cotangents(case: &RandomCase) -> Vec<[f64; 4]> {
     let mut rng = Rng::new(case.seed).fork(77);
-    let robust = reference::render(&case.scene, &case.camera, &case.options).robust;
+    let robust = instgs_reference::render(&case.scene, &case.camera, &case.options).robust;
     let draw = |rng: &mut Rng| -> [f64; 4] { std::array::from_fn(|_| f64::from(rng.normal() as f32)) };
     robust.iter().map(|&r| if r { draw(&mut rng) } else { [0.0; 4] }).collect()
 }

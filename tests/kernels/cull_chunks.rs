@@ -4,12 +4,12 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 
+use instgs_reference::compact::compact;
+use instgs_reference::cull_chunks::{CHUNK_SIZE, visible_chunks};
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::download;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::compact::compact;
-use instgs_vk::reference::cull_chunks::{CHUNK_SIZE, visible_chunks};
 use instgs_vk::render::forward::read_counters;
 use instgs_vk::render::{RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};

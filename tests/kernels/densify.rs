@@ -2,17 +2,17 @@
 
 use std::sync::Arc;
 
+use instgs_reference::densify::{Densified, Limits, Made, densify, reset_opacity, shape};
+use instgs_train::config::{ConfigBuilder, TrainConfig};
+use instgs_train::device_state::DeviceState;
+use instgs_train::strategy::{DensifyOutcome, Strategy};
 use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::gpu::{Buffer, DeviceChoice, Gpu, GpuOptions};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::densify::{Densified, Limits, Made, densify, reset_opacity, shape};
 use instgs_vk::render::TrainFrame;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner};
-use instgs_vk::train::config::{ConfigBuilder, TrainConfig};
-use instgs_vk::train::device_state::DeviceState;
-use instgs_vk::train::strategy::{DensifyOutcome, Strategy};
 
 use crate::common::gpu::{assert_silent, gpu};
 

@@ -7,8 +7,8 @@ mod headless;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use instgs_vk::gpu::interface::gather_gradients::GatherGradients;
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuError, GpuOptions, ImageTarget, Pipeline, PipelineCache, vk};
+use instgs_vk::kernels::gather_gradients::GatherGradients;
 use instgs_vk::render::{
     Arrived, Capacities, DeviceScene, ImageFrames, Readback, RenderError, RenderOptions, Renderer,
 };

@@ -3,7 +3,7 @@
 use instgs_vk::kernels::Variant;
 use instgs_vk::render::device_scene::planned_bytes;
 use instgs_vk::render::{RenderOptions, Renderer};
-use instgs_vk::{reference, scene::InstancedScene};
+use instgs_vk::scene::InstancedScene;
 
 use crate::common::golden::{GoldenCase, golden_cases};
 use crate::common::gpu::{alpha, assert_silent, depth, device_options, gpu, render_picture, rgb};
@@ -49,7 +49,7 @@ fn random_scenes_against_the_twin() {
     let mut failures = Vec::new();
     for seed in 0..200 {
         let case = random_case(seed);
-        let twin = reference::render(&case.scene, &case.camera, &case.options);
+        let twin = instgs_reference::render(&case.scene, &case.camera, &case.options);
         let picture = render_picture(&mut renderer, &case.scene, &case.camera, &device_options(&case.options));
         // Depth is a quotient by alpha: compare depth times alpha, relative to the farthest depth in the picture.
         let far = twin.depth.iter().copied().fold(1.0, f64::max);
@@ -86,7 +86,7 @@ fn flattened_scenes_look_the_same() {
     for seed in 0..60 {
         let case = random_case(seed);
         let options = device_options(&case.options);
-        let robust = reference::render(&case.scene, &case.camera, &case.options).robust;
+        let robust = instgs_reference::render(&case.scene, &case.camera, &case.options).robust;
         let instanced = render_picture(&mut renderer, &case.scene, &case.camera, &options);
         let flat = InstancedScene::from_cloud(case.scene.flatten());
         let flattened = render_picture(&mut renderer, &flat, &case.camera, &options);
@@ -108,7 +108,7 @@ fn rare_offsets_against_the_twin() {
     for seed in 0..40 {
         let case = rare_case(seed);
         let options = device_options(&case.options);
-        let twin = reference::render(&case.scene, &case.camera, &case.options);
+        let twin = instgs_reference::render(&case.scene, &case.camera, &case.options);
         let got = rgb(&render_picture(&mut renderer, &case.scene, &case.camera, &options));
         let flat = InstancedScene::from_cloud(case.scene.flatten());
         let flat = rgb(&render_picture(&mut renderer, &flat, &case.camera, &options));
@@ -179,7 +179,7 @@ fn the_comparison_fails_on_planted_errors() {
     let Some(gpu) = gpu() else { return };
     let mut renderer = Renderer::new(&gpu).unwrap();
     let case = random_case(7);
-    let twin = reference::render(&case.scene, &case.camera, &case.options);
+    let twin = instgs_reference::render(&case.scene, &case.camera, &case.options);
     let error = |renderer: &mut Renderer, camera: &instgs_vk::scene::Camera, options: &RenderOptions| {
         let picture = render_picture(renderer, &case.scene, camera, options);
         ImageComparison::new(&rgb(&picture), &twin.color, &twin.robust).check(1e-4)

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
+use instgs_reference::image_loss::{ImageLoss, ImagePair, WINDOW_SIGMA, image_loss_at};
 use instgs_vk::gpu::interface::types::StepRecord;
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::image_loss::{ImageLoss, ImagePair, WINDOW_SIGMA, image_loss_at};
 use instgs_vk::render::{DeviceScene, RenderOptions, StepLog, TrainFrame, TrainView};
 use instgs_vk::scene::{Camera, InstancedScene};
 

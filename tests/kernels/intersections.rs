@@ -3,11 +3,11 @@
 
 use std::collections::BTreeMap;
 
+use instgs_reference::preprocess_instance_expand::{CullLimits, sources, tiles_hit};
+use instgs_reference::{View, splats_in_depth_order};
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::download;
 use instgs_vk::kernels::Variant;
-use instgs_vk::reference::preprocess_instance_expand::{CullLimits, sources, tiles_hit};
-use instgs_vk::reference::{View, splats_in_depth_order};
 use instgs_vk::render::Renderer;
 use instgs_vk::render::forward::read_counters;
 

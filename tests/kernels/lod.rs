@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
+use instgs_reference::{View, lod, render_sources};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::reference::{View, lod, render_sources};
 use instgs_vk::render::{DeviceScene, Picture, RenderOptions, Renderer, Surfaces};
 use instgs_vk::scene::lod::Levels;
 use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};

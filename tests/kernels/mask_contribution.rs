@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use instgs_reference::mask_contribution::mask_contributions;
+use instgs_reference::preprocess_instance_expand::sources;
+use instgs_reference::tile_blend::relaxed_limits;
+use instgs_reference::{View, render, splats_in_depth_order};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::mask_contribution::mask_contributions;
-use instgs_vk::reference::preprocess_instance_expand::sources;
-use instgs_vk::reference::tile_blend::relaxed_limits;
-use instgs_vk::reference::{View, render, splats_in_depth_order};
 use instgs_vk::render::plan::Capacities;
 use instgs_vk::render::{Contribution, ContributionRenderer, FrameStats, RenderOptions, Renderer};
 use instgs_vk::scene::{Gaussians, InstancedScene};

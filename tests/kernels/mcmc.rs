@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
+use instgs_reference::densify::is_finite;
+use instgs_reference::mcmc::{noise, origins, regularisation, share, weights};
+use instgs_train::config::TrainConfig;
+use instgs_train::strategy::{DensifyOutcome, McmcStep};
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, PipelineCache, Recorder};
 use instgs_vk::kernels::{McmcStepPipelines, Variant};
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::densify::is_finite;
-use instgs_vk::reference::mcmc::{noise, origins, regularisation, share, weights};
 use instgs_vk::render::StepLog;
-use instgs_vk::train::config::TrainConfig;
-use instgs_vk::train::strategy::{DensifyOutcome, McmcStep};
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::densify::{After, Case, bits, config, download_state, random_case, strategy, upload_case};

@@ -1,12 +1,12 @@
 //! Slab planning against the twin, walking whole scenes slab by slab.
 
+use instgs_reference::plan_slab as twin;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::interface::types::DispatchArgs;
 use instgs_vk::gpu::staging::{download, upload};
 use instgs_vk::gpu::{Buffer, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::{Pipelines, SceneTraits, Variant, plan_slab};
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::plan_slab as twin;
 
 use crate::common::gpu::{assert_silent, gpu};
 
@@ -23,7 +23,7 @@ fn slabs_are_the_longest_that_fit() {
         loop {
             // What the scan from `begin` leaves: zeros before, then running sums.
             let counted = counts.iter().enumerate().map(|(i, &c)| if i < begin { 0 } else { c });
-            let (offsets, total) = instgs_vk::reference::scan::exclusive_scan(&counted.collect::<Vec<_>>());
+            let (offsets, total) = instgs_reference::scan::exclusive_scan(&counted.collect::<Vec<_>>());
             let mut counters = vec![0; COUNTER_COUNT as usize];
             counters[COUNTER_VISIBLE as usize] = n as u32;
             counters[COUNTER_SLAB_BEGIN as usize] = begin as u32;

@@ -1,8 +1,8 @@
 //! Inputs at the edge: a right picture or a clear error, never a panic, a hang or a value that is not finite.
 
+use instgs_vk::math::rng::Rng;
 use instgs_vk::render::{Picture, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
-use instgs_vk::{math::rng::Rng, reference};
 
 use crate::common::gpu::{alpha, assert_silent, gpu, render_picture, rgb};
 use crate::common::{ImageComparison, single_channel};
@@ -68,7 +68,7 @@ fn poison_values_do_not_spread() {
             let picture = render_picture(&mut renderer, &scene, &camera, &options);
             assert!(all_finite(&picture), "parameter {parameter} = {value}");
             // Values that f32 cannot tell from poison are culled by both; huge but finite ones are compared too.
-            let twin = reference::render(&scene, &camera, &reference::RenderOptions::default());
+            let twin = instgs_reference::render(&scene, &camera, &instgs_reference::RenderOptions::default());
             // Relative to the wanted value where that exceeds 1: a huge SH coefficient takes some pixels to 1e38.
             let scaled = |image: &[[f64; 3]]| -> Vec<[f64; 3]> {
                 let scale = |(v, want): (&[f64; 3], &[f64; 3])| [0, 1, 2].map(|c| v[c] / want[c].abs().max(1.0));
@@ -121,7 +121,7 @@ fn odd_image_sizes() {
     for (width, height) in [(1, 1), (1, 50), (50, 1), (7, 9), (65, 63)] {
         let camera = camera(width, height);
         let picture = render_picture(&mut renderer, &scene, &camera, &RenderOptions::default());
-        let twin = reference::render(&scene, &camera, &reference::RenderOptions::default());
+        let twin = instgs_reference::render(&scene, &camera, &instgs_reference::RenderOptions::default());
         assert_eq!((picture.width, picture.height), (width, height));
         // Images this small may have more than 2 % fragile pixels; only the error is compared.
         for comparison in [

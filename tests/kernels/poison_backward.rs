@@ -1,12 +1,11 @@
 //! Bad numbers in a scene must not reach the gradients of the Gaussians around them.
 
+use instgs_reference::finite_diff::Tensor;
+use instgs_reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient, splat_gradients};
+use instgs_reference::preprocess_instance_expand::sources;
+use instgs_reference::{RenderOptions, View};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference;
-use instgs_vk::reference::finite_diff::Tensor;
-use instgs_vk::reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient, splat_gradients};
-use instgs_vk::reference::preprocess_instance_expand::sources;
-use instgs_vk::reference::{RenderOptions, View};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
 use crate::common::gpu::{assert_silent, gpu};
@@ -93,7 +92,7 @@ fn values(gradient: &CloudGradient, keep: impl Fn(usize) -> bool) -> Vec<f64> {
 
 fn cotangents(scene: &InstancedScene, camera: &Camera, options: &RenderOptions) -> Vec<[f64; 4]> {
     let mut rng = Rng::new(5);
-    let robust = reference::render(scene, camera, options).robust;
+    let robust = instgs_reference::render(scene, camera, options).robust;
     let draw = |rng: &mut Rng| -> [f64; 4] { std::array::from_fn(|_| f64::from(rng.normal() as f32)) };
     robust.iter().map(|&r| if r { draw(&mut rng) } else { [0.0; 4] }).collect()
 }

@@ -3,6 +3,14 @@
 use std::sync::Arc;
 
 use glam::{DMat3, DVec3};
+use instgs_reference::View;
+use instgs_reference::adam::AdamOptions;
+use instgs_reference::finite_diff::Tensor;
+use instgs_reference::gather_gradients::scene_gradient;
+use instgs_reference::poses::{PoseState, rotation_of_vector};
+use instgs_train::config::{PoseRates, Rates};
+use instgs_train::device_state::DeviceState;
+use instgs_train::step_runner::StepRunner;
 use instgs_vk::gpu::interface::types;
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Buffer, Gpu, PipelineCache, Recorder};
@@ -11,15 +19,7 @@ use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::optim::{Adam, MomentBuffer, POSE_VALUES, zero_moments};
-use instgs_vk::reference::View;
-use instgs_vk::reference::adam::AdamOptions;
-use instgs_vk::reference::finite_diff::Tensor;
-use instgs_vk::reference::gather_gradients::scene_gradient;
-use instgs_vk::reference::poses::{PoseState, rotation_of_vector};
 use instgs_vk::scene::{Gaussians, Instance, InstancedScene, TemplateRange};
-use instgs_vk::train::config::{PoseRates, Rates};
-use instgs_vk::train::device_state::DeviceState;
-use instgs_vk::train::step_runner::StepRunner;
 
 use crate::backward::cotangents;
 use crate::common::gpu::{assert_silent, gpu};

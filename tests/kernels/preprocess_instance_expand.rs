@@ -1,10 +1,10 @@
 //! Projected splats against the twin, one by one.
 
+use instgs_reference::preprocess_instance_expand::{CullLimits, ProjectedSplat, sources, tiles_hit};
+use instgs_reference::{View, splats_in_depth_order};
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::interface::types::Splat;
 use instgs_vk::gpu::staging::download;
-use instgs_vk::reference::preprocess_instance_expand::{CullLimits, ProjectedSplat, sources, tiles_hit};
-use instgs_vk::reference::{View, splats_in_depth_order};
 use instgs_vk::render::Renderer;
 use instgs_vk::render::forward::read_counters;
 

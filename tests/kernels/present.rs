@@ -3,10 +3,10 @@
 
 use std::sync::Arc;
 
+use instgs_reference::present as twin;
+use instgs_reference::tile_surface as twin_surface;
 use instgs_vk::gpu::staging::download;
 use instgs_vk::gpu::{Gpu, Recorder};
-use instgs_vk::reference::present as twin;
-use instgs_vk::reference::tile_surface as twin_surface;
 use instgs_vk::render::{
     DeviceScene, InstanceLook, MarkShape, Marks, Picture, Presenter, RenderOptions, Renderer, Show, ShownPicture,
     SurfacePoint, Surfaces,

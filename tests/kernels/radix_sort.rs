@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use instgs_reference::radix_sort::sort_pairs;
 use instgs_vk::gpu::interface::constants::RADIX_BITS;
 use instgs_vk::gpu::{Gpu, PipelineCache};
 use instgs_vk::kernels::{Primitives, Variant};
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::radix_sort::sort_pairs;
 use instgs_vk::render::self_test::sort_on_device;
 
 use crate::common::gpu::{assert_silent, gpu};

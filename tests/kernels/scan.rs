@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
+use instgs_reference::scan::exclusive_scan;
 use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::{download, upload};
 use instgs_vk::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::kernels::pipelines::ScanPipelines;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::scan::exclusive_scan;
 use instgs_vk::render::scan::{Blocks, ScanScratch, plain, record_scan};
 
 use crate::common::gpu::{assert_silent, gpu};

@@ -1,9 +1,9 @@
 //! Kernel `tile_marks` against its twin: random scenes, in one piece and in depth slabs, and poison.
 
-use instgs_vk::reference::preprocess_instance_expand::sources;
-use instgs_vk::reference::tile_blend::relaxed_limits;
-use instgs_vk::reference::tile_marks::{self as twin, Mark, marks};
-use instgs_vk::reference::{self, View, splats_in_depth_order};
+use instgs_reference::preprocess_instance_expand::sources;
+use instgs_reference::tile_blend::relaxed_limits;
+use instgs_reference::tile_marks::{self as twin, Mark, marks};
+use instgs_reference::{self, View, splats_in_depth_order};
 use instgs_vk::render::{MarkShape, Marks, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, InstancedScene};
 
@@ -23,7 +23,7 @@ const TOLERANCE: f64 = 0.2;
 fn want(
     scene: &InstancedScene,
     camera: &Camera,
-    options: &reference::RenderOptions,
+    options: &instgs_reference::RenderOptions,
     shape: twin::MarkShape,
 ) -> Vec<Mark> {
     let view = View::device(camera, options);

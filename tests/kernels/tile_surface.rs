@@ -1,9 +1,9 @@
 //! Kernel `tile_surface` against its twin: random scenes, in one piece and in depth slabs.
 
-use instgs_vk::reference::preprocess_instance_expand::sources;
-use instgs_vk::reference::tile_blend::relaxed_limits;
-use instgs_vk::reference::tile_surface::surfaces;
-use instgs_vk::reference::{View, splats_in_depth_order};
+use instgs_reference::preprocess_instance_expand::sources;
+use instgs_reference::tile_blend::relaxed_limits;
+use instgs_reference::tile_surface::surfaces;
+use instgs_reference::{View, splats_in_depth_order};
 use instgs_vk::render::{RenderOptions, Renderer, Surfaces};
 
 use crate::common::gpu::{assert_silent, device_options, gpu};

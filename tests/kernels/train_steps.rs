@@ -2,21 +2,20 @@
 
 use std::sync::Arc;
 
+use instgs_io::view_image::{LoadedView, ViewImage};
+use instgs_reference::View;
+use instgs_reference::gather_gradients::{SceneGradient, scene_gradient};
+use instgs_reference::image_loss::{ImagePair, image_loss};
+use instgs_train::config::{OffsetRates, PoseRates, Rates, SourceRates};
+use instgs_train::device_state::DeviceState;
+use instgs_train::step_runner::{StepOutcome, StepPlan, StepRunner};
+use instgs_train::views::TrainViews;
 use instgs_vk::gpu::Gpu;
-use instgs_vk::io::view_image::{LoadedView, ViewImage};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::Adam;
-use instgs_vk::reference;
-use instgs_vk::reference::View;
-use instgs_vk::reference::gather_gradients::{SceneGradient, scene_gradient};
-use instgs_vk::reference::image_loss::{ImagePair, image_loss};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
-use instgs_vk::train::config::{OffsetRates, PoseRates, Rates, SourceRates};
-use instgs_vk::train::device_state::DeviceState;
-use instgs_vk::train::step_runner::{StepOutcome, StepPlan, StepRunner};
-use instgs_vk::train::views::TrainViews;
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::random_scene::{add_rare_offsets, random_case};
@@ -61,8 +60,8 @@ impl Data {
         let level = |v: f64| (v.clamp(0.0, 1.0) * 255.0).round() as u32;
         let packed = |c: &[f64; 3]| level(c[0]) | level(c[1]) << 8 | level(c[2]) << 16 | 255 << 24;
         let picture = |camera: &Camera| {
-            let options = reference::RenderOptions { background: [0.5; 3], ..Default::default() };
-            reference::render(scene, camera, &options).color.iter().map(packed).collect()
+            let options = instgs_reference::RenderOptions { background: [0.5; 3], ..Default::default() };
+            instgs_reference::render(scene, camera, &options).color.iter().map(packed).collect()
         };
         Self { targets: cameras.iter().map(picture).collect(), cameras }
     }
@@ -258,8 +257,8 @@ fn overflow_in_the_middle_changes_nothing() {
 /// The gradient of the loss of a view, by the twin.
 fn twin_gradient(scene: &InstancedScene, data: &Data, view: usize) -> SceneGradient {
     let camera = &data.cameras[view];
-    let options = reference::RenderOptions { background: [0.5; 3], ..Default::default() };
-    let picture = reference::render(scene, camera, &options);
+    let options = instgs_reference::RenderOptions { background: [0.5; 3], ..Default::default() };
+    let picture = instgs_reference::render(scene, camera, &options);
     let target: Vec<[f64; 3]> =
         data.targets[view].iter().map(|t| [0, 8, 16].map(|s| f64::from(t >> s & 255) / 255.0)).collect();
     let (width, height) = (camera.width as usize, camera.height as usize);

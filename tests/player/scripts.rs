@@ -6,9 +6,9 @@ use std::process::{Child, Stdio};
 
 use assert_cmd::Command;
 use glam::DVec3;
-use instgs_vk::io::{load_scene, read_cameras, save_scene};
-use instgs_vk::player::gizmo::{Gizmo, GizmoMode, Handle};
-use instgs_vk::player::navigation::Navigator;
+use instgs_io::{load_scene, read_cameras, save_scene};
+use instgs_player::gizmo::{Gizmo, GizmoMode, Handle};
+use instgs_player::navigation::Navigator;
 use instgs_vk::scene::edit::template_centres;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, InstancedScene};

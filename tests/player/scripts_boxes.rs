@@ -3,17 +3,17 @@
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
-use instgs_vk::io::{ExportFormat, export_scene, load_scene, read_boxes};
+use instgs_io::{ExportFormat, export_scene, load_scene, read_boxes};
+use instgs_player::box_handles::{BoxHandles, BoxPart};
+use instgs_player::gizmo::GizmoMode;
+use instgs_player::navigation::Navigator;
 use instgs_vk::math::covariance::logit;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::player::box_handles::{BoxHandles, BoxPart};
-use instgs_vk::player::gizmo::GizmoMode;
-use instgs_vk::player::navigation::Navigator;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene, ObjectBox};
 
-use crate::scripts::{VirtualDisplay, play_script, player};
 use crate::common::program::{error_of, skips_gpu};
+use crate::scripts::{VirtualDisplay, play_script, player};
 
 /// Of a block: middle, and edges.
 type Block = (DVec3, DVec3);

@@ -1,13 +1,13 @@
 //! What the player draws after edits is what it draws of a scene that was opened so; and a picture shows whom one clicks on.
 
 use glam::{DMat3, DVec3};
+use instgs_io::load_scene;
+use instgs_player::navigation::Navigator;
+use instgs_player::views::View;
+use instgs_player::{SceneViewer, ViewerOptions};
 use instgs_vk::gpu::{Buffer, DeviceChoice, Gpu, GpuOptions, SubmissionCounts};
-use instgs_vk::io::load_scene;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::player::navigation::Navigator;
-use instgs_vk::player::views::View;
-use instgs_vk::player::{SceneViewer, ViewerOptions};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Selector, Turn, apply};
 use instgs_vk::scene::trajectory::Orbit;

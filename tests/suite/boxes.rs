@@ -6,13 +6,13 @@ use std::f64::consts::TAU;
 use std::path::PathBuf;
 
 use glam::{DQuat, DVec3};
-use instgs_vk::io::masks::Mask;
-use instgs_vk::io::{MaskFolder, Split, View, write_mask};
+use instgs_io::masks::Mask;
+use instgs_io::{MaskFolder, Split, View, write_mask};
+use instgs_objects::segment::boxes::{BoxSource, draw_masks};
+use instgs_objects::segment::{BoxMasks, BoxOptions, SegmentError, masks_from_boxes};
 use instgs_vk::math::distortion::Distortion;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::{Boxes, Camera, Gaussians, InstancedScene, ObjectBox, ViewBox};
-use instgs_vk::segment::boxes::{BoxSource, draw_masks};
-use instgs_vk::segment::{BoxMasks, BoxOptions, SegmentError, masks_from_boxes};
 
 use crate::common::gpu::{assert_silent, gpu};
 
@@ -96,7 +96,7 @@ impl Synthetic {
             masks.push(mask.clone());
             Ok(())
         };
-        let progress = |at: instgs_vk::segment::LabelProgress| {
+        let progress = |at: instgs_objects::segment::LabelProgress| {
             steps.push((at.done, at.total));
             Ok(())
         };

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 use glam::{DMat3, DVec3};
-use instgs_vk::io::ktx2::{FloatImage, read_ktx2};
-use instgs_vk::io::{load_scene, save_scene, write_cameras, write_ply};
+use instgs_io::ktx2::{FloatImage, read_ktx2};
+use instgs_io::{load_scene, save_scene, write_cameras, write_ply};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use assert_cmd::Command;
 use glam::DVec3;
-use instgs_vk::io::{load_scene, save_scene};
+use instgs_io::{load_scene, save_scene};
 use serde_json::Value;
 
 use crate::common::chairs::chairs;

@@ -7,7 +7,7 @@ use crate::common::dataset::transforms;
 use crate::common::program::{built, error_of, skips_gpu};
 use assert_cmd::Command;
 use glam::DVec3;
-use instgs_vk::io::{write_cameras, write_ply};
+use instgs_io::{write_cameras, write_ply};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::{Camera, Gaussians};
 use serde_json::Value;

@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use crate::common::program::{built, program, skips_gpu};
 use assert_cmd::Command;
-use instgs_vk::io::checkpoint::{self, Checkpoint};
-use instgs_vk::io::{load_scene, read_groups, write_groups};
+use instgs_io::checkpoint::{self, Checkpoint};
+use instgs_io::{load_scene, read_groups, write_groups};
 use instgs_vk::scene::PosedGroup;
 use serde_json::Value;
 

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use assert_cmd::Command;
-use instgs_vk::io::save_scene;
+use instgs_io::save_scene;
 use serde_json::Value;
 
 use crate::common::program::{program, skips_gpu};
@@ -68,7 +68,7 @@ fn flights_have_photos_to_lose_against() {
     let [full, own] = [&report["rows"][0], row].map(|row| row["psnr"].as_f64().unwrap());
     assert!((row["psnr_loss"].as_f64().unwrap() - (full - own)).abs() < 1e-9);
     let distance = |k: usize| {
-        let views = instgs_vk::io::read_views(&flight).unwrap().views;
+        let views = instgs_io::read_views(&flight).unwrap().views;
         views[k].camera.position_world().length()
     };
     assert!(distance(0) > 1.9 * distance(1) && distance(1) > 1.8 * distance(2));

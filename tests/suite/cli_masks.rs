@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use instgs_vk::io::{load_scene, read_boxes, read_mask, write_boxes};
+use instgs_io::{load_scene, read_boxes, read_mask, write_boxes};
 use instgs_vk::scene::{Boxes, ViewBox};
 
 use super::cli_stages::{Folder, has_all, json_of, warnings_of};
-use crate::onnx::{has_onnxruntime, models_folder};
 use crate::common::program::{error_of, program, skips_gpu};
+use crate::onnx::{has_onnxruntime, models_folder};
 
 fn masks(folder: &Folder, source: &[&str], out: &str) -> assert_cmd::Command {
     let mut command = program();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::common::program::{error_of, program, skips_gpu};
 use assert_cmd::Command;
-use instgs_vk::io::{Mask, load_scene, read_groups, read_mask, write_mask};
+use instgs_io::{Mask, load_scene, read_groups, read_mask, write_mask};
 use instgs_vk::scene::InstancedScene;
 use serde_json::Value;
 
@@ -168,7 +168,7 @@ fn stages_name_what_they_cannot_use() {
     fs::copy(folder.path("x.instgs"), folder.path("segments/scene.instgs")).unwrap();
     let mut cloud = folder.scene("segments/point_cloud.ply").background;
     cloud = cloud.filtered(|i| i > 0);
-    instgs_vk::io::write_ply(&folder.path("segments/point_cloud.ply"), &cloud, false).unwrap();
+    instgs_io::write_ply(&folder.path("segments/point_cloud.ply"), &cloud, false).unwrap();
     has_all(&error_of(&mut folder.register("segments", "g.json")), &["labels.safetensors", "Gaussians"]);
 }
 

@@ -8,7 +8,7 @@ use crate::common::dataset::{photograph, write_points};
 use crate::common::paddock::embedded_scene;
 use crate::common::program::{built, error_of, program, skips_gpu};
 use assert_cmd::Command;
-use instgs_vk::io::checkpoint;
+use instgs_io::checkpoint;
 use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
 use serde_json::Value;

@@ -3,17 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use glam::{Quat, Vec3};
-use instgs_vk::io::masks::Mask;
-use instgs_vk::render::RenderOptions;
-use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
-use instgs_vk::segment::accuracy::{in_ids_of, mean_accuracy};
-use instgs_vk::segment::{
+use instgs_io::masks::Mask;
+use instgs_objects::segment::accuracy::{in_ids_of, mean_accuracy};
+use instgs_objects::segment::{
     Consensus, ConsensusOptions, IdTable, KEPT_BYTES, LabelOptions, Labels, SegmentError, ViewContributions, consensus,
     label_views,
 };
-use instgs_vk::synth::dataset::frame::Lens;
-use instgs_vk::synth::dataset::world::Point;
-use instgs_vk::synth::dataset::{Options, build};
+use instgs_synth::dataset::frame::Lens;
+use instgs_synth::dataset::world::Point;
+use instgs_synth::dataset::{Options, build};
+use instgs_vk::render::RenderOptions;
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::scramble::{Scramble, Scrambled, scrambled};

@@ -1,12 +1,12 @@
 //! Masks from a prompt against PyTorch and transformers, on tiny models with random weights
 //! (`tools/models/make_mask_model_fixtures.py`).
 
-use instgs_vk::detect::boxes::{DetectOptions, Detection, Detections, RawDetections, decode};
-use instgs_vk::detect::image_input::{ModelImage, detector_image, segmenter_image};
-use instgs_vk::detect::mask_logits::best_of;
-use instgs_vk::detect::models::DetectorModel;
-use instgs_vk::detect::tokens::PromptTokenizer;
-use instgs_vk::detect::{Detector, Prompt, RuntimeOptions, Segmenter};
+use instgs_detect::boxes::{DetectOptions, Detection, Detections, RawDetections, decode};
+use instgs_detect::image_input::{ModelImage, detector_image, segmenter_image};
+use instgs_detect::mask_logits::best_of;
+use instgs_detect::models::DetectorModel;
+use instgs_detect::tokens::PromptTokenizer;
+use instgs_detect::{Detector, Prompt, RuntimeOptions, Segmenter};
 use serde::Deserialize;
 
 use crate::onnx::{Tensors, has_onnxruntime, models, models_folder};

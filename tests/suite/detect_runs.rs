@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use instgs_vk::detect::{
+use instgs_detect::{
     DetectOptions, Detector, ModelsFolder, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, Segmenter,
     masks_from_prompt,
 };
-use instgs_vk::io::picture_png::write_png;
-use instgs_vk::io::{MaskFolder, Split, View, read_boxes, read_mask};
+use instgs_io::picture_png::write_png;
+use instgs_io::{MaskFolder, Split, View, read_boxes, read_mask};
 use instgs_vk::math::distortion::Distortion;
 use instgs_vk::scene::Camera;
 

@@ -5,10 +5,10 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use glam::{DQuat, DVec3, Vec3};
-use instgs_vk::io::{read_boxes, write_boxes, write_groups, write_ply};
-use instgs_vk::register::{Against, FindError, FindInput, FindOptions, Found, find_alike};
+use instgs_io::{read_boxes, write_boxes, write_groups, write_ply};
+use instgs_objects::register::{Against, FindError, FindInput, FindOptions, Found, find_alike};
+use instgs_synth::dataset::{Options, build};
 use instgs_vk::scene::{Boxes, Gaussians, ObjectBox, PosedGroup};
-use instgs_vk::synth::dataset::{Options, build};
 
 use crate::common::program::{error_of, program};
 use crate::register::labelled::{Labelled, Recipe, recipe};

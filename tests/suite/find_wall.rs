@@ -3,10 +3,10 @@
 use std::ops::ControlFlow;
 
 use glam::{DQuat, DVec3, Vec3};
+use instgs_objects::register::{FindInput, FindOptions, Found, find_alike};
 use instgs_vk::math::covariance::logit;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
-use instgs_vk::register::{FindInput, FindOptions, Found, find_alike};
 use instgs_vk::scene::{Camera, Gaussians, ObjectBox};
 
 /// What is in an opening, which is 1 wide and 1.4 high.

@@ -3,10 +3,10 @@
 use crate::common::golden::{GoldenCase, GoldenView, golden_cases, golden_losses};
 use crate::common::tensor::TensorComparison;
 use glam::Vec3Swizzles;
-use instgs_vk::reference::View;
-use instgs_vk::reference::gather_gradients::{CloudGradient, gather_gradients, source_gradients, splat_gradients};
-use instgs_vk::reference::image_loss::{ImageLoss, ImagePair, image_loss};
-use instgs_vk::reference::tile_blend_backward::SplatGradient;
+use instgs_reference::View;
+use instgs_reference::gather_gradients::{CloudGradient, gather_gradients, source_gradients, splat_gradients};
+use instgs_reference::image_loss::{ImageLoss, ImagePair, image_loss};
+use instgs_reference::tile_blend_backward::SplatGradient;
 
 /// The five tensors of a case, summed over its cameras, against the golden ones; `spoil` changes our views and
 /// cotangents.

@@ -5,17 +5,17 @@ use crate::common::golden::{GoldenCase, GoldenView, golden_cases};
 use crate::common::random_scene::{RandomCase, random_case};
 use crate::common::{ImageComparison, both_robust, single_channel};
 use glam::{DMat3, DVec3};
+use instgs_reference::cull_chunks::{CHUNK_SIZE, ChunkItem, visible_chunks};
+use instgs_reference::emit_intersections::emit_intersections;
+use instgs_reference::preprocess_instance_expand::{
+    ALPHA_MIN, CullLimits, ProjectedSplat, SourceGaussian, pixel_center, project, sources, tiles_hit,
+};
+use instgs_reference::radix_sort::{depth_key, sort_pairs};
+use instgs_reference::tile_ranges::tile_ranges;
+use instgs_reference::{ReferenceImage, View, render, render_sources, splats_in_depth_order};
 use instgs_vk::math::covariance::{quat_from_rotation, quat_multiply};
 use instgs_vk::math::sh::ShRotation;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::reference::cull_chunks::{CHUNK_SIZE, ChunkItem, visible_chunks};
-use instgs_vk::reference::emit_intersections::emit_intersections;
-use instgs_vk::reference::preprocess_instance_expand::{
-    ALPHA_MIN, CullLimits, ProjectedSplat, SourceGaussian, pixel_center, project, sources, tiles_hit,
-};
-use instgs_vk::reference::radix_sort::{depth_key, sort_pairs};
-use instgs_vk::reference::tile_ranges::tile_ranges;
-use instgs_vk::reference::{ReferenceImage, View, render, render_sources, splats_in_depth_order};
 use instgs_vk::scene::{Gaussians, InstancedScene};
 
 /// Seeds of `random_case` that the tests below walk.

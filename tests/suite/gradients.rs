@@ -3,13 +3,13 @@
 
 use crate::common::random_scene::{RandomCase, rare_case};
 use glam::{DVec2, DVec3};
+use instgs_reference::finite_diff::{Cloud, FiniteDifferences, Tensor};
+use instgs_reference::gather_gradients::{SceneGradient, scene_gradient, source_gradients};
+use instgs_reference::preprocess_instance_expand::{CullLimits, sources};
+use instgs_reference::preprocess_instance_expand_backward::projection_branches;
+use instgs_reference::tile_blend::{ALPHA_MAX, blend_row_with_pairs, candidate_boxes};
+use instgs_reference::{View, render_sources, splats_in_depth_order};
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::finite_diff::{Cloud, FiniteDifferences, Tensor};
-use instgs_vk::reference::gather_gradients::{SceneGradient, scene_gradient, source_gradients};
-use instgs_vk::reference::preprocess_instance_expand::{CullLimits, sources};
-use instgs_vk::reference::preprocess_instance_expand_backward::projection_branches;
-use instgs_vk::reference::tile_blend::{ALPHA_MAX, blend_row_with_pairs, candidate_boxes};
-use instgs_vk::reference::{View, render_sources, splats_in_depth_order};
 
 /// Seeds of `rare_case`; half of them have antialiasing.
 const SEEDS: std::ops::Range<u64> = 0..30;

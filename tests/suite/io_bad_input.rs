@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use instgs_vk::io::{
+use instgs_io::{
     Mask, Pack, camera_file, colmap, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, splat,
     spz,
 };
@@ -23,7 +23,7 @@ fn path() -> &'static Path {
 }
 
 /// Also checks that errors are one line.
-fn done<T>(result: Result<T, instgs_vk::io::IoError>) -> bool {
+fn done<T>(result: Result<T, instgs_io::IoError>) -> bool {
     if let Err(e) = &result {
         let text = e.to_string();
         assert!(!text.contains('\n') && text.len() < 2000, "{text}");
@@ -154,7 +154,7 @@ fn colmap_points_bin() -> Vec<u8> {
 }
 
 /// A packed scene with every kind of offsets.
-fn packed_scene(pack: Pack) -> Result<Vec<u8>, instgs_vk::io::IoError> {
+fn packed_scene(pack: Pack) -> Result<Vec<u8>, instgs_io::IoError> {
     let mut scene = scene();
     scene.offsets.sh_rest = vec![[0.3, -0.2, 0.1]; 9];
     scene.offsets.log_scales = vec![[0.1; 3]; 3];

@@ -4,14 +4,14 @@
 use std::path::Path;
 use std::time::Instant;
 
-use instgs_vk::io::dataset::{Dataset, Split};
-use instgs_vk::io::view_image::IGNORED;
-use instgs_vk::io::{IoError, LoadedView, read_points, read_views};
+use instgs_io::dataset::{Dataset, Split};
+use instgs_io::view_image::IGNORED;
+use instgs_io::{IoError, LoadedView, read_points, read_views};
+use instgs_train::config::TrainConfig;
+use instgs_train::initial::{InitialShape, from_points, scene_extent};
+use instgs_train::view_store::{PrefetchLimits, load_all};
 use instgs_vk::math::distortion::Distortion;
 use instgs_vk::scene::{Camera, PointCloud};
-use instgs_vk::train::config::TrainConfig;
-use instgs_vk::train::initial::{InitialShape, from_points, scene_extent};
-use instgs_vk::train::view_store::{PrefetchLimits, load_all};
 
 use crate::common::dataset::shared_data;
 

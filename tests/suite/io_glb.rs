@@ -6,7 +6,7 @@ use std::path::Path;
 
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use gltf::Gltf;
-use instgs_vk::io::write_glb;
+use instgs_io::write_glb;
 use instgs_vk::math::covariance::covariance;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;

@@ -5,10 +5,10 @@ use std::fs;
 use std::path::Path;
 
 use glam::DVec3;
-use instgs_vk::io::colmap::{PosedImage, read_colmap};
-use instgs_vk::io::nerf::read_transforms;
-use instgs_vk::io::view_image::OPAQUE;
-use instgs_vk::io::{load_scene, load_view, read_spz, read_views, write_ply, write_spz, write_transforms};
+use instgs_io::colmap::{PosedImage, read_colmap};
+use instgs_io::nerf::read_transforms;
+use instgs_io::view_image::OPAQUE;
+use instgs_io::{load_scene, load_view, read_spz, read_views, write_ply, write_spz, write_transforms};
 use instgs_vk::math::covariance::quat_from_rotation;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::Camera;

@@ -1,10 +1,10 @@
 //! Readers on real files of `../shared/data`, which are not ours to publish, so all tests here are ignored ones that
 //! `tools/test` runs where they are at hand. `io_own_datasets` has what data of our own can show.
 
-use instgs_vk::io::colmap::{colmap_folder, read_colmap};
-use instgs_vk::io::dataset::{Split, read_views};
-use instgs_vk::io::nerf::read_transforms;
-use instgs_vk::io::{MaskFolder, load_scene, read_cameras, read_spz, write_ply, write_spz};
+use instgs_io::colmap::{colmap_folder, read_colmap};
+use instgs_io::dataset::{Split, read_views};
+use instgs_io::nerf::read_transforms;
+use instgs_io::{MaskFolder, load_scene, read_cameras, read_spz, write_ply, write_spz};
 use instgs_vk::scene::Gaussians;
 
 use crate::common::dataset::shared_data;

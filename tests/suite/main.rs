@@ -19,13 +19,13 @@ mod cli_instanced;
 mod cli_lod;
 mod cli_masks;
 mod cli_stages;
-mod cli_synth;
 mod cli_train;
 mod consensus;
 #[cfg(feature = "onnx")]
 mod detect;
 #[cfg(feature = "onnx")]
 mod detect_runs;
+mod examples;
 mod find;
 mod find_wall;
 mod golden_gradients;

@@ -4,12 +4,12 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use instgs_vk::detect::{ModelsFolder, Photo, RuntimeOptions, Segmenter};
+use instgs_detect::{ModelsFolder, Photo, RuntimeOptions, Segmenter};
 use safetensors::SafeTensors;
 
 /// Models with random weights and what PyTorch makes with them; `tools/models/make_mask_model_fixtures.py` writes it.
 pub(crate) fn models_folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/models")
+    crate::common::repository().join("tests/fixtures/models")
 }
 
 /// True if models can be run here. Without ONNX Runtime's library this is said aloud, whether output is captured or not;

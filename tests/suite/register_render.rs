@@ -3,10 +3,10 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DVec3};
+use instgs_objects::register::{Agreement, PoseCheck, RenderCheck};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::register::{Agreement, PoseCheck, RenderCheck};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::{Camera, Gaussians};
 

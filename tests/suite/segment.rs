@@ -4,14 +4,14 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
-use instgs_vk::io::masks::Mask;
+use instgs_io::masks::Mask;
+use instgs_objects::segment::{IdTable, LabelOptions, Labels, SegmentError, ViewContributions, label, label_views};
+use instgs_reference::mask_contribution::mask_contributions;
+use instgs_reference::preprocess_instance_expand::sources;
+use instgs_reference::tile_blend::relaxed_limits;
+use instgs_reference::{RenderOptions, View, splats_in_depth_order};
 use instgs_vk::math::rng::Rng;
-use instgs_vk::reference::mask_contribution::mask_contributions;
-use instgs_vk::reference::preprocess_instance_expand::sources;
-use instgs_vk::reference::tile_blend::relaxed_limits;
-use instgs_vk::reference::{RenderOptions, View, splats_in_depth_order};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
-use instgs_vk::segment::{IdTable, LabelOptions, Labels, SegmentError, ViewContributions, label, label_views};
 
 use crate::common::gpu::{assert_silent, gpu};
 

@@ -6,23 +6,22 @@ use std::fs;
 use std::path::Path;
 
 use glam::{DMat3, DVec3};
+use instgs_io::{Checkpoint, Mask, write_groups, write_mask, write_ply, write_scene_file};
+use instgs_objects::pipeline::config::RunConfig;
+use instgs_objects::pipeline::{PipelineJob, Prepared};
+use instgs_objects::segment::{Consensus, IdTable};
+use instgs_objects::template::{TemplateOptions, build};
+use instgs_report::stage_pictures::colors::Colors;
+use instgs_report::stage_pictures::overlay::{Objects, group_overlay};
+use instgs_report::stage_pictures::painter::Painter;
+use instgs_report::stage_pictures::{add_trained_templates, draw};
+use instgs_report::{GroupOverlay, Rgb8, StagePictures};
 use instgs_vk::gpu::Gpu;
-use instgs_vk::io::{Checkpoint, Mask, write_groups, write_mask, write_ply, write_scene_file};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::pipeline::Prepared;
 use instgs_vk::render::{RenderOptions, Renderer};
-use instgs_vk::report::stage_pictures::colors::Colors;
-use instgs_vk::report::stage_pictures::overlay::{Objects, group_overlay};
-use instgs_vk::report::stage_pictures::painter::Painter;
-use instgs_vk::report::stage_pictures::{add_trained_templates, draw};
-use instgs_vk::report::{GroupOverlay, Rgb8, StagePictures};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PosedGroup, PosedInstance};
-use instgs_vk::segment::{Consensus, IdTable};
-use instgs_vk::template::{TemplateOptions, build};
-use instgs_vk::train::TrainJob;
-use instgs_vk::train::config::TrainConfig;
 
 use crate::common::dataset::photograph;
 use crate::common::gpu::{assert_silent, gpu, render_picture};
@@ -116,7 +115,7 @@ fn a_wrong_pose_is_seen() {
 
 /// Photos and masks of the scene in `at/data`, whose ids are shuffled otherwise in every view, and what the stages
 /// leave in `at/run`.
-fn run_folder(gpu: &std::sync::Arc<Gpu>, at: &Path) -> TrainJob {
+fn run_folder(gpu: &std::sync::Arc<Gpu>, at: &Path) -> PipelineJob {
     let (cloud, labels, group) = scene();
     let (scene, cameras) = (InstancedScene::from_cloud(cloud.clone()), cameras(6));
     photograph(program(), &scene, &cameras, at);
@@ -152,7 +151,7 @@ fn run_folder(gpu: &std::sync::Arc<Gpu>, at: &Path) -> TrainJob {
     write_groups(&run.join("groups.json"), &groups).unwrap();
     let built = build(&cloud, &labels, &groups, &TemplateOptions::default()).unwrap();
     write_scene_file(&run.join("initial.instgs"), &built.scene).unwrap();
-    TrainJob { data: at.join("data"), out: run, config: TrainConfig::default(), resume: true }
+    PipelineJob { data: at.join("data"), out: run, config: RunConfig::default(), resume: true }
 }
 
 /// Which object's colour the picture has where the object stands; by hue, as pictures are shaded.

@@ -5,18 +5,18 @@ use std::collections::BTreeMap;
 
 use crate::common::paddock::{embedded_scene, push_disc};
 use glam::{DMat3, DVec3};
+use instgs_objects::template::{
+    Built, InstanceReport, Keep, OffsetInit, OffsetKinds, Sampling, TemplateError, TemplateOptions, TemplateSource,
+    build,
+};
+use instgs_synth::car::car_surfels;
+use instgs_synth::livery::Livery;
 use instgs_vk::math::covariance::{quat_multiply, rotation_from_quat, sigmoid};
 use instgs_vk::math::nearest::PointSet;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::{SH_C0, ShRotation, widened};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Gaussians, Instance, InstancedScene, PosedGroup, PosedInstance, TemplateRange};
-use instgs_vk::synth::car::car_surfels;
-use instgs_vk::synth::livery::Livery;
-use instgs_vk::template::{
-    Built, InstanceReport, Keep, OffsetInit, OffsetKinds, Sampling, TemplateError, TemplateOptions, TemplateSource,
-    build,
-};
 
 /// Error of the given poses: rotation in radians, scale and shift as a share of the size. Two degrees, two percent.
 const POSE_ERROR: f64 = 0.035;

@@ -1,14 +1,14 @@
 //! `instgs-vk bench --lod`: what levels of detail cost and save, as a table.
 
 use super::bench::{BenchArgs, subject};
-use super::device;
-use super::error::CliError;
-use super::printer::Printer;
-use super::table::{Table, grouped};
-use crate::bench::{LodReport, LodRow, LodView, run_lod};
-use crate::gpu::DeviceChoice;
-use crate::io::LoadedScene;
-use crate::io::view_image::load_view;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::device;
+use instgs_console::table::{Table, grouped};
+use instgs_eval::bench::{LodReport, LodRow, LodView, run_lod};
+use instgs_io::LoadedScene;
+use instgs_io::view_image::load_view;
+use instgs_vk::gpu::DeviceChoice;
 
 pub(super) fn run(
     args: &BenchArgs,
@@ -36,7 +36,7 @@ pub(super) fn run(
 fn views(args: &BenchArgs, loaded: &LoadedScene, printer: &Printer) -> Result<Vec<LodView>, CliError> {
     let most = args.frames as usize;
     if let Some(views) = args.views.photos()? {
-        let photo = |view: &crate::io::View| {
+        let photo = |view: &instgs_io::View| {
             let loaded = load_view(view, None)?;
             Ok(LodView { camera: loaded.camera, photo: Some(loaded.image) })
         };

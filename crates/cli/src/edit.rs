@@ -4,15 +4,15 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::args::{Triple, open_scene, parse_up};
 use super::edit_flags::Operations;
-use super::error::CliError;
-use super::printer::Printer;
-use super::table::{Table, grouped};
-use crate::io::{IoError, save_scene};
-use crate::scene::InstancedScene;
-use crate::scene::edit::{EditOutcome, apply, template_centres};
-use crate::scene::trajectory::Orbit;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::{Triple, open_scene, parse_up};
+use instgs_console::table::{Table, grouped};
+use instgs_io::{IoError, save_scene};
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::edit::{EditOutcome, apply, template_centres};
+use instgs_vk::scene::trajectory::Orbit;
 
 /// Changes the instances of a scene and writes it to a new file. An instance K is named by its index (--list shows them;
 /// 0,3,4 are several), as id:N (mask id), group:NAME or template:N; the latter two name all of a kind.
@@ -78,12 +78,10 @@ struct Listed {
 
 pub(super) fn run(args: &EditArgs, printer: &Printer) -> Result<(), CliError> {
     if args.operations.is_empty() && args.out.is_some() {
-        return Err(CliError::Other(
-            "edit: no operation is given; --help lists them, --list shows the instances".into(),
-        ));
+        return Err(CliError::msg("edit: no operation is given; --help lists them, --list shows the instances"));
     }
     if !args.operations.is_empty() && args.out.is_none() {
-        return Err(CliError::Other("edit: name the file for the changed scene with --out".into()));
+        return Err(CliError::msg("edit: name the file for the changed scene with --out"));
     }
     let mut scene = open_scene(&args.scene, printer)?.scene;
     let up = Orbit::around(&scene, args.up.map(Triple::direction)).up;
@@ -114,7 +112,7 @@ fn edit(
     printer: &Printer,
 ) -> Result<Vec<Done>, CliError> {
     let mut done = Vec::new();
-    for edit in args.operations.edits(up).map_err(CliError::Other)? {
+    for edit in args.operations.edits(up).map_err(CliError::msg)? {
         let outcome = apply(scene, &edit).map_err(|e| IoError::new(&args.scene, format!("--{e}")))?;
         outcome.warnings.iter().for_each(|warning| printer.warning(format_args!("--{}: {warning}", edit.name())));
         done.push(Done { operation: edit.name(), outcome });
@@ -128,7 +126,7 @@ fn list(scene: &InstancedScene) -> Vec<Listed> {
     runs.sort_unstable();
     let users = |first: u32| runs.partition_point(|&r| r <= first) - runs.partition_point(|&r| r < first);
     let labels = scene.instance_labels();
-    let listed = |(index, instance): (usize, &crate::scene::Instance)| {
+    let listed = |(index, instance): (usize, &instgs_vk::scene::Instance)| {
         let template = instance.template as usize;
         Listed {
             index,

@@ -5,7 +5,7 @@ use std::str::FromStr;
 use clap::{Arg, ArgAction, ArgMatches, Args, Command, FromArgMatches};
 use glam::DVec3;
 
-use crate::scene::edit::{Edit, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn};
+use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn};
 
 /// Most instances of one `--scatter`: a million is far more than a scene shows, and typing errors end here.
 const MOST_SCATTERED: usize = 1_000_000;

@@ -2,19 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
-use super::args::{LookArgs, SplitArg, create_folder, open_scene};
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
+use super::lpips_args::LpipsArgs;
 use super::picture_files;
-use super::printer::Printer;
-use super::table::Table;
-use crate::eval::lpips::weights::{conversion_command, user_weights_path};
-use crate::eval::{EvalError, EvalReport, InputRange, Lpips, Net, PicturePair, evaluate};
-use crate::io::picture_png::write_png;
-use crate::render::Renderer;
-use crate::scene::camera::MAX_IMAGE_SIDE;
+use instgs_console::Printer;
+use instgs_console::args::{LookArgs, SplitArg, create_folder, open_scene};
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::Table;
+use instgs_console::{CliError, failed_to_render};
+use instgs_eval::{EvalReport, PicturePair, evaluate};
+use instgs_io::picture_png::write_png;
+use instgs_vk::render::Renderer;
+use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 
 /// Differences in the pictures of --out are shown this many times as large.
 const DIFFERENCE_GAIN: f32 = 4.0;
@@ -58,63 +58,10 @@ pub(super) struct EvalArgs {
     json: Option<PathBuf>,
 }
 
-#[derive(Args)]
-pub(super) struct LpipsArgs {
-    /// Network of LPIPS
-    #[arg(long, value_enum, default_value = "alex", value_name = "NET")]
-    lpips_net: NetArg,
-    /// Its weights [default: instgs-vk/lpips_NET.safetensors in the user's data folder, if it is there]
-    #[arg(long, value_name = "FILE")]
-    lpips_weights: Option<PathBuf>,
-    /// What LPIPS' network is fed: 11 = -1..1, as it was trained; 01 = 0..1, as the 3DGS paper's metrics.py does
-    #[arg(long, value_enum, default_value = "11", value_name = "RANGE")]
-    lpips_range: RangeArg,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum NetArg {
-    Alex,
-    Vgg,
-    Squeeze,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum RangeArg {
-    #[value(name = "11")]
-    MinusOneToOne,
-    #[value(name = "01")]
-    ZeroToOne,
-}
-
 impl EvalArgs {
     /// True if stdout is for the JSON report alone.
     pub(super) fn json_on_stdout(&self) -> bool {
         self.json.as_deref() == Some(Path::new("-"))
-    }
-}
-
-impl LpipsArgs {
-    /// The network; else, if the user named no weights and has none in the data folder, why there is none.
-    pub(super) fn open(&self) -> Result<Result<Lpips, String>, CliError> {
-        let net = match self.lpips_net {
-            NetArg::Alex => Net::Alex,
-            NetArg::Vgg => Net::Vgg,
-            NetArg::Squeeze => Net::Squeeze,
-        };
-        let range = match self.lpips_range {
-            RangeArg::MinusOneToOne => InputRange::MinusOneToOne,
-            RangeArg::ZeroToOne => InputRange::ZeroToOne,
-        };
-        let path = match (&self.lpips_weights, user_weights_path(net)) {
-            (Some(path), _) => path.clone(),
-            (None, None) => return Ok(Err("the system names no user's data folder; see --lpips-weights".into())),
-            (None, Some(path)) if !path.exists() => {
-                let command = conversion_command(net, &path);
-                return Ok(Err(format!("{} is not there; make it with: {command}", path.display())));
-            }
-            (None, Some(path)) => path,
-        };
-        Ok(Ok(Lpips::load(net, range, &path).map_err(EvalError::from)?))
     }
 }
 
@@ -128,8 +75,8 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let options = args.look.options(&loaded.scene);
     let place = args.scene.display();
     let gpu = device::open(device_args.choice())?;
-    let mut renderer = Renderer::new(&gpu).map_err(CliError::render(&place))?;
-    let scene = renderer.upload(&loaded.scene).map_err(CliError::render(&place))?;
+    let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
+    let scene = renderer.upload(&loaded.scene).map_err(failed_to_render(&place))?;
     let mut progress = printer.progress("eval", views.len() as u64);
     let (mut visible, mut names) = (0, file_names.iter());
     let report =

@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::args::{Triple, open_scene, parse_up};
-use super::error::CliError;
-use super::printer::Printer;
-use super::table::grouped;
-use crate::io::{ExportFormat, Pack, export_scene};
-use crate::scene::trajectory::Orbit;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::{Triple, open_scene, parse_up};
+use instgs_console::table::grouped;
+use instgs_io::{ExportFormat, Pack, export_scene};
+use instgs_vk::scene::trajectory::Orbit;
 
 /// Writes a scene as .ply or .spz (every instance expanded into Gaussians of its own), as .glb (glTF with
 /// KHR_gaussian_splatting: instances stay nodes that share their template's data), or as .instgs.

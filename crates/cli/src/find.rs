@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::args::{SplitArg, create_folder, open_scene};
-use super::error::CliError;
-use super::printer::Printer;
-use super::table::Table;
-use crate::io::{IoError, read_boxes, read_groups, write_boxes};
-use crate::register::find::Against;
-use crate::register::{FindInput, FindOptions, Found, FoundObject, find_alike};
-use crate::scene::{Boxes, Camera, ObjectBox};
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::{SplitArg, create_folder, open_scene};
+use instgs_console::table::Table;
+use instgs_io::{IoError, read_boxes, read_groups, write_boxes};
+use instgs_objects::register::find::Against;
+use instgs_objects::register::{FindInput, FindOptions, Found, FoundObject, find_alike};
+use instgs_vk::scene::{Boxes, Camera, ObjectBox};
 
 /// Finds the repetitions of one object in a trained plain cloud, without masks.
 ///
@@ -100,13 +100,13 @@ pub(super) fn run(args: &FindArgs, printer: &Printer) -> Result<(), CliError> {
     let options = FindOptions::of_sizes(args.similarity);
     let input = FindInput { cloud: &cloud, cameras: &cameras, object: selected, up: None };
     let mut bar = None;
-    let mut told = |at: crate::register::FindProgress| {
+    let mut told = |at: instgs_objects::register::FindProgress| {
         let bar = bar.get_or_insert_with(|| printer.progress("find", at.total as u64));
         bar.advance_to(at.done as u64, "");
         ControlFlow::Continue(())
     };
-    let found = find_alike(&input, &options, &mut told)
-        .map_err(|e| CliError::Other(format!("{}: {e}", args.boxes.display())))?;
+    let found =
+        find_alike(&input, &options, &mut told).map_err(|e| CliError::msg(format!("{}: {e}", args.boxes.display())))?;
     drop(bar);
     write_boxes(&args.out, &with_repetitions(selected, &found))?;
     let against = groups.as_deref().and_then(|groups| found.against(selected, groups));

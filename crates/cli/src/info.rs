@@ -2,12 +2,12 @@
 
 use clap::Args;
 
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
-use super::printer::Printer;
-use super::table::{Table, grouped};
-use crate::gpu::{DeviceCaps, Gpu, GpuError};
-use crate::kernels::Variant;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::{Table, grouped};
+use instgs_vk::gpu::{DeviceCaps, Gpu, GpuError};
+use instgs_vk::kernels::Variant;
 
 /// Lists the Vulkan devices: driver, limits, subgroup sizes, and the kernel variant picked for each.
 #[derive(Args)]

@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::args::open_scene;
-use super::error::CliError;
 use super::inspect_file::{FilePart, FileSums, file_parts};
-use super::inspect_groups::{GroupReport, INSTANCE_BYTES, RANGE_BYTES, groups, groups_table, ply_row_bytes, ratio};
-use super::printer::Printer;
-use super::table::{Table, grouped};
-use crate::render::device_scene::{PlannedBytes, planned_bytes};
+use super::inspect_groups::{GroupReport, INSTANCE_BYTES, RANGE_BYTES, groups, groups_table, ratio};
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::open_scene;
+use instgs_console::table::{Table, grouped};
+use instgs_io::ply;
+use instgs_vk::render::device_scene::{PlannedBytes, planned_bytes};
 
 /// Gaussians per chunk that the device figures are for: the usual work-group size (`instgs-vk info` shows it).
 const CHUNK_SIZE: u32 = 256;
@@ -79,7 +80,7 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
     let file_parts = file_parts(&args.scene, loaded.file_bytes)?;
     let scene = &loaded.scene;
     let device_parts = planned_bytes(scene, CHUNK_SIZE);
-    let flattened_ply_bytes = scene.expanded_len() * ply_row_bytes(scene.sh_degree());
+    let flattened_ply_bytes = scene.expanded_len() * ply::row_bytes(scene.sh_degree());
     let report = Inspection {
         scene: args.scene.display().to_string(),
         source: scene.source.clone(),

@@ -5,9 +5,9 @@ use std::path::Path;
 use safetensors::SafeTensors;
 use safetensors::tensor::TensorInfo;
 
-use super::error::CliError;
-use crate::io::IoError;
-use crate::io::scene_small::{SUFFIX, small_shape};
+use instgs_console::CliError;
+use instgs_io::IoError;
+use instgs_io::scene_small::{SUFFIX, small_shape};
 
 /// A stretch of the file.
 #[derive(serde::Serialize)]
@@ -138,9 +138,9 @@ fn purpose_of(tensor: &str) -> Purpose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::Pack;
-    use crate::io::scene_file::tests::with_ablations;
-    use crate::io::scene_write::packed_scene_file_bytes;
+    use instgs_io::Pack;
+    use instgs_io::scene_write::packed_scene_file_bytes;
+    use instgs_samples::with_ablations;
 
     #[test]
     fn parts_add_up_to_the_file() -> Result<(), CliError> {

@@ -3,10 +3,11 @@
 use std::ops::Range;
 
 use super::inspect_file::{FilePart, Purpose};
-use super::table::{Table, grouped};
-use crate::io::scene_pack::segments;
-use crate::scene::gaussians::sh_coefficients;
-use crate::scene::{InstancedScene, TemplateRange};
+use instgs_console::table::{Table, grouped};
+use instgs_io::ply;
+use instgs_io::scene_pack::segments;
+use instgs_vk::scene::gaussians::sh_coefficients;
+use instgs_vk::scene::{InstancedScene, TemplateRange};
 
 /// 3x4 transform, template index, first offset, all of 4 bytes.
 pub(super) const INSTANCE_BYTES: u64 = 56;
@@ -38,11 +39,6 @@ struct ByPack<T> {
     f32: T,
     f16: T,
     q8: T,
-}
-
-/// Bytes of a Gaussian in a .ply: position, normal, SH, opacity, scale, rotation as floats. 248 for SH 3.
-pub(super) fn ply_row_bytes(sh_degree: u32) -> u64 {
-    4 * (14 + 3 * sh_coefficients(sh_degree) as u64)
 }
 
 pub(super) fn ratio(a: u64, b: u64) -> f64 {
@@ -92,7 +88,7 @@ fn group(
         + bytes_of(own.count() as u64, Purpose::Offsets, true)
         + INSTANCE_BYTES * instances
         + RANGE_BYTES;
-    let flattened_ply_bytes = gaussians * instances * ply_row_bytes(scene.sh_degree());
+    let flattened_ply_bytes = gaussians * instances * ply::row_bytes(scene.sh_degree());
     let bound_bytes = bound_bytes(gaussians, instances, scene.templates.sh_degree);
     let times = |bytes| ratio(flattened_ply_bytes, bytes);
     GroupReport {
@@ -146,17 +142,17 @@ pub(super) fn groups_table(groups: &[GroupReport]) -> Table {
 mod tests {
     use std::path::Path;
 
-    use super::super::error::CliError;
     use super::super::inspect_file::{FileSums, tensor_parts};
     use super::*;
-    use crate::io::Pack;
-    use crate::io::scene_file::tests::{sample_scene, with_ablations};
-    use crate::io::scene_write::packed_scene_file_bytes;
+    use instgs_console::CliError;
+    use instgs_io::Pack;
+    use instgs_io::scene_write::packed_scene_file_bytes;
+    use instgs_samples::{sample_scene, with_ablations};
 
     /// DESIGN section 7: K = 8: 8.4 and 11.0 (q8), K = 64: 15.6.
     #[test]
     fn bounds_are_those_of_the_design() {
-        assert_eq!(ply_row_bytes(3), 248);
+        assert_eq!(ply::row_bytes(3), 248);
         assert_eq!(bound_bytes(10, 4, 3), ByPack { f32: 10 * (236 + 112), f16: 10 * (124 + 56), q8: 10 * (124 + 28) });
         let shrink = |k: u64, bound: u64| ratio(248 * k, bound);
         let near = |a: f64, b: f64| (a - b).abs() < 0.05;

@@ -1,49 +1,44 @@
-//! L7: the command line. One file per subcommand; each parses its flags, calls the library and reports through the one
-//! [`Printer`]. Exit codes: 0 done, 1 failed (one line `error: what, where, what to do` on stderr), 2 wrong usage.
+//! The program `instgs-vk`. One file per subcommand; each parses its flags, calls the libraries and reports through the one
+//! [`Printer`]. No subcommand calls another: what several need is in modules of its own, such as [`training`] (a run with its
+//! progress and reports). `demo`, `synth`, `compare` and `tables` are those of the program `instgs-evidence`, which this one calls.
 
-mod args;
 mod bench;
 mod bench_lod;
-mod compare;
-pub mod demo;
-mod device;
+pub mod bench_report;
 mod edit;
 mod edit_flags;
-mod error;
 mod eval;
+mod evidence;
 mod export;
 mod find;
 mod info;
 mod inspect;
 mod inspect_file;
 mod inspect_groups;
-mod lavapipe;
+pub mod lpips_args;
+pub mod mask_args;
 mod masks;
 mod picture_files;
-mod picture_grid;
-#[cfg(feature = "player")]
-mod player;
-mod printer;
+pub mod progress_lines;
 mod render;
 mod stages;
-mod synth;
-mod table;
-mod tables;
 mod train;
+pub mod training;
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-
-pub use error::CliError;
-pub use lavapipe::choose_lavapipe_width;
-#[cfg(feature = "player")]
-pub use player::player_main;
-pub use printer::Printer;
+use instgs_console::{CliError, Printer, device, exit_code, parse};
 
 /// Shared-template Gaussian instancing on raw Vulkan: small, fast, editable 3D Gaussian scenes.
 #[derive(Parser)]
-#[command(name = "instgs-vk", version, arg_required_else_help = true, max_term_width = 110)]
+#[command(
+    name = "instgs-vk",
+    version,
+    arg_required_else_help = true,
+    max_term_width = 110,
+    after_help = evidence::HELP
+)]
 struct Cli {
     #[command(flatten)]
     device: device::DeviceArgs,
@@ -54,17 +49,13 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Info(info::InfoArgs),
-    Demo(demo::DemoArgs),
     Render(render::RenderArgs),
     Eval(eval::EvalArgs),
     Bench(bench::BenchArgs),
     Inspect(inspect::InspectArgs),
     Export(export::ExportArgs),
     Edit(edit::EditArgs),
-    Synth(synth::SynthArgs),
     Train(train::TrainArgs),
-    Compare(compare::CompareArgs),
-    Tables(tables::TablesArgs),
     Masks(masks::MasksArgs),
     Segment(stages::segment::SegmentArgs),
     Register(stages::register::RegisterArgs),
@@ -72,28 +63,17 @@ enum Command {
     Find(find::FindArgs),
 }
 
-const SUCCESS: u8 = 0;
-const FAILURE: u8 = 1;
-const USAGE: u8 = 2;
-
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    if let Some(result) = evidence::run_if_asked(std::env::args_os().skip(1)) {
+        return result.unwrap_or_else(|error| exit_code(Err(error), &Printer::new(false)));
+    }
+    let cli: Cli = match parse() {
         Ok(cli) => cli,
-        Err(error) => {
-            // Help goes to stdout and is no failure. A closed stream is nobody's to tell.
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { USAGE } else { SUCCESS });
-        }
+        Err(code) => return code,
     };
     let printer = Printer::new(cli.command.json_on_stdout());
-    match run(&cli, &printer) {
-        Ok(()) => ExitCode::from(SUCCESS),
-        Err(error) => {
-            printer.error(&error);
-            ExitCode::from(FAILURE)
-        }
-    }
+    exit_code(run(&cli, &printer), &printer)
 }
 
 impl Command {
@@ -101,17 +81,13 @@ impl Command {
     fn json_on_stdout(&self) -> bool {
         match self {
             Self::Info(args) => args.json,
-            Self::Demo(args) => args.json,
             Self::Render(args) => args.json,
             Self::Eval(args) => args.json_on_stdout(),
             Self::Bench(args) => args.json_on_stdout(),
             Self::Inspect(args) => args.json,
             Self::Export(args) => args.json,
             Self::Edit(args) => args.json,
-            Self::Synth(args) => args.json,
             Self::Train(args) => args.json,
-            Self::Compare(args) => args.json,
-            Self::Tables(args) => args.json,
             Self::Masks(args) => args.json,
             Self::Segment(args) => args.json,
             Self::Register(args) => args.json,
@@ -124,17 +100,13 @@ impl Command {
 fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
     match &cli.command {
         Command::Info(args) => info::run(args, &cli.device, printer),
-        Command::Demo(args) => demo::run_command(args, &cli.device, printer),
         Command::Render(args) => render::run(args, &cli.device, printer),
         Command::Eval(args) => eval::run(args, &cli.device, printer),
         Command::Bench(args) => bench::run(args, &cli.device, printer),
         Command::Inspect(args) => inspect::run(args, printer),
         Command::Export(args) => export::run(args, printer),
         Command::Edit(args) => edit::run(args, printer),
-        Command::Synth(args) => synth::run(args, printer),
         Command::Train(args) => train::run(args, &cli.device, printer),
-        Command::Compare(args) => compare::run(args, &cli.device, printer),
-        Command::Tables(args) => tables::run(args, &cli.device, printer),
         Command::Masks(args) => masks::run(args, &cli.device, printer),
         Command::Segment(args) => stages::segment::run(args, &cli.device, printer),
         Command::Register(args) => stages::register::run(args, &cli.device, printer),

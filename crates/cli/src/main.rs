@@ -1,10 +1,10 @@
-//! The command-line program: see `instgs_vk::cli`.
+//! The program `instgs-vk`: see [`instgs_cli`].
 
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     // Mesa's CPU driver reads its settings from the environment when it is loaded.
     // SAFETY: nothing has started a thread yet.
-    unsafe { instgs_vk::cli::choose_lavapipe_width() };
-    instgs_vk::cli::main()
+    unsafe { instgs_console::choose_lavapipe_width() };
+    instgs_cli::main()
 }

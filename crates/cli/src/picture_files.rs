@@ -5,11 +5,11 @@ use std::path::Path;
 
 use clap::ValueEnum;
 
-use super::error::CliError;
-use crate::io::ktx2::{FloatImage, write_ktx2};
-use crate::io::picture_png::write_png;
-use crate::render::Picture;
-use crate::scene::Camera;
+use instgs_console::CliError;
+use instgs_io::ktx2::{FloatImage, write_ktx2};
+use instgs_io::picture_png::write_png;
+use instgs_vk::render::Picture;
+use instgs_vk::scene::Camera;
 
 /// File format of colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -61,7 +61,7 @@ pub(super) fn names(cameras: &[Camera]) -> Result<Vec<String>, CliError> {
         let depth_clash = taken.insert(format!("{name}.depth"), i).filter(|&first| first != i);
         if let Some(first) = taken.insert(name.clone(), i).or(depth_clash) {
             let what = format!("cameras {first} and {i} would both be written to {name}: give them different names");
-            return Err(CliError::Other(what));
+            return Err(CliError::msg(what));
         }
         names.push(name);
     }

@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use clap::Args;
 
-use super::args::{LodArgs, LookArgs, ViewArgs, create_folder, open_scene};
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
 use super::picture_files::{self, Format};
-use super::printer::Printer;
-use crate::render::Renderer;
+use instgs_console::Printer;
+use instgs_console::args::{LodArgs, LookArgs, ViewArgs, create_folder, open_scene};
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::{CliError, failed_to_render};
+use instgs_vk::render::Renderer;
 
 /// Renders a scene from cameras, a dataset's views, or a circle around it.
 ///
@@ -74,15 +74,15 @@ pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer
     create_folder(&args.out)?;
     let gpu = device::open(device_args.choice())?;
     let place = args.scene.display();
-    let mut renderer = Renderer::new(&gpu).map_err(CliError::render(&place))?;
-    let scene = renderer.upload_for(&loaded.scene, &options).map_err(CliError::render(&place))?;
+    let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
+    let scene = renderer.upload_for(&loaded.scene, &options).map_err(failed_to_render(&place))?;
     let mut progress = printer.progress("render", cameras.len() as u64);
     let mut frames = Vec::with_capacity(cameras.len());
     for (camera, name) in cameras.iter().zip(names) {
         let start = Instant::now();
-        let stats = renderer.render(&scene, camera, &options).map_err(CliError::render(&place))?;
+        let stats = renderer.render(&scene, camera, &options).map_err(failed_to_render(&place))?;
         let ms = 1e3 * start.elapsed().as_secs_f64();
-        let picture = renderer.download().map_err(CliError::render(&place))?;
+        let picture = renderer.download().map_err(failed_to_render(&place))?;
         let files = picture_files::write(&args.out, &name, &picture, args.format, args.depth)?;
         progress.step(&files[0]);
         frames.push(RenderedFrame {

@@ -6,13 +6,13 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 
 use crate::error::CliError;
-use crate::io::dataset::Split;
-use crate::io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views};
 use crate::printer::Printer;
-use crate::render::RenderOptions;
-use crate::scene::camera::MAX_IMAGE_SIDE;
-use crate::scene::trajectory::Orbit;
-use crate::scene::{Camera, InstancedScene};
+use instgs_io::dataset::Split;
+use instgs_io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views};
+use instgs_vk::render::RenderOptions;
+use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
+use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Picture size of `--orbit` without `--size`.
 const ORBIT_SIZE: (u32, u32) = (1280, 720);
@@ -191,6 +191,13 @@ pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliErro
     Ok(loaded)
 }
 
+/// A path as the configuration stores it: absolute, so that the run can be resumed from any folder.
+pub fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
+    let fail = |what: String| CliError::msg(format!("{flag}: {what}"));
+    let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
+    absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
+}
+
 /// Creates a folder and its parents.
 pub fn create_folder(path: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(path).map_err(|e| IoError::new(path, format!("cannot create the folder: {e}")).into())
@@ -236,7 +243,7 @@ fn parse_dilation(text: &str) -> Result<f32, String> {
 
 #[cfg(test)]
 mod tests {
-    use crate::*;
+    use super::*;
 
     #[test]
     fn sizes_and_triples() {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use clap::Args;
 
 use crate::error::CliError;
-use crate::gpu::{DeviceChoice, Gpu, GpuOptions};
+use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
 
 /// The environment variable that replaces `--device`.
 const DEVICE_VARIABLE: &str = "INSTGS_DEVICE";

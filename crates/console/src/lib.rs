@@ -12,9 +12,6 @@ pub mod table;
 
 use std::process::ExitCode;
 
-use instgs_io as io;
-use instgs_vk::{gpu, math, render, scene};
-
 pub use error::{CliError, failed_to_render};
 pub use lavapipe::choose_lavapipe_width;
 pub use printer::{Printer, Progress};

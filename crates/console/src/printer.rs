@@ -8,7 +8,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 
 use crate::CliError;
-use crate::io::{IoError, atomic_write};
+use instgs_io::{IoError, atomic_write};
 
 /// Number of progress lines of a task with many steps, without a terminal.
 const PROGRESS_LINES: u64 = 10;

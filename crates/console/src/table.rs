@@ -1,6 +1,6 @@
 //! Text tables: columns are as wide as their widest cell; the first is left-aligned, the others right-aligned.
 
-pub use crate::math::digits::grouped;
+pub use instgs_vk::math::digits::grouped;
 
 /// A table: rows of text cells.
 #[derive(Default)]
@@ -35,7 +35,7 @@ impl std::fmt::Display for Table {
 
 #[cfg(test)]
 mod tests {
-    use crate::*;
+    use super::*;
 
     #[test]
     fn aligns_and_groups() {

@@ -1,6 +1,6 @@
 //! Combines the masks of one view into an image of ids.
 
-use crate::io::Mask;
+use instgs_io::Mask;
 
 /// Paints masks over each other. Where masks overlap, the one with fewer pixels is in front, so that a vase stays
 /// visible on its table; of equal sizes the first one is in front. Otherwise the order of masks does not matter.

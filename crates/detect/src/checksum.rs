@@ -5,7 +5,7 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// Bytes read at a time: models can be as large as memory.
 const BLOCK: usize = 1 << 20;

@@ -10,7 +10,7 @@ use super::photo::Photo;
 use super::prompt::Prompt;
 use super::runtime::Runtime;
 use super::tokens::{PromptTokenizer, PromptTokens};
-use crate::io::IoError;
+use instgs_io::IoError;
 
 const INPUTS: [&str; 5] = ["pixel_values", "pixel_mask", "input_ids", "token_type_ids", "attention_mask"];
 

@@ -1,6 +1,6 @@
 //! Errors of making masks from a prompt.
 
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// Why masks could not be made from a prompt; the text is one line for the user.
 #[derive(Debug, thiserror::Error)]

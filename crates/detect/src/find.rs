@@ -14,8 +14,8 @@ use super::photo::Photo;
 use super::prompt::Prompt;
 use super::report::{Dropped, ViewMasks};
 use super::segmenter::{BoxMask, Segmenter};
-use crate::io::View;
-use crate::scene::ViewBox;
+use instgs_io::View;
+use instgs_vk::scene::ViewBox;
 
 /// Both models and the prompt, ready for photos. Ids continue from one view to the next.
 pub struct Finder {

@@ -7,7 +7,7 @@ use super::boxes::DetectOptions;
 use super::library::RuntimeOptions;
 use super::prompt::Prompt;
 use super::report::{PromptReport, ViewMasks};
-use crate::io::View;
+use instgs_io::View;
 
 /// File with box, phrase and score of every mask, in the folder of the masks; written last.
 pub const BOXES: &str = "boxes.json";
@@ -59,9 +59,9 @@ pub fn masks_from_prompt(
     out: &Path,
     done: &mut dyn FnMut(&str, &ViewMasks),
 ) -> Result<PromptReport, DetectError> {
-    use crate::io::masks::CATEGORIES;
-    use crate::io::{IoError, write_boxes, write_categories, write_mask};
-    use crate::scene::Boxes;
+    use instgs_io::masks::CATEGORIES;
+    use instgs_io::{IoError, write_boxes, write_categories, write_mask};
+    use instgs_vk::scene::Boxes;
 
     let mut finder = super::find::Finder::open(models, prompt, options)?;
     std::fs::create_dir_all(out).map_err(|e| IoError::new(out, format!("cannot be made: {e}")))?;

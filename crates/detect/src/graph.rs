@@ -6,7 +6,7 @@ use ort::session::{Session, SessionInputValue};
 use ort::value::TensorRef;
 
 use super::runtime::Runtime;
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// A loaded graph whose inputs and outputs have the expected names.
 pub(super) struct Graph {

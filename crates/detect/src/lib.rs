@@ -41,9 +41,6 @@
 //! token, which is the same where transformers names one phrase. And it keeps every box above the threshold, while here
 //! boxes of one phrase that overlap and masks that are the same count once.
 
-use instgs_io as io;
-use instgs_vk::scene;
-
 pub mod assemble;
 pub mod boxes;
 #[cfg(feature = "onnx")]

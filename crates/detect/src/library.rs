@@ -6,7 +6,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::provider::Provider;
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// How the models are run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

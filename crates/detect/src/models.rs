@@ -16,9 +16,9 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use crate::io::IoError;
-use crate::io::error::Place;
-use crate::io::json::read_json;
+use instgs_io::IoError;
+use instgs_io::error::Place;
+use instgs_io::json::read_json;
 
 /// Name of the list of models in their folder.
 pub const MANIFEST: &str = "models.json";

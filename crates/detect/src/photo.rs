@@ -1,6 +1,6 @@
 //! The photo of a view, as the models see it.
 
-use crate::io::{IoError, View, load_view};
+use instgs_io::{IoError, View, load_view};
 
 /// Pixels of a stored photo, with its lens distortion, since masks belong to stored photos.
 #[derive(Clone, Debug, PartialEq, Eq)]

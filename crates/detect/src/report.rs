@@ -4,8 +4,8 @@ use std::ops::AddAssign;
 
 use serde::Serialize;
 
-use crate::io::Mask;
-use crate::scene::ViewBox;
+use instgs_io::Mask;
+use instgs_vk::scene::ViewBox;
 
 /// Number of boxes that did not become masks, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]

@@ -12,7 +12,7 @@ use ort::session::Session;
 use super::DetectError;
 use super::library::{ADVICE, LIBRARY_VARIABLE, RuntimeOptions, check_whole, find_library};
 use super::provider::Provider;
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// A process can load one runtime library, once. The environment is never dropped, so the library outlives everything
 /// made with it.

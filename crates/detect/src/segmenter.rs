@@ -9,7 +9,7 @@ use super::models::{ModelsFolder, SegmenterModel};
 use super::nms::BoxPx;
 use super::photo::Photo;
 use super::runtime::Runtime;
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// Boxes in one run of the decoder. For each box it holds several copies of the photo's embedding (256 channels of
 /// 64x64, 4 MB) and upscaled features (32 channels of 256x256, 8 MB): about 40 MB a box, 0.6 GB in all.

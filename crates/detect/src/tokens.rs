@@ -7,7 +7,7 @@ use tokenizers::{Encoding, Tokenizer};
 use super::DetectError;
 use super::models::DetectorModel;
 use super::prompt::Prompt;
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// Padding token of prompts with a fixed length, if the vocabulary has it; it is masked out.
 const FILLER: &str = "[PAD]";

@@ -1,8 +1,8 @@
 //! Why pictures could not be compared.
 
 use crate::lpips::LpipsError;
-use crate::io::IoError;
-use crate::render::RenderError;
+use instgs_io::IoError;
+use instgs_vk::render::RenderError;
 
 /// An evaluation failed. Its text is one line for the user.
 #[derive(Debug, thiserror::Error)]

@@ -5,9 +5,6 @@
 //! renders a dataset's views and compares each with its photo. Pictures are compared as rendered, in f32: clamped to
 //! 0..1, never rounded to 8 bits.
 
-use instgs_io as io;
-use instgs_vk::{gpu, kernels, math, render, scene};
-
 pub mod bench;
 mod error;
 pub mod lpips;

@@ -85,7 +85,7 @@ mod tests {
 
     use super::*;
     use crate::psnr::psnr;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     type Outcome = Result<(), Box<dyn std::error::Error>>;
 

@@ -21,7 +21,7 @@ use super::error::{IoError, Place};
 use super::groups::MAX_INSTANCE_ID;
 use super::json::write_json;
 use super::read_bytes;
-use crate::scene::{Boxes, ObjectBox, ViewBox};
+use instgs_vk::scene::{Boxes, ObjectBox, ViewBox};
 
 #[derive(Deserialize, Serialize)]
 struct BoxesFields {

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::error::{IoError, Place};
 use crate::json::write_json;
 use crate::read_bytes;
-use crate::scene::camera::Camera;
+use instgs_vk::scene::camera::Camera;
 
 /// Reads a camera file: one camera object or a list.
 ///

@@ -12,8 +12,8 @@ use crate::bytes::Cursor;
 use crate::dataset::Split;
 use crate::error::{IoError, Place};
 use crate::read_bytes;
-pub use crate::math::distortion::Distortion;
-use crate::scene::camera::Camera;
+pub use instgs_vk::math::distortion::Distortion;
+use instgs_vk::scene::camera::Camera;
 
 /// A camera with its image's name in the file, before it becomes a view of a dataset.
 #[derive(Clone, Debug, PartialEq)]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::colmap::{self, Distortion, PosedImage};
 use crate::error::IoError;
 use crate::nerf;
-use crate::scene::camera::Camera;
+use instgs_vk::scene::camera::Camera;
 
 /// Unless the dataset defines a split, every eighth view by name is a test view, starting with the first.
 const TEST_EVERY: usize = 8;

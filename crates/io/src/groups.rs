@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 use crate::camera_file::parse_json;
 use crate::error::{IoError, Place};
 use crate::{atomic_write, read_bytes};
-use crate::math::similarity::Similarity;
-use crate::scene::posed_group::{PosedGroup, PosedInstance};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::posed_group::{PosedGroup, PosedInstance};
 
 /// The largest id that a 16-bit mask can hold; 0 is no object.
 pub(super) const MAX_INSTANCE_ID: u32 = u16::MAX as u32;

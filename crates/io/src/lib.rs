@@ -7,8 +7,6 @@
 //! [`MaskFolder`] and [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`]. The
 //! files of a run: [`RunFolder`].
 
-use instgs_vk::{math, scene};
-
 pub mod boxes;
 mod bytes;
 pub mod camera_file;
@@ -37,7 +35,7 @@ pub mod scene_export;
 pub mod scene_file;
 pub mod scene_load;
 pub mod scene_pack;
-pub(crate) mod scene_small;
+pub mod scene_small;
 pub mod scene_write;
 pub mod splat;
 pub mod spz;
@@ -50,7 +48,7 @@ use std::fs;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use crate::scene::gaussians::MAX_SH_DEGREE;
+use instgs_vk::scene::gaussians::MAX_SH_DEGREE;
 
 pub use boxes::{read_boxes, write_boxes};
 pub use camera_file::{read_cameras, write_cameras};

@@ -8,7 +8,7 @@ use crate::error::{IoError, Place};
 use crate::json::write_json;
 use crate::mask_png::{mask_bytes, parse_mask};
 use crate::{View, atomic_write, read_bytes, view_resample};
-use crate::math::distortion::Distortion;
+use instgs_vk::math::distortion::Distortion;
 
 /// Name of the file beside the masks that maps ids to categories.
 pub const CATEGORIES: &str = "categories.json";
@@ -217,7 +217,7 @@ fn list_pngs(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<()
 mod tests {
     use super::*;
     use crate::Split;
-    use crate::scene::Camera;
+    use instgs_vk::scene::Camera;
 
     type Outcome = Result<(), Box<dyn std::error::Error>>;
 

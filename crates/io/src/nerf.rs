@@ -19,7 +19,7 @@ use crate::colmap::{Distortion, PosedImage, stem};
 use crate::dataset::{Split, without_dots};
 use crate::error::{IoError, Place};
 use crate::read_bytes;
-use crate::scene::camera::Camera;
+use instgs_vk::scene::camera::Camera;
 
 /// Extensions tried, in this order, for a `file_path` without one, as in Blender's datasets.
 const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use crate::atomic_write;
 use crate::error::IoError;
-use crate::scene::Camera;
+use instgs_vk::scene::Camera;
 
 /// Writes cameras with their images (paths relative to the file) and, optionally, the path of a point cloud. Poses are
 /// world from camera in OpenGL axes; every frame has its own intrinsics.

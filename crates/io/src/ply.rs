@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::error::IoError;
 use crate::ply_table::{Element, PlyTable};
 use crate::{LEAST_LOG_SCALE, atomic_write, cut_note, logit_of_byte, ply_packed, read_bytes};
-use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
+use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// The contents of a `.ply` file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,6 +24,11 @@ pub struct PlyCloud {
     pub antialias: bool,
     /// Notes for the user, one line each.
     pub notes: Vec<String>,
+}
+
+/// Bytes of a Gaussian in a plain `.ply`: position, normal, SH, opacity, scale, rotation as floats. 248 for SH degree 3.
+pub fn row_bytes(sh_degree: u32) -> u64 {
+    4 * (14 + 3 * sh_coefficients(sh_degree) as u64)
 }
 
 /// Reads the Gaussians of a `.ply` file. An infinite logit (opacity 0 or 1) becomes a large finite one, and a scale of
@@ -228,25 +233,9 @@ pub fn ply_bytes(cloud: &Gaussians, antialias: bool) -> Vec<u8> {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use super::*;
+    use instgs_samples::sample;
 
-    /// A cloud in which every value is different.
-    pub(crate) fn sample(degree: u32, n: usize) -> Gaussians {
-        let mut counter = 0;
-        let mut next = || {
-            counter += 1;
-            (counter % 997) as f32 * 0.001 - 0.4
-        };
-        let mut out = Gaussians { sh_degree: degree, ..Gaussians::default() };
-        for _ in 0..n {
-            out.means.push([next() * 8.0, next() * 8.0, next() * 8.0]);
-            out.quats.push([next() + 1.0, next(), next(), next()]);
-            out.log_scales.push([next() - 4.0, next() - 4.0, next() - 4.0]);
-            out.opacity_logits.push(next() * 3.0);
-            (0..sh_coefficients(degree)).for_each(|_| out.sh.push([next(), next(), next()]));
-        }
-        out
-    }
+    use super::*;
 
     fn parse(bytes: &[u8]) -> Result<Gaussians, IoError> {
         parse_ply(bytes, Path::new("test.ply")).map(|cloud| cloud.gaussians)

@@ -10,7 +10,7 @@ use crate::error::IoError;
 use crate::logit_of_byte;
 use crate::ply::rest_columns;
 use crate::ply_table::PlyTable;
-use crate::scene::gaussians::{Gaussians, sh_coefficients};
+use instgs_vk::scene::gaussians::{Gaussians, sh_coefficients};
 
 const SPLATS_PER_CHUNK: usize = 256;
 const SH_C0: f64 = 0.28209479177387814;

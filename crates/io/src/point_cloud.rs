@@ -8,7 +8,7 @@ use crate::error::{IoError, Place};
 use crate::nerf::{has_transforms, named_point_file};
 use crate::ply_table::PlyTable;
 use crate::{atomic_write, read_bytes};
-use crate::scene::point_cloud::PointCloud;
+use instgs_vk::scene::point_cloud::PointCloud;
 
 /// Colour of points whose file stores none.
 const NO_COLOR: [u8; 3] = [128; 3];

@@ -6,8 +6,8 @@ use glam::DVec3;
 
 use crate::host_memory::available_bytes;
 use crate::{IoError, Pack, glb, ply, scene_write, spz};
-use crate::scene::gaussians::sh_coefficients;
-use crate::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::gaussians::sh_coefficients;
+use instgs_vk::scene::instanced_scene::InstancedScene;
 
 /// A file format for scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

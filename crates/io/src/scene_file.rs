@@ -12,10 +12,10 @@ use crate::error::{IoError, Place};
 use crate::read_bytes;
 use crate::scene_pack::{CHANNELS, OffsetRanges, segments};
 use crate::scene_small::{SUFFIX, small_shape, small_values};
-use crate::math::similarity::Similarity;
-use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
-use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, TemplateRange};
-use crate::scene::offsets::Offsets;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
+use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::offsets::Offsets;
 
 pub(crate) const FORMAT: &str = "instgs/1";
 /// Format of files with coded tables; older versions report that they cannot read it.

@@ -5,7 +5,7 @@ use std::path::Path;
 use crate::ply::PlyCloud;
 use crate::spz::SpzCloud;
 use crate::{IoError, ply, read_bytes, scene_file, scene_write, splat, spz};
-use crate::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::instanced_scene::InstancedScene;
 
 /// A scene loaded from a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,8 +78,8 @@ fn extension(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ply::tests::sample;
-    use crate::scene_file::tests::{sample_scene, with_ablations};
+    use instgs_samples::sample;
+    use instgs_samples::{sample_scene, with_ablations};
 
     #[test]
     fn offsets_of_sh_and_shape_follow_their_records() -> Result<(), Box<dyn std::error::Error>> {

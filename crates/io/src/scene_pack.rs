@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use half::f16;
 
-use crate::scene::instanced_scene::{ForeignTensor, Instance, TemplateRange};
+use instgs_vk::scene::instanced_scene::{ForeignTensor, Instance, TemplateRange};
 
 /// How the values of an `.instgs` file are stored. Transforms are F32 in all formats, template and background means in
 /// all but `Small`.
@@ -75,7 +75,7 @@ pub(crate) fn fits_half(values: &[f32]) -> bool {
 }
 
 /// The records `0..count`, cut where a run of an instance begins or ends, in order. Runs may still be invalid.
-pub(crate) fn segments(instances: &[Instance], templates: &[TemplateRange], count: usize) -> Vec<Range<usize>> {
+pub fn segments(instances: &[Instance], templates: &[TemplateRange], count: usize) -> Vec<Range<usize>> {
     let mut cuts = BTreeSet::from([0, count]);
     for instance in instances {
         if let (Some(first), Some(range)) = (instance.first_offset, templates.get(instance.template as usize)) {
@@ -164,8 +164,8 @@ fn value_of(q: u8, [low, high]: [f32; 2]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
-    use crate::math::similarity::Similarity;
+    use instgs_vk::math::rng::Rng;
+    use instgs_vk::math::similarity::Similarity;
 
     /// One channel of one segment after packing and unpacking.
     fn packed(values: &[f32]) -> Vec<f32> {

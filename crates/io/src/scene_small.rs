@@ -15,12 +15,12 @@
 
 use crate::scene_pack::floats;
 use crate::step_columns::{Shape, decode, encode};
-use crate::math::morton::morton_order;
-use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::ForeignTensor;
+use instgs_vk::math::morton::morton_order;
+use instgs_vk::scene::gaussians::Gaussians;
+use instgs_vk::scene::instanced_scene::ForeignTensor;
 
 /// Suffix of the name of a coded tensor.
-pub(crate) const SUFFIX: &str = ".small";
+pub const SUFFIX: &str = ".small";
 
 /// Number of Gaussians in a block of positions.
 const BLOCK: usize = 256;
@@ -40,7 +40,7 @@ type Coder<'a> = &'a dyn Fn() -> std::io::Result<Vec<u8>>;
 ///
 /// # Errors
 /// zstd fails.
-pub(crate) fn small_tensors(cloud: &Gaussians) -> std::io::Result<Vec<(String, ForeignTensor)>> {
+pub fn small_tensors(cloud: &Gaussians) -> std::io::Result<Vec<(String, ForeignTensor)>> {
     let (n, c) = (cloud.len(), cloud.sh_coefficients());
     let mut out = Vec::with_capacity(5);
     let mut put = |name: &str, inner: &[usize], values: &[f32], can_be_coded: bool, coded: Coder<'_>| {
@@ -70,7 +70,7 @@ pub(crate) fn small_tensors(cloud: &Gaussians) -> std::io::Result<Vec<(String, F
 ///
 /// # Errors
 /// The text says what is wrong with the table.
-pub(crate) fn small_shape(coded: &[u8]) -> Result<(usize, usize), String> {
+pub fn small_shape(coded: &[u8]) -> Result<(usize, usize), String> {
     Shape::of(coded).map(|shape| (shape.rows, shape.width))
 }
 
@@ -78,7 +78,7 @@ pub(crate) fn small_shape(coded: &[u8]) -> Result<(usize, usize), String> {
 ///
 /// # Errors
 /// The text says what is wrong with the table.
-pub(crate) fn small_values(coded: &[u8], is_quats: bool) -> Result<Vec<f32>, String> {
+pub fn small_values(coded: &[u8], is_quats: bool) -> Result<Vec<f32>, String> {
     let values = decode(coded)?;
     if !is_quats {
         return Ok(values);
@@ -88,7 +88,7 @@ pub(crate) fn small_values(coded: &[u8], is_quats: bool) -> Result<Vec<f32>, Str
 }
 
 /// The cloud in Morton order: neighbours in the file are neighbours in space, as small blocks of positions require.
-pub(crate) fn in_space_order(cloud: &Gaussians) -> Gaussians {
+pub fn in_space_order(cloud: &Gaussians) -> Gaussians {
     let mut out = Gaussians::with_capacity(cloud.sh_degree, cloud.len());
     morton_order(&cloud.means).into_iter().for_each(|i| out.push_from(cloud, i as usize));
     out

@@ -11,9 +11,9 @@ use crate::safetensors_header::{Entry, header};
 use crate::scene_file::{FORMAT, FORMAT_SMALL, NO_OFFSET};
 use crate::scene_pack::{OffsetRanges, Pack, Underflow, fits_half, floats, halves, segments};
 use crate::scene_small::{in_space_order, small_tensors};
-use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{ForeignTensor, InstancedScene};
-use crate::scene::offsets::Offsets;
+use instgs_vk::scene::gaussians::Gaussians;
+use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
+use instgs_vk::scene::offsets::Offsets;
 
 /// Writes an `.instgs` file: all known tensors as F32 and U32, then the scene's unknown tensors and metadata. The same
 /// scene gives the same bytes.

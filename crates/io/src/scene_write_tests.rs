@@ -1,12 +1,12 @@
 //! Packed files: precision, size, and values that do not fit the format.
 
 use super::*;
-use crate::ply::tests::sample;
 use crate::scene_file::parse_scene_file;
-use crate::scene_file::tests::{sample_scene, with_ablations};
-use crate::math::rng::Rng;
-use crate::math::similarity::Similarity;
-use crate::scene::instanced_scene::{Instance, TemplateRange};
+use instgs_samples::sample;
+use instgs_samples::{sample_scene, with_ablations};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::instanced_scene::{Instance, TemplateRange};
 
 fn path() -> &'static Path {
     Path::new("x.instgs")
@@ -179,7 +179,7 @@ fn small_keeps_half_a_step() -> Result<(), IoError> {
             (&scene.instances, &scene.groups, &scene.foreign_tensors, &scene.template_ranges)
         );
         assert_eq!(back.offsets, through(&scene, Pack::Q8)?.offsets);
-        let order = crate::math::morton::morton_order(&scene.background.means);
+        let order = instgs_vk::math::morton::morton_order(&scene.background.means);
         let mut background = Gaussians::with_capacity(scene.background.sh_degree, scene.background.len());
         order.into_iter().for_each(|i| background.push_from(&scene.background, i as usize));
         let want = if scene.foreign_tensors.is_empty() { &background } else { &scene.background };

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::error::{IoError, Place};
 use crate::{LEAST_LOG_SCALE, logit_of_byte, read_bytes};
-use crate::scene::gaussians::Gaussians;
+use instgs_vk::scene::gaussians::Gaussians;
 
 const BYTES_PER_SPLAT: usize = 32;
 const SH_C0: f32 = 0.282_094_79;

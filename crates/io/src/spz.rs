@@ -19,7 +19,7 @@ use crate::bytes::Cursor;
 use crate::error::{IoError, Place};
 use crate::spz_codec::{self, Layout};
 use crate::{atomic_write, cut_note, read_bytes};
-use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE};
+use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE};
 
 const MAGIC: u32 = u32::from_le_bytes(*b"NGSP");
 const FLAG_ANTIALIAS: u8 = 1;
@@ -245,7 +245,7 @@ pub fn spz_bytes(cloud: &Gaussians, antialias: bool, path: &Path) -> Result<Vec<
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ply::tests::sample;
+    use instgs_samples::sample;
 
     fn parse(bytes: &[u8]) -> Result<SpzCloud, IoError> {
         parse_spz(bytes, Path::new("test.spz"))

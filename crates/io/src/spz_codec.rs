@@ -1,7 +1,7 @@
 //! SPZ's quantisation: sizes of the attribute arrays, and conversion of their values to and from [`Gaussians`].
 
 use crate::logit_of_byte;
-use crate::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
+use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// SH 0 is stored as 0.5 + 0.15 c, so that colours slightly beyond 0..1 fit a byte.
 const COLOUR_SCALE: f64 = 0.15;

@@ -216,7 +216,7 @@ impl Column {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     fn back(values: &[f32], width: usize, block_rows: usize, step: f32) -> Vec<f32> {
         decode(&encode(values, width, block_rows, |_| step).expect("encodes")).expect("decodes")

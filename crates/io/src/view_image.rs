@@ -8,7 +8,7 @@ use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use crate::dataset::View;
 use crate::error::IoError;
 use crate::{jpeg_end, read_bytes, view_resample};
-use crate::scene::camera::Camera;
+use instgs_vk::scene::camera::Camera;
 
 /// An image to train on or to compare with: `width * height` pixels, row by row from the top.
 ///

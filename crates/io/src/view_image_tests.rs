@@ -2,8 +2,8 @@ use super::*;
 use crate::Mask;
 use crate::colmap::Distortion;
 use crate::dataset::Split;
-use crate::math::rng::Rng;
-use crate::scene::camera::Camera;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::camera::Camera;
 use std::path::PathBuf;
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;

@@ -3,8 +3,8 @@
 
 use crate::masks::Mask;
 use crate::view_image::{IGNORED, OPAQUE, ViewImage};
-use crate::math::distortion::Distortion;
-use crate::scene::camera::Camera;
+use instgs_vk::math::distortion::Distortion;
+use instgs_vk::scene::camera::Camera;
 
 /// The image of a pinhole camera with the same intrinsics: every pixel is sampled bilinearly at the distorted position
 /// of its centre. A position outside the image, or beyond the radius where the model folds over, gives an ignored

@@ -4,7 +4,7 @@
 use glam::{DQuat, DVec3};
 
 use super::gizmo::{Drag, Gizmo, GizmoMode, Handle, HandleLine, Motion, Ray, distance, distance_to_line};
-use crate::scene::{Camera, ObjectBox};
+use instgs_vk::scene::{Camera, ObjectBox};
 
 /// Distance in pixels within which the pointer grabs a dot or clicks an edge.
 const REACH_PX: f64 = 8.0;
@@ -165,7 +165,7 @@ pub fn box_at_edge<'a>(boxes: impl Iterator<Item = &'a ObjectBox>, camera: &Came
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::edit::Turn;
+    use instgs_vk::scene::edit::Turn;
 
     fn camera() -> Camera {
         Camera::look_at("", DVec3::new(1.0, -8.0, 4.0), DVec3::ZERO, DVec3::Z, 0.6, (640, 480))

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::scene::{Boxes, ObjectBox};
+use instgs_vk::scene::{Boxes, ObjectBox};
 
 /// Largest number of changes that can be undone.
 const MOST_STEPS: usize = 200;
@@ -265,8 +265,8 @@ impl BoxList {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::ViewBox;
     use glam::DQuat;
+    use instgs_vk::scene::ViewBox;
 
     fn at(x: f64) -> ObjectBox {
         let center = DVec3::new(x, 0.0, 0.0);

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use crate::math::statistics::percentile;
+use instgs_vk::math::statistics::percentile;
 
 /// Number of intervals kept: two seconds at 120 frames per second.
 const REMEMBERED: usize = 240;

@@ -200,8 +200,8 @@ fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::trajectory::Orbit;
     use glam::DVec3;
+    use instgs_vk::scene::trajectory::Orbit;
 
     fn start() -> (Controls, Navigator) {
         let orbit = Orbit { center: DVec3::ZERO, distance: 3.0, up: DVec3::Z };

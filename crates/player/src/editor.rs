@@ -7,9 +7,9 @@ use std::collections::BTreeSet;
 
 use glam::DVec3;
 
-use crate::math::similarity::Similarity;
-use crate::scene::InstancedScene;
-use crate::scene::edit::{Edit, EditError, EditOutcome, Selector, apply, instance_centres};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::edit::{Edit, EditError, EditOutcome, Selector, apply, instance_centres};
 
 pub use super::steps::Changed;
 use super::steps::{Parts, Step};

@@ -1,8 +1,8 @@
 //! Errors of the player, each a message of one line.
 
-use crate::gpu::GpuError;
-use crate::io::IoError;
-use crate::render::RenderError;
+use instgs_io::IoError;
+use instgs_vk::gpu::GpuError;
+use instgs_vk::render::RenderError;
 
 /// Why the player stopped or a command failed.
 #[derive(Debug, thiserror::Error)]

@@ -10,8 +10,8 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use crate::scene::Camera;
-use crate::scene::edit::{Edit, Selector, Turn};
+use instgs_vk::scene::Camera;
+use instgs_vk::scene::edit::{Edit, Selector, Turn};
 
 /// Length of the arrows in pixels: longer than an object of a tenth of a 1080-line view, and short enough for a view of
 /// 180 lines.

@@ -2,8 +2,8 @@
 
 use std::time::Instant;
 
-use crate::render::FrameStats;
-use crate::scene::Camera;
+use instgs_vk::render::FrameStats;
+use instgs_vk::scene::Camera;
 
 use super::error::PlayerError;
 use super::scene_viewer::{PixelTimes, SceneViewer};

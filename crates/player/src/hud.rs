@@ -1,8 +1,8 @@
 //! The overlay: frame times, counts, memory, and the settings that can be changed while the scene is shown.
 
-use crate::math::digits::grouped;
-use crate::render::{FrameStats, Show};
 use crate::swapchain::PresentMode;
+use instgs_vk::math::digits::grouped;
+use instgs_vk::render::{FrameStats, Show};
 
 use super::clock::FrameClock;
 use super::navigation::Navigator;

@@ -11,7 +11,7 @@ use super::boxes::{BoxList, Origin};
 use super::gizmo::GizmoMode;
 use super::hud_edit::{one, three};
 use super::hud_gizmo::{HOT, line, paint_lines};
-use crate::scene::{Camera, ObjectBox};
+use instgs_vk::scene::{Camera, ObjectBox};
 
 /// Colour of drawn boxes; below, of found boxes.
 const DRAWN: Color32 = Color32::from_rgb(255, 150, 40);

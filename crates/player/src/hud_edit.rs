@@ -16,8 +16,8 @@ use glam::DVec3;
 
 use super::editor::Editor;
 use super::gizmo::GizmoMode;
-use crate::scene::InstancedScene;
-use crate::scene::edit::{Edit, Selector};
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::edit::{Edit, Selector};
 
 pub(super) use place::{one, three};
 

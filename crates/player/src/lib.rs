@@ -26,10 +26,6 @@
 //! A frame goes from the blend pass to the screen without a copy on the host: kernel `present` packs it into pixels in
 //! the window's format, which are copied into one of the swapchain's images.
 
-use instgs_io as io;
-use instgs_objects::{register, segment};
-use instgs_vk::{gpu, math, render, scene};
-
 pub mod box_handles;
 pub mod boxes;
 pub mod clock;

@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::scene::Camera;
-use crate::scene::trajectory::Orbit;
+use instgs_vk::scene::Camera;
+use instgs_vk::scene::trajectory::Orbit;
 
 /// Orbiting stops this far (radians) from straight up and down: beyond it, left and right would swap.
 const POLE: f64 = 2.0 * std::f64::consts::PI / 180.0;

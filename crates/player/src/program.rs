@@ -8,12 +8,6 @@ use clap::builder::PossibleValue;
 use clap::{Parser, ValueEnum};
 
 use crate::headless::{Timings, play};
-use crate::io::json::as_map;
-use crate::io::{IoError, LoadedScene, load_scene, read_boxes, read_views};
-use crate::math::statistics::{Percentiles, median};
-use crate::render::FrameStats;
-use crate::scene::trajectory::Orbit;
-use crate::scene::{Camera, InstancedScene};
 use crate::script::{self, Step};
 use crate::swapchain::PresentMode;
 use crate::views::View;
@@ -22,6 +16,12 @@ use crate::{PlayerError, SceneViewer, ViewerOptions};
 use instgs_console::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, exit_code, parse};
+use instgs_io::json::as_map;
+use instgs_io::{IoError, LoadedScene, load_scene, read_boxes, read_views};
+use instgs_vk::math::statistics::{Percentiles, median};
+use instgs_vk::render::FrameStats;
+use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Shows a scene in a window: orbit or fly through it, edit it, view depth, instances and rendering cost. H lists the
 /// keys.

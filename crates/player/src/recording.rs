@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::scene::Camera;
+use instgs_vk::scene::Camera;
 
 /// Frame rate of the sampled path, frames per second.
 pub const PATH_FPS: f64 = 30.0;
@@ -81,7 +81,7 @@ fn between(a: &Camera, b: &Camera, part: f64) -> Camera {
 mod tests {
     use super::*;
     use crate::navigation::Navigator;
-    use crate::scene::trajectory::Orbit;
+    use instgs_vk::scene::trajectory::Orbit;
 
     fn navigator() -> Navigator {
         Navigator::around(&Orbit { center: DVec3::ZERO, distance: 3.0, up: DVec3::Z })

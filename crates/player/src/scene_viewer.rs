@@ -5,17 +5,17 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::gpu::staging::download_from;
-use crate::gpu::{Buffer, Gpu, Recorder};
-use crate::io::picture_png::write_png;
-use crate::io::{ExportFormat, export_scene, save_scene};
-use crate::render::{
+use crate::swapchain::UI_PASS;
+use instgs_io::picture_png::write_png;
+use instgs_io::{ExportFormat, export_scene, save_scene};
+use instgs_vk::gpu::staging::download_from;
+use instgs_vk::gpu::{Buffer, Gpu, Recorder};
+use instgs_vk::render::{
     Ahead, Arrived, DeviceScene, ExtraPasses, FRAMES_IN_FLIGHT, FrameStats, InstanceLook, MarkShape, Marks, Presenter,
     RenderOptions, Renderer, Show, ShownPicture, Surfaces,
 };
-use crate::scene::edit::{Edit, EditOutcome};
-use crate::scene::{Camera, Instance, InstancedScene};
-use crate::swapchain::UI_PASS;
+use instgs_vk::scene::edit::{Edit, EditOutcome};
+use instgs_vk::scene::{Camera, Instance, InstancedScene};
 
 use super::editor::{Changed, Editor};
 use super::error::PlayerError;

@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use crate::register::find::{FindError, FindInput, FindOptions, FindProgress, Found, find_alike};
-use crate::scene::{Camera, Gaussians, ObjectBox};
+use instgs_objects::register::find::{FindError, FindInput, FindOptions, FindProgress, Found, find_alike};
+use instgs_vk::scene::{Camera, Gaussians, ObjectBox};
 
 /// Resolution of the progress: a completed search has this value.
 const PARTS: u32 = 1000;

@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::math::similarity::Similarity;
-use crate::scene::edit::Edit;
-use crate::scene::instanced_scene::ForeignTensor;
-use crate::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::edit::Edit;
+use instgs_vk::scene::instanced_scene::ForeignTensor;
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 
 /// The part of a scene that must be uploaded again.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,8 +1,8 @@
 //! The views of a scene: names, keys, legends, and the menu that selects one.
 
-use crate::math::heat::heat;
-use crate::render::Show;
-use crate::render::show::{ELLIPSE_ALPHA, OFFSET_TOP, TILE_LOAD_TOP};
+use instgs_vk::math::heat::heat;
+use instgs_vk::render::Show;
+use instgs_vk::render::show::{ELLIPSE_ALPHA, OFFSET_TOP, TILE_LOAD_TOP};
 
 /// The depth view is black from this multiple of the target distance on.
 const DEPTH_OF_DISTANCE: f32 = 3.0;

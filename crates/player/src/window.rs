@@ -9,10 +9,10 @@ use winit::event::{StartCause, WindowEvent};
 use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoop};
 use winit::window::WindowId;
 
-use crate::gpu::DeviceChoice;
-use crate::scene::{Boxes, Camera, InstancedScene};
 use crate::swapchain::{PresentMode, Target};
 use crate::ui_painter::UiFrame;
+use instgs_vk::gpu::DeviceChoice;
+use instgs_vk::scene::{Boxes, Camera, InstancedScene};
 
 use super::error::PlayerError;
 use super::headless::Timings;

@@ -24,29 +24,34 @@ const FILE_STYLE: &str = "text{font:12px system-ui,'DejaVu Sans',sans-serif;fill
 const SMOOTH: f64 = 0.04;
 
 /// A chart over steps or training time.
-pub(crate) struct Chart<'a> {
-    pub(crate) title: &'a str,
-    /// Of the horizontal axis.
-    pub(crate) over: &'a str,
-    pub(crate) series: Vec<Series<'a>>,
+pub struct Chart<'a> {
+    /// Heading of the figure.
+    pub title: &'a str,
+    /// Label of the horizontal axis.
+    pub over: &'a str,
+    /// The curves, in the order of the legend.
+    pub series: Vec<Series<'a>>,
     /// Vertical marks and what they mean.
-    pub(crate) marks: (&'a [f64], &'a str),
+    pub marks: (&'a [f64], &'a str),
     /// A value to compare with, and what it is.
-    pub(crate) level: Level<'a>,
+    pub level: Level<'a>,
     /// True if the vertical axis begins at 0.
-    pub(crate) from_zero: bool,
+    pub from_zero: bool,
 }
 
-/// A curve.
-pub(crate) struct Series<'a> {
-    pub(crate) name: &'a str,
-    pub(crate) points: &'a Points,
-    pub(crate) look: Look,
+/// A curve of a chart.
+pub struct Series<'a> {
+    /// Name in the legend.
+    pub name: &'a str,
+    /// (x, y) in the order of x.
+    pub points: &'a Points,
+    /// How it is drawn.
+    pub look: Look,
 }
 
 /// How a curve is drawn.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) enum Look {
+pub enum Look {
     /// A line.
     Line,
     /// Noisy values, faint, and their running mean.
@@ -57,7 +62,7 @@ pub(crate) enum Look {
 
 impl Chart<'_> {
     /// A `figure` with title, legend and drawing; empty if there is nothing to draw.
-    pub(crate) fn html(&self) -> String {
+    pub fn html(&self) -> String {
         let Some((frame, drawn, level)) = self.drawn() else { return String::new() };
         let marks: Vec<f64> = self.marks.0.iter().copied().filter(|m| (frame.x.0..=frame.x.1).contains(m)).collect();
         let svg = format!("<svg {}\n{}</svg>", self.opening(0.0), self.body(&frame, &drawn, &marks, level));
@@ -110,7 +115,7 @@ impl<'a> Chart<'a> {
     }
 
     /// A file of its own, with title and legend, readable on light and dark pages; `None` if there is nothing to draw.
-    pub(crate) fn svg_file(&self) -> Option<String> {
+    pub fn svg_file(&self) -> Option<String> {
         let (frame, drawn, level) = self.drawn()?;
         let above = ABOVE + KEY_LINE * (drawn.len() + usize::from(level.is_some())) as f64;
         let mut head = format!(

@@ -1,7 +1,7 @@
 //! Curves over steps or training time, from the log of a run.
 
 use super::training_clock::TrainingClock;
-use crate::train::events::Event;
+use instgs_train::events::Event;
 
 /// A curve: (steps done or seconds, value), in the order of the log.
 pub(super) type Points = Vec<(f64, f64)>;

@@ -1,7 +1,7 @@
 //! Why pictures of a run could not be made.
 
-use crate::io::IoError;
-use crate::render::RenderError;
+use instgs_io::IoError;
+use instgs_vk::render::RenderError;
 
 /// One line for the user each.
 #[derive(Debug, thiserror::Error)]

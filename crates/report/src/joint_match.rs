@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::training_clock::{TrainingClock, training_seconds};
-use crate::train::events::{Event, null_is_nan};
+use instgs_train::events::{Event, null_is_nan};
 
 /// Steps that are compared at a time: their mean loss stands for that of the middle one. The loss of one view scatters by a
 /// few percent from look to look; the joint phase gains as much in ten steps, when it comes near.

@@ -1,12 +1,6 @@
 //! L7: what came out of a run: `RUN/report.json` and `RUN/report.html`, a page without scripts or anything from
 //! elsewhere, `RUN/review.html` and the pictures of [`stage_pictures`]. Of a run in two phases both reports show the plain
-//! cloud, too. Reports read what a run left; neither the trainer nor the pipeline calls them.
-
-use instgs_eval as eval;
-use instgs_io as io;
-use instgs_objects::{pipeline, register, segment, template};
-use instgs_train as train;
-use instgs_vk::{gpu, math, render, scene};
+//! cloud, too. [`ReportWriter`] listens to a run; neither the trainer nor the pipeline knows of it.
 
 pub mod chart;
 mod curves;
@@ -23,6 +17,7 @@ pub mod stage_pictures;
 mod stages;
 mod table;
 mod training_clock;
+mod writer;
 
 use std::path::Path;
 
@@ -34,11 +29,12 @@ pub use review_page::{KindOfMasks, ReviewSheet, ReviewView, write_review};
 pub use run_report::RunReport;
 pub use stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 pub use training_clock::training_seconds;
+pub use writer::ReportWriter;
 
-use crate::io::{IoError, RunFolder, atomic_write};
-use crate::scene::RepeatedBytes;
-use crate::train::events::Event;
-use crate::train::facts::Quality;
+use instgs_io::{IoError, RunFolder, atomic_write};
+use instgs_train::events::Event;
+use instgs_train::facts::Quality;
+use instgs_vk::scene::RepeatedBytes;
 
 /// Everything that the page shows.
 #[derive(Clone, Debug, Default)]
@@ -84,7 +80,7 @@ pub fn write(run: &RunFolder, data: &ReportData) -> Result<(), IoError> {
 /// # Errors
 /// The file cannot be written.
 pub fn write_json(run: &RunFolder, report: &RunReport) -> Result<(), IoError> {
-    crate::io::json::write_json(&run.report(), report)
+    instgs_io::json::write_json(&run.report(), report)
 }
 
 /// The page; `path` is for messages.

@@ -1,7 +1,7 @@
 //! How fast a run trains when it has grown.
 
 use super::training_clock::TrainingClock;
-use crate::train::events::Event;
+use instgs_train::events::Event;
 
 /// Part of the steps, at the end, whose pace counts: by then every preset, at its own length, has stopped adding
 /// Gaussians, but for `mcmc`, which goes on to five sixths.

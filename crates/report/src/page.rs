@@ -11,9 +11,9 @@ use super::run_report::RunReport;
 use super::stages as of_stages;
 use super::table::{bar, table};
 use super::{ReportData, ViewPicture};
-use crate::io::{IoError, Place};
-use crate::train::config::Method;
-use crate::train::facts::Quality;
+use instgs_io::{IoError, Place};
+use instgs_train::config::Method;
+use instgs_train::facts::Quality;
 
 pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     let report = &data.report;
@@ -61,9 +61,9 @@ pub(super) fn section(title: &str, body: &str) -> String {
 
 fn head(report: &RunReport) -> String {
     let data = &report.dataset;
-    let all = match report.config.method {
-        Method::Gaussians => report.config.steps,
-        Method::Instanced => report.config.joint.steps,
+    let all = match report.config.train.method {
+        Method::Gaussians => report.config.train.steps,
+        Method::Instanced => report.config.train.joint.steps,
     };
     let planned = if report.steps < all { format!(" of {} (stopped early)", count(all)) } else { String::new() };
     let steps = format!("{} steps{planned}", count(report.steps));

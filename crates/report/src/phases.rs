@@ -8,10 +8,10 @@ use super::run_report::RunReport;
 use super::table::table;
 use super::training_clock::training_seconds;
 use super::{RepeatedBytes, ReportData};
-use crate::pipeline::is_preparation;
-use crate::template::{GroupReport, POOR_MATCH};
-use crate::train::events::Event;
-use crate::train::facts::Quality;
+use instgs_objects::pipeline::is_preparation;
+use instgs_objects::template::{GroupReport, POOR_MATCH};
+use instgs_train::events::Event;
+use instgs_train::facts::Quality;
 
 /// The steps of both phases; `joint` is the words for the second one's.
 pub(super) fn steps(vanilla: &RunReport, joint: &str) -> String {

@@ -6,7 +6,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage, imageops};
 
-use crate::train::facts::ViewMetrics;
+use instgs_train::facts::ViewMetrics;
 
 /// Pictures on the page are scaled down to this width.
 pub const MAX_WIDTH_PX: u32 = 480;
@@ -124,7 +124,7 @@ fn encoded(image: &RgbImage) -> Result<Vec<u8>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::facts::Quality;
+    use instgs_train::facts::Quality;
 
     fn decoded(address: &str) -> RgbImage {
         let text = address.strip_prefix("data:image/png;base64,").unwrap();

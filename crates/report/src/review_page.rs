@@ -8,8 +8,8 @@ use super::page::{head_of, section};
 use super::stage_pictures::data::ObjectColor;
 use super::stages::legend;
 use super::table::table;
-use crate::io::{IoError, atomic_write};
-use crate::segment::ObjectReport;
+use instgs_io::{IoError, atomic_write};
+use instgs_objects::segment::ObjectReport;
 
 /// What the sheet shows.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -6,12 +6,12 @@ use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::JointMatch;
-use crate::register::InstanceRegistration;
-use crate::scene::RepeatedBytes;
-use crate::template::GroupReport;
-use crate::train::config::TrainConfig;
-use crate::train::events::null_is_nan;
-use crate::train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, StageTime, ViewMetrics};
+use instgs_objects::pipeline::config::RunConfig;
+use instgs_objects::register::InstanceRegistration;
+use instgs_objects::template::GroupReport;
+use instgs_train::events::null_is_nan;
+use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, StageTime, ViewMetrics};
+use instgs_vk::scene::RepeatedBytes;
 
 /// A training run. Numbers that are not finite are `null` in the file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -72,7 +72,7 @@ pub struct RunReport {
     /// What was trained on.
     pub dataset: DatasetFacts,
     /// The resolved configuration.
-    pub config: TrainConfig,
+    pub config: RunConfig,
 }
 
 /// A JSON object in the order of the list.

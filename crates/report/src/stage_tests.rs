@@ -4,7 +4,7 @@ use std::path::Path;
 
 use super::tests::{tags, two_phases};
 use super::*;
-use crate::register::{InstanceRegistration, Verdict};
+use instgs_objects::register::{InstanceRegistration, Verdict};
 
 fn grey(level: u8) -> Rgb8 {
     Rgb8 { width: 4, height: 3, pixels: vec![level; 36] }

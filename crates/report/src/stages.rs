@@ -5,7 +5,7 @@ use super::format::{count, escape, fixed};
 use super::pictures::address;
 use super::run_report::RunReport;
 use super::stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
-use crate::register::{InstanceRegistration, Verdict};
+use instgs_objects::register::{InstanceRegistration, Verdict};
 
 /// Objects in the list of colours: more than fit into a few lines say nothing.
 const MOST_LISTED: usize = 36;

@@ -3,10 +3,10 @@
 use std::f64::consts::TAU;
 
 use super::*;
-use crate::math::rng::Rng;
-use crate::template::{GroupReport, InstanceReport};
-use crate::train::config::Method;
-use crate::train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, ViewMetrics};
+use instgs_objects::template::{GroupReport, InstanceReport};
+use instgs_train::config::Method;
+use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, ViewMetrics};
+use instgs_vk::math::rng::Rng;
 
 fn quality(psnr: f64) -> Quality {
     Quality { psnr, ssim: 0.5 + psnr / 80.0, lpips: Some(0.5 - psnr / 80.0) }
@@ -207,8 +207,8 @@ pub(super) fn two_phases() -> ReportData {
     let report = &mut data.report;
     report.method = "instgs".into();
     report.steps = 2000;
-    report.config.method = Method::Instanced;
-    report.config.joint.steps = 2000;
+    report.config.train.method = Method::Instanced;
+    report.config.train.joint.steps = 2000;
     report.stages =
         vec![stage("3dgs: train", 875.0), stage("segment", 30.0), stage("register", 4.7), stage("merge", 5.5)];
     report.eval = Some(quality(24.1));

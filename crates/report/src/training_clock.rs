@@ -1,6 +1,6 @@
 //! Training time at each event of a log.
 
-use crate::train::events::Event;
+use instgs_train::events::Event;
 
 /// Adds up the parts of a run that was resumed. A part counts from 0, and leaves out evaluations and checkpoints.
 #[derive(Debug, Default)]

@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use crate::scene::{Camera, PointCloud};
+use instgs_vk::scene::{Camera, PointCloud};
 
 /// Cameras farther from the origin than so many extents of the scene: single precision, 2^-23 of a coordinate, then rounds
 /// places by more than 1e-4 of the extent, as much as a Gaussian of a fine scene is large.

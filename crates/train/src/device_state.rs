@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use crate::gpu::interface::types::SourceGradient;
-use crate::gpu::{Gpu, GpuError, Recorder};
-use crate::kernels::BackwardPipelines;
-use crate::optim::{Adam, MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
-use crate::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
-use crate::scene::gaussians::sh_coefficients;
-use crate::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
+use instgs_vk::gpu::interface::types::SourceGradient;
+use instgs_vk::gpu::{Gpu, GpuError, Recorder};
+use instgs_vk::kernels::BackwardPipelines;
+use instgs_vk::optim::{Adam, MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
+use instgs_vk::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
+use instgs_vk::scene::gaussians::sh_coefficients;
+use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::config::{Rates, SourceRates};
 

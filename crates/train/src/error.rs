@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::eval::EvalError;
-use crate::gpu::GpuError;
-use crate::io::IoError;
-use crate::render::RenderError;
+use instgs_eval::EvalError;
+use instgs_io::IoError;
+use instgs_vk::gpu::GpuError;
+use instgs_vk::render::RenderError;
 
 /// One line for the user each.
 #[derive(Debug, thiserror::Error)]

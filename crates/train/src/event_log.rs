@@ -5,7 +5,7 @@ use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
 use super::events::{Event, EventSink};
-use crate::io::{IoError, Place, atomic_write, read_bytes};
+use instgs_io::{IoError, Place, atomic_write, read_bytes};
 
 /// Appends events to a file. What a checkpoint at step s stands on is in the file once [`Self::flush`] was called, so
 /// flush before the checkpoint is written; events other than steps and growth flush by themselves.

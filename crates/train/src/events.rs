@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// One event; a line of `RUN/events.jsonl`, as an object with the event's name under `event`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -164,7 +164,7 @@ impl Event {
     }
 }
 
-/// Who wants to know. Closures `FnMut(&Event)` are sinks, so is [`super::event_log::EventLog`].
+/// Where the trainer puts its events: [`super::event_log::EventLog`], or that and an observer.
 pub trait EventSink {
     /// Takes an event.
     ///
@@ -181,36 +181,8 @@ pub trait EventSink {
     }
 }
 
-impl<F: FnMut(&Event)> EventSink for F {
-    fn event(&mut self, event: &Event) -> Result<(), IoError> {
-        self(event);
-        Ok(())
-    }
-}
-
-/// Collects.
-impl EventSink for Vec<Event> {
-    fn event(&mut self, event: &Event) -> Result<(), IoError> {
-        self.push(event.clone());
-        Ok(())
-    }
-}
-
-/// Passes events on to several sinks, in order; the first error ends it.
-pub struct Tee<'a>(pub Vec<&'a mut dyn EventSink>);
-
-impl EventSink for Tee<'_> {
-    fn event(&mut self, event: &Event) -> Result<(), IoError> {
-        self.0.iter_mut().try_for_each(|sink| sink.event(event))
-    }
-
-    fn flush(&mut self) -> Result<(), IoError> {
-        self.0.iter_mut().try_for_each(|sink| sink.flush())
-    }
-}
-
 /// JSON has no NaN and no infinities: they are written as `null`.
-pub(crate) fn null_is_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+pub fn null_is_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }
 
@@ -238,21 +210,5 @@ mod tests {
         let Event::Evaluated { psnr, ssim, lpips, .. } = back else { panic!("{back:?}") };
         assert!(psnr.is_nan() && ssim == 0.5 && lpips.is_none());
         Ok(())
-    }
-
-    #[test]
-    fn a_tee_passes_on_to_all_until_one_fails() {
-        struct Full;
-        impl EventSink for Full {
-            fn event(&mut self, _: &Event) -> Result<(), IoError> {
-                Err(IoError::new(std::path::Path::new("log"), "is full"))
-            }
-        }
-        let event = Event::ShDegree { step: 1, degree: 1 };
-        let (mut list, mut count, mut full, mut after) = (Vec::new(), 0, Full, Vec::new());
-        let mut counter = |_: &Event| count += 1;
-        let result = Tee(vec![&mut list, &mut counter, &mut full, &mut after]).event(&event);
-        assert!(result.is_err());
-        assert_eq!((list.len(), count, after.len()), (1, 1, 0));
     }
 }

@@ -1,8 +1,52 @@
 //! Facts that a training run leaves behind, as plain data: times, counts, sizes, quality. `report.json` is made of them.
 
+use std::collections::BTreeMap;
+use std::time::Instant;
+
 use serde::{Deserialize, Serialize};
 
 use super::events::null_is_nan;
+use instgs_eval::Metrics;
+use instgs_vk::scene::{InstancedScene, RepeatedBytes};
+
+/// Everything that is known of a training that is done: `trained.json`. The names are those of `report.json`, so that the report
+/// of a version without that file can be read as well. Numbers that are not finite are `null` in the file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct TrainFacts {
+    /// `"3dgs"` or `"instgs"`.
+    pub method: String,
+    /// Finished steps.
+    pub steps: u64,
+    /// Steps a second of the optimisation alone, in the last part of the run.
+    #[serde(deserialize_with = "null_is_nan")]
+    pub steps_per_second: f64,
+    /// Wall time of the parts, in order; of a run that was interrupted, of its last part.
+    pub stages: Vec<StageTime>,
+    /// Milliseconds a step by pass: timestamps on the device.
+    pub passes_ms: BTreeMap<String, f64>,
+    /// Means over the test views; `None` without test views.
+    pub eval: Option<Quality>,
+    /// Numbers of Gaussians.
+    pub gaussians: Counts,
+    /// Sizes.
+    pub bytes: Bytes,
+    /// Device name.
+    pub device: String,
+    /// Seed of the run.
+    pub seed: u64,
+    /// What sharing saves; `None` for a scene without instances.
+    pub repeated: Option<RepeatedBytes>,
+    /// Part of a step's wall time in which the host does not wait for the device, 0..=1.
+    #[serde(deserialize_with = "null_is_nan")]
+    pub host_fraction: f64,
+    /// What device memory is used for.
+    pub memory_explained: Vec<MemoryUse>,
+    /// Every test view.
+    pub views: Vec<ViewMetrics>,
+    /// What was trained on.
+    pub dataset: DatasetFacts,
+}
 
 /// How long a stage of a run took.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -12,6 +56,13 @@ pub struct StageTime {
     /// Wall time.
     #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
+}
+
+impl StageTime {
+    /// The stage that began then and ends now.
+    pub fn since(name: &str, start: Instant) -> Self {
+        Self { name: name.into(), seconds: start.elapsed().as_secs_f64() }
+    }
 }
 
 /// How near a rendering is to its photograph.
@@ -25,6 +76,12 @@ pub struct Quality {
     pub ssim: f64,
     /// Perceptual distance, 0 is best; `None` without weights to compute it with.
     pub lpips: Option<f64>,
+}
+
+impl From<Metrics> for Quality {
+    fn from(metrics: Metrics) -> Self {
+        Self { psnr: metrics.psnr, ssim: metrics.ssim, lpips: metrics.lpips }
+    }
 }
 
 /// Numbers of Gaussians.
@@ -41,6 +98,16 @@ pub struct Counts {
 }
 
 impl Counts {
+    /// Those of a scene.
+    pub fn of(scene: &InstancedScene) -> Self {
+        Self {
+            template: scene.templates.len() as u64,
+            offsets: scene.offsets.len() as u64,
+            background: scene.background.len() as u64,
+            expanded: scene.expanded_len(),
+        }
+    }
+
     /// Gaussians in the file: of templates and background.
     pub fn stored(&self) -> u64 {
         self.template + self.background

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use crate::io::{IoError, LoadedScene, load_scene};
-use crate::scene::Gaussians;
+use instgs_io::{IoError, LoadedScene, load_scene};
+use instgs_vk::scene::Gaussians;
 
 use super::config::TrainConfig;
 

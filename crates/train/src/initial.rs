@@ -3,11 +3,11 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
-use crate::math::nearest::PointSet;
-use crate::math::rng::Rng;
-use crate::math::sh::SH_C0;
-use crate::scene::gaussians::sh_coefficients;
-use crate::scene::{Camera, Gaussians, PointCloud};
+use instgs_vk::math::nearest::PointSet;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::sh::SH_C0;
+use instgs_vk::scene::gaussians::sh_coefficients;
+use instgs_vk::scene::{Camera, Gaussians, PointCloud};
 
 use super::config::TrainConfig;
 

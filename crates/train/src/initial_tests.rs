@@ -1,5 +1,5 @@
 use super::*;
-use crate::math::sh::eval_sh;
+use instgs_vk::math::sh::eval_sh;
 
 const INRIA: InitialShape = InitialShape { opacity: 0.1, scale: 1.0 };
 

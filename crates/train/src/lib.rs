@@ -2,12 +2,8 @@
 //!
 //! Plain data, no device: [`config`] (what to do at which step), [`view_order`] (which view a step uses), [`events`]
 //! and [`event_log`] (what happened), [`facts`] (what came out), [`interrupt`] (Ctrl-C). Checkpoint files are
-//! [`crate::io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
-//! [`crate::pipeline`].
-
-use instgs_eval as eval;
-use instgs_io as io;
-use instgs_vk::{gpu, kernels, math, optim, render, scene};
+//! [`instgs_io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
+//! [`instgs_objects::pipeline`].
 
 pub mod config;
 mod data_doubts;
@@ -20,6 +16,7 @@ pub mod given;
 pub mod initial;
 pub mod interrupt;
 pub mod memory;
+pub mod observer;
 mod start;
 pub mod state_file;
 pub mod step_runner;
@@ -30,5 +27,6 @@ pub mod view_store;
 pub mod views;
 
 pub use error::TrainError;
+pub use observer::{TrainMessage, TrainObserver};
 pub use start::leave_out_masked;
 pub use trainer::{TrainJob, Trained, eval_options, train};

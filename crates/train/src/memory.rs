@@ -4,7 +4,7 @@ use super::device_state::DeviceState;
 use super::facts::MemoryUse;
 use super::step_runner::StepRunner;
 use super::views::TrainViews;
-use crate::gpu::interface::types;
+use instgs_vk::gpu::interface::types;
 
 /// The uses that make up nearly all of the device's memory; each is `count` times `bytes_each`.
 pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews) -> Vec<MemoryUse> {

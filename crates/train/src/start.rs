@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::gpu::Gpu;
-use crate::io::checkpoint::{self, Checkpoint};
-use crate::io::dataset::{Dataset, Split, read_views};
-use crate::io::point_cloud::{advice_without_points, read_points};
-use crate::io::view_image::IGNORED;
-use crate::io::{IoError, View, load_scene};
-use crate::kernels::Variant;
-use crate::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
+use instgs_io::checkpoint::{self, Checkpoint};
+use instgs_io::dataset::{Dataset, Split, read_views};
+use instgs_io::point_cloud::{advice_without_points, read_points};
+use instgs_io::view_image::IGNORED;
+use instgs_io::{IoError, View, load_scene};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::kernels::Variant;
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
 
 use super::config::{Init, Method, Strategy, TrainConfig};
 use super::data_doubts::doubts;
@@ -95,7 +95,7 @@ fn check_fits(checkpoint: &Checkpoint, path: &Path, config: &TrainConfig) -> Res
 /// True if a run cannot start without the dataset's points.
 pub(super) fn needs_points(config: &TrainConfig, resumed: &Resumed) -> bool {
     config.method == Method::Gaussians
-        && config.init_scene.is_empty()
+        && config.init_scene.is_none()
         && config.init == Init::Points
         && resumed.found.is_none()
 }
@@ -158,11 +158,15 @@ pub(super) struct Loaded {
     pub(super) views: TrainViews,
 }
 
-/// Reads cameras, points, pictures and the state to start from; `warn` is told what the user should know.
+/// Reads cameras, points, pictures and the state to start from; `warn` is told what the user should know, a line each.
 ///
 /// # Errors
 /// Damaged or missing input, or more than the device holds.
-pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str)) -> Result<Loaded, TrainError> {
+pub(super) fn load_all(
+    gpu: &Arc<Gpu>,
+    job: &TrainJob,
+    warn: &mut dyn FnMut(&str) -> Result<(), IoError>,
+) -> Result<Loaded, TrainError> {
     let config = &job.config;
     let resumed = find_checkpoint(job)?;
     let mut data = read_data(&job.data, needs_points(config, &resumed))?;
@@ -174,7 +178,7 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
     };
     let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
     data.warnings.extend(doubts(&cameras, &data.points, data.extent, config.near));
-    data.warnings.iter().for_each(|warning| warn(warning));
+    data.warnings.iter().try_for_each(|warning| warn(warning))?;
     let budget_bytes = match config.device_memory_mb {
         0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
         // Half of the budget.
@@ -184,7 +188,7 @@ pub(super) fn load_all(gpu: &Arc<Gpu>, job: &TrainJob, warn: &mut dyn FnMut(&str
     let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
     let views = TrainViews::load(gpu, &plan, || ())?;
     // Test pictures too: a damaged one should be found now, not after hours.
-    leave_out_masked(&mut data.test, width)?.iter().for_each(|warning| warn(warning));
+    leave_out_masked(&mut data.test, width)?.iter().try_for_each(|warning| warn(warning))?;
     Ok(Loaded { data, variant, start, views })
 }
 
@@ -234,16 +238,16 @@ pub(super) fn first_state(
         return Ok(Start { state, names: InstancedScene::default(), step, due });
     }
     let (degree, shape) = (config.sh_degree, InitialShape::new(config));
-    let cloud = match config.init {
-        _ if !config.init_scene.is_empty() => {
-            let given = given_cloud(Path::new(&config.init_scene), config)?;
+    let cloud = match (&config.init_scene, config.init) {
+        (Some(scene), _) => {
+            let given = given_cloud(scene, config)?;
             data.warnings.extend(given.warnings);
             given.cloud
         }
-        Init::Points => from_points(&data.points, degree, shape),
-        Init::Random => {
+        (None, Init::Points) => from_points(&data.points, degree, shape),
+        (None, Init::Random) => {
             let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
-            let seed = crate::math::rng::Rng::new(config.seed).fork(INIT_STREAM).next_u64();
+            let seed = instgs_vk::math::rng::Rng::new(config.seed).fork(INIT_STREAM).next_u64();
             random_in_view(&cameras, config.init_count as usize, seed, degree, shape)
         }
     };
@@ -286,7 +290,7 @@ fn first_instanced(
 /// start that leaves no room cannot grow where there is detail. See docs/measurements.md.
 fn most_at_first(config: &TrainConfig) -> usize {
     let most = config.max_gaussians as usize;
-    let grows = config.strategy != Strategy::None && config.init_scene.is_empty();
+    let grows = config.strategy != Strategy::None && config.init_scene.is_none();
     if grows { most.div_ceil(2) } else { most }
 }
 
@@ -304,8 +308,8 @@ fn capped(cloud: Gaussians, most: usize, warnings: &mut Vec<String>) -> Gaussian
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::checkpoint::save;
     use crate::config::{ConfigBuilder, ConfigError};
+    use instgs_io::checkpoint::save;
 
     type Test = Result<(), Box<dyn std::error::Error>>;
 
@@ -374,7 +378,7 @@ mod tests {
                 cy: 0.5,
                 view_from_world: pose,
             };
-            let split = crate::io::Split::Test;
+            let split = instgs_io::Split::Test;
             Ok::<_, Box<dyn std::error::Error>>(View {
                 camera: sides,
                 image_path,
@@ -397,12 +401,12 @@ mod tests {
         let out = folder.path().to_path_buf();
         let needs = |sets: &[&str], resume: bool| {
             let config = with(&[&["sh_degree=2"], sets].concat())?;
-            let job = TrainJob { data: out.clone(), out: out.clone(), config, resume };
+            let job = TrainJob { data: out.clone(), out: out.clone(), config, config_file: None, resume };
             Ok::<_, Box<dyn std::error::Error>>(needs_points(&job.config, &find_checkpoint(&job)?))
         };
         assert!(needs(&[], false)? && needs(&[], true)?);
         assert!(!needs(&["init=random"], false)? && !needs(&["init_scene=a.ply"], false)?);
-        let path = save(&crate::io::RunFolder::new(&out).checkpoints(), &sample())?;
+        let path = save(&instgs_io::RunFolder::new(&out).checkpoints(), &sample())?;
         // Without --resume the checkpoint does not count, whatever it is.
         assert!(needs(&[], false)? && needs(&["sh_degree=3"], false)?);
         assert!(!needs(&[], true)?);
@@ -410,7 +414,7 @@ mod tests {
         // A damaged one is told of, and points are needed again.
         std::fs::write(&path, "x")?;
         assert!(needs(&[], true)?);
-        let job = TrainJob { data: out.clone(), out: out.clone(), config: with(&[])?, resume: true };
+        let job = TrainJob { data: out.clone(), out: out.clone(), config: with(&[])?, config_file: None, resume: true };
         assert_eq!(find_checkpoint(&job)?.warnings.len(), 1);
         Ok(())
     }

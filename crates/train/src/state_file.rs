@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::gpu::staging::{download, write};
-use crate::gpu::{Buffer, Gpu};
-use crate::io::IoError;
-use crate::io::checkpoint::Checkpoint;
-use crate::optim::POSE_VALUES;
-use crate::scene::{InstancedScene, Owner};
+use instgs_io::IoError;
+use instgs_io::checkpoint::Checkpoint;
+use instgs_vk::gpu::staging::{download, write};
+use instgs_vk::gpu::{Buffer, Gpu};
+use instgs_vk::optim::POSE_VALUES;
+use instgs_vk::scene::{InstancedScene, Owner};
 
 use super::device_state::{DeviceState, zeros};
 use super::error::TrainError;

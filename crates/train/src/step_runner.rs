@@ -8,13 +8,13 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::gpu::interface::constants::{LOG_STEPS, STATUS_COUNT};
-use crate::gpu::interface::types::StepRecord;
-use crate::gpu::staging::write;
-use crate::gpu::{Buffer, Gpu, Recorder, Ticket};
-use crate::kernels::{McmcStepPipelines, Variant};
-use crate::optim::Adam;
-use crate::render::{RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
+use instgs_vk::gpu::interface::constants::{LOG_STEPS, STATUS_COUNT};
+use instgs_vk::gpu::interface::types::StepRecord;
+use instgs_vk::gpu::staging::write;
+use instgs_vk::gpu::{Buffer, Gpu, Recorder, Ticket};
+use instgs_vk::kernels::{McmcStepPipelines, Variant};
+use instgs_vk::optim::Adam;
+use instgs_vk::render::{RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
 
 use super::config::Rates;
 use super::device_state::DeviceState;

@@ -4,23 +4,26 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::eval::{EvalReport, Evaluated, evaluate};
-use crate::gpu::Gpu;
-use crate::io::checkpoint;
-use crate::io::{RunFolder, View, atomic_write, write_ply, write_scene_file};
-use crate::kernels::Variant;
-use crate::math::rng::Rng;
-use crate::optim::Adam;
-use crate::render::{DeviceScene, RenderOptions, Renderer};
-use crate::scene::InstancedScene;
+use instgs_eval::{EvalReport, Evaluated, evaluate};
+use instgs_io::checkpoint;
+use instgs_io::json::write_json;
+use instgs_io::{IoError, RunFolder, View, atomic_write, write_ply, write_scene_file};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::kernels::Variant;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::optim::Adam;
+use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
+use instgs_vk::scene::{InstancedScene, RepeatedBytes};
 
 use super::config::{Background, Method, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
+use super::event_log::EventLog;
 use super::events::{Event, EventSink};
-use super::facts::{DatasetFacts, MemoryUse, StageTime};
+use super::facts::{Bytes, Counts, DatasetFacts, Quality, StageTime, TrainFacts, ViewMetrics};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
+use super::observer::{TrainMessage, TrainObserver};
 use super::start::{Loaded, TrainData, load_all};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
@@ -45,6 +48,9 @@ pub struct TrainJob {
     pub out: PathBuf,
     /// What to do at which step.
     pub config: TrainConfig,
+    /// What `config.toml` of the run folder shall say, if not `config`: the configuration of a larger run that this is a
+    /// phase of.
+    pub config_file: Option<String>,
     /// Go on from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
 }
@@ -64,26 +70,11 @@ pub struct Trained {
     pub dropped_non_finite: usize,
     /// How many that no instance shows.
     pub pruned: usize,
-    /// Finished steps.
-    pub done: u64,
-    /// True if someone asked to stop before the last step.
+    /// True if someone asked to stop before the last step: then there are no figures of test views, and no facts in the
+    /// run folder.
     pub interrupted: bool,
-    /// Figures of the test views; `None` without test views, or if interrupted.
-    pub eval: Option<EvalReport>,
-    /// Wall time of the parts.
-    pub stages: Vec<StageTime>,
-    /// Steps a second of the optimisation alone, in this part of the run.
-    pub steps_per_second: f64,
-    /// Where the time of the steps went.
-    pub times: StepTimes,
-    /// Wall time of the steps.
-    pub train_seconds: f64,
-    /// Device bytes by use.
-    pub memory: Vec<MemoryUse>,
-    /// The most device memory in use at a time.
-    pub device_peak: u64,
-    /// What was trained on.
-    pub dataset: DatasetFacts,
+    /// Times, counts, sizes and quality.
+    pub facts: TrainFacts,
 }
 
 /// One run in progress.
@@ -119,19 +110,34 @@ impl Clock {
     }
 }
 
-/// Trains. Events go to `sink`; `interrupt` is looked at between steps; `warn` gets what is worth telling before the first
-/// step, one line each; `on_picture` the test views at the end. Files are written into the run folder:
-/// `config.toml`, `checkpoints/`, `point_cloud.ply` and `scene.instgs`; the report is the caller's.
+/// The run's log, and the one who watches.
+struct Told<'a> {
+    log: EventLog,
+    observer: &'a mut dyn TrainObserver,
+}
+
+impl EventSink for Told<'_> {
+    fn event(&mut self, event: &Event) -> Result<(), IoError> {
+        self.log.event(event)?;
+        self.observer.notify(TrainMessage::Event(event))
+    }
+
+    fn flush(&mut self) -> Result<(), IoError> {
+        self.log.flush()
+    }
+}
+
+/// Trains, and leaves `config.toml`, `events.jsonl`, `checkpoints/`, `scene.instgs`, of a plain cloud `point_cloud.ply`, and
+/// last `trained.json` in the run folder, which is made if it is not there. `observer` is told of all that happens;
+/// `interrupt` is looked at between steps.
 ///
 /// # Errors
 /// Damaged or missing input; a device that fails or is too small: then the state before the step is saved first.
 pub fn train(
     gpu: &Arc<Gpu>,
     job: &TrainJob,
-    sink: &mut dyn EventSink,
     interrupt: &Interrupt,
-    warn: &mut dyn FnMut(&str),
-    on_picture: &mut dyn FnMut(Evaluated<'_>),
+    observer: &mut dyn TrainObserver,
 ) -> Result<Trained, TrainError> {
     gpu.reset_memory_peak();
     gpu.set_memory_budget(match job.config.device_memory_mb {
@@ -139,52 +145,36 @@ pub fn train(
         mb => u64::from(mb) << 20,
     });
     let load = Instant::now();
-    let folder = job.folder();
-    let config_path = folder.config();
-    let before = std::fs::read(&config_path).ok();
-    let text = job.config.to_toml()?;
-    // Before pictures are read, which may take minutes: a run that is killed then must know itself.
-    atomic_write(&config_path, |out| out.write_all(text.as_bytes()))?;
+    let Loaded { data, variant, start, views } = load_for(gpu, job, observer)?;
     let job = &TrainJob { config: job.config.own_phase(), ..job.clone() };
-    let loaded = load_all(gpu, job, warn);
-    if loaded.is_err() {
-        // Nothing began: the folder is free again, or still that of the run that was there. If this fails as well, the
-        // first error is the one to tell.
-        let _ = match before {
-            None => std::fs::remove_file(&config_path).ok(),
-            Some(bytes) => atomic_write(&config_path, |out| out.write_all(&bytes)).ok(),
-        };
-    }
-    let Loaded { data, variant, start, views } = loaded?;
     let first_step = start.step;
+    let log = open_log(job, first_step, observer)?;
+    let mut told = Told { log, observer };
     let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
-    let names = start.names;
-    let mut stages = vec![StageTime { name: "load".into(), seconds: load.elapsed().as_secs_f64() }];
+    let mut stages = vec![StageTime::since("load", load)];
     run.clock.reported.0 = first_step;
-    run.announce(sink, first_step, &data)?;
+    run.announce(&mut told, first_step, &data)?;
     if start.due {
-        run.densify(first_step, sink)?;
+        run.densify(first_step, &mut told)?;
     }
     run.clock.started = Instant::now();
-    let done = run.steps(sink, interrupt, first_step)?;
+    let done = run.steps(&mut told, interrupt, first_step)?;
     let train_seconds = run.clock.seconds();
     stages.push(StageTime { name: "train".into(), seconds: train_seconds });
 
-    let memory = memory_uses(&run.state, &run.runner, &run.views);
+    let memory_explained = memory_uses(&run.state, &run.runner, &run.views);
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
-    let mut scene = run.state.download(gpu, &names)?;
+    let mut scene = run.state.download(gpu, &start.names)?;
     scene.antialias = job.config.antialias;
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
-    if scene.expanded_len() == 0 {
-        return Err(TrainError::Other(format!("after {done} steps no Gaussian is left that is finite")));
+    let file_bytes = write_scene(job, &scene, done)?;
+    stages.push(StageTime::since("save", save));
+    if dropped_non_finite > 0 {
+        let what = format!("dropped {dropped_non_finite} Gaussians with a non-finite parameter");
+        told.observer.notify(TrainMessage::Warning(&what))?;
     }
-    if job.config.method == Method::Gaussians {
-        write_ply(&folder.point_cloud(), &scene.background, scene.antialias)?;
-    }
-    write_scene_file(&folder.scene(), &scene)?;
-    stages.push(StageTime { name: "save".into(), seconds: save.elapsed().as_secs_f64() });
 
     let interrupted = done < job.config.steps;
     let gaussians = run.state.source_count as u64;
@@ -192,34 +182,114 @@ pub fn train(
     // What training takes goes first: the pictures of the test views and the scene a second time may need its memory.
     drop((run.runner, run.views, run.state));
     let evaluation = Instant::now();
-    let eval = if interrupted || data.test.is_empty() {
-        None
-    } else {
-        let mut renderer = Renderer::new(gpu)?;
-        let device_scene = renderer.upload(&scene)?;
-        Some(evaluate_with(&mut renderer, &device_scene, (&data.test, &job.config), on_picture)?)
-    };
+    let test = if interrupted { &[][..] } else { &data.test };
+    let eval = evaluate_at_end(gpu, &scene, test, &job.config, told.observer)?;
     if let Some(report) = &eval {
-        sink.event(&evaluated(done, report))?;
-        stages.push(StageTime { name: "eval".into(), seconds: evaluation.elapsed().as_secs_f64() });
+        told.event(&evaluated(done, report))?;
+        stages.push(StageTime::since("eval", evaluation));
     }
-    sink.event(&Event::Finished { step: done, interrupted, gaussians, seconds: train_seconds })?;
+    told.event(&Event::Finished { step: done, interrupted, gaussians, seconds: train_seconds })?;
+    told.flush()?;
     let steps = (done - first_step) as f64;
-    Ok(Trained {
-        scene,
-        dropped_non_finite,
-        pruned,
-        done,
-        interrupted,
-        eval,
-        stages,
+    let per_step = |ms: f64| ms / times.steps.max(1) as f64;
+    let parameters = memory_explained.iter().find(|m| m.name == "parameters").map_or(0, |m| m.bytes);
+    let facts = TrainFacts {
+        method: job.config.method.name().into(),
+        steps: done,
         steps_per_second: if train_seconds > 0.0 { steps / train_seconds } else { 0.0 },
+        stages,
+        passes_ms: times.passes_ms.iter().map(|(pass, ms)| ((*pass).into(), per_step(*ms))).collect(),
+        eval: eval.as_ref().map(|report| report.mean.into()),
+        gaussians: Counts::of(&scene),
+        bytes: Bytes { file: file_bytes, host: scene.tensor_bytes(), device_scene: parameters, device_peak },
+        device: gpu.caps().name.clone(),
+        seed: job.config.seed,
+        repeated: (!scene.instances.is_empty()).then(|| RepeatedBytes::of(&scene)),
+        host_fraction: times.host.as_secs_f64() / times.total.as_secs_f64().max(1e-9),
+        memory_explained,
+        views: eval.as_ref().map(view_metrics).unwrap_or_default(),
         dataset,
-        times,
-        train_seconds,
-        memory,
-        device_peak,
-    })
+    };
+    if !interrupted {
+        write_json(&job.folder().facts(), &facts)?;
+    }
+    Ok(Trained { scene, dropped_non_finite, pruned, interrupted, facts })
+}
+
+/// Writes down the configuration and loads what training needs. If that fails the folder is as it was before.
+fn load_for(gpu: &Arc<Gpu>, job: &TrainJob, observer: &mut dyn TrainObserver) -> Result<Loaded, TrainError> {
+    let folder = job.folder();
+    folder.create()?;
+    let path = folder.config();
+    let before = std::fs::read(&path).ok();
+    let text = match &job.config_file {
+        Some(text) => text.clone(),
+        None => job.config.to_toml()?,
+    };
+    // Before pictures are read, which may take minutes: a run that is killed then must know itself.
+    atomic_write(&path, |out| out.write_all(text.as_bytes()))?;
+    let phase = TrainJob { config: job.config.own_phase(), ..job.clone() };
+    let loaded = load_all(gpu, &phase, &mut |text| observer.notify(TrainMessage::Warning(text)));
+    if loaded.is_err() {
+        // Nothing began: the folder is free again, or still that of the run that was there. If this fails as well, the
+        // first error is the one to tell.
+        let _ = match before {
+            None => std::fs::remove_file(&path).ok(),
+            Some(bytes) => atomic_write(&path, |out| out.write_all(&bytes)).ok(),
+        };
+    }
+    loaded
+}
+
+/// The log of a run whose first step comes after `step` finished ones.
+fn open_log(job: &TrainJob, step: u64, observer: &mut dyn TrainObserver) -> Result<EventLog, TrainError> {
+    let path = job.folder().events();
+    if !job.resume {
+        return Ok(EventLog::create(&path)?);
+    }
+    let (log, dropped) = EventLog::resume(&path, step)?;
+    if dropped.later > 0 {
+        observer.notify(TrainMessage::Rewound { step })?;
+    }
+    Ok(log)
+}
+
+/// Writes the trained scene; the bytes of the file that counts as the result.
+fn write_scene(job: &TrainJob, scene: &InstancedScene, done: u64) -> Result<u64, TrainError> {
+    if scene.expanded_len() == 0 {
+        return Err(TrainError::Other(format!("after {done} steps no Gaussian is left that is finite")));
+    }
+    let folder = job.folder();
+    let mut result = folder.scene();
+    write_scene_file(&result, scene)?;
+    if job.config.method == Method::Gaussians {
+        result = folder.point_cloud();
+        write_ply(&result, &scene.background, scene.antialias)?;
+    }
+    let bytes = std::fs::metadata(&result).map_err(|e| IoError::new(&result, format!("cannot be read: {e}")))?.len();
+    Ok(bytes)
+}
+
+/// Figures of test views of the trained scene; `None` without any.
+fn evaluate_at_end(
+    gpu: &Arc<Gpu>,
+    scene: &InstancedScene,
+    test: &[View],
+    config: &TrainConfig,
+    observer: &mut dyn TrainObserver,
+) -> Result<Option<EvalReport>, TrainError> {
+    if test.is_empty() {
+        return Ok(None);
+    }
+    let mut renderer = Renderer::new(gpu)?;
+    let device_scene = renderer.upload(scene)?;
+    let mut tell = |view: Evaluated<'_>| observer.notify(TrainMessage::TestView(&view));
+    evaluate_with(&mut renderer, &device_scene, (test, config), &mut tell).map(Some)
+}
+
+fn view_metrics(report: &EvalReport) -> Vec<ViewMetrics> {
+    let quality = |view: &instgs_eval::ViewMetrics| Quality { psnr: view.psnr, ssim: view.ssim, lpips: view.lpips };
+    report.views.iter().map(|view| ViewMetrics { name: view.name.clone(), quality: quality(view) }).collect()
 }
 
 /// Removes what is not finite and what no instance shows, and leaves in offsets only what is an instance's own; how many
@@ -464,7 +534,7 @@ impl<'a> Run<'a> {
     /// Renders and compares the test views as the state is now.
     fn evaluate(&mut self) -> Result<EvalReport, TrainError> {
         let mut renderer = Renderer::new(self.gpu)?;
-        evaluate_with(&mut renderer, &self.state.scene, (self.test, &self.job.config), &mut |_| ())
+        evaluate_with(&mut renderer, &self.state.scene, (self.test, &self.job.config), &mut |_| Ok(()))
     }
 
     fn facts(&self, data: &TrainData) -> DatasetFacts {
@@ -486,13 +556,10 @@ fn evaluate_with(
     renderer: &mut Renderer,
     scene: &DeviceScene,
     (test, config): (&[View], &TrainConfig),
-    on_picture: &mut dyn FnMut(Evaluated<'_>),
+    on_picture: &mut dyn FnMut(Evaluated<'_>) -> Result<(), IoError>,
 ) -> Result<EvalReport, TrainError> {
     let width = (config.width > 0).then_some(config.width);
-    evaluate::<TrainError>(renderer, scene, test, width, &eval_options(config), None, |view| {
-        on_picture(view);
-        Ok(())
-    })
+    evaluate::<TrainError>(renderer, scene, test, width, &eval_options(config), None, |view| Ok(on_picture(view)?))
 }
 
 fn options(config: &TrainConfig, background: [f32; 3]) -> RenderOptions {

@@ -1,7 +1,7 @@
 //! Which training view a step uses: every view once an epoch, in an order that depends on nothing but seed and epoch,
 //! so that a resumed run needs no state.
 
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Sub-stream of the seed that orders views ("view" in ASCII); other parts of training take other streams.
 const VIEW_STREAM: u64 = 0x7669_6577;

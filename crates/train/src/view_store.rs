@@ -10,8 +10,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-use crate::io::host_memory::available_bytes;
-use crate::io::{IoError, LoadedView, View, load_view};
+use instgs_io::host_memory::available_bytes;
+use instgs_io::{IoError, LoadedView, View, load_view};
 
 /// Host bytes that decoding needs per pixel of the file: 8 from the decoder (16 bits, four channels), 4 as 8-bit RGBA
 /// and 4 undistorted.

@@ -1,6 +1,6 @@
 use super::*;
-use crate::io::Split;
-use crate::scene::Camera;
+use instgs_io::Split;
+use instgs_vk::scene::Camera;
 use std::path::Path;
 use std::time::{Duration, Instant};
 

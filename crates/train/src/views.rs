@@ -4,11 +4,11 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use crate::gpu::staging::upload;
-use crate::gpu::{Buffer, Gpu};
-use crate::io::View;
-use crate::io::view_image::{LoadedView, ViewImage};
-use crate::scene::Camera;
+use instgs_io::View;
+use instgs_io::view_image::{LoadedView, ViewImage};
+use instgs_vk::gpu::staging::upload;
+use instgs_vk::gpu::{Buffer, Gpu};
+use instgs_vk::scene::Camera;
 
 use super::error::TrainError;
 use super::view_order::ViewOrder;
@@ -169,7 +169,7 @@ impl TrainViews {
     }
 }
 
-fn device_view(gpu: &Arc<Gpu>, view: &LoadedView) -> Result<DeviceView, crate::gpu::GpuError> {
+fn device_view(gpu: &Arc<Gpu>, view: &LoadedView) -> Result<DeviceView, instgs_vk::gpu::GpuError> {
     let pixels: Vec<u32> = view.image.rgba.iter().map(|p| u32::from_le_bytes(*p)).collect();
     Ok(DeviceView { camera: view.camera.clone(), targets: upload(gpu, "training picture", &pixels)? })
 }

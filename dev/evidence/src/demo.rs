@@ -1,24 +1,25 @@
 //! `instgs-vk demo`: the whole story on a data set made by code: photos, a plain cloud, templates and instances, a table
 //! and pictures side by side.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use clap::Args;
 use serde::Serialize;
 
-use super::args::create_folder;
-use super::compare::{Comparison, Rival, compare};
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
+use super::comparison::{Comparison, Rival, compare};
+use super::data_set::make_data;
 use super::picture_grid::{DIFFERENCE_GAIN, Grid};
-use super::printer::Printer;
-use super::train::Session;
-use crate::bench::comparison::SeedResult;
-use crate::io::RunFolder;
-use crate::synth::dataset;
-use crate::train::config::{ConfigBuilder, TrainConfig};
-use crate::train::interrupt::Interrupt;
+use crate::protocol::SeedResult;
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::create_folder;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_io::RunFolder;
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_synth::dataset;
+use instgs_train::interrupt::Interrupt;
 
 /// Steps of the plain cloud, of the joint phase, and the most Gaussians: with the build less than ten minutes on two CPU cores
 /// without AVX-512.
@@ -60,7 +61,7 @@ pub(super) struct DemoReport {
 
 pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let started = Instant::now();
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
     create_folder(&args.out)?;
@@ -97,24 +98,7 @@ pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &P
     Ok(())
 }
 
-/// Renders a data set, unless it is there.
-pub(super) fn make_data(
-    recipe: &str,
-    folder: &Path,
-    options: &dataset::Options,
-    printer: &Printer,
-) -> Result<(), CliError> {
-    // Cameras are written last.
-    if folder.join("transforms_test.json").is_file() {
-        return Ok(());
-    }
-    printer.line(format_args!("photos of the scene {recipe}, ray-traced"));
-    let mut progress = printer.progress("synth", u64::from(options.views));
-    dataset::write(recipe, folder, options, &mut |done| progress.advance_to(u64::from(done), ""))?;
-    Ok(())
-}
-
-fn config() -> Result<TrainConfig, CliError> {
+fn config() -> Result<RunConfig, CliError> {
     let mut builder = ConfigBuilder::new().file("instgs_quick")?;
     for assignment in QUICK {
         builder = builder.set(assignment)?;

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use super::error::CliError;
-use crate::bench::comparison::names;
-use crate::eval::Evaluated;
-use crate::io::picture_png::write_png;
+use crate::protocol::names;
+use instgs_console::CliError;
+use instgs_eval::Evaluated;
+use instgs_io::picture_png::write_png;
 
 /// Test views in the picture.
 const SHOWN: usize = 4;
@@ -70,7 +70,7 @@ fn differ(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::eval::{Metrics, PicturePair};
+    use instgs_eval::{Metrics, PicturePair};
 
     /// Two views of 2x1 pixels: four columns, a row each; a view that only one scene has is left out.
     #[test]

@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use clap::Args;
 
-use super::args::parse_size;
-use super::error::CliError;
-use super::printer::Printer;
-use crate::synth::dataset::{self, ObjectCount, Options, PoseNoise, RECIPES, Truth};
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::parse_size;
+use instgs_synth::dataset::{self, ObjectCount, Options, PoseNoise, RECIPES, Truth};
 
 /// Makes photos of a procedural scene with repeated objects, and everything that is known about it.
 ///
@@ -127,7 +127,7 @@ pub(super) fn run(args: &SynthArgs, printer: &Printer) -> Result<(), CliError> {
 }
 
 fn report(args: &SynthArgs, truth: &Truth, seconds: f64) -> Made {
-    let group = |g: &crate::scene::PosedGroup| MadeGroup {
+    let group = |g: &instgs_vk::scene::PosedGroup| MadeGroup {
         name: g.name.clone().unwrap_or_default(),
         instances: g.instances.len(),
     };

@@ -68,7 +68,7 @@ pub fn adam_step(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     /// The moments written out as sums over all steps instead of recursively; `bias_step` replaces t in the bias
     /// correction, so that a wrong t can be planted.

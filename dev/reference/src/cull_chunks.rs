@@ -1,12 +1,10 @@
 //! Ground truth for pass `cull_chunks`, by brute force: the pairs (instance, chunk of 256 Gaussians) with a visible
 //! splat. The device's work list must contain all of these; it may contain more.
 
-use crate::preprocess_instance_expand::{
-    ALPHA_MIN, CullLimits, ProjectedSplat, pixel_center, project, sources,
-};
+use crate::preprocess_instance_expand::{ALPHA_MIN, CullLimits, ProjectedSplat, pixel_center, project, sources};
 use crate::view::{RenderOptions, View};
-use crate::scene::camera::Camera;
-use crate::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::camera::Camera;
+use instgs_vk::scene::instanced_scene::InstancedScene;
 
 /// Number of Gaussians in a full chunk.
 pub const CHUNK_SIZE: u32 = 256;

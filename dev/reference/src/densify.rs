@@ -1,7 +1,7 @@
 //! Twin of `densify_mark`, `densify_select`, `densify_place`, `densify_split` and `move_gaussians`, on plain lists.
 
-use crate::math::covariance::rotation_from_quat;
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::rotation_from_quat;
+use instgs_vk::scene::Gaussians;
 
 use super::random::{RANDOM_SPLIT, Stream};
 

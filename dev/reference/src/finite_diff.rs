@@ -11,9 +11,6 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::math::covariance::{quat_from_rotation, quat_multiply};
-use crate::math::sh::ShRotation;
-use crate::math::similarity::Similarity;
 use crate::gather_gradients::{CloudGradient, SceneGradient};
 use crate::in_depth_order;
 use crate::poses::rotation_of_vector;
@@ -21,7 +18,10 @@ use crate::preprocess_instance_expand::{CullLimits, ProjectedSplat, SourceGaussi
 use crate::preprocess_instance_expand_backward::{ProjectionBranches, projection_branches};
 use crate::tile_blend::{ALPHA_MAX, BlendedPair, blend_row_with_pairs, candidate_boxes};
 use crate::view::View;
-use crate::scene::instanced_scene::InstancedScene;
+use instgs_vk::math::covariance::{quat_from_rotation, quat_multiply};
+use instgs_vk::math::sh::ShRotation;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::instanced_scene::InstancedScene;
 
 /// The step h of a parameter: 2^-19, about 1.9e-6, in its own unit. The error of the difference is h^2 f''' / 6, and
 /// f''' / f' reaches 10^6 where a splat close to the camera moves a thousand pixels per unit; f64's rounding, 1e-16 per
@@ -314,11 +314,11 @@ fn move_pose(source: &mut SourceGaussian, column: usize, step: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::covariance::logit;
-    use crate::math::sh::SH_C0;
     use crate::view::RenderOptions;
-    use crate::scene::camera::Camera;
-    use crate::scene::gaussians::Gaussians;
+    use instgs_vk::math::covariance::logit;
+    use instgs_vk::math::sh::SH_C0;
+    use instgs_vk::scene::camera::Camera;
+    use instgs_vk::scene::gaussians::Gaussians;
 
     /// Gray Gaussians of standard deviation 0.1 in the middle of a 9x9 picture, one behind the other, given as
     /// (opacity, SH coefficient).

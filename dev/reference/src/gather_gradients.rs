@@ -12,9 +12,9 @@ use crate::preprocess_instance_expand_backward::{SourceGradient, project_backwar
 use crate::splats_in_depth_order;
 use crate::tile_blend_backward::{SplatGradient, blend_backward};
 use crate::view::View;
-use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::InstancedScene;
-use crate::scene::offsets::Offsets;
+use instgs_vk::scene::gaussians::Gaussians;
+use instgs_vk::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::offsets::Offsets;
 
 /// Gradients in the layout of `scene::Gaussians`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -188,8 +188,8 @@ mod tests {
     use glam::DVec2;
 
     use super::*;
-    use crate::math::similarity::Similarity;
-    use crate::scene::instanced_scene::{Instance, TemplateRange};
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::instanced_scene::{Instance, TemplateRange};
 
     /// A gradient whose entries are all `v`.
     fn constant(v: f64, sh: usize) -> Option<SourceGradient> {

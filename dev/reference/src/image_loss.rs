@@ -150,7 +150,7 @@ fn weighted(weights: &[f64], center: usize, end: usize, value: impl Fn(usize) ->
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     const SIZE: (usize, usize) = (13, 12);
 

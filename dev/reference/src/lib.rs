@@ -1,8 +1,6 @@
 //! L2: CPU twins of the kernels in f64, simple and slow. They take the same f32 inputs as the device (scene values are
 //! f32; camera and options are rounded to f32 by `view::View::device`) and compute in f64.
 
-use instgs_vk::{gpu, math, scene};
-
 pub mod adam;
 pub mod compact;
 pub mod cull_chunks;
@@ -33,8 +31,8 @@ use rayon::prelude::*;
 
 pub use view::{RenderOptions, View};
 
-use crate::scene::camera::Camera;
-use crate::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::camera::Camera;
+use instgs_vk::scene::instanced_scene::InstancedScene;
 use preprocess_instance_expand::{CullLimits, ProjectedSplat, SourceGaussian, project, sources};
 
 /// A rendered image; all vectors have width * height entries, row by row from the top.

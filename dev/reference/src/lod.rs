@@ -3,10 +3,10 @@
 
 use glam::DVec3;
 
-use crate::math::sh::widened;
 use crate::preprocess_instance_expand::{SourceGaussian, push_sources};
 use crate::view::View;
-use crate::scene::lod::{Cloud, Levels, Part};
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::lod::{Cloud, Levels, Part};
 
 /// A level fades in while its cells shrink on the screen from the allowed error to this many octaves below it.
 pub const FADE_OCTAVES: f64 = 0.25;
@@ -67,7 +67,7 @@ fn ball(levels: &Levels, part: &Part) -> (DVec3, f64) {
     (center, means.iter().map(|m| m.distance(center)).fold(0.0, f64::max))
 }
 
-fn cloud_of<'a>(levels: &'a Levels, part: &Part) -> &'a crate::scene::Gaussians {
+fn cloud_of<'a>(levels: &'a Levels, part: &Part) -> &'a instgs_vk::scene::Gaussians {
     match part.cloud {
         Cloud::Templates => &levels.templates,
         Cloud::Background => &levels.background,
@@ -77,7 +77,7 @@ fn cloud_of<'a>(levels: &'a Levels, part: &Part) -> &'a crate::scene::Gaussians 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::covariance::{logit, sigmoid};
+    use instgs_vk::math::covariance::{logit, sigmoid};
 
     #[test]
     fn weights_of_neighbours_add_up_to_one() {

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
     use crate::tile_blend::relaxed_limits;
     use crate::{RenderOptions, render, splats_in_depth_order};
-    use crate::scene::{Camera, Gaussians, InstancedScene};
+    use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
     /// Two Gaussians of opacity 0.5 on the view axis, and one beside it.
     fn scene() -> InstancedScene {

@@ -1,7 +1,7 @@
 //! Twin of the `mcmc_*` kernels (Kheradmand et al. 2024): relocation, growth, noise, regularisation.
 
-use crate::math::covariance::{covariance, sigmoid};
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::{covariance, sigmoid};
+use instgs_vk::scene::Gaussians;
 
 use super::densify::is_finite;
 use super::random::{RANDOM_NOISE, RANDOM_PICK, Stream};

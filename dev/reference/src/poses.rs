@@ -6,8 +6,8 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::math::similarity::Similarity;
 use crate::adam::{AdamOptions, AdamState, adam_step};
+use instgs_vk::math::similarity::Similarity;
 
 /// The seven pose parameters v, w, s.
 pub type PoseStep = [f64; 7];

@@ -6,13 +6,13 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::math::covariance::{covariance, sigmoid};
-use crate::math::sh::{eval_sh_f64, widened};
-use crate::math::similarity::Similarity;
 use crate::view::View;
-use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{InstancedScene, TemplateRange};
-use crate::scene::offsets::Offsets;
+use instgs_vk::math::covariance::{covariance, sigmoid};
+use instgs_vk::math::sh::{eval_sh_f64, widened};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::gaussians::Gaussians;
+use instgs_vk::scene::instanced_scene::{InstancedScene, TemplateRange};
+use instgs_vk::scene::offsets::Offsets;
 
 /// Contributions with a smaller alpha are skipped.
 pub const ALPHA_MIN: f64 = 1.0 / 255.0;

@@ -7,13 +7,13 @@
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-use crate::math::covariance::{covariance, normalised_quat, rotation_from_quat, sigmoid};
-use crate::math::sh::{sh_basis, sh_basis_gradient};
 use crate::preprocess_instance_expand::{
     COMPENSATION_FLOOR, SourceGaussian, covariance_px, covariance_world, mean_world, projection_jacobian, raw_color,
 };
 use crate::tile_blend_backward::SplatGradient;
 use crate::view::View;
+use instgs_vk::math::covariance::{covariance, normalised_quat, rotation_from_quat, sigmoid};
+use instgs_vk::math::sh::{sh_basis, sh_basis_gradient};
 
 /// Gradient of a loss with respect to one Gaussian of one instance: one field for each field of `SourceGaussian`.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,11 +1,11 @@
 //! Tests of the projection's derivative: every field of a splat against central differences by every parameter.
 
 use super::*;
-use crate::math::rng::Rng;
-use crate::math::similarity::Similarity;
 use crate::preprocess_instance_expand::{CullLimits, ProjectedSplat, project};
 use crate::view::RenderOptions;
-use crate::scene::camera::Camera;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::camera::Camera;
 
 /// A camera at the origin with the principal point off centre.
 fn view(antialias: bool) -> View {

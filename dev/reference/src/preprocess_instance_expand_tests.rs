@@ -5,10 +5,10 @@ use std::f64::consts::PI;
 use glam::{DMat2, DVec2, DVec3};
 
 use super::*;
-use crate::math::covariance::{logit, rotation_from_quat};
-use crate::math::rng::Rng;
 use crate::view::RenderOptions;
-use crate::scene::camera::Camera;
+use instgs_vk::math::covariance::{logit, rotation_from_quat};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::camera::Camera;
 
 fn random_view(rng: &mut Rng, options: &RenderOptions) -> View {
     let mut camera = Camera::look_at(

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use crate::math::heat::heat;
-use crate::math::sh::widened;
 use crate::tile_surface::SurfacePoint;
-use crate::scene::{InstancedScene, TemplateRange};
+use instgs_vk::math::heat::heat;
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::{InstancedScene, TemplateRange};
 
 /// The quantity that is shown for each pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -167,8 +167,8 @@ fn color_of(number: u32) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::similarity::Similarity;
-    use crate::scene::Instance;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::Instance;
 
     fn scene_of(templates: &[u32]) -> InstancedScene {
         let instance =

@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 /// Purposes of random draws, `RANDOM_*`.
-pub use crate::gpu::interface::constants::{RANDOM_NOISE, RANDOM_PICK, RANDOM_SPLIT};
+pub use instgs_vk::gpu::interface::constants::{RANDOM_NOISE, RANDOM_PICK, RANDOM_SPLIT};
 
 /// The odd number nearest to 2^32 / golden ratio: small multiples of it are far from each other.
 const STRIDE: u32 = 0x9E37_79B9;

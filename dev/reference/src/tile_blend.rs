@@ -211,9 +211,9 @@ mod tests {
     use glam::DVec2;
 
     use super::*;
-    use crate::math::similarity::Similarity;
     use crate::view::RenderOptions;
-    use crate::scene::camera::Camera;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::camera::Camera;
 
     /// An image of 1x1 pixel with the given background.
     fn view(background: [f64; 3]) -> View {

@@ -109,9 +109,9 @@ fn alpha(pair: &BlendedPair) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::similarity::Similarity;
     use crate::view::RenderOptions;
-    use crate::scene::camera::Camera;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::camera::Camera;
 
     /// An image of 1x1 pixel over the background (0, 0.5, 1).
     fn view() -> View {

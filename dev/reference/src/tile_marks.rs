@@ -89,7 +89,7 @@ mod tests {
     use crate::preprocess_instance_expand::sources;
     use crate::tile_blend::relaxed_limits;
     use crate::{RenderOptions, splats_in_depth_order};
-    use crate::scene::{Camera, Gaussians, InstancedScene};
+    use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
     /// A red Gaussian in front of a green one that is twice as wide on the screen, standard deviations of 2 and 4 px
     /// before dilation; and a white one in front of both, which is too faint for an ellipse.

@@ -3,7 +3,7 @@
 use crate::preprocess_instance_expand::ProjectedSplat;
 use crate::tile_blend::{ALPHA_MAX, BlendedPair, BlendedPixel, blend_row_with_pairs, candidate_boxes};
 use crate::view::View;
-use crate::scene::InstancedScene;
+use instgs_vk::scene::InstancedScene;
 
 /// The surface of a pixel is the first splat behind which its transmittance is below this.
 const T_SURFACE: f64 = 0.5;
@@ -72,7 +72,7 @@ mod tests {
     use crate::preprocess_instance_expand::sources;
     use crate::tile_blend::relaxed_limits;
     use crate::{RenderOptions, splats_in_depth_order};
-    use crate::scene::{Camera, Gaussians};
+    use instgs_vk::scene::{Camera, Gaussians};
 
     /// Two Gaussians on the view axis that pass 0.7 and 0.6 of the light at the centre: the second one is the surface
     /// there.

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::scene::camera::Camera;
+use instgs_vk::scene::camera::Camera;
 
 /// Rendering constants that belong neither to the scene nor to the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]

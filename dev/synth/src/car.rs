@@ -5,8 +5,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::math::rng::Rng;
 use crate::surface::{Surfel, curve, plane, revolved, sample, sample_box, superellipse};
+use instgs_vk::math::rng::Rng;
 
 /// Material of a surfel of the car; liveries choose colours by it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

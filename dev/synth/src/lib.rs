@@ -3,9 +3,6 @@
 //! [`dataset`] makes photos of scenes whose truth is known. Modules: [`surface`] spreads points evenly over surfaces,
 //! [`car`] and [`livery`] are a racing car and its variations, [`shading`] encodes colours.
 
-use instgs_io as io;
-use instgs_vk::{math, scene};
-
 pub mod car;
 pub mod dataset;
 pub mod livery;

@@ -4,8 +4,8 @@
 use glam::{DVec2, DVec3};
 
 use crate::car::{AXLE_X, CarSurfel, Part, WHEEL_Y};
-use crate::math::rng::Rng;
 use crate::shading::albedo;
+use instgs_vk::math::rng::Rng;
 
 /// Layout of the two paints on a car.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec2, DVec3};
 
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// A sample of a surface: a point, its normal and the spacing of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]

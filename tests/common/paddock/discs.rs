@@ -1,9 +1,9 @@
 //! The flat Gaussians that close a surface of surfels.
 
 use glam::{DMat3, DVec3};
+use instgs_synth::surface::Surfel;
 use instgs_vk::math::covariance::{logit, quat_from_rotation};
 use instgs_vk::scene::Gaussians;
-use instgs_vk::synth::surface::Surfel;
 
 /// Standard deviation of a disc along the surface per `spacing`. Dart throwing leaves neighbours 1 to 1.6 spacings
 /// apart, so discs of this size overlap at one deviation and the surface is closed.

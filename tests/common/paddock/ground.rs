@@ -9,10 +9,10 @@ use super::ground_map::GroundMap;
 use super::markings::Markings;
 use super::props::Caster;
 use super::shading::{Light, TO_SUN, diffuse, sh_dc};
+use instgs_synth::shading::albedo;
+use instgs_synth::surface::{PointGrid, Surfel};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::gaussians::Gaussians;
-use instgs_vk::synth::shading::albedo;
-use instgs_vk::synth::surface::{PointGrid, Surfel};
 
 /// Half the lawn's size, metres; the slab ends there.
 pub(crate) const SLAB_HALF: DVec2 = DVec2::new(23.0, 14.6);

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use super::ground::{BAY_PITCH, BAY_Y, BAYS};
-use instgs_vk::synth::shading::albedo;
+use instgs_synth::shading::albedo;
 
 /// A painted line.
 struct Line {

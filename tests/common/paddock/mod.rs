@@ -14,15 +14,15 @@ use glam::{DMat3, DVec2, DVec3};
 
 pub(crate) use discs::push_disc;
 use ground::{ASPHALT_HALF, BAY_PITCH, BAY_Y, BAYS, GroundLight, add_ground};
+use instgs_synth::car::{CarSurfel, Part, car_surfels};
+use instgs_synth::livery::{Livery, Pattern, Wing};
+use instgs_synth::shading::albedo;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
 use instgs_vk::scene::offsets::Offsets;
-use instgs_vk::synth::car::{CarSurfel, Part, car_surfels};
-use instgs_vk::synth::livery::{Livery, Pattern, Wing};
-use instgs_vk::synth::shading::albedo;
 use occlusion::{Smoother, VoxelGrid};
 use props::{Caster, Props};
 use shading::{ClearCoat, Light, TO_SUN, diffuse, sh_dc};

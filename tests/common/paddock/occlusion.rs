@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use instgs_vk::synth::surface::Surfel;
+use instgs_synth::surface::Surfel;
 
 /// Side of a voxel, metres.
 const VOXEL: f64 = 0.07;

@@ -4,10 +4,10 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::discs::{push_disc, push_gaussian};
 use super::shading::{Light, TO_SUN, diffuse, sh_dc};
+use instgs_synth::shading::albedo;
+use instgs_synth::surface::{Surfel, revolved, sample, sample_box};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::gaussians::Gaussians;
-use instgs_vk::synth::shading::albedo;
-use instgs_vk::synth::surface::{Surfel, revolved, sample, sample_box};
 
 /// Something that throws a shadow: a ball in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]

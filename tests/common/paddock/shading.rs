@@ -7,8 +7,8 @@
 use std::f64::consts::PI;
 
 use glam::DVec3;
+use instgs_synth::shading::encoded;
 use instgs_vk::math::sh::{SH_C0, sh_basis};
-use instgs_vk::synth::shading::encoded;
 
 /// Unit vector to the sun, world frame.
 pub(crate) const TO_SUN: DVec3 = DVec3::new(-0.48, -0.5714, 0.6656);

@@ -1,10 +1,10 @@
 //! Objects of few Gaussians, as short training leaves them.
 
 use glam::{DMat3, DVec3, Vec3};
+use instgs_objects::register::{RegisterOptions, Registered};
 use instgs_vk::math::covariance::quat_from_rotation;
 use instgs_vk::math::eigen::symmetric_eigen;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::register::{RegisterOptions, Registered};
 use instgs_vk::scene::Gaussians;
 
 use super::labelled::{Labelled, Recipe};

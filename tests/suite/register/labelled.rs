@@ -4,14 +4,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
 
 use glam::DMat3;
+use instgs_objects::register::{RegisterError, RegisterInput, RegisterOptions, Registered, register};
+use instgs_synth::dataset::frame::Lens;
+use instgs_synth::dataset::world::Point;
+use instgs_synth::dataset::{Options, build, truth};
 use instgs_vk::math::covariance::quat_from_rotation;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
-use instgs_vk::register::{RegisterError, RegisterInput, RegisterOptions, Registered, register};
 use instgs_vk::scene::{Camera, Gaussians, PosedGroup};
-use instgs_vk::synth::dataset::frame::Lens;
-use instgs_vk::synth::dataset::world::Point;
-use instgs_vk::synth::dataset::{Options, build, truth};
 
 /// A labelled cloud and what is true of it.
 pub(crate) struct Labelled {
@@ -44,7 +44,7 @@ impl Recipe {
         let options =
             Options { views: 40, size: (240, 135), seed: self.seed, instances: self.instances, ..Options::default() };
         let scene = build(self.scene, &options).unwrap();
-        let rig = instgs_vk::synth::dataset::views::Rig {
+        let rig = instgs_synth::dataset::views::Rig {
             azimuths: (scene.rig.azimuths.0, scene.rig.azimuths.1.min(self.azimuths)),
             ..scene.rig.clone()
         };
@@ -83,9 +83,9 @@ impl Recipe {
 }
 
 /// The diagonals of the objects' boxes by id.
-pub(crate) fn sizes(scene: &instgs_vk::synth::dataset::scene_builder::Scene, group: &PosedGroup) -> Vec<(u32, f64)> {
+pub(crate) fn sizes(scene: &instgs_synth::dataset::scene_builder::Scene, group: &PosedGroup) -> Vec<(u32, f64)> {
     let bodies = scene.world.bodies().iter().filter(|b| group.instances.iter().any(|i| i.id == b.id));
-    let size = |b: &instgs_vk::synth::dataset::world::Body| {
+    let size = |b: &instgs_synth::dataset::world::Body| {
         f64::from(scene.world.object_bounds(b).diagonal()) * b.world_from_object.scale()
     };
     bodies.map(|b| (b.id, size(b))).collect()

@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DVec3, Vec3};
+use instgs_objects::register::{RegisterInput, RegisterOptions, Registered, Verdict, polished, register};
 use instgs_vk::math::covariance::{quat_from_rotation, rotation_from_quat};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::register::{RegisterInput, RegisterOptions, Registered, Verdict, polished, register};
 use instgs_vk::scene::{Gaussians, PosedGroup};
 
 use self::coarse::{Coarse, of_coarse};

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec3};
+use instgs_objects::register::{RegisterInput, RegisterOptions, register};
 use instgs_vk::math::covariance::quat_from_rotation;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
-use instgs_vk::register::{RegisterInput, RegisterOptions, register};
 use instgs_vk::scene::{Camera, Gaussians};
 
 /// Cabinets of a scene, Gaussians of each.

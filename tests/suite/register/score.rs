@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec3, Vec3};
-use instgs_vk::register::{RegisterOptions, Registered, Verdict};
+use instgs_objects::register::{RegisterOptions, Registered, Verdict};
 use instgs_vk::scene::PosedGroup;
 
 use super::labelled::{Labelled, Recipe};

@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::cli::args::open_scene;
-use crate::cli::device::{self, DeviceArgs};
-use crate::cli::error::CliError;
-use crate::cli::printer::Printer;
-use crate::cli::stages::LabelLines;
-use crate::cli::table::{Table, grouped};
-use crate::io::{View, read_boxes};
-use crate::pipeline::write_masks_from_boxes;
-use crate::render::RenderOptions;
-use crate::scene::InstancedScene;
-use crate::segment::boxes::{BoxOptions, BoxReport};
+use crate::progress_lines::LabelLines;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::open_scene;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::{Table, grouped};
+use instgs_io::{View, read_boxes};
+use instgs_objects::pipeline::write_masks_from_boxes;
+use instgs_objects::segment::boxes::{BoxOptions, BoxReport};
+use instgs_vk::render::RenderOptions;
+use instgs_vk::scene::InstancedScene;
 
 /// How boxes are looked into.
 #[derive(Args)]
@@ -41,7 +41,7 @@ pub(super) fn make(
 ) -> Result<BoxReport, CliError> {
     let Some(scene) = &args.scene else {
         let what = "--boxes needs a trained scene: give it with --scene (train --method 3dgs makes one)";
-        return Err(CliError::Other(what.into()));
+        return Err(CliError::msg(what));
     };
     let boxes = read_boxes(boxes)?;
     let scene = open_scene(scene, printer)?.scene;
@@ -51,7 +51,7 @@ pub(super) fn make(
         BoxOptions { leave_out_support: !args.keep_support, width: args.width, render, ..BoxOptions::default() };
     let gpu = device::open(device_args.choice())?;
     let mut lines = LabelLines::new(printer);
-    let report = write_masks_from_boxes(&gpu, &cloud, views, &boxes, &options, out, &mut |at| lines.at(at));
+    let report = write_masks_from_boxes(&gpu, &cloud, views, &boxes, &options, out, &mut lines);
     drop(lines);
     let report = report?;
     device::check_validation(&gpu)?;

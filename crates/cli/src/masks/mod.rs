@@ -9,13 +9,12 @@ use clap::Args;
 
 use self::boxes::BoxArgs;
 use self::prompt::PromptArgs;
-pub(super) use self::prompt::{NamingLines, warn};
-use super::args::create_folder;
-use super::device::DeviceArgs;
-use super::error::CliError;
-use super::printer::Printer;
-use crate::io::{IoError, MaskFolder, RunFolder, View, read_views};
-use crate::report::stage_pictures::review;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::create_folder;
+use instgs_console::device::DeviceArgs;
+use instgs_io::{IoError, MaskFolder, RunFolder, View, read_views};
+use instgs_report::stage_pictures::review;
 
 /// Makes masks of a dataset's photos, or looks over those there are.
 ///

@@ -5,13 +5,13 @@ use std::time::Instant;
 
 use clap::Args;
 
-use crate::cli::error::CliError;
-use crate::cli::printer::{Printer, Progress};
-use crate::cli::table::{Table, grouped};
-use crate::detect::report::Dropped;
-use crate::detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, ViewMasks};
-use crate::io::View;
-use crate::pipeline::PipelineError;
+use crate::progress_lines::{NamingLines, warn_of_names};
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::table::{Table, grouped};
+use instgs_detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, ViewMasks};
+use instgs_io::View;
+use instgs_objects::pipeline::PipelineError;
 
 /// How things are found by name.
 #[derive(Args)]
@@ -72,12 +72,12 @@ pub(super) fn make(
     let prompt = Prompt::parse(prompt).map_err(PipelineError::from)?;
     let Some(models) = &args.models else {
         let what = "--prompt needs models: give their folder with --models; tools/models/README.md says how to make it";
-        return Err(CliError::Other(what.into()));
+        return Err(CliError::msg(what));
     };
     let views: Vec<&View> = views.iter().collect();
     let mut lines = NamingLines::new(printer);
     let mut done = |name: &str, found: &ViewMasks| lines.at(name, found, views.len());
-    let found = crate::detect::masks_from_prompt(&views, &prompt, models, &args.options(), out, &mut done);
+    let found = instgs_detect::masks_from_prompt(&views, &prompt, models, &args.options(), out, &mut done);
     drop(lines);
     let found = found.map_err(PipelineError::from)?;
     Ok(Report { prompt: prompt.text(), found, seconds: started.elapsed().as_secs_f64() })
@@ -90,53 +90,5 @@ pub(super) fn print(report: &Report, printer: &Printer) {
         table.row([phrase.phrase.clone(), grouped(phrase.masks as u64), grouped(phrase.views as u64)]);
     }
     printer.line(table);
-    warn(&report.found, printer);
-}
-
-/// What was not found, and what was found and left out.
-pub(in crate::cli) fn warn(found: &PromptReport, printer: &Printer) {
-    let without = found.views_without.len();
-    if without > 0 {
-        let first = found.views_without.first().map(String::as_str).unwrap_or_default();
-        printer.warning(format_args!(
-            "nothing was found in {without} of {} views ({first}{})",
-            found.views,
-            if without > 1 { ", ..." } else { "" }
-        ));
-    }
-    let Dropped { unnamed, repeated, outside, same_mask, empty, covered } = found.dropped;
-    let left_out: Vec<String> = [
-        (unnamed, "of no phrase above --text-threshold"),
-        (repeated, "covered by a better box of the same phrase"),
-        (outside, "outside of the photo"),
-        (same_mask, "with the mask of a better box"),
-        (empty, "without a pixel in their mask"),
-        (covered, "wholly behind smaller masks"),
-    ]
-    .into_iter()
-    .filter(|(count, _)| *count > 0)
-    .map(|(count, why)| format!("{count} {why}"))
-    .collect();
-    if !left_out.is_empty() {
-        printer.line(format_args!("boxes that became no mask: {}", left_out.join(", ")));
-    }
-}
-
-/// Progress over views.
-pub(in crate::cli) struct NamingLines<'a> {
-    printer: &'a Printer,
-    progress: Option<Progress>,
-}
-
-impl<'a> NamingLines<'a> {
-    /// Nothing is shown before the first view.
-    pub(in crate::cli) fn new(printer: &'a Printer) -> Self {
-        Self { printer, progress: None }
-    }
-
-    /// A view is done, of `total`.
-    pub(in crate::cli) fn at(&mut self, name: &str, found: &ViewMasks, total: usize) {
-        let progress = self.progress.get_or_insert_with(|| self.printer.progress("masks", total as u64));
-        progress.step(format_args!("{name}: {} masks", found.boxes.len()));
-    }
+    warn_of_names(&report.found, printer);
 }

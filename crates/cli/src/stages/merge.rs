@@ -4,17 +4,16 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{SegmentsArgs, create_folder_of, group_lines};
-use crate::cli::error::CliError;
-use crate::cli::printer::Printer;
-use crate::cli::table::grouped;
-use crate::cli::train::counts;
-use crate::io::{read_groups, save_scene};
-use crate::pipeline::build_templates;
-use crate::pipeline::build_templates::warnings;
-use crate::template::GroupReport;
-use crate::train::config::TrainConfig;
-use crate::train::facts::Counts;
+use super::{SegmentsArgs, create_folder_of};
+use crate::progress_lines::group_lines;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::table::grouped;
+use instgs_io::{read_groups, save_scene};
+use instgs_objects::pipeline::build_templates;
+use instgs_objects::pipeline::build_templates::warnings;
+use instgs_objects::template::GroupReport;
+use instgs_train::facts::Counts;
 
 /// Merges the objects of each group of a segmented scene into a template, instances with offsets, and a background.
 ///
@@ -24,7 +23,7 @@ use crate::train::facts::Counts;
 #[command(after_help = "Examples:\n  \
     instgs-vk merge --segments cars_segments --groups cars_groups.json --out cars.instgs\n  \
     instgs-vk merge --segments cars_segments --groups cars/groups.json --out cars.instgs --set template.source=single")]
-pub(in crate::cli) struct MergeArgs {
+pub(crate) struct MergeArgs {
     #[command(flatten)]
     segments: SegmentsArgs,
     /// Which objects are alike, and where they stand
@@ -35,7 +34,7 @@ pub(in crate::cli) struct MergeArgs {
     out: PathBuf,
     /// Report as JSON on stdout
     #[arg(long)]
-    pub(in crate::cli) json: bool,
+    pub(crate) json: bool,
 }
 
 /// What is printed with `--json`.
@@ -51,19 +50,20 @@ struct Report<'a> {
     warnings: Vec<String>,
 }
 
-pub(in crate::cli) fn run(args: &MergeArgs, printer: &Printer) -> Result<(), CliError> {
+pub(crate) fn run(args: &MergeArgs, printer: &Printer) -> Result<(), CliError> {
     let segments = args.segments.open(args.segments.config()?.finish()?)?;
     let groups = read_groups(&args.groups)?;
     create_folder_of(&args.out)?;
     printer.line(format_args!("merging {} groups", groups.len()));
-    let config = TrainConfig { groups: args.groups.display().to_string(), ..segments.config.clone() };
+    let mut config = segments.config.clone();
+    config.pipeline.groups = Some(args.groups.clone());
     let found = build_templates(&segments.cloud, &segments.labels, &groups, &config)?;
     save_scene(&args.out, &found.scene)?;
     let report = Report {
         segments: &args.segments.segments,
         out: &args.out,
         instances: found.scene.instances.len(),
-        gaussians: counts(&found.scene),
+        gaussians: Counts::of(&found.scene),
         hardly_seen: found.hardly_seen,
         groups: &found.groups,
         warnings: warnings(&found.groups),

@@ -9,15 +9,12 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::error::CliError;
-use super::printer::{Printer, Progress};
-use crate::io::RunFolder;
-use crate::pipeline::CloudLabels;
-use crate::pipeline::label_gaussians::{read_cloud, require_segments};
-use crate::scene::InstancedScene;
-use crate::segment::LabelProgress;
-use crate::template::GroupReport;
-use crate::train::config::{ConfigBuilder, TrainConfig};
+use instgs_console::CliError;
+use instgs_io::RunFolder;
+use instgs_objects::pipeline::CloudLabels;
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_objects::pipeline::label_gaussians::{read_cloud, require_segments};
+use instgs_vk::scene::InstancedScene;
 
 /// Where the earlier stage left its files.
 #[derive(Args)]
@@ -32,7 +29,7 @@ struct SegmentsArgs {
 
 /// What is in the folder.
 struct Segments {
-    config: TrainConfig,
+    config: RunConfig,
     cloud: InstancedScene,
     labels: CloudLabels,
 }
@@ -48,7 +45,7 @@ impl SegmentsArgs {
     }
 
     /// Reads everything.
-    fn open(&self, config: TrainConfig) -> Result<Segments, CliError> {
+    fn open(&self, config: RunConfig) -> Result<Segments, CliError> {
         let folder = RunFolder::new(&self.segments);
         let cloud = read_cloud(&folder)?;
         let labels = CloudLabels::read(&folder, cloud.background.len())?;
@@ -64,40 +61,7 @@ fn with_sets(builder: ConfigBuilder, sets: &[String]) -> Result<ConfigBuilder, C
 /// Makes the folder of a file that is to be written, before the work that fills it.
 fn create_folder_of(file: &Path) -> Result<(), CliError> {
     match file.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => super::args::create_folder(folder),
+        Some(folder) if !folder.as_os_str().is_empty() => instgs_console::args::create_folder(folder),
         _ => Ok(()),
-    }
-}
-
-/// Progress of the segmentation.
-pub(super) struct LabelLines<'a> {
-    printer: &'a Printer,
-    progress: Option<Progress>,
-}
-
-impl<'a> LabelLines<'a> {
-    /// Nothing is shown before the first view.
-    pub(super) fn new(printer: &'a Printer) -> Self {
-        Self { printer, progress: None }
-    }
-
-    /// So many views are done.
-    pub(super) fn at(&mut self, at: LabelProgress) {
-        let progress = self.progress.get_or_insert_with(|| self.printer.progress("segment", at.total as u64));
-        progress.advance_to(at.done as u64, "");
-    }
-}
-
-/// A line for each group that became a template.
-pub(super) fn group_lines(groups: &[GroupReport], printer: &Printer) {
-    for group in groups.iter().filter(|g| g.template.is_some()) {
-        let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
-        let (fewest, mean, most) = group.gaussians_per_instance;
-        printer.line(format_args!(
-            "{name}: {} instances of {fewest} to {most} Gaussians (mean {mean:.0}), template of {}, match distance {:.3}",
-            group.instances.len(),
-            group.template_gaussians,
-            group.match_distance
-        ));
     }
 }

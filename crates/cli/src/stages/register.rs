@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{SegmentsArgs, create_folder_of};
-use crate::cli::device::{self, DeviceArgs};
-use crate::cli::error::CliError;
-use crate::cli::printer::Printer;
-use crate::cli::table::Table;
-use crate::io::write_groups;
-use crate::pipeline::register_objects;
-use crate::pipeline::register_objects::warnings;
-use crate::register::InstanceRegistration;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::Table;
+use instgs_io::write_groups;
+use instgs_objects::pipeline::register_objects::warnings;
+use instgs_objects::pipeline::{Message, register_objects};
+use instgs_objects::register::InstanceRegistration;
 
 /// Finds which objects are alike, and the pose of each, and writes them as groups.json.
 ///
@@ -23,7 +23,7 @@ use crate::register::InstanceRegistration;
 #[command(after_help = "Examples:\n  \
     instgs-vk register --segments cars_segments --out cars_groups.json\n  \
     instgs-vk register --segments orchard_segments --out groups.json --similarity --json")]
-pub(in crate::cli) struct RegisterArgs {
+pub(crate) struct RegisterArgs {
     #[command(flatten)]
     segments: SegmentsArgs,
     /// File to write
@@ -34,7 +34,7 @@ pub(in crate::cli) struct RegisterArgs {
     similarity: bool,
     /// Report as JSON on stdout
     #[arg(long)]
-    pub(in crate::cli) json: bool,
+    pub(crate) json: bool,
 }
 
 /// What is printed with `--json`.
@@ -48,7 +48,7 @@ struct Report<'a> {
     seconds: f64,
 }
 
-pub(in crate::cli) fn run(args: &RegisterArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+pub(crate) fn run(args: &RegisterArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let mut config = args.segments.config()?;
     if args.similarity {
         config = config.flag("--similarity", "joint.refine_scales", true)?;
@@ -58,7 +58,8 @@ pub(in crate::cli) fn run(args: &RegisterArgs, device_args: &DeviceArgs, printer
     let gpu = device::open(device_args.choice())?;
     let objects = segments.labels.consensus.objects.iter().filter(|object| object.gaussians > 0).count();
     printer.line(format_args!("registering {objects} objects"));
-    let found = register_objects(&gpu, &segments.config, &segments.cloud, &segments.labels)?;
+    let found =
+        register_objects(&gpu, &segments.config, &segments.cloud, &segments.labels, &mut |_: Message<'_>| Ok(()))?;
     device::check_validation(&gpu)?;
     write_groups(&args.out, &found.groups)?;
     let mut told: Vec<String> = warnings(&found.registration).collect();

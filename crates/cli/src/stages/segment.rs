@@ -4,21 +4,21 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use super::{LabelLines, with_sets};
-use crate::cli::args::create_folder;
-use crate::cli::device::{self, DeviceArgs};
-use crate::cli::error::CliError;
-use crate::cli::printer::Printer;
-use crate::cli::table::{Table, grouped};
-use crate::cli::train::absolute;
-use crate::io::{IoError, RunFolder, atomic_write, write_ply};
-use crate::pipeline::label_gaussians::read_cloud;
-use crate::pipeline::{check_masks, label_gaussians};
-use crate::report::stage_pictures;
-use crate::segment::ConsensusReport;
-use crate::train::TrainJob;
-use crate::train::config::{ConfigBuilder, Method, TrainConfig};
-use crate::train::given::given_plain_cloud;
+use super::with_sets;
+use crate::progress_lines::LabelLines;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::{absolute, create_folder};
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::{Table, grouped};
+use instgs_io::{IoError, RunFolder, atomic_write, write_ply};
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_objects::pipeline::label_gaussians::read_cloud;
+use instgs_objects::pipeline::{PipelineJob, check_masks, label_gaussians};
+use instgs_objects::segment::ConsensusReport;
+use instgs_report::stage_pictures;
+use instgs_train::config::Method;
+use instgs_train::given::given_plain_cloud;
 
 /// Finds the objects of a trained plain cloud in the masks of its training views.
 ///
@@ -32,7 +32,7 @@ use crate::train::given::given_plain_cloud;
     instgs-vk segment --scene runs/cars/point_cloud.ply --data cars --out cars_segments\n  \
     instgs-vk register --segments cars_segments --out cars_groups.json\n  \
     instgs-vk merge --segments cars_segments --groups cars_groups.json --out cars.instgs")]
-pub(in crate::cli) struct SegmentArgs {
+pub(crate) struct SegmentArgs {
     /// Scene without instances: .ply, .spz, .splat or .instgs
     #[arg(long, value_name = "PLY")]
     scene: PathBuf,
@@ -57,7 +57,7 @@ pub(in crate::cli) struct SegmentArgs {
     width: Option<u32>,
     /// Report as JSON on stdout
     #[arg(long)]
-    pub(in crate::cli) json: bool,
+    pub(crate) json: bool,
 }
 
 /// What is printed with `--json`.
@@ -72,22 +72,22 @@ struct Report<'a> {
     seconds: f64,
 }
 
-pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
+pub(crate) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     check_folder(&args.out)?;
-    let job = TrainJob { data: args.data.clone(), out: args.out.clone(), config: args.resolved()?, resume: false };
+    let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config: args.resolved()?, resume: false };
     let folder = job.folder();
     let mut warnings = check_masks(&job)?;
-    let given = given_plain_cloud(&args.scene, &job.config)?;
+    let given = given_plain_cloud(&args.scene, &job.config.train)?;
     warnings.extend(given.warnings);
     warnings.iter().for_each(|text| printer.warning(text));
     let gpu = device::open(device_args.choice())?;
     create_folder(&args.out)?;
     let text = job.config.to_toml()?;
     atomic_write(&folder.config(), |out| out.write_all(text.as_bytes()))?;
-    write_ply(&folder.point_cloud(), &given.cloud, job.config.antialias)?;
+    write_ply(&folder.point_cloud(), &given.cloud, job.config.train.antialias)?;
     let cloud = read_cloud(&folder)?;
     let mut lines = LabelLines::new(printer);
-    let found = label_gaussians(&gpu, &job, &cloud, &mut |at| lines.at(at));
+    let found = label_gaussians(&gpu, &job, &cloud, &mut lines);
     drop(lines);
     let found = found?;
     device::check_validation(&gpu)?;
@@ -113,7 +113,7 @@ pub(in crate::cli) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer:
 }
 
 impl SegmentArgs {
-    fn resolved(&self) -> Result<TrainConfig, CliError> {
+    fn resolved(&self) -> Result<RunConfig, CliError> {
         let mut builder = ConfigBuilder::new();
         if let Some(file) = &self.config {
             builder = builder.file(file)?;
@@ -125,7 +125,10 @@ impl SegmentArgs {
         if let Some(width) = self.width {
             builder = builder.flag("--width", "width", i64::from(width))?;
         }
-        Ok(TrainConfig { method: Method::Instanced, groups: String::new(), ..builder.finish()? })
+        let mut config = builder.finish()?;
+        config.train.method = Method::Instanced;
+        config.pipeline.groups = None;
+        Ok(config)
     }
 }
 

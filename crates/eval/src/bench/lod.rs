@@ -10,12 +10,12 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::measure::{BenchError, Subject, warm_up};
-use crate::gpu::Gpu;
-use crate::io::view_image::ViewImage;
-use crate::math::statistics::Percentiles;
-use crate::render::{DeviceScene, FrameStats, Picture, RenderOptions, Renderer};
-use crate::scene::Camera;
 use crate::{EvalError, PicturePair, pair_of, psnr};
+use instgs_io::view_image::ViewImage;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::math::statistics::Percentiles;
+use instgs_vk::render::{DeviceScene, FrameStats, Picture, RenderOptions, Renderer};
+use instgs_vk::scene::Camera;
 
 /// A camera, and the photo for it if there is one of its size.
 pub struct LodView {
@@ -158,7 +158,7 @@ struct Bench<'a> {
 }
 
 impl Bench<'_> {
-    fn failed(&self) -> impl Fn(crate::render::RenderError) -> BenchError + use<> {
+    fn failed(&self) -> impl Fn(instgs_vk::render::RenderError) -> BenchError + use<> {
         let scene = self.subject.name.clone();
         move |error| BenchError { scene: scene.clone(), error }
     }

@@ -9,11 +9,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::report::{Bytes, CameraReport, Counts, Ratio, Report, SceneReport};
-use crate::gpu::Gpu;
-use crate::kernels::Variant;
-use crate::math::statistics::{Percentiles, median};
-use crate::render::{DeviceScene, FrameStats, RenderError, RenderOptions, Renderer};
-use crate::scene::{Camera, InstancedScene};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::kernels::Variant;
+use instgs_vk::math::statistics::{Percentiles, median};
+use instgs_vk::render::{DeviceScene, FrameStats, RenderError, RenderOptions, Renderer};
+use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Most warm-up rounds over all cameras: the first grows the buffers, the second confirms their sizes, and further ones
 /// serve buffers that depend on others.

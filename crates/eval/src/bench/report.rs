@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use crate::io::json::as_map;
-use crate::kernels::Variant;
-use crate::math::statistics::Percentiles;
+use instgs_io::json::as_map;
+use instgs_vk::kernels::Variant;
+use instgs_vk::math::statistics::Percentiles;
 
 /// Measurement of one scene, or of two in turn.
 #[derive(Clone, Debug, Serialize)]

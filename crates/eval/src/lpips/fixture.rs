@@ -30,7 +30,7 @@ struct Case {
 }
 
 fn cases() -> Result<Vec<Case>, serde_json::Error> {
-    Ok(serde_json::from_str::<Fixture>(include_str!("../../../tests/fixtures/lpips.json"))?.cases)
+    Ok(serde_json::from_str::<Fixture>(include_str!("../../../../tests/fixtures/lpips.json"))?.cases)
 }
 
 /// `count` pseudo-random words derived from a name: FNV-1a of the name seeds SplitMix64.

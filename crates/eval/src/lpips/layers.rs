@@ -182,7 +182,7 @@ pub(super) fn max_pool(window: Window, input: &FeatureMap) -> FeatureMap {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     fn noise(rng: &mut Rng, len: usize) -> Vec<f32> {
         (0..len).map(|_| rng.range(-1.0, 1.0) as f32).collect()

@@ -19,7 +19,7 @@ use std::path::Path;
 use rayon::prelude::*;
 
 use crate::pair::PicturePair;
-use crate::io::IoError;
+use instgs_io::IoError;
 use layers::FeatureMap;
 pub use network::Net;
 use network::{Stage, smallest_side};

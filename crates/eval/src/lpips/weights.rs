@@ -12,7 +12,7 @@ use safetensors::tensor::{Dtype, SafeTensors};
 
 use crate::lpips::layers::{Convolution, Window};
 use crate::lpips::network::{Layer, Net, Stage, Step};
-use crate::io::{IoError, Place};
+use instgs_io::{IoError, Place};
 
 const POINT: Window = Window { size: 1, stride: 1, padding: 0, ceil: false };
 const SQUARE: Window = Window { size: 3, stride: 1, padding: 1, ceil: false };

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use glam::{DVec3, DVec4};
 
 use crate::glb::document::{Accessor, BufferView, Document, Mesh, SPLATS};
-use crate::math::covariance::normalised_quat;
-use crate::math::sh::widened;
-use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{Instance, InstancedScene, TemplateRange};
+use instgs_vk::math::covariance::normalised_quat;
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::gaussians::Gaussians;
+use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, TemplateRange};
 
 /// The Gaussians of one mesh: a template with one run of offsets or none, or the background.
 #[derive(Clone, Copy)]

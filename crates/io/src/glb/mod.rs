@@ -30,8 +30,8 @@ use crate::atomic_write;
 use crate::error::{IoError, Place};
 use crate::glb::document::{Buffer, Document, Node, SPLATS};
 use crate::glb::meshes::MeshWriter;
-use crate::math::covariance::quat_from_rotation;
-use crate::scene::instanced_scene::{Instance, InstancedScene, SceneError};
+use instgs_vk::math::covariance::quat_from_rotation;
+use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, SceneError};
 
 /// Magic number of a GLB file, "glTF".
 const MAGIC: u32 = 0x4654_6C67;
@@ -166,8 +166,8 @@ fn up_to_y(up: DVec3) -> Option<DMat3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene_file::tests::sample_scene;
-    use crate::scene::gaussians::Gaussians;
+    use instgs_samples::sample_scene;
+    use instgs_vk::scene::gaussians::Gaussians;
 
     fn document(scene: &InstancedScene) -> serde_json::Value {
         let (json, binary) = chunks(Path::new("x.glb"), scene, DVec3::NEG_Y).unwrap();

@@ -1,8 +1,8 @@
 //! Templates, instances with offsets, and a background, from a segmented cloud and posed groups.
 
-use crate::scene::{InstancedScene, PosedGroup};
+use super::config::RunConfig;
 use crate::template::{GroupReport, POOR_MATCH, build};
-use crate::train::config::TrainConfig;
+use instgs_vk::scene::{InstancedScene, PosedGroup};
 
 use super::error::PipelineError;
 use super::label_gaussians::CloudLabels;
@@ -26,14 +26,14 @@ pub fn build_templates(
     cloud: &InstancedScene,
     segmented: &CloudLabels,
     groups: &[PosedGroup],
-    config: &TrainConfig,
+    config: &RunConfig,
 ) -> Result<MergedScene, PipelineError> {
-    let is_kept = segmented.well_seen(&cloud.background.means, groups, config.joint.prune_weight);
+    let is_kept = segmented.well_seen(&cloud.background.means, groups, config.pipeline.joint.prune_weight);
     let kept = cloud.background.filtered(|i| is_kept[i]);
     let labels: Vec<u32> =
         segmented.labels.iter().zip(&is_kept).filter(|(_, kept)| **kept).map(|(&id, _)| id).collect();
     let mut built = build(&kept, &labels, groups, &config.template_options())?;
-    built.scene.antialias = config.antialias;
+    built.scene.antialias = config.train.antialias;
     built.scene.source = "instgs-vk: merged, not yet trained".into();
     let hardly_seen = (cloud.background.len() - kept.len()) as u64;
     Ok(MergedScene { scene: built.scene, groups: built.report, hardly_seen })

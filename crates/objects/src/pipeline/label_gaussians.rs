@@ -8,22 +8,25 @@ use std::time::Instant;
 
 use glam::Vec3;
 
-use crate::gpu::Gpu;
-use crate::io::checkpoint::Checkpoint;
-use crate::io::json::{read_json, write_json};
-use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, MaskFolder, RunFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
-use crate::scene::{Camera, InstancedScene, PosedGroup};
 use crate::segment::{
     Consensus, ConsensusOptions, ConsensusReport, KEPT_BYTES, LabelOptions, LabelProgress, ViewContributions,
     consensus, label_views,
 };
+use instgs_io::checkpoint::Checkpoint;
+use instgs_io::json::{read_json, write_json};
+use instgs_io::view_image::camera_at_width;
+use instgs_io::{IoError, MaskFolder, RunFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::scene::{Camera, InstancedScene, PosedGroup};
 
 use super::error::PipelineError;
+use super::job::PipelineJob;
 use super::mask_check::views_without_mask;
 use super::mask_source::mask_folder;
-use crate::train::facts::StageTime;
-use crate::train::{TrainJob, eval_options};
+use super::observer::{Message, Observer};
+use super::stage_kinds::Stage;
+use instgs_train::eval_options;
+use instgs_train::facts::StageTime;
 
 /// The tensor of labels.
 pub const LABEL_TENSOR: &str = "instance_of_gaussian";
@@ -140,23 +143,24 @@ pub(super) fn is_segmented(folder: &RunFolder) -> bool {
 }
 
 /// Finds the objects of `cloud`, or, if the job resumes, reads them from the files of an earlier run if they fit.
-/// `progress` is told of views done, three sweeps counted.
+/// `observer` is told of the stages and of views done, three sweeps counted.
 ///
 /// # Errors
 /// Masks that are missing or damaged, or a cloud beyond the device.
 pub fn label_gaussians(
     gpu: &Arc<Gpu>,
-    job: &TrainJob,
+    job: &PipelineJob,
     cloud: &InstancedScene,
-    progress: &mut dyn FnMut(LabelProgress),
+    observer: &mut dyn Observer,
 ) -> Result<CloudLabels, PipelineError> {
     let started = Instant::now();
     if job.resume
         && is_segmented(&job.folder())
         && let Ok(earlier) = CloudLabels::read(&job.folder(), cloud.background.len())
     {
-        return Ok(CloudLabels { stages: vec![stage("segment", started)], ..earlier });
+        return Ok(CloudLabels { stages: vec![StageTime::since(Stage::Segment.name(), started)], ..earlier });
     }
+    let clock = Stage::Consensus.begin(observer)?;
     let masks = MaskFolder::open(&mask_folder(job)?)?;
     let (views, cameras) = training_views(job)?;
     let options = label_options(job);
@@ -164,16 +168,15 @@ pub fn label_gaussians(
     let mut sweeps =
         ViewContributions::<PipelineError>::new(gpu, cloud, &cameras, mask_of_view, options.render, KEPT_BYTES)?;
     let total = 3 * sweeps.view_count();
-    let known = ConsensusOptions { seed: job.config.seed, ..ConsensusOptions::default() };
+    let known = ConsensusOptions { seed: job.config.train.seed, ..ConsensusOptions::default() };
     let mut found = consensus(&mut sweeps, &cloud.background, &masks.categories, &known, |done| {
-        progress(LabelProgress { done, total });
-        Ok(())
+        Ok(observer.notify(Message::Labelling(LabelProgress { done, total }))?)
     })?;
-    let consensus_stage = stage("consensus", started);
-    let labelling = Instant::now();
+    let consensus_stage = clock.end(observer)?;
+    let clock = Stage::Segment.begin(observer)?;
     let labels = label_views(&mut sweeps, &cloud.background.means, &found.table, &options, |at| {
-        progress(LabelProgress { done: cameras.len() + at.done, total });
-        Ok(())
+        let done = cameras.len() + at.done;
+        Ok(observer.notify(Message::Labelling(LabelProgress { done, total }))?)
     })?;
     drop(sweeps);
     found.report.count_gaussians(&labels.instance_of_gaussian);
@@ -184,7 +187,7 @@ pub fn label_gaussians(
         views_seen: labels.views_seen,
         consensus: found.report.clone(),
         cameras,
-        stages: vec![consensus_stage, stage("segment", labelling)],
+        stages: vec![consensus_stage, clock.end(observer)?],
     };
     out.write(&found, &job.folder())?;
     Ok(out)
@@ -194,25 +197,21 @@ pub fn label_gaussians(
 ///
 /// # Errors
 /// A data set that is missing or damaged.
-pub fn training_views(job: &TrainJob) -> Result<(Vec<View>, Vec<Camera>), IoError> {
+pub fn training_views(job: &PipelineJob) -> Result<(Vec<View>, Vec<Camera>), IoError> {
     let views: Vec<View> = read_views(&job.data)?.split(Split::Train).cloned().collect();
-    let width = (job.config.width > 0).then_some(job.config.width);
+    let width = (job.config.train.width > 0).then_some(job.config.train.width);
     let cameras = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();
     Ok((views, cameras))
 }
 
-pub(super) fn stage(name: &str, since: Instant) -> StageTime {
-    StageTime { name: name.into(), seconds: since.elapsed().as_secs_f64() }
-}
-
-fn label_options(job: &TrainJob) -> LabelOptions {
-    let segment = &job.config.segment;
+fn label_options(job: &PipelineJob) -> LabelOptions {
+    let segment = &job.config.pipeline.segment;
     let default = LabelOptions::default();
     LabelOptions {
         alpha: segment.alpha,
         unseen_neighbours: if segment.fill_unseen { default.unseen_neighbours } else { 0 },
         drop_strays: segment.drop_strays,
-        render: eval_options(&job.config),
+        render: eval_options(&job.config.train),
     }
 }
 
@@ -221,9 +220,9 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::math::similarity::Similarity;
-    use crate::scene::PosedInstance;
-    use crate::scene::test_cameras::ring;
+    use instgs_samples::ring;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::PosedInstance;
 
     /// The first two add as much to all pictures, the first in one of them, the second in 40 and hardly in any. By sums the
     /// two would share their fate.

@@ -4,51 +4,49 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
 use super::error::PipelineError;
-use super::label_gaussians::{stage, training_views};
+use super::job::PipelineJob;
+use super::label_gaussians::training_views;
 use super::mask_source::{MaskSource, made_masks};
-use crate::detect::{self, Prompt, PromptReport, ViewMasks};
-use crate::gpu::Gpu;
-use crate::io::masks::CATEGORIES;
-use crate::io::{Dataset, IoError, Split, View, read_boxes, read_views, write_categories, write_mask};
-use crate::scene::{Boxes, InstancedScene};
-use crate::segment::LabelProgress;
+use super::observer::{Message, Observer};
+use super::stage_kinds::Stage;
 use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw};
-use crate::train::facts::StageTime;
-use crate::train::{TrainJob, eval_options};
+use instgs_detect::{self, Prompt, ViewMasks};
+use instgs_io::masks::CATEGORIES;
+use instgs_io::{Dataset, IoError, Split, View, read_boxes, read_views, write_categories, write_mask};
+use instgs_train::eval_options;
+use instgs_train::facts::StageTime;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::scene::{Boxes, InstancedScene};
 
-/// What was found by name, and how long it took.
-pub struct FoundByName {
-    /// What was found.
-    pub report: PromptReport,
-    /// Wall time.
-    pub stage: StageTime,
-}
-
-/// Finds what the job's prompt names in the photos of its training views, and leaves masks in the run folder; `done` is told
-/// of each view, with the number of all. `None` if the masks come from elsewhere, or are there and the job resumes.
+/// Finds what the job's prompt names in the photos of its training views, and leaves masks in the run folder; `observer` is
+/// told of each view and of all together. How long it took; `None` if the masks come from elsewhere, or are there and the job
+/// resumes.
 ///
 /// # Errors
 /// Models or the runtime library that are missing; a photo that cannot be read; nothing found at all.
-pub fn masks_from_prompt(
-    job: &TrainJob,
-    done: &mut dyn FnMut(&str, &ViewMasks, usize),
-) -> Result<Option<FoundByName>, PipelineError> {
+pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Option<StageTime>, PipelineError> {
     let MaskSource::Prompt { prompt, models } = MaskSource::of(job)? else { return Ok(None) };
     let out = made_masks(job);
     // Written last.
-    if job.resume && out.join(detect::BOXES).is_file() {
+    if job.resume && out.join(instgs_detect::BOXES).is_file() {
         return Ok(None);
     }
-    let started = Instant::now();
+    let clock = Stage::Masks.begin(observer)?;
     let (views, _) = training_views(job)?;
-    let views: Vec<&View> = views.iter().collect();
-    let (prompt, options, total) = (Prompt::parse(&prompt)?, job.config.detect.options(), views.len());
-    let mut done = |name: &str, view: &ViewMasks| done(name, view, total);
-    let report = detect::masks_from_prompt(&views, &prompt, &models, &options, &out, &mut done)?;
-    Ok(Some(FoundByName { report, stage: stage("masks", started) }))
+    let photos: Vec<&View> = views.iter().collect();
+    let (prompt, options) = (Prompt::parse(&prompt)?, job.config.pipeline.detect.options());
+    let mut told = Ok(());
+    let mut done = |name: &str, found: &ViewMasks| {
+        if told.is_ok() {
+            told = observer.notify(Message::ViewMasked { name, found, views: views.len() });
+        }
+    };
+    let report = instgs_detect::masks_from_prompt(&photos, &prompt, &models, &options, &out, &mut done)?;
+    told?;
+    observer.notify(Message::NamesFound(&report))?;
+    Ok(Some(clock.end(observer)?))
 }
 
 /// What boxes gave, and how long it took.
@@ -66,26 +64,26 @@ pub(super) struct FoundByBoxes {
 /// As [`training_boxes`] and [`write_masks_from_boxes`].
 pub(super) fn masks_from_boxes(
     gpu: &Arc<Gpu>,
-    job: &TrainJob,
+    job: &PipelineJob,
     cloud: &InstancedScene,
-    progress: &mut dyn FnMut(LabelProgress),
+    observer: &mut dyn Observer,
 ) -> Result<Option<FoundByBoxes>, PipelineError> {
     let MaskSource::Boxes(path) = MaskSource::of(job)? else { return Ok(None) };
     let out = made_masks(job);
     if job.resume && out.join(CATEGORIES).is_file() {
         return Ok(None);
     }
-    let started = Instant::now();
+    let clock = Stage::Masks.begin(observer)?;
     let (views, cameras) = training_views(job)?;
     let options = BoxOptions {
         width: cameras.first().map(|camera| camera.width),
-        seed: job.config.seed,
-        render: eval_options(&job.config),
+        seed: job.config.train.seed,
+        render: eval_options(&job.config.train),
         ..BoxOptions::default()
     };
     let boxes = training_boxes(job, &path)?;
-    let report = write_masks_from_boxes(gpu, cloud, &views, &boxes, &options, &out, progress)?;
-    Ok(Some(FoundByBoxes { notes: report.notes, stage: stage("masks", started) }))
+    let report = write_masks_from_boxes(gpu, cloud, &views, &boxes, &options, &out, observer)?;
+    Ok(Some(FoundByBoxes { notes: report.notes, stage: clock.end(observer)? }))
 }
 
 /// The boxes of a file that a job's masks are made from. Those in photos of test views are left out: training may not know
@@ -93,7 +91,7 @@ pub(super) fn masks_from_boxes(
 ///
 /// # Errors
 /// A file that is missing or damaged; no box in the world or in a training view.
-pub(super) fn training_boxes(job: &TrainJob, path: &Path) -> Result<Boxes, IoError> {
+pub(super) fn training_boxes(job: &PipelineJob, path: &Path) -> Result<Boxes, IoError> {
     let (boxes, dataset) = (read_boxes(path)?, read_views(&job.data)?);
     let is_of_training = |name: &String| dataset.split(Split::Train).any(|view| view.camera.name == *name);
     if boxes.objects.is_empty() && !boxes.views.keys().any(is_of_training) {
@@ -111,7 +109,7 @@ fn without_test_views(mut boxes: Boxes, dataset: &Dataset) -> Boxes {
 }
 
 /// Makes masks of all `views` from boxes and a plain cloud, and writes them with their `categories.json`, which comes last,
-/// into the folder `out`. `progress` is told of views done and in all.
+/// into the folder `out`. `observer` is told of views done and in all.
 ///
 /// # Errors
 /// Boxes of nothing that is in the views, a cloud beyond the device, a file that cannot be written.
@@ -122,7 +120,7 @@ pub fn write_masks_from_boxes(
     boxes: &Boxes,
     options: &BoxOptions,
     out: &Path,
-    progress: &mut dyn FnMut(LabelProgress),
+    observer: &mut dyn Observer,
 ) -> Result<BoxReport, PipelineError> {
     fs::create_dir_all(out).map_err(|e| IoError::new(out, format!("cannot be made: {e}")))?;
     let found = draw::<PipelineError>(
@@ -132,10 +130,7 @@ pub fn write_masks_from_boxes(
         boxes,
         options,
         |view, mask| Ok(write_mask(&out.join(format!("{}.png", views[view].camera.name)), mask)?),
-        |at| {
-            progress(at);
-            Ok(())
-        },
+        |at| Ok(observer.notify(Message::Labelling(at))?),
     )?;
     write_categories(&out.join(CATEGORIES), &found.categories)?;
     Ok(found.report)
@@ -148,7 +143,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::scene::{Camera, ViewBox};
+    use instgs_vk::scene::{Camera, ViewBox};
 
     fn view(name: &str, split: Split) -> View {
         let camera = Camera::look_at(name, DVec3::NEG_Y, DVec3::ZERO, DVec3::Z, 0.8, (16, 8));

@@ -1,15 +1,13 @@
 //! Whether masks and groups can be used, looked at before anything is trained: that takes seconds, training hours.
 
-use std::path::Path;
-
 use rayon::prelude::*;
 
-use crate::io::{IoError, MaskFolder, View, read_groups};
+use instgs_io::{IoError, MaskFolder, View, read_groups};
 
+use super::job::PipelineJob;
 use super::label_gaussians::{is_segmented, training_views};
 use super::make_masks::training_boxes;
 use super::mask_source::MaskSource;
-use crate::train::TrainJob;
 
 /// Views that a line names; of more it gives the number.
 const NAMED_VIEWS: usize = 3;
@@ -20,9 +18,9 @@ const NAMED_VIEWS: usize = 3;
 /// # Errors
 /// No masks; a mask that is damaged, has other than 8 or 16 bits of grey, or another size than its image; masks of which
 /// none has an object; boxes of which none can be used; categories or groups that are damaged.
-pub fn check_masks(job: &TrainJob) -> Result<Vec<String>, IoError> {
-    if !job.config.groups.is_empty() {
-        read_groups(Path::new(&job.config.groups))?;
+pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
+    if let Some(path) = &job.config.pipeline.groups {
+        read_groups(path)?;
     }
     if job.resume && is_segmented(&job.folder()) {
         return Ok(Vec::new());

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use crate::io::{IoError, MaskFolder};
-use crate::train::TrainJob;
+use super::job::PipelineJob;
+use instgs_io::{IoError, MaskFolder};
 
 /// Where masks come from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,22 +26,20 @@ impl MaskSource {
     ///
     /// # Errors
     /// More than one of them, a prompt without models, or no masks at all.
-    pub fn of(job: &TrainJob) -> Result<Self, IoError> {
-        let config = &job.config;
-        let named: Vec<&str> = [("masks", &config.masks), ("boxes", &config.boxes), ("prompt", &config.prompt)]
-            .into_iter()
-            .filter_map(|(key, value)| (!value.is_empty()).then_some(key))
-            .collect();
+    pub fn of(job: &PipelineJob) -> Result<Self, IoError> {
+        let config = &job.config.pipeline;
         let fail = |what: String, advice: &str| Err(IoError::new(&job.data, what).advise(advice));
-        match named[..] {
-            ["masks"] => Ok(Self::Folder(PathBuf::from(&config.masks))),
-            ["boxes"] => Ok(Self::Boxes(PathBuf::from(&config.boxes))),
-            ["prompt"] if config.models.is_empty() => fail(
-                format!("\"{}\" cannot be looked for without models", config.prompt),
-                "give their folder with --models; tools/models/README.md says how to make it",
-            ),
-            ["prompt"] => Ok(Self::Prompt { prompt: config.prompt.clone(), models: PathBuf::from(&config.models) }),
-            [] => match MaskFolder::default_for(&job.data) {
+        match (&config.masks, &config.boxes, &config.prompt) {
+            (Some(folder), None, None) => Ok(Self::Folder(folder.clone())),
+            (None, Some(boxes), None) => Ok(Self::Boxes(boxes.clone())),
+            (None, None, Some(prompt)) => match &config.models {
+                Some(models) => Ok(Self::Prompt { prompt: prompt.clone(), models: models.clone() }),
+                None => fail(
+                    format!("\"{prompt}\" cannot be looked for without models"),
+                    "give their folder with --models; tools/models/README.md says how to make it",
+                ),
+            },
+            (None, None, None) => match MaskFolder::default_for(&job.data) {
                 Some(folder) => Ok(Self::Folder(folder)),
                 None => fail(
                     "has no masks".into(),
@@ -49,12 +47,17 @@ impl MaskSource {
                      with --prompt or --boxes",
                 ),
             },
-            _ => fail(format!("has masks from {} at once", named.join(" and ")), "leave all but one of them empty"),
+            (masks, boxes, prompt) => {
+                let named = [("masks", masks.is_some()), ("boxes", boxes.is_some()), ("prompt", prompt.is_some())];
+                let named: Vec<&str> =
+                    named.into_iter().filter_map(|(key, is_given)| is_given.then_some(key)).collect();
+                fail(format!("has masks from {} at once", named.join(" and ")), "leave all but one of them empty")
+            }
         }
     }
 
     /// The folder of the masks, which may still have to be made.
-    pub(super) fn folder(&self, job: &TrainJob) -> PathBuf {
+    pub(super) fn folder(&self, job: &PipelineJob) -> PathBuf {
         match self {
             Self::Folder(folder) => folder.clone(),
             Self::Boxes(_) | Self::Prompt { .. } => made_masks(job),
@@ -63,7 +66,7 @@ impl MaskSource {
 }
 
 /// The folder of masks that a run makes for itself.
-pub(super) fn made_masks(job: &TrainJob) -> PathBuf {
+pub(super) fn made_masks(job: &PipelineJob) -> PathBuf {
     job.folder().masks()
 }
 
@@ -71,38 +74,38 @@ pub(super) fn made_masks(job: &TrainJob) -> PathBuf {
 ///
 /// # Errors
 /// As [`MaskSource::of`].
-pub fn mask_folder(job: &TrainJob) -> Result<PathBuf, IoError> {
+pub fn mask_folder(job: &PipelineJob) -> Result<PathBuf, IoError> {
     Ok(MaskSource::of(job)?.folder(job))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::train::config::ConfigBuilder;
+    use crate::pipeline::config::ConfigBuilder;
 
     #[test]
     fn masks_come_from_one_source() -> Result<(), Box<dyn std::error::Error>> {
         let data = tempfile::tempdir()?;
-        let mut job = TrainJob {
+        let mut job = PipelineJob {
             data: data.path().into(),
             out: "run".into(),
             config: ConfigBuilder::new().file("instgs")?.finish()?,
             resume: false,
         };
-        let text = |job: &TrainJob| MaskSource::of(job).err().map(|e| e.to_string()).unwrap_or_default();
+        let text = |job: &PipelineJob| MaskSource::of(job).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(text(&job).contains("has no masks") && text(&job).contains("--prompt"), "{}", text(&job));
         std::fs::create_dir(data.path().join("masks"))?;
         assert_eq!(MaskSource::of(&job)?, MaskSource::Folder(data.path().join("masks")));
-        job.config.boxes = "b.json".into();
+        job.config.pipeline.boxes = Some("b.json".into());
         assert_eq!(MaskSource::of(&job)?, MaskSource::Boxes("b.json".into()));
         assert_eq!(mask_folder(&job)?, PathBuf::from("run/masks"));
-        job.config.prompt = "car.".into();
+        job.config.pipeline.prompt = Some("car.".into());
         assert!(text(&job).contains("boxes and prompt"), "{}", text(&job));
-        job.config.boxes = String::new();
+        job.config.pipeline.boxes = None;
         assert!(text(&job).contains("--models"), "{}", text(&job));
-        job.config.models = "m".into();
+        job.config.pipeline.models = Some("m".into());
         assert!(matches!(MaskSource::of(&job)?, MaskSource::Prompt { .. }));
-        job.config.masks = "x".into();
+        job.config.pipeline.masks = Some("x".into());
         assert!(text(&job).contains("masks and prompt"), "{}", text(&job));
         Ok(())
     }

@@ -1,23 +1,31 @@
-//! L6: from photos and masks to an instanced scene: masks ([`make_masks`], [`mask_check`]), the object of every Gaussian
-//! ([`label_gaussians`]()), which objects are alike and where they stand ([`register_objects`]()), and templates with
-//! instances ([`build_templates`]()). The plain cloud before and the joint phase after are [`mod@crate::train`]'s.
+//! L6: from photos and masks to an instanced scene. [`Pipeline::run`] does all of it and tells one [`Observer`]: the plain cloud
+//! ([`instgs_train::train`]), masks ([`make_masks`], [`mask_check`]), the object of every Gaussian ([`mod@label_gaussians`]),
+//! which objects are alike and where they stand ([`mod@register_objects`]), templates with instances
+//! ([`mod@build_templates`]), and the joint phase. Each stage is a function of its own as well.
 
 pub mod build_templates;
+pub mod config;
 mod error;
+mod job;
 pub mod label_gaussians;
 pub mod make_masks;
 pub mod mask_check;
 pub mod mask_source;
+mod observer;
 pub mod prepare;
 pub mod register_objects;
+mod run;
 mod stage_kinds;
 
 pub use build_templates::{MergedScene, build_templates};
 pub use error::PipelineError;
+pub use job::PipelineJob;
 pub use label_gaussians::{CloudLabels, label_gaussians, training_views};
 pub use make_masks::{masks_from_prompt, write_masks_from_boxes};
 pub use mask_check::check_masks;
 pub use mask_source::{MaskSource, mask_folder};
+pub use observer::{Message, Observer, Phase};
 pub use prepare::{Prepared, prepare};
 pub use register_objects::{ObjectGroups, register_objects};
-pub use stage_kinds::{is_preparation, makes_scene};
+pub use run::{Finished, ObjectPhases, Pipeline};
+pub use stage_kinds::{Stage, is_preparation, makes_scene};

@@ -3,25 +3,26 @@
 //! are also commands of their own (`segment`, `register`, `merge`), which call the same functions.
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use crate::gpu::Gpu;
-use crate::io::json::{read_json, write_json};
-use crate::io::write_scene_file;
 use crate::register::InstanceRegistration;
-use crate::segment::{ConsensusReport, LabelProgress};
+use crate::segment::ConsensusReport;
 use crate::template::GroupReport;
+use instgs_io::json::{read_json, write_json};
+use instgs_io::write_scene_file;
+use instgs_vk::gpu::Gpu;
 
 use super::build_templates::{self, build_templates};
 use super::error::PipelineError;
-use super::label_gaussians::{label_gaussians, read_cloud, stage};
+use super::job::PipelineJob;
+use super::label_gaussians::{label_gaussians, read_cloud};
 use super::make_masks::masks_from_boxes;
 use super::mask_check::without_mask_line;
+use super::observer::Observer;
 use super::register_objects::{self, ObjectGroups, find_groups};
-use crate::train::TrainJob;
-use crate::train::facts::StageTime;
+use super::stage_kinds::Stage;
+use instgs_train::facts::StageTime;
 
 /// What became of the groups.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -62,29 +63,25 @@ impl Prepared {
 }
 
 /// Makes `initial.instgs` in the run folder from `point_cloud.ply` there and the masks of the configuration, and its groups
-/// if it has any. Without objects that are alike the whole scene is background. `progress` is told of views done and in
-/// all.
+/// if it has any. Without objects that are alike the whole scene is background. `observer` is told of the
+/// stages and of views done.
 ///
 /// # Errors
 /// Groups or masks that are missing or damaged, or a cloud beyond the device.
-pub fn prepare(
-    gpu: &Arc<Gpu>,
-    job: &TrainJob,
-    progress: &mut dyn FnMut(LabelProgress),
-) -> Result<Prepared, PipelineError> {
+pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Prepared, PipelineError> {
     let report_path = job.folder().prepared();
     let initial = job.folder().initial_scene();
     if job.resume && initial.is_file() && report_path.is_file() {
         return Ok(read_json(&report_path)?);
     }
     let cloud = read_cloud(&job.folder())?;
-    let boxes = masks_from_boxes(gpu, job, &cloud, progress)?;
-    let labels = label_gaussians(gpu, job, &cloud, progress)?;
-    let ObjectGroups { groups, registration, stages: registering } = find_groups(gpu, job, &cloud, &labels)?;
-    let merging = Instant::now();
+    let boxes = masks_from_boxes(gpu, job, &cloud, observer)?;
+    let labels = label_gaussians(gpu, job, &cloud, observer)?;
+    let ObjectGroups { groups, registration, stages: registering } = find_groups(gpu, job, &cloud, &labels, observer)?;
+    let clock = Stage::Merge.begin(observer)?;
     let merged = build_templates(&cloud, &labels, &groups, &job.config)?;
     write_scene_file(&initial, &merged.scene)?;
-    let stages = [labels.stages, registering, vec![stage("merge", merging)]].concat();
+    let stages = [labels.stages, registering, vec![clock.end(observer)?]].concat();
     let prepared = Prepared {
         groups: merged.groups,
         registration,

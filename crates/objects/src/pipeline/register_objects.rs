@@ -2,20 +2,21 @@
 //! the masks show.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
-use crate::gpu::Gpu;
-use crate::io::{read_groups, write_groups};
 use crate::register::{InstanceRegistration, RegisterInput, RegisterOptions, RenderCheck, Verdict, polished, register};
-use crate::scene::{InstancedScene, PosedGroup};
+use instgs_io::{read_groups, write_groups};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::scene::{InstancedScene, PosedGroup};
 
+use super::config::RunConfig;
 use super::error::PipelineError;
-use super::label_gaussians::{CloudLabels, stage};
-use crate::train::config::TrainConfig;
-use crate::train::facts::StageTime;
-use crate::train::{TrainJob, eval_options};
+use super::job::PipelineJob;
+use super::label_gaussians::CloudLabels;
+use super::observer::Observer;
+use super::stage_kinds::Stage;
+use instgs_train::eval_options;
+use instgs_train::facts::StageTime;
 
 /// Which objects are alike, and where each stands.
 pub struct ObjectGroups {
@@ -34,19 +35,20 @@ pub struct ObjectGroups {
 /// A groups.json that is missing or damaged, or a device that fails.
 pub(super) fn find_groups(
     gpu: &Arc<Gpu>,
-    job: &TrainJob,
+    job: &PipelineJob,
     cloud: &InstancedScene,
     segmented: &CloudLabels,
+    observer: &mut dyn Observer,
 ) -> Result<ObjectGroups, PipelineError> {
-    let found = if job.config.groups.is_empty() {
-        register_objects(gpu, &job.config, cloud, segmented)?
-    } else {
-        let groups = read_groups(Path::new(&job.config.groups))?;
-        if job.config.joint.refine_poses {
-            refine_given_groups(&job.config, cloud, segmented, &groups)?
+    let found = if let Some(path) = &job.config.pipeline.groups {
+        let groups = read_groups(path)?;
+        if job.config.train.joint.refine_poses {
+            refine_given_groups(&job.config, cloud, segmented, &groups, observer)?
         } else {
             ObjectGroups { groups, registration: Vec::new(), stages: Vec::new() }
         }
+    } else {
+        register_objects(gpu, &job.config, cloud, segmented, observer)?
     };
     write_groups(&job.folder().groups(), &found.groups)?;
     Ok(found)
@@ -54,18 +56,22 @@ pub(super) fn find_groups(
 
 /// Given groups with poses that fit the cloud's objects; scales are free if the configuration refines them.
 fn refine_given_groups(
-    config: &TrainConfig,
+    config: &RunConfig,
     cloud: &InstancedScene,
     segmented: &CloudLabels,
     groups: &[PosedGroup],
+    observer: &mut dyn Observer,
 ) -> Result<ObjectGroups, PipelineError> {
-    let started = Instant::now();
+    let clock = Stage::RefinePoses.begin(observer)?;
     let (labels, cameras, none) = (segmented.labels.as_slice(), &segmented.cameras, BTreeMap::new());
     let input = RegisterInput { cloud: &cloud.background, instance_of_gaussian: labels, categories: &none, cameras };
-    let options =
-        RegisterOptions { allow_scale: config.joint.refine_scales, seed: config.seed, ..RegisterOptions::default() };
+    let options = RegisterOptions {
+        allow_scale: config.train.joint.refine_scales,
+        seed: config.train.seed,
+        ..RegisterOptions::default()
+    };
     let groups = polished(&input, groups, &options)?;
-    Ok(ObjectGroups { groups, registration: Vec::new(), stages: vec![stage("refine poses", started)] })
+    Ok(ObjectGroups { groups, registration: Vec::new(), stages: vec![clock.end(observer)?] })
 }
 
 /// Registers the objects of a segmented cloud; scales are free if the configuration refines them.
@@ -74,21 +80,25 @@ fn refine_given_groups(
 /// A device that fails, or a cloud beyond it.
 pub fn register_objects(
     gpu: &Arc<Gpu>,
-    config: &TrainConfig,
+    config: &RunConfig,
     cloud: &InstancedScene,
     segmented: &CloudLabels,
+    observer: &mut dyn Observer,
 ) -> Result<ObjectGroups, PipelineError> {
-    let started = Instant::now();
+    let clock = Stage::Register.begin(observer)?;
     let objects = segmented.consensus.objects.iter();
     let categories: BTreeMap<u32, String> = objects.filter_map(|o| Some((o.id, o.category.clone()?))).collect();
     let (gaussians, labels, cameras) = (&cloud.background, segmented.labels.as_slice(), &segmented.cameras);
     let input = RegisterInput { cloud: gaussians, instance_of_gaussian: labels, categories: &categories, cameras };
     // Of the Gaussians, not of photos: ids of masks need not be those of objects.
-    let mut check = RenderCheck::new(gpu, gaussians, labels, cameras, eval_options(config), None)?;
-    let options =
-        RegisterOptions { allow_scale: config.joint.refine_scales, seed: config.seed, ..RegisterOptions::default() };
+    let mut check = RenderCheck::new(gpu, gaussians, labels, cameras, eval_options(&config.train), None)?;
+    let options = RegisterOptions {
+        allow_scale: config.train.joint.refine_scales,
+        seed: config.train.seed,
+        ..RegisterOptions::default()
+    };
     let found = register(&input, Some(&mut check), &options)?;
-    Ok(ObjectGroups { groups: found.groups, registration: found.instances, stages: vec![stage("register", started)] })
+    Ok(ObjectGroups { groups: found.groups, registration: found.instances, stages: vec![clock.end(observer)?] })
 }
 
 /// What the user should know of the objects: a line for each that is left out, and one for all of a group and name whose

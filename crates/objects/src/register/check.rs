@@ -1,7 +1,7 @@
 //! Comparison of poses by pictures, for those that geometry cannot tell apart.
 
 use super::error::RegisterError;
-use crate::math::similarity::Similarity;
+use instgs_vk::math::similarity::Similarity;
 
 /// How well pictures of a target agree with the reference's Gaussians moved onto it; lower is better.
 #[derive(Clone, Copy, Debug, PartialEq)]

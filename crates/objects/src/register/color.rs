@@ -44,7 +44,7 @@ fn residual(pairs: &[(DVec3, DVec3)]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     #[test]
     fn gains_and_biases_are_explained_and_inverted_or_other_colours_are_not() {

@@ -2,9 +2,9 @@
 
 use super::check::Agreement;
 use super::outline::Crop;
-use crate::io::masks::Mask;
-use crate::io::view_image::{IGNORED, ViewImage};
-use crate::render::Picture;
+use instgs_io::masks::Mask;
+use instgs_io::view_image::{IGNORED, ViewImage};
+use instgs_vk::render::Picture;
 
 /// Pixels with a lower coverage are not compared in colour: they show the background, too.
 const OPAQUE: f32 = 0.5;
@@ -121,8 +121,8 @@ fn mean_difference(colors: &[([f32; 3], [f32; 3])]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Camera;
     use glam::DVec3;
+    use instgs_vk::scene::Camera;
 
     const SIZE: usize = 12;
 

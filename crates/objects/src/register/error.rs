@@ -1,7 +1,7 @@
 //! Errors of registration.
 
-use crate::render::RenderError;
-use crate::scene::CameraError;
+use instgs_vk::render::RenderError;
+use instgs_vk::scene::CameraError;
 
 /// Why [`register`](super::register()) could not run; the text is one line for the user.
 #[derive(Debug, thiserror::Error)]

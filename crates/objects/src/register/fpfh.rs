@@ -5,7 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::surface::Surface;
-use crate::math::nearest::Neighbour;
+use instgs_vk::math::nearest::Neighbour;
 
 /// Number of bins for each of the three angles.
 const BINS: usize = 11;
@@ -107,10 +107,10 @@ pub(super) fn squared_difference(a: &Feature, b: &Feature) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::covariance::rotation_from_quat;
-    use crate::math::rng::Rng;
     use crate::register::surface::Sample;
     use glam::DMat3;
+    use instgs_vk::math::covariance::rotation_from_quat;
+    use instgs_vk::math::rng::Rng;
 
     /// Points with normals on two sides of a box; the box is rotated.
     fn corner(rotation: DMat3) -> Surface {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::fpfh::{Feature, squared_difference};
 use super::pose::{Pair, Pose, best_pose};
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Points of a sample: the least number that fixes a pose.
 const SAMPLE: usize = 3;
@@ -121,7 +121,7 @@ fn insert(best: &mut Vec<Mode>, new: Mode, modes: usize, same: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::covariance::rotation_from_quat;
+    use instgs_vk::math::covariance::rotation_from_quat;
 
     /// Of 200 matches four fifths are wrong; the pose of the others is the first mode.
     #[test]

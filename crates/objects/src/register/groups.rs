@@ -15,8 +15,8 @@ use super::options::RegisterOptions;
 use super::outcome::{posed_group, rejected, reports, target_from_reference};
 use super::report::InstanceRegistration;
 use super::sample::{FEW_GAUSSIANS, ObjectSurface};
-use crate::math::similarity::Similarity;
-use crate::scene::{Camera, Gaussians, PosedGroup, up_direction};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::{Camera, Gaussians, PosedGroup, up_direction};
 
 /// References tried in a category before the remaining objects count as unlike one another.
 const MOST_REFERENCES: usize = 12;

@@ -13,7 +13,7 @@ use super::options::RegisterOptions;
 use super::plane::{Slide, slide};
 use super::pose::{Pair, Pose};
 use super::sample::{BASE, FINE, ObjectSurface};
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Number of starts from features.
 const CONSENSUS_MODES: usize = 3;

@@ -131,9 +131,9 @@ pub(super) fn fit(model: LevelSurface<'_>, data: LevelSurface<'_>, pose: &Pose) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
     use crate::register::surface::Sample;
     use glam::DMat3;
+    use instgs_vk::math::rng::Rng;
 
     /// Points on the faces of three boxes, a shape without symmetry.
     fn shape(rng: &mut Rng, count: usize) -> Vec<DVec3> {

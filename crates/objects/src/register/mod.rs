@@ -39,13 +39,13 @@ mod surface;
 mod together;
 pub mod verify;
 
-pub use crate::scene::up_direction;
 pub use check::{Agreement, PoseCheck};
 pub use error::RegisterError;
 pub use find::{
     Against, FindError, FindInput, FindOptions, FindProgress, Found, FoundObject, RejectedPlace, find_alike,
 };
 pub use groups::{RegisterInput, Registered, register};
+pub use instgs_vk::scene::up_direction;
 pub use options::RegisterOptions;
 pub use polish::polished;
 pub use report::{InstanceRegistration, Verdict};

@@ -3,8 +3,8 @@
 use glam::DVec3;
 
 use super::surface::Surface;
-use crate::math::eigen::symmetric_eigen;
-use crate::scene::Camera;
+use instgs_vk::math::eigen::symmetric_eigen;
+use instgs_vk::scene::Camera;
 
 /// If the mean of normals is shorter than this, they disagree or belong to round Gaussians, and a plane through the
 /// neighbours is used. Three unit normals 70 degrees from their mean have 0.34.
@@ -93,12 +93,12 @@ pub(super) fn covariance(points: &[DVec3]) -> [[f64; 3]; 3] {
 mod tests {
     use super::*;
     use crate::register::surface::Sample;
-    use crate::scene::test_cameras::ring;
+    use instgs_samples::ring;
 
     /// The normals of a ball point outwards, from flat Gaussians (whose sign the viewers give) and from neighbours.
     #[test]
     fn normals_of_a_ball_point_outwards() {
-        let mut rng = crate::math::rng::Rng::new(1);
+        let mut rng = instgs_vk::math::rng::Rng::new(1);
         let viewers = Viewers::new(&ring(DVec3::Z), DVec3::ZERO);
         let samples: Vec<Sample> = (0..4000)
             .map(|_| Sample { position: rng.unit_vector(), normal: DVec3::ZERO, color: DVec3::ZERO })

@@ -8,8 +8,8 @@ use super::pose::Pose;
 use super::report::{InstanceRegistration, Verdict};
 use super::sample::ObjectSurface;
 use super::spread::PoseUncertainty;
-use crate::math::similarity::Similarity;
-use crate::scene::{PosedGroup, PosedInstance};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::{PosedGroup, PosedInstance};
 
 /// An object whose cost exceeds the group's median by this factor fits worse than differences of make explain.
 const POOR_FIT: f64 = 1.6;

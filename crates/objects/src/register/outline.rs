@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::scene::Camera;
+use instgs_vk::scene::Camera;
 
 /// Number of views in which poses are compared; more add little.
 const VIEWS: usize = 4;

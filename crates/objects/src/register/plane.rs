@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3};
 
 use super::pose::Pose;
 use super::surface::{Followed, Surface, reach_of};
-use crate::math::eigen::symmetric_eigen;
+use instgs_vk::math::eigen::symmetric_eigen;
 
 /// Unknowns: rotation (3), translation (3), scale.
 const UNKNOWNS: usize = 7;

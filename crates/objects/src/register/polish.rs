@@ -12,8 +12,8 @@ use super::options::RegisterOptions;
 use super::pose::Pose;
 use super::sample::ObjectSurface;
 use super::together::{Member, mean_cost, refine_together};
-use crate::math::similarity::Similarity;
-use crate::scene::PosedGroup;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::PosedGroup;
 
 /// Least part by which the mean distance between a group's objects must fall for refined poses to be used: correct
 /// poses gain less by following the errors of the clouds.

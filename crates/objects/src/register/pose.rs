@@ -2,8 +2,8 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::math::covariance::rotation_from_quat;
-use crate::math::eigen::symmetric_eigen;
+use instgs_vk::math::covariance::rotation_from_quat;
+use instgs_vk::math::eigen::symmetric_eigen;
 
 /// x -> s R x + t, from the reference's local frame to the target's. A local frame has the world's axes and unit, and
 /// its origin at the centroid of the object's surface.
@@ -130,7 +130,7 @@ fn rotation_of(products: &DMat3, size: f64) -> Option<DMat3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     fn drawn_pose(rng: &mut Rng, scale: f64) -> Pose {
         Pose { rotation: rotation_from_quat(rng.rotation_quat()), scale, translation: rng.normal_vector() * 3.0 }

@@ -9,12 +9,12 @@ use super::icp::LevelSurface;
 use super::normals::{Viewers, covariance, unit_normals};
 use super::options::RegisterOptions;
 use super::surface::{Sample, Surface};
-use crate::math::covariance::{rotation_from_quat, sigmoid};
-use crate::math::eigen::symmetric_eigen;
-use crate::math::nearest::PointSet;
-use crate::math::rng::Rng;
-use crate::math::sh::{SH_C0, widened};
-use crate::scene::{Camera, Gaussians};
+use instgs_vk::math::covariance::{rotation_from_quat, sigmoid};
+use instgs_vk::math::eigen::symmetric_eigen;
+use instgs_vk::math::nearest::PointSet;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::sh::{SH_C0, widened};
+use instgs_vk::scene::{Camera, Gaussians};
 
 /// Points drawn on an object: three or four per voxel of the finest level, which are averaged.
 pub(super) const SAMPLES: usize = 6000;

@@ -16,8 +16,8 @@ use super::pose::Pose;
 use super::sample::{FINE, ObjectSurface};
 use super::surface::{Sample, Surface};
 use super::together::{Member, model_without, upright, upright_about};
-use crate::math::eigen::symmetric_eigen;
-use crate::math::rng::Rng;
+use instgs_vk::math::eigen::symmetric_eigen;
+use instgs_vk::math::rng::Rng;
 
 /// Number of recomputed poses, in pairs of a half and the other half; it gives a standard deviation to about a quarter.
 const HALVES: usize = 8;

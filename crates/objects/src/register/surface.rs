@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::math::nearest::{NearestPlace, PointSet};
+use instgs_vk::math::nearest::{NearestPlace, PointSet};
 
 /// A point drawn on a Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,7 +110,7 @@ pub(super) fn reach_of(surface: &Surface) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     #[test]
     fn a_voxel_holds_the_mean_of_its_samples() {

@@ -8,7 +8,7 @@ use super::plane::{Slide, slide};
 use super::pose::Pose;
 use super::sample::{BASE, FINE, ObjectSurface};
 use super::surface::{Sample, Surface};
-use crate::math::eigen::symmetric_eigen;
+use instgs_vk::math::eigen::symmetric_eigen;
 
 /// Rounds in which every object is aligned with all others.
 const ROUNDS: usize = 4;

@@ -10,13 +10,13 @@ use super::check::{Agreement, PoseCheck};
 use super::compare::{Seen, agreement};
 use super::error::RegisterError;
 use super::outline::{Crop, best_crops};
-use crate::gpu::Gpu;
-use crate::io::masks::Mask;
-use crate::io::view_image::ViewImage;
-use crate::math::sh::widened;
-use crate::math::similarity::Similarity;
-use crate::render::{DeviceScene, Picture, RenderOptions, Renderer};
-use crate::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
+use instgs_io::masks::Mask;
+use instgs_io::view_image::ViewImage;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::math::sh::widened;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::render::{DeviceScene, Picture, RenderOptions, Renderer};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
 
 /// Number of Gaussians that stand for the object's outline: enough to find its box.
 const OUTLINE_POINTS: usize = 300;

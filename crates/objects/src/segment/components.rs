@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use rayon::prelude::*;
 
-use crate::math::nearest::PointSet;
+use instgs_vk::math::nearest::PointSet;
 
 /// A partition of `0..len` (union-find).
 #[derive(Clone, Debug)]
@@ -126,7 +126,7 @@ fn steps() -> impl Iterator<Item = [i64; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     /// Compared with joining every pair within reach.
     #[test]

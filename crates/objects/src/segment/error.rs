@@ -1,6 +1,6 @@
 //! Errors of segmentation.
 
-use crate::render::RenderError;
+use instgs_vk::render::RenderError;
 
 /// Why segmentation failed. The text is one line for the user.
 #[derive(Debug, thiserror::Error)]

@@ -2,9 +2,9 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::math::plane::{Plane, PlaneDraws};
-use crate::math::rng::Rng;
-use crate::math::sh::widened;
+use instgs_vk::math::plane::{Plane, PlaneDraws};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::sh::widened;
 
 /// Points used at most: more do not improve the plane.
 const MOST_POINTS: usize = 20_000;

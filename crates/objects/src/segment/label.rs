@@ -11,10 +11,10 @@ use std::collections::BTreeMap;
 use std::num::NonZero;
 use std::sync::Arc;
 
-use crate::gpu::Gpu;
-use crate::io::masks::Mask;
-use crate::render::{CONTRIBUTION_ONE, RenderOptions};
-use crate::scene::{Camera, InstancedScene};
+use instgs_io::masks::Mask;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::{CONTRIBUTION_ONE, RenderOptions};
+use instgs_vk::scene::{Camera, InstancedScene};
 
 use super::error::SegmentError;
 use super::id_table::IdTable;

@@ -7,12 +7,12 @@ use rayon::prelude::*;
 
 use super::components::{components, usual_reach};
 use super::ground_plane::ground_plane;
-use crate::math::covariance::sigmoid;
-use crate::math::nearest::{Neighbour, PointSet};
-use crate::math::plane::Plane;
-use crate::math::sh::widened;
-use crate::math::statistics::{median, percentile};
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::sigmoid;
+use instgs_vk::math::nearest::{Neighbour, PointSet};
+use instgs_vk::math::plane::Plane;
+use instgs_vk::math::sh::widened;
+use instgs_vk::math::statistics::{median, percentile};
+use instgs_vk::scene::Gaussians;
 
 /// Fainter Gaussians belong to no surface; the same limit as in registration.
 const MIN_OPACITY: f64 = 0.3;
@@ -294,8 +294,8 @@ impl Footprint {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::covariance::logit;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::covariance::logit;
+    use instgs_vk::math::rng::Rng;
 
     /// Points on a floor at height 1 and on the sides and tops of blocks on it: (centre, edges, yaw).
     fn cloud(blocks: &[([f64; 2], DVec3, f64)], up: DVec3) -> Gaussians {

@@ -3,10 +3,10 @@
 
 use std::sync::Arc;
 
-use crate::gpu::Gpu;
-use crate::io::masks::Mask;
-use crate::render::{Contribution, ContributionRenderer, RenderError, RenderOptions};
-use crate::scene::{Camera, InstancedScene};
+use instgs_io::masks::Mask;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::{Contribution, ContributionRenderer, RenderError, RenderOptions};
+use instgs_vk::scene::{Camera, InstancedScene};
 
 use super::error::SegmentError;
 

@@ -5,7 +5,7 @@ use std::num::NonZero;
 
 use rayon::prelude::*;
 
-use crate::math::nearest::PointSet;
+use instgs_vk::math::nearest::PointSet;
 
 /// An axis-aligned box in the world frame: low and high corner.
 type Bounds = [[f64; 3]; 2];

@@ -5,7 +5,7 @@
 //! Only pairs that occur are kept, about two per Gaussian whatever the number of instances. Sums are integers, so they
 //! do not depend on the order of views.
 
-use crate::render::Contribution;
+use instgs_vk::render::Contribution;
 
 /// Weights of one pair of a Gaussian and an instance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,7 +14,7 @@ pub struct Vote {
     pub gaussian: u32,
     /// Id of the instance, above 0.
     pub id: u16,
-    /// Weight in the instance's masks, in units of 1 / [`crate::render::CONTRIBUTION_ONE`] pixel.
+    /// Weight in the instance's masks, in units of 1 / [`instgs_vk::render::CONTRIBUTION_ONE`] pixel.
     pub inside: u64,
     /// Weight in all pixels of the views in which the instance has a mask, in the same unit; counted in a second sweep,
     /// when all pairs are known.

@@ -10,9 +10,9 @@ use super::report::{GroupReport, InstanceReport, counts, group_match_distance, m
 use super::sample::draw;
 use super::settle::settle;
 use super::template_cloud::TemplateCloud;
-use crate::math::rng::Rng;
-use crate::math::similarity::Similarity;
-use crate::scene::{Gaussians, Group, Instance, InstancedScene, PosedGroup, PosedInstance, TemplateRange};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, PosedGroup, PosedInstance, TemplateRange};
 
 /// Result of [`build`].
 #[derive(Clone, Debug, PartialEq)]

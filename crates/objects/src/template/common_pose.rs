@@ -2,10 +2,10 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::math::covariance::{normalised_quat, quat_from_rotation, quat_multiply};
-use crate::math::sh::{ShRotation, widened};
-use crate::math::similarity::Similarity;
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::{normalised_quat, quat_from_rotation, quat_multiply};
+use instgs_vk::math::sh::{ShRotation, widened};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::Gaussians;
 
 /// The inverse of an instance's `world_from_template`, prepared for many Gaussians. In f64, rounded once to f32.
 pub(super) struct TemplateFromWorld {
@@ -68,9 +68,9 @@ impl TemplateFromWorld {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::covariance::rotation_from_quat;
-    use crate::math::rng::Rng;
-    use crate::scene::{Instance, InstancedScene, TemplateRange};
+    use instgs_vk::math::covariance::rotation_from_quat;
+    use instgs_vk::math::rng::Rng;
+    use instgs_vk::scene::{Instance, InstancedScene, TemplateRange};
 
     fn drawn(rng: &mut Rng, len: usize) -> Gaussians {
         let mut out = Gaussians::with_capacity(3, len);

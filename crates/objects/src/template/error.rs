@@ -1,6 +1,6 @@
 //! Errors of building an instanced scene.
 
-use crate::math::similarity::SimilarityError;
+use instgs_vk::math::similarity::SimilarityError;
 
 /// What is wrong with the input of [`build`](super::build); the text is one line for the user.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

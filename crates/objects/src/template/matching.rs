@@ -5,9 +5,9 @@ use rayon::prelude::*;
 use super::offsets::{LACKING_LOGIT, clamped_logit};
 use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
-use crate::math::covariance::{logit, sigmoid};
-use crate::math::nearest::{Neighbour, PointSet};
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::{logit, sigmoid};
+use instgs_vk::math::nearest::{Neighbour, PointSet};
+use instgs_vk::scene::Gaussians;
 
 /// Number of nearest own Gaussians that a template Gaussian may be matched to.
 const CANDIDATES: usize = 16;

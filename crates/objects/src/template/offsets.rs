@@ -4,7 +4,7 @@ use super::matching::{Match, match_template};
 use super::options::{Keep, OffsetInit, TemplateOptions};
 use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
-use crate::scene::{Gaussians, Offsets};
+use instgs_vk::scene::{Gaussians, Offsets};
 
 /// Opacity logits are clamped to plus and minus this, opacities of 0.0009 to 0.9991. A renderer blends an alpha above
 /// 0.99 as 0.99 and skips one below 1/255 = sigmoid(-5.5); training would hardly return from farther out.

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::common_pose::TemplateFromWorld;
 use super::error::TemplateError;
-use crate::math::similarity::Similarity;
-use crate::scene::{Gaussians, PosedGroup};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::{Gaussians, PosedGroup};
 
 /// Instances with fewer own Gaussians are not usable: they take no part in the merge and get zero offsets.
 pub const MIN_OWN_GAUSSIANS: usize = 8;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::own::OwnGaussians;
 use super::template_cloud::{median, radius};
-use crate::math::nearest::PointSet;
+use instgs_vk::math::nearest::PointSet;
 
 /// Part of the largest distances that a mean leaves out: stray Gaussians, and parts that only one instance has.
 const TRIMMED: f64 = 0.1;

@@ -7,8 +7,8 @@
 use rayon::prelude::*;
 
 use super::options::Sampling;
-use crate::math::morton::morton_order;
-use crate::math::rng::Rng;
+use instgs_vk::math::morton::morton_order;
+use instgs_vk::math::rng::Rng;
 
 /// Points drawn from one run of farthest-point sampling. The cost is this times the size of the merged cloud; runs are
 /// independent, so short ones leave uneven spacing along their borders.
@@ -91,7 +91,7 @@ fn farthest_of_run(means: &[[f32; 3]], run: &[u32], count: usize) -> Vec<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::nearest::PointSet;
+    use instgs_vk::math::nearest::PointSet;
 
     const ALL: [Sampling; 3] = [Sampling::Farthest, Sampling::Voxel, Sampling::Random];
 

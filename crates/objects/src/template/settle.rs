@@ -11,10 +11,10 @@ use rayon::prelude::*;
 use super::matching::{Match, match_template};
 use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
-use crate::math::covariance::{quat_from_rotation, rotation_from_quat};
-use crate::math::eigen::symmetric_eigen;
-use crate::math::sh::widened;
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::{quat_from_rotation, rotation_from_quat};
+use instgs_vk::math::eigen::symmetric_eigen;
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::Gaussians;
 
 /// Sums over the matches of one template Gaussian.
 #[derive(Clone)]
@@ -103,11 +103,11 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::covariance::sigmoid;
-    use crate::math::rng::Rng;
-    use crate::math::similarity::Similarity;
-    use crate::scene::{PosedGroup, PosedInstance};
     use crate::template::own::Owners;
+    use instgs_vk::math::covariance::sigmoid;
+    use instgs_vk::math::rng::Rng;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::{PosedGroup, PosedInstance};
 
     const COUNT: usize = 27;
 

@@ -2,10 +2,10 @@
 
 use super::common_pose::TemplateFromWorld;
 use super::offsets::clamped_logit;
-use crate::math::covariance::logit;
-use crate::math::nearest::PointSet;
-use crate::math::sh::widened;
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::logit;
+use instgs_vk::math::nearest::PointSet;
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::Gaussians;
 
 /// Number of neighbours for spacings, as for the size of new Gaussians.
 const SPACING_NEIGHBOURS: usize = 3;

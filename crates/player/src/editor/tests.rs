@@ -1,10 +1,10 @@
 //! Undo and redo on a scene with two templates.
 
 use super::*;
-use crate::io::scene_file::tests::sample_scene;
-use crate::scene::Group;
-use crate::scene::edit::Keep;
 use glam::DVec3;
+use instgs_samples::sample_scene;
+use instgs_vk::scene::Group;
+use instgs_vk::scene::edit::Keep;
 
 fn move_by(editor: &Editor, by: DVec3) -> Edit {
     Edit::MoveBy { which: editor.selector().unwrap(), by }

@@ -4,8 +4,8 @@ use egui::{DragValue, Ui};
 use glam::{DMat3, DQuat, DVec3, EulerRot};
 
 use super::{Action, EditFacts, EditPanel};
-use crate::math::similarity::Similarity;
-use crate::scene::edit::{Edit, Selector, Turn, instance_centres};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::edit::{Edit, Selector, Turn, instance_centres};
 
 /// Degrees per point of dragging a number.
 const DEGREES_PER_POINT: f64 = 0.5;
@@ -119,8 +119,8 @@ fn turn_between(from: &Similarity, degrees: [f64; 3]) -> Turn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::scene_file::tests::sample_scene;
-    use crate::scene::edit::apply;
+    use instgs_samples::sample_scene;
+    use instgs_vk::scene::edit::apply;
 
     #[test]
     fn typed_angles_are_those_that_are_read_back() {

@@ -4,8 +4,8 @@ use egui::{DragValue, Grid, Ui};
 use glam::DVec3;
 
 use super::{Action, EditFacts, EditPanel};
-use crate::scene::InstancedScene;
-use crate::scene::edit::{Edit, Footprint, OffsetSource, Scatter, ScatterOver, Selector, footprint};
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::edit::{Edit, Footprint, OffsetSource, Scatter, ScatterOver, Selector, footprint};
 
 /// Largest number of copies at once: more would be a slip of the mouse. The command line has no such limit.
 const MOST: usize = 10_000;
@@ -85,8 +85,8 @@ impl EditPanel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::scene_file::tests::sample_scene;
-    use crate::scene::edit::{apply, instance_centres};
+    use instgs_samples::sample_scene;
+    use instgs_vk::scene::edit::{apply, instance_centres};
 
     #[test]
     fn copies_stand_around_the_original_with_its_offsets() {

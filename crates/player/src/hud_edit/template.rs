@@ -4,9 +4,9 @@ use egui::{ComboBox, DragValue, Id, Slider, Ui};
 use glam::DVec3;
 
 use super::{Action, EditFacts, EditPanel, selector};
-use crate::math::sh::widened;
-use crate::scene::InstancedScene;
-use crate::scene::edit::{Edit, Keep};
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::edit::{Edit, Keep};
 
 /// Initial radius of the brush, relative to the template's size.
 const BRUSH_PART: f64 = 0.03;

@@ -3,8 +3,8 @@
 use egui::{Event, Pos2, Rect};
 
 use super::*;
-use crate::io::scene_file::tests::sample_scene;
 use crate::test_screen::{TestScreen, click, drag, press};
+use instgs_samples::sample_scene;
 
 /// A panel with the scene and the editor it shows.
 struct Desk {
@@ -122,13 +122,13 @@ fn a_dragged_number_is_one_step() {
 #[test]
 fn the_position_is_that_of_the_centre() {
     let mut desk = Desk::new(&[1]);
-    let before = crate::scene::edit::instance_centres(&desk.scene, [1])[0];
+    let before = instgs_vk::scene::edit::instance_centres(&desk.scene, [1])[0];
     let actions = desk.drag("position", 30.0);
     let last = actions.iter().rev().find_map(|action| match action {
         Action::Live(Edit::MoveTo { to, .. }) => Some(*to),
         _ => None,
     });
-    let after = crate::scene::edit::instance_centres(&desk.scene, [1])[0];
+    let after = instgs_vk::scene::edit::instance_centres(&desk.scene, [1])[0];
     assert!(last.is_some_and(|to| to.distance(after) < 1e-5 && to.x > before.x + 1.0), "{before} {last:?}");
     assert!((after.y - before.y).abs() < 1e-5 && (after.z - before.z).abs() < 1e-5);
 }
@@ -139,8 +139,9 @@ fn a_shift_of_colours_adds_up_over_drags() {
     desk.click("Colour and template");
     let before = desk.scene.clone();
     // The first number is to the right of the colour button.
-    let red =
-        |desk: &Desk| f64::from(desk.scene.offsets.sh_dc[0][0] - before.offsets.sh_dc[0][0]) * crate::math::sh::SH_C0;
+    let red = |desk: &Desk| {
+        f64::from(desk.scene.offsets.sh_dc[0][0] - before.offsets.sh_dc[0][0]) * instgs_vk::math::sh::SH_C0
+    };
     let from = desk.place("colour shift").right_center() + egui::vec2(66.0, 0.0);
     for want in [1, 2] {
         desk.press(from, true);

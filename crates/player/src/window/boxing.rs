@@ -13,10 +13,10 @@ use crate::box_handles::{BoxDrag, BoxHandles, BoxPart, after, box_at_edge};
 use crate::boxes::BoxList;
 use crate::error::PlayerError;
 use crate::hud_boxes::{BoxAction, BoxFacts, BoxPanel, paint_boxes};
-use crate::io::write_boxes;
-use crate::scene::{Boxes, ObjectBox};
 use crate::search::Search;
-use crate::segment::standing::{Standing, Surroundings, UprightBox};
+use instgs_io::write_boxes;
+use instgs_objects::segment::standing::{Standing, Surroundings, UprightBox};
+use instgs_vk::scene::{Boxes, ObjectBox};
 
 /// How often the window polls the progress of a search.
 const POLL: Duration = Duration::from_millis(100);

@@ -9,8 +9,8 @@ use super::Live;
 use crate::error::PlayerError;
 use crate::gizmo::{Drag, Gizmo, GizmoMode, Handle};
 use crate::hud_edit::{Action, EditFacts, EditPanel};
-use crate::scene::Camera;
-use crate::scene::edit::{Edit, EditOutcome};
+use instgs_vk::scene::Camera;
+use instgs_vk::scene::edit::{Edit, EditOutcome};
 
 /// Spacing of the points of a brush stroke, pixels.
 const BRUSH_STEP_PX: f64 = 3.0;

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use super::Live;
 use crate::hud::Hud;
-use crate::io::{read_cameras, write_cameras};
 use crate::navigation::Navigator;
 use crate::recording::{PATH_FPS, Recording};
-use crate::scene::Camera;
+use instgs_io::{read_cameras, write_cameras};
+use instgs_vk::scene::Camera;
 
 /// Cameras to step through.
 #[derive(Default)]

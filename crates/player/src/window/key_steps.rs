@@ -5,7 +5,7 @@ use winit::keyboard::KeyCode;
 
 use super::Live;
 use crate::gizmo::Motion;
-use crate::scene::edit::Turn;
+use instgs_vk::scene::edit::Turn;
 
 /// Step of an arrow key relative to the target distance; with Shift a tenth of it.
 const STEP_OF_DISTANCE: f64 = 0.01;

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{After, Live};
-use crate::io::write_boxes;
+use instgs_io::write_boxes;
 
 impl Live {
     /// Quits; if something is unsaved, warns first.

@@ -15,17 +15,17 @@ use super::keeping::{CameraList, kept_cameras};
 use super::parts::{CameraState, Interaction, Pacing, Playback, Screen, Session};
 use super::{Live, WindowJob, window_error};
 use crate::error::PlayerError;
-use crate::gpu::{Gpu, GpuOptions};
 use crate::hud::Hud;
-use crate::io::load_scene;
 use crate::navigation::{Navigator, vertical_of};
-use crate::render::Show;
-use crate::scene::InstancedScene;
-use crate::scene::trajectory::Orbit;
 use crate::scene_viewer::SceneViewer;
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
 use crate::views::View;
+use instgs_io::load_scene;
+use instgs_vk::gpu::{Gpu, GpuOptions};
+use instgs_vk::render::Show;
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::trajectory::Orbit;
 
 impl Live {
     pub(super) fn open(event_loop: &ActiveEventLoop, job: &mut WindowJob) -> Result<Self, PlayerError> {

@@ -13,16 +13,16 @@ use super::keeping::CameraList;
 use crate::clock::FrameClock;
 use crate::controls::Controls;
 use crate::error::PlayerError;
-use crate::gpu::{Gpu, GpuError};
-use crate::io::IoError;
 use crate::navigation::Navigator;
 use crate::recording::Recording;
-use crate::render::FrameStats;
 use crate::resolution::Resolution;
 use crate::scene_viewer::{PixelTimes, SceneViewer};
 use crate::script::Step;
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
+use instgs_io::IoError;
+use instgs_vk::gpu::{Gpu, GpuError};
+use instgs_vk::render::FrameStats;
 
 /// The scene on the device, and the file it is from.
 pub(super) struct Session {
@@ -61,7 +61,7 @@ impl Session {
         self.validation_message.take().or(of_device)
     }
 
-    /// Writes the device's [`SubmissionCounts`](crate::gpu::SubmissionCounts) as JSON.
+    /// Writes the device's [`SubmissionCounts`](instgs_vk::gpu::SubmissionCounts) as JSON.
     pub(super) fn write_counts(&self, path: &Path) -> Result<(), PlayerError> {
         let counts = self.gpu.submission_counts();
         let json = serde_json::json!({

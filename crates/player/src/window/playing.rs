@@ -6,8 +6,9 @@ use winit::event::{DeviceId, ElementState, MouseButton, MouseScrollDelta, TouchP
 use super::{After, Live, WindowJob};
 use crate::controls::Button;
 use crate::error::PlayerError;
-use crate::gpu::GpuError;
 use crate::script::Step;
+use instgs_io::IoError;
+use instgs_vk::gpu::GpuError;
 
 /// Frames that a script waits at most for the window to take a size.
 const RESIZE_PICTURES: u32 = 100;

@@ -4,12 +4,12 @@ use std::fs;
 
 use rayon::prelude::*;
 
-use crate::io::{IoError, atomic_write};
 use crate::{Rgb8, StagePictures};
-use crate::train::TrainJob;
+use instgs_io::{IoError, atomic_write};
+use instgs_objects::pipeline::PipelineJob;
 
 /// Writes every picture there is; those of the same name are replaced.
-pub(super) fn write(job: &TrainJob, pictures: &StagePictures) -> Result<(), IoError> {
+pub(super) fn write(job: &PipelineJob, pictures: &StagePictures) -> Result<(), IoError> {
     let folder = job.folder().stage_pictures();
     fs::create_dir_all(&folder).map_err(|e| IoError::new(&folder, format!("cannot create: {e}")))?;
     named(pictures).par_iter().try_for_each(|(name, picture)| {

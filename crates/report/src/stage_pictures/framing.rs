@@ -2,9 +2,9 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::math::sh::widened;
-use crate::register::up_direction;
-use crate::scene::{Camera, Gaussians};
+use instgs_objects::register::up_direction;
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::{Camera, Gaussians};
 
 /// Part of the means, at either end of an axis of the picture, that may be stray Gaussians.
 const STRAYS: f64 = 0.01;

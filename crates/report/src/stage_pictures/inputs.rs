@@ -5,15 +5,14 @@ use glam::DVec3;
 use super::colors::Colors;
 use super::framing::{choose_views, means, middle};
 use super::overlay::Objects;
-use crate::io::checkpoint::Checkpoint;
-use crate::io::json::read_json;
-use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
-use crate::pipeline::label_gaussians::LABEL_TENSOR;
-use crate::pipeline::{Prepared, mask_folder, training_views};
-use crate::scene::{Camera, Gaussians, PosedGroup};
-use crate::segment::{Consensus, ConsensusReport, IdTable};
-use crate::train::TrainJob;
+use instgs_io::checkpoint::Checkpoint;
+use instgs_io::json::read_json;
+use instgs_io::view_image::camera_at_width;
+use instgs_io::{IoError, Mask, MaskFolder, View, load_scene, read_groups};
+use instgs_objects::pipeline::label_gaussians::LABEL_TENSOR;
+use instgs_objects::pipeline::{PipelineJob, Prepared, mask_folder, training_views};
+use instgs_objects::segment::{Consensus, ConsensusReport, IdTable};
+use instgs_vk::scene::{Camera, Gaussians, PosedGroup};
 
 /// Everything that pictures are made from.
 pub(super) struct Inputs {
@@ -34,12 +33,12 @@ pub(super) struct Inputs {
 }
 
 /// The cameras of the training views at the size that is trained at.
-pub(super) fn cameras(job: &TrainJob) -> Result<Vec<Camera>, IoError> {
+pub(super) fn cameras(job: &PipelineJob) -> Result<Vec<Camera>, IoError> {
     Ok(training_views(job)?.1)
 }
 
 impl Inputs {
-    pub(super) fn read(job: &TrainJob) -> Result<Self, IoError> {
+    pub(super) fn read(job: &PipelineJob) -> Result<Self, IoError> {
         let (views, cameras) = training_views(job)?;
         let folder = job.folder();
         let labels = folder.labels();

@@ -1,8 +1,8 @@
 //! The plain cloud in the colours of its objects.
 
 use super::colors::{Colors, luminance};
-use crate::math::sh::SH_C0;
-use crate::scene::Gaussians;
+use instgs_vk::math::sh::SH_C0;
+use instgs_vk::scene::Gaussians;
 
 /// Brightness of an object's colour where its own Gaussians are black, and how much it rises towards white: shapes stay
 /// plain, and colours are not mistaken.

@@ -1,8 +1,8 @@
 //! Masks painted over their photo.
 
 use super::colors::luminance;
-use crate::io::Mask;
 use crate::Rgb8;
+use instgs_io::Mask;
 
 /// Part of a mask's colour inside of it; the photo's grey shows through.
 const INSIDE: f32 = 0.62;
@@ -55,7 +55,7 @@ mod tests {
     use super::super::colors::Colors;
     use super::super::object_paint;
     use super::*;
-    use crate::segment::IdTable;
+    use instgs_objects::segment::IdTable;
 
     fn grey(width: u32, height: u32) -> Rgb8 {
         Rgb8 { width, height, pixels: vec![100; (3 * width * height) as usize] }

@@ -17,21 +17,21 @@ mod tiles;
 use std::sync::Arc;
 
 use super::{ReportError, Rgb8};
-use crate::eval::composited;
-use crate::gpu::Gpu;
-use crate::io::json::read_json;
-use crate::io::view_image::load_view;
-use crate::io::{IoError, Mask, MaskFolder, View, load_scene};
-use crate::math::similarity::Similarity;
-use crate::pipeline::{Prepared, mask_folder, training_views};
-use crate::render::{RenderError, RenderOptions};
-use crate::scene::{Camera, InstancedScene};
-use crate::segment::{Consensus, IdTable};
-use crate::template::GroupReport;
-use crate::train::{TrainJob, eval_options};
 use colors::Colors;
 use data::{ObjectColor, StagePictures, StageView, TemplatePictures};
 use inputs::Inputs;
+use instgs_eval::composited;
+use instgs_io::json::read_json;
+use instgs_io::view_image::load_view;
+use instgs_io::{IoError, Mask, MaskFolder, View, load_scene};
+use instgs_objects::pipeline::{PipelineJob, Prepared, mask_folder, training_views};
+use instgs_objects::segment::{Consensus, IdTable};
+use instgs_objects::template::GroupReport;
+use instgs_train::eval_options;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::render::{RenderError, RenderOptions};
+use instgs_vk::scene::{Camera, InstancedScene};
 use masks::{Paint, painted};
 use overlay::{Objects, group_name};
 use painter::{GROUND, Painter, rgb8};
@@ -49,7 +49,7 @@ const VIEW_WIDTH_PX: u32 = 400;
 ///
 /// # Errors
 /// A file of an earlier stage or a photo that is missing or damaged; the device's.
-pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<StagePictures, ReportError> {
+pub fn draw(gpu: &Arc<Gpu>, job: &PipelineJob, prepared: &Prepared) -> Result<StagePictures, ReportError> {
     let inputs = Inputs::read(job)?;
     let mut painter = painter(gpu, job)?;
     let ids = inputs.labels.iter().copied().chain(prepared.consensus.objects.iter().map(|o| o.id));
@@ -75,7 +75,11 @@ pub fn draw(gpu: &Arc<Gpu>, job: &TrainJob, prepared: &Prepared) -> Result<Stage
 ///
 /// # Errors
 /// A scene that is missing or damaged; the device's.
-pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut StagePictures) -> Result<(), ReportError> {
+pub fn add_trained_templates(
+    gpu: &Arc<Gpu>,
+    job: &PipelineJob,
+    pictures: &mut StagePictures,
+) -> Result<(), ReportError> {
     let merged = load_scene(&job.folder().initial_scene())?.scene;
     let trained = load_scene(&job.folder().scene())?.scene;
     let cameras = inputs::cameras(job)?;
@@ -89,14 +93,14 @@ pub fn add_trained_templates(gpu: &Arc<Gpu>, job: &TrainJob, pictures: &mut Stag
 ///
 /// # Errors
 /// A mask, a photo or a file of the stage that is missing or damaged.
-pub fn review_segments(job: &TrainJob) -> Result<(), IoError> {
+pub fn review_segments(job: &PipelineJob) -> Result<(), IoError> {
     let (views, _) = training_views(job)?;
     let found: Consensus = read_json(&job.folder().consensus())?;
     review(&job.folder().review(), &views, &MaskFolder::open(&mask_folder(job)?)?, Some(&found))
 }
 
-fn painter(gpu: &Arc<Gpu>, job: &TrainJob) -> Result<Painter, RenderError> {
-    let options = RenderOptions { background: [GROUND; 3], ..eval_options(&job.config) };
+fn painter(gpu: &Arc<Gpu>, job: &PipelineJob) -> Result<Painter, RenderError> {
+    let options = RenderOptions { background: [GROUND; 3], ..eval_options(&job.config.train) };
     Painter::new(gpu, options)
 }
 

@@ -7,10 +7,10 @@ use super::colors::Colors;
 use super::framing::{carried_around, close_up, means, middle, portrait, up_or_guess};
 use super::labels::tinted;
 use super::painter::{GROUND, Painter, rgb8};
-use crate::math::similarity::Similarity;
-use crate::render::{Picture, RenderError};
 use crate::{GroupOverlay, OverlayTile, Rgb8};
-use crate::scene::{Camera, Gaussians, PosedGroup, PosedInstance};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::render::{Picture, RenderError};
+use instgs_vk::scene::{Camera, Gaussians, PosedGroup, PosedInstance};
 
 /// Size of a picture of one object, pixels: three beside each other are half as wide as the page.
 pub(super) const TILE_PX: (u32, u32) = (240, 180);

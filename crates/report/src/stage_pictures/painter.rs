@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use crate::gpu::Gpu;
-use crate::math::similarity::Similarity;
-use crate::render::{Picture, RenderError, RenderOptions, Renderer};
 use crate::Rgb8;
-use crate::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::render::{Picture, RenderError, RenderOptions, Renderer};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
 
 /// What single objects stand on, grey from 0 to 1: light, so that dark objects have a plain outline.
 pub(super) const GROUND: f32 = 0.93;

@@ -9,11 +9,11 @@ use super::colors::Colors;
 use super::inputs::consensus_notes;
 use super::masks::{Paint, painted};
 use super::{VIEW_WIDTH_PX, object_paint, photo};
-use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, Mask, MaskFolder, View};
-use crate::math::statistics::median;
 use crate::{KindOfMasks, ObjectColor, ReviewSheet, ReviewView, write_review};
-use crate::segment::Consensus;
+use instgs_io::view_image::camera_at_width;
+use instgs_io::{IoError, Mask, MaskFolder, View};
+use instgs_objects::segment::Consensus;
+use instgs_vk::math::statistics::median;
 
 /// Views that a line names; of more it gives the number.
 const NAMED_VIEWS: usize = 5;
@@ -180,10 +180,10 @@ fn kinds(facts: &[ViewFacts], categories: &BTreeMap<u32, String>) -> Vec<KindOfM
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::{Split, write_categories, write_mask};
     use crate::Rgb8;
-    use crate::scene::Camera;
-    use crate::segment::{ConsensusReport, IdTable, ObjectReport};
+    use instgs_io::{Split, write_categories, write_mask};
+    use instgs_objects::segment::{ConsensusReport, IdTable, ObjectReport};
+    use instgs_vk::scene::Camera;
 
     type Outcome = Result<(), Box<dyn std::error::Error>>;
 

@@ -5,10 +5,10 @@ use std::f64::consts::PI;
 use super::framing::{carried_around, close_up, means, middle, portrait, up_or_guess};
 use super::overlay::TILE_PX;
 use super::painter::{Painter, rgb8};
-use crate::math::similarity::Similarity;
-use crate::render::RenderError;
 use crate::Rgb8;
-use crate::scene::{Camera, Gaussians, InstancedScene};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::render::RenderError;
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
 /// Templates that are shown: more are hardly looked at.
 const TEMPLATES: usize = 12;

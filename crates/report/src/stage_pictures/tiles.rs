@@ -2,12 +2,12 @@
 
 use super::overlay::{Objects, group_overlay, portraits};
 use super::painter::Painter;
-use crate::pipeline::Prepared;
-use crate::register::{InstanceRegistration, Verdict};
-use crate::render::RenderError;
 use crate::GroupOverlay;
-use crate::scene::PosedGroup;
-use crate::template::MIN_OWN_GAUSSIANS;
+use instgs_objects::pipeline::Prepared;
+use instgs_objects::register::{InstanceRegistration, Verdict};
+use instgs_objects::template::MIN_OWN_GAUSSIANS;
+use instgs_vk::render::RenderError;
+use instgs_vk::scene::PosedGroup;
 
 /// Groups that are shown, largest first: more are hardly looked at.
 pub(super) const GROUPS: usize = 6;
@@ -73,8 +73,8 @@ fn worth(id: u32, prepared: &Prepared) -> (bool, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::similarity::Similarity;
-    use crate::scene::PosedInstance;
+    use instgs_vk::math::similarity::Similarity;
+    use instgs_vk::scene::PosedInstance;
 
     #[test]
     fn of_many_the_doubtful_and_the_worst_are_shown() {

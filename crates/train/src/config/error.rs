@@ -1,6 +1,6 @@
 //! What can be wrong with a configuration, in one line.
 
-use crate::io::IoError;
+use instgs_io::IoError;
 
 /// Why a configuration was refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,4 +1,4 @@
-//! The keys of the configuration: what each takes, and which one was probably meant.
+//! The keys of a configuration: what each takes, and which one was probably meant.
 
 use toml::Value;
 
@@ -41,12 +41,13 @@ const RATE_MAX: f64 = 1e3;
 /// Indices of Gaussians and of their SH coefficients must fit 32 bits.
 const GAUSSIANS_MAX: u64 = 80_000_000;
 
-const fn key(name: &'static str, takes: Takes) -> Key {
+/// A key and what it takes.
+pub const fn key(name: &'static str, takes: Takes) -> Key {
     Key { name, takes }
 }
 
-/// Every key, in the order of `configs/default.toml` and `configs/instgs.toml`.
-pub const KEYS: [Key; 109] = [
+/// Every key of the trainer, in the order of `configs/default.toml`.
+pub const KEYS: [Key; 90] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -103,35 +104,16 @@ pub const KEYS: [Key; 109] = [
     key("mcmc.noise", Real(0.0, 1e9)),
     key("mcmc.opacity_regularisation", Real(0.0, RATE_MAX)),
     key("mcmc.scale_regularisation", Real(0.0, RATE_MAX)),
-    key("groups", Text),
-    key("masks", Text),
-    key("boxes", Text),
-    key("prompt", Text),
-    key("models", Text),
-    key("detect.box_threshold", Real(0.0, 1.0)),
-    key("detect.text_threshold", Real(0.0, 1.0)),
-    key("detect.overlap", Real(0.0, 1.0)),
-    key("detect.provider", Word(&["cpu", "cuda", "tensorrt", "rocm", "coreml", "directml"])),
-    key("segment.alpha", RealAbove(0.0, 100.0)),
-    key("segment.fill_unseen", Flag),
-    key("segment.drop_strays", Flag),
-    key("template.source", Word(&["merge", "single", "max"])),
-    key("template.sampling", Word(&["farthest", "voxel", "random"])),
-    key("template.keep", Word(&["all", "position_and_colour"])),
-    key("template.count_factor", RealAbove(0.0, 10.0)),
-    key("template.settle_rounds", Whole(0, 100)),
     key("offsets.position", Flag),
     key("offsets.sh_dc", Flag),
     key("offsets.opacity", Flag),
     key("offsets.sh_rest", Flag),
     key("offsets.covariance", Flag),
-    key("offsets.init", Word(&["difference", "zero"])),
     key("joint.steps", Whole(1, STEPS_MAX)),
     key("joint.refine_poses", Flag),
     key("joint.refine_scales", Flag),
     key("joint.final_factor", RealAbove(0.0, RATE_MAX)),
     key("joint.decay_start", RealBelow(0.0, 1.0)),
-    key("joint.prune_weight", RealBelow(0.0, 1.0)),
     key("joint.prune_opacity", RealBelow(0.0, 1.0)),
     key("template_rates.means", Real(0.0, RATE_MAX)),
     key("template_rates.means_final", RealAbove(0.0, RATE_MAX)),
@@ -217,14 +199,9 @@ fn real(value: &Value, fits: impl Fn(f64) -> bool) -> Option<Value> {
     fits(x).then_some(Value::Float(x))
 }
 
-/// The key of that name.
-pub fn find(name: &str) -> Option<&'static Key> {
-    KEYS.iter().find(|key| key.name == name)
-}
-
-/// The known key nearest to `name` by edit distance; `means` is near `rates.means`. For a section, its first key.
-pub fn nearest(name: &str) -> &'static str {
-    if let Some(key) = KEYS.iter().find(|key| key.name.split_once('.').is_some_and(|(section, _)| section == name)) {
+/// The one of `keys` nearest to `name` by edit distance; `means` is near `rates.means`. For a section, its first key.
+pub fn nearest(keys: &[Key], name: &str) -> &'static str {
+    if let Some(key) = keys.iter().find(|key| key.name.split_once('.').is_some_and(|(section, _)| section == name)) {
         return key.name;
     }
     let last = |s: &str| s.rsplit('.').next().unwrap_or_default().to_lowercase();
@@ -233,7 +210,7 @@ pub fn nearest(name: &str) -> &'static str {
         // The right key in the wrong section is a slip of about one letter.
         whole.min(1 + edit_distance(&last(name), &last(key.name)))
     };
-    KEYS.iter().min_by_key(|key| distance(key)).map_or("steps", |key| key.name)
+    keys.iter().min_by_key(|key| distance(key)).map_or("steps", |key| key.name)
 }
 
 /// Letters to insert, remove or replace to turn one into the other.
@@ -276,7 +253,7 @@ mod tests {
             ("max_gausians", "max_gaussians"),
             ("rates.noise", "mcmc.noise"),
         ] {
-            assert_eq!(nearest(written), meant);
+            assert_eq!(nearest(&KEYS, written), meant);
         }
     }
 

@@ -1,27 +1,47 @@
 //! The layers of a configuration, from the defaults up.
 
 use std::collections::BTreeMap;
+use std::marker::PhantomData;
 use std::path::Path;
 
 use toml::{Table, Value};
 
-use super::TrainConfig;
 use super::error::{ConfigError, one_line};
-use super::keys::{self, KEYS};
-use crate::io::read_bytes;
-
-/// Name and text of each preset that `--config` knows; the first two hold the defaults.
-pub const PRESETS: [(&str, &str); 6] = [
-    ("default", include_str!("../../../../configs/default.toml")),
-    ("instgs", include_str!("../../../../configs/instgs.toml")),
-    ("quick", include_str!("../../../../configs/quick.toml")),
-    ("paper", include_str!("../../../../configs/paper.toml")),
-    ("mcmc", include_str!("../../../../configs/mcmc.toml")),
-    ("instgs_quick", include_str!("../../../../configs/instgs_quick.toml")),
-];
+use super::keys::{self, Key};
+use instgs_io::read_bytes;
 
 /// Longest value that an error repeats, characters.
 const VALUE_SHOWN: usize = 60;
+
+/// Values that [`Layers`] puts together.
+pub trait Configuration: Sized {
+    /// Every key, in the order in which a file is written.
+    fn keys() -> Vec<Key>;
+
+    /// Names and texts of the files that together hold the default of every key.
+    fn defaults() -> &'static [(&'static str, &'static str)];
+
+    /// Names and texts of the built-in files that `--config` knows.
+    fn presets() -> &'static [(&'static str, &'static str)];
+
+    /// The values of a table with every key.
+    ///
+    /// # Errors
+    /// A key that is missing or unknown, or of another type.
+    fn from_table(table: Table) -> Result<Self, toml::de::Error>;
+
+    /// A table with every key.
+    ///
+    /// # Errors
+    /// A value that TOML cannot hold.
+    fn to_table(&self) -> Result<Table, toml::ser::Error>;
+
+    /// Checks what no single key can see; `shown` says of a key what it was set to, and where.
+    ///
+    /// # Errors
+    /// Values that do not go together.
+    fn check(&self, shown: &dyn Fn(&str) -> String) -> Result<(), ConfigError>;
+}
 
 /// Puts a configuration together; each layer overrides those before it. Errors come with the layer that has them.
 ///
@@ -31,16 +51,24 @@ const VALUE_SHOWN: usize = 60;
 /// assert_eq!((config.steps, config.rates.quats), (300, 2e-3));
 /// # Ok::<(), instgs_vk::train::config::ConfigError>(())
 /// ```
-#[derive(Clone, Debug, Default)]
-pub struct ConfigBuilder {
+#[derive(Clone, Debug)]
+pub struct Layers<C> {
+    keys: Vec<Key>,
     /// Value and origin by key.
     values: BTreeMap<&'static str, (Value, String)>,
+    result: PhantomData<C>,
 }
 
-impl ConfigBuilder {
+impl<C: Configuration> Default for Layers<C> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<C: Configuration> Layers<C> {
     /// Nothing but the defaults, which [`Self::finish`] puts below everything.
     pub fn new() -> Self {
-        Self::default()
+        Self { keys: C::keys(), values: BTreeMap::new(), result: PhantomData }
     }
 
     /// `--config`: the name of a preset, or else the path of a TOML file.
@@ -48,12 +76,12 @@ impl ConfigBuilder {
     /// # Errors
     /// No such file, not TOML, an unknown key, or a value that its key does not take.
     pub fn file(self, name_or_path: &str) -> Result<Self, ConfigError> {
-        if let Some((name, text)) = PRESETS.iter().find(|(name, _)| *name == name_or_path) {
+        if let Some((name, text)) = C::presets().iter().find(|(name, _)| *name == name_or_path) {
             return self.text(text, &format!("preset {name}"));
         }
         let path = Path::new(name_or_path);
         let bytes = read_bytes(path).map_err(|e| {
-            let names: Vec<&str> = PRESETS.iter().map(|(name, _)| *name).collect();
+            let names: Vec<&str> = C::presets().iter().map(|(name, _)| *name).collect();
             e.advise(format!("--config takes a TOML file or a preset ({})", names.join(", ")))
         })?;
         let origin = path.display().to_string();
@@ -103,10 +131,9 @@ impl ConfigBuilder {
     ///
     /// # Errors
     /// Values that do not go together.
-    pub fn finish(self) -> Result<TrainConfig, ConfigError> {
-        // The first two presets are the defaults: each has keys that the other has not.
+    pub fn finish(self) -> Result<C, ConfigError> {
         let mut all = Self::new();
-        for (name, defaults) in &PRESETS[..2] {
+        for (name, defaults) in C::defaults() {
             all = all.text(defaults, &format!("preset {name}"))?;
         }
         all.values.extend(self.values);
@@ -121,8 +148,11 @@ impl ConfigBuilder {
             };
             debug_assert!(place.is_none(), "{key} twice");
         }
-        let config: TrainConfig = table.try_into().map_err(|e| ConfigError::unwritable(&e.to_string()))?;
-        all.check(&config)?;
+        let config = C::from_table(table).map_err(|e| ConfigError::unwritable(&e.to_string()))?;
+        config.check(&|key| {
+            let origin = all.values.get(key).map(|(value, origin)| format!("{key} = {value} ({origin})"));
+            origin.unwrap_or_else(|| key.into())
+        })?;
         Ok(config)
     }
 
@@ -132,7 +162,8 @@ impl ConfigBuilder {
 
     fn assign(&mut self, name: &str, value: &Value, origin: &str) -> Result<(), ConfigError> {
         let section = format!("{name}.");
-        match (keys::find(name), value) {
+        let known = self.keys.iter().find(|key| key.name == name).copied();
+        match (known, value) {
             (Some(key), _) => {
                 let accepted = key.takes.accept(value).ok_or_else(|| ConfigError::Value {
                     origin: origin.into(),
@@ -143,43 +174,68 @@ impl ConfigBuilder {
                 self.values.insert(key.name, (accepted, origin.into()));
                 Ok(())
             }
-            (None, Value::Table(inner)) if !inner.is_empty() || KEYS.iter().any(|k| k.name.starts_with(&section)) => {
+            (None, Value::Table(inner))
+                if !inner.is_empty() || self.keys.iter().any(|k| k.name.starts_with(&section)) =>
+            {
                 self.table(&section, inner, origin)
             }
             _ => Err(ConfigError::UnknownKey {
                 origin: origin.into(),
                 key: shown(name),
-                nearest: keys::nearest(name).into(),
+                nearest: keys::nearest(&self.keys, name).into(),
             }),
         }
     }
+}
 
-    /// What no single key can see.
-    fn check(&self, config: &TrainConfig) -> Result<(), ConfigError> {
-        let shown = |key: &str| {
-            let origin = self.values.get(key).map(|(value, origin)| format!("{key} = {value} ({origin})"));
-            origin.unwrap_or_else(|| key.into())
+/// A configuration as TOML with every key, as in `RUN/config.toml`; loading it gives an equal one.
+///
+/// # Errors
+/// A value that TOML cannot hold: a whole number above 2^63 - 1, which loading refuses too.
+pub fn to_toml<C: Configuration>(config: &C) -> Result<String, ConfigError> {
+    let (table, keys) = (table_of(config)?, C::keys());
+    let mut out = "# Resolved configuration. The same run again: instgs-vk train --config FILE\n\n".to_owned();
+    let mut sections: Vec<(&str, String)> = Vec::new();
+    for key in keys {
+        let missing = || ConfigError::unwritable(&format!("{} has no value", key.name));
+        let Some((section, name)) = key.name.split_once('.') else {
+            out += &format!("{} = {}\n", key.name, table.get(key.name).ok_or_else(missing)?);
+            continue;
         };
-        let require = |fits: bool, first: &str, relation: &'static str, second: &str| match fits {
-            true => Ok(()),
-            false => Err(ConfigError::Conflict { first: shown(first), relation, second: shown(second) }),
-        };
-        let (densify, mcmc) = (&config.densify, &config.mcmc);
-        require(densify.start <= densify.stop, "densify.start", "at most", "densify.stop")?;
-        require(mcmc.start <= mcmc.stop, "mcmc.start", "at most", "mcmc.stop")?;
-        // Otherwise the pruning after a reset would remove every Gaussian.
-        require(
-            densify.opacity_reset_every == 0 || densify.opacity_reset_to > densify.opacity_min,
-            "densify.opacity_reset_to",
-            "above",
-            "densify.opacity_min",
-        )?;
-        require(
-            config.init != super::Init::Random || config.init_count <= config.max_gaussians,
-            "init_count",
-            "at most",
-            "max_gaussians",
-        )
+        let value = table.get(section).and_then(|inner| inner.get(name)).ok_or_else(missing)?;
+        let line = format!("{name} = {value}\n");
+        match sections.iter_mut().find(|(known, _)| *known == section) {
+            Some((_, lines)) => *lines += &line,
+            None => sections.push((section, line)),
+        }
+    }
+    out.extend(sections.into_iter().map(|(section, lines)| format!("\n[{section}]\n{lines}")));
+    Ok(out)
+}
+
+/// The keys whose values differ from those of `other`, with both values as TOML: own first.
+///
+/// # Errors
+/// As for [`to_toml`].
+pub fn differences<C: Configuration>(own: &C, other: &C) -> Result<Vec<(String, String, String)>, ConfigError> {
+    let mut out = Vec::new();
+    add_differences("", &table_of(own)?, &table_of(other)?, &mut out);
+    Ok(out)
+}
+
+fn table_of<C: Configuration>(config: &C) -> Result<Table, ConfigError> {
+    config.to_table().map_err(|e| ConfigError::unwritable(&e.to_string()))
+}
+
+/// Both tables have the same keys, as they are of the same type.
+fn add_differences(prefix: &str, own: &Table, other: &Table, out: &mut Vec<(String, String, String)>) {
+    for (key, value) in own {
+        let path = format!("{prefix}{key}");
+        match (value, other.get(key)) {
+            (Value::Table(own), Some(Value::Table(other))) => add_differences(&format!("{path}."), own, other, out),
+            (own, Some(other)) if own != other => out.push((path, own.to_string(), other.to_string())),
+            _ => (),
+        }
     }
 }
 

@@ -1,26 +1,42 @@
 //! The configuration of a training run: validated, resolved, plain values.
 //!
-//! Built-in defaults (`configs/default.toml`, `configs/instgs.toml`) < `--config` (file or preset) < `--set key=value` < flags such as
-//! `--steps`: [`ConfigBuilder`] puts the layers together, [`keys`] says what a key may be, these two files
-//! explain each. What the values mean at a step is in the methods of [`TrainConfig`] ([`Rates`] and the schedule).
+//! Built-in defaults (`configs/default.toml`) < `--config` (file or preset) < `--set key=value` < flags such as
+//! `--steps`: [`ConfigBuilder`] puts the layers together, [`keys`] says what a key may be, this file explains each.
+//! [`Layers`] does the same for any type that is a [`Configuration`]: what comes before and after training has keys of
+//! its own. What the values mean at a step is in the methods of [`TrainConfig`] ([`Rates`] and the schedule).
 
+pub mod empty_is_none;
 mod error;
-mod instanced;
+mod joint;
 pub mod keys;
 mod load;
 mod schedule;
 
+use std::path::PathBuf;
+
 use serde::{Deserialize, Serialize};
+use toml::Table;
+
+use keys::Key;
 
 pub use error::ConfigError;
-pub use instanced::{
-    DetectConfig, JointConfig, JointRates, OffsetConfig, PoseRateConfig, SegmentConfig, TemplateConfig,
-};
-pub use load::{ConfigBuilder, PRESETS};
+pub use joint::{JointConfig, JointRates, OffsetConfig, PoseRateConfig};
+pub use load::{Configuration, Layers, differences, to_toml};
 pub use schedule::{OffsetRates, PoseRates, Rates, SourceRates};
 
+/// Name and text of each preset of the trainer; the first holds the defaults.
+pub const PRESETS: [(&str, &str); 4] = [
+    ("default", include_str!("../../../../configs/default.toml")),
+    ("quick", include_str!("../../../../configs/quick.toml")),
+    ("paper", include_str!("../../../../configs/paper.toml")),
+    ("mcmc", include_str!("../../../../configs/mcmc.toml")),
+];
+
+/// Puts together a configuration of the trainer alone.
+pub type ConfigBuilder = Layers<TrainConfig>;
+
 /// Everything that decides the outcome of a training run, apart from the data and the device. Comments give units;
-/// ranges are in [`keys::KEYS`], reasons in `configs/default.toml` and `configs/instgs.toml`.
+/// ranges are in [`keys::KEYS`], reasons in `configs/default.toml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
@@ -34,8 +50,9 @@ pub struct TrainConfig {
     pub method: Method,
     /// Where the first Gaussians come from.
     pub init: Init,
-    /// Path of a scene whose Gaussians come first instead; empty = none.
-    pub init_scene: String,
+    /// A scene whose Gaussians come first instead.
+    #[serde(with = "empty_is_none")]
+    pub init_scene: Option<PathBuf>,
     /// Gaussians of [`Init::Random`].
     pub init_count: u32,
     /// Opacity of the first Gaussians, in 0..1 without the ends. Not of those of a scene.
@@ -70,25 +87,9 @@ pub struct TrainConfig {
     pub densify: DensifyConfig,
     /// For [`Strategy::Mcmc`].
     pub mcmc: McmcConfig,
-    /// Path of `groups.json`; empty = none. This and all that follows is for [`Method::Instanced`].
-    pub groups: String,
-    /// Folder of masks; empty = the data set's. At most one of this, `boxes` and `prompt`.
-    pub masks: String,
-    /// `boxes.json`: masks are made from these boxes and the plain cloud; empty = none.
-    pub boxes: String,
-    /// What to look for in the photos, phrases that end in full stops: masks are made by models; empty = none.
-    pub prompt: String,
-    /// Folder of the models that `prompt` needs.
-    pub models: String,
-    /// How `prompt` is looked for.
-    pub detect: DetectConfig,
-    /// Which Gaussian belongs to which object.
-    pub segment: SegmentConfig,
-    /// How templates are made.
-    pub template: TemplateConfig,
-    /// What instances have of their own.
+    /// What instances have of their own. This and all that follows is for [`Method::Instanced`].
     pub offsets: OffsetConfig,
-    /// The second phase.
+    /// The joint phase.
     pub joint: JointConfig,
     /// Its learning rates, for templates.
     pub template_rates: JointRates,
@@ -141,7 +142,7 @@ pub enum Strategy {
     Densify,
     /// Relocation and noise up to a fixed number.
     Mcmc,
-    /// It does not.
+    /// It stays as it is.
     None,
 }
 
@@ -255,34 +256,53 @@ impl TrainConfig {
     /// The configuration as TOML with every key, as in `RUN/config.toml`; loading it gives an equal one.
     ///
     /// # Errors
-    /// A value that TOML cannot hold: a whole number above 2^63 - 1, which loading refuses too.
+    /// As for [`to_toml`].
     pub fn to_toml(&self) -> Result<String, ConfigError> {
-        let body = toml::to_string_pretty(self).map_err(|e| ConfigError::unwritable(&e.to_string()))?;
-        Ok(format!("# Resolved configuration. The same run again: instgs-vk train --config FILE\n\n{body}"))
-    }
-
-    /// The keys whose values differ from those of `other`, with both values as TOML: own first.
-    ///
-    /// # Errors
-    /// As [`Self::to_toml`].
-    pub fn differences(&self, other: &Self) -> Result<Vec<(String, String, String)>, ConfigError> {
-        let table = |config: &Self| toml::Table::try_from(config).map_err(|e| ConfigError::unwritable(&e.to_string()));
-        let mut out = Vec::new();
-        add_differences("", &table(self)?, &table(other)?, &mut out);
-        Ok(out)
+        to_toml(self)
     }
 }
 
-/// Both tables have the same keys, as they are of the same type.
-fn add_differences(prefix: &str, own: &toml::Table, other: &toml::Table, out: &mut Vec<(String, String, String)>) {
-    for (key, value) in own {
-        let path = format!("{prefix}{key}");
-        match (value, other.get(key)) {
-            (toml::Value::Table(own), Some(toml::Value::Table(other))) => {
-                add_differences(&format!("{path}."), own, other, out);
-            }
-            (own, Some(other)) if own != other => out.push((path, own.to_string(), other.to_string())),
-            _ => (),
-        }
+impl Configuration for TrainConfig {
+    fn keys() -> Vec<Key> {
+        keys::KEYS.into()
+    }
+
+    fn defaults() -> &'static [(&'static str, &'static str)] {
+        &PRESETS[..1]
+    }
+
+    fn presets() -> &'static [(&'static str, &'static str)] {
+        &PRESETS
+    }
+
+    fn from_table(table: Table) -> Result<Self, toml::de::Error> {
+        table.try_into()
+    }
+
+    fn to_table(&self) -> Result<Table, toml::ser::Error> {
+        Table::try_from(self)
+    }
+
+    fn check(&self, shown: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
+        let require = |fits: bool, first: &str, relation: &'static str, second: &str| match fits {
+            true => Ok(()),
+            false => Err(ConfigError::Conflict { first: shown(first), relation, second: shown(second) }),
+        };
+        let (densify, mcmc) = (&self.densify, &self.mcmc);
+        require(densify.start <= densify.stop, "densify.start", "at most", "densify.stop")?;
+        require(mcmc.start <= mcmc.stop, "mcmc.start", "at most", "mcmc.stop")?;
+        // Otherwise the pruning after a reset would remove every Gaussian.
+        require(
+            densify.opacity_reset_every == 0 || densify.opacity_reset_to > densify.opacity_min,
+            "densify.opacity_reset_to",
+            "above",
+            "densify.opacity_min",
+        )?;
+        require(
+            self.init != Init::Random || self.init_count <= self.max_gaussians,
+            "init_count",
+            "at most",
+            "max_gaussians",
+        )
     }
 }

@@ -1,13 +1,13 @@
 //! INRIA's densification: clone and split where the picture pulls, prune what nobody needs, reset opacities.
 
-use crate::gpu::interface::constants::*;
-use crate::gpu::{Buffer, GpuError};
-use crate::kernels::{densify_mark, densify_place, densify_select, densify_split, reset_opacity as reset_kernel};
-use crate::render::RenderError;
-use crate::render::sort::SortBuffers;
-use crate::scene::Parameter;
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
+use instgs_vk::gpu::interface::constants::*;
+use instgs_vk::gpu::{Buffer, GpuError};
+use instgs_vk::kernels::{densify_mark, densify_place, densify_select, densify_split, reset_opacity as reset_kernel};
+use instgs_vk::render::RenderError;
+use instgs_vk::render::sort::SortBuffers;
+use instgs_vk::scene::Parameter;
 
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};

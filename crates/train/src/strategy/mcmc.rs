@@ -1,12 +1,12 @@
 //! Relocation and growth of "3D Gaussian Splatting as Markov Chain Monte Carlo" (Kheradmand et al. 2024): dead Gaussians
 //! move onto living ones, new ones join them. Both are drawn at once, where the authors' code draws one after the other.
 
-use crate::gpu::interface::constants::*;
-use crate::gpu::{Buffer, GpuError};
-use crate::kernels::{mcmc_gather_copies, mcmc_pick, mcmc_share, mcmc_weigh};
-use crate::render::RenderError;
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
+use instgs_vk::gpu::interface::constants::*;
+use instgs_vk::gpu::{Buffer, GpuError};
+use instgs_vk::kernels::{mcmc_gather_copies, mcmc_pick, mcmc_share, mcmc_weigh};
+use instgs_vk::render::RenderError;
 
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};

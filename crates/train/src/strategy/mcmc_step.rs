@@ -1,10 +1,10 @@
 //! What the strategy `mcmc` adds to every step: two regularisers before Adam, noise on the centres after it.
 
-use crate::gpu::{GpuError, Grid, Recorder};
-use crate::kernels::{McmcStepPipelines, mcmc_noise, mcmc_regularise};
-use crate::render::StepLog;
 use crate::config::{self, Rates, TrainConfig};
 use crate::device_state::DeviceState;
+use instgs_vk::gpu::{GpuError, Grid, Recorder};
+use instgs_vk::kernels::{McmcStepPipelines, mcmc_noise, mcmc_regularise};
+use instgs_vk::render::StepLog;
 
 use super::seed_words;
 

@@ -13,8 +13,8 @@ pub use mcmc_step::McmcStep;
 
 use std::sync::Arc;
 
-use crate::gpu::Gpu;
-use crate::render::{RenderError, TrainFrame};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::{RenderError, TrainFrame};
 
 use super::config::{self, TrainConfig};
 use super::device_state::{DeviceState, most_in_training};

@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
-use crate::gpu::interface::constants::*;
-use crate::gpu::interface::types::DispatchArgs;
-use crate::gpu::staging::{download, upload};
-use crate::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
-use crate::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
-use crate::render::scan::{Blocks, ScanScratch, plain, record_scan};
-use crate::render::sort::{Sort, SortBuffers, record_sort};
-use crate::render::{GradientBuffers, RenderError, SourceTables};
-use crate::scene::Owner;
 use crate::device_state::DeviceState;
+use instgs_vk::gpu::interface::constants::*;
+use instgs_vk::gpu::interface::types::DispatchArgs;
+use instgs_vk::gpu::staging::{download, upload};
+use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
+use instgs_vk::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
+use instgs_vk::render::scan::{Blocks, ScanScratch, plain, record_scan};
+use instgs_vk::render::sort::{Sort, SortBuffers, record_sort};
+use instgs_vk::render::{GradientBuffers, RenderError, SourceTables};
+use instgs_vk::scene::Owner;
 
 /// Pipelines and a recorder.
 pub(super) struct Tools {

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use crate::bench::evidence::{SceneResult, plots, tables};
-use crate::cli::args::create_folder;
-use crate::cli::error::CliError;
-use crate::cli::printer::Printer;
-use crate::io::atomic_write;
+use crate::results::{SceneResult, plots, tables};
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::create_folder;
+use instgs_io::atomic_write;
 
 /// Writes tables.md, tables.json, a .csv for each table, and plots.
 pub(super) fn write_all(out: &Path, results: &[SceneResult], note: &str, printer: &Printer) -> Result<(), CliError> {
@@ -21,7 +21,7 @@ pub(super) fn write_all(out: &Path, results: &[SceneResult], note: &str, printer
     for sheet in tables::all(results) {
         page += &sheet.markdown();
         page.push('\n');
-        let csv = sheet.csv().map_err(|e| CliError::Other(format!("{}: {e}", sheet.key)))?;
+        let csv = sheet.csv().map_err(|e| CliError::msg(format!("{}: {e}", sheet.key)))?;
         write(&tables_folder.join(format!("{}.csv", sheet.key)), &csv)?;
     }
     for (name, svg) in plots::all(results) {

@@ -10,17 +10,17 @@ mod scene;
 
 use self::files::write_all;
 use self::scene::{Evidence, run_scene};
-use super::args::create_folder;
-use super::compare::Rival;
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
-use super::eval::LpipsArgs;
-use super::printer::Printer;
-use super::table::Table;
-use super::train::Session;
-use crate::bench::evidence::scene_list::Source;
-use crate::bench::evidence::{SceneJob, SceneList, SceneResult, plots, tables};
-use crate::train::interrupt::Interrupt;
+use super::comparison::Rival;
+use crate::results::scene_list::Source;
+use crate::results::{SceneJob, SceneList, SceneResult, plots, tables};
+use instgs_cli::lpips_args::LpipsArgs;
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::create_folder;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::Table;
+use instgs_train::interrupt::Interrupt;
 
 /// Measures a list of scenes and writes the tables that claims rest on.
 ///
@@ -69,8 +69,8 @@ pub(super) struct TablesArgs {
 }
 
 pub(super) fn run(args: &TablesArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let list = SceneList::read(&args.list).map_err(|e| CliError::Other(e.to_string()))?;
-    let size = list.size(&args.size).map_err(|what| CliError::Other(format!("--size: {what}")))?;
+    let list = SceneList::read(&args.list).map_err(|e| CliError::msg(e.to_string()))?;
+    let size = list.size(&args.size).map_err(|what| CliError::msg(format!("--size: {what}")))?;
     let folder = args.list.parent().unwrap_or(Path::new(""));
     let mut jobs = chosen(list.jobs(folder, size), &args.only)?;
     jobs.retain(|job| is_there(job, printer));
@@ -82,7 +82,7 @@ pub(super) fn run(args: &TablesArgs, device_args: &DeviceArgs, printer: &Printer
             None
         }
     };
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
     create_folder(&args.out)?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
@@ -123,7 +123,7 @@ fn chosen(jobs: Vec<SceneJob>, only: &[String]) -> Result<Vec<SceneJob>, CliErro
     let kept: Vec<SceneJob> = jobs.into_iter().filter(fits).collect();
     if kept.is_empty() {
         let what = format!("--only: no scene begins with {}; the list has {}", only.join(" or "), names.join(", "));
-        return Err(CliError::Other(what));
+        return Err(CliError::msg(what));
     }
     Ok(kept)
 }

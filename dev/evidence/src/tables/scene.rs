@@ -4,25 +4,26 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::bench::comparison::{Measure, Row};
-use crate::bench::evidence::label_truth::label_accuracy;
-use crate::bench::evidence::scene_list::{Size, Source};
-use crate::bench::evidence::{Ablation, Part, SceneJob, SceneList, SceneResult, Segmentation};
-use crate::cli::args::create_folder;
-use crate::cli::compare::{Comparison, Rival, Runs, compare, work_seconds};
-use crate::cli::demo::make_data;
-use crate::cli::error::CliError;
-use crate::cli::picture_grid::Grid;
-use crate::cli::train::{Session, absolute};
-use crate::eval::Lpips;
-use crate::io::json::{read_json, write_json};
-use crate::io::{MaskFolder, RunFolder, Split, View, load_scene, read_views};
-use crate::pipeline::CloudLabels;
-use crate::report::RunReport;
-use crate::synth::dataset;
-use crate::train::config::{ConfigBuilder, Method, TrainConfig};
-use crate::train::eval_options;
-use crate::train::facts::StageTime;
+use crate::comparison::{Comparison, Rival, Runs, compare, work_seconds};
+use crate::data_set::make_data;
+use crate::picture_grid::Grid;
+use crate::protocol::{Measure, Row};
+use crate::results::label_truth::label_accuracy;
+use crate::results::scene_list::{Size, Source};
+use crate::results::{Ablation, Part, SceneJob, SceneList, SceneResult, Segmentation};
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::args::{absolute, create_folder};
+use instgs_eval::Lpips;
+use instgs_io::json::{read_json, write_json};
+use instgs_io::{MaskFolder, RunFolder, Split, View, load_scene, read_views};
+use instgs_objects::pipeline::CloudLabels;
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_report::RunReport;
+use instgs_synth::dataset;
+use instgs_train::config::Method;
+use instgs_train::eval_options;
+use instgs_train::facts::StageTime;
 
 /// What all scenes share.
 pub(super) struct Evidence<'a> {
@@ -90,7 +91,7 @@ fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError>
 }
 
 /// The list's configuration with the job's settings.
-fn config_of(list: &SceneList, job: &SceneJob, data: &Path) -> Result<TrainConfig, CliError> {
+fn config_of(list: &SceneList, job: &SceneJob, data: &Path) -> Result<RunConfig, CliError> {
     let mut builder = ConfigBuilder::new().file(&list.config)?;
     for assignment in &job.set {
         builder = builder.set(assignment)?;
@@ -98,14 +99,16 @@ fn config_of(list: &SceneList, job: &SceneJob, data: &Path) -> Result<TrainConfi
     if job.true_groups {
         builder = builder.flag("true_groups", "groups", absolute("true_groups", &data.join("groups.json"))?)?;
     }
-    Ok(TrainConfig { method: Method::Instanced, seed: 0, ..builder.finish()? })
+    let mut config = builder.finish()?;
+    (config.train.method, config.train.seed) = (Method::Instanced, 0);
+    Ok(config)
 }
 
 fn measured(
     evidence: &Evidence<'_>,
     job: &SceneJob,
     data: &Path,
-    config: TrainConfig,
+    config: RunConfig,
     out: &Path,
 ) -> Result<SceneResult, CliError> {
     let session = &evidence.session;
@@ -131,7 +134,9 @@ fn measured(
     let first = evidence.seeds.first().copied().unwrap_or_default();
     let at = out.join(format!("seed_{first}"));
     let report: RunReport = read_json(&RunFolder::new(at.join("instgs")).report())?;
-    let runs = Runs { session, data, out: at, config: TrainConfig { seed: first, ..comparison.config.clone() } };
+    let mut config = comparison.config.clone();
+    config.train.seed = first;
+    let runs = Runs { session, data, out: at, config };
     let views = read_views(data)?.views;
     Ok(SceneResult {
         name: job.name.clone(),
@@ -156,7 +161,8 @@ fn segmentation(runs: &Runs<'_>, report: &RunReport, views: &[View]) -> Result<S
     let segmented = CloudLabels::read(&folder, cloud.len())?;
     let seconds = |name: &str| report.stages.iter().filter(|s: &&StageTime| s.name == name).map(|s| s.seconds).sum();
     let consensus = &segmented.consensus;
-    let masks = MaskFolder::default_for(runs.data).filter(|_| runs.config.masks.is_empty() && runs.config.width == 0);
+    let masks = MaskFolder::default_for(runs.data)
+        .filter(|_| runs.config.pipeline.masks.is_none() && runs.config.train.width == 0);
     let mean_accuracy = match masks {
         Some(folder) => {
             let masks = MaskFolder::open(&folder)?;
@@ -181,14 +187,13 @@ fn ablations(
     views: &[View],
 ) -> Result<Vec<Ablation>, CliError> {
     let test: Vec<View> = views.iter().filter(|view| view.split == Split::Test).cloned().collect();
-    let given = (!runs.config.masks.is_empty()).then(|| PathBuf::from(&runs.config.masks));
-    let masks = given.or_else(|| MaskFolder::default_for(runs.data));
+    let masks = runs.config.pipeline.masks.clone().or_else(|| MaskFolder::default_for(runs.data));
     let masks = masks.map(|folder| MaskFolder::open(&folder)).transpose()?;
     let measure = Measure {
         gpu: evidence.session.gpu,
         views: &test,
-        width: (runs.config.width > 0).then_some(runs.config.width),
-        options: eval_options(&comparison.config),
+        width: (runs.config.train.width > 0).then_some(runs.config.train.width),
+        options: eval_options(&comparison.config.train),
         masks: masks.as_ref(),
         lpips: evidence.lpips.as_ref(),
     };
@@ -206,8 +211,8 @@ fn ablations(
         let folder = if is_itself { "instgs".into() } else { folder_of(&table, &name) };
         let report = if is_itself { runs.train(&folder, config)? } else { runs.variant(&folder, config)? };
         let scene = runs.folder(&folder).scene();
-        let row = measure.row(&name, &scene, &mut |_| ()).map_err(|e| CliError::Other(e.to_string()))?;
-        let steps = runs.config.steps + report.steps;
+        let row = measure.row(&name, &scene, &mut |_| ()).map_err(|e| CliError::msg(e.to_string()))?;
+        let steps = runs.config.train.steps + report.steps;
         out.push(Ablation { table, name, row: Row { seconds: work_seconds(&report), steps, ..row } });
     }
     Ok(out)

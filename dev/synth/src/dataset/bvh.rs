@@ -281,7 +281,7 @@ fn bin_of(centre: f32, low: f32, width: f32) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     /// Every box that a ray hits is visited, and none twice.
     #[test]

@@ -5,12 +5,12 @@ use std::fs;
 use std::path::Path;
 
 use super::frame::Frame;
-use crate::io::dataset::Split;
-use crate::io::ktx2::{FloatImage, write_ktx2};
-use crate::io::masks::{Mask, write_categories, write_mask};
-use crate::io::picture_png::write_png;
-use crate::io::{IoError, write_transforms};
-use crate::scene::{Camera, PosedGroup};
+use instgs_io::dataset::Split;
+use instgs_io::ktx2::{FloatImage, write_ktx2};
+use instgs_io::masks::{Mask, write_categories, write_mask};
+use instgs_io::picture_png::write_png;
+use instgs_io::{IoError, write_transforms};
+use instgs_vk::scene::{Camera, PosedGroup};
 
 /// File that marks a folder as a data set of this command, with the options that made it.
 pub(super) const MARK: &str = "synth.json";

@@ -8,9 +8,9 @@ use super::irradiance::Irradiance;
 use super::light::disc;
 use super::scene_builder::Scene;
 use super::world::{Hit, Point, World};
-use crate::math::rng::Rng;
-use crate::scene::Camera;
 use crate::shading::encoded;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::Camera;
 
 /// The images of a view, in row-major order.
 #[derive(Clone, Debug, PartialEq)]

@@ -12,7 +12,7 @@ use super::light::{cosine_direction, disc};
 use super::noise::hash;
 use super::scene_builder::Scene;
 use super::world::{Point, World};
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Rays per point, as strata of the angle to the normal times strata of the angle around it.
 const STRATA: (usize, usize) = (8, 12);

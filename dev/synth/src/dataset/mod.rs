@@ -27,10 +27,10 @@ use std::path::Path;
 pub use scenes::{ObjectCount, RECIPES, Recipe};
 pub use truth::PoseNoise;
 
-use crate::io::groups::write_groups;
-use crate::io::{IoError, atomic_write, write_points};
-use crate::scene::camera::MAX_IMAGE_SIDE;
-use crate::scene::{Camera, PosedGroup};
+use instgs_io::groups::write_groups;
+use instgs_io::{IoError, atomic_write, write_points};
+use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
+use instgs_vk::scene::{Camera, PosedGroup};
 use irradiance::Irradiance;
 use scene_builder::Scene;
 

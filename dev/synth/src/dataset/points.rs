@@ -7,9 +7,9 @@ use super::frame::{Lens, shaded};
 use super::irradiance::{Irradiance, spread};
 use super::scene_builder::Scene;
 use super::world::Point;
-use crate::math::rng::Rng;
-use crate::scene::{Camera, PointCloud};
 use crate::shading::encoded;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::{Camera, PointCloud};
 
 /// Largest number of rays over all views: about ten per point that is kept.
 const MOST_RAYS: usize = 900_000;

@@ -10,7 +10,7 @@ use super::mesh::{Mesh, MeshBuilder};
 use super::noise::smooth_step;
 use super::views::Rig;
 use super::world::{Body, Kind, World};
-use crate::math::similarity::Similarity;
+use instgs_vk::math::similarity::Similarity;
 
 /// A scene: its world, the groups of like objects, and the cameras.
 pub struct Scene {

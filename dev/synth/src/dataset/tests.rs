@@ -1,10 +1,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::*;
-use crate::io::dataset::{Split, read_views};
-use crate::io::groups::read_groups;
-use crate::io::masks::{read_categories, read_mask};
-use crate::math::similarity::Similarity;
+use instgs_io::dataset::{Split, read_views};
+use instgs_io::groups::read_groups;
+use instgs_io::masks::{read_categories, read_mask};
+use instgs_vk::math::similarity::Similarity;
 
 const TINY: Options =
     Options { views: 9, size: (25, 17), seed: 3, instances: None, differences: 1.0, flight: None, pose_noise: None };
@@ -102,7 +102,7 @@ fn masks_groups_and_split_agree() {
         assert!((view.camera.position_world() - camera.position_world()).length() < 1e-9);
     }
     assert!(seen.is_subset(&ids) && seen.len() >= 12, "{seen:?}");
-    assert!(crate::io::read_points(out).unwrap().unwrap().points.len() > 1000);
+    assert!(instgs_io::read_points(out).unwrap().unwrap().points.len() > 1000);
 }
 
 /// The ray towards the posed centre of a window hits that window at that depth.

@@ -3,9 +3,9 @@
 use glam::{DMat3, DVec3};
 
 use super::scene_builder::Scene;
-use crate::math::rng::Rng;
-use crate::math::similarity::Similarity;
-use crate::scene::{PosedGroup, PosedInstance};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::{PosedGroup, PosedInstance};
 
 /// A disturbance of poses.
 #[derive(Clone, Copy, Debug, PartialEq)]

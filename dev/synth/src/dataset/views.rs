@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use crate::math::rng::Rng;
-use crate::scene::Camera;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::Camera;
 
 /// Vertical field of view, radians.
 const FIELD_OF_VIEW: f64 = 45.0 * std::f64::consts::PI / 180.0;

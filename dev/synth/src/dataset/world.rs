@@ -8,7 +8,7 @@ use super::bvh::{Bounds, Bvh, Ray};
 use super::light::Daylight;
 use super::look::{Between, Look, Spot, Surface};
 use super::mesh::{Mesh, MeshHit};
-use crate::math::similarity::Similarity;
+use instgs_vk::math::similarity::Similarity;
 
 /// A body in the world: meshes that share a pose, a look and an id.
 pub struct Body {

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::Found;
-use crate::scene::{ObjectBox, PosedGroup};
+use instgs_vk::scene::{ObjectBox, PosedGroup};
 
 /// Precision and recall of found repetitions. The selected object counts in neither.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -31,7 +31,7 @@ impl Found {
     pub fn against(&self, selected: &ObjectBox, groups: &[PosedGroup]) -> Option<Against> {
         let all = groups.iter().flat_map(|group| group.instances.iter().map(move |instance| (group, instance)));
         let off = |place: DVec3| place.distance(selected.center);
-        let place_of = |(_, i): &(&PosedGroup, &crate::scene::PosedInstance)| i.world_from_template.translation();
+        let place_of = |(_, i): &(&PosedGroup, &instgs_vk::scene::PosedInstance)| i.world_from_template.translation();
         let (group, own) = all.min_by(|a, b| off(place_of(a)).total_cmp(&off(place_of(b))))?;
         let others = group.instances.iter().filter(|instance| instance.id != own.id);
         let mut open: Vec<DVec3> = others.map(|instance| instance.world_from_template.translation()).collect();

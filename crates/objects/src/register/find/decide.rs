@@ -6,7 +6,7 @@ use super::refine::{Candidate, explained};
 use super::select::{AROUND, SECTORS, Selected, half_extent, level_reach, sector};
 use super::{FindOptions, Found, FoundObject, RejectedPlace, moved_box, world_map};
 use crate::register::pose::Pose;
-use crate::scene::ObjectBox;
+use instgs_vk::scene::ObjectBox;
 
 /// A candidate with more than this part of its points on better ones is a duplicate.
 const TAKEN: f64 = 0.35;

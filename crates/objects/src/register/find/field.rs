@@ -91,7 +91,7 @@ impl Field {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::rng::Rng;
+    use instgs_vk::math::rng::Rng;
 
     /// Compared with a search of all points, also outside of their bounds and far beyond the grid.
     #[test]

@@ -15,7 +15,7 @@ use super::search::{Place, TURNS, distinct, scales};
 use super::select::Selected;
 use super::{FindError, FindOptions, Found, FoundObject, RejectedPlace, Steps, moved_box, world_map};
 use crate::register::pose::Pose;
-use crate::scene::{Camera, ObjectBox};
+use instgs_vk::scene::{Camera, ObjectBox};
 
 /// Pixels of the coarse search are larger by this factor.
 const COARSER: f64 = 2.0;

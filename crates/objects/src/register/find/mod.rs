@@ -31,8 +31,8 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::error::RegisterError;
 use super::pose::Pose;
-use crate::math::similarity::Similarity;
-use crate::scene::{Camera, Gaussians, ObjectBox};
+use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::{Camera, Gaussians, ObjectBox};
 
 pub use against::Against;
 pub use options::FindOptions;

@@ -4,9 +4,9 @@ use glam::{DMat3, DVec3, Vec3};
 
 use super::picture::{Frame, Picture, Pixel, Splat};
 use super::select::{Selected, half_extent};
-use crate::math::eigen::symmetric_eigen;
 use crate::register::normals::covariance;
-use crate::scene::{Camera, ObjectBox};
+use instgs_vk::math::eigen::symmetric_eigen;
+use instgs_vk::scene::{Camera, ObjectBox};
 
 /// Pixels along the square root of a pattern's area in refinement.
 pub(super) const PIXELS: f64 = 20.0;

@@ -2,11 +2,11 @@
 
 use glam::{DMat3, DVec3, Vec3};
 
-use crate::math::covariance::{rotation_from_quat, sigmoid};
-use crate::math::sh::{SH_C0, widened};
 use crate::register::pose::Pose;
 use crate::register::sample::is_opaque;
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::{rotation_from_quat, sigmoid};
+use instgs_vk::math::sh::{SH_C0, widened};
+use instgs_vk::scene::Gaussians;
 
 /// Fainter Gaussians are left out: they are more often haze in front of a wall than part of it.
 const MIN_OPACITY: f64 = 0.1;

@@ -9,10 +9,10 @@ use rayon::prelude::*;
 use super::field::Field;
 use super::select::Selected;
 use super::{FindError, FindOptions, Steps};
-use crate::math::rng::Rng;
 use crate::register::pose::Pose;
 use crate::register::sample::BASE;
 use crate::register::surface::Surface;
+use instgs_vk::math::rng::Rng;
 
 /// Number of rotations about the up axis, 15 degrees apart: half a step moves the farthest points of an object by less
 /// than a neighbouring cell reaches.

@@ -5,15 +5,15 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::{FindError, FindInput, FindOptions};
-use crate::math::rng::Rng;
-use crate::math::sh::widened;
 use crate::register::normals::Viewers;
 use crate::register::options::RegisterOptions;
 use crate::register::sample::{BASE, Disc, FEW_GAUSSIANS, ObjectSurface, SAMPLES, disc, discs, drawn, extents_of};
 use crate::register::sample::{is_opaque, relaxed};
 use crate::register::surface::Surface;
-use crate::scene::ObjectBox;
-use crate::scene::up_direction;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::ObjectBox;
+use instgs_vk::scene::up_direction;
 
 /// Largest angle between an axis of the box and the cameras' up direction for the axis to be the up axis, radians (25
 /// degrees): the cameras' direction is inaccurate, most of all if all of them look down.

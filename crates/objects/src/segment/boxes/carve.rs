@@ -7,11 +7,11 @@
 
 use rayon::prelude::*;
 
-use crate::math::sh::widened;
-use crate::scene::{Camera, Gaussians};
 use crate::segment::error::SegmentError;
 use crate::segment::sweep::ViewContributions;
 use crate::segment::votes::{Vote, Votes};
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::{Camera, Gaussians};
 
 use super::claims::Claim;
 use super::placed::{PlacedBox, PlacedBoxes};

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use glam::{DMat3, DVec3};
 
-use crate::math::covariance::covariance;
-use crate::math::sh::widened;
-use crate::math::statistics::median;
-use crate::scene::{Gaussians, ObjectBox};
+use instgs_vk::math::covariance::covariance;
+use instgs_vk::math::sh::widened;
+use instgs_vk::math::statistics::median;
+use instgs_vk::scene::{Gaussians, ObjectBox};
 
 /// Gaussians this many times as far from the object's median position as its median Gaussian are dropped; even at the
 /// ends of a rod, the longest of shapes, the factor is two.

@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::gpu::Gpu;
-use crate::io::View;
-use crate::io::masks::Mask;
-use crate::io::view_image::camera_at_width;
-use crate::render::{RenderOptions, Renderer, Surfaces};
-use crate::scene::{Camera, InstancedScene};
 use crate::segment::error::SegmentError;
+use instgs_io::View;
+use instgs_io::masks::Mask;
+use instgs_io::view_image::camera_at_width;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::{RenderOptions, Renderer, Surfaces};
+use instgs_vk::scene::{Camera, InstancedScene};
 
 /// Draws the masks of all views of a plain cloud in order and passes each to `sink` with the view's index. A pixel has
 /// the label of the Gaussian at its surface, or 0 where more than half of the light passes through. Masks have the size
@@ -36,7 +36,7 @@ pub fn draw_masks<E: From<SegmentError>>(
         let failed = |error| SegmentError::View { view: camera.name.clone(), error };
         renderer.render_with_surfaces(&scene, &camera, render, &mut surfaces).map_err(failed)?;
         let points = surfaces.download().map_err(failed)?;
-        let label = |point: &crate::render::SurfacePoint| labels.get(point.local as usize).copied().unwrap_or(0);
+        let label = |point: &instgs_vk::render::SurfacePoint| labels.get(point.local as usize).copied().unwrap_or(0);
         let ids = points.iter().map(|point| point.as_ref().map_or(0, label)).collect();
         let mask = Mask { width: camera.width, height: camera.height, ids };
         let mask = mask.resized(view.camera.width, view.camera.height).as_photographed(view);

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BinaryHeap};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::scene::Camera;
+use instgs_vk::scene::Camera;
 
 use super::placed::{PlacedBox, PlacedBoxes};
 

@@ -18,11 +18,11 @@ use std::num::NonZero;
 use std::sync::Arc;
 use std::time::Instant;
 
-use crate::gpu::Gpu;
-use crate::io::View;
-use crate::io::masks::Mask;
-use crate::render::RenderOptions;
-use crate::scene::{Boxes, Camera, InstancedScene, up_direction};
+use instgs_io::View;
+use instgs_io::masks::Mask;
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::RenderOptions;
+use instgs_vk::scene::{Boxes, Camera, InstancedScene, up_direction};
 
 use super::error::SegmentError;
 use super::label::{LabelOptions, LabelProgress};
@@ -78,7 +78,7 @@ pub struct BoxMasks {
 }
 
 /// Labels a plain cloud by boxes and draws the mask of every view. `sink` receives the masks in order, with the index
-/// of the view; they have the size and lens distortion of the view's photo, as [`crate::io::MaskFolder`] reads them.
+/// of the view; they have the size and lens distortion of the view's photo, as [`instgs_io::MaskFolder`] reads them.
 /// For an object with a box in the world, its boxes in photos are ignored. `progress` is called after each view. Both
 /// can stop the run with an error of the caller's type `E`.
 ///

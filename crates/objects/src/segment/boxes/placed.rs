@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use crate::io::View;
-use crate::io::view_image::camera_at_width;
-use crate::math::distortion::Distortion;
-use crate::scene::{Boxes, Camera, ViewBox};
+use instgs_io::View;
+use instgs_io::view_image::camera_at_width;
+use instgs_vk::math::distortion::Distortion;
+use instgs_vk::scene::{Boxes, Camera, ViewBox};
 
 /// Number of views that a note names at most.
 const NAMED: usize = 5;
@@ -140,7 +140,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::io::Split;
+    use instgs_io::Split;
 
     fn view(name: &str, distortion: Option<Distortion>) -> View {
         let camera = Camera::look_at(name, DVec3::new(0.0, -2.0, 0.0), DVec3::ZERO, DVec3::Z, 0.8, (100, 50));

@@ -4,9 +4,9 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use crate::io::masks::Mask;
-use crate::render::Contribution;
 use crate::segment::error::SegmentError;
+use instgs_io::masks::Mask;
+use instgs_vk::render::Contribution;
 
 use super::placed::PlacedBox;
 

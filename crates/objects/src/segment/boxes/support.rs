@@ -6,12 +6,12 @@ use std::collections::BTreeMap;
 
 use glam::DVec3;
 
-use crate::math::covariance::sigmoid;
-use crate::math::plane::{Plane, PlaneDraws};
-use crate::math::rng::Rng;
-use crate::math::sh::widened;
-use crate::math::statistics::{median, percentile};
-use crate::scene::Gaussians;
+use instgs_vk::math::covariance::sigmoid;
+use instgs_vk::math::plane::{Plane, PlaneDraws};
+use instgs_vk::math::rng::Rng;
+use instgs_vk::math::sh::widened;
+use instgs_vk::math::statistics::{median, percentile};
+use instgs_vk::scene::Gaussians;
 
 /// Radius of the surroundings, in radii of the object.
 const RING: f64 = 2.0;

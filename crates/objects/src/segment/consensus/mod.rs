@@ -21,8 +21,8 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use crate::scene::Gaussians;
 use agreement::{AGREEMENT, Agreement};
+use instgs_vk::scene::Gaussians;
 use objects::Object;
 use observe::{MaskKey, Observations, observe};
 use relations::Relations;

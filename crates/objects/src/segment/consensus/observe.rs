@@ -1,10 +1,10 @@
 //! Finds the mask that each Gaussian lies in, view by view: the input of clustering.
 
-use crate::math::rng::Rng;
-use crate::render::{CONTRIBUTION_ONE, Contribution};
-use crate::scene::{Camera, Gaussians};
 use crate::segment::error::SegmentError;
 use crate::segment::sweep::ViewContributions;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::render::{CONTRIBUTION_ONE, Contribution};
+use instgs_vk::scene::{Camera, Gaussians};
 
 use super::ConsensusOptions;
 

@@ -1,7 +1,7 @@
 //! Clustering on tables made by hand: the mask that each point lies in.
 
 use super::*;
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Number of points of an object.
 const POINTS: usize = 27;

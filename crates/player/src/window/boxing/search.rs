@@ -1,8 +1,8 @@
 //! The search for objects similar to the one in the selected box, in the window: start, settings and results.
 
 use crate::search::{Search, Searched, without_view_dependence};
-use crate::segment::standing::Surroundings;
 use crate::window::Live;
+use instgs_objects::segment::standing::Surroundings;
 
 impl Live {
     /// Starts the search for objects similar to the one in the selected box.

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec3, Vec3};
 use super::super::look::{Look, Spot, Surface, blend, srgb};
 use super::super::mesh::MeshBuilder;
 use super::super::noise::fractal;
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 // Tags of the triangles.
 const BARK: u8 = 0;

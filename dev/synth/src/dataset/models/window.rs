@@ -6,7 +6,7 @@ use glam::{DMat3, DVec3, Vec3};
 use super::super::look::{Look, Spot, Surface, blend, srgb};
 use super::super::mesh::MeshBuilder;
 use super::super::noise::{fractal, grid_line, smooth_step};
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Half width and half height of the opening, metres.
 pub const HALF: (f64, f64) = (0.55, 0.8);

@@ -11,7 +11,7 @@ use super::super::noise::{band, fractal, smooth_step};
 use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
 use crate::livery::{Livery, Wing};
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Radius of the two discs that a car consists of, and their distance from its centre, metres.
 const DISC: (f64, f64) = (1.45, 1.15);

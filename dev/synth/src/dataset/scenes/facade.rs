@@ -12,7 +12,7 @@ use super::super::models::{props, tree};
 use super::super::noise::{fractal, grid_line, hash_unit, smooth_step};
 use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Spacing of windows along the wall and upwards, metres.
 const PITCH: (f64, f64) = (2.3, 2.9);

@@ -12,7 +12,7 @@ use super::super::models::props;
 use super::super::noise::{fractal, grid_line, hash_unit};
 use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Spacing of tables along and across, metres.
 const PITCH: DVec2 = DVec2::new(3.6, 3.4);

@@ -11,7 +11,7 @@ use super::super::models::tree::{TreeLook, tree};
 use super::super::noise::{fractal, smooth_step};
 use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Spacing of rows, and of trees in a row, metres.
 const PITCH: f64 = 4.3;

@@ -11,7 +11,7 @@ use super::super::scene_builder::{Scene, SceneBuilder, placed};
 use super::super::views::{Rig, Ring};
 use super::cars::surroundings;
 use crate::livery::Livery;
-use crate::math::rng::Rng;
+use instgs_vk::math::rng::Rng;
 
 /// Radius of the disc that contains both, metres.
 const EXTENT: f64 = 5.2;

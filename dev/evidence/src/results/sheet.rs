@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::math::digits::grouped;
+use instgs_vk::math::digits::grouped;
 
 /// A cell of a [`Sheet`].
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -5,18 +5,17 @@ use std::path::{Path, PathBuf};
 use super::runs::{Runs, work_seconds};
 use super::timing::time;
 use super::{Comparison, Rival};
-use crate::bench::comparison::{Measure, MeasureError, Row, SeedResult, names};
-use crate::cli::error::CliError;
-use crate::cli::inspect_groups::ply_row_bytes;
-use crate::cli::train::Session;
-use crate::eval::Evaluated;
-use crate::io::view_image::camera_at_width;
-use crate::io::{IoError, MaskFolder, Pack, View, load_scene, write_scene_file_packed, write_spz};
-use crate::report::{RunReport, final_steps_per_second};
-use crate::scene::{Camera, InstancedScene, RepeatedBytes};
-use crate::train::config::{Strategy, TrainConfig};
-use crate::train::eval_options;
-use crate::train::event_log::read_events;
+use crate::protocol::{Measure, MeasureError, Row, SeedResult, names};
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_eval::Evaluated;
+use instgs_io::view_image::camera_at_width;
+use instgs_io::{IoError, MaskFolder, Pack, View, load_scene, ply, write_scene_file_packed, write_spz};
+use instgs_report::{RunReport, final_steps_per_second};
+use instgs_train::config::Strategy;
+use instgs_train::eval_options;
+use instgs_train::event_log::read_events;
+use instgs_vk::scene::{Camera, InstancedScene, RepeatedBytes};
 
 /// A scene that becomes a row.
 struct Subject {
@@ -36,7 +35,8 @@ pub(super) fn compare_seed(
 ) -> Result<SeedResult, CliError> {
     let printer = session.printer;
     let out = comparison.out.join(format!("seed_{seed}"));
-    let config = TrainConfig { seed, ..comparison.config.clone() };
+    let mut config = comparison.config.clone();
+    config.train.seed = seed;
     let runs = Runs { session, data: &comparison.data, out, config };
     printer.line(format_args!("seed {seed}: the instanced scene"));
     let ours = runs.train("instgs", runs.config.clone())?;
@@ -79,7 +79,7 @@ pub(super) fn compare_seed(
     let mut result = SeedResult {
         seed,
         repeated: RepeatedBytes::of(&instanced),
-        replaced_ply: replaced_gaussians(&ours) * ply_row_bytes(instanced.templates.sh_degree),
+        replaced_ply: replaced_gaussians(&ours) * ply::row_bytes(instanced.templates.sh_degree),
         more_steps_by_clock,
         warnings: ours.warnings,
         ..SeedResult::default()
@@ -102,16 +102,18 @@ fn of_cloud(name: &'static str, file: PathBuf, report: &RunReport) -> Subject {
 impl Runs<'_> {
     /// Trains or writes what is measured besides.
     fn rival(&self, rival: Rival, same_time: &RunReport, instanced: &InstancedScene) -> Result<Subject, CliError> {
-        let (seed, printer) = (self.config.seed, self.session.printer);
-        let as_long = TrainConfig { steps: same_time.steps, ..self.config.cloud_alone() };
+        let (seed, printer) = (self.config.train.seed, self.session.printer);
+        let mut as_long = self.config.cloud_alone();
+        as_long.train.steps = same_time.steps;
         match rival {
             Rival::SameBytes => {
-                let bytes_each = ply_row_bytes(instanced.templates.sh_degree);
+                let bytes_each = ply::row_bytes(instanced.templates.sh_degree);
                 let most = u32::try_from(file_bytes(&self.out.join("f16.instgs"))? / bytes_each).unwrap_or(u32::MAX);
                 printer.line(format_args!("seed {seed}: 3DGS of the same bytes, at most {most} Gaussians"));
                 // Of another limit it is another run.
                 let folder = format!("same_bytes_{most}");
-                let report = self.train(&folder, TrainConfig { max_gaussians: most, ..as_long })?;
+                as_long.train.max_gaussians = most;
+                let report = self.train(&folder, as_long)?;
                 Ok(of_cloud(names::SAME_BYTES, self.folder(&folder).point_cloud(), &report))
             }
             Rival::AtOnce => {
@@ -121,7 +123,8 @@ impl Runs<'_> {
             }
             Rival::Mcmc => {
                 printer.line(format_args!("seed {seed}: 3DGS-MCMC for the same time"));
-                let report = self.train("mcmc", TrainConfig { strategy: Strategy::Mcmc, ..as_long })?;
+                as_long.train.strategy = Strategy::Mcmc;
+                let report = self.train("mcmc", as_long)?;
                 Ok(of_cloud(names::MCMC, self.folder("mcmc").point_cloud(), &report))
             }
             Rival::Spz => {
@@ -139,11 +142,11 @@ impl Runs<'_> {
             Rival::Rigid => {
                 printer.line(format_args!("seed {seed}: copies without offsets"));
                 let mut config = self.config.clone();
-                let offsets = &mut config.offsets;
+                let offsets = &mut config.train.offsets;
                 (offsets.position, offsets.sh_dc, offsets.opacity) = (false, false, false);
                 (offsets.sh_rest, offsets.covariance) = (false, false);
                 let report = self.variant("rigid", config)?;
-                let steps = self.config.steps + report.steps;
+                let steps = self.config.train.steps + report.steps;
                 Ok(Subject {
                     name: names::RIGID,
                     file: self.folder("rigid").scene(),
@@ -164,11 +167,10 @@ fn measure(
     result: &mut SeedResult,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
 ) -> Result<(), CliError> {
-    let given = (!runs.config.masks.is_empty()).then(|| PathBuf::from(&runs.config.masks));
-    let masks = given.or_else(|| MaskFolder::default_for(&comparison.data));
+    let masks = runs.config.pipeline.masks.clone().or_else(|| MaskFolder::default_for(&comparison.data));
     let masks = masks.map(|folder| MaskFolder::open(&folder)).transpose()?;
-    let width = (runs.config.width > 0).then_some(runs.config.width);
-    let options = eval_options(&runs.config);
+    let width = (runs.config.train.width > 0).then_some(runs.config.train.width);
+    let options = eval_options(&runs.config.train);
     let (masks, lpips) = (masks.as_ref(), comparison.lpips.as_ref());
     let measure = Measure { gpu: session.gpu, views, width, options, masks, lpips };
     for Subject { name, file, seconds, steps } in subjects {
@@ -187,5 +189,5 @@ fn file_bytes(path: &Path) -> Result<u64, CliError> {
 }
 
 fn measure_failed(error: MeasureError) -> CliError {
-    CliError::Other(error.to_string())
+    CliError::msg(error.to_string())
 }

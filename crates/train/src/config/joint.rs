@@ -1,62 +1,9 @@
-//! What `--method instgs` adds to the configuration; reasons in `configs/instgs.toml`.
+//! What the joint phase goes by; reasons in `configs/default.toml`.
 
 use serde::{Deserialize, Serialize};
 
 use super::schedule::{OffsetRates, PoseRates, Rates, SourceRates, late_decay, log_linear};
 use super::{Method, Strategy, TrainConfig};
-use crate::detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
-use crate::template::{HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
-
-/// How things are found by name.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DetectConfig {
-    /// A box counts if its best token scores more.
-    pub box_threshold: f64,
-    /// A box is of a phrase if one of its tokens scores more.
-    pub text_threshold: f64,
-    /// Of two boxes or masks that overlap by more than this, the one with the lower score is dropped.
-    pub overlap: f64,
-    /// What the models run on.
-    pub provider: Provider,
-}
-
-impl DetectConfig {
-    /// For the detector. The runtime library is the one that the environment names, or the system's.
-    pub fn options(&self) -> PromptOptions {
-        let &Self { box_threshold, text_threshold, overlap, provider } = self;
-        let detect = DetectOptions { box_threshold, text_threshold, overlap };
-        PromptOptions { detect, runtime: RuntimeOptions { provider, ..RuntimeOptions::default() } }
-    }
-}
-
-/// Which Gaussian belongs to which object.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SegmentConfig {
-    /// Weight of what a Gaussian adds to other pixels than the object's.
-    pub alpha: f64,
-    /// Gaussians that no view shows go with their neighbours.
-    pub fill_unseen: bool,
-    /// Small groups of an object's Gaussians that are apart from it go back to the background.
-    pub drop_strays: bool,
-}
-
-/// How templates are made.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TemplateConfig {
-    /// Whose Gaussians.
-    pub source: TemplateSource,
-    /// How the mean number is drawn from merged ones.
-    pub sampling: Sampling,
-    /// What a Gaussian keeps.
-    pub keep: Keep,
-    /// Gaussians of a template, times the mean number of an instance's.
-    pub count_factor: f64,
-    /// How often a merged template is made the mean of its matches.
-    pub settle_rounds: u32,
-}
 
 /// What instances have of their own.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,8 +19,6 @@ pub struct OffsetConfig {
     pub sh_rest: bool,
     /// Log scales and quaternions.
     pub covariance: bool,
-    /// What they start from.
-    pub init: OffsetInit,
 }
 
 /// The second phase.
@@ -90,10 +35,6 @@ pub struct JointConfig {
     pub final_factor: f64,
     /// Part of the steps after which they begin to decay, in 0..1.
     pub decay_start: f64,
-    /// Gaussians whose blending weight (sum over pixels) per training view that shows them is less than this part of the
-    /// mean of their kind (an object's group, or the background), and whose centre is in the frame of one, are removed
-    /// before the phase; 0 = none.
-    pub prune_weight: f64,
     /// Opacity below which Gaussians are removed at the end; 0 = none.
     pub prune_opacity: f64,
 }
@@ -188,29 +129,6 @@ impl TrainConfig {
             strategy: Strategy::None,
             sh_every: 0,
             ..self.clone()
-        }
-    }
-
-    /// How templates are made.
-    pub fn template_options(&self) -> TemplateOptions {
-        let (template, offsets) = (&self.template, &self.offsets);
-        TemplateOptions {
-            source: template.source,
-            sampling: template.sampling,
-            keep: template.keep,
-            offsets: offsets.init,
-            kinds: OffsetKinds {
-                position: offsets.position,
-                sh_dc: offsets.sh_dc,
-                opacity: offsets.opacity,
-                sh_rest: offsets.sh_rest,
-                covariance: offsets.covariance,
-            },
-            count_factor: template.count_factor,
-            settle_rounds: template.settle_rounds,
-            // What the user has as a group is one.
-            worst_match: self.groups.is_empty().then_some(HOPELESS_MATCH),
-            seed: self.seed,
         }
     }
 

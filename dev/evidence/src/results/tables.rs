@@ -2,8 +2,8 @@
 
 use super::sheet::{Cell, Sheet};
 use super::{Part, SceneResult};
-use crate::bench::comparison::{Row, SeedResult, names};
-use crate::math::statistics::median;
+use crate::protocol::{Row, SeedResult, names};
+use instgs_vk::math::statistics::median;
 
 /// Rows of a table of methods, in order.
 const METHODS: [&str; 12] = [
@@ -434,8 +434,8 @@ fn published() -> Sheet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::evidence::{Ablation, Segmentation};
-    use crate::scene::RepeatedBytes;
+    use crate::results::{Ablation, Segmentation};
+    use instgs_vk::scene::RepeatedBytes;
 
     /// Ours 30 dB plus `more`, all others 29 dB.
     fn scene(name: &str, part: Part, more: &[f64]) -> SceneResult {

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::io::read_bytes;
-use crate::synth::dataset::{ObjectCount, RECIPES};
+use instgs_io::read_bytes;
+use instgs_synth::dataset::{ObjectCount, RECIPES};
 
 /// Why a list cannot be used; one line for the user.
 #[derive(Debug, thiserror::Error)]
@@ -326,7 +326,7 @@ name = "none"
 
     #[test]
     fn the_repository_s_own_lists_are_whole() -> Test {
-        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("configs");
+        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs");
         let list = SceneList::read(&configs.join("rescene.toml"))?;
         let jobs = list.jobs(&configs, list.size("ci")?);
         let counts = |job: &&SceneJob| matches!(job.part, Part::Scene | Part::Failure);

@@ -2,62 +2,66 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::args::create_folder;
-use crate::cli::error::CliError;
-use crate::cli::train::{Session, train_job};
-use crate::io::json::read_json;
-use crate::io::{IoError, RunFolder};
-use crate::pipeline::makes_scene;
-use crate::report::RunReport;
-use crate::train::TrainJob;
-use crate::train::config::TrainConfig;
+use instgs_cli::training::{Session, train_job};
+use instgs_console::CliError;
+use instgs_console::args::create_folder;
+use instgs_io::json::read_json;
+use instgs_io::{IoError, RunFolder};
+use instgs_objects::pipeline::config::RunConfig;
+use instgs_objects::pipeline::{PipelineJob, makes_scene};
+use instgs_report::RunReport;
 
 /// What one seed's runs share.
-pub(in crate::cli) struct Runs<'a> {
-    pub(in crate::cli) session: &'a Session<'a>,
+pub(crate) struct Runs<'a> {
+    pub(crate) session: &'a Session<'a>,
     /// Dataset folder.
-    pub(in crate::cli) data: &'a Path,
+    pub(crate) data: &'a Path,
     /// Folder that holds the run folders.
-    pub(in crate::cli) out: PathBuf,
+    pub(crate) out: PathBuf,
     /// Of the instanced run.
-    pub(in crate::cli) config: TrainConfig,
+    pub(crate) config: RunConfig,
 }
 
 impl Runs<'_> {
     /// The folder of a run.
-    pub(in crate::cli) fn folder(&self, name: &str) -> RunFolder {
+    pub(crate) fn folder(&self, name: &str) -> RunFolder {
         RunFolder::new(self.out.join(name))
     }
 
     /// Trains in a folder of its own, or goes on with what is there.
-    pub(in crate::cli) fn train(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
+    pub(crate) fn train(&self, name: &str, config: RunConfig) -> Result<RunReport, CliError> {
         let folder = self.folder(name);
         if let Ok(done) = read_json::<RunReport>(&folder.report())
             && done.config == config
         {
             return Ok(done);
         }
-        train_job(self.session, &TrainJob { data: self.data.into(), out: folder.path().into(), config, resume: true })
+        train_job(
+            self.session,
+            &PipelineJob { data: self.data.into(), out: folder.path().into(), config, resume: true },
+        )
     }
 
     /// The plain cloud of the instanced run, trained on for `more` steps, and ended as the joint phase is.
-    pub(in crate::cli) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
+    pub(crate) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
         let (from, to) = (self.folder("instgs").plain_cloud_run(), self.folder(name));
         if !to.config().exists() {
             copy_run(&from, &to)?;
         }
-        let steps = self.config.steps + more;
-        self.train(name, TrainConfig { steps, ..self.config.cloud_alone() })
+        let mut config = self.config.cloud_alone();
+        config.train.steps = self.config.train.steps + more;
+        self.train(name, config)
     }
 
     /// An instanced run of other settings that starts from the same plain cloud.
-    pub(in crate::cli) fn variant(&self, name: &str, config: TrainConfig) -> Result<RunReport, CliError> {
+    pub(crate) fn variant(&self, name: &str, config: RunConfig) -> Result<RunReport, CliError> {
         let (from, to) = (self.folder("instgs").plain_cloud_run(), self.folder(name).plain_cloud_run());
         to.create()?;
         copy_file(&from.point_cloud(), &to.point_cloud())?;
         copy_file(&from.events(), &to.events())?;
-        // Last: with it the cloud counts as trained.
         copy_file(&from.report(), &to.report())?;
+        // Last: with it the cloud counts as trained.
+        copy_file(&from.facts(), &to.facts())?;
         self.train(name, config)
     }
 }
@@ -66,7 +70,7 @@ impl Runs<'_> {
 fn copy_run(from: &RunFolder, to: &RunFolder) -> Result<(), CliError> {
     let checkpoints = from.checkpoints();
     create_folder(&to.checkpoints())?;
-    let newest = crate::io::checkpoint::latest(&checkpoints)?.found;
+    let newest = instgs_io::checkpoint::latest(&checkpoints)?.found;
     let newest = newest.as_ref().and_then(|(path, _)| Some((path, path.file_name()?)));
     let (path, name) = newest.ok_or_else(|| IoError::new(&checkpoints, "has no checkpoint to go on from"))?;
     copy_file(path, &to.checkpoints().join(name))?;
@@ -81,6 +85,6 @@ fn copy_file(from: &Path, to: &Path) -> Result<(), CliError> {
 }
 
 /// Seconds of training, of making masks, and of what stands between the phases.
-pub(in crate::cli) fn work_seconds(report: &RunReport) -> f64 {
+pub(crate) fn work_seconds(report: &RunReport) -> f64 {
     report.stages.iter().filter(|stage| makes_scene(stage)).map(|stage| stage.seconds).sum()
 }

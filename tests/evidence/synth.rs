@@ -1,12 +1,12 @@
 //! `instgs-vk synth` as a user runs it, read back with the library's readers.
 
-use crate::common::program::built;
+use crate::program::built;
 use std::fs;
 
 use assert_cmd::Command;
-use instgs_vk::io::dataset::Split;
-use instgs_vk::io::groups::read_groups;
-use instgs_vk::io::{load_view, read_points, read_views};
+use instgs_io::dataset::Split;
+use instgs_io::groups::read_groups;
+use instgs_io::{load_view, read_points, read_views};
 use serde_json::Value;
 
 fn synth(args: &[&str]) -> Command {

@@ -9,7 +9,7 @@ pub mod tables;
 
 use serde::{Deserialize, Serialize};
 
-use super::comparison::{Row, SeedResult};
+use crate::protocol::{Row, SeedResult};
 
 pub use scene_list::{ListError, Part, SceneJob, SceneList};
 pub use sheet::{Cell, Sheet};

@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::eval::{EvalError, Evaluated, Lpips, PairError, PicturePair, evaluate, psnr};
-use crate::gpu::Gpu;
-use crate::io::{IoError, MaskFolder, View, load_scene};
-use crate::render::{RenderError, RenderOptions, Renderer};
-use crate::scene::RepeatedBytes;
+use instgs_eval::{EvalError, Evaluated, Lpips, PairError, PicturePair, evaluate, psnr};
+use instgs_io::{IoError, MaskFolder, View, load_scene};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::{RenderError, RenderOptions, Renderer};
+use instgs_vk::scene::RepeatedBytes;
 
 /// Names of the rows of a comparison.
 pub mod names {

@@ -1,28 +1,19 @@
-//! `instgs-vk compare`: trains an instanced scene and the plain clouds that it must be measured against, and measures.
+//! `instgs-vk compare`: an instanced scene beside the plain clouds that it must be measured against.
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
-mod runs;
-mod seed;
-mod summary;
-mod timing;
-
-pub(super) use self::runs::{Runs, work_seconds};
-use self::seed::compare_seed;
-use self::summary::{markdown, print_summary, summary};
-use super::args::create_folder;
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
-use super::printer::Printer;
-use super::train::{MaskArgs, Session, absolute};
-use crate::bench::comparison::SeedResult;
-use crate::eval::{Evaluated, Lpips};
-use crate::io::{Dataset, IoError, Split, View, read_views};
-use crate::train::config::{ConfigBuilder, Method, TrainConfig};
-use crate::train::interrupt::Interrupt;
-use crate::train::leave_out_masked;
+use super::comparison::{Comparison, Rival, compare};
+use instgs_cli::mask_args::MaskArgs;
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::absolute;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_objects::pipeline::config::ConfigBuilder;
+use instgs_train::config::Method;
+use instgs_train::interrupt::Interrupt;
 
 /// Compares an instanced scene with plain clouds that had as much time, or may have as many bytes.
 ///
@@ -74,51 +65,9 @@ pub(super) struct CompareArgs {
     pub(super) json: bool,
 }
 
-/// What is measured beside the instanced scene, its start, and the cloud that had the same time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum Rival {
-    /// A plain cloud whose .ply is not larger than the instanced scene packed as f16
-    SameBytes,
-    /// A plain cloud of as many steps as the cloud that had the same time, trained in one piece
-    AtOnce,
-    /// The same by 3DGS-MCMC
-    Mcmc,
-    /// The cloud that had the same time as .spz: every Gaussian quantised for itself
-    Spz,
-    /// The same as .instgs, packed as small
-    Small,
-    /// Templates and poses without offsets
-    Rigid,
-}
-
-impl Rival {
-    /// In the order of the tables.
-    pub(super) const ALL: [Self; 6] = [Self::AtOnce, Self::Mcmc, Self::SameBytes, Self::Spz, Self::Small, Self::Rigid];
-}
-
-/// What is compared.
-pub(super) struct Comparison {
-    /// Dataset folder.
-    pub(super) data: PathBuf,
-    /// Folder for runs and results.
-    pub(super) out: PathBuf,
-    /// Of the instanced runs, the seed apart.
-    pub(super) config: TrainConfig,
-    /// One comparison each.
-    pub(super) seeds: Vec<u64>,
-    /// Timed frames; 0 = none.
-    pub(super) frames: u32,
-    /// Steps that the plain cloud is trained on; `None` = by the clock.
-    pub(super) more_steps: Option<u64>,
-    /// What else is measured.
-    pub(super) rivals: Vec<Rival>,
-    /// The network of LPIPS.
-    pub(super) lpips: Option<Lpips>,
-}
-
 pub(super) fn run(args: &CompareArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let comparison = args.comparison()?;
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
     let results = compare(&session, &comparison, &mut |_, _| ())?;
@@ -140,10 +89,11 @@ impl CompareArgs {
         for &seed in &self.seeds {
             builder = builder.flag("--seeds", "seed", as_i64(seed)?)?;
         }
-        let config = TrainConfig { method: Method::Instanced, seed: 0, ..builder.finish()? };
-        if !config.init_scene.is_empty() {
+        let mut config = builder.finish()?;
+        (config.train.method, config.train.seed) = (Method::Instanced, 0);
+        if config.train.init_scene.is_some() {
             let what = "compare trains its own plain cloud, of which it knows the time: leave out init_scene";
-            return Err(CliError::Other(what.into()));
+            return Err(CliError::msg(what));
         }
         Ok(Comparison {
             data: self.data.clone(),
@@ -159,63 +109,7 @@ impl CompareArgs {
 }
 
 fn as_i64(seed: u64) -> Result<i64, CliError> {
-    i64::try_from(seed).map_err(|_| CliError::Other(format!("--seeds: {seed} is too large")))
-}
-
-/// Trains and measures for every seed; writes compare.json and compare.md and prints the table. `on_picture` gets the rows'
-/// name and each test view of the first seed.
-pub(super) fn compare(
-    session: &Session<'_>,
-    comparison: &Comparison,
-    on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
-) -> Result<Vec<SeedResult>, CliError> {
-    let views = test_views(session, comparison)?;
-    create_folder(&comparison.out)?;
-    keep_config(comparison)?;
-    let mut results = Vec::new();
-    for (i, &seed) in comparison.seeds.iter().enumerate() {
-        let mut first_only = |name: &str, view: &Evaluated<'_>| {
-            if i == 0 {
-                on_picture(name, view);
-            }
-        };
-        results.push(compare_seed(session, (comparison, &views), seed, &mut first_only)?);
-        session.printer.json_file(&comparison.out.join("compare.json"), &results)?;
-    }
-    let table = summary(&results);
-    let markdown = markdown(&table);
-    crate::io::atomic_write(&comparison.out.join("compare.md"), |out| out.write_all(markdown.as_bytes()))?;
-    print_summary(&table, &results, session.printer);
-    Ok(results)
-}
-
-/// The views that are compared. Before anything is trained for them.
-fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View>, CliError> {
-    let mut views: Vec<View> = Dataset::split(&read_views(&comparison.data)?, Split::Test).cloned().collect();
-    let width = (comparison.config.width > 0).then_some(comparison.config.width);
-    let masked = leave_out_masked(&mut views, width)?;
-    masked.iter().for_each(|text| session.printer.warning(text));
-    if views.is_empty() {
-        let error = IoError::new(&comparison.data, "has no test views to compare");
-        return Err(error.advise("add a test split, or photos: every eighth of more than eight is one").into());
-    }
-    Ok(views)
-}
-
-/// Writes down what is compared; refuses a folder with runs of something else, which would be taken for results of this.
-fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
-    let path = comparison.out.join("config.toml");
-    let data = std::fs::canonicalize(&comparison.data).unwrap_or_else(|_| comparison.data.clone());
-    let more = comparison.more_steps.map_or("by the clock".into(), |steps| steps.to_string());
-    let text = format!("# data: {}\n# more steps: {more}\n{}", data.display(), comparison.config.to_toml()?);
-    match std::fs::read(&path) {
-        Ok(there) if there != text.as_bytes() => {
-            let error = IoError::new(&path, "is of another comparison");
-            Err(error.advise("repeat it with the same configuration, or choose another --out").into())
-        }
-        Ok(_) => Ok(()),
-        Err(_) => Ok(crate::io::atomic_write(&path, |out| out.write_all(text.as_bytes()))?),
-    }
+    i64::try_from(seed).map_err(|_| CliError::msg(format!("--seeds: {seed} is too large")))
 }
 
 #[cfg(test)]
@@ -223,6 +117,7 @@ mod tests {
     use clap::Parser;
 
     use super::*;
+    use crate::comparison::keep_config;
 
     #[derive(Parser)]
     struct Line {
@@ -258,10 +153,11 @@ mod tests {
             let words = format!("x --data d --out o {words}");
             Line::try_parse_from(words.split_whitespace()).map(|line| line.compare.comparison())
         };
-        let boxes = comparison("--boxes /b.json --groups /g.json")??.config;
-        assert_eq!([boxes.boxes, boxes.groups, boxes.masks], ["/b.json", "/g.json", ""]);
-        let words = comparison("--prompt car. --models /n")??.config;
-        assert_eq!([words.prompt, words.models, words.boxes], ["car.", "/n", ""]);
+        let boxes = comparison("--boxes /b.json --groups /g.json")??.config.pipeline;
+        let path = |path: &str| Some(PathBuf::from(path));
+        assert_eq!([boxes.boxes, boxes.groups, boxes.masks], [path("/b.json"), path("/g.json"), None]);
+        let words = comparison("--prompt car. --models /n")??.config.pipeline;
+        assert_eq!((words.prompt.as_deref(), words.models, words.boxes), (Some("car."), path("/n"), None));
         assert!(comparison("--boxes b.json --masks m").is_err());
         Ok(())
     }

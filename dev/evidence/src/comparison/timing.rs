@@ -1,19 +1,19 @@
 //! Frame rates of two scenes, frame by frame in turn.
 
 use super::Runs;
-use crate::bench::comparison::SeedResult;
-use crate::bench::{self, Subject};
-use crate::cli::bench::print_report;
-use crate::cli::error::CliError;
-use crate::io::load_scene;
-use crate::scene::Camera;
-use crate::train::eval_options;
+use crate::protocol::SeedResult;
+use instgs_cli::bench_report::print_report;
+use instgs_console::CliError;
+use instgs_eval::bench::{self, Subject};
+use instgs_io::load_scene;
+use instgs_train::eval_options;
+use instgs_vk::scene::Camera;
 
 /// Frame rates of the instanced scene and the cloud that had the same time, frame by frame in turn.
 pub(super) fn time(runs: &Runs<'_>, frames: u32, cameras: &[Camera], result: &mut SeedResult) -> Result<(), CliError> {
     let paths = [runs.folder("instgs").scene(), runs.folder("same_time").point_cloud()];
     let loaded = [load_scene(&paths[0])?, load_scene(&paths[1])?];
-    let options = eval_options(&runs.config);
+    let options = eval_options(&runs.config.train);
     let subject = |i: usize| Subject {
         name: paths[i].display().to_string(),
         scene: &loaded[i].scene,

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::absolute;
-use crate::cli::error::CliError;
-use crate::train::config::ConfigBuilder;
+use instgs_console::CliError;
+use instgs_console::args::absolute;
+use instgs_objects::pipeline::config::ConfigBuilder;
 
 /// At most one of a folder, boxes and words.
 #[derive(Args)]
-pub(in crate::cli) struct MaskArgs {
+pub struct MaskArgs {
     /// Folder with a PNG of object ids per image [default: DATA/masks]; for instgs
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
@@ -27,7 +27,7 @@ pub(in crate::cli) struct MaskArgs {
 
 impl MaskArgs {
     /// The flags, and whether each was given.
-    pub(super) fn given(&self) -> impl Iterator<Item = (&'static str, bool)> {
+    pub fn given(&self) -> impl Iterator<Item = (&'static str, bool)> {
         [
             ("--masks", self.masks.is_some()),
             ("--boxes", self.boxes.is_some()),
@@ -38,7 +38,7 @@ impl MaskArgs {
     }
 
     /// A configuration with what was given.
-    pub(in crate::cli) fn put_into(&self, mut builder: ConfigBuilder) -> Result<ConfigBuilder, CliError> {
+    pub fn put_into(&self, mut builder: ConfigBuilder) -> Result<ConfigBuilder, CliError> {
         if let Some(prompt) = &self.prompt {
             builder = builder.flag("--prompt", "prompt", prompt.as_str())?;
         }
@@ -58,6 +58,8 @@ impl MaskArgs {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
+
     use clap::Parser;
 
     use super::*;
@@ -72,13 +74,15 @@ mod tests {
     fn flags_become_values_and_exclude_each_other() -> Result<(), Box<dyn std::error::Error>> {
         let parse = |words: &str| Line::try_parse_from(format!("x {words}").split_whitespace());
         for (words, want) in [
-            ("", ["", "", "", ""]),
-            ("--masks /m", ["/m", "", "", ""]),
-            ("--boxes /b.json", ["", "/b.json", "", ""]),
-            ("--prompt car. --models /n", ["", "", "car.", "/n"]),
+            ("", [None, None, None, None]),
+            ("--masks /m", [Some("/m"), None, None, None]),
+            ("--boxes /b.json", [None, Some("/b.json"), None, None]),
+            ("--prompt car. --models /n", [None, None, Some("car."), Some("/n")]),
         ] {
-            let config = parse(words)?.masks.put_into(ConfigBuilder::new())?.finish()?;
-            assert_eq!([config.masks, config.boxes, config.prompt, config.models], want, "{words}");
+            let config = parse(words)?.masks.put_into(ConfigBuilder::new())?.finish()?.pipeline;
+            let [masks, boxes, models] =
+                [&config.masks, &config.boxes, &config.models].map(|path| path.as_deref().and_then(Path::to_str));
+            assert_eq!([masks, boxes, config.prompt.as_deref(), models], want, "{words}");
         }
         for both in ["--boxes b --masks m", "--boxes b --prompt car.", "--masks m --prompt car."] {
             assert!(parse(both).is_err(), "{both}");

@@ -4,22 +4,19 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-mod instanced;
-mod mask_args;
-mod phase;
-
-pub(super) use self::mask_args::MaskArgs;
-use self::phase::run_phase;
-pub(super) use self::phase::{Session, counts};
-use super::device::{self, DeviceArgs};
-use super::error::CliError;
-use super::printer::Printer;
-use super::table::{Table, grouped};
-use crate::io::{IoError, RunFolder};
-use crate::report::RunReport;
-use crate::train::TrainJob;
-use crate::train::config::{ConfigBuilder, Method, TrainConfig};
-use crate::train::interrupt::Interrupt;
+use super::mask_args::MaskArgs;
+use super::training::{Session, train_job};
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_console::args::absolute;
+use instgs_console::device::{self, DeviceArgs};
+use instgs_console::table::{Table, grouped};
+use instgs_io::{IoError, RunFolder};
+use instgs_objects::pipeline::PipelineJob;
+use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
+use instgs_report::RunReport;
+use instgs_train::config::Method;
+use instgs_train::interrupt::Interrupt;
 
 /// Trains a scene of Gaussians from photos with known cameras.
 ///
@@ -90,7 +87,7 @@ pub(super) struct TrainArgs {
 }
 
 impl TrainArgs {
-    fn resolved(&self) -> Result<TrainConfig, CliError> {
+    fn resolved(&self) -> Result<RunConfig, CliError> {
         let own = RunFolder::new(&self.out).config();
         let mut builder = ConfigBuilder::new();
         if self.resume && own.is_file() {
@@ -122,13 +119,12 @@ impl TrainArgs {
         ];
         for (flag, key, value) in numbers {
             if let Some(value) = value {
-                let value =
-                    i64::try_from(value).map_err(|_| CliError::Other(format!("{flag}: {value} is too large")))?;
+                let value = i64::try_from(value).map_err(|_| CliError::msg(format!("{flag}: {value} is too large")))?;
                 builder = builder.flag(flag, key, value)?;
             }
         }
         let config = builder.finish()?;
-        self.check_method(config.method)?;
+        self.check_method(config.train.method)?;
         Ok(config)
     }
 
@@ -137,7 +133,7 @@ impl TrainArgs {
         let of_groups = [("--groups", self.groups.is_some()), ("--joint-steps", self.joint_steps.is_some())];
         let given = self.masks.given().chain(of_groups).find(|(_, given)| *given);
         match (method, given) {
-            (Method::Gaussians, Some((flag, _))) => Err(CliError::Other(format!(
+            (Method::Gaussians, Some((flag, _))) => Err(CliError::msg(format!(
                 "{flag} is for templates and instances, and this run trains a plain cloud; add --method instgs, or a \
                  preset that has it (--config instgs_quick)"
             ))),
@@ -155,38 +151,20 @@ impl TrainArgs {
     }
 }
 
-/// A path as the configuration keeps it: valid in whatever folder the run is resumed.
-pub(super) fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
-    let fail = |what: String| CliError::Other(format!("{flag}: {what}"));
-    let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
-    absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
-}
-
 pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let config = args.resolved()?;
     args.check_folder()?;
     // Before anything is made: a folder without cameras should not leave an empty run.
-    crate::io::read_views(&args.data)?;
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::Other(e.to_string()))?;
+    instgs_io::read_views(&args.data)?;
+    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
-    let job = TrainJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
+    let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
     let report = train_job(&Session { gpu: &gpu, interrupt: &interrupt, printer }, &job)?;
     if args.json {
         return printer.json(&report);
     }
     print_report(&report, &args.out, printer);
     Ok(())
-}
-
-/// Trains by the job's method, all phases; the run folder has everything afterwards.
-///
-/// # Errors
-/// What is wrong with the input, the device, or that it was interrupted.
-pub(super) fn train_job(session: &Session<'_>, job: &TrainJob) -> Result<RunReport, CliError> {
-    match job.config.method {
-        Method::Gaussians => run_phase(session, &job.out, job, |_| ()),
-        Method::Instanced => instanced::run(session, job),
-    }
 }
 
 fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
@@ -230,7 +208,7 @@ mod tests {
         args: TrainArgs,
     }
 
-    fn resolved(out: &Path, more: &[&str]) -> Result<TrainConfig, Box<dyn std::error::Error>> {
+    fn resolved(out: &Path, more: &[&str]) -> Result<RunConfig, Box<dyn std::error::Error>> {
         let out = out.display().to_string();
         let line = [&["train", "--data", "d", "--out", &out], more].concat();
         Ok(Line::try_parse_from(line)?.args.resolved()?)
@@ -242,11 +220,11 @@ mod tests {
         let here = std::env::current_dir()?;
         let config = resolved(folder.path(), &["--init", "a/../b.ply", "--set", "init_scene=c.ply"])?;
         // The flag is above --set; links are left as they are.
-        assert_eq!(Path::new(&config.init_scene), here.join("a/../b.ply"));
+        assert_eq!(config.train.init_scene, Some(here.join("a/../b.ply")));
         std::fs::write(RunFolder::new(folder.path()).config(), config.to_toml()?)?;
-        assert_eq!(resolved(folder.path(), &["--resume"])?.init_scene, config.init_scene);
-        assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.init_scene, "/x.ply");
-        assert_eq!(resolved(folder.path(), &[])?.init_scene, "");
+        assert_eq!(resolved(folder.path(), &["--resume"])?.train.init_scene, config.train.init_scene);
+        assert_eq!(resolved(folder.path(), &["--resume", "--init", "/x.ply"])?.train.init_scene, Some("/x.ply".into()));
+        assert_eq!(resolved(folder.path(), &[])?.train.init_scene, None);
         Ok(())
     }
 

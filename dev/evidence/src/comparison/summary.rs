@@ -1,9 +1,9 @@
 //! What a comparison says: medians over the seeds as a table, and what stands below it.
 
-use crate::bench::comparison::{Row, SeedResult, names};
-use crate::cli::printer::Printer;
-use crate::cli::table::{Table, grouped};
-use crate::math::statistics::median;
+use crate::protocol::{Row, SeedResult, names};
+use instgs_console::Printer;
+use instgs_console::table::{Table, grouped};
+use instgs_vk::math::statistics::median;
 
 /// Medians over the seeds, row by row: name, PSNR, in masks, SSIM, seconds, file bytes, host bytes, Gaussians.
 pub(super) fn summary(results: &[SeedResult]) -> Vec<[String; 9]> {

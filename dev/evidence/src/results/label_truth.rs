@@ -4,12 +4,12 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use crate::io::ktx2::read_ktx2;
-use crate::io::{IoError, MaskFolder, View};
-use crate::math::nearest::PointSet;
-use crate::pipeline::CloudLabels;
-use crate::segment::accuracy::{in_ids_of, mean_accuracy};
-use crate::synth::dataset::frame::Lens;
+use instgs_io::ktx2::read_ktx2;
+use instgs_io::{IoError, MaskFolder, View};
+use instgs_objects::pipeline::CloudLabels;
+use instgs_objects::segment::accuracy::{in_ids_of, mean_accuracy};
+use instgs_synth::dataset::frame::Lens;
+use instgs_vk::math::nearest::PointSet;
 
 /// Every how many pixels of a depth image a point is taken, in both directions: neighbours show the same object.
 const STRIDE: usize = 2;

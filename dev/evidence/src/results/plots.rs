@@ -2,9 +2,9 @@
 
 use super::tables::{frame_ratio, gain, psnr};
 use super::{Part, SceneResult};
-use crate::bench::comparison::{SeedResult, names};
-use crate::report::chart::{Chart, Look, Series};
-use crate::scene::RepeatedBytes;
+use crate::protocol::{SeedResult, names};
+use instgs_report::chart::{Chart, Look, Series};
+use instgs_vk::scene::RepeatedBytes;
 
 /// Width of the longest bar, characters.
 const BAR: f64 = 24.0;
@@ -94,7 +94,7 @@ pub fn bars(scenes: &[SceneResult]) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::comparison::Row;
+    use crate::protocol::Row;
 
     fn scene(name: &str, instances: u64, above: f64) -> SceneResult {
         let row = |name: &str, psnr| Row { name: name.into(), psnr, ..Row::default() };

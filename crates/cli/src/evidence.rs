@@ -1,0 +1,77 @@
+//! The subcommands of the program `instgs-evidence`, which stands beside this one: data sets with known truth, and how instanced
+//! scenes compare with plain ones. They are apart because a user's program needs neither a ray tracer nor tables of evidence.
+
+use std::env::consts::EXE_SUFFIX;
+use std::ffi::OsString;
+use std::process::{Command, ExitCode};
+
+use instgs_console::CliError;
+
+/// What `--help` says of them.
+pub(crate) const HELP: &str = "\
+Commands of the program instgs-evidence, which these call (each has --help):
+  demo      All of it on photos of eight cars, made here: trains, compares, draws
+  synth     Makes a ray-traced data set with known poses, masks and depths
+  compare   Trains an instanced scene and 3DGS of the same time and bytes, and compares them
+  tables    The comparison for a list of scenes, with rivals, ablations and plots";
+
+/// Their names.
+const COMMANDS: [&str; 4] = ["demo", "synth", "compare", "tables"];
+
+/// Runs the program `instgs-evidence` with the same arguments if the subcommand is one of its own; `None` if it is not.
+pub(crate) fn run_if_asked(args: impl Iterator<Item = OsString>) -> Option<Result<ExitCode, CliError>> {
+    let args: Vec<OsString> = args.collect();
+    let name = subcommand(&args)?;
+    COMMANDS.contains(&name).then(|| run(&args, name))
+}
+
+/// The first argument that is neither a flag nor the value of `--device`, the one flag that may stand before a subcommand.
+fn subcommand(args: &[OsString]) -> Option<&str> {
+    let mut args = args.iter();
+    while let Some(arg) = args.next() {
+        match arg.to_str()? {
+            "--device" => args.next(),
+            flag if flag.starts_with('-') => None,
+            name => return Some(name),
+        };
+    }
+    None
+}
+
+fn run(args: &[OsString], name: &str) -> Result<ExitCode, CliError> {
+    let program = std::env::current_exe()?.with_file_name(format!("instgs-evidence{EXE_SUFFIX}"));
+    if !program.is_file() {
+        let place = program.display();
+        return Err(CliError::msg(format!(
+            "{name} is a command of instgs-evidence, which is not there ({place}): cargo build --release makes it"
+        )));
+    }
+    let mut command = Command::new(&program);
+    command.args(args);
+    // In the place of this process, so that signals reach it.
+    #[cfg(unix)]
+    return Err(std::os::unix::process::CommandExt::exec(&mut command).into());
+    #[cfg(not(unix))]
+    {
+        let code = command.status()?.code().and_then(|code| u8::try_from(code).ok());
+        Ok(ExitCode::from(code.unwrap_or(instgs_console::FAILURE)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_subcommand_is_found_behind_flags() {
+        let of = |words: &str| {
+            let args: Vec<OsString> = words.split_whitespace().map(OsString::from).collect();
+            subcommand(&args).map(str::to_string)
+        };
+        assert_eq!(of("demo --out x").as_deref(), Some("demo"));
+        assert_eq!(of("--device llvm synth cars").as_deref(), Some("synth"));
+        assert_eq!(of("--device=0 tables a").as_deref(), Some("tables"));
+        assert_eq!(of("train --out demo").as_deref(), Some("train"));
+        assert_eq!((of("--version"), of("")), (None, None));
+    }
+}

@@ -1,0 +1,167 @@
+//! Trains by a job with everything that a user of the command line sees of it: what is printed, and the reports. For all
+//! commands that train.
+
+use std::sync::Arc;
+
+use super::progress_lines::{LabelLines, NamingLines, group_lines, warn_of_names};
+use instgs_console::CliError;
+use instgs_console::device;
+use instgs_console::table::grouped;
+use instgs_console::{Printer, Progress};
+use instgs_io::IoError;
+use instgs_objects::pipeline::{Message, Observer, Phase, Pipeline, PipelineJob, Prepared, Stage};
+use instgs_report::{ReportError, ReportWriter, RunReport};
+use instgs_train::TrainMessage;
+use instgs_train::events::Event;
+use instgs_train::interrupt::Interrupt;
+use instgs_vk::gpu::Gpu;
+
+/// What all runs of a command share.
+pub struct Session<'a> {
+    /// The device that everything runs on.
+    pub gpu: &'a Arc<Gpu>,
+    /// Ctrl-C.
+    pub interrupt: &'a Interrupt,
+    /// Where progress and warnings go.
+    pub printer: &'a Printer,
+}
+
+/// Trains by the job's method, all phases; the run folder has everything afterwards.
+///
+/// # Errors
+/// What is wrong with the input, the device, or that it was interrupted.
+pub fn train_job(session: &Session<'_>, job: &PipelineJob) -> Result<RunReport, CliError> {
+    let mut watcher = Watcher {
+        session,
+        job,
+        training: TrainProgress { printer: session.printer, bar: None },
+        naming: NamingLines::new(session.printer),
+        labels: LabelLines::new(session.printer),
+        report: ReportWriter::new(),
+    };
+    let finished = Pipeline { gpu: session.gpu, interrupt: session.interrupt }.run(job, &mut watcher)?;
+    device::check_validation(session.gpu)?;
+    let mut report = watcher.report;
+    if finished.objects.is_some()
+        && let Err(error) = report.draw_trained_templates(session.gpu, job)
+    {
+        warn_of_pictures(session.printer, &error);
+    }
+    Ok(report.finish(job, finished)?)
+}
+
+/// Prints, and keeps what the report needs.
+struct Watcher<'a> {
+    session: &'a Session<'a>,
+    job: &'a PipelineJob,
+    training: TrainProgress<'a>,
+    naming: NamingLines<'a>,
+    labels: LabelLines<'a>,
+    report: ReportWriter,
+}
+
+impl Observer for Watcher<'_> {
+    fn notify(&mut self, message: Message<'_>) -> Result<(), IoError> {
+        self.report.observe(&message)?;
+        let printer = self.session.printer;
+        match message {
+            Message::PhaseStarted(phase) => printer.line(match phase {
+                Phase::PlainCloud => "1 of 3: a plain cloud of Gaussians",
+                Phase::Objects => "2 of 3: which Gaussian belongs to which object, and one template per group",
+                Phase::Joint => "3 of 3: templates, offsets, background and poses together",
+            }),
+            Message::Warning(text) => printer.warning(text),
+            Message::ViewMasked { name, found, views } => self.naming.at(name, found, views),
+            Message::NamesFound(found) => {
+                self.naming.end();
+                warn_of_names(found, printer);
+            }
+            Message::Labelling(at) => self.labels.at(at),
+            Message::Prepared(prepared) => self.prepared(prepared),
+            Message::Training { message, .. } => self.training.tell(message),
+            Message::Trained { .. } => self.training.bar = None,
+            // The labels go on with what the consensus counted.
+            Message::StageStarted(Stage::Segment) | Message::StageFinished(_) => {}
+            Message::StageStarted(_) => self.labels.end(),
+        }
+        Ok(())
+    }
+}
+
+impl Watcher<'_> {
+    /// Says what became of the groups, and draws it. A run is worth more than its pictures: if they cannot be made it goes on.
+    fn prepared(&mut self, prepared: &Prepared) {
+        let (printer, folder) = (self.session.printer, self.job.folder());
+        group_lines(&prepared.groups, printer);
+        match self.report.draw_stages(self.session.gpu, self.job, prepared) {
+            Ok(()) => {
+                let folder = folder.stage_pictures();
+                printer.line(format_args!("pictures of masks, objects, poses and templates: {}", folder.display()));
+            }
+            Err(error) => warn_of_pictures(printer, &error),
+        }
+        match self.report.review(self.job) {
+            Ok(()) => {
+                printer.line(format_args!("masks and objects of every view: {}", folder.review().display()));
+            }
+            Err(error) => printer.warning(format_args!("the sheet of masks is missing: {error}")),
+        }
+    }
+}
+
+fn warn_of_pictures(printer: &Printer, error: &ReportError) {
+    printer.warning(format_args!("pictures of the stages are missing: {error}"));
+}
+
+/// Progress for people: a bar with loss, PSNR, Gaussians and speed, and lines for what happens between steps.
+struct TrainProgress<'a> {
+    printer: &'a Printer,
+    bar: Option<Progress>,
+}
+
+impl TrainProgress<'_> {
+    fn tell(&mut self, message: TrainMessage<'_>) {
+        match message {
+            TrainMessage::Warning(text) => self.printer.warning(text),
+            TrainMessage::Rewound { step } => {
+                self.printer.line(format_args!("going on from step {step}; what came after it is done again"));
+            }
+            TrainMessage::Event(event) => self.event(event),
+            TrainMessage::TestView(_) => {}
+        }
+    }
+
+    fn event(&mut self, event: &Event) {
+        match event {
+            Event::Started { step, steps, gaussians, views, test_views, device, .. } => {
+                let (gaussians, printer) = (grouped(*gaussians), self.printer);
+                printer.line(format_args!(
+                    "{device}: {gaussians} Gaussians, {views} training and {test_views} test views"
+                ));
+                let mut bar = printer.progress("train", *steps);
+                bar.advance_to(*step, "");
+                self.bar = Some(bar);
+            }
+            Event::Step { step, loss, psnr, gaussians, steps_per_second, .. } => {
+                let text = format!(
+                    "loss {loss:.4}, PSNR {psnr:.2}, {} Gaussians, {steps_per_second:.2} steps/s",
+                    grouped(*gaussians)
+                );
+                if let Some(bar) = &mut self.bar {
+                    bar.advance_to(*step, text);
+                }
+            }
+            Event::Evaluated { step, psnr, ssim, .. } => {
+                self.printer.line(format_args!("step {step}: test PSNR {psnr:.2} dB, SSIM {ssim:.3}"));
+            }
+            Event::DeviceFull { step, gaussians } => {
+                let gaussians = grouped(*gaussians);
+                self.printer.line(format_args!(
+                    "step {step}: {gaussians} Gaussians, as many as a binding of this device has room for: no more are added \
+                     (max_gaussians allows more)"
+                ));
+            }
+            _ => {}
+        }
+    }
+}

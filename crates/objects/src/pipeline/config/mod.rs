@@ -1,0 +1,267 @@
+//! The configuration of a whole run: the trainer's keys ([`TrainConfig`]) and those of the pipeline ([`PipelineConfig`]), in one
+//! file. What a key may be is in [`keys`] and [`instgs_train::config::keys`], what it is for in `configs/default.toml` and
+//! `configs/instgs.toml`.
+
+pub mod keys;
+
+use std::path::PathBuf;
+
+use serde::de::Error as _;
+use serde::ser::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use toml::{Table, Value};
+
+use crate::template::{HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
+use instgs_detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
+use instgs_train::config::keys::Key;
+use instgs_train::config::{
+    ConfigError, Configuration, Layers, PRESETS as TRAINER_PRESETS, TrainConfig, differences, empty_is_none, to_toml,
+};
+
+/// Name and text of each preset that `--config` knows; the first two hold the defaults.
+pub const PRESETS: [(&str, &str); 6] = [
+    TRAINER_PRESETS[0],
+    ("instgs", include_str!("../../../../../configs/instgs.toml")),
+    TRAINER_PRESETS[1],
+    TRAINER_PRESETS[2],
+    TRAINER_PRESETS[3],
+    ("instgs_quick", include_str!("../../../../../configs/instgs_quick.toml")),
+];
+
+/// Puts together the configuration of a whole run.
+pub type ConfigBuilder = Layers<RunConfig>;
+
+/// Everything that decides the outcome of a run, apart from the data and the device. In files the keys of both parts stand
+/// beside each other.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunConfig {
+    /// What training goes by, both phases.
+    pub train: TrainConfig,
+    /// What happens between the phases goes by.
+    pub pipeline: PipelineConfig,
+}
+
+/// What leads from photos and a plain cloud to templates and instances.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PipelineConfig {
+    /// `groups.json`; without it the objects of the masks are registered.
+    #[serde(with = "empty_is_none")]
+    pub groups: Option<PathBuf>,
+    /// Folder of masks; without it, and without `boxes` and `prompt`, the data set's. At most one of the three.
+    #[serde(with = "empty_is_none")]
+    pub masks: Option<PathBuf>,
+    /// `boxes.json`: masks are made from these boxes and the plain cloud.
+    #[serde(with = "empty_is_none")]
+    pub boxes: Option<PathBuf>,
+    /// What to look for in the photos, phrases that end in full stops: masks are made by models.
+    #[serde(with = "empty_is_none")]
+    pub prompt: Option<String>,
+    /// Folder of the models that `prompt` needs.
+    #[serde(with = "empty_is_none")]
+    pub models: Option<PathBuf>,
+    /// How `prompt` is looked for.
+    pub detect: DetectConfig,
+    /// Which Gaussian belongs to which object.
+    pub segment: SegmentConfig,
+    /// How templates are made.
+    pub template: TemplateConfig,
+    /// What the offsets of instances start from.
+    pub offsets: OffsetStart,
+    /// What is left out of the joint phase.
+    pub joint: JointStart,
+}
+
+/// How things are found by name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DetectConfig {
+    /// A box counts if its best token scores more.
+    pub box_threshold: f64,
+    /// A box is of a phrase if one of its tokens scores more.
+    pub text_threshold: f64,
+    /// Of two boxes or masks that overlap by more than this, the one with the lower score is dropped.
+    pub overlap: f64,
+    /// What the models run on.
+    pub provider: Provider,
+}
+
+impl DetectConfig {
+    /// For the detector. The runtime library is the one that the environment names, or the system's.
+    pub fn options(&self) -> PromptOptions {
+        let &Self { box_threshold, text_threshold, overlap, provider } = self;
+        let detect = DetectOptions { box_threshold, text_threshold, overlap };
+        PromptOptions { detect, runtime: RuntimeOptions { provider, ..RuntimeOptions::default() } }
+    }
+}
+
+/// Which Gaussian belongs to which object.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SegmentConfig {
+    /// Weight of what a Gaussian adds to other pixels than the object's.
+    pub alpha: f64,
+    /// Gaussians that no view shows go with their neighbours.
+    pub fill_unseen: bool,
+    /// Small groups of an object's Gaussians that are apart from it go back to the background.
+    pub drop_strays: bool,
+}
+
+/// How templates are made.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TemplateConfig {
+    /// Whose Gaussians.
+    pub source: TemplateSource,
+    /// How the mean number is drawn from merged ones.
+    pub sampling: Sampling,
+    /// What a Gaussian keeps.
+    pub keep: Keep,
+    /// Gaussians of a template, times the mean number of an instance's.
+    pub count_factor: f64,
+    /// How often a merged template is made the mean of its matches.
+    pub settle_rounds: u32,
+}
+
+/// What the offsets of instances start from. Which offsets there are is the trainer's
+/// [`OffsetConfig`](instgs_train::config::OffsetConfig).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OffsetStart {
+    /// The difference to the template, or zero.
+    pub init: OffsetInit,
+}
+
+/// What the joint phase starts from. What it does is the trainer's [`JointConfig`](instgs_train::config::JointConfig).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointStart {
+    /// Gaussians whose blending weight (sum over pixels) per training view that shows them is less than this part of the
+    /// mean of their kind (an object's group, or the background), and whose centre is in the frame of one, are removed
+    /// before the phase; 0 = none.
+    pub prune_weight: f64,
+}
+
+impl Default for RunConfig {
+    /// `configs/default.toml` and `configs/instgs.toml`.
+    #[expect(clippy::expect_used, reason = "the built-in files are part of the program and tested")]
+    fn default() -> Self {
+        ConfigBuilder::new().finish().expect("the built-in files are complete and valid")
+    }
+}
+
+impl RunConfig {
+    /// The configuration as TOML with every key, as in `RUN/config.toml`; loading it gives an equal one.
+    ///
+    /// # Errors
+    /// As for [`to_toml`].
+    pub fn to_toml(&self) -> Result<String, ConfigError> {
+        to_toml(self)
+    }
+
+    /// The keys whose values differ from those of `other`, with both values as TOML: own first.
+    ///
+    /// # Errors
+    /// As for [`to_toml`].
+    pub fn differences(&self, other: &Self) -> Result<Vec<(String, String, String)>, ConfigError> {
+        differences(self, other)
+    }
+
+    /// The configuration of the first phase: a plain cloud.
+    pub fn cloud_phase(&self) -> Self {
+        Self { train: self.train.cloud_phase(), pipeline: self.pipeline.clone() }
+    }
+
+    /// A plain cloud that nothing comes after: its rates end as those of the joint phase do.
+    pub fn cloud_alone(&self) -> Self {
+        Self { train: self.train.cloud_alone(), pipeline: self.pipeline.clone() }
+    }
+
+    /// How templates are made.
+    pub fn template_options(&self) -> TemplateOptions {
+        let (template, offsets) = (&self.pipeline.template, &self.train.offsets);
+        TemplateOptions {
+            source: template.source,
+            sampling: template.sampling,
+            keep: template.keep,
+            offsets: self.pipeline.offsets.init,
+            kinds: OffsetKinds {
+                position: offsets.position,
+                sh_dc: offsets.sh_dc,
+                opacity: offsets.opacity,
+                sh_rest: offsets.sh_rest,
+                covariance: offsets.covariance,
+            },
+            count_factor: template.count_factor,
+            settle_rounds: template.settle_rounds,
+            // What the user has as a group is one.
+            worst_match: self.pipeline.groups.is_none().then_some(HOPELESS_MATCH),
+            seed: self.train.seed,
+        }
+    }
+}
+
+impl Configuration for RunConfig {
+    fn keys() -> Vec<Key> {
+        [TrainConfig::keys(), keys::KEYS.into()].concat()
+    }
+
+    fn defaults() -> &'static [(&'static str, &'static str)] {
+        &PRESETS[..2]
+    }
+
+    fn presets() -> &'static [(&'static str, &'static str)] {
+        &PRESETS
+    }
+
+    /// The pipeline's keys are taken out; what is left must be the trainer's.
+    fn from_table(mut table: Table) -> Result<Self, toml::de::Error> {
+        let mut own = Table::new();
+        for key in keys::KEYS {
+            let (section, name) = key.name.split_once('.').unwrap_or(("", key.name));
+            let (from, to) = match section {
+                "" => (Some(&mut table), &mut own),
+                _ => {
+                    let to = own.entry(section).or_insert_with(|| Value::Table(Table::new()));
+                    let Value::Table(to) = to else { continue };
+                    (table.get_mut(section).and_then(Value::as_table_mut), to)
+                }
+            };
+            if let Some(value) = from.and_then(|from| from.remove(name)) {
+                to.insert(name.into(), value);
+            }
+        }
+        table.retain(|_, value| value.as_table().is_none_or(|section| !section.is_empty()));
+        Ok(Self { train: TrainConfig::from_table(table)?, pipeline: own.try_into()? })
+    }
+
+    fn to_table(&self) -> Result<Table, toml::ser::Error> {
+        let mut table = self.train.to_table()?;
+        for (key, value) in Table::try_from(&self.pipeline)? {
+            match (table.get_mut(&key), value) {
+                (Some(Value::Table(section)), Value::Table(own)) => section.extend(own),
+                (_, value) => drop(table.insert(key, value)),
+            }
+        }
+        Ok(table)
+    }
+
+    fn check(&self, shown: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
+        self.train.check(shown)
+    }
+}
+
+impl Serialize for RunConfig {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.to_table().map_err(S::Error::custom)?.serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for RunConfig {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Self::from_table(Table::deserialize(deserializer)?).map_err(|e| D::Error::custom(e.message()))
+    }
+}
+
+#[cfg(test)]
+mod tests;

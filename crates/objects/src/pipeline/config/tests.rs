@@ -1,0 +1,88 @@
+//! The built-in files, and the two parts of a configuration in one file.
+
+use std::collections::BTreeSet;
+
+use super::*;
+use instgs_train::config::{Method, keys::KEYS as TRAINER_KEYS};
+
+type Test = Result<(), Box<dyn std::error::Error>>;
+
+/// The dotted keys of a TOML text, in no order.
+fn keys_of(text: &str) -> Result<BTreeSet<String>, toml::de::Error> {
+    let table: Table = text.parse()?;
+    let keys = table.into_iter().flat_map(|(name, value)| match value {
+        Value::Table(inner) => inner.into_iter().map(|(key, _)| format!("{name}.{key}")).collect(),
+        _ => vec![name],
+    });
+    Ok(keys.collect())
+}
+
+#[test]
+fn defaults_tables_and_structs_have_the_same_keys() -> Test {
+    let names = |keys: &[Key]| keys.iter().map(|key| key.name.to_owned()).collect::<BTreeSet<_>>();
+    let (trainer, own) = (names(&TRAINER_KEYS), names(&keys::KEYS));
+    assert_eq!((trainer.len(), own.len()), (TRAINER_KEYS.len(), keys::KEYS.len()), "a key is listed twice");
+    assert!(trainer.is_disjoint(&own), "a key has two owners");
+    assert_eq!(keys_of(PRESETS[0].1)?, trainer);
+    assert_eq!(keys_of(PRESETS[1].1)?, own);
+    assert_eq!(keys_of(&RunConfig::default().to_toml()?)?, &trainer | &own);
+    assert_eq!(keys_of(&TrainConfig::default().to_toml()?)?, trainer);
+    Ok(())
+}
+
+/// A comment stands above each key, or above the group of keys that it speaks of.
+#[test]
+fn every_default_is_explained() {
+    for (name, text) in &PRESETS[..2] {
+        let mut explained = false;
+        for line in text.lines() {
+            // What stands above a section speaks of all of it.
+            explained = line.starts_with('#') || explained && !line.is_empty();
+            assert!(explained || line.is_empty() || line.starts_with('['), "{name}: no comment above: {line}");
+            assert!(line.len() <= 120, "{line}");
+        }
+    }
+}
+
+#[test]
+fn presets_and_reports_load_to_the_same_values() -> Test {
+    for (name, _) in PRESETS {
+        let config = ConfigBuilder::new().file(name)?.finish()?;
+        assert_eq!(ConfigBuilder::new().text(&config.to_toml()?, "x")?.finish()?, config, "{name}");
+        assert_eq!(serde_json::from_str::<RunConfig>(&serde_json::to_string(&config)?)?, config, "{name}");
+    }
+    let quick = ConfigBuilder::new().file("instgs_quick")?.finish()?;
+    assert_eq!((quick.train.method, quick.pipeline.template.count_factor), (Method::Instanced, 1.3));
+    let missing = ConfigBuilder::new().file("no/such.toml").err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(missing.contains("preset (default, instgs, quick, paper, mcmc, instgs_quick)"), "{missing}");
+    Ok(())
+}
+
+/// An empty text in a file, of this version or an older one, is none.
+#[test]
+fn an_empty_text_is_none() -> Test {
+    let config = ConfigBuilder::new().text("masks = \"\"\nboxes = \"a/b.json\"\ninit_scene = \"\"", "x")?.finish()?;
+    assert_eq!((&config.pipeline.masks, &config.train.init_scene), (&None, &None));
+    assert_eq!(config.pipeline.boxes.as_deref(), Some("a/b.json".as_ref()));
+    assert!(config.to_toml()?.contains("masks = \"\"\nboxes = \"a/b.json\"\n"));
+    Ok(())
+}
+
+#[test]
+fn differences_have_both_values() -> Test {
+    let config = RunConfig::default();
+    assert!(config.differences(&config.clone())?.is_empty());
+    let mut other = config.clone();
+    other.train.steps = 7;
+    other.train.joint.refine_poses = !config.train.joint.refine_poses;
+    other.pipeline.joint.prune_weight = 0.5;
+    let want = [
+        ("steps", config.train.steps.to_string(), "7".to_owned()),
+        ("joint.refine_poses", "true".to_owned(), "false".to_owned()),
+        ("joint.prune_weight", config.pipeline.joint.prune_weight.to_string(), "0.5".to_owned()),
+    ];
+    let mut found = config.differences(&other)?;
+    found.sort_by_key(|(key, ..)| std::cmp::Reverse(key.clone()));
+    assert_eq!(found, want.map(|(key, own, other)| (key.to_owned(), own, other)));
+    Ok(())
+}

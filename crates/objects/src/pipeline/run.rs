@@ -1,0 +1,242 @@
+//! A whole run: a plain cloud, or that and the objects in it, templates and the joint phase. Every stage leaves files in the
+//! run folder, and a job that resumes goes on after the last stage that is done.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::check_masks;
+use super::config::{ConfigBuilder, RunConfig};
+use super::error::PipelineError;
+use super::job::PipelineJob;
+use super::label_gaussians::is_segmented;
+use super::make_masks::masks_from_prompt;
+use super::mask_source::MaskSource;
+use super::observer::{Message, Observer, Phase};
+use super::prepare::{Prepared, prepare};
+use instgs_eval::EvalError;
+use instgs_io::json::read_json;
+use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, read_views, write_ply};
+use instgs_train::config::Method;
+use instgs_train::facts::{Bytes, Counts, Quality, StageTime, TrainFacts};
+use instgs_train::given::{GivenCloud, given_cloud};
+use instgs_train::interrupt::Interrupt;
+use instgs_train::{TrainMessage, Trained, eval_options, leave_out_masked, train};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::Renderer;
+use instgs_vk::scene::InstancedScene;
+
+/// How the keys begin that only the joint phase goes by, or that say nothing of the outcome.
+const OF_JOINT_PHASE: [&str; 12] = [
+    "joint.steps",
+    "joint.final_factor",
+    "joint.decay_start",
+    "joint.prune_opacity",
+    "joint.refine_poses",
+    "template_rates.",
+    "background_rates.",
+    "offset_rates.",
+    "pose_rates.",
+    "eval_every",
+    "checkpoint_every",
+    "device_memory_mb",
+];
+
+/// From photos, with masks or what masks are made from, to a trained scene.
+///
+/// ```no_run
+/// use instgs_vk::gpu::{Gpu, GpuOptions};
+/// use instgs_vk::pipeline::config::ConfigBuilder;
+/// use instgs_vk::pipeline::{Message, Pipeline, PipelineJob};
+/// use instgs_vk::train::interrupt::Interrupt;
+///
+/// let config = ConfigBuilder::new().file("instgs_quick")?.finish()?;
+/// let job = PipelineJob { data: "cars".into(), out: "runs/cars".into(), config, resume: false };
+/// let gpu = Gpu::open(&GpuOptions::default())?;
+/// let pipeline = Pipeline { gpu: &gpu, interrupt: &Interrupt::new() };
+/// let finished = pipeline.run(&job, &mut |message: Message<'_>| {
+///     eprintln!("{message:?}");
+///     Ok(())
+/// })?;
+/// println!("{} instances", finished.scene.instances.len());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Clone, Copy)]
+pub struct Pipeline<'a> {
+    /// Where to render and train.
+    pub gpu: &'a Arc<Gpu>,
+    /// Looked at between training steps.
+    pub interrupt: &'a Interrupt,
+}
+
+/// What a run that is done left behind, besides its files.
+pub struct Finished {
+    /// The trained scene.
+    pub scene: InstancedScene,
+    /// Of its training; with templates and instances, of the joint phase.
+    pub facts: TrainFacts,
+    /// With templates and instances: what came before the joint phase.
+    pub objects: Option<ObjectPhases>,
+}
+
+/// What came before the joint phase.
+pub struct ObjectPhases {
+    /// Of the plain cloud's training, in this run or an earlier one; of a given cloud, what is known of it.
+    pub plain_cloud: TrainFacts,
+    /// What became of masks, objects and groups.
+    pub prepared: Prepared,
+}
+
+impl Pipeline<'_> {
+    /// Does what is not done yet, tells `observer`, and leaves everything in the run folder.
+    ///
+    /// # Errors
+    /// What is wrong with the input or the device, or that the run was interrupted.
+    pub fn run(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Finished, PipelineError> {
+        match job.config.train.method {
+            Method::Gaussians => {
+                let trained = self.train(job, &job.out, Phase::PlainCloud, observer)?;
+                Ok(Finished { scene: trained.scene, facts: trained.facts, objects: None })
+            }
+            Method::Instanced => self.run_with_objects(job, observer),
+        }
+    }
+
+    fn run_with_objects(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Finished, PipelineError> {
+        check_same_stages(job)?;
+        // Masks that are there are looked at before hours of training, and before the folder is there.
+        let are_there = matches!(MaskSource::of(job)?, MaskSource::Folder(_) | MaskSource::Boxes(_));
+        let mut told = if are_there { checked(job, observer)? } else { Vec::new() };
+        job.folder().create()?;
+        // The joint phase writes it, too; but a run that is stopped before that must know itself when it goes on.
+        let text = job.config.to_toml()?;
+        atomic_write(&job.folder().config(), |out| out.write_all(text.as_bytes()))?;
+        let naming = masks_from_prompt(job, observer)?;
+        if !are_there {
+            told = checked(job, observer)?;
+        }
+        let plain_cloud = match &job.config.train.init_scene {
+            Some(scene) => self.take_cloud(job, scene, observer)?,
+            None => self.train_cloud(job, observer)?,
+        };
+        observer.notify(Message::PhaseStarted(Phase::Objects))?;
+        let mut prepared = prepare(self.gpu, job, observer)?;
+        prepared.stages.splice(0..0, naming);
+        for text in prepared.warnings().iter().filter(|text| !told.contains(text)) {
+            observer.notify(Message::Warning(text))?;
+        }
+        observer.notify(Message::Prepared(&prepared))?;
+        observer.notify(Message::PhaseStarted(Phase::Joint))?;
+        let trained = self.train(job, &job.out, Phase::Joint, observer)?;
+        let objects = Some(ObjectPhases { plain_cloud, prepared });
+        Ok(Finished { scene: trained.scene, facts: trained.facts, objects })
+    }
+
+    /// Trains a phase of the run in folder `run`.
+    fn train(
+        &self,
+        job: &PipelineJob,
+        run: &Path,
+        phase: Phase,
+        observer: &mut dyn Observer,
+    ) -> Result<Trained, PipelineError> {
+        let mut tell = |message: TrainMessage<'_>| observer.notify(Message::Training { phase, message });
+        let trained = train(self.gpu, &job.training()?, self.interrupt, &mut tell)?;
+        if trained.interrupted {
+            let (data, out) = (job.data.clone(), run.into());
+            return Err(PipelineError::Interrupted { steps: trained.facts.steps, data, out });
+        }
+        let (folder, config, facts) = (&job.folder(), &job.config, &trained.facts);
+        observer.notify(Message::Trained { phase, folder, config, facts })?;
+        Ok(trained)
+    }
+
+    /// Trains the plain cloud in a folder of its own, unless that is done.
+    fn train_cloud(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<TrainFacts, PipelineError> {
+        let phase = job.cloud_phase();
+        let run = phase.folder();
+        let done = if job.resume { finished_training(&run) } else { None };
+        let facts = match done {
+            Some(facts) if facts.steps == phase.config.train.steps => facts,
+            _ => {
+                observer.notify(Message::PhaseStarted(Phase::PlainCloud))?;
+                self.train(&phase, &job.out, Phase::PlainCloud, observer)?.facts
+            }
+        };
+        let (from, to) = (run.point_cloud(), job.folder().point_cloud());
+        let bytes = std::fs::read(&from).map_err(|e| IoError::new(&from, format!("cannot read: {e}")))?;
+        atomic_write(&to, |file| file.write_all(&bytes))?;
+        Ok(facts)
+    }
+
+    /// Takes over a trained cloud, and looks how good it is.
+    fn take_cloud(
+        &self,
+        job: &PipelineJob,
+        scene: &Path,
+        observer: &mut dyn Observer,
+    ) -> Result<TrainFacts, PipelineError> {
+        let started = Instant::now();
+        let config = &job.config.train;
+        let GivenCloud { cloud, file_bytes, warnings } = given_cloud(scene, config)?;
+        warnings.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
+        write_ply(&job.folder().point_cloud(), &cloud, config.antialias)?;
+        let scene = InstancedScene { antialias: config.antialias, ..InstancedScene::from_cloud(cloud) };
+        let facts = TrainFacts {
+            method: Method::Gaussians.name().into(),
+            eval: self.evaluated(job, &scene)?,
+            stages: vec![StageTime::since("load", started)],
+            gaussians: Counts::of(&scene),
+            bytes: Bytes { file: file_bytes, host: scene.tensor_bytes(), ..Bytes::default() },
+            device: self.gpu.caps().name.clone(),
+            seed: config.seed,
+            ..TrainFacts::default()
+        };
+        Ok(facts)
+    }
+
+    /// Means over the test views; `None` if there are none.
+    fn evaluated(&self, job: &PipelineJob, scene: &InstancedScene) -> Result<Option<Quality>, PipelineError> {
+        let mut test: Vec<_> = Dataset::split(&read_views(&job.data)?, Split::Test).cloned().collect();
+        let config = &job.config.train;
+        let width = (config.width > 0).then_some(config.width);
+        // The joint phase, which leaves them out as well, tells of them.
+        leave_out_masked(&mut test, width)?;
+        if test.is_empty() {
+            return Ok(None);
+        }
+        let mut renderer = Renderer::new(self.gpu)?;
+        let device_scene = renderer.upload(scene)?;
+        let options = eval_options(config);
+        let tell = |_: instgs_eval::Evaluated<'_>| Ok::<(), EvalError>(());
+        let report = instgs_eval::evaluate(&mut renderer, &device_scene, &test, width, &options, None, tell)?;
+        Ok(Some(report.mean.into()))
+    }
+}
+
+/// The facts of a training that is done; of versions that left none, from its report.
+fn finished_training(run: &RunFolder) -> Option<TrainFacts> {
+    let path: PathBuf = [run.facts(), run.report()].into_iter().find(|path| path.is_file())?;
+    read_json(&path).ok()
+}
+
+/// What the user should know of the masks before the run begins; it is told.
+fn checked(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Vec<String>, PipelineError> {
+    let warnings = check_masks(job)?;
+    warnings.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
+    Ok(warnings)
+}
+
+/// A run that goes on keeps the objects and templates that it found: what these came from must be as it was.
+fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
+    let path = job.folder().config();
+    if !job.resume || !path.is_file() || !is_segmented(&job.folder()) {
+        return Ok(());
+    }
+    let earlier: RunConfig = ConfigBuilder::new().file(&path.display().to_string())?.finish()?;
+    let is_free = |key: &str| OF_JOINT_PHASE.iter().any(|free| key.starts_with(free));
+    let changed = earlier.differences(&job.config)?.into_iter().find(|(key, ..)| !is_free(key));
+    let Some((key, was, now)) = changed else { return Ok(()) };
+    let what = format!("its objects were found with {key} = {was}, and it cannot go on with {now}");
+    Err(IoError::new(&job.out, what).advise("leave that value, or train into another folder").into())
+}

@@ -1,0 +1,214 @@
+//! Writes the reports of a run while it goes on. It sits beside the observer of the run and is told what that is told.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::stage_pictures::{self, data::StagePictures};
+use super::{JointMatch, ReportData, ReportError, Rgb8, RunReport, ViewPicture, choose, training_seconds, write};
+use instgs_eval::Evaluated;
+use instgs_io::json::read_json;
+use instgs_io::picture_png::write_png;
+use instgs_io::{IoError, RunFolder, run_folder};
+use instgs_objects::pipeline::config::RunConfig;
+use instgs_objects::pipeline::{Finished, Message, ObjectPhases, Phase, PipelineJob, Prepared};
+use instgs_train::TrainMessage;
+use instgs_train::event_log::read_events;
+use instgs_train::events::Event;
+use instgs_train::facts::{StageTime, TrainFacts};
+use instgs_vk::gpu::Gpu;
+
+/// Test views whose pictures the page shows.
+const PICTURES: usize = 8;
+
+/// Collects what a report needs, and writes it.
+#[derive(Default)]
+pub struct ReportWriter {
+    /// Of the training in progress.
+    test_views: Vec<ViewPicture>,
+    /// Of the last training that is done.
+    last: ReportData,
+    pictures: StagePictures,
+    /// Time that the pictures of the stages took.
+    drawing_seconds: f64,
+}
+
+impl ReportWriter {
+    /// A writer that knows nothing yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Takes what the pipeline tells. The report of a plain cloud and the rendered test views are written at once.
+    ///
+    /// # Errors
+    /// A log that cannot be read, or a file that cannot be written.
+    pub fn observe(&mut self, message: &Message<'_>) -> Result<(), IoError> {
+        match message {
+            Message::Training { message: TrainMessage::TestView(view), .. } => self.test_views.push(picture_of(view)),
+            Message::Trained { phase, folder, config, facts } => {
+                let pictures = std::mem::take(&mut self.test_views);
+                write_renders(folder, &pictures)?;
+                let events = read_events(&folder.events())?;
+                let report = report_of(facts, &events, config);
+                let shown = choose(&report.views, PICTURES).into_iter().filter_map(|i| pictures.get(i).cloned());
+                self.last = ReportData { report, events, pictures: shown.collect(), ..ReportData::default() };
+                if *phase == Phase::PlainCloud {
+                    write(folder, &self.last)?;
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Draws what the stages from masks to templates did, into `RUN/stages/` and for the page.
+    ///
+    /// # Errors
+    /// As for [`stage_pictures::draw`].
+    pub fn draw_stages(&mut self, gpu: &Arc<Gpu>, job: &PipelineJob, prepared: &Prepared) -> Result<(), ReportError> {
+        let started = Instant::now();
+        let drawn = stage_pictures::draw(gpu, job, prepared);
+        self.drawing_seconds += started.elapsed().as_secs_f64();
+        self.pictures = drawn?;
+        Ok(())
+    }
+
+    /// Writes `RUN/review.html`.
+    ///
+    /// # Errors
+    /// As for [`stage_pictures::review_segments`].
+    pub fn review(&mut self, job: &PipelineJob) -> Result<(), IoError> {
+        let started = Instant::now();
+        let reviewed = stage_pictures::review_segments(job);
+        self.drawing_seconds += started.elapsed().as_secs_f64();
+        reviewed
+    }
+
+    /// Adds the templates as the joint phase left them, if the stages were drawn.
+    ///
+    /// # Errors
+    /// As for [`stage_pictures::add_trained_templates`].
+    pub fn draw_trained_templates(&mut self, gpu: &Arc<Gpu>, job: &PipelineJob) -> Result<(), ReportError> {
+        if self.pictures.views.is_empty() {
+            return Ok(());
+        }
+        let started = Instant::now();
+        let added = stage_pictures::add_trained_templates(gpu, job, &mut self.pictures);
+        self.drawing_seconds += started.elapsed().as_secs_f64();
+        added
+    }
+
+    /// The report of the whole run; with templates and instances it is made of both phases, and written now.
+    ///
+    /// # Errors
+    /// A file of the plain cloud that is damaged, or one that cannot be written.
+    pub fn finish(mut self, job: &PipelineJob, finished: Finished) -> Result<RunReport, IoError> {
+        if let Some(objects) = finished.objects {
+            self.complete(job, objects)?;
+            write(&job.folder(), &self.last)?;
+        }
+        Ok(self.last.report)
+    }
+
+    /// Makes the joint phase's report that of the whole run.
+    fn complete(&mut self, job: &PipelineJob, objects: ObjectPhases) -> Result<(), IoError> {
+        let ObjectPhases { plain_cloud, prepared } = objects;
+        let (vanilla, vanilla_events) = report_of_cloud(job, &plain_cloud)?;
+        let of_phase = |phase: &str, stages: &[StageTime]| -> Vec<StageTime> {
+            stages.iter().map(|s| StageTime { name: format!("{phase}: {}", s.name), ..s.clone() }).collect()
+        };
+        let data = &mut self.last;
+        let report = &mut data.report;
+        let joint = of_phase("joint", &report.stages);
+        report.warnings = prepared.warnings();
+        let drawing = vec![StageTime { name: "pictures".into(), seconds: self.drawing_seconds }];
+        report.stages = [of_phase("3dgs", &vanilla.stages), prepared.stages, drawing, joint].concat();
+        report.seconds = report.stages.iter().map(|s| s.seconds).sum();
+        report.groups = prepared.groups;
+        report.registration = prepared.registration;
+        report.joint_match = JointMatch::of(&vanilla_events, &data.events, report.dataset.train_views);
+        report.vanilla = Some(Box::new(vanilla));
+        data.vanilla_events = vanilla_events;
+        data.stages = std::mem::take(&mut self.pictures);
+        Ok(())
+    }
+}
+
+/// The report of the plain cloud that a run started from, and the log of its training; empty if it was given.
+fn report_of_cloud(job: &PipelineJob, facts: &TrainFacts) -> Result<(RunReport, Vec<Event>), IoError> {
+    let phase = job.cloud_phase();
+    if job.config.train.init_scene.is_some() {
+        let mut config = phase.config;
+        config.train.steps = 1;
+        return Ok((report_of(facts, &[], &config), Vec::new()));
+    }
+    let run = phase.folder();
+    // The log of a cloud that is reused may have been removed; only the page needs it.
+    let events = if run.events().is_file() { read_events(&run.events())? } else { Vec::new() };
+    let report = match run.report().is_file() {
+        true => read_json(&run.report())?,
+        false => report_of(facts, &events, &phase.config),
+    };
+    Ok((report, events))
+}
+
+/// The report of one training. Of one that was resumed the facts know the last part only, the log knows all.
+fn report_of(facts: &TrainFacts, events: &[Event], config: &RunConfig) -> RunReport {
+    let facts = facts.clone();
+    let stages: Vec<StageTime> = facts
+        .stages
+        .into_iter()
+        .map(|stage| match stage.name.as_str() {
+            "train" => StageTime { seconds: training_seconds(events), ..stage },
+            _ => stage,
+        })
+        .collect();
+    RunReport {
+        method: facts.method,
+        steps: facts.steps,
+        seconds: stages.iter().map(|s| s.seconds).sum(),
+        steps_per_second: facts.steps_per_second,
+        stages,
+        passes_ms: facts.passes_ms.into_iter().collect(),
+        eval: facts.eval,
+        gaussians: facts.gaussians,
+        bytes: facts.bytes,
+        device: facts.device,
+        seed: facts.seed,
+        version: env!("CARGO_PKG_VERSION").into(),
+        repeated: facts.repeated,
+        host_fraction: facts.host_fraction,
+        memory_explained: facts.memory_explained,
+        views: facts.views,
+        dataset: facts.dataset,
+        config: config.clone(),
+        ..RunReport::default()
+    }
+}
+
+fn picture_of(view: &Evaluated<'_>) -> ViewPicture {
+    let rgb8 = |pixels: &[[f32; 3]]| Rgb8 {
+        width: view.pair.width(),
+        height: view.pair.height(),
+        pixels: pixels.iter().flatten().map(|v| (v.clamp(0.0, 1.0) * 255.0).round() as u8).collect(),
+    };
+    ViewPicture {
+        name: view.name.into(),
+        metrics: view.metrics.into(),
+        ground_truth: rgb8(view.pair.target()),
+        render: rgb8(view.pair.render()),
+    }
+}
+
+fn write_renders(run: &RunFolder, pictures: &[ViewPicture]) -> Result<(), IoError> {
+    if pictures.is_empty() {
+        return Ok(());
+    }
+    let folder = run.renders();
+    run_folder::create(&folder)?;
+    for picture in pictures {
+        let Rgb8 { width, height, pixels } = &picture.render;
+        write_png(&folder.join(format!("{}.png", picture.name)), pixels, (*width, *height))?;
+    }
+    Ok(())
+}

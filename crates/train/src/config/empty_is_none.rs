@@ -1,0 +1,26 @@
+//! Values that may be missing, in files: an empty text stands for none.
+
+use std::ffi::OsStr;
+
+use serde::{Deserialize, Deserializer, Serializer, ser};
+
+/// Writes the text, empty for `None`.
+///
+/// # Errors
+/// A path that is not UTF-8 text.
+pub fn serialize<T: AsRef<OsStr>, S: Serializer>(value: &Option<T>, serializer: S) -> Result<S::Ok, S::Error> {
+    let text = value.as_ref().map_or(OsStr::new(""), AsRef::as_ref);
+    match text.to_str() {
+        Some(text) => serializer.serialize_str(text),
+        None => Err(ser::Error::custom(format!("{} is not UTF-8 text", text.display()))),
+    }
+}
+
+/// Reads a text; `None` if it is empty.
+///
+/// # Errors
+/// No text.
+pub fn deserialize<'de, T: From<String>, D: Deserializer<'de>>(deserializer: D) -> Result<Option<T>, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    Ok((!text.is_empty()).then(|| text.into()))
+}

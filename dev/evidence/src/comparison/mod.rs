@@ -1,0 +1,124 @@
+//! Trains an instanced scene and the plain clouds that it must be measured against, and measures: for the commands
+//! `compare`, `tables` and `demo`.
+
+mod runs;
+mod seed;
+mod summary;
+mod timing;
+
+use std::path::PathBuf;
+
+use clap::ValueEnum;
+
+pub(super) use self::runs::{Runs, work_seconds};
+use self::seed::compare_seed;
+use self::summary::{markdown, print_summary, summary};
+use crate::protocol::SeedResult;
+use instgs_cli::training::Session;
+use instgs_console::CliError;
+use instgs_console::args::create_folder;
+use instgs_eval::{Evaluated, Lpips};
+use instgs_io::{Dataset, IoError, Split, View, read_views};
+use instgs_objects::pipeline::config::RunConfig;
+use instgs_train::leave_out_masked;
+
+/// What is compared, in the folder of a comparison.
+const CONFIG: &str = "config.toml";
+
+/// What is measured beside the instanced scene, its start, and the cloud that had the same time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Rival {
+    /// A plain cloud whose .ply is not larger than the instanced scene packed as f16
+    SameBytes,
+    /// A plain cloud of as many steps as the cloud that had the same time, trained in one piece
+    AtOnce,
+    /// The same by 3DGS-MCMC
+    Mcmc,
+    /// The cloud that had the same time as .spz: every Gaussian quantised for itself
+    Spz,
+    /// The same as .instgs, packed as small
+    Small,
+    /// Templates and poses without offsets
+    Rigid,
+}
+
+impl Rival {
+    /// In the order of the tables.
+    pub(crate) const ALL: [Self; 6] = [Self::AtOnce, Self::Mcmc, Self::SameBytes, Self::Spz, Self::Small, Self::Rigid];
+}
+
+/// What is compared.
+pub(crate) struct Comparison {
+    /// Dataset folder.
+    pub(crate) data: PathBuf,
+    /// Folder for runs and results.
+    pub(crate) out: PathBuf,
+    /// Of the instanced runs, the seed apart.
+    pub(crate) config: RunConfig,
+    /// One comparison each.
+    pub(crate) seeds: Vec<u64>,
+    /// Timed frames; 0 = none.
+    pub(crate) frames: u32,
+    /// Steps that the plain cloud is trained on; `None` = by the clock.
+    pub(crate) more_steps: Option<u64>,
+    /// What else is measured.
+    pub(crate) rivals: Vec<Rival>,
+    /// The network of LPIPS.
+    pub(crate) lpips: Option<Lpips>,
+}
+
+/// Trains and measures for every seed; writes compare.json and compare.md and prints the table. `on_picture` gets the rows'
+/// name and each test view of the first seed.
+pub(crate) fn compare(
+    session: &Session<'_>,
+    comparison: &Comparison,
+    on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
+) -> Result<Vec<SeedResult>, CliError> {
+    let views = test_views(session, comparison)?;
+    create_folder(&comparison.out)?;
+    keep_config(comparison)?;
+    let mut results = Vec::new();
+    for (i, &seed) in comparison.seeds.iter().enumerate() {
+        let mut first_only = |name: &str, view: &Evaluated<'_>| {
+            if i == 0 {
+                on_picture(name, view);
+            }
+        };
+        results.push(compare_seed(session, (comparison, &views), seed, &mut first_only)?);
+        session.printer.json_file(&comparison.out.join("compare.json"), &results)?;
+    }
+    let table = summary(&results);
+    let markdown = markdown(&table);
+    instgs_io::atomic_write(&comparison.out.join("compare.md"), |out| out.write_all(markdown.as_bytes()))?;
+    print_summary(&table, &results, session.printer);
+    Ok(results)
+}
+
+/// The views that are compared. Before anything is trained for them.
+fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View>, CliError> {
+    let mut views: Vec<View> = Dataset::split(&read_views(&comparison.data)?, Split::Test).cloned().collect();
+    let width = (comparison.config.train.width > 0).then_some(comparison.config.train.width);
+    let masked = leave_out_masked(&mut views, width)?;
+    masked.iter().for_each(|text| session.printer.warning(text));
+    if views.is_empty() {
+        let error = IoError::new(&comparison.data, "has no test views to compare");
+        return Err(error.advise("add a test split, or photos: every eighth of more than eight is one").into());
+    }
+    Ok(views)
+}
+
+/// Writes down what is compared; refuses a folder with runs of something else, which would be taken for results of this.
+pub(crate) fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
+    let path = comparison.out.join(CONFIG);
+    let data = std::fs::canonicalize(&comparison.data).unwrap_or_else(|_| comparison.data.clone());
+    let more = comparison.more_steps.map_or("by the clock".into(), |steps| steps.to_string());
+    let text = format!("# data: {}\n# more steps: {more}\n{}", data.display(), comparison.config.to_toml()?);
+    match std::fs::read(&path) {
+        Ok(there) if there != text.as_bytes() => {
+            let error = IoError::new(&path, "is of another comparison");
+            Err(error.advise("repeat it with the same configuration, or choose another --out").into())
+        }
+        Ok(_) => Ok(()),
+        Err(_) => Ok(instgs_io::atomic_write(&path, |out| out.write_all(text.as_bytes()))?),
+    }
+}

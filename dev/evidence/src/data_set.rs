@@ -1,0 +1,24 @@
+//! Data sets that commands make for themselves.
+
+use std::path::Path;
+
+use instgs_console::CliError;
+use instgs_console::Printer;
+use instgs_synth::dataset;
+
+/// Renders a data set, unless it is there.
+pub(super) fn make_data(
+    recipe: &str,
+    folder: &Path,
+    options: &dataset::Options,
+    printer: &Printer,
+) -> Result<(), CliError> {
+    // Cameras are written last.
+    if folder.join("transforms_test.json").is_file() {
+        return Ok(());
+    }
+    printer.line(format_args!("photos of the scene {recipe}, ray-traced"));
+    let mut progress = printer.progress("synth", u64::from(options.views));
+    dataset::write(recipe, folder, options, &mut |done| progress.advance_to(u64::from(done), ""))?;
+    Ok(())
+}
