@@ -1,4 +1,4 @@
-//! L2: files. Readers check every count against the actual length of the file before allocating, never panic on input,
+//! Files. Readers check every count against the actual length of the file before allocating, never panic on input,
 //! and report one-line errors ([`IoError`]). Writers replace files atomically and write the same bytes for the same
 //! data.
 //!

@@ -1,4 +1,4 @@
-//! L2: CPU twins of the kernels in f64, simple and slow. They take the same f32 inputs as the device (scene values are
+//! CPU twins of the kernels in f64, simple and slow. They take the same f32 inputs as the device (scene values are
 //! f32; camera and options are rounded to f32 by `view::View::device`) and compute in f64.
 
 pub mod adam;

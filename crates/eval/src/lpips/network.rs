@@ -121,7 +121,7 @@ impl Layer {
 
 /// A network block: the layers up to a comparison point, and the weights of its channels.
 #[derive(Clone, Debug)]
-pub(super) struct Stage {
+pub(super) struct Block {
     pub(super) layers: Vec<Layer>,
     /// The linear head: one weight per channel.
     pub(super) head: Vec<f32>,

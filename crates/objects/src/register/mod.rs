@@ -1,4 +1,4 @@
-//! L4: registration. Finds which objects of a labelled cloud are alike, and the pose of each: groups with poses, from
+//! Registration. Finds which objects of a labelled cloud are alike, and the pose of each: groups with poses, from
 //! masks alone.
 //!
 //! An object's opaque, small Gaussians give points evenly spread on its surface (`sample`, `surface`), with normals

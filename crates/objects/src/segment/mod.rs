@@ -1,4 +1,4 @@
-//! L4: which Gaussians of a trained cloud belong to which object, from masks of its views.
+//! Which Gaussians of a trained cloud belong to which object, from masks of its views.
 //!
 //! [`sweep`] renders how much each Gaussian contributes to each mask of each view. Where mask ids differ from view to
 //! view, [`mod@consensus`] finds which masks show the same object. [`label()`] assigns each Gaussian to the object

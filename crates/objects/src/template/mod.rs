@@ -1,4 +1,4 @@
-//! L4: templates of repeated objects. Turns a trained plain cloud, a label per Gaussian and posed groups into an
+//! Templates of repeated objects. Turns a trained plain cloud, a label per Gaussian and posed groups into an
 //! instanced scene for joint training.
 //!
 //! Each instance's Gaussians are moved to the common pose (`common_pose`). The template is drawn from all of them, as
