@@ -10,7 +10,7 @@ use super::*;
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
-/// Largest relative difference allowed per stage and in total. Measured: alex 3e-6, vgg 5e-6, squeeze 7e-6; the
+/// Largest relative difference allowed per block and in total. Measured: alex 3e-6, vgg 5e-6, squeeze 7e-6; the
 /// planted errors below 0.05 to 0.8.
 const TOLERANCE: f64 = 1e-4;
 
@@ -58,11 +58,11 @@ fn tensor(net: Net, name: &str, shape: &[usize]) -> Vec<f32> {
 }
 
 fn network(net: Net, range: InputRange) -> Lpips {
-    let stages = match weights::build(net, |name, shape| Ok::<_, Infallible>(tensor(net, name, shape))) {
-        Ok(stages) => stages,
+    let blocks = match weights::build(net, |name, shape| Ok::<_, Infallible>(tensor(net, name, shape))) {
+        Ok(blocks) => blocks,
         Err(never) => match never {},
     };
-    Lpips::new(net, range, stages)
+    Lpips::new(net, range, blocks)
 }
 
 /// Render and target pictures of the given size.
@@ -119,24 +119,24 @@ fn planted_errors_are_seen() -> Outcome {
         Ok(worst(lpips, case(net)?)? > 10.0 * TOLERANCE)
     };
     let mut floor = network(Net::Squeeze, InputRange::MinusOneToOne);
-    for layer in floor.stages.iter_mut().flat_map(|stage| &mut stage.layers) {
+    for layer in floor.blocks.iter_mut().flat_map(|block| &mut block.layers) {
         if let Layer::Pool(window) = layer {
             window.ceil = false;
         }
     }
     assert!(seen(&floor, "squeeze")?, "max pools without ceil mode");
     let mut swapped = network(Net::Squeeze, InputRange::MinusOneToOne);
-    if let Some(Layer::Fire { expand, .. }) = swapped.stages[1].layers.get_mut(1) {
+    if let Some(Layer::Fire { expand, .. }) = swapped.blocks[1].layers.get_mut(1) {
         expand.swap(0, 1);
     }
     assert!(seen(&swapped, "squeeze")?, "expand 3x3 before 1x1");
     let other_range = network(Net::Alex, InputRange::ZeroToOne);
     assert!(seen(&other_range, "alex")?, "the other input range");
     let mut heads = network(Net::Alex, InputRange::MinusOneToOne);
-    heads.stages[2].head.reverse();
+    heads.blocks[2].head.reverse();
     assert!(seen(&heads, "alex")?, "a head for other channels");
     let mut padding = network(Net::Alex, InputRange::MinusOneToOne);
-    if let Some(Layer::Conv(convolution)) = padding.stages[0].layers.first_mut() {
+    if let Some(Layer::Conv(convolution)) = padding.blocks[0].layers.first_mut() {
         convolution.window.padding = 1;
     }
     assert!(seen(&padding, "alex")?, "another padding");

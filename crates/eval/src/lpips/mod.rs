@@ -22,7 +22,7 @@ use crate::pair::PicturePair;
 use instgs_io::IoError;
 use layers::FeatureMap;
 pub use network::Net;
-use network::{Stage, smallest_side};
+use network::{Block, smallest_side};
 
 /// Added to the length of a feature vector before dividing by it.
 const LENGTH_EPSILON: f64 = 1e-10;
@@ -65,7 +65,7 @@ pub enum LpipsError {
 pub struct Lpips {
     net: Net,
     range: InputRange,
-    stages: Vec<Stage>,
+    blocks: Vec<Block>,
     smallest_side: u32,
 }
 
@@ -84,9 +84,9 @@ impl Lpips {
         Ok(Self::new(net, range, weights::parse(net, &bytes, path)?))
     }
 
-    fn new(net: Net, range: InputRange, stages: Vec<Stage>) -> Self {
-        let smallest_side = smallest_side(&stages);
-        Self { net, range, stages, smallest_side }
+    fn new(net: Net, range: InputRange, blocks: Vec<Block>) -> Self {
+        let smallest_side = smallest_side(&blocks);
+        Self { net, range, blocks, smallest_side }
     }
 
     /// Which network this is.
@@ -113,12 +113,12 @@ impl Lpips {
         }
         let input = |pixels| network_input(pixels, (width, height), self.range);
         let (mut a, mut b) = (input(pair.render()), input(pair.target()));
-        let mut distances = Vec::with_capacity(self.stages.len());
-        for stage in &self.stages {
+        let mut distances = Vec::with_capacity(self.blocks.len());
+        for block in &self.blocks {
             // Sequentially: each block needs the memory, and each uses all cores.
-            a = stage.apply(a);
-            b = stage.apply(b);
-            distances.push(mean_distance(&a, &b, &stage.head));
+            a = block.apply(a);
+            b = block.apply(b);
+            distances.push(mean_distance(&a, &b, &block.head));
         }
         Ok(distances)
     }

@@ -28,7 +28,7 @@ impl Net {
     }
 
     /// The layers between consecutive comparison points, one slice per network block.
-    pub(super) fn stages(self) -> &'static [&'static [Step]] {
+    pub(super) fn blocks(self) -> &'static [&'static [Step]] {
         match self {
             Self::Alex => ALEX,
             Self::Vgg => VGG,
@@ -127,14 +127,14 @@ pub(super) struct Block {
     pub(super) head: Vec<f32>,
 }
 
-impl Stage {
+impl Block {
     pub(super) fn apply(&self, input: FeatureMap) -> FeatureMap {
         self.layers.iter().fold(input, |features, layer| layer.apply(&features))
     }
 }
 
 /// The smallest side of a picture, pixels, that leaves every block at least one position.
-pub(super) fn smallest_side(stages: &[Stage]) -> u32 {
-    let last = |side: u32| stages.iter().flat_map(|s| &s.layers).fold(side as usize, |len, layer| layer.places(len));
+pub(super) fn smallest_side(blocks: &[Block]) -> u32 {
+    let last = |side: u32| blocks.iter().flat_map(|s| &s.layers).fold(side as usize, |len, layer| layer.places(len));
     (1..).find(|&side| last(side) > 0).unwrap_or(1)
 }

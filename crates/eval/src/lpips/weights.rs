@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use safetensors::tensor::{Dtype, SafeTensors};
 
 use crate::lpips::layers::{Convolution, Window};
-use crate::lpips::network::{Layer, Net, Stage, Step};
+use crate::lpips::network::{Layer, Net, Block, Step};
 use instgs_io::{IoError, Place};
 
 const POINT: Window = Window { size: 1, stride: 1, padding: 0, ceil: false };
@@ -33,7 +33,7 @@ pub fn conversion_command(net: Net, path: &Path) -> String {
 }
 
 /// The network's blocks with the weights of the file at `path`, whose contents are `bytes`.
-pub(super) fn parse(net: Net, bytes: &[u8], path: &Path) -> Result<Vec<Stage>, IoError> {
+pub(super) fn parse(net: Net, bytes: &[u8], path: &Path) -> Result<Vec<Block>, IoError> {
     let malformed = |e| IoError::new(path, format!("is not a whole safetensors file: {e}"));
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
     let own_net = header.metadata().as_ref().and_then(|m| m.get("net"));
@@ -46,10 +46,10 @@ pub(super) fn parse(net: Net, bytes: &[u8], path: &Path) -> Result<Vec<Stage>, I
 }
 
 /// The network's blocks; `read` returns a tensor by name and shape.
-pub(super) fn build<E>(net: Net, mut read: impl FnMut(&str, &[usize]) -> Result<Vec<f32>, E>) -> Result<Vec<Stage>, E> {
+pub(super) fn build<E>(net: Net, mut read: impl FnMut(&str, &[usize]) -> Result<Vec<f32>, E>) -> Result<Vec<Block>, E> {
     let mut channels = 3;
-    let mut stages = Vec::new();
-    for (k, steps) in net.stages().iter().enumerate() {
+    let mut blocks = Vec::new();
+    for (k, steps) in net.blocks().iter().enumerate() {
         let mut layers = Vec::with_capacity(steps.len());
         for &step in *steps {
             let mut convolution = |part: &str, inputs, outputs, window: Window| -> Result<Convolution, E> {
@@ -76,9 +76,9 @@ pub(super) fn build<E>(net: Net, mut read: impl FnMut(&str, &[usize]) -> Result<
                 Step::Pool(window) => Layer::Pool(window),
             });
         }
-        stages.push(Stage { layers, head: read(&format!("lin{k}.model.1.weight"), &[1, channels, 1, 1])? });
+        blocks.push(Block { layers, head: read(&format!("lin{k}.model.1.weight"), &[1, channels, 1, 1])? });
     }
-    Ok(stages)
+    Ok(blocks)
 }
 
 /// The tensors of a weight file.
