@@ -1,9 +1,9 @@
-//! L5: training: configuration, initialisation, steps, densification, checkpoints.
+//! Training: configuration, initialisation, steps, densification, checkpoints.
 //!
-//! Plain data, no device: [`config`] (what to do at which step), [`view_order`] (which view a step uses), [`events`]
-//! and [`event_log`] (what happened), [`facts`] (what came out), [`interrupt`] (Ctrl-C). Checkpoint files are
-//! [`instgs_io::checkpoint`]. Nothing here knows of masks and objects: what makes a plain cloud an instanced scene is
-//! [`instgs_objects::pipeline`].
+//! Without a device: [`config`] (values at each step), [`view_order`] (the view of each step), [`events`] and
+//! [`event_log`] (what happened), [`facts`] (results), [`interrupt`] (Ctrl-C). Checkpoint files are
+//! [`instgs_io::checkpoint`]. Nothing here knows of masks and objects: `instgs_objects::pipeline` turns a plain cloud
+//! into an instanced scene.
 
 pub mod config;
 mod data_doubts;
