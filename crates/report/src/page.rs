@@ -1,4 +1,4 @@
-//! The page, section by section. Written so that it is also well-formed XML, which the tests check.
+//! The page, section by section. It is also well-formed XML, which the tests check.
 
 use std::path::Path;
 
@@ -43,7 +43,7 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     Ok(out + "</body>\n</html>\n")
 }
 
-/// From the first line to the start of the body.
+/// The head of the page, from the first line to the start of the body.
 pub(super) fn head_of(title: &str) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
@@ -54,7 +54,7 @@ pub(super) fn head_of(title: &str) -> String {
     )
 }
 
-/// Nothing for an empty body.
+/// A section with its heading; empty if the body is empty.
 pub(super) fn section(title: &str, body: &str) -> String {
     if body.is_empty() { String::new() } else { format!("<section>\n<h2>{title}</h2>\n{body}</section>\n") }
 }

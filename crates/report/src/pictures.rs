@@ -1,4 +1,4 @@
-//! Pictures for the page: photograph, rendering, and how they differ, as PNG in `data:` addresses.
+//! Pictures for the page: photo, rendering, and their difference, as PNG in `data:` addresses.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -8,38 +8,39 @@ use image::{ExtendedColorType, ImageEncoder, RgbImage, imageops};
 
 use instgs_train::facts::ViewMetrics;
 
-/// Pictures on the page are scaled down to this width.
+/// Pictures on the page are scaled down to this width, pixels.
 pub const MAX_WIDTH_PX: u32 = 480;
-/// What differences are multiplied by to be seen.
+/// Factor that makes differences visible.
 pub(super) const DIFFERENCE_GAIN: u16 = 4;
 
-/// Of painted masks no edge rings visibly at 85, and a picture of 320x180 pixels takes 15 kB instead of 60 as PNG.
+/// At 85 the edges of painted masks show no visible ringing, and a picture of 320x180 pixels takes 15 kB, not 60 as
+/// PNG.
 const JPEG_QUALITY: u8 = 85;
 
 /// A picture of 8 bits per channel, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Rgb8 {
-    /// Width, pixels.
+    /// Width of the picture, pixels.
     pub width: u32,
-    /// Height, pixels.
+    /// Height of the picture, pixels.
     pub height: u32,
     /// `width * height` pixels of red, green, blue.
     pub pixels: Vec<u8>,
 }
 
 impl Rgb8 {
-    /// As a PNG file; an error is words.
+    /// The picture as a PNG file.
     ///
     /// # Errors
-    /// Fewer or more bytes than the size calls for, or no pixels.
+    /// The number of bytes does not match the size, or the picture has no pixels.
     pub fn png(&self) -> Result<Vec<u8>, String> {
         encoded(&image_of(self)?)
     }
 
-    /// As a JPEG in a `data:` address, for pages of many pictures; an error is words.
+    /// The picture as a JPEG in a `data:` address, for pages of many pictures.
     ///
     /// # Errors
-    /// As for [`Rgb8::png`].
+    /// The same errors as [`Rgb8::png`].
     pub fn jpeg_address(&self) -> Result<String, String> {
         let image = image_of(self)?;
         let mut jpeg = Vec::new();
@@ -47,10 +48,10 @@ impl Rgb8 {
         Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
     }
 
-    /// The picture at another size, interpolated; an error is words.
+    /// The picture scaled to another size, interpolated.
     ///
     /// # Errors
-    /// As for [`Rgb8::png`], or a size of 0.
+    /// The same errors as [`Rgb8::png`], or a size of 0.
     pub fn resized(self, width: u32, height: u32) -> Result<Self, String> {
         if (self.width, self.height) == (width, height) {
             return Ok(self);
@@ -60,8 +61,8 @@ impl Rgb8 {
     }
 }
 
-/// Which views to show, at most `most`, worst PSNR first: the worst, the best, and in between at equal distances of
-/// rank. Returns indices into `views`.
+/// The views to show, at most `most`, worst PSNR first: the worst, the best, and views at equal steps of rank between
+/// them. Returns indices into `views`.
 pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
     let mut ranked: Vec<usize> = (0..views.len()).collect();
     ranked.sort_by(|&a, &b| views[a].quality.psnr.total_cmp(&views[b].quality.psnr).then(a.cmp(&b)));
@@ -72,14 +73,14 @@ pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
     (0..most).map(|i| ranked[i * (ranked.len() - 1) / last]).collect()
 }
 
-/// `data:` addresses of photograph, rendering and difference; an error is words.
+/// The `data:` addresses of photo, rendering and their difference.
 pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], String> {
     let (truth, render) = (image_of(ground_truth)?, image_of(render)?);
     if truth.dimensions() != render.dimensions() {
         let ((w, h), (v, u)) = (truth.dimensions(), render.dimensions());
         return Err(format!("the photograph has {w}x{h} pixels, the rendering {v}x{u}"));
     }
-    // At full size, as averaging first would hide what differs from pixel to pixel.
+    // The difference is taken at full size: averaging first would hide differences of single pixels.
     let mut difference = truth.clone();
     for (a, b) in difference.iter_mut().zip(render.iter()) {
         *a = u8::try_from(DIFFERENCE_GAIN * u16::from(a.abs_diff(*b))).unwrap_or(u8::MAX);
@@ -87,7 +88,7 @@ pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3
     Ok([scaled_address(&truth)?, scaled_address(&render)?, scaled_address(&difference)?])
 }
 
-/// The `data:` address of a picture; an error is words.
+/// The `data:` address of a picture.
 pub(super) fn address(picture: &Rgb8) -> Result<String, String> {
     scaled_address(&image_of(picture)?)
 }

@@ -1,4 +1,4 @@
-//! The stages from masks to templates in pictures, section by section.
+//! The page's sections with pictures of the stages from masks to templates.
 
 use super::Rgb8;
 use super::format::{count, escape, fixed};
@@ -7,13 +7,13 @@ use super::run_report::RunReport;
 use super::stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
 use instgs_objects::register::{InstanceRegistration, Verdict};
 
-/// Objects in the list of colours: more than fit into a few lines say nothing.
+/// Upper bound of the objects in the legend: more do not help a reader.
 const MOST_LISTED: usize = 36;
 
-/// An error is words.
+/// HTML text, or the picture that could not be encoded.
 type Html = Result<String, String>;
 
-/// Masks, objects and labels of some views.
+/// The section on masks, objects and labels of some views.
 pub(super) fn segmentation(pictures: &StagePictures) -> Html {
     if pictures.views.is_empty() {
         return Ok(String::new());
@@ -64,7 +64,7 @@ fn figure(picture: &Rgb8, of: &str, caption: &str) -> Html {
     Ok(format!("<figure><img src=\"{address}\" alt=\"{of}: {caption}\"/><figcaption>{caption}</figcaption></figure>\n"))
 }
 
-/// The poses of every group.
+/// The section on the poses of every group.
 pub(super) fn poses(pictures: &StagePictures, report: &RunReport) -> Html {
     if pictures.overlays.is_empty() {
         return Ok(String::new());
@@ -78,7 +78,7 @@ pub(super) fn poses(pictures: &StagePictures, report: &RunReport) -> Html {
 }
 
 fn poses_of(group: &GroupOverlay, report: &RunReport) -> Html {
-    // Of objects without poses nobody knows which fit worst.
+    // Without poses it is not known which objects fit worst.
     let which = if group.tiles.iter().any(|tile| tile.overlap.is_some()) { "; these fit worst" } else { "" };
     let left_out = match group.left_out {
         0 => String::new(),
@@ -117,7 +117,7 @@ fn verdict(registered: &InstanceRegistration) -> String {
     text.into()
 }
 
-/// How well it fits, and why it was decided so.
+/// How well the object fits, and the reason of its verdict.
 fn figures(tile: &OverlayTile, registered: Option<&InstanceRegistration>) -> String {
     let mut parts: Vec<String> =
         tile.overlap.iter().map(|part| format!("outline {} %", fixed(100.0 * part, 0))).collect();
@@ -133,7 +133,7 @@ fn figures(tile: &OverlayTile, registered: Option<&InstanceRegistration>) -> Str
     [parts.join(" · "), note.unwrap_or_default()].into_iter().filter(|text| !text.is_empty()).map(line).collect()
 }
 
-/// Every template alone.
+/// The section on every template alone.
 pub(super) fn templates(pictures: &StagePictures) -> Html {
     let shown = pictures.templates.iter().filter(|t| !(t.merged.is_empty() && t.trained.is_empty()));
     let templates = shown.map(template).collect::<Result<String, String>>()?;

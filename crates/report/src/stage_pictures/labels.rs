@@ -5,12 +5,12 @@ use instgs_vk::math::sh::SH_C0;
 use instgs_vk::scene::Gaussians;
 
 /// Brightness of an object's colour where its own Gaussians are black, and how much it rises towards white: shapes stay
-/// plain, and colours are not mistaken.
+/// visible, and colours cannot be confused.
 const OBJECT_SHADES: (f32, f32) = (0.5, 0.5);
-/// The same of the grey of the background.
+/// The same for the grey of the background.
 const BACKGROUND_SHADES: (f32, f32) = (0.16, 0.5);
 
-/// The cloud, without view-dependent colour: every object in its own, all else grey.
+/// The cloud without view-dependent colour: every object in its colour, everything else grey.
 pub(super) fn colored(cloud: &Gaussians, labels: &[u32], colors: &Colors) -> Gaussians {
     repainted(cloud, |i, shade| match labels.get(i).and_then(|&id| colors.of(id)) {
         Some(color) => shaded(color, OBJECT_SHADES, shade),
@@ -28,7 +28,7 @@ pub(super) fn base_color(cloud: &Gaussians, i: usize) -> [f32; 3] {
     cloud.sh_of(i)[0].map(|c| (0.5 + SH_C0 as f32 * c).clamp(0.0, 1.0))
 }
 
-/// The cloud with new colours (0..=1), from the index and the brightness of every Gaussian.
+/// The cloud with new colours (0..=1), computed from the index and the brightness of every Gaussian.
 fn repainted(cloud: &Gaussians, color: impl Fn(usize, f32) -> [f32; 3]) -> Gaussians {
     let sh = (0..cloud.len()).map(|i| color(i, luminance(base_color(cloud, i))).map(|c| (c - 0.5) / SH_C0 as f32));
     Gaussians {
