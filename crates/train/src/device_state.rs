@@ -5,12 +5,13 @@ use std::sync::Arc;
 use instgs_vk::gpu::interface::types::SourceGradient;
 use instgs_vk::gpu::{Gpu, GpuError, Recorder};
 use instgs_vk::kernels::BackwardPipelines;
-use instgs_vk::optim::{Adam, MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
+use instgs_vk::optim::{MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
 use instgs_vk::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::config::{Rates, SourceRates};
+use super::step_runner::StepPlan;
 
 /// Adam's moments of every parameter that training changes.
 pub struct Moments {
@@ -89,21 +90,21 @@ impl DeviceState {
         self.scene.download(gpu, names)
     }
 
-    /// Records Adam for every parameter that has a learning rate, poses included; SH bands above `sh_degree` do not
-    /// change.
+    /// Records Adam for every parameter that has a learning rate in `plan`, poses included; SH bands above its SH
+    /// degree do not change.
     pub fn record_adam(
         &mut self,
         recorder: &mut Recorder,
-        (pipelines, workgroup_size): (&BackwardPipelines, u32),
+        pipelines: &BackwardPipelines,
+        workgroup_size: u32,
         log: &StepLog,
-        adam: &Adam,
-        rates: &Rates,
-        sh_degree: u32,
+        plan: &StepPlan,
     ) -> Result<(), GpuError> {
+        let StepPlan { adam, rates, sh_degree, .. } = plan;
         let (scene, gradients, moments) = (&mut self.scene, &self.gradients, &mut self.moments);
         let buffers = scene.parameters.scalars_mut().zip(moments.parameters.each_mut());
         for ((parameter, values, moments), (_, by)) in buffers.zip(gradients.parameters.scalars()) {
-            if matches!(parameter.owner(), Owner::ShBand(l) if l > sh_degree) {
+            if matches!(parameter.owner(), Owner::ShBand(l) if l > *sh_degree) {
                 continue;
             }
             let groups = ValueGroups {

@@ -35,7 +35,19 @@ pub enum TrainError {
     /// The scene cannot be trained or shown.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// Something about the run folder or the data, in words.
-    #[error("{0}")]
-    Other(String),
+    /// There is no view to train on.
+    #[error("there are no training views")]
+    NoViews,
+    /// No training view has this index.
+    #[error("view {0} is not among the training views")]
+    UnknownView(usize),
+    /// The view with this index was asked for out of order and is not on the device.
+    #[error("view {0} was not read ahead")]
+    NotPrefetched(usize),
+    /// Every Gaussian became non-finite.
+    #[error("after {steps} steps no Gaussian is left that is finite")]
+    NothingLeft {
+        /// Number of finished steps.
+        steps: u64,
+    },
 }

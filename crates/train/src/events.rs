@@ -182,7 +182,8 @@ pub trait EventSink {
     }
 }
 
-/// JSON has no NaN and no infinities: they are written as `null`.
+/// Reads a number of a JSON file for serde's `deserialize_with`: `null` is NaN. JSON has no NaN and no infinities, so
+/// serde_json writes them as `null`.
 pub fn null_is_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }

@@ -257,14 +257,12 @@ impl StepRunner {
         let scene = (&state.scene, &state.tables);
         self.frame.record_gradients(recorder, scene, &train_view, &self.log, &mut state.gradients)?;
         let workgroup_size = self.frame.variant().workgroup_size;
-        let mcmc = (&self.mcmc, workgroup_size);
         if let Some(extra) = &plan.mcmc {
-            extra.record_regularisation(recorder, mcmc, &self.log, state)?;
+            extra.record_regularisation(recorder, &self.mcmc, workgroup_size, &self.log, state)?;
         }
-        let adam = (self.frame.backward_pipelines(), workgroup_size);
-        state.record_adam(recorder, adam, &self.log, &plan.adam, &plan.rates, plan.sh_degree)?;
+        state.record_adam(recorder, self.frame.backward_pipelines(), workgroup_size, &self.log, plan)?;
         if let Some(extra) = &plan.mcmc {
-            extra.record_noise(recorder, mcmc, &self.log, state, step)?;
+            extra.record_noise(recorder, &self.mcmc, workgroup_size, &self.log, state, step)?;
         }
         let readback = &mut self.log.readback[slot];
         let bytes = readback.bytes();

@@ -258,7 +258,7 @@ fn open_log(job: &TrainJob, step: u64, observer: &mut dyn TrainObserver) -> Resu
 /// Writes the trained scene; returns the length of the file that counts as the result, bytes.
 fn write_scene(job: &TrainJob, scene: &InstancedScene, done: u64) -> Result<u64, TrainError> {
     if scene.expanded_len() == 0 {
-        return Err(TrainError::Other(format!("after {done} steps no Gaussian is left that is finite")));
+        return Err(TrainError::NothingLeft { steps: done });
     }
     let folder = job.folder();
     let mut result = folder.scene();
@@ -285,7 +285,7 @@ fn evaluate_at_end(
     let mut renderer = Renderer::new(gpu)?;
     let device_scene = renderer.upload(scene)?;
     let mut tell = |view: Evaluated<'_>| observer.notify(TrainMessage::TestView(&view));
-    evaluate_with(&mut renderer, &device_scene, (test, config), &mut tell).map(Some)
+    evaluate_with(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
 }
 
 fn view_metrics(report: &EvalReport) -> Vec<ViewMetrics> {
@@ -378,7 +378,7 @@ impl<'a> Run<'a> {
     /// Derives everything about a step from its index.
     fn plan(&mut self, step: u64) -> Result<StepPlan, TrainError> {
         let config = &self.job.config;
-        let view = self.order.view_at(step).ok_or_else(|| TrainError::Other("there are no training views".into()))?;
+        let view = self.order.view_at(step).ok_or(TrainError::NoViews)?;
         let rates = &config.rates;
         let step_rates = config.rates_at(step, self.extent);
         Ok(StepPlan {
@@ -536,7 +536,7 @@ impl<'a> Run<'a> {
     /// Renders the test views in their current state and compares them with their photos.
     fn evaluate(&mut self) -> Result<EvalReport, TrainError> {
         let mut renderer = Renderer::new(self.gpu)?;
-        evaluate_with(&mut renderer, &self.state.scene, (self.test, &self.job.config), &mut |_| Ok(()))
+        evaluate_with(&mut renderer, &self.state.scene, self.test, &self.job.config, &mut |_| Ok(()))
     }
 
     fn facts(&self, data: &TrainData) -> DatasetFacts {
@@ -557,7 +557,8 @@ impl<'a> Run<'a> {
 fn evaluate_with(
     renderer: &mut Renderer,
     scene: &DeviceScene,
-    (test, config): (&[View], &TrainConfig),
+    test: &[View],
+    config: &TrainConfig,
     on_picture: &mut dyn FnMut(Evaluated<'_>) -> Result<(), IoError>,
 ) -> Result<EvalReport, TrainError> {
     let width = (config.width > 0).then_some(config.width);

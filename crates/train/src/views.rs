@@ -113,9 +113,7 @@ impl TrainViews {
             self.streamed.push_back((index, view));
         }
         let found = self.streamed.iter().find(|(i, _)| *i == index);
-        found
-            .map(|(_, view)| view)
-            .ok_or_else(|| TrainError::Other(format!("view {index} is not among the training views")))
+        found.map(|(_, view)| view).ok_or(TrainError::UnknownView(index))
     }
 
     fn next_streamed(&mut self, index: usize) -> Result<DeviceView, TrainError> {
@@ -125,7 +123,7 @@ impl TrainViews {
                 return Ok(device_view(&self.gpu, &view)?);
             }
         }
-        Err(TrainError::Other(format!("view {index} was not read ahead")))
+        Err(TrainError::NotPrefetched(index))
     }
 
     /// Number of training views.

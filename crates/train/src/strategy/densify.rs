@@ -94,12 +94,11 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let mut sort = SortBuffers::new(&tools.gpu, "gradient", count as usize)?;
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
-    record_mark(tools, state, limits, (&mut sort, &mut gains, &mut fates))?;
-    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), (&fates.counts, None), &mut fates.firsts)?;
+    record_mark(tools, state, limits, &mut sort, &mut gains, &mut fates)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), &fates.counts, None, &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
     // In the order of gradients; the sorted list is no longer needed.
-    let order = (&gains, Some(&sort.values));
-    tools.record_scan(&mut scratch, None, order, &mut sort.keys)?;
+    tools.record_scan(&mut scratch, None, &gains, Some(&sort.values), &mut sort.keys)?;
     let bindings = densify_select::Bindings {
         order: &sort.values,
         gains: &gains,
@@ -111,7 +110,7 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let params = densify_select::Params { count, max_gaussians: limits.max_gaussians };
     let grid = tools.threads(count);
     tools.recorder.dispatch(&tools.pipelines.densify_select, grid, &params, bindings)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), (&fates.counts, None), &mut fates.firsts)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), &fates.counts, None, &mut fates.firsts)?;
     tools.run()?;
     let counters = tools.counters(&scratch)?;
     Ok((fates, counters))
@@ -121,7 +120,9 @@ fn record_mark(
     tools: &mut Tools,
     state: &DeviceState,
     limits: &Limits,
-    (sort, gains, fates): (&mut SortBuffers, &mut Buffer<u32>, &mut Fates),
+    sort: &mut SortBuffers,
+    gains: &mut Buffer<u32>,
+    fates: &mut Fates,
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
     let count = state.source_count as u32;

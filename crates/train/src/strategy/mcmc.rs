@@ -60,8 +60,8 @@ fn pick(
     let (mut weights, mut sums, mut copies) = (list("weights")?, list("weights before")?, list("copies")?);
     let mut moves = Moves::new(&tools.gpu, after)?;
     let mut scratch = tools.scratch(count)?;
-    record_weigh(tools, state, logit_min, (&mut weights, &mut copies))?;
-    tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), (&weights, None), &mut sums)?;
+    record_weigh(tools, state, logit_min, &mut weights, &mut copies)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), &weights, None, &mut sums)?;
     let bindings = mcmc_pick::Bindings {
         weights: &weights,
         before: &sums,
@@ -83,7 +83,8 @@ fn record_weigh(
     tools: &mut Tools,
     state: &DeviceState,
     logit_min: f32,
-    (weights, copies): (&mut Buffer<u32>, &mut Buffer<u32>),
+    weights: &mut Buffer<u32>,
+    copies: &mut Buffer<u32>,
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
     let count = state.source_count as u32;

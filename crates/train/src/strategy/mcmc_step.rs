@@ -36,7 +36,8 @@ impl McmcStep {
     pub fn record_regularisation(
         &self,
         recorder: &mut Recorder,
-        (pipelines, workgroup_size): (&McmcStepPipelines, u32),
+        pipelines: &McmcStepPipelines,
+        workgroup_size: u32,
         log: &StepLog,
         state: &mut DeviceState,
     ) -> Result<(), GpuError> {
@@ -63,7 +64,8 @@ impl McmcStep {
     pub fn record_noise(
         &self,
         recorder: &mut Recorder,
-        (pipelines, workgroup_size): (&McmcStepPipelines, u32),
+        pipelines: &McmcStepPipelines,
+        workgroup_size: u32,
         log: &StepLog,
         state: &mut DeviceState,
         step: u32,
