@@ -21,7 +21,7 @@ mod writer;
 
 use std::path::Path;
 
-pub use error::ReportError;
+pub use error::{PictureError, ReportError};
 pub use joint_match::JointMatch;
 pub use pace::final_steps_per_second;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};

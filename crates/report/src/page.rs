@@ -10,7 +10,7 @@ use super::pictures::{self, DIFFERENCE_GAIN};
 use super::run_report::RunReport;
 use super::stages as of_stages;
 use super::table::{bar, table};
-use super::{ReportData, ViewPicture};
+use super::{PictureError, ReportData, ViewPicture};
 use instgs_io::{IoError, Place};
 use instgs_train::config::Method;
 use instgs_train::facts::Quality;
@@ -25,7 +25,7 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     out += &section("Curves", &charts(data));
     out += &section("Beside the plain cloud", &phases::beside(data));
     out += &section("Groups", &phases::groups(report));
-    let fail = |what: String| IoError::new(path, what);
+    let fail = |error: PictureError| IoError::new(path, error.to_string());
     let drawn = &data.stages;
     out += &section("Masks, objects and labels", &of_stages::segmentation(drawn).map_err(fail)?);
     out += &section("Registered poses", &of_stages::poses(drawn, report).map_err(fail)?);
@@ -148,7 +148,8 @@ fn views(all: &[ViewPicture], path: &Path) -> Result<String, IoError> {
     let captions = ["photograph".to_owned(), "rendering".into(), format!("difference × {DIFFERENCE_GAIN}")];
     let mut out = String::new();
     for view in all {
-        let fail = |what: String| IoError::new(path, what).at(Place::Field(format!("picture {}", view.name)));
+        let place = || Place::Field(format!("picture {}", view.name));
+        let fail = |error: PictureError| IoError::new(path, error.to_string()).at(place());
         let addresses = pictures::addresses(&view.ground_truth, &view.render).map_err(fail)?;
         let name = escape(&view.name);
         out += &format!(

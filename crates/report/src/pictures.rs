@@ -6,6 +6,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage, imageops};
 
+use crate::PictureError;
 use instgs_train::facts::ViewMetrics;
 
 /// Pictures on the page are scaled down to this width, pixels.
@@ -33,7 +34,7 @@ impl Rgb8 {
     ///
     /// # Errors
     /// The number of bytes does not match the size, or the picture has no pixels.
-    pub fn png(&self) -> Result<Vec<u8>, String> {
+    pub fn png(&self) -> Result<Vec<u8>, PictureError> {
         encoded(&image_of(self)?)
     }
 
@@ -41,10 +42,10 @@ impl Rgb8 {
     ///
     /// # Errors
     /// The same errors as [`Rgb8::png`].
-    pub fn jpeg_address(&self) -> Result<String, String> {
+    pub fn jpeg_address(&self) -> Result<String, PictureError> {
         let image = image_of(self)?;
         let mut jpeg = Vec::new();
-        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(&image).map_err(|e| e.to_string())?;
+        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(&image)?;
         Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
     }
 
@@ -52,7 +53,7 @@ impl Rgb8 {
     ///
     /// # Errors
     /// The same errors as [`Rgb8::png`], or a size of 0.
-    pub fn resized(self, width: u32, height: u32) -> Result<Self, String> {
+    pub fn resized(self, width: u32, height: u32) -> Result<Self, PictureError> {
         if (self.width, self.height) == (width, height) {
             return Ok(self);
         }
@@ -74,11 +75,10 @@ pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
 }
 
 /// The `data:` addresses of photo, rendering and their difference.
-pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], String> {
+pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], PictureError> {
     let (truth, render) = (image_of(ground_truth)?, image_of(render)?);
     if truth.dimensions() != render.dimensions() {
-        let ((w, h), (v, u)) = (truth.dimensions(), render.dimensions());
-        return Err(format!("the photograph has {w}x{h} pixels, the rendering {v}x{u}"));
+        return Err(PictureError::SizesDiffer { photo: truth.dimensions(), rendering: render.dimensions() });
     }
     // The difference is taken at full size: averaging first would hide differences of single pixels.
     let mut difference = truth.clone();
@@ -89,20 +89,20 @@ pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3
 }
 
 /// The `data:` address of a picture.
-pub(super) fn address(picture: &Rgb8) -> Result<String, String> {
+pub(super) fn address(picture: &Rgb8) -> Result<String, PictureError> {
     scaled_address(&image_of(picture)?)
 }
 
-fn image_of(picture: &Rgb8) -> Result<RgbImage, String> {
+fn image_of(picture: &Rgb8) -> Result<RgbImage, PictureError> {
     let &Rgb8 { width, height, ref pixels } = picture;
     let wanted = 3 * u64::from(width) * u64::from(height);
     if width == 0 || height == 0 || pixels.len() as u64 != wanted {
-        return Err(format!("{} bytes are no picture of {width}x{height} pixels", pixels.len()));
+        return Err(PictureError::Size { bytes: pixels.len(), width, height });
     }
-    RgbImage::from_raw(width, height, pixels.clone()).ok_or_else(|| "is too large".into())
+    RgbImage::from_raw(width, height, pixels.clone()).ok_or(PictureError::TooLarge)
 }
 
-fn scaled_address(image: &RgbImage) -> Result<String, String> {
+fn scaled_address(image: &RgbImage) -> Result<String, PictureError> {
     let (width, height) = image.dimensions();
     let scaled = if width > MAX_WIDTH_PX {
         let height = (u64::from(height) * u64::from(MAX_WIDTH_PX)).div_ceil(u64::from(width)).max(1);
@@ -114,11 +114,14 @@ fn scaled_address(image: &RgbImage) -> Result<String, String> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
 }
 
-fn encoded(image: &RgbImage) -> Result<Vec<u8>, String> {
+fn encoded(image: &RgbImage) -> Result<Vec<u8>, PictureError> {
     let mut png = Vec::new();
-    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive)
-        .write_image(image.as_raw(), image.width(), image.height(), ExtendedColorType::Rgb8)
-        .map_err(|e| e.to_string())?;
+    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive).write_image(
+        image.as_raw(),
+        image.width(),
+        image.height(),
+        ExtendedColorType::Rgb8,
+    )?;
     Ok(png)
 }
 
@@ -155,7 +158,7 @@ mod tests {
     #[test]
     fn pictures_that_are_none_or_differ_in_size_are_refused() {
         let picture = |width, height, bytes| Rgb8 { width, height, pixels: vec![0; bytes] };
-        let error = |a: &Rgb8, b: &Rgb8| addresses(a, b).err().unwrap_or_default();
+        let error = |a: &Rgb8, b: &Rgb8| addresses(a, b).unwrap_err().to_string();
         assert!(error(&picture(2, 1, 6), &picture(1, 2, 6)).contains("2x1 pixels, the rendering 1x2"));
         assert!(error(&picture(2, 1, 5), &picture(2, 1, 6)).contains("5 bytes"));
         assert!(error(&picture(0, 1, 0), &picture(0, 1, 0)).contains("no picture"));

@@ -1,17 +1,17 @@
 //! The page's sections with pictures of the stages from masks to templates.
 
-use super::Rgb8;
 use super::format::{count, escape, fixed};
 use super::pictures::address;
 use super::run_report::RunReport;
 use super::stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
+use super::{PictureError, Rgb8};
 use instgs_objects::register::{InstanceRegistration, Verdict};
 
 /// Upper bound of the objects in the legend: more do not help a reader.
 const MOST_LISTED: usize = 36;
 
 /// HTML text, or the picture that could not be encoded.
-type Html = Result<String, String>;
+type Html = Result<String, PictureError>;
 
 /// The section on masks, objects and labels of some views.
 pub(super) fn segmentation(pictures: &StagePictures) -> Html {
@@ -19,7 +19,7 @@ pub(super) fn segmentation(pictures: &StagePictures) -> Html {
         return Ok(String::new());
     }
     let notes: String = pictures.notes.iter().map(|note| format!("<p class=\"soft\">{}</p>\n", escape(note))).collect();
-    let views = pictures.views.iter().map(view).collect::<Result<String, String>>()?;
+    let views = pictures.views.iter().map(view).collect::<Html>()?;
     Ok([notes, legend(&pictures.objects), views].concat())
 }
 
@@ -59,7 +59,8 @@ fn view(view: &StageView) -> Html {
 }
 
 fn figure(picture: &Rgb8, of: &str, caption: &str) -> Html {
-    let address = address(picture).map_err(|what| format!("{of}, {caption}: {what}"))?;
+    let named = |error| PictureError::OnPage { of: of.to_owned(), caption: caption.to_owned(), error: Box::new(error) };
+    let address = address(picture).map_err(named)?;
     let of = escape(of);
     Ok(format!("<figure><img src=\"{address}\" alt=\"{of}: {caption}\"/><figcaption>{caption}</figcaption></figure>\n"))
 }
@@ -73,7 +74,7 @@ pub(super) fn poses(pictures: &StagePictures, report: &RunReport) -> Html {
                then in its colour over the reference, from the camera that shows the reference best and from a quarter \
                turn beside it. The line is the reference's outline: a right pose fills it; grey in it is not covered, \
                and colour outside of it is too much.";
-    let groups = pictures.overlays.iter().map(|group| poses_of(group, report)).collect::<Result<String, String>>()?;
+    let groups = pictures.overlays.iter().map(|group| poses_of(group, report)).collect::<Html>()?;
     Ok(format!("<p class=\"soft\">{how}</p>\n{groups}{}", not_shown(pictures.groups_left_out, "smaller groups")))
 }
 
@@ -84,7 +85,7 @@ fn poses_of(group: &GroupOverlay, report: &RunReport) -> Html {
         0 => String::new(),
         left => format!("<span>{} more are not shown{which}</span>", count(left as u64)),
     };
-    let tiles = group.tiles.iter().map(|tile| pose(tile, report)).collect::<Result<String, String>>()?;
+    let tiles = group.tiles.iter().map(|tile| pose(tile, report)).collect::<Html>()?;
     let name = escape(&group.name);
     Ok(format!("<div class=\"view\"><h3>{name}{left_out}</h3>\n<div class=\"poses\">\n{tiles}</div></div>\n"))
 }
@@ -94,8 +95,7 @@ fn pose(tile: &OverlayTile, report: &RunReport) -> Html {
     let of = format!("object {}", tile.id);
     let captions = ["alone", if tile.overlap.is_some() { "over the reference" } else { "in grey" }, "from the side"];
     let pictures = tile.own.iter().chain(&tile.over).zip(captions);
-    let pictures =
-        pictures.map(|(picture, caption)| figure(picture, &of, caption)).collect::<Result<String, String>>()?;
+    let pictures = pictures.map(|(picture, caption)| figure(picture, &of, caption)).collect::<Html>()?;
     let shown = if pictures.is_empty() { "<p>It has no Gaussians.</p>\n".to_owned() } else { pictures };
     Ok(format!(
         "<div class=\"pose\"><p>{}<b>{of}</b> {}</p>\n<div class=\"trio\">\n{shown}</div>\n{}</div>\n",
@@ -136,7 +136,7 @@ fn figures(tile: &OverlayTile, registered: Option<&InstanceRegistration>) -> Str
 /// The section on every template alone.
 pub(super) fn templates(pictures: &StagePictures) -> Html {
     let shown = pictures.templates.iter().filter(|t| !(t.merged.is_empty() && t.trained.is_empty()));
-    let templates = shown.map(template).collect::<Result<String, String>>()?;
+    let templates = shown.map(template).collect::<Html>()?;
     Ok(templates + &not_shown(pictures.templates_left_out, "more templates"))
 }
 

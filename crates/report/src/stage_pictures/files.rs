@@ -15,7 +15,7 @@ pub(super) fn write(job: &PipelineJob, pictures: &StagePictures) -> Result<(), I
     fs::create_dir_all(&folder).map_err(|e| IoError::new(&folder, format!("cannot create: {e}")))?;
     named(pictures).par_iter().try_for_each(|(name, picture)| {
         let path = folder.join(format!("{name}.png"));
-        let bytes = picture.png().map_err(|what| IoError::new(&path, what))?;
+        let bytes = picture.png().map_err(|error| IoError::new(&path, error.to_string()))?;
         atomic_write(&path, |out| out.write_all(&bytes))
     })
 }

@@ -66,7 +66,7 @@ pub fn draw(gpu: &Arc<Gpu>, job: &PipelineJob, prepared: &Prepared) -> Result<St
     };
     let merged = load_scene(&job.folder().initial_scene())?.scene;
     let pictures = template::pictures(&mut painter, &merged, &merged, &inputs.cameras)?;
-    out.templates = (0..).zip(pictures).map(|(t, pictures)| template((t, pictures), &merged, prepared)).collect();
+    out.templates = (0..).zip(pictures).map(|(t, pictures)| template(t, pictures, &merged, prepared)).collect();
     out.templates_left_out = merged.template_ranges.len() - out.templates.len();
     files::write(job, &out)?;
     Ok(out)
@@ -154,8 +154,7 @@ fn photo(view: &View, camera: &Camera) -> Result<Rgb8, IoError> {
     // Adding 0.5 rounds, as no channel is negative.
     let pixels = colors.map(|c| (c * 255.0 + 0.5) as u8).collect();
     let photo = Rgb8 { width: image.width, height: image.height, pixels };
-    let fail = |what: String| IoError::new(&view.image_path, what);
-    photo.resized(camera.width, camera.height).map_err(fail)
+    photo.resized(camera.width, camera.height).map_err(|error| IoError::new(&view.image_path, error.to_string()))
 }
 
 /// Colours of the mask ids: those of the objects where the ids are the objects' ids.
@@ -175,7 +174,7 @@ fn object_paint(table: &IdTable, view: usize, id: u16, colors: &Colors) -> Paint
     }
 }
 
-fn template((index, merged): (u32, Vec<Rgb8>), scene: &InstancedScene, prepared: &Prepared) -> TemplatePictures {
+fn template(index: u32, merged: Vec<Rgb8>, scene: &InstancedScene, prepared: &Prepared) -> TemplatePictures {
     let group = prepared.groups.iter().find(|group| group.template == Some(index));
     let name = group.map(|group| group_name(group.template_id, group.name.as_ref()));
     let gaussians = u64::from(scene.template_ranges[index as usize].count);

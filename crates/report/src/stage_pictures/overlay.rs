@@ -73,7 +73,8 @@ pub fn group_overlay(
     painter: &mut Painter,
     objects: &Objects<'_>,
     group: &PosedGroup,
-    (reference, shown): (usize, &[usize]),
+    reference: usize,
+    shown: &[usize],
 ) -> Result<GroupOverlay, RenderError> {
     let bare = |&i: &usize| {
         let id = group.instances[i].id;

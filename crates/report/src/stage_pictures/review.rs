@@ -9,7 +9,7 @@ use super::colors::Colors;
 use super::inputs::consensus_notes;
 use super::masks::{Paint, painted};
 use super::{VIEW_WIDTH_PX, object_paint, photo};
-use crate::{KindOfMasks, ObjectColor, ReviewSheet, ReviewView, write_review};
+use crate::{KindOfMasks, ObjectColor, PictureError, ReviewSheet, ReviewView, write_review};
 use instgs_io::view_image::camera_at_width;
 use instgs_io::{IoError, Mask, MaskFolder, View};
 use instgs_objects::segment::Consensus;
@@ -101,7 +101,7 @@ fn pictures(
 ) -> Result<Vec<(&'static str, String)>, IoError> {
     // A photo smaller than that is not enlarged: the page scales it.
     let photo = photo(view, &camera_at_width(&view.camera, Some(VIEW_WIDTH_PX.min(view.camera.width))))?;
-    let fail = |what: String| IoError::new(&view.image_path, what);
+    let fail = |error: PictureError| IoError::new(&view.image_path, error.to_string());
     let Some(mask) = masks.of_view(view)? else { return Ok(vec![("photograph", photo.jpeg_address().map_err(fail)?)]) };
     let as_given = painted(&photo, &mask, |id| given.of(u32::from(id)).map_or(Paint::Nothing, Paint::Color));
     let mut out = vec![("masks as given", as_given.jpeg_address().map_err(fail)?)];

@@ -27,7 +27,7 @@ pub(super) fn overlays(
     let mut out = Vec::new();
     for group in order.into_iter().take(GROUPS) {
         let reference = reference(group, objects);
-        out.push(group_overlay(painter, objects, group, (reference, &shown(group, reference, prepared)))?);
+        out.push(group_overlay(painter, objects, group, reference, &shown(group, reference, prepared))?);
     }
     let is_posed = |id: u32| groups.iter().flat_map(|group| &group.instances).any(|instance| instance.id == id);
     let mut alone: Vec<u32> = objects.ids().filter(|&id| !is_posed(id)).collect();
