@@ -1,4 +1,4 @@
-//! Flags that several commands share: scenes, views, and how a picture looks.
+//! Flags that several commands share: scenes, views, and rendering options.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use instgs_vk::scene::{Camera, InstancedScene};
 /// Picture size of `--orbit` without `--size`.
 const ORBIT_SIZE: (u32, u32) = (1280, 720);
 
-/// Where the cameras of a command come from: exactly one of its flags.
+/// The source of a command's cameras: exactly one of its flags.
 #[derive(Args)]
 #[group(required = true, multiple = false)]
 pub struct ViewSource {
@@ -32,38 +32,38 @@ pub struct ViewSource {
     camera: Option<PathBuf>,
 }
 
-/// Which cameras a command renders, and at which size.
+/// The cameras that a command renders, and the picture size.
 #[derive(Args)]
 pub struct ViewArgs {
     #[command(flatten)]
     source: ViewSource,
-    /// Which views of --data [default: test]
+    /// The views of --data to use [default: test]
     #[arg(long, value_enum, conflicts_with_all = ["orbit", "camera"])]
     split: Option<SplitArg>,
     /// Picture size; views of other sizes are scaled per axis [default: the views' own; 1280x720 with --orbit]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<(u32, u32)>,
-    /// Up axis of --orbit [default: across a scene that is a plate, as -y, +z or +x; else -y]
+    /// Up axis of --orbit [default: the normal of a flat scene, as -y, +z or +x; else -y]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, conflicts_with_all = ["data", "camera"], allow_hyphen_values = true)]
     up: Option<Triple>,
 }
 
-/// Which views of a dataset.
+/// The views of a data set to use.
 #[derive(Clone, Copy, ValueEnum)]
 pub enum SplitArg {
-    /// Held-out views.
+    /// Held-out views: the test split.
     #[value(help = None)]
     Test,
-    /// Views to train from.
+    /// Views that are trained on.
     #[value(help = None)]
     Train,
-    /// Both.
+    /// Training and held-out views.
     #[value(help = None)]
     All,
 }
 
 impl SplitArg {
-    /// The dataset's views of this split, at least one.
+    /// The data set's views of this split, at least one.
     pub fn views(self, folder: &Path) -> Result<Vec<View>, CliError> {
         let wanted = |of_view: Split| match self {
             Self::All => true,
@@ -83,21 +83,21 @@ impl SplitArg {
 pub struct Triple([f32; 3]);
 
 impl Triple {
-    /// As a vector.
+    /// The numbers as a vector.
     pub fn direction(self) -> DVec3 {
         DVec3::from_array(self.0.map(f64::from))
     }
 }
 
 impl ViewArgs {
-    /// The cameras, at least one; warns if `near` cuts a circle's view off.
+    /// The cameras, at least one; warns if the near plane cuts the view of a circle off.
     pub fn cameras(&self, scene: &InstancedScene, near: f32, printer: &Printer) -> Result<Vec<Camera>, CliError> {
         let cameras = match &self.source {
             ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder)?,
             ViewSource { camera: Some(path), .. } => read_cameras(path)?,
             ViewSource { orbit, .. } => {
                 let circle = Orbit::around(scene, self.up.map(Triple::direction));
-                // Half of the scene is within less than half the distance from the centre.
+                // Half of the scene is closer to the centre than half of this distance.
                 if circle.distance < 1.5 * f64::from(near) {
                     let distance = circle.distance;
                     printer.warning(format_args!(
@@ -113,7 +113,7 @@ impl ViewArgs {
         Ok(cameras.into_iter().map(resized).collect())
     }
 
-    /// The views of `--data`, at the size of their photos; `None` for cameras without photos and for `--size`.
+    /// The views of `--data`, at the size of their photos; `None` for cameras without photos, or if `--size` is given.
     pub fn photos(&self) -> Result<Option<Vec<View>>, CliError> {
         match (&self.source.data, self.size) {
             (Some(folder), None) => self.split.unwrap_or(SplitArg::Test).views(folder).map(Some),
@@ -127,48 +127,49 @@ impl ViewArgs {
     }
 }
 
-/// How pictures look: background, near plane, antialiasing, dilation.
+/// Rendering options: background, near plane, antialiasing, dilation.
 #[derive(Args)]
 pub struct LookArgs {
-    /// Colour behind the scene, three numbers as in the pictures (0 to 1) [default: 0,0,0]
+    /// Background colour, three numbers as in the pictures (0 to 1) [default: 0,0,0]
     #[arg(long, value_name = "R,G,B", value_parser = parse_triple, allow_hyphen_values = true)]
     background: Option<Triple>,
-    /// Nearest depth that is drawn, scene units [default: 0.2]
+    /// Near plane: least view depth that is drawn, scene units [default: 0.2]
     #[arg(long, value_name = "Z", value_parser = parse_near)]
     near: Option<f32>,
-    /// Opacity compensation for small splats; --antialias=false turns it off [default: as the scene says]
+    /// Opacity compensation for small splats; --antialias=false turns it off [default: as the scene file says]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     antialias: Option<bool>,
-    /// Variance added to every projected splat, px^2 [default: 0.3]
+    /// Dilation: variance added to every projected splat, px^2 [default: 0.3]
     #[arg(long, value_name = "PX2", value_parser = parse_dilation)]
     dilation: Option<f32>,
-    /// Limits the buffer of (splat, tile) pairs; frames that need more take several passes, with the same picture
+    /// Limits the buffer of (splat, tile) pairs; larger frames are drawn in several passes, with the same result
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     max_intersections: Option<u32>,
 }
 
-/// Levels of detail, for the commands that make pictures to be looked at.
+/// Levels of detail, for commands whose pictures are only looked at.
 #[derive(Args)]
 pub struct LodArgs {
-    /// Draws what is far away merged, over at most PX pixels; `bench --lod` says what it costs [default: all in full]
+    /// Draws merged Gaussians where the error is at most PX pixels; `bench --lod` measures the loss [default: all in
+    /// full]
     #[arg(long, value_name = "PX", value_parser = parse_lod)]
     lod: Option<f32>,
 }
 
 impl LodArgs {
-    /// The options with the flag's error.
+    /// The options with the error of the flag.
     pub fn apply(&self, options: RenderOptions) -> RenderOptions {
         RenderOptions { lod_error_px: self.lod.unwrap_or(0.0), ..options }
     }
 }
 
 impl LookArgs {
-    /// Opacity compensation, if a flag says which.
+    /// Opacity compensation, if the flag is given.
     pub fn antialias(&self) -> Option<bool> {
         self.antialias
     }
 
-    /// The options for a scene: the flags, else the scene's own, else the defaults.
+    /// The options for a scene: from the flags, else from the scene, else the defaults.
     pub fn options(&self, scene: &InstancedScene) -> RenderOptions {
         let default = RenderOptions::default();
         RenderOptions {
@@ -182,7 +183,7 @@ impl LookArgs {
     }
 }
 
-/// Opens a scene and says what is worth knowing about its file.
+/// Opens a scene and prints warnings about its file.
 pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliError> {
     let loaded = load_scene(path)?;
     for what in loaded.warnings() {
@@ -191,14 +192,14 @@ pub fn open_scene(path: &Path, printer: &Printer) -> Result<LoadedScene, CliErro
     Ok(loaded)
 }
 
-/// A path as the configuration keeps it: valid in whatever folder the run is resumed.
+/// A path as the configuration stores it: absolute, so that it is valid wherever the run is resumed.
 pub fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
     let fail = |what: String| CliError::msg(format!("{flag}: {what}"));
     let absolute = std::path::absolute(path).map_err(|e| fail(format!("{}: {e}", path.display())))?;
     absolute.into_os_string().into_string().map_err(|p| fail(format!("{} is not UTF-8 text", p.display())))
 }
 
-/// Makes a folder and those above it.
+/// Creates a folder and its parents.
 pub fn create_folder(path: &Path) -> Result<(), CliError> {
     std::fs::create_dir_all(path).map_err(|e| IoError::new(path, format!("cannot create the folder: {e}")).into())
 }
@@ -220,7 +221,7 @@ pub fn parse_triple(text: &str) -> Result<Triple, String> {
     }
 }
 
-/// Parses an up axis `X,Y,Z` of any length but zero.
+/// Parses an up axis `X,Y,Z` of any length above zero.
 pub fn parse_up(text: &str) -> Result<Triple, String> {
     let up = parse_triple(text)?;
     if up.0 == [0.0; 3] { Err("a vector of length 0 has no direction".into()) } else { Ok(up) }
@@ -230,7 +231,7 @@ fn parse_near(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(|v: &f32| v.is_finite() && *v >= 0.0).ok_or_else(|| "want a number >= 0".into())
 }
 
-/// Pixels that may be merged: above 0, and not more than the largest picture has.
+/// Parses the error of levels of detail, pixels: above 0, and at most the side of the largest picture.
 pub fn parse_lod(text: &str) -> Result<f32, String> {
     let most = MAX_IMAGE_SIDE as f32;
     let px = text.trim().parse().ok().filter(|v: &f32| *v > 0.0 && *v <= most);

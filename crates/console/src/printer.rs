@@ -10,10 +10,11 @@ use indicatif::{ProgressBar, ProgressStyle};
 use crate::CliError;
 use instgs_io::{IoError, atomic_write};
 
-/// Lines that a task of many steps prints where there is no terminal.
+/// Number of lines that a task of many steps prints if stderr is not a terminal.
 const PROGRESS_LINES: u64 = 10;
 
-/// Reports to stdout, warnings and errors to stderr. A closed stream is no error: `instgs-vk ... | head` just ends.
+/// Prints reports to stdout, warnings and errors to stderr. A closed stream is not an error: `instgs-vk ... | head`
+/// just ends.
 #[derive(Clone, Copy, Debug)]
 pub struct Printer {
     json_on_stdout: bool,
@@ -25,31 +26,31 @@ impl Printer {
         Self { json_on_stdout }
     }
 
-    /// A line of the report for people; dropped where stdout is for JSON.
+    /// Prints a line of the report for people, unless stdout is for JSON.
     pub fn line(&self, text: impl Display) {
         if !self.json_on_stdout {
             let _ = writeln!(std::io::stdout().lock(), "{text}");
         }
     }
 
-    /// The JSON report, to stdout.
+    /// Prints the JSON report to stdout.
     pub fn json(&self, report: &impl serde::Serialize) -> Result<(), CliError> {
         let _ = std::io::stdout().lock().write_all(&json_bytes(report)?);
         Ok(())
     }
 
-    /// The JSON report, to a file.
+    /// Writes the JSON report to a file.
     pub fn json_file(&self, path: &Path, report: &impl serde::Serialize) -> Result<(), CliError> {
         let bytes = json_bytes(report)?;
         Ok(atomic_write(path, |out| out.write_all(&bytes))?)
     }
 
-    /// Something the user should know but that stops nothing.
+    /// Prints a warning: something the user should know, although the command continues.
     pub fn warning(&self, text: impl Display) {
         let _ = writeln!(std::io::stderr().lock(), "warning: {}", one_line(&text));
     }
 
-    /// The one line of a failed command.
+    /// Prints the one line of a failed command.
     pub fn error(&self, error: &CliError) {
         let _ = writeln!(std::io::stderr().lock(), "error: {}", one_line(error));
     }
@@ -66,7 +67,7 @@ impl Printer {
     }
 }
 
-/// One long task; see [`Printer::progress`].
+/// A long task; see [`Printer::progress`].
 pub struct Progress {
     printer: Printer,
     what: &'static str,
@@ -76,12 +77,12 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// One step is done.
+    /// Shows that one more step is done.
     pub fn step(&mut self, text: impl Display) {
         self.advance_to(self.done + 1, text);
     }
 
-    /// `done` steps are done.
+    /// Shows that `done` steps are done.
     pub fn advance_to(&mut self, done: u64, text: impl Display) {
         let before = std::mem::replace(&mut self.done, done);
         match &self.bar {
@@ -99,7 +100,7 @@ impl Progress {
 }
 
 impl Progress {
-    /// Few steps are all told, of many about every tenth part.
+    /// True for every step of a short task, and for about every tenth part of a long one.
     fn worth_a_line(&self, before: u64) -> bool {
         let part = |done: u64| done * PROGRESS_LINES / self.total.max(1);
         self.total <= 2 * PROGRESS_LINES || part(self.done) > part(before)
@@ -121,7 +122,7 @@ fn json_bytes(report: &impl serde::Serialize) -> Result<Vec<u8>, CliError> {
     Ok(bytes)
 }
 
-/// Texts of drivers and other crates may hold line breaks.
+/// Joins the lines of messages of drivers and other crates.
 fn one_line(text: &impl Display) -> String {
     text.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
 }

@@ -1,15 +1,15 @@
-//! Text tables: columns as wide as their widest cell, the first to the left, the others to the right.
+//! Text tables: columns as wide as their widest cell, the first aligned to the left, the others to the right.
 
 pub use instgs_vk::math::digits::grouped;
 
-/// Rows of cells.
+/// A table as rows of cells.
 #[derive(Default)]
 pub struct Table {
     rows: Vec<Vec<String>>,
 }
 
 impl Table {
-    /// Appends a row.
+    /// Appends a row of cells.
     pub fn row(&mut self, cells: impl Into<Vec<String>>) {
         self.rows.push(cells.into());
     }
