@@ -190,9 +190,9 @@ fn extras_of_a_step_are_the_twins() {
         state.gradients.parameters.opacity_logits = upload(&gpu, "g", &vec![0.25; cloud.len()]).unwrap();
         state.gradients.parameters.log_scales = upload(&gpu, "g", &vec![[0.5; 3]; cloud.len()]).unwrap();
         let mut recorder = Recorder::new(&gpu).unwrap();
-        let kernels = (&pipelines, variant.workgroup_size);
-        extra.record_regularisation(&mut recorder, kernels, &log, &mut state).unwrap();
-        extra.record_noise(&mut recorder, kernels, &log, &mut state, 17).unwrap();
+        let size = variant.workgroup_size;
+        extra.record_regularisation(&mut recorder, &pipelines, size, &log, &mut state).unwrap();
+        extra.record_noise(&mut recorder, &pipelines, size, &log, &mut state, 17).unwrap();
         let ticket = recorder.submit().unwrap();
         recorder.wait(ticket).unwrap();
         let by_logit = download(&gpu, &state.gradients.parameters.opacity_logits, cloud.len()).unwrap();

@@ -84,7 +84,7 @@ fn overlay(gpu: &std::sync::Arc<Gpu>, planted: Similarity) -> GroupOverlay {
     let (colors, cameras) = (Colors::of_ids(IDS), cameras(8));
     let objects = Objects::new(&cloud, &labels, &cameras, &colors);
     let mut painter = Painter::new(gpu, RenderOptions { background: [0.93; 3], ..RenderOptions::default() }).unwrap();
-    group_overlay(&mut painter, &objects, &group, (0, &[0, 1, 2])).unwrap()
+    group_overlay(&mut painter, &objects, &group, 0, &[0, 1, 2]).unwrap()
 }
 
 /// Measured on lavapipe: outlines agree by 1.0000; by 0.895 turned round (only the tower tells), by 0.833 turned by 10

@@ -1,4 +1,4 @@
-//! `instgs-vk bench`: flags of the measurement, and its report as a table. The measuring is in [`instgs_eval::bench`].
+//! `instgs-vk bench`: the flags of the measurement, and its report as a table. [`instgs_eval::bench`] measures.
 
 use std::path::{Path, PathBuf};
 
@@ -14,15 +14,16 @@ use instgs_io::LoadedScene;
 
 /// Measures frame time and memory of a scene, alone or side by side with another one.
 ///
-/// Frames are timed from recording to the end on the device, without download, after warm-up frames; with --against the
-/// two scenes take turns frame by frame. Ratios above 1 mean that the scene is better than the one it is compared with.
+/// Frames are timed from recording to their end on the device, without read-back, after warm-up frames; with --against
+/// the two scenes take turns frame by frame. Ratios above 1 mean that the scene is better than the one it is compared
+/// with.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk bench --scene garden.ply --camera cameras.json --frames 30\n  \
     instgs-vk bench --scene room.instgs --against room.ply --orbit 8 --size 640x360 --json report.json\n  \
     instgs-vk bench --scene room.instgs --data room --lod 1,2,4")]
 pub(super) struct BenchArgs {
-    /// Scene: .instgs, .ply, .spz or .splat
+    /// Scene to measure: .instgs, .ply, .spz or .splat
     #[arg(long, value_name = "S")]
     pub(super) scene: PathBuf,
     /// Scene to compare with, from the same cameras
@@ -33,19 +34,19 @@ pub(super) struct BenchArgs {
     /// Timed frames of each scene, cycling through the cameras
     #[arg(long, value_name = "N", default_value = "30", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub(super) frames: u32,
-    /// Measures levels of detail at these errors beside full quality: what they cost, against it and, with --data without
-    /// --size, against the photos; and what they save
+    /// Also measures levels of detail at these errors: their cost compared with full quality and, with --data without
+    /// --size, with the photos, and the time that they save
     #[arg(long, value_name = "PX,..", value_delimiter = ',', value_parser = parse_lod, conflicts_with = "against")]
     pub(super) lod: Vec<f32>,
     #[command(flatten)]
     pub(super) look: LookArgs,
-    /// Report as JSON: to a file, or without one on stdout instead of the table
+    /// Report as JSON: to this file, or without a file name to stdout instead of the table
     #[arg(long, value_name = "F", num_args = 0..=1, default_missing_value = "-")]
     pub(super) json: Option<PathBuf>,
 }
 
 impl BenchArgs {
-    /// True if stdout is for the JSON report alone.
+    /// True if stdout carries only the JSON report.
     pub(super) fn json_on_stdout(&self) -> bool {
         self.json.as_deref() == Some(Path::new("-"))
     }

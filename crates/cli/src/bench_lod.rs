@@ -1,4 +1,4 @@
-//! `instgs-vk bench --lod`: what levels of detail cost and save, as a table.
+//! `instgs-vk bench --lod`: cost and savings of levels of detail, as a table.
 
 use super::bench::{BenchArgs, subject};
 use instgs_console::CliError;
@@ -88,7 +88,7 @@ fn main_table(report: &LodReport) -> Table {
     table
 }
 
-/// By camera: milliseconds, splats, and what it costs at every error.
+/// One row per camera: milliseconds, splats, and the cost at every error.
 fn cameras_table(report: &LodReport) -> Table {
     let mut table = Table::default();
     let mut header = vec!["camera".to_string()];

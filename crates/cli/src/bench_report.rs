@@ -1,4 +1,4 @@
-//! A measurement of frames, as tables.
+//! Prints a measurement of frames as tables.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use instgs_console::Printer;
 use instgs_console::table::{Table, grouped};
 use instgs_eval::bench::{Report, SceneReport};
 
-/// The report as tables.
+/// Prints the report as tables.
 pub fn print_report(report: &Report, printer: &Printer) {
     let scene = &report.scene;
     let [width, height] = scene.resolution;
@@ -22,7 +22,7 @@ pub fn print_report(report: &Report, printer: &Printer) {
     }
 }
 
-/// One row per figure: name, scene, and the other scene and the ratio if there is one.
+/// One row per figure: its name, the scene, and the other scene and the ratio if there is one.
 fn main_table(report: &Report) -> Table {
     let mut table = Table::default();
     let mut row = |name: &str, cell: &dyn Fn(&SceneReport) -> String, ratio: Option<f64>| {

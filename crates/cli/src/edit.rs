@@ -1,4 +1,4 @@
-//! `instgs-vk edit`: instances copied, moved, recoloured, removed and added, and the list of what there is.
+//! `instgs-vk edit`: copies, moves, recolours, removes and adds instances, and lists them.
 
 use std::path::PathBuf;
 
@@ -14,29 +14,29 @@ use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{EditOutcome, apply, template_centres};
 use instgs_vk::scene::trajectory::Orbit;
 
-/// Changes the instances of a scene and writes it to a new file. An instance K is named by its index (--list shows them;
-/// 0,3,4 are several), as id:N (mask id), group:NAME or template:N; the latter two name all of a kind.
+/// Changes the instances of a scene and writes it to a new file. K selects instances by index (--list shows them; 0,3,4
+/// selects three), as id:N (mask id), group:NAME or template:N; the last two select all instances of a kind.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk edit room.instgs --list\n  \
     instgs-vk edit room.instgs --duplicate 3 by=1.2,0,0 yaw=90 --recolour id:7 rgb=0.2,-0.1,0 --out room2.instgs\n  \
     instgs-vk edit room.instgs --delete group:lamp --scatter template=0 count=20 point=0,1,0 extent=8,8 distance=1 --out hall.instgs")]
 pub(super) struct EditArgs {
-    /// Scene: .instgs
+    /// Scene to edit, .instgs
     #[arg(value_name = "S")]
     scene: PathBuf,
     #[command(flatten)]
     operations: Operations,
-    /// File to write, .instgs; may be the scene's own
+    /// File to write, .instgs; may be the same as the scene
     #[arg(long, value_name = "S2", required_unless_present = "list")]
     out: Option<PathBuf>,
-    /// Show the instances, after the operations if there are any
+    /// List the instances, after the operations if there are any
     #[arg(long)]
     list: bool,
-    /// Axis of yaw and default normal of planes [default: as for render's --orbit]
+    /// Axis of yaw, and default normal of planes [default: as for render's --orbit]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     up: Option<Triple>,
-    /// Report as JSON
+    /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
 }
@@ -49,7 +49,7 @@ struct Edited {
     operations: Vec<Done>,
     instances: usize,
     offset_records: usize,
-    /// Expanded.
+    /// Number of Gaussians after expanding instances.
     gaussians: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     list: Option<Vec<Listed>>,
@@ -68,11 +68,11 @@ struct Listed {
     id: Option<u32>,
     group: Option<String>,
     template: u32,
-    /// World position of the instance's centre.
+    /// Centre of the instance, world units.
     centre: [f64; 3],
     scale: f64,
     gaussians: u32,
-    /// "none", "own" or "shared".
+    /// One of "none", "own" and "shared".
     offsets: &'static str,
 }
 

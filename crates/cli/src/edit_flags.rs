@@ -1,4 +1,4 @@
-//! The operations of `instgs-vk edit`: flags that may be repeated, kept in the order of the command line.
+//! The operations of `instgs-vk edit`: repeatable flags, kept in the order of the command line.
 
 use std::str::FromStr;
 
@@ -7,21 +7,22 @@ use glam::DVec3;
 
 use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn};
 
-/// Most instances of one `--scatter`: a million is far more than a scene shows, and typing errors end here.
+/// Upper bound of the instances of one `--scatter`: a million is far more than a scene can show, so a larger number is
+/// a typing error.
 const MOST_SCATTERED: usize = 1_000_000;
 
-/// One operation: its flag and the words after it.
+/// One operation: its flag and the words after the flag.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Operation {
     flag: &'static str,
     words: Vec<String>,
 }
 
-/// All operations, first to last.
+/// All operations, in the order given.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Operations(Vec<Operation>);
 
-/// Flag, names of its values, help.
+/// For each flag: its name, the names of its values, its help text.
 const FLAGS: [(&str, &[&str], &str); 10] = [
     (
         "duplicate",
@@ -87,7 +88,7 @@ impl FromArgMatches for Operations {
             let mut indices = matches.indices_of(flag).into_iter().flatten();
             for words in matches.get_occurrences::<String>(flag).into_iter().flatten() {
                 let words: Vec<String> = words.cloned().collect();
-                // An occurrence stands where its first word does; the others follow it.
+                // An occurrence has the position of its first word; its other words follow.
                 let at = indices.by_ref().take(words.len()).fold(None, |first, index| first.or(Some(index)));
                 placed.push((at, Operation { flag, words }));
             }
@@ -107,7 +108,7 @@ impl Operations {
         self.0.is_empty()
     }
 
-    /// The edits; `up` is the axis of yaws and the normal of planes that give none.
+    /// Parses the edits; `up` is the axis of yaws, and the normal of planes without one.
     pub(super) fn edits(&self, up: DVec3) -> Result<Vec<Edit>, String> {
         let edit = |operation: &Operation| {
             let mut words = Words::new(&operation.words)?;
@@ -119,9 +120,9 @@ impl Operations {
     }
 }
 
-/// The words of one operation that are not used yet.
+/// The words of one operation that have not been used yet.
 struct Words<'a> {
-    /// Words without a `=`.
+    /// Words that contain no `=`.
     plain: Vec<&'a str>,
     named: Vec<(&'a str, &'a str)>,
 }
@@ -130,7 +131,7 @@ impl<'a> Words<'a> {
     fn new(words: &'a [String]) -> Result<Self, String> {
         let mut out = Self { plain: Vec::new(), named: Vec::new() };
         for word in words {
-            // A group's name may hold a "=".
+            // The name of a group may contain a "=".
             match word.split_once('=').filter(|(name, _)| !name.contains(':')) {
                 Some((name, _)) if out.named.iter().any(|(other, _)| *other == name) => {
                     return Err(format!("{name} is given twice"));
@@ -217,7 +218,7 @@ impl<'a> Words<'a> {
         selector(self.plain.remove(0))
     }
 
-    /// The value of a name, taken out.
+    /// Takes the value of a name and parses it; `None` if the name is not there.
     fn parsed<T>(&mut self, name: &str, parse: impl Fn(&str) -> Result<T, String>) -> Result<Option<T>, String> {
         let Some(at) = self.named.iter().position(|(other, _)| *other == name) else { return Ok(None) };
         let (_, value) = self.named.remove(at);
@@ -228,7 +229,7 @@ impl<'a> Words<'a> {
         self.parsed(name, parse)?.ok_or_else(|| format!("{name}=... is missing"))
     }
 
-    /// An error if a word was not used.
+    /// Returns an error if a word was not used.
     fn end(&self) -> Result<(), String> {
         match (self.plain.first(), self.named.first()) {
             (Some(word), _) => {
@@ -265,7 +266,7 @@ fn path(text: &str) -> Result<Vec<DVec3>, String> {
     text.split('/').map(vector).collect()
 }
 
-/// Two corners of a box; sides may be infinite.
+/// Parses two corners of a box; sides may be infinite.
 fn corners(text: &str) -> Result<[DVec3; 2], String> {
     let corner = |text: &str| -> Option<DVec3> {
         let values: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();

@@ -1,4 +1,4 @@
-//! `instgs-vk eval`: a scene's pictures against a dataset's photos.
+//! `instgs-vk eval`: compares renderings of a scene with a data set's photos.
 
 use std::path::{Path, PathBuf};
 
@@ -16,17 +16,18 @@ use instgs_io::picture_png::write_png;
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 
-/// Differences in the pictures of --out are shown this many times as large.
+/// Factor of the differences in the pictures of --out.
 const DIFFERENCE_GAIN: f32 = 4.0;
 
 /// Renders a dataset's views and measures how close they are to the photos: PSNR, SSIM and LPIPS.
 ///
-/// Rendered pictures are clamped to 0..1 but not rounded to 8 bits. PSNR is in dB, over all channels, at most 100. SSIM has
-/// an 11x11 Gaussian window of sigma 1.5, zero padding, and is the mean over all pixels and channels. Where a photo has no
-/// valid pixel, PSNR leaves it out and the others see the photo itself. The last row is the mean over the views.
+/// Rendered pictures are clamped to 0..1 but not rounded to 8 bits. PSNR is in dB, over all channels, at most 100. SSIM
+/// has an 11x11 Gaussian window of sigma 1.5, zero padding, and is the mean over all pixels and channels. Pixels where
+/// a photo is not valid are left out of PSNR; for the other two they count as equal. The last row is the mean over the
+/// views.
 ///
-/// LPIPS (0.1) needs trained weights, which are not part of this program: tools/models/convert_lpips.py makes them. Without
-/// them LPIPS is left out (null in JSON).
+/// LPIPS (0.1) needs trained weights, which are not part of this program: tools/models/convert_lpips.py makes them.
+/// Without them LPIPS is not computed (null in JSON).
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk eval --scene room.instgs --data room\n  \
@@ -34,32 +35,32 @@ const DIFFERENCE_GAIN: f32 = 4.0;
     python3 tools/models/convert_lpips.py --net vgg --out vgg.safetensors\n  \
     instgs-vk eval --scene room.instgs --data room --lpips-net vgg --lpips-weights vgg.safetensors")]
 pub(super) struct EvalArgs {
-    /// Scene: .instgs, .ply, .spz or .splat
+    /// Scene to evaluate: .instgs, .ply, .spz or .splat
     #[arg(long, value_name = "S")]
     scene: PathBuf,
     /// Dataset folder with photos: transforms_train/test.json, transforms.json, or COLMAP's sparse/0 and images
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// Which views of --data
+    /// The views of --data to compare
     #[arg(long, value_enum, default_value = "test")]
     split: SplitArg,
-    /// Scales the photos to this width before they are compared [default: their own]
+    /// Downscale the photos to this width before they are compared [default: their own width]
     #[arg(long, value_name = "W", value_parser = clap::value_parser!(u32).range(1..=i64::from(MAX_IMAGE_SIDE)))]
     width: Option<u32>,
-    /// Folder for pictures of every view: render, photo, and 4 times their difference, side by side
+    /// Folder for a picture of every view: rendering, photo, and 4 times their difference, side by side
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
     lpips: LpipsArgs,
     #[command(flatten)]
     look: LookArgs,
-    /// Report as JSON: to a file, or without one on stdout instead of the table
+    /// Report as JSON: to this file, or without a file name to stdout instead of the table
     #[arg(long, value_name = "F", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
 }
 
 impl EvalArgs {
-    /// True if stdout is for the JSON report alone.
+    /// True if stdout carries only the JSON report.
     pub(super) fn json_on_stdout(&self) -> bool {
         self.json.as_deref() == Some(Path::new("-"))
     }
@@ -93,7 +94,7 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
         let near = options.near;
         printer.warning(format_args!("{place}: nothing is visible from these views (near is {near}; see --near)"));
     }
-    // Said last: next to the table that lacks the numbers, and not before an error that makes it moot.
+    // Printed last: next to the table that lacks the numbers, and not before an error that makes it irrelevant.
     match &lpips {
         Err(reason) => printer.warning(format_args!("LPIPS is left out: {reason}")),
         Ok(lpips) if report.mean.lpips.is_none() => {
@@ -126,7 +127,7 @@ fn print_table(report: &EvalReport, printer: &Printer) {
     printer.line(table);
 }
 
-/// Render, photo and enlarged difference beside each other, 8 bits.
+/// Writes rendering, photo and amplified difference side by side, 8 bits per channel.
 fn write_picture(path: &Path, pair: &PicturePair) -> Result<(), CliError> {
     let (width, height) = (pair.width(), pair.height());
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;

@@ -1,5 +1,6 @@
-//! The subcommands of the program `instgs-evidence`, which stands beside this one: data sets with known truth, and how instanced
-//! scenes compare with plain ones. They are apart because a user's program needs neither a ray tracer nor tables of evidence.
+//! The subcommands of the program `instgs-evidence`, which is installed in the same folder: data sets with known truth,
+//! and comparisons of instanced and plain scenes. They are a program of their own because users need neither a ray
+//! tracer nor tables of evidence.
 
 use std::env::consts::EXE_SUFFIX;
 use std::ffi::OsString;
@@ -7,7 +8,7 @@ use std::process::{Command, ExitCode};
 
 use instgs_console::CliError;
 
-/// What `--help` says of them.
+/// The paragraph of `--help` about them.
 pub(crate) const HELP: &str = "\
 Commands of the program instgs-evidence, which these call (each has --help):
   demo      All of it on photos of eight cars, made here: trains, compares, draws
@@ -15,17 +16,18 @@ Commands of the program instgs-evidence, which these call (each has --help):
   compare   Trains an instanced scene and 3DGS of the same time and bytes, and compares them
   tables    The comparison for a list of scenes, with rivals, ablations and plots";
 
-/// Their names.
+/// Names of the subcommands.
 const COMMANDS: [&str; 4] = ["demo", "synth", "compare", "tables"];
 
-/// Runs the program `instgs-evidence` with the same arguments if the subcommand is one of its own; `None` if it is not.
+/// Runs the program `instgs-evidence` with the same arguments if the subcommand belongs to it; `None` if it does not.
 pub(crate) fn run_if_asked(args: impl Iterator<Item = OsString>) -> Option<Result<ExitCode, CliError>> {
     let args: Vec<OsString> = args.collect();
     let name = subcommand(&args)?;
     COMMANDS.contains(&name).then(|| run(&args, name))
 }
 
-/// The first argument that is neither a flag nor the value of `--device`, the one flag that may stand before a subcommand.
+/// The first argument that is neither a flag nor the value of `--device`, the only flag that may come before a
+/// subcommand.
 fn subcommand(args: &[OsString]) -> Option<&str> {
     let mut args = args.iter();
     while let Some(arg) = args.next() {
@@ -48,7 +50,7 @@ fn run(args: &[OsString], name: &str) -> Result<ExitCode, CliError> {
     }
     let mut command = Command::new(&program);
     command.args(args);
-    // In the place of this process, so that signals reach it.
+    // Replaces this process, so that signals reach the program.
     #[cfg(unix)]
     return Err(std::os::unix::process::CommandExt::exec(&mut command).into());
     #[cfg(not(unix))]

@@ -1,4 +1,4 @@
-//! `instgs-vk export`: a scene in another file format.
+//! `instgs-vk export`: writes a scene in another file format.
 
 use std::path::PathBuf;
 
@@ -11,8 +11,8 @@ use instgs_console::table::grouped;
 use instgs_io::{ExportFormat, Pack, export_scene};
 use instgs_vk::scene::trajectory::Orbit;
 
-/// Writes a scene as .ply or .spz (every instance expanded into Gaussians of its own), as .glb (glTF with
-/// KHR_gaussian_splatting: instances stay nodes that share their template's data), or as .instgs.
+/// Writes a scene as .ply or .spz (instances are expanded into plain Gaussians), as .glb (glTF with
+/// KHR_gaussian_splatting: instances become nodes that share their template's data), or as .instgs.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk export --scene room.instgs --to room.ply\n  \
@@ -20,21 +20,21 @@ use instgs_vk::scene::trajectory::Orbit;
     instgs-vk export --scene room.ply --to room.spz\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1")]
 pub(super) struct ExportArgs {
-    /// Scene: .instgs, .ply, .spz or .splat
+    /// Scene to convert: .instgs, .ply, .spz or .splat
     #[arg(long, value_name = "S")]
     scene: PathBuf,
     /// File to write: .ply, .spz, .glb or .instgs
     #[arg(long, value_name = "X.(ply|spz|glb|instgs)")]
     to: PathBuf,
-    /// Numbers of an .instgs file: f32 as they are; f16 all but means and transforms in 16 bits; q8 offsets in 8 bits,
-    /// the rest as f16; small offsets in 8 bits, the rest rounded and compressed (a fifth of q8's bytes for some
-    /// hundredths of a dB)
+    /// Number format of an .instgs file. f32: as they are. f16: 16 bits, except means and transforms. q8: offsets in 8
+    /// bits, the rest as f16. small: offsets in 8 bits, the rest rounded and compressed (a fifth of q8's bytes, at a
+    /// loss of a few hundredths of a dB)
     #[arg(long, value_enum)]
     pack: Option<PackArg>,
-    /// The scene's direction that becomes glTF's up (+y) in a .glb [default: as for render's --orbit]
+    /// Direction of the scene that becomes glTF's up (+y) in a .glb [default: as for render's --orbit]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     up: Option<Triple>,
-    /// Report as JSON
+    /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
 }
@@ -51,7 +51,7 @@ enum PackArg {
 struct Exported {
     scene: String,
     to: String,
-    /// In the new file: expanded, or of templates and background for .glb and .instgs.
+    /// Number of Gaussians in the new file: expanded, or those of templates and background for .glb and .instgs.
     gaussians: u64,
     flattened_instances: usize,
     bytes: u64,

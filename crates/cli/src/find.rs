@@ -1,4 +1,4 @@
-//! `instgs-vk find`: one object selected by a box, and all that are shaped like it.
+//! `instgs-vk find`: finds all objects that have the shape of one selected by a box.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -16,34 +16,35 @@ use instgs_vk::scene::{Boxes, Camera, ObjectBox};
 
 /// Finds the repetitions of one object in a trained plain cloud, without masks.
 ///
-/// The object is selected by a 3D box that holds it whole and little else; the ground below it does not matter. What is
-/// shaped like it, turned about the vertical, is found wherever it stands. The output has the selected box and one for each
-/// repetition. Of a part of a wall, a window for instance, what has the same pattern of colours is found, on all walls.
+/// The object is selected by a 3D box that contains all of it and little else; the ground below it does not matter.
+/// Objects of the same shape, rotated about the vertical, are found anywhere in the scene. The output has the selected
+/// box and one for each repetition. If the box selects a part of a wall, for instance a window, parts of walls with the
+/// same pattern of colours are found.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk find --scene runs/cars/point_cloud.ply --data cars --boxes one.json --out all.json\n  \
     instgs-vk find --scene orchard.ply --boxes one.json --out all.json --similarity --against orchard/groups.json\n\n\
     one.json: {\"objects\": [{\"id\": 1, \"category\": \"car\", \"center\": [0, 0, 1], \"size\": [2, 4, 1.5]}]}")]
 pub(super) struct FindArgs {
-    /// Scene; its instances are expanded
+    /// Scene to search; its instances are expanded
     #[arg(long, value_name = "PLY")]
     scene: PathBuf,
     /// File with the box of the selected object
     #[arg(long, value_name = "one.json")]
     boxes: PathBuf,
-    /// Which of the file's objects, by id; needed if it has several
+    /// Id of the selected object, needed if the file has several
     #[arg(long, value_name = "ID")]
     object: Option<u32>,
-    /// Dataset folder: its training views say what is up [default: the box's third axis is]
+    /// Dataset folder, whose training views give the up axis [default: the box's third axis]
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     /// File of boxes to write
     #[arg(long, value_name = "all.json")]
     out: PathBuf,
-    /// Repetitions may be of half to twice the size
+    /// Allow repetitions of half to twice the size
     #[arg(long)]
     similarity: bool,
-    /// True groups, to count what is right
+    /// File of the true groups, to count correct results
     #[arg(long, value_name = "groups.json")]
     against: Option<PathBuf>,
     /// Report as JSON on stdout
@@ -51,14 +52,14 @@ pub(super) struct FindArgs {
     pub(super) json: bool,
 }
 
-/// What is printed with `--json`.
+/// The report printed with `--json`.
 #[derive(serde::Serialize)]
 struct Report<'a> {
     scene: &'a Path,
     out: &'a Path,
     selected: u32,
     gaussians: usize,
-    /// Part of a wall: found by its pattern of colours.
+    /// Whether the object is a part of a wall, found by its pattern of colours.
     in_wall: bool,
     objects: Vec<ObjectReport>,
     rejected: Vec<RejectedReport<'a>>,
@@ -74,9 +75,9 @@ struct ObjectReport {
     explained: f64,
     rmse: f64,
     score: f64,
-    /// From the selected object, scene units.
+    /// Distance from the selected object, scene units.
     distance: f64,
-    /// 3x4, rows: the selected object's place to this one's.
+    /// Pose relative to the selected object, in the world: 3 rows of 4.
     world_from_selected: [[f32; 4]; 3],
 }
 
@@ -128,7 +129,7 @@ pub(super) fn run(args: &FindArgs, printer: &Printer) -> Result<(), CliError> {
 }
 
 impl FindArgs {
-    /// The box that selects.
+    /// The box that selects the object.
     fn selected<'a>(&self, boxes: &'a Boxes) -> Result<&'a ObjectBox, CliError> {
         let fail = |what: String, advice: &str| Err(IoError::new(&self.boxes, what).advise(advice).into());
         match (self.object, boxes.objects.as_slice()) {
@@ -145,7 +146,7 @@ impl FindArgs {
         }
     }
 
-    /// The training views of the dataset, if one is given.
+    /// Cameras of the data set's training views; empty without --data.
     fn cameras(&self) -> Result<Vec<Camera>, CliError> {
         let Some(data) = &self.data else { return Ok(Vec::new()) };
         Ok(SplitArg::Train.views(data)?.into_iter().map(|view| view.camera).collect())
@@ -186,7 +187,7 @@ impl FindArgs {
     }
 }
 
-/// The selected box and the found ones.
+/// The selected box and the boxes of the repetitions.
 fn with_repetitions(selected: &ObjectBox, found: &Found) -> Boxes {
     let mut objects = vec![selected.clone()];
     objects.extend(found.objects.iter().map(|o| o.object.clone()));
@@ -194,7 +195,7 @@ fn with_repetitions(selected: &ObjectBox, found: &Found) -> Boxes {
     Boxes { objects, views: Default::default() }
 }
 
-/// One row a repetition.
+/// One row for each repetition.
 fn table(selected: &ObjectBox, objects: &[FoundObject]) -> Table {
     let mut table = Table::default();
     table.row(["id", "inliers", "RMSE", "distance", "score"].map(String::from));

@@ -1,4 +1,4 @@
-//! `instgs-vk info`: what this machine's devices offer, and the kernels that would run.
+//! `instgs-vk info`: features of this machine's devices, and the kernel variants used on them.
 
 use clap::Args;
 
@@ -9,11 +9,11 @@ use instgs_console::table::{Table, grouped};
 use instgs_vk::gpu::{DeviceCaps, Gpu, GpuError};
 use instgs_vk::kernels::Variant;
 
-/// Lists the Vulkan devices: driver, limits, subgroup sizes, and the kernel variant picked for each.
+/// Lists the Vulkan devices: driver, limits, subgroup sizes, and the kernel variant chosen for each.
 #[derive(Args)]
 #[command(after_help = "Example:\n  instgs-vk info\n  instgs-vk info --json --device llvmpipe")]
 pub(super) struct InfoArgs {
-    /// Report as JSON
+    /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
 }
@@ -22,7 +22,7 @@ pub(super) struct InfoArgs {
 struct Info {
     version: &'static str,
     devices: Vec<DeviceInfo>,
-    /// What the other commands would run on.
+    /// The device that other commands use by default.
     picked: Picked,
 }
 

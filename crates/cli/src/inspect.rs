@@ -1,4 +1,4 @@
-//! `instgs-vk inspect`: where a scene's bytes go, in the file, on the host and on the device.
+//! `instgs-vk inspect`: the use of a scene's bytes in the file, on the host and on the device.
 
 use std::path::PathBuf;
 
@@ -13,17 +13,17 @@ use instgs_console::table::{Table, grouped};
 use instgs_io::ply;
 use instgs_vk::render::device_scene::{PlannedBytes, planned_bytes};
 
-/// Gaussians per chunk that the device figures are for: the usual work-group size (`instgs-vk info` shows it).
+/// Gaussians per chunk in the figures for the device: the usual work-group size (`instgs-vk info` shows it).
 const CHUNK_SIZE: u32 = 256;
-/// Explains every byte of a scene: in its file, as tensors on the host, and on the device; and how far instancing
-/// shrinks each group, beside the bound that its number of instances sets.
+/// Explains every byte of a scene: in its file, as tensors on the host, and on the device; and how much smaller
+/// instancing makes each group, next to the bound that its number of instances sets.
 #[derive(Args)]
 #[command(after_help = "Example:\n  instgs-vk inspect room.instgs\n  instgs-vk inspect room.ply --json")]
 pub(super) struct InspectArgs {
-    /// Scene: .instgs, .ply, .spz or .splat
+    /// Scene to inspect: .instgs, .ply, .spz or .splat
     #[arg(value_name = "S")]
     scene: PathBuf,
-    /// Report as JSON
+    /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
 }
@@ -37,13 +37,13 @@ struct Inspection {
     dropped_non_finite: usize,
     gaussians: Counts,
     bytes: Bytes,
-    /// The file's bytes by what they are for; sum to `bytes.file`.
+    /// The file's bytes by purpose; their sum is `bytes.file`.
     file_sums: FileSums,
-    /// The file from front to back; sums to `bytes.file`.
+    /// The parts of the file from front to back; their sum is `bytes.file`.
     file_parts: Vec<FilePart>,
     host_parts: HostParts,
     device_parts: PlannedBytes,
-    /// All groups and the background: the flattened scene's .ply by this file.
+    /// Size of the flattened scene as .ply over that of this file, for all groups and the background.
     flattened_ply_bytes: u64,
     shrink: f64,
     groups: Vec<GroupReport>,
@@ -65,7 +65,7 @@ struct Bytes {
     device_scene: u64,
 }
 
-/// f32 tensors; sum to `bytes.host`.
+/// Bytes of the f32 tensors; their sum is `bytes.host`.
 #[derive(serde::Serialize)]
 struct HostParts {
     templates: u64,

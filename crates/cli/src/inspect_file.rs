@@ -1,4 +1,4 @@
-//! What the bytes of a scene file are for.
+//! The purpose of every byte of a scene file.
 
 use std::path::Path;
 
@@ -9,22 +9,22 @@ use instgs_console::CliError;
 use instgs_io::IoError;
 use instgs_io::scene_small::{SUFFIX, small_shape};
 
-/// A stretch of the file.
+/// A range of bytes of the file.
 #[derive(serde::Serialize)]
 pub(super) struct FilePart {
     pub(super) name: String,
-    /// Element type and shape of a tensor.
+    /// Element type and shape, for a tensor.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) layout: Option<String>,
     pub(super) bytes: u64,
-    /// The tensor's first dimension; of a coded table its rows.
+    /// The first dimension of a tensor; for a coded table its number of rows.
     #[serde(skip)]
     pub(super) rows: u64,
     #[serde(skip)]
     pub(super) purpose: Purpose,
 }
 
-/// What a part of the file belongs to.
+/// The purpose of a part of the file.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
     Templates,
@@ -36,16 +36,16 @@ pub(super) enum Purpose {
     Header,
 }
 
-/// Bytes of the file by what they belong to; sum to `bytes.file`.
+/// Bytes of the file by purpose; their sum is `bytes.file`.
 #[derive(Clone, Copy, serde::Serialize)]
 pub(super) struct FileSums {
     pub(super) templates: u64,
     pub(super) background: u64,
-    /// With the ranges of q8.
+    /// Offset records, with the ranges of q8.
     pub(super) offsets: u64,
     pub(super) instances: u64,
     pub(super) template_ranges: u64,
-    /// Tensors that this version does not know.
+    /// Tensors of names that this version does not know.
     pub(super) foreign: u64,
     /// Length field, names, metadata and padding.
     pub(super) header: u64,
@@ -70,7 +70,7 @@ fn plain(name: &str, purpose: Purpose, bytes: u64) -> FilePart {
     FilePart { name: name.into(), layout: None, bytes, rows: 0, purpose }
 }
 
-/// The file's header and tensors, or what there is to tell of other formats.
+/// The file's header and tensors, or the parts of other formats as far as known.
 pub(super) fn file_parts(path: &Path, file_bytes: u64) -> Result<Vec<FilePart>, CliError> {
     let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
     let read = || std::fs::read(path).map_err(|e| IoError::new(path, format!("cannot read: {e}")));

@@ -1,4 +1,4 @@
-//! What each group of instances takes in the file, beside what it can take and what its copies take in a .ply.
+//! Bytes of each group of instances in the file, next to their lower bound and to those of its copies in a .ply.
 
 use std::ops::Range;
 
@@ -9,9 +9,9 @@ use instgs_io::scene_pack::segments;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{InstancedScene, TemplateRange};
 
-/// 3x4 transform, template index, first offset, all of 4 bytes.
+/// A 3x4 transform, template index and first offset, all of 4 bytes each.
 pub(super) const INSTANCE_BYTES: u64 = 56;
-/// First and count of a template.
+/// First Gaussian and count of a template.
 pub(super) const RANGE_BYTES: u64 = 8;
 
 #[derive(serde::Serialize)]
@@ -23,14 +23,14 @@ pub(super) struct GroupReport {
     instances: u64,
     instances_with_offsets: u64,
     expanded: u64,
-    /// Template, offsets and instances as this file stores them.
+    /// Bytes of template, offsets and instances in this file.
     stored_bytes: u64,
     flattened_ply_bytes: u64,
-    /// flattened_ply_bytes / stored_bytes.
+    /// The ratio flattened_ply_bytes / stored_bytes.
     shrink: f64,
-    /// What K instances with offsets take at least, by how the file is packed (DESIGN section 7).
+    /// Least bytes of this number of instances with offsets, for each way to pack the file.
     bound_bytes: ByPack<u64>,
-    /// flattened_ply_bytes / bound_bytes: how far the group can shrink.
+    /// The ratio flattened_ply_bytes / bound_bytes: how much smaller the group can become.
     bound: ByPack<f64>,
 }
 
@@ -45,17 +45,18 @@ pub(super) fn ratio(a: u64, b: u64) -> f64 {
     if b == 0 { 0.0 } else { a as f64 / b as f64 }
 }
 
-/// Of one template of `gaussians` and an offset record for each of them in each of `instances`. A Gaussian is position,
-/// rotation, log scales, opacity and C coefficients of SH in 3 colours: V = 11 + 3 C numbers of 4 bytes. Halves take 2
-/// each, but positions keep 4: 2 V + 6. An offset record is 7 numbers of 4, 2 or 1 bytes. For SH 3 and N Gaussians that
-/// is 236 N + 28 K N, 124 N + 14 K N, and 124 N + 7 K N, against 4 (V + 3) K N = 248 K N with the normals of a .ply.
+/// Bytes of one template of `gaussians` and, for each of `instances`, an offset record per Gaussian. A Gaussian is
+/// position, rotation, log scales, opacity and C coefficients of SH in 3 colours: V = 11 + 3 C numbers of 4 bytes. Half
+/// floats take 2 bytes each, but positions keep 4: 2 V + 6. An offset record is 7 numbers of 4, 2 or 1 bytes. For SH 3,
+/// N Gaussians and K instances the bounds are 236 N + 28 K N, 124 N + 14 K N, and 124 N + 7 K N, compared with 4 (V +
+/// 3) K N = 248 K N with the normals of a .ply.
 fn bound_bytes(gaussians: u64, instances: u64, sh_degree: u32) -> ByPack<u64> {
     let values = 11 + 3 * sh_coefficients(sh_degree) as u64;
     let of = |row: u64, record: u64| gaussians * (row + record * instances);
     ByPack { f32: of(4 * values, 28), f16: of(2 * values + 6, 14), q8: of(2 * values + 6, 7) }
 }
 
-/// A report for each template of the scene that the file's parts are of.
+/// One report for each template of the scene; `parts` are those of its file.
 pub(super) fn groups(scene: &InstancedScene, parts: &[FilePart]) -> Vec<GroupReport> {
     let segments = segments(&scene.instances, &scene.template_ranges, scene.offsets.len());
     let report = |(template, range)| group(scene, parts, &segments, template, range);
@@ -72,12 +73,13 @@ fn group(
     let members = scene.instances.iter().filter(|i| i.template as usize == template);
     let instances = members.clone().count() as u64;
     let firsts: Vec<usize> = members.filter_map(|i| i.first_offset).map(|first| first as usize).collect();
-    // The group's offset records, those that instances share once, are whole segments.
+    // The group's offset records consist of whole segments; shared records are counted once.
     let len = range.count as usize;
     let used = |s: &&Range<usize>| firsts.iter().any(|&first| first <= s.start && s.end <= first + len);
     let own = segments.iter().filter(used);
     let records: u64 = own.clone().map(|s| s.len() as u64).sum();
-    // Tensors have rows of one size, per template Gaussian, per record, or per segment; of a coded table, each has its share.
+    // Rows of a tensor have one size, per template Gaussian, per record, or per segment; each group has its share of a
+    // coded table.
     let bytes_of = |rows: u64, purpose, is_range: bool| {
         let of = parts.iter().filter(|p| p.purpose == purpose && p.rows > 0 && (p.name == "offset.range") == is_range);
         of.map(|p| rows * p.bytes / p.rows).sum::<u64>()
@@ -106,7 +108,7 @@ fn group(
     }
 }
 
-/// One row per group: its size, its bytes, and the bounds as bytes and as how many times smaller than the .ply.
+/// One row per group: its size, its bytes, and the bounds as bytes and as reduction compared with the .ply.
 pub(super) fn groups_table(groups: &[GroupReport]) -> Table {
     let mut table = Table::default();
     let header = [
@@ -149,7 +151,7 @@ mod tests {
     use instgs_io::scene_write::packed_scene_file_bytes;
     use instgs_samples::{sample_scene, with_ablations};
 
-    /// DESIGN section 7: K = 8: 8.4 and 11.0 (q8), K = 64: 15.6.
+    /// For K = 8 instances the reduction is at most 8.4 and 11.0 (q8), for K = 64 15.6 (q8).
     #[test]
     fn bounds_are_those_of_the_design() {
         assert_eq!(ply::row_bytes(3), 248);
@@ -187,7 +189,7 @@ mod tests {
     fn shared_records_count_once() -> Result<(), CliError> {
         let path = Path::new("x.instgs");
         let mut scene = sample_scene();
-        // Both instances of template 0 use records 0..3; 3..6 are nobody's.
+        // Both instances of template 0 use records 0..3; no instance uses 3..6.
         scene.instances[2].first_offset = Some(0);
         let parts = tensor_parts(&packed_scene_file_bytes(&scene, Pack::F32, path)?, path)?;
         // SH 2 in f32: rows of 152 bytes; 3 records of 28, two instances and a range.

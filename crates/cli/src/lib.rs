@@ -1,6 +1,7 @@
-//! The program `instgs-vk`. One file per subcommand; each parses its flags, calls the libraries and reports through the one
-//! [`Printer`]. No subcommand calls another: what several need is in modules of its own, such as [`training`] (a run with its
-//! progress and reports). `demo`, `synth`, `compare` and `tables` are those of the program `instgs-evidence`, which this one calls.
+//! The program `instgs-vk`. There is one file per subcommand, which parses its flags, calls the libraries and reports
+//! through the one [`Printer`]. No subcommand calls another; code shared by several has modules of its own, such as
+//! [`training`] (a run with its progress and reports). `demo`, `synth`, `compare` and `tables` belong to the program
+//! `instgs-evidence`, which this one calls.
 
 mod bench;
 mod bench_lod;
@@ -77,7 +78,7 @@ pub fn main() -> ExitCode {
 }
 
 impl Command {
-    /// True if stdout is for the JSON report alone.
+    /// True if stdout carries only the JSON report.
     fn json_on_stdout(&self) -> bool {
         match self {
             Self::Info(args) => args.json,

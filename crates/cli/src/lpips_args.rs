@@ -1,4 +1,4 @@
-//! Which network LPIPS is computed with, as flags.
+//! The flags for LPIPS: its network, weights and input range.
 
 use std::path::PathBuf;
 
@@ -8,16 +8,16 @@ use instgs_console::CliError;
 use instgs_eval::lpips::weights::{conversion_command, user_weights_path};
 use instgs_eval::{EvalError, InputRange, Lpips, Net};
 
-/// Whether LPIPS is measured, and with which weights.
+/// Network, weights and input range of LPIPS.
 #[derive(Args)]
 pub struct LpipsArgs {
-    /// Network of LPIPS
+    /// Network that LPIPS is computed with
     #[arg(long, value_enum, default_value = "alex", value_name = "NET")]
     lpips_net: NetArg,
-    /// Its weights [default: instgs-vk/lpips_NET.safetensors in the user's data folder, if it is there]
+    /// Weights of the network [default: instgs-vk/lpips_NET.safetensors in the user's data folder, if that file exists]
     #[arg(long, value_name = "FILE")]
     lpips_weights: Option<PathBuf>,
-    /// What LPIPS' network is fed: 11 = -1..1, as it was trained; 01 = 0..1, as the 3DGS paper's metrics.py does
+    /// Range of the network's input: 11 = -1..1, as it was trained; 01 = 0..1, as in the 3DGS paper's metrics.py
     #[arg(long, value_enum, default_value = "11", value_name = "RANGE")]
     lpips_range: RangeArg,
 }

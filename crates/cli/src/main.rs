@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     // Mesa's CPU driver reads its settings from the environment when it is loaded.
-    // SAFETY: nothing has started a thread yet.
+    // SAFETY: no other thread has been started yet.
     unsafe { instgs_console::choose_lavapipe_width() };
     instgs_cli::main()
 }

@@ -1,4 +1,4 @@
-//! Where the masks of objects come from, as flags of the commands that train.
+//! The source of the masks, as flags of the commands that train.
 
 use std::path::PathBuf;
 
@@ -8,25 +8,25 @@ use instgs_console::CliError;
 use instgs_console::args::absolute;
 use instgs_objects::pipeline::config::ConfigBuilder;
 
-/// At most one of a folder, boxes and words.
+/// At most one of a folder, boxes and words may be given.
 #[derive(Args)]
 pub struct MaskArgs {
     /// Folder with a PNG of object ids per image [default: DATA/masks]; for instgs
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
-    /// boxes.json: boxes around objects, in the world or in photos of training views, instead of masks; for instgs
+    /// boxes.json: boxes around objects, in the world or in photos of training views, to make masks from; for instgs
     #[arg(long, value_name = "JSON", conflicts_with_all = ["masks", "prompt"])]
     boxes: Option<PathBuf>,
-    /// What to look for in the photos instead of masks, for instance "car. chair."; for instgs
+    /// What to detect in the photos to make masks from, for instance "car. chair."; for instgs
     #[arg(long, value_name = "TEXT", conflicts_with = "masks")]
     prompt: Option<String>,
-    /// Folder of the models that --prompt needs; tools/models makes it
+    /// Folder of the models that --prompt needs; see tools/models
     #[arg(long, value_name = "DIR")]
     models: Option<PathBuf>,
 }
 
 impl MaskArgs {
-    /// The flags, and whether each was given.
+    /// The flags, each with whether it was given.
     pub fn given(&self) -> impl Iterator<Item = (&'static str, bool)> {
         [
             ("--masks", self.masks.is_some()),
@@ -37,7 +37,7 @@ impl MaskArgs {
         .into_iter()
     }
 
-    /// A configuration with what was given.
+    /// Adds the given flags to a configuration.
     pub fn put_into(&self, mut builder: ConfigBuilder) -> Result<ConfigBuilder, CliError> {
         if let Some(prompt) = &self.prompt {
             builder = builder.flag("--prompt", "prompt", prompt.as_str())?;

@@ -1,4 +1,4 @@
-//! Pictures to files: 8-bit PNG or float KTX2, and the names they get.
+//! Writes pictures to files, 8-bit PNG or float KTX2, and chooses their names.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,19 +11,19 @@ use instgs_io::picture_png::write_png;
 use instgs_vk::render::Picture;
 use instgs_vk::scene::Camera;
 
-/// File format of colour.
+/// File format of the colour pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Format {
-    /// 8-bit sRGB
+    /// 8 bits per channel, sRGB
     Png,
     /// 32-bit float rgb over the background, alpha = 1 - transmittance
     Ktx2,
 }
 
-/// Image endings that a view's name may still have.
+/// File extensions of images that a view's name may still end in.
 const IMAGE_ENDINGS: [&str; 8] = ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "webp", "exr"];
 
-/// Writes `folder/name.png` or `.ktx2`, and with `depth` also `name.depth.ktx2`; returns the files' names.
+/// Writes `folder/name.png` or `.ktx2`, and with `depth` also `name.depth.ktx2`; returns the names of the files.
 pub(super) fn write(
     folder: &Path,
     name: &str,
@@ -50,14 +50,14 @@ pub(super) fn write(
     Ok(files)
 }
 
-/// The file name of each camera: its name without an image's ending, with folders joined by `_`; its number if it has
-/// none. An error if two would be written to the same file.
+/// The file name for each camera: its name without an image's extension, with folders joined by `_`, or its index if it
+/// has no name. Two cameras with the same file name are an error.
 pub(super) fn names(cameras: &[Camera]) -> Result<Vec<String>, CliError> {
     let mut taken = BTreeMap::new();
     let mut names = Vec::with_capacity(cameras.len());
     for (i, camera) in cameras.iter().enumerate() {
         let name = file_name(&camera.name, i);
-        // Depth goes to NAME.depth.ktx2, which must not be another camera's colour.
+        // Depth is written to NAME.depth.ktx2, which must not be the colour file of another camera.
         let depth_clash = taken.insert(format!("{name}.depth"), i).filter(|&first| first != i);
         if let Some(first) = taken.insert(name.clone(), i).or(depth_clash) {
             let what = format!("cameras {first} and {i} would both be written to {name}: give them different names");

@@ -1,4 +1,4 @@
-//! What several commands print of masks, labels and groups.
+//! Progress and messages about masks, labels and groups, shared by several commands.
 
 use instgs_console::{Printer, Progress};
 use instgs_detect::report::Dropped;
@@ -8,31 +8,31 @@ use instgs_objects::pipeline::{Message, Observer};
 use instgs_objects::segment::LabelProgress;
 use instgs_objects::template::GroupReport;
 
-/// Progress of labels, and of masks from boxes.
+/// Progress of labelling, and of masks from boxes.
 pub struct LabelLines<'a> {
     printer: &'a Printer,
     progress: Option<Progress>,
 }
 
 impl<'a> LabelLines<'a> {
-    /// Nothing is shown before the first view.
+    /// Progress that shows nothing before the first view.
     pub fn new(printer: &'a Printer) -> Self {
         Self { printer, progress: None }
     }
 
-    /// The stage is done.
+    /// Ends the progress of the stage.
     pub fn end(&mut self) {
         self.progress = None;
     }
 
-    /// Views are done.
+    /// Shows the number of views done.
     pub fn at(&mut self, at: LabelProgress) {
         let progress = self.progress.get_or_insert_with(|| self.printer.progress("segment", at.total as u64));
         progress.advance_to(at.done as u64, "");
     }
 }
 
-/// A line for each group that became a template.
+/// Prints a line for each group that became a template.
 pub fn group_lines(groups: &[GroupReport], printer: &Printer) {
     for group in groups.iter().filter(|g| g.template.is_some()) {
         let name = group.name.clone().unwrap_or_else(|| format!("group {}", group.template_id));
@@ -46,7 +46,7 @@ pub fn group_lines(groups: &[GroupReport], printer: &Printer) {
     }
 }
 
-/// What was not found, and what was found and left out.
+/// Warns of phrases that were not found, and of detections that were dropped.
 pub fn warn_of_names(found: &PromptReport, printer: &Printer) {
     let without = found.views_without.len();
     if without > 0 {
@@ -82,24 +82,24 @@ pub struct NamingLines<'a> {
 }
 
 impl<'a> NamingLines<'a> {
-    /// Nothing is shown before the first view.
+    /// Progress that shows nothing before the first view.
     pub fn new(printer: &'a Printer) -> Self {
         Self { printer, progress: None }
     }
 
-    /// All views are done.
+    /// Ends the progress after all views.
     pub fn end(&mut self) {
         self.progress = None;
     }
 
-    /// A view is done, of `total`.
+    /// Shows that a view of `total` is done.
     pub fn at(&mut self, name: &str, found: &ViewMasks, total: usize) {
         let progress = self.progress.get_or_insert_with(|| self.printer.progress("masks", total as u64));
         progress.step(format_args!("{name}: {} masks", found.boxes.len()));
     }
 }
 
-/// A single stage shows its progress.
+/// For a single stage, whose progress is all that is shown.
 impl Observer for LabelLines<'_> {
     fn notify(&mut self, message: Message<'_>) -> Result<(), IoError> {
         match message {

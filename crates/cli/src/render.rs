@@ -1,4 +1,4 @@
-//! `instgs-vk render`: pictures of a scene.
+//! `instgs-vk render`: renders pictures of a scene.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -22,18 +22,18 @@ use instgs_vk::render::Renderer;
     instgs-vk render --scene room.instgs --data room --split test --format ktx2 --depth --out pictures\n  \
     instgs-vk render --scene room.instgs --orbit 24 --size 640x360 --background 1,1,1 --out pictures")]
 pub(super) struct RenderArgs {
-    /// Scene: .instgs, .ply, .spz or .splat
+    /// Scene to render: .instgs, .ply, .spz or .splat
     #[arg(long, value_name = "S")]
     scene: PathBuf,
     #[command(flatten)]
     views: ViewArgs,
-    /// Folder for the pictures; made if it is not there
+    /// Folder for the pictures; created if necessary
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// File format of colour
+    /// File format of the colour pictures
     #[arg(long, value_enum, default_value = "png")]
     format: Format,
-    /// Also write NAME.depth.ktx2
+    /// Also write depth as NAME.depth.ktx2
     #[arg(long)]
     depth: bool,
     #[command(flatten)]
@@ -62,7 +62,7 @@ struct RenderedFrame {
     visible: u64,
     intersections: u64,
     slabs: u32,
-    /// Of rendering, with buffers growing in the first frames: `bench` measures.
+    /// Time to render, milliseconds, while buffers still grow in the first frames; `bench` measures exactly.
     ms: f64,
 }
 

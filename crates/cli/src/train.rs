@@ -1,4 +1,4 @@
-//! `instgs-vk train`: from photos to a scene.
+//! `instgs-vk train`: makes a scene from photos.
 
 use std::path::{Path, PathBuf};
 
@@ -22,13 +22,13 @@ use instgs_train::interrupt::Interrupt;
 ///
 /// DATA holds transforms.json (or transforms_train.json and transforms_test.json), or a COLMAP model in sparse/0 with
 /// images/. RUN gets config.toml, checkpoints/, events.jsonl, point_cloud.ply, scene.instgs, trained.json, report.json,
-/// report.html and renders/ of the test views. Ctrl-C writes a checkpoint; --resume goes on from the newest one.
+/// report.html and renders/ of the test views. Ctrl-C writes a checkpoint; --resume continues from the newest one.
 ///
-/// With --method instgs, repeated objects become instances of shared templates: the plain cloud is trained first, in
-/// RUN/vanilla (or taken from --init); masks say which Gaussian belongs to which object (their ids need not be the same from
-/// view to view); objects that are alike are registered to each other, unless --groups says where they stand; then
-/// templates, offsets, background and poses learn together. Every stage leaves a file, which --resume goes on from, and
-/// pictures in RUN/stages, which report.html shows too.
+/// With --method instgs, repeated objects become instances of shared templates. First the plain cloud is trained in
+/// RUN/vanilla (or taken from --init). Masks then give the object of each Gaussian; their ids need not be the same from
+/// view to view. Objects that are alike are registered to each other, unless --groups gives their poses. Last,
+/// templates, offsets, background and poses are optimised together. Every stage leaves a file, from which --resume
+/// continues, and pictures in RUN/stages, which report.html shows too.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk train --data fox --out runs/fox --config quick --width 270\n  \
@@ -37,13 +37,13 @@ use instgs_train::interrupt::Interrupt;
     instgs-vk train --data cars --out runs/cars --config instgs_quick\n  \
     instgs-vk train --data cars --groups cars/groups.json --out runs/cars --config instgs_quick")]
 pub(super) struct TrainArgs {
-    /// Dataset folder
+    /// Dataset folder with photos and cameras
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// Run folder; made if it is not there
+    /// Run folder; created if necessary
     #[arg(long, value_name = "RUN")]
     out: PathBuf,
-    /// What is trained: 3dgs, a plain cloud, or instgs, templates with instances
+    /// Kind of scene: 3dgs, a plain cloud, or instgs, templates with instances
     #[arg(long, value_name = "METHOD")]
     method: Option<String>,
     /// Start from this scene instead of the dataset's points
@@ -57,10 +57,10 @@ pub(super) struct TrainArgs {
     set: Vec<String>,
     #[command(flatten)]
     masks: MaskArgs,
-    /// groups.json: which objects are alike, and where they stand; for instgs [default: found by registration]
+    /// groups.json: groups of alike objects with their poses; for instgs [default: found by registration]
     #[arg(long, value_name = "JSON")]
     groups: Option<PathBuf>,
-    /// Optimisation steps in all; with instgs, of the plain cloud
+    /// Optimisation steps; with instgs, those of the plain cloud
     #[arg(long, value_name = "N")]
     steps: Option<u64>,
     /// Optimisation steps of the joint phase; for instgs
@@ -69,16 +69,16 @@ pub(super) struct TrainArgs {
     /// Downscale training pictures to this width
     #[arg(long, value_name = "W")]
     width: Option<u32>,
-    /// Fixes everything that is random
+    /// Seed of all random choices
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
-    /// Never more Gaussians than this
+    /// Upper bound of the number of Gaussians
     #[arg(long, value_name = "N")]
     max_gaussians: Option<u32>,
-    /// Evaluate the test views every N steps, besides at the end
+    /// Evaluate the test views every N steps, and at the end
     #[arg(long, value_name = "N")]
     eval_every: Option<u64>,
-    /// Go on from the newest checkpoint of RUN; configuration and seed are RUN's own, under the flags given now
+    /// Continue from the newest checkpoint of RUN with RUN's configuration and seed; flags given now take precedence
     #[arg(long)]
     resume: bool,
     /// Report as JSON on stdout
@@ -128,7 +128,7 @@ impl TrainArgs {
         Ok(config)
     }
 
-    /// Refuses flags that the method would not read.
+    /// Refuses flags that the method does not use.
     fn check_method(&self, method: Method) -> Result<(), CliError> {
         let of_groups = [("--groups", self.groups.is_some()), ("--joint-steps", self.joint_steps.is_some())];
         let given = self.masks.given().chain(of_groups).find(|(_, given)| *given);
@@ -154,7 +154,7 @@ impl TrainArgs {
 pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let config = args.resolved()?;
     args.check_folder()?;
-    // Before anything is made: a folder without cameras should not leave an empty run.
+    // Checked before anything is written: a folder without cameras should not leave an empty run.
     instgs_io::read_views(&args.data)?;
     let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
@@ -219,7 +219,7 @@ mod tests {
         let folder = tempfile::tempdir()?;
         let here = std::env::current_dir()?;
         let config = resolved(folder.path(), &["--init", "a/../b.ply", "--set", "init_scene=c.ply"])?;
-        // The flag is above --set; links are left as they are.
+        // The flag takes precedence over --set; links are not resolved.
         assert_eq!(config.train.init_scene, Some(here.join("a/../b.ply")));
         std::fs::write(RunFolder::new(folder.path()).config(), config.to_toml()?)?;
         assert_eq!(resolved(folder.path(), &["--resume"])?.train.init_scene, config.train.init_scene);

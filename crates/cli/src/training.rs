@@ -1,5 +1,5 @@
-//! Trains by a job with everything that a user of the command line sees of it: what is printed, and the reports. For all
-//! commands that train.
+//! Runs a training job as users of the command line see it, with printed progress and reports; shared by all commands
+//! that train.
 
 use std::sync::Arc;
 
@@ -16,20 +16,20 @@ use instgs_train::events::Event;
 use instgs_train::interrupt::Interrupt;
 use instgs_vk::gpu::Gpu;
 
-/// What all runs of a command share.
+/// Device, interrupt and printer of a command, shared by its runs.
 pub struct Session<'a> {
-    /// The device that everything runs on.
+    /// Device to render and train on.
     pub gpu: &'a Arc<Gpu>,
-    /// Ctrl-C.
+    /// The request to stop that Ctrl-C makes.
     pub interrupt: &'a Interrupt,
-    /// Where progress and warnings go.
+    /// Printer of progress and warnings.
     pub printer: &'a Printer,
 }
 
-/// Trains by the job's method, all phases; the run folder has everything afterwards.
+/// Runs all phases of the job's method; afterwards the run folder has all results.
 ///
 /// # Errors
-/// What is wrong with the input, the device, or that it was interrupted.
+/// Faulty input, a device that fails, or an interrupted run.
 pub fn train_job(session: &Session<'_>, job: &PipelineJob) -> Result<RunReport, CliError> {
     let mut watcher = Watcher {
         session,
@@ -50,7 +50,7 @@ pub fn train_job(session: &Session<'_>, job: &PipelineJob) -> Result<RunReport, 
     Ok(report.finish(job, finished)?)
 }
 
-/// Prints, and keeps what the report needs.
+/// Prints the messages of a run and passes them to the report.
 struct Watcher<'a> {
     session: &'a Session<'a>,
     job: &'a PipelineJob,
@@ -80,7 +80,7 @@ impl Observer for Watcher<'_> {
             Message::Prepared(prepared) => self.prepared(prepared),
             Message::Training { message, .. } => self.training.tell(message),
             Message::Trained { .. } => self.training.bar = None,
-            // The labels go on with what the consensus counted.
+            // The progress of labelling continues that of the consensus.
             Message::StageStarted(Stage::Segment) | Message::StageFinished(_) => {}
             Message::StageStarted(_) => self.labels.end(),
         }
@@ -89,7 +89,7 @@ impl Observer for Watcher<'_> {
 }
 
 impl Watcher<'_> {
-    /// Says what became of the groups, and draws it. A run is worth more than its pictures: if they cannot be made it goes on.
+    /// Prints the groups and draws the stages. A run is worth more than its pictures: if they fail it continues.
     fn prepared(&mut self, prepared: &Prepared) {
         let (printer, folder) = (self.session.printer, self.job.folder());
         group_lines(&prepared.groups, printer);
@@ -113,7 +113,7 @@ fn warn_of_pictures(printer: &Printer, error: &ReportError) {
     printer.warning(format_args!("pictures of the stages are missing: {error}"));
 }
 
-/// Progress for people: a bar with loss, PSNR, Gaussians and speed, and lines for what happens between steps.
+/// Training progress for people: a bar with loss, PSNR, Gaussians and speed, and lines for events between steps.
 struct TrainProgress<'a> {
     printer: &'a Printer,
     bar: Option<Progress>,

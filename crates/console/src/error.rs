@@ -4,11 +4,11 @@ use std::fmt::Display;
 
 use instgs_vk::render::RenderError;
 
-/// Why a command failed; it displays as one line. Libraries have errors of their own that a program can match on; a command only
-/// prints them.
+/// Why a command failed; it displays as one line. Libraries have typed errors that a program can match on; a command
+/// only prints them.
 pub type CliError = anyhow::Error;
 
-/// Names the scene or view that a rendering error belongs to.
+/// Adds the scene or view that a rendering error belongs to.
 pub fn failed_to_render(place: impl Display) -> impl FnOnce(RenderError) -> CliError {
     move |error| CliError::msg(format!("{place}: {error}"))
 }

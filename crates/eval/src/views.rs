@@ -3,9 +3,9 @@
 use crate::error::{EvalError, PairError};
 use crate::lpips::Lpips;
 use crate::pair::PicturePair;
+use crate::report::{EvalReport, Metrics};
 use instgs_io::View;
 use instgs_io::view_image::{ViewImage, load_view};
-use crate::report::{EvalReport, Metrics};
 use instgs_vk::render::{DeviceScene, Picture, RenderOptions, Renderer};
 
 /// One view, reported as soon as it is compared.

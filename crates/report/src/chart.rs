@@ -1,4 +1,4 @@
-//! Line charts as SVG. Colours and fonts come from the page's style sheet, so that they follow light and dark.
+//! Line charts as SVG. Colours and fonts come from the page's style sheet, which has a light and a dark theme.
 
 use super::curves::{Points, smoothed, thinned};
 use super::format::{axis, escape};
@@ -9,18 +9,18 @@ const LEFT: f64 = 52.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 12.0;
 const BOTTOM: f64 = 40.0;
-/// More points than this the drawing does not resolve.
+/// Upper bound of the points of a curve: the drawing does not resolve more.
 const MOST_POINTS: usize = 400;
-/// In a file of its own: room for the title, and for each key, user units.
+/// In an SVG file: height of the title, and of each entry of the legend, user units.
 const ABOVE: f64 = 30.0;
 const KEY_LINE: f64 = 18.0;
-/// The page's light colours, for a file of its own.
+/// The light theme of the page, for an SVG file.
 const FILE_STYLE: &str = "text{font:12px system-ui,'DejaVu Sans',sans-serif;fill:#5b6470}text.x{text-anchor:middle}\
     text.y{text-anchor:end}.grid{stroke:#dfe3e8}.axis{stroke:#5b6470}.level{stroke:#1b1f24;stroke-width:1.5;\
     stroke-dasharray:1.5 3}polyline{fill:none;stroke-linejoin:round}polyline.line{stroke-width:2}\
     polyline.faint{opacity:.3}polyline.c1{stroke:#1f6feb}polyline.c2{stroke:#c4570b}polyline.c3{stroke:#18805a}\
     circle.c1{fill:#1f6feb}circle.c2{fill:#c4570b}circle.c3{fill:#18805a}";
-/// Part of a curve that smoothing averages over.
+/// Fraction of a curve that smoothing averages over.
 const SMOOTH: f64 = 0.04;
 
 /// A chart over steps or training time.
@@ -31,32 +31,32 @@ pub struct Chart<'a> {
     pub over: &'a str,
     /// The curves, in the order of the legend.
     pub series: Vec<Series<'a>>,
-    /// Vertical marks and what they mean.
+    /// Steps or times of the vertical marks, and their meaning.
     pub marks: (&'a [f64], &'a str),
-    /// A value to compare with, and what it is.
+    /// A value to compare with, and its name.
     pub level: Level<'a>,
     /// True if the vertical axis begins at 0.
     pub from_zero: bool,
 }
 
-/// A curve of a chart.
+/// One curve of a chart, with its legend.
 pub struct Series<'a> {
-    /// Name in the legend.
+    /// Name of the curve in the legend.
     pub name: &'a str,
     /// (x, y) in the order of x.
     pub points: &'a Points,
-    /// How it is drawn.
+    /// Style in which the curve is drawn.
     pub look: Look,
 }
 
-/// How a curve is drawn.
+/// The style of a curve.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Look {
-    /// A line.
+    /// A line through all points.
     Line,
-    /// Noisy values, faint, and their running mean.
+    /// Noisy values, drawn faintly, and their running mean.
     Noisy,
-    /// Few values, with dots.
+    /// Few values, drawn as a line with dots.
     Dots,
 }
 
@@ -79,14 +79,14 @@ impl Chart<'_> {
     }
 }
 
-/// Thinned curves, how each is drawn, and the number of its colour.
+/// Thinned curves, the style of each, and the index of its colour.
 type Drawn = Vec<(Points, Look, usize)>;
 
-/// A value to compare with, and what it is.
+/// A value to compare with, and its name.
 type Level<'a> = Option<(f64, &'a str)>;
 
 impl<'a> Chart<'a> {
-    /// What there is to draw; nothing without points.
+    /// What the chart draws: the frame, the curves and the level; `None` without points.
     fn drawn(&self) -> Option<(Frame, Drawn, Level<'a>)> {
         let drawn: Drawn = (self.series.iter().enumerate())
             .map(|(i, s)| (thinned(s.points, MOST_POINTS), s.look, i + 1))
@@ -98,14 +98,14 @@ impl<'a> Chart<'a> {
         Some((frame, drawn, level))
     }
 
-    /// Attributes of the drawing, with so much room above the frame.
+    /// Attributes of the `svg` element, with `above` user units above the frame.
     fn opening(&self, above: f64) -> String {
         let label = escape(&format!("{} over {}", self.title, self.over));
         let (width, height) = (SIZE.0, SIZE.1 + above);
         format!("viewBox=\"0 {} {width} {height}\" role=\"img\" aria-label=\"{label}\">", 0.0 - above)
     }
 
-    /// Axes and curves.
+    /// The axes and curves as SVG elements.
     fn body(&self, frame: &Frame, drawn: &Drawn, marks: &[f64], level: Level<'_>) -> String {
         let mut svg = frame.axes(self.over);
         marks.iter().for_each(|&mark| svg += &frame.mark(mark, self.marks.1));
@@ -114,7 +114,7 @@ impl<'a> Chart<'a> {
         svg
     }
 
-    /// A file of its own, with title and legend, readable on light and dark pages; `None` if there is nothing to draw.
+    /// The chart as an SVG file with title and legend, readable on light and dark pages; `None` without points.
     pub fn svg_file(&self) -> Option<String> {
         let (frame, drawn, level) = self.drawn()?;
         let above = ABOVE + KEY_LINE * (drawn.len() + usize::from(level.is_some())) as f64;
@@ -140,14 +140,14 @@ impl<'a> Chart<'a> {
     }
 }
 
-/// What the axes span.
+/// The value ranges of the two axes.
 struct Frame {
     x: (f64, f64),
     y: (f64, f64),
 }
 
 impl Frame {
-    /// Nothing without points; a level alone is no curve.
+    /// The frame around the points; `None` without points, as a level alone is not a curve.
     fn around<'p>(points: impl Iterator<Item = &'p (f64, f64)>, level: Option<f64>, from_zero: bool) -> Option<Self> {
         let (mut last, mut low, mut high) = (0.0f64, f64::INFINITY, f64::NEG_INFINITY);
         for &(x, y) in points {
@@ -160,7 +160,7 @@ impl Frame {
         if from_zero {
             low = low.min(0.0);
         }
-        // A flat curve gets room around it.
+        // A flat curve gets a margin above and below.
         let room = if high > low { 0.04 * (high - low) } else { 0.5 * high.abs().max(1.0) };
         let below = if from_zero && low == 0.0 { 0.0 } else { room };
         Some(Self { x: (0.0, last.max(1.0)), y: (low - below, high + room) })
@@ -189,7 +189,7 @@ impl Frame {
         out + &format!("<text class=\"x\" x=\"{x}\" y=\"{y}\">{}</text>\n", escape(over))
     }
 
-    /// A vertical line.
+    /// A vertical line at `at` on the horizontal axis, with its name.
     fn mark(&self, at: f64, name: &str) -> String {
         let (x, bottom) = (self.at((at, 0.0)).0, SIZE.1 - BOTTOM);
         let title = format!("{} at {}", escape(name), axis(at));
@@ -198,7 +198,7 @@ impl Frame {
         )
     }
 
-    /// A horizontal line.
+    /// A horizontal line at `value`, with its name.
     fn level(&self, value: f64, name: &str) -> String {
         let (y, right) = (self.at((0.0, value)).1, SIZE.0 - RIGHT);
         let title = format!("{}: {}", escape(name), axis(value));
@@ -272,7 +272,7 @@ mod tests {
         assert!(html.contains("points=\"52.0,153.3 526.0,20.0\""), "{html}");
         assert!(html.contains("A &lt; B") && html.matches("class=\"mark\"").count() == 1, "{html}");
         assert!(!html.contains("level"));
-        // A level makes room for itself: the range is now 0 to 4.16, its line at 220 - 208 * 4 / 4.16.
+        // A level widens the range: it is now 0 to 4.16, and the line is at 220 - 208 * 4 / 4.16.
         let html = chart(&line, Some((4.0, "goal"))).html();
         assert!(html.contains("class=\"level\" x1=\"52\" x2=\"526\" y1=\"20.0\""), "{html}");
         assert!(!chart(&line, Some((f64::NAN, "goal"))).html().contains("goal"));

@@ -6,25 +6,25 @@ use instgs_train::events::Event;
 /// A curve: (steps done or seconds, value), in the order of the log.
 pub(super) type Points = Vec<(f64, f64)>;
 
-/// What curves are drawn over.
+/// The horizontal axis of a curve.
 #[derive(Clone, Copy)]
 pub(super) enum Over {
-    /// Finished steps.
+    /// Number of finished steps.
     Steps,
-    /// Training time, seconds; the log begins at this one.
+    /// Training time, seconds; the log begins at this time.
     Time(f64),
 }
 
-/// What the log says about each step.
+/// The curves of a run, read from its log.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Curves {
-    /// Mean since the report before; of one view in logs that do not have it.
+    /// Mean loss since the last report; in old logs the loss of one view.
     pub(super) loss: Points,
     pub(super) train_psnr: Points,
     pub(super) test_psnr: Points,
     pub(super) gaussians: Points,
     pub(super) steps_per_second: Points,
-    /// Where opacities were reset.
+    /// Steps or times at which opacities were reset.
     pub(super) resets: Vec<f64>,
 }
 
@@ -56,14 +56,15 @@ impl Curves {
     }
 }
 
-/// At most `most` points: means of equal runs of neighbours. What is not finite does not count.
+/// At most `most` points, each the mean of a run of neighbours, all runs of equal length. Non-finite values are
+/// ignored.
 pub(super) fn thinned(points: &[(f64, f64)], most: usize) -> Points {
     let finite: Points = points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
     let run = finite.len().div_ceil(most.max(1)).max(1);
     finite.chunks(run).map(mean).collect()
 }
 
-/// A mean over `window` neighbours around each point, fewer at the ends.
+/// The mean over `window` neighbours around each point, fewer at the ends.
 pub(super) fn smoothed(points: &[(f64, f64)], window: usize) -> Points {
     let half = window / 2;
     let around = |i: usize| &points[i.saturating_sub(half)..(i + half + 1).min(points.len())];

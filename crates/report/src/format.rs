@@ -1,6 +1,6 @@
-//! Numbers and names as text for people.
+//! Formats numbers and names for people.
 
-/// Text that HTML shows as it is, in content and in quoted attributes.
+/// Escapes a text for HTML content and quoted attributes.
 pub(super) fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -10,7 +10,7 @@ pub(super) fn escape(text: &str) -> String {
             '>' => out.push_str("&gt;"),
             '"' => out.push_str("&quot;"),
             '\'' => out.push_str("&#39;"),
-            // Control characters are not allowed in documents.
+            // Control characters are not allowed in HTML.
             c if c.is_control() && c != '\n' && c != '\t' => out.push('\u{FFFD}'),
             c => out.push(c),
         }
@@ -31,7 +31,7 @@ pub(super) fn count(value: u64) -> String {
     out
 }
 
-/// A number with so many decimals; a dash if it is not a number.
+/// A number with this number of decimals; a dash if it is NaN.
 pub(super) fn fixed(value: f64, decimals: usize) -> String {
     match value {
         v if v.is_nan() => "–".into(),
@@ -40,13 +40,13 @@ pub(super) fn fixed(value: f64, decimals: usize) -> String {
     }
 }
 
-/// As [`fixed`], with a plus where there is no minus.
+/// Like [`fixed`], with a plus in front of numbers that are not negative.
 pub(super) fn signed(value: f64, decimals: usize) -> String {
     let plus = if value.is_finite() && value >= 0.0 { "+" } else { "" };
     format!("{plus}{}", fixed(value, decimals))
 }
 
-/// Bytes in the unit that leaves one to four digits before the point.
+/// A number of bytes in the unit that leaves one to four digits before the point.
 pub(super) fn bytes(value: u64) -> String {
     let units = ["KiB", "MiB", "GiB", "TiB"];
     if value < 1024 {
@@ -61,7 +61,7 @@ pub(super) fn bytes(value: u64) -> String {
     format!("{scaled:.1} {}", units[unit])
 }
 
-/// Wall time.
+/// A wall time of `seconds`: seconds, minutes and seconds, or hours and minutes; a dash if it is not a time.
 pub(super) fn duration(seconds: f64) -> String {
     if !seconds.is_finite() || seconds < 0.0 {
         return "–".into();
@@ -77,7 +77,7 @@ pub(super) fn duration(seconds: f64) -> String {
     format!("{} h {:02} min", minutes / 60, minutes % 60)
 }
 
-/// A number on an axis: `2.5k`, `30k`, `1.2M`.
+/// A number at an axis: `2.5k`, `30k`, `1.2M`.
 pub(super) fn axis(value: f64) -> String {
     let (scaled, unit) = match value.abs() {
         v if v >= 1e6 => (value / 1e6, "M"),

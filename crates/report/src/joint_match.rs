@@ -1,4 +1,4 @@
-//! How long the joint phase of an instanced run takes to be as good on the training views as the plain cloud was.
+//! The time that the joint phase of an instanced run needs to reach the plain cloud's loss on the training views.
 
 use std::collections::BTreeMap;
 
@@ -7,22 +7,24 @@ use serde::{Deserialize, Serialize};
 use super::training_clock::{TrainingClock, training_seconds};
 use instgs_train::events::{Event, null_is_nan};
 
-/// Steps that are compared at a time: their mean loss stands for that of the middle one. The loss of one view scatters by a
-/// few percent from look to look; the joint phase gains as much in ten steps, when it comes near.
+/// Length of the window of steps whose mean loss is compared; it stands for the step in the middle. The loss of one
+/// view varies by a few percent from one use to the next, which is as much as the joint phase gains in ten steps when
+/// it comes near.
 const STEPS: usize = 30;
 
-/// When the training loss of the joint phase came down to the plain cloud's final one.
+/// The time at which the training loss of the joint phase reached the plain cloud's final loss.
 ///
-/// The loss of a step is that of one view, and views differ more than the phases do. So each is compared with the plain
-/// cloud's at its last look at the same view: the match is in the middle of the first 30 steps of the joint phase that have
-/// no higher mean than their views had then.
+/// The loss of a step is that of one view, and views differ more than the phases do. So each step is compared with the
+/// plain cloud's last loss of the same view: the match is in the middle of the first 30 steps of the joint phase whose
+/// mean loss is not above the mean of those.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct JointMatch {
-    /// Training time of the joint phase until then, without segmentation, merging, evaluations and checkpoints.
+    /// Training time of the joint phase until then, seconds, without segmentation, merging, evaluations and
+    /// checkpoints.
     #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
-    /// The same per training time of the plain cloud.
+    /// The same time as a fraction of the plain cloud's training time.
     #[serde(deserialize_with = "null_is_nan")]
     pub fraction_of_vanilla: f64,
     /// The plain cloud's final loss, mean over the views.
@@ -31,8 +33,8 @@ pub struct JointMatch {
 }
 
 impl JointMatch {
-    /// From the logs of the two phases and the number of training views. `None` if the joint phase did not get there, or
-    /// if a log is too short to say, or of a version that did not write the losses of views.
+    /// Compares the logs of the two phases; `train_views` is the number of training views. `None` if the joint phase
+    /// did not reach the loss, or if a log is too short or of a version that did not write the losses of views.
     pub fn of(vanilla: &[Event], joint: &[Event], train_views: u64) -> Option<Self> {
         let loss = final_loss(vanilla, train_views)?;
         let seconds = match_seconds(&last_losses(vanilla), joint)?;
@@ -41,13 +43,13 @@ impl JointMatch {
     }
 }
 
-/// Mean over the training views of the loss at the last look at each, if a log has all of them.
+/// Mean over the training views of the last loss of each, if the log has all of them.
 pub(super) fn final_loss(events: &[Event], train_views: u64) -> Option<f64> {
     let last = last_losses(events);
     (train_views > 0 && last.len() as u64 == train_views).then(|| last.values().sum::<f64>() / last.len() as f64)
 }
 
-/// By training view: its loss when it was looked at last.
+/// The last loss of each training view, by its index.
 fn last_losses(events: &[Event]) -> BTreeMap<u32, f64> {
     let of_event = |event: &Event| match event {
         Event::Step { view_losses, .. } => view_losses.clone(),
@@ -56,14 +58,15 @@ fn last_losses(events: &[Event]) -> BTreeMap<u32, f64> {
     events.iter().flat_map(of_event).map(|(view, loss)| (view, f64::from(loss))).collect()
 }
 
-/// Training time in the middle of the first steps that were no worse than the views' losses `then`.
+/// Training time in the middle of the first window of steps that is not worse than the views' losses `then`.
 fn match_seconds(then: &BTreeMap<u32, f64>, joint: &[Event]) -> Option<f64> {
     let steps = excesses(then, joint);
     let first = steps.windows(STEPS).find(|window| window.iter().map(|(_, excess)| excess).sum::<f64>() <= 0.0)?;
     Some(first[STEPS / 2 - 1].0)
 }
 
-/// By step: training time at its end, and its loss minus its view's `then`. A report's steps share its time evenly.
+/// For each step: training time at its end, and its loss minus its view's `then`. The steps of a report share its time
+/// evenly.
 fn excesses(then: &BTreeMap<u32, f64>, joint: &[Event]) -> Vec<(f64, f64)> {
     let mut clock = TrainingClock::default();
     let mut steps = Vec::new();
@@ -85,8 +88,8 @@ fn excesses(then: &BTreeMap<u32, f64>, joint: &[Event]) -> Vec<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// A log with a report every 10 steps and 5 seconds. In one the loss of view 0 is that given; each of four views has 8 more
-    /// than the one before.
+    /// A log with a report every 10 steps and 5 seconds. `losses` are the losses of view 0, one per report; each of the
+    /// four views has 8 more than the previous one.
     fn log(losses: &[f64]) -> Vec<Event> {
         let event = |(i, mean): (usize, &f64)| {
             let (step, seconds) = (10 * (i as u64 + 1), 5.0 * (i as f64 + 1.0));
@@ -103,7 +106,8 @@ mod tests {
     fn the_match_by_hand() {
         let plain = log(&[9.0, 9.0, 5.0, 4.0, 3.0, 2.0, 1.0]);
         assert_eq!(final_loss(&plain, 4), Some(13.0));
-        // A single report below is not enough: the fourth to the sixth are the first three whose mean, 1, is no higher.
+        // A single report below is not enough: the fourth to the sixth are the first three whose mean, 1, is not
+        // higher.
         let joint = log(&[6.0, 6.0, 2.0, 3.0, 2.0, -2.0, 1.0, 1.0]);
         let found = JointMatch::of(&plain, &joint, 4);
         assert_eq!(found, Some(JointMatch { seconds: 22.5, fraction_of_vanilla: 22.5 / 35.0, loss: 13.0 }));
@@ -119,7 +123,7 @@ mod tests {
         assert!(JointMatch::of(&[], &joint, 4).is_none() && JointMatch::of(&plain, &[], 4).is_none());
         assert!(JointMatch::of(&plain, &joint, 5).is_none(), "a view was never looked at");
         assert!(JointMatch::of(&plain, &joint[..2], 4).is_none(), "too short");
-        // Steps without a loss that is finite are not there; the others still say something.
+        // Steps without a finite loss are missing from the log; the others are still compared.
         let mut holes = log(&[9.0, 1.0, 1.0, 1.0, 1.0]);
         for event in &mut holes[..2] {
             if let Event::Step { view_losses, .. } = event {

@@ -1,6 +1,6 @@
-//! L7: what came out of a run: `RUN/report.json` and `RUN/report.html`, a page without scripts or anything from
-//! elsewhere, `RUN/review.html` and the pictures of [`stage_pictures`]. Of a run in two phases both reports show the plain
-//! cloud, too. [`ReportWriter`] listens to a run; neither the trainer nor the pipeline knows of it.
+//! Reports of a run: `RUN/report.json` and `RUN/report.html`, a page without scripts or external resources,
+//! `RUN/review.html` and the pictures of [`stage_pictures`]. For a run in two phases both reports include the plain
+//! cloud. [`ReportWriter`] observes a run; neither the trainer nor the pipeline calls this crate.
 
 pub mod chart;
 mod curves;
@@ -21,7 +21,7 @@ mod writer;
 
 use std::path::Path;
 
-pub use error::ReportError;
+pub use error::{PictureError, ReportError};
 pub use joint_match::JointMatch;
 pub use pace::final_steps_per_second;
 pub use pictures::{MAX_WIDTH_PX, Rgb8, choose};
@@ -36,38 +36,40 @@ use instgs_train::events::Event;
 use instgs_train::facts::Quality;
 use instgs_vk::scene::RepeatedBytes;
 
-/// Everything that the page shows.
+/// All data that the page shows.
 #[derive(Clone, Debug, Default)]
 pub struct ReportData {
-    /// `report.json`.
+    /// The contents of `report.json`.
     pub report: RunReport,
-    /// The whole log of the run; the curves are made of it.
+    /// The whole log of the run, for the curves.
     pub events: Vec<Event>,
-    /// For instgs: the whole log of the plain cloud that it started from; empty if that was not trained here.
+    /// For instgs: the whole log of the plain cloud that it started from; empty if the cloud was not trained by this
+    /// run.
     pub vanilla_events: Vec<Event>,
-    /// Views to look at, in the order of the page; see [`choose`].
+    /// Test views with their pictures, in the order of the page; see [`choose`].
     pub pictures: Vec<ViewPicture>,
-    /// For instgs: what the stages before the joint phase did.
+    /// For instgs: pictures of the stages before the joint phase.
     pub stages: StagePictures,
 }
 
-/// A view as it should be and as it is.
+/// A test view as photo and as rendering.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewPicture {
-    /// View name.
+    /// Name of the test view.
     pub name: String,
-    /// How near the two are.
+    /// How near the rendering is to the photo.
     pub metrics: Quality,
-    /// The photograph.
+    /// The photo at the size trained at.
     pub ground_truth: Rgb8,
-    /// The rendering; as large as the photograph.
+    /// The rendering, of the same size as the photo.
     pub render: Rgb8,
 }
 
-/// Writes `report.json` and `report.html` into the run's folder.
+/// Writes `report.json` and `report.html` into the run folder.
 ///
 /// # Errors
-/// Two pictures of a view that differ in size, a picture that is none, or a file that cannot be written.
+/// Two pictures of a view that differ in size, a picture whose bytes do not match its size, or a file that cannot be
+/// written.
 pub fn write(run: &RunFolder, data: &ReportData) -> Result<(), IoError> {
     write_json(run, &data.report)?;
     let path = run.page();
@@ -75,7 +77,7 @@ pub fn write(run: &RunFolder, data: &ReportData) -> Result<(), IoError> {
     atomic_write(&path, |out| out.write_all(text.as_bytes()))
 }
 
-/// Writes `report.json` into the run's folder.
+/// Writes `report.json` into the run folder.
 ///
 /// # Errors
 /// The file cannot be written.
@@ -83,10 +85,10 @@ pub fn write_json(run: &RunFolder, report: &RunReport) -> Result<(), IoError> {
     instgs_io::json::write_json(&run.report(), report)
 }
 
-/// The page; `path` is for messages.
+/// The report as an HTML page; `path` is for messages.
 ///
 /// # Errors
-/// Two pictures of a view that differ in size, or a picture that is none.
+/// Two pictures of a view that differ in size, or a picture whose bytes do not match its size.
 pub fn html(data: &ReportData, path: &Path) -> Result<String, IoError> {
     page::page(data, path)
 }

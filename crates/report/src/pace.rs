@@ -1,14 +1,14 @@
-//! How fast a run trains when it has grown.
+//! The speed of training once the number of Gaussians is final.
 
 use super::training_clock::TrainingClock;
 use instgs_train::events::Event;
 
-/// Part of the steps, at the end, whose pace counts: by then every preset, at its own length, has stopped adding
-/// Gaussians, but for `mcmc`, which goes on to five sixths.
+/// Fraction of the steps, at the end, that is measured: by then every preset has stopped adding Gaussians, except
+/// `mcmc`, which adds some until five sixths of the steps.
 const LAST_PART: f64 = 0.2;
 
-/// Steps per second of training at the end of a whole log, over the last fifth of its steps: a cloud that goes on trains at
-/// that pace, and not at that of the first steps, when it had fewer Gaussians. `None` if the log is too short to say.
+/// Steps per second of training over the last fifth of the steps of a whole log, the pace at which a longer training
+/// would continue; the first steps are faster, as they have fewer Gaussians. `None` if the log is too short.
 pub fn final_steps_per_second(events: &[Event]) -> Option<f64> {
     let mut clock = TrainingClock::default();
     let mut reported: Vec<(u64, f64)> = Vec::new();
@@ -35,7 +35,7 @@ mod tests {
         Event::Step { step, loss, mean_loss, view_losses, l1, ssim, psnr, gaussians, steps_per_second, seconds }
     }
 
-    /// Ten steps a second at first, two at the end; what lies between is neither.
+    /// Ten steps per second at first, two at the end; the mean over all lies between.
     #[test]
     fn the_last_fifth_counts() {
         let events = [at(10, 1.0), at(40, 4.0), at(79, 9.0), at(80, 10.0), at(90, 15.0), at(100, 20.0)];

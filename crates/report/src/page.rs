@@ -1,4 +1,4 @@
-//! The page, section by section. Written so that it is also well-formed XML, which the tests check.
+//! The page, section by section. It is also well-formed XML, which the tests check.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use super::pictures::{self, DIFFERENCE_GAIN};
 use super::run_report::RunReport;
 use super::stages as of_stages;
 use super::table::{bar, table};
-use super::{ReportData, ViewPicture};
+use super::{PictureError, ReportData, ViewPicture};
 use instgs_io::{IoError, Place};
 use instgs_train::config::Method;
 use instgs_train::facts::Quality;
@@ -25,7 +25,7 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     out += &section("Curves", &charts(data));
     out += &section("Beside the plain cloud", &phases::beside(data));
     out += &section("Groups", &phases::groups(report));
-    let fail = |what: String| IoError::new(path, what);
+    let fail = |error: PictureError| IoError::new(path, error.to_string());
     let drawn = &data.stages;
     out += &section("Masks, objects and labels", &of_stages::segmentation(drawn).map_err(fail)?);
     out += &section("Registered poses", &of_stages::poses(drawn, report).map_err(fail)?);
@@ -43,7 +43,7 @@ pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     Ok(out + "</body>\n</html>\n")
 }
 
-/// From the first line to the start of the body.
+/// The head of the page, from the first line to the start of the body.
 pub(super) fn head_of(title: &str) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
@@ -54,7 +54,7 @@ pub(super) fn head_of(title: &str) -> String {
     )
 }
 
-/// Nothing for an empty body.
+/// A section with its heading; empty if the body is empty.
 pub(super) fn section(title: &str, body: &str) -> String {
     if body.is_empty() { String::new() } else { format!("<section>\n<h2>{title}</h2>\n{body}</section>\n") }
 }
@@ -148,7 +148,8 @@ fn views(all: &[ViewPicture], path: &Path) -> Result<String, IoError> {
     let captions = ["photograph".to_owned(), "rendering".into(), format!("difference × {DIFFERENCE_GAIN}")];
     let mut out = String::new();
     for view in all {
-        let fail = |what: String| IoError::new(path, what).at(Place::Field(format!("picture {}", view.name)));
+        let place = || Place::Field(format!("picture {}", view.name));
+        let fail = |error: PictureError| IoError::new(path, error.to_string()).at(place());
         let addresses = pictures::addresses(&view.ground_truth, &view.render).map_err(fail)?;
         let name = escape(&view.name);
         out += &format!(

@@ -1,4 +1,4 @@
-//! What the page shows of a run in two phases: a plain cloud, then templates and instances.
+//! The parts of the page about a run in two phases: a plain cloud, then templates and instances.
 
 use super::chart::{Chart, Look, Series};
 use super::curves::{Curves, Over};
@@ -13,7 +13,7 @@ use instgs_objects::template::{GroupReport, POOR_MATCH};
 use instgs_train::events::Event;
 use instgs_train::facts::Quality;
 
-/// The steps of both phases; `joint` is the words for the second one's.
+/// The steps of both phases; `joint` is the text for those of the joint phase.
 pub(super) fn steps(vanilla: &RunReport, joint: &str) -> String {
     match vanilla.steps {
         0 => format!("from a given plain cloud, joint phase of {joint}"),
@@ -55,7 +55,8 @@ pub(super) fn charts(data: &ReportData) -> String {
     .concat()
 }
 
-/// From the end of the plain cloud's training to the beginning of the joint phase's, loading and evaluation left out.
+/// Time from the end of the plain cloud's training to the beginning of the joint phase, without loading and evaluation,
+/// seconds.
 fn between_seconds(report: &RunReport) -> f64 {
     report
         .stages
@@ -66,7 +67,7 @@ fn between_seconds(report: &RunReport) -> f64 {
         .sum()
 }
 
-/// Whether and when the joint phase was as good on the training views as the plain cloud; nothing without its log.
+/// Whether and when the joint phase reached the plain cloud's loss on the training views; empty without its log.
 pub(super) fn verdict(data: &ReportData) -> String {
     let Some(loss) = final_loss(&data.vanilla_events, data.report.dataset.train_views) else { return String::new() };
     let loss = fixed(loss, 4);
@@ -84,7 +85,7 @@ pub(super) fn verdict(data: &ReportData) -> String {
     format!("<p>{text} <span class=\"soft\">{how}</span></p>\n")
 }
 
-/// The instanced scene against the cloud it was made of.
+/// The instanced scene compared with the cloud it was made from.
 pub(super) fn beside(data: &ReportData) -> String {
     let report = &data.report;
     let Some(plain) = report.vanilla.as_deref() else { return String::new() };
@@ -113,7 +114,7 @@ pub(super) fn beside(data: &ReportData) -> String {
     table(&["", "plain cloud", "instanced", "instanced against plain"], &rows, None)
 }
 
-/// Rows of quality, with differences.
+/// Table rows of quality, with differences.
 fn qualities(plain: Option<&Quality>, instanced: Option<&Quality>) -> Vec<Vec<String>> {
     let row = |name: &str, of: fn(&Quality) -> f64, decimals: usize, unit: &str| {
         let [plain, instanced] = [plain, instanced].map(|quality| quality.map_or(f64::NAN, of));
@@ -126,17 +127,17 @@ fn qualities(plain: Option<&Quality>, instanced: Option<&Quality>) -> Vec<Vec<St
         row("SSIM", |quality| quality.ssim, 4, ""),
         row("LPIPS", |quality| quality.lpips.unwrap_or(f64::NAN), 4, ""),
     ];
-    // Without test views or weights there are no figures.
+    // Without test views or network weights there are no numbers.
     rows.retain(|row| row[1..3].iter().any(|cell| !cell.starts_with('–')));
     rows
 }
 
-/// How many times as much; a dash if that says nothing.
+/// The ratio of two values; a dash if it has no meaning.
 fn ratio(plain: f64, instanced: f64) -> String {
     if plain > 0.0 && instanced > 0.0 { format!("× {}", fixed(instanced / plain, 3)) } else { "–".into() }
 }
 
-/// What became of the groups, and what sharing saves.
+/// The groups after merging, and the bytes that instancing saves.
 pub(super) fn groups(report: &RunReport) -> String {
     let rows: Vec<_> = report.groups.iter().map(group).collect();
     let names =
@@ -166,7 +167,7 @@ fn group(group: &GroupReport) -> Vec<String> {
     ]
 }
 
-/// What the table does not say.
+/// Remarks on a group that the table has no column for.
 fn notes(group: &GroupReport) -> Vec<String> {
     let name = name(group);
     if let Some(why) = group.left_out() {

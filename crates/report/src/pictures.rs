@@ -1,4 +1,4 @@
-//! Pictures for the page: photograph, rendering, and how they differ, as PNG in `data:` addresses.
+//! Pictures for the page: photo, rendering, and their difference, as PNG in `data:` addresses.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -6,52 +6,54 @@ use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, RgbImage, imageops};
 
+use crate::PictureError;
 use instgs_train::facts::ViewMetrics;
 
-/// Pictures on the page are scaled down to this width.
+/// Pictures on the page are scaled down to this width, pixels.
 pub const MAX_WIDTH_PX: u32 = 480;
-/// What differences are multiplied by to be seen.
+/// Factor that makes differences visible.
 pub(super) const DIFFERENCE_GAIN: u16 = 4;
 
-/// Of painted masks no edge rings visibly at 85, and a picture of 320x180 pixels takes 15 kB instead of 60 as PNG.
+/// At 85 the edges of painted masks show no visible ringing, and a picture of 320x180 pixels takes 15 kB, not 60 as
+/// PNG.
 const JPEG_QUALITY: u8 = 85;
 
 /// A picture of 8 bits per channel, rows from the top.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Rgb8 {
-    /// Width, pixels.
+    /// Width of the picture, pixels.
     pub width: u32,
-    /// Height, pixels.
+    /// Height of the picture, pixels.
     pub height: u32,
     /// `width * height` pixels of red, green, blue.
     pub pixels: Vec<u8>,
 }
 
 impl Rgb8 {
-    /// As a PNG file; an error is words.
+    /// The picture as a PNG file.
     ///
     /// # Errors
-    /// Fewer or more bytes than the size calls for, or no pixels.
-    pub fn png(&self) -> Result<Vec<u8>, String> {
+    /// The number of bytes does not match the size, or the picture has no pixels.
+    pub fn png(&self) -> Result<Vec<u8>, PictureError> {
         encoded(&image_of(self)?)
     }
 
-    /// As a JPEG in a `data:` address, for pages of many pictures; an error is words.
+    /// The picture as a JPEG in a `data:` address, for pages of many pictures.
     ///
     /// # Errors
-    /// As for [`Rgb8::png`].
-    pub fn jpeg_address(&self) -> Result<String, String> {
+    /// The same errors as [`Rgb8::png`].
+    pub fn jpeg_address(&self) -> Result<String, PictureError> {
         let image = image_of(self)?;
         let mut jpeg = Vec::new();
-        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(&image).map_err(|e| e.to_string())?;
+        JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode_image(&image)?;
         Ok(format!("data:image/jpeg;base64,{}", STANDARD.encode(jpeg)))
     }
 
-    /// The picture at another size, interpolated; an error is words.
+    /// The picture scaled to another size, interpolated.
     ///
     /// # Errors
-    /// As for [`Rgb8::png`], or a size of 0.
-    pub fn resized(self, width: u32, height: u32) -> Result<Self, String> {
+    /// The same errors as [`Rgb8::png`], or a size of 0.
+    pub fn resized(self, width: u32, height: u32) -> Result<Self, PictureError> {
         if (self.width, self.height) == (width, height) {
             return Ok(self);
         }
@@ -60,8 +62,8 @@ impl Rgb8 {
     }
 }
 
-/// Which views to show, at most `most`, worst PSNR first: the worst, the best, and in between at equal distances of
-/// rank. Returns indices into `views`.
+/// The views to show, at most `most`, worst PSNR first: the worst, the best, and views at equal steps of rank between
+/// them. Returns indices into `views`.
 pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
     let mut ranked: Vec<usize> = (0..views.len()).collect();
     ranked.sort_by(|&a, &b| views[a].quality.psnr.total_cmp(&views[b].quality.psnr).then(a.cmp(&b)));
@@ -72,14 +74,13 @@ pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
     (0..most).map(|i| ranked[i * (ranked.len() - 1) / last]).collect()
 }
 
-/// `data:` addresses of photograph, rendering and difference; an error is words.
-pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], String> {
+/// The `data:` addresses of photo, rendering and their difference.
+pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], PictureError> {
     let (truth, render) = (image_of(ground_truth)?, image_of(render)?);
     if truth.dimensions() != render.dimensions() {
-        let ((w, h), (v, u)) = (truth.dimensions(), render.dimensions());
-        return Err(format!("the photograph has {w}x{h} pixels, the rendering {v}x{u}"));
+        return Err(PictureError::SizesDiffer { photo: truth.dimensions(), rendering: render.dimensions() });
     }
-    // At full size, as averaging first would hide what differs from pixel to pixel.
+    // The difference is taken at full size: averaging first would hide differences of single pixels.
     let mut difference = truth.clone();
     for (a, b) in difference.iter_mut().zip(render.iter()) {
         *a = u8::try_from(DIFFERENCE_GAIN * u16::from(a.abs_diff(*b))).unwrap_or(u8::MAX);
@@ -87,21 +88,21 @@ pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3
     Ok([scaled_address(&truth)?, scaled_address(&render)?, scaled_address(&difference)?])
 }
 
-/// The `data:` address of a picture; an error is words.
-pub(super) fn address(picture: &Rgb8) -> Result<String, String> {
+/// The `data:` address of a picture.
+pub(super) fn address(picture: &Rgb8) -> Result<String, PictureError> {
     scaled_address(&image_of(picture)?)
 }
 
-fn image_of(picture: &Rgb8) -> Result<RgbImage, String> {
+fn image_of(picture: &Rgb8) -> Result<RgbImage, PictureError> {
     let &Rgb8 { width, height, ref pixels } = picture;
     let wanted = 3 * u64::from(width) * u64::from(height);
     if width == 0 || height == 0 || pixels.len() as u64 != wanted {
-        return Err(format!("{} bytes are no picture of {width}x{height} pixels", pixels.len()));
+        return Err(PictureError::Size { bytes: pixels.len(), width, height });
     }
-    RgbImage::from_raw(width, height, pixels.clone()).ok_or_else(|| "is too large".into())
+    RgbImage::from_raw(width, height, pixels.clone()).ok_or(PictureError::TooLarge)
 }
 
-fn scaled_address(image: &RgbImage) -> Result<String, String> {
+fn scaled_address(image: &RgbImage) -> Result<String, PictureError> {
     let (width, height) = image.dimensions();
     let scaled = if width > MAX_WIDTH_PX {
         let height = (u64::from(height) * u64::from(MAX_WIDTH_PX)).div_ceil(u64::from(width)).max(1);
@@ -113,11 +114,14 @@ fn scaled_address(image: &RgbImage) -> Result<String, String> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
 }
 
-fn encoded(image: &RgbImage) -> Result<Vec<u8>, String> {
+fn encoded(image: &RgbImage) -> Result<Vec<u8>, PictureError> {
     let mut png = Vec::new();
-    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive)
-        .write_image(image.as_raw(), image.width(), image.height(), ExtendedColorType::Rgb8)
-        .map_err(|e| e.to_string())?;
+    PngEncoder::new_with_quality(&mut png, CompressionType::Default, FilterType::Adaptive).write_image(
+        image.as_raw(),
+        image.width(),
+        image.height(),
+        ExtendedColorType::Rgb8,
+    )?;
     Ok(png)
 }
 
@@ -154,7 +158,7 @@ mod tests {
     #[test]
     fn pictures_that_are_none_or_differ_in_size_are_refused() {
         let picture = |width, height, bytes| Rgb8 { width, height, pixels: vec![0; bytes] };
-        let error = |a: &Rgb8, b: &Rgb8| addresses(a, b).err().unwrap_or_default();
+        let error = |a: &Rgb8, b: &Rgb8| addresses(a, b).unwrap_err().to_string();
         assert!(error(&picture(2, 1, 6), &picture(1, 2, 6)).contains("2x1 pixels, the rendering 1x2"));
         assert!(error(&picture(2, 1, 5), &picture(2, 1, 6)).contains("5 bytes"));
         assert!(error(&picture(0, 1, 0), &picture(0, 1, 0)).contains("no picture"));

@@ -1,5 +1,5 @@
-//! The contact sheet of masks: every view with its masks painted over it, so that a person sees at a glance whether to go
-//! on. Who draws it: `report::stage_pictures::review`.
+//! The contact sheet of masks: every view with its masks painted over it, so that a person sees at a glance whether the
+//! masks are good enough to continue. `stage_pictures::review` draws the pictures.
 
 use std::path::Path;
 
@@ -11,22 +11,22 @@ use super::table::table;
 use instgs_io::{IoError, atomic_write};
 use instgs_objects::segment::ObjectReport;
 
-/// What the sheet shows.
+/// The contents of the contact sheet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReviewSheet {
-    /// What was looked at, for the head of the page.
+    /// Heading of the page: the folder of the masks or the run.
     pub title: String,
-    /// What a reader should know, one sentence each.
+    /// Remarks for the reader, one sentence each.
     pub notes: Vec<String>,
-    /// What asks to be looked into, one sentence each.
+    /// Warnings to look into, one sentence each.
     pub warnings: Vec<String>,
-    /// The kinds of objects that the masks have.
+    /// The categories of objects in the masks.
     pub kinds: Vec<KindOfMasks>,
-    /// After consensus: the objects.
+    /// After consensus: the objects found.
     pub objects: Vec<ObjectReport>,
-    /// After consensus: their colours.
+    /// After consensus: the colours of the objects.
     pub colors: Vec<ObjectColor>,
-    /// In the order of the data set.
+    /// The views in the order of the data set.
     pub views: Vec<ReviewView>,
 }
 
@@ -35,26 +35,26 @@ pub struct ReviewSheet {
 pub struct KindOfMasks {
     /// The category; `None` for masks without one.
     pub name: Option<String>,
-    /// Masks in all views.
+    /// Number of masks in all views.
     pub masks: usize,
-    /// Views with at least one.
+    /// Number of views with at least one such mask.
     pub views: usize,
-    /// The median part of its picture that a mask covers, 0..=1.
+    /// Median fraction of the picture that such a mask covers, 0..=1.
     pub median_part: f64,
 }
 
-/// One view.
+/// One view of the contact sheet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReviewView {
-    /// Its name.
+    /// Name of the training view.
     pub name: String,
-    /// Its masks; `None` without a file of masks.
+    /// Number of its masks; `None` without a mask file.
     pub masks: Option<usize>,
-    /// Pictures as `data:` addresses with what they show: the masks as given, then the objects.
+    /// Pictures as `data:` addresses with their captions: the masks as given, then the objects.
     pub pictures: Vec<(&'static str, String)>,
 }
 
-/// Writes the sheet: one page without scripts or anything from elsewhere.
+/// Writes the contact sheet: one page without scripts or external resources.
 ///
 /// # Errors
 /// A file that cannot be written.

@@ -1,4 +1,4 @@
-//! `report.json`: everything that is known of a run once it is done.
+//! `report.json`: all results of a finished run.
 
 use std::fmt;
 
@@ -13,74 +13,74 @@ use instgs_train::events::null_is_nan;
 use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, StageTime, ViewMetrics};
 use instgs_vk::scene::RepeatedBytes;
 
-/// A training run. Numbers that are not finite are `null` in the file.
+/// The report of a training run. Numbers that are not finite are `null` in the file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct RunReport {
     /// `"3dgs"` or `"instgs"`.
     pub method: String,
-    /// Finished steps.
+    /// Number of finished steps.
     pub steps: u64,
-    /// Wall time of all stages. Of a run that was interrupted, training counts in all its parts, loading, saving and
-    /// evaluating in the last.
+    /// Wall time of all stages, seconds. Of a resumed run, training counts from the beginning; loading, saving and
+    /// evaluating count since it was last resumed.
     #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
-    /// Over the optimisation alone.
+    /// Steps per second of the optimisation alone.
     #[serde(deserialize_with = "null_is_nan")]
     pub steps_per_second: f64,
-    /// What the time went into, in order.
+    /// Wall time of each stage, in order.
     pub stages: Vec<StageTime>,
-    /// Milliseconds a step by pass, in the order of a step: timestamps on the device.
+    /// Milliseconds per step for each pass, in the order of a step, from timestamps on the device.
     #[serde(serialize_with = "as_map", deserialize_with = "from_map")]
     pub passes_ms: Vec<(String, f64)>,
     /// Means over the test views; `None` if there are none.
     pub eval: Option<Quality>,
     /// Numbers of Gaussians.
     pub gaussians: Counts,
-    /// Sizes.
+    /// Sizes of file, scene and device memory.
     pub bytes: Bytes,
-    /// What the user should know of masks, objects and groups, one line each; empty for 3dgs.
+    /// Warnings about masks, objects and groups, one line each; empty for 3dgs.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
-    /// Instances found; empty for 3dgs.
+    /// Registration of each instance; empty for 3dgs.
     pub registration: Vec<InstanceRegistration>,
-    /// What became of the groups; empty for 3dgs.
+    /// The groups after merging; empty for 3dgs.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub groups: Vec<GroupReport>,
-    /// Device name.
+    /// Name of the device in use.
     pub device: String,
-    /// Seed of the run.
+    /// Seed of all random choices.
     pub seed: u64,
     /// Version of instgs-vk.
     pub version: String,
-    /// For instgs: the scene it started from.
+    /// For instgs: the report of the plain cloud that it started from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vanilla: Option<Box<RunReport>>,
-    /// For instgs: when the joint phase was as good on the training views as that scene; `None` if it was not, or if the
-    /// scene was not trained here.
+    /// For instgs: when the joint phase reached that cloud's loss on the training views; `None` if it did not, or if
+    /// the cloud was not trained by this run.
     pub joint_match: Option<JointMatch>,
-    /// For instgs: what sharing saves.
+    /// For instgs: the bytes that instancing saves.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repeated: Option<RepeatedBytes>,
-    /// Part of a step's wall time in which the host does not wait for the device, 0..=1.
+    /// Fraction of a step's wall time in which the host does not wait for the device, 0..=1.
     #[serde(deserialize_with = "null_is_nan")]
     pub host_fraction: f64,
     /// What device memory is used for.
     pub memory_explained: Vec<MemoryUse>,
-    /// Every test view.
+    /// Quality of each test view.
     pub views: Vec<ViewMetrics>,
-    /// What was trained on.
+    /// The data set that was trained on.
     pub dataset: DatasetFacts,
     /// The resolved configuration.
     pub config: RunConfig,
 }
 
-/// A JSON object in the order of the list.
+/// Writes the pairs as a JSON object, in the order of the list.
 fn as_map<S: Serializer>(pairs: &[(String, f64)], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(pairs.iter().map(|(name, value)| (name, value)))
 }
 
-/// The list in the order of the JSON object.
+/// Reads the pairs of a JSON object, in its order.
 fn from_map<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<(String, f64)>, D::Error> {
     struct Pairs;
     impl<'de> Visitor<'de> for Pairs {

@@ -1,4 +1,4 @@
-//! The sections of the stages, with made-up pictures.
+//! Tests of the sections about the stages, with synthetic pictures.
 
 use std::path::Path;
 
@@ -112,7 +112,7 @@ fn every_stage_is_shown_and_escaped() {
     assert!(!page.contains("object 37") && page.matches("RMSE 0.0").count() == 1, "of the posed one alone");
 }
 
-/// As with --groups: nothing was registered. And a run whose pictures could not be made.
+/// With --groups nothing was registered; the other run's pictures could not be made.
 #[test]
 fn given_groups_and_no_pictures_make_a_page() {
     let mut data = staged();

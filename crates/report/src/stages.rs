@@ -1,25 +1,25 @@
-//! The stages from masks to templates in pictures, section by section.
+//! The page's sections with pictures of the stages from masks to templates.
 
-use super::Rgb8;
 use super::format::{count, escape, fixed};
 use super::pictures::address;
 use super::run_report::RunReport;
 use super::stage_pictures::data::{GroupOverlay, ObjectColor, OverlayTile, StagePictures, StageView, TemplatePictures};
+use super::{PictureError, Rgb8};
 use instgs_objects::register::{InstanceRegistration, Verdict};
 
-/// Objects in the list of colours: more than fit into a few lines say nothing.
+/// Upper bound of the objects in the legend: more do not help a reader.
 const MOST_LISTED: usize = 36;
 
-/// An error is words.
-type Html = Result<String, String>;
+/// HTML text, or the picture that could not be encoded.
+type Html = Result<String, PictureError>;
 
-/// Masks, objects and labels of some views.
+/// The section on masks, objects and labels of some views.
 pub(super) fn segmentation(pictures: &StagePictures) -> Html {
     if pictures.views.is_empty() {
         return Ok(String::new());
     }
     let notes: String = pictures.notes.iter().map(|note| format!("<p class=\"soft\">{}</p>\n", escape(note))).collect();
-    let views = pictures.views.iter().map(view).collect::<Result<String, String>>()?;
+    let views = pictures.views.iter().map(view).collect::<Html>()?;
     Ok([notes, legend(&pictures.objects), views].concat())
 }
 
@@ -59,12 +59,13 @@ fn view(view: &StageView) -> Html {
 }
 
 fn figure(picture: &Rgb8, of: &str, caption: &str) -> Html {
-    let address = address(picture).map_err(|what| format!("{of}, {caption}: {what}"))?;
+    let named = |error| PictureError::OnPage { of: of.to_owned(), caption: caption.to_owned(), error: Box::new(error) };
+    let address = address(picture).map_err(named)?;
     let of = escape(of);
     Ok(format!("<figure><img src=\"{address}\" alt=\"{of}: {caption}\"/><figcaption>{caption}</figcaption></figure>\n"))
 }
 
-/// The poses of every group.
+/// The section on the poses of every group.
 pub(super) fn poses(pictures: &StagePictures, report: &RunReport) -> Html {
     if pictures.overlays.is_empty() {
         return Ok(String::new());
@@ -73,18 +74,18 @@ pub(super) fn poses(pictures: &StagePictures, report: &RunReport) -> Html {
                then in its colour over the reference, from the camera that shows the reference best and from a quarter \
                turn beside it. The line is the reference's outline: a right pose fills it; grey in it is not covered, \
                and colour outside of it is too much.";
-    let groups = pictures.overlays.iter().map(|group| poses_of(group, report)).collect::<Result<String, String>>()?;
+    let groups = pictures.overlays.iter().map(|group| poses_of(group, report)).collect::<Html>()?;
     Ok(format!("<p class=\"soft\">{how}</p>\n{groups}{}", not_shown(pictures.groups_left_out, "smaller groups")))
 }
 
 fn poses_of(group: &GroupOverlay, report: &RunReport) -> Html {
-    // Of objects without poses nobody knows which fit worst.
+    // Without poses it is not known which objects fit worst.
     let which = if group.tiles.iter().any(|tile| tile.overlap.is_some()) { "; these fit worst" } else { "" };
     let left_out = match group.left_out {
         0 => String::new(),
         left => format!("<span>{} more are not shown{which}</span>", count(left as u64)),
     };
-    let tiles = group.tiles.iter().map(|tile| pose(tile, report)).collect::<Result<String, String>>()?;
+    let tiles = group.tiles.iter().map(|tile| pose(tile, report)).collect::<Html>()?;
     let name = escape(&group.name);
     Ok(format!("<div class=\"view\"><h3>{name}{left_out}</h3>\n<div class=\"poses\">\n{tiles}</div></div>\n"))
 }
@@ -94,8 +95,7 @@ fn pose(tile: &OverlayTile, report: &RunReport) -> Html {
     let of = format!("object {}", tile.id);
     let captions = ["alone", if tile.overlap.is_some() { "over the reference" } else { "in grey" }, "from the side"];
     let pictures = tile.own.iter().chain(&tile.over).zip(captions);
-    let pictures =
-        pictures.map(|(picture, caption)| figure(picture, &of, caption)).collect::<Result<String, String>>()?;
+    let pictures = pictures.map(|(picture, caption)| figure(picture, &of, caption)).collect::<Html>()?;
     let shown = if pictures.is_empty() { "<p>It has no Gaussians.</p>\n".to_owned() } else { pictures };
     Ok(format!(
         "<div class=\"pose\"><p>{}<b>{of}</b> {}</p>\n<div class=\"trio\">\n{shown}</div>\n{}</div>\n",
@@ -117,7 +117,7 @@ fn verdict(registered: &InstanceRegistration) -> String {
     text.into()
 }
 
-/// How well it fits, and why it was decided so.
+/// How well the object fits, and the reason of its verdict.
 fn figures(tile: &OverlayTile, registered: Option<&InstanceRegistration>) -> String {
     let mut parts: Vec<String> =
         tile.overlap.iter().map(|part| format!("outline {} %", fixed(100.0 * part, 0))).collect();
@@ -133,10 +133,10 @@ fn figures(tile: &OverlayTile, registered: Option<&InstanceRegistration>) -> Str
     [parts.join(" · "), note.unwrap_or_default()].into_iter().filter(|text| !text.is_empty()).map(line).collect()
 }
 
-/// Every template alone.
+/// The section on every template alone.
 pub(super) fn templates(pictures: &StagePictures) -> Html {
     let shown = pictures.templates.iter().filter(|t| !(t.merged.is_empty() && t.trained.is_empty()));
-    let templates = shown.map(template).collect::<Result<String, String>>()?;
+    let templates = shown.map(template).collect::<Html>()?;
     Ok(templates + &not_shown(pictures.templates_left_out, "more templates"))
 }
 

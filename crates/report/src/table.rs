@@ -1,15 +1,15 @@
-//! Tables as HTML.
+//! Tables for the report, as HTML.
 
 /// Marks a cell that [`table`] draws as a bar.
 const BAR: &str = "<i ";
 
-/// A cell with a bar: its part of the largest.
+/// A cell with a bar whose length is `value` as a fraction of `largest`.
 pub(super) fn bar(value: f64, largest: f64) -> String {
     let part = if largest > 0.0 { (100.0 * value / largest).clamp(0.0, 100.0) } else { 0.0 };
     format!("{BAR}style=\"width:{part:.1}%\"></i>")
 }
 
-/// Cells are HTML, the first of each row a name. Nothing if there are no rows.
+/// A table; cells are HTML, the first of each row is a name. Empty without rows.
 pub(super) fn table(names: &[&str], rows: &[Vec<String>], sum: Option<Vec<String>>) -> String {
     if rows.is_empty() {
         return String::new();

@@ -1,4 +1,4 @@
-//! `report.json` by its names; the page by its structure, with made-up data.
+//! Tests of `report.json` by its names, and of the page by its structure, with synthetic data.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,7 @@ fn quality(psnr: f64) -> Quality {
     Quality { psnr, ssim: 0.5 + psnr / 80.0, lpips: Some(0.5 - psnr / 80.0) }
 }
 
-/// A photograph of coloured waves, and a rendering with noise of the given strength.
+/// A synthetic photo of coloured waves, and a rendering with noise of the given strength.
 fn picture(name: &str, noise: f64) -> ViewPicture {
     let (width, height) = (540, 360);
     let mut rng = Rng::new(5);
@@ -29,7 +29,7 @@ fn picture(name: &str, noise: f64) -> ViewPicture {
     ViewPicture { name: name.into(), metrics: quality(24.0), ground_truth: rgb(truth), render: rgb(render) }
 }
 
-/// Of the ten steps before one, if all have this loss.
+/// Views and losses of the ten steps before a report, all with this loss.
 fn view_losses(step: u64, loss: Option<f64>) -> Vec<(u32, f32)> {
     (step - 10..step).map(|s| ((s % 43) as u32, loss.unwrap_or_default() as f32)).collect()
 }
@@ -150,7 +150,7 @@ fn the_page_is_well_formed_self_contained_and_whole() {
     let count = |name: &str| tags.iter().filter(|t| *t == name).count();
     assert_eq!((count("svg"), count("img"), count("table")), (4, 6, 4));
     assert_eq!((count("script"), count("link"), count("iframe")), (0, 0, 0));
-    // Nothing is fetched: no addresses but data, no imports.
+    // The page loads nothing: no addresses except data, no imports.
     assert_eq!(html.matches("src=\"").count(), html.matches("src=\"data:image/png;base64,").count());
     assert!(!html.contains("http") && !html.contains("url(") && !html.contains("@import"));
     assert!(html.contains("&lt;b&gt;&amp;&quot;c&quot;.png") && !html.contains("<b>&"));
@@ -189,11 +189,11 @@ fn group(name: Option<&str>, match_distance: f64) -> GroupReport {
     }
 }
 
-/// A run in two phases. The joint phase begins far above the plain cloud's final loss, about 0.0147, and is below it after
-/// about half of its steps.
+/// A run in two phases. The joint phase begins far above the plain cloud's final loss, about 0.0147, and falls below it
+/// after about half of its steps.
 pub(super) fn two_phases() -> ReportData {
     let plain = sample();
-    // Without pictures: their text may have any letters.
+    // Without pictures, so the text may contain any letters.
     let mut data = ReportData { pictures: Vec::new(), ..sample() };
     data.vanilla_events = plain.events;
     data.events = events(2000);
@@ -229,7 +229,7 @@ fn a_run_in_two_phases_shows_both() {
     let count = |name: &str| tags.iter().filter(|t| *t == name).count();
     assert_eq!((count("svg"), count("table")), (4, 7));
     let found = data.report.joint_match.expect("a match");
-    // 0.05 exp(-step / 600), is down to 0.0097 near step 980, 122.5 s of 875.
+    // 0.05 exp(-step / 600) falls to 0.0097 near step 980, 122.5 s of 875.
     assert!((110.0..150.0).contains(&found.seconds) && (0.12..0.18).contains(&found.fraction_of_vanilla), "{found:?}");
     let sentence = format!("after {:.1} s ({:.1} % of", found.seconds, 100.0 * found.fraction_of_vanilla);
     for want in [
@@ -266,7 +266,7 @@ fn a_joint_phase_that_stays_behind_is_told() {
     assert!(html.contains("did not reach the plain cloud's final loss") && !html.contains("until the plain cloud"));
 }
 
-/// As with `--init`: the report of a scene that is only known by its file.
+/// The report of a scene given with `--init`, of which only the file is known.
 #[test]
 fn a_given_cloud_has_no_curves() {
     let mut data = two_phases();
@@ -365,7 +365,7 @@ fn the_json_has_the_contracts_names_and_reads_back() -> Result<(), Box<dyn std::
     assert!(value.get("vanilla").is_none() && value["registration"] == serde_json::json!([]));
     let back: RunReport = serde_json::from_str(&text)?;
     assert_eq!(back, data.report);
-    // The order of the passes is that of a step, not of the alphabet.
+    // The passes have the order of a step, not of the alphabet.
     assert!(text.find("radix_sort_scatter") < text.find("tile_blend") && text.find("preprocess") < text.find("radix"));
     Ok(())
 }

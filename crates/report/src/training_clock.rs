@@ -1,18 +1,19 @@
-//! Training time at each event of a log.
+//! Measures the training time at each event of a log.
 
 use instgs_train::events::Event;
 
-/// Adds up the parts of a run that was resumed. A part counts from 0, and leaves out evaluations and checkpoints.
+/// Adds up the times since each start or resumption of a run. Each counts from 0 and leaves out evaluations and
+/// checkpoints.
 #[derive(Debug, Default)]
 pub(super) struct TrainingClock {
-    /// Of the parts before this one, seconds.
+    /// Training time before the run was last resumed, seconds.
     before: f64,
     now: f64,
 }
 
 impl TrainingClock {
-    /// Training time at `event`, seconds; call it with every event, in order. Events without a time have that of the one
-    /// before.
+    /// Training time at `event`, seconds; to be called with every event, in order. An event without a time has that of
+    /// the previous one.
     pub(super) fn at(&mut self, event: &Event) -> f64 {
         match event {
             Event::Started { .. } => self.before = self.now,
@@ -25,7 +26,7 @@ impl TrainingClock {
     }
 }
 
-/// Training time of a whole log, of all parts of a run that was resumed: seconds without evaluations and checkpoints.
+/// Training time of a whole log, resumptions included: seconds without evaluations and checkpoints.
 pub fn training_seconds(events: &[Event]) -> f64 {
     let mut clock = TrainingClock::default();
     events.iter().fold(0.0, |_, event| clock.at(event))

@@ -1,4 +1,4 @@
-//! Writes the reports of a run while it goes on. It sits beside the observer of the run and is told what that is told.
+//! Writes the reports of a run while it goes on, from the messages that the run's observer receives.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -17,28 +17,28 @@ use instgs_train::events::Event;
 use instgs_train::facts::{StageTime, TrainFacts};
 use instgs_vk::gpu::Gpu;
 
-/// Test views whose pictures the page shows.
+/// Upper bound of the test views whose pictures the page shows.
 const PICTURES: usize = 8;
 
 /// Collects what a report needs, and writes it.
 #[derive(Default)]
 pub struct ReportWriter {
-    /// Of the training in progress.
+    /// Test views of the training in progress.
     test_views: Vec<ViewPicture>,
-    /// Of the last training that is done.
+    /// Report of the last finished training.
     last: ReportData,
     pictures: StagePictures,
-    /// Time that the pictures of the stages took.
+    /// Time spent on the pictures of the stages, seconds.
     drawing_seconds: f64,
 }
 
 impl ReportWriter {
-    /// A writer that knows nothing yet.
+    /// A writer that has received no message yet.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes what the pipeline tells. The report of a plain cloud and the rendered test views are written at once.
+    /// Receives a message of the pipeline. The report of a plain cloud and the rendered test views are written at once.
     ///
     /// # Errors
     /// A log that cannot be read, or a file that cannot be written.
@@ -61,10 +61,10 @@ impl ReportWriter {
         Ok(())
     }
 
-    /// Draws what the stages from masks to templates did, into `RUN/stages/` and for the page.
+    /// Draws pictures of the stages from masks to templates, into `RUN/stages/` and for the page.
     ///
     /// # Errors
-    /// As for [`stage_pictures::draw`].
+    /// The same errors as [`stage_pictures::draw`].
     pub fn draw_stages(&mut self, gpu: &Arc<Gpu>, job: &PipelineJob, prepared: &Prepared) -> Result<(), ReportError> {
         let started = Instant::now();
         let drawn = stage_pictures::draw(gpu, job, prepared);
@@ -73,10 +73,10 @@ impl ReportWriter {
         Ok(())
     }
 
-    /// Writes `RUN/review.html`.
+    /// Writes the contact sheet `RUN/review.html`.
     ///
     /// # Errors
-    /// As for [`stage_pictures::review_segments`].
+    /// The same errors as [`stage_pictures::review_segments`].
     pub fn review(&mut self, job: &PipelineJob) -> Result<(), IoError> {
         let started = Instant::now();
         let reviewed = stage_pictures::review_segments(job);
@@ -84,10 +84,10 @@ impl ReportWriter {
         reviewed
     }
 
-    /// Adds the templates as the joint phase left them, if the stages were drawn.
+    /// Adds pictures of the templates after the joint phase, if the stages were drawn.
     ///
     /// # Errors
-    /// As for [`stage_pictures::add_trained_templates`].
+    /// The same errors as [`stage_pictures::add_trained_templates`].
     pub fn draw_trained_templates(&mut self, gpu: &Arc<Gpu>, job: &PipelineJob) -> Result<(), ReportError> {
         if self.pictures.views.is_empty() {
             return Ok(());
@@ -98,7 +98,7 @@ impl ReportWriter {
         added
     }
 
-    /// The report of the whole run; with templates and instances it is made of both phases, and written now.
+    /// Writes the report of the whole run; with templates and instances it covers both phases.
     ///
     /// # Errors
     /// A file of the plain cloud that is damaged, or one that cannot be written.
@@ -110,7 +110,7 @@ impl ReportWriter {
         Ok(self.last.report)
     }
 
-    /// Makes the joint phase's report that of the whole run.
+    /// Extends the joint phase's report to the whole run.
     fn complete(&mut self, job: &PipelineJob, objects: ObjectPhases) -> Result<(), IoError> {
         let ObjectPhases { plain_cloud, prepared } = objects;
         let (vanilla, vanilla_events) = report_of_cloud(job, &plain_cloud)?;
@@ -134,7 +134,8 @@ impl ReportWriter {
     }
 }
 
-/// The report of the plain cloud that a run started from, and the log of its training; empty if it was given.
+/// The report of the plain cloud that a run started from, and the log of its training; the log is empty if the cloud
+/// was given.
 fn report_of_cloud(job: &PipelineJob, facts: &TrainFacts) -> Result<(RunReport, Vec<Event>), IoError> {
     let phase = job.cloud_phase();
     if job.config.train.init_scene.is_some() {
@@ -143,7 +144,7 @@ fn report_of_cloud(job: &PipelineJob, facts: &TrainFacts) -> Result<(RunReport, 
         return Ok((report_of(facts, &[], &config), Vec::new()));
     }
     let run = phase.folder();
-    // The log of a cloud that is reused may have been removed; only the page needs it.
+    // The log of a reused cloud may have been removed; only the page needs it.
     let events = if run.events().is_file() { read_events(&run.events())? } else { Vec::new() };
     let report = match run.report().is_file() {
         true => read_json(&run.report())?,
@@ -152,7 +153,7 @@ fn report_of_cloud(job: &PipelineJob, facts: &TrainFacts) -> Result<(RunReport, 
     Ok((report, events))
 }
 
-/// The report of one training. Of one that was resumed the facts know the last part only, the log knows all.
+/// The report of one training. The facts of a resumed run cover the time since it was resumed; the log covers all.
 fn report_of(facts: &TrainFacts, events: &[Event], config: &RunConfig) -> RunReport {
     let facts = facts.clone();
     let stages: Vec<StageTime> = facts

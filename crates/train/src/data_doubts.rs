@@ -1,22 +1,22 @@
-//! What looks wrong in a dataset before the first step: places that single precision cannot tell apart, points of another
-//! frame than the cameras', and a scene nearer than the nearest depth that is drawn. Warnings only: the run may be wanted.
+//! Checks of a dataset before the first step: coordinates too large for single precision, points and cameras in
+//! different frames, and a scene closer than the near plane. They only warn, as the run may be intended.
 
 use glam::DVec3;
 
 use instgs_vk::scene::{Camera, PointCloud};
 
-/// Cameras farther from the origin than so many extents of the scene: single precision, 2^-23 of a coordinate, then rounds
-/// places by more than 1e-4 of the extent, as much as a Gaussian of a fine scene is large.
+/// Cameras farther from the origin than this many scene extents: single precision, 2^-23 of a coordinate, then rounds
+/// positions by more than 1e-4 of the extent, the size of a small Gaussian in a detailed scene.
 const FAR_EXTENTS: f64 = 1000.0;
-/// Points that are looked at.
+/// Upper bound of the number of points that are checked.
 const SAMPLE: usize = 1000;
-/// With a smaller part of them in any photo, points and cameras are hardly of one frame. A reconstruction's points were all
-/// seen by some photo; in sets whose photos are cropped or thinned out most still are.
+/// If a smaller fraction of the points is in the frame of any photo, points and cameras probably have different frames.
+/// Photos saw every point of a reconstruction; where photos are cropped or thinned out, most points are still seen.
 const LEAST_SEEN: f64 = 0.1;
-/// More than this part of what photos see nearer than the nearest depth that is drawn is more than a few stray points.
+/// A larger fraction of the depths below the near plane is more than a few stray points.
 const MOST_NEAR: f64 = 0.02;
 
-/// One line for each doubt. `extent` and `near` in scene units.
+/// One warning per line. `extent` and `near` are in scene units.
 pub(super) fn doubts(cameras: &[Camera], points: &PointCloud, extent: f64, near: f64) -> Vec<String> {
     let mut doubts = Vec::new();
     let farthest = cameras.iter().map(|camera| camera.position_world().abs().max_element()).fold(0.0, f64::max);
@@ -51,7 +51,8 @@ pub(super) fn doubts(cameras: &[Camera], points: &PointCloud, extent: f64, near:
     doubts
 }
 
-/// How many points are in the frame of a camera, and the depths of all that are, scene units, once for each camera.
+/// The number of points in the frame of at least one camera, and the depth of each point in each camera that sees it,
+/// scene units.
 fn seen_by(cameras: &[Camera], points: &[DVec3]) -> (usize, Vec<f64>) {
     let mut depths = Vec::new();
     let mut seen = 0;
@@ -68,7 +69,7 @@ fn seen_by(cameras: &[Camera], points: &[DVec3]) -> (usize, Vec<f64>) {
 mod tests {
     use super::*;
 
-    /// Cameras around a ball of points of radius 1, 3 from its middle, all moved and scaled.
+    /// Cameras around a ball of points of radius 1, at a distance of 3 from its centre, all moved and scaled.
     fn of_ball(scale: f64, middle: DVec3) -> (Vec<Camera>, PointCloud) {
         let on_ball = |k: usize, n: usize, radius: f64| {
             let angle = 2.4 * k as f64;
@@ -101,7 +102,7 @@ mod tests {
         only(doubts(&cameras, &points, 3.0, 0.2), "rounded to");
         let (cameras, _) = of_ball(1.0, DVec3::ZERO);
         let (_, elsewhere) = of_ball(0.1, DVec3::new(0.0, 0.0, 40.0));
-        // Those above the middle look down.
+        // The cameras above the centre look down.
         only(doubts(&cameras[6..], &elsewhere, 3.0, 0.2), "different frames");
         let (cameras, points) = of_ball(0.05, DVec3::ZERO);
         only(doubts(&cameras, &points, 0.15, 0.2), "--set near=");

@@ -5,23 +5,24 @@ use std::sync::Arc;
 use instgs_vk::gpu::interface::types::SourceGradient;
 use instgs_vk::gpu::{Gpu, GpuError, Recorder};
 use instgs_vk::kernels::BackwardPipelines;
-use instgs_vk::optim::{Adam, MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
+use instgs_vk::optim::{MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
 use instgs_vk::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::config::{Rates, SourceRates};
+use super::step_runner::StepPlan;
 
-/// Moments of everything that training changes, per f32.
+/// Adam's moments of every parameter that training changes.
 pub struct Moments {
-    /// Of the parameter buffers of a [`DeviceScene`].
+    /// Moments of the parameter buffers of a [`DeviceScene`].
     pub parameters: ParameterSet<MomentBuffer>,
-    /// Of the places of instances: shift, rotation vector, logarithm of the scale.
+    /// Moments of the poses of instances: translation, rotation vector, logarithm of the scale.
     pub poses: MomentBuffer,
 }
 
 impl Moments {
-    /// Zeros for a scene.
+    /// Moments of zero for a scene.
     pub fn new(gpu: &Arc<Gpu>, scene: &DeviceScene) -> Result<Self, GpuError> {
         let buffers = scene.parameters.scalars();
         let of = |p: Parameter| zero_moments(gpu, &format!("moments, {}", p.name()), buffers[p].len());
@@ -37,27 +38,27 @@ impl Moments {
     }
 }
 
-/// Everything that changes from step to step.
+/// Everything on the device that changes from step to step.
 pub struct DeviceState {
-    /// Parameters. Chunk bounds hold nothing back: means move.
+    /// Parameters. Chunk bounds cull nothing, as the centres move.
     pub scene: DeviceScene,
-    /// The way from instances to templates.
+    /// Tables that map instances to their templates.
     pub tables: SourceTables,
     /// Gradients of the last step, and densification statistics.
     pub gradients: GradientBuffers,
-    /// Adam's moments.
+    /// Adam's moments of all parameters.
     pub moments: Moments,
-    /// Source Gaussians: templates and background.
+    /// Number of source Gaussians: templates and background.
     pub source_count: usize,
 }
 
-/// The most source Gaussians of SH degree `sh_degree` that training has room for where a binding has at most
-/// `binding_bytes`. The largest arrays are Adam's moments, 8 bytes for each f32 of the quaternions or the highest SH band,
-/// and the gradients before they are gathered, whole work groups of them.
+/// The largest number of source Gaussians of SH degree `sh_degree` that can be trained where a binding has at most
+/// `binding_bytes`. The largest arrays are Adam's moments, 8 bytes for each f32 of the quaternions or the highest SH
+/// band, and the gradients before they are summed per source Gaussian, which fill whole work-groups.
 pub fn most_in_training(binding_bytes: u64, sh_degree: u32) -> u32 {
     let moments = 8 * u64::from(4.max(3 * (2 * sh_degree + 1)));
     let most = binding_bytes / moments.max(size_of::<SourceGradient>() as u64);
-    // No work group has more threads than 1024.
+    // No work-group has more than 1024 invocations.
     (most - most % 1024).min(u64::from(u32::MAX)) as u32
 }
 
@@ -83,25 +84,27 @@ impl DeviceState {
         })
     }
 
-    /// The scene as it is on the device; what the device does not hold is that of `names`. The device must be idle.
+    /// The scene as it is on the device; names and everything else that the device does not hold come from `names`. The
+    /// device must be idle.
     pub fn download(&self, gpu: &Arc<Gpu>, names: &InstancedScene) -> Result<InstancedScene, RenderError> {
         self.scene.download(gpu, names)
     }
 
-    /// Records Adam on every parameter that has a rate, places of instances among them; SH bands above `sh_degree` rest.
+    /// Records Adam for every parameter that has a learning rate in `plan`, poses included; SH bands above its SH
+    /// degree do not change.
     pub fn record_adam(
         &mut self,
         recorder: &mut Recorder,
-        (pipelines, workgroup_size): (&BackwardPipelines, u32),
+        pipelines: &BackwardPipelines,
+        workgroup_size: u32,
         log: &StepLog,
-        adam: &Adam,
-        rates: &Rates,
-        sh_degree: u32,
+        plan: &StepPlan,
     ) -> Result<(), GpuError> {
+        let StepPlan { adam, rates, sh_degree, .. } = plan;
         let (scene, gradients, moments) = (&mut self.scene, &self.gradients, &mut self.moments);
         let buffers = scene.parameters.scalars_mut().zip(moments.parameters.each_mut());
         for ((parameter, values, moments), (_, by)) in buffers.zip(gradients.parameters.scalars()) {
-            if matches!(parameter.owner(), Owner::ShBand(l) if l > sh_degree) {
+            if matches!(parameter.owner(), Owner::ShBand(l) if l > *sh_degree) {
                 continue;
             }
             let groups = ValueGroups {
@@ -124,7 +127,7 @@ impl DeviceState {
     }
 }
 
-/// The learning rates of a parameter: of templates and background, or of offsets and nothing.
+/// The learning rates of a parameter: those of templates and background, or that of offsets and 0.
 fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
     let sources = |of: fn(&SourceRates) -> f64| [&rates.template, &rates.background].map(of);
     let offsets = &rates.offsets;
@@ -144,7 +147,7 @@ fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
     }
 }
 
-/// A cloud of `count` Gaussians of no particular shape, to be overwritten.
+/// A cloud of `count` Gaussians with placeholder values, to be overwritten.
 pub(super) fn zeros(count: usize, sh_degree: u32) -> Gaussians {
     Gaussians {
         sh_degree,
@@ -162,7 +165,8 @@ mod tests {
 
     #[test]
     fn training_has_room_for_what_its_largest_array_takes() {
-        // 128 MiB, the least of Vulkan devices in use: 168 bytes of moments of SH band 3; without SH, 72 of gradients.
+        // 128 MiB, the smallest limit of Vulkan devices in use: 168 bytes for the moments of SH band 3; without SH, 72
+        // for gradients.
         assert_eq!(most_in_training(128 << 20, 3), (128 << 20) / 168 / 1024 * 1024);
         assert_eq!(most_in_training(128 << 20, 0), (128 << 20) / 72 / 1024 * 1024);
         assert_eq!(most_in_training(72 * 2048, 0), 2048);

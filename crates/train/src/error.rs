@@ -1,4 +1,4 @@
-//! Why a training run ended early.
+//! The error of a training run that ended early.
 
 use std::path::PathBuf;
 
@@ -7,13 +7,13 @@ use instgs_io::IoError;
 use instgs_vk::gpu::GpuError;
 use instgs_vk::render::RenderError;
 
-/// One line for the user each.
+/// Each error is one line for the user.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
-    /// A file.
+    /// A file cannot be read or written.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// The device.
+    /// The device failed or is too small.
     #[error(transparent)]
     Gpu(#[from] GpuError),
     /// A configuration that cannot be written down.
@@ -22,20 +22,32 @@ pub enum TrainError {
     /// The evaluation of test views.
     #[error(transparent)]
     Eval(#[from] EvalError),
-    /// A step; `saved` is the checkpoint that was written before giving up.
+    /// A step failed; `saved` is the checkpoint that was written before giving up.
     #[error("step {step}: {error}{}", saved.as_ref().map(|p| format!("; the state before it is in {}, continue with --resume", p.display())).unwrap_or_default())]
     Step {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// What is wrong.
+        /// The error of the step.
         error: Box<TrainError>,
-        /// Where to go on from.
+        /// The checkpoint to resume from, if one could be written.
         saved: Option<PathBuf>,
     },
     /// The scene cannot be trained or shown.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// Something about the run folder or the data, in words.
-    #[error("{0}")]
-    Other(String),
+    /// There is no view to train on.
+    #[error("there are no training views")]
+    NoViews,
+    /// No training view has this index.
+    #[error("view {0} is not among the training views")]
+    UnknownView(usize),
+    /// The view with this index was asked for out of order and is not on the device.
+    #[error("view {0} was not read ahead")]
+    NotPrefetched(usize),
+    /// Every Gaussian became non-finite.
+    #[error("after {steps} steps no Gaussian is left that is finite")]
+    NothingLeft {
+        /// Number of finished steps.
+        steps: u64,
+    },
 }

@@ -1,4 +1,4 @@
-//! `RUN/events.jsonl`: one event a line.
+//! The log of a run, `RUN/events.jsonl`: one event per line.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufWriter, Write};
@@ -7,20 +7,21 @@ use std::path::{Path, PathBuf};
 use super::events::{Event, EventSink};
 use instgs_io::{IoError, Place, atomic_write, read_bytes};
 
-/// Appends events to a file. What a checkpoint at step s stands on is in the file once [`Self::flush`] was called, so
-/// flush before the checkpoint is written; events other than steps and growth flush by themselves.
+/// Appends events to a file. A checkpoint relies on the events before it, and they are in the file only once
+/// [`Self::flush`] was called: flush before a checkpoint is written. Events other than steps and densifications flush
+/// by themselves.
 #[derive(Debug)]
 pub struct EventLog {
     path: PathBuf,
     file: BufWriter<File>,
 }
 
-/// What was left out when a log was taken up again.
+/// Numbers of lines that were dropped when a log was resumed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Dropped {
-    /// Events after the checkpoint's step: they will happen again.
+    /// Events after the checkpoint's step, which will happen again.
     pub later: usize,
-    /// Lines that are no events, such as a last line cut off by a crash.
+    /// Lines that are not events, such as a last line cut off by a crash.
     pub damaged: usize,
 }
 
@@ -34,11 +35,11 @@ impl EventLog {
         Ok(Self { path: path.into(), file: BufWriter::new(file) })
     }
 
-    /// Takes up the log of a run that continues after `step` finished steps: keeps the events up to then, in order, as
-    /// they stand, and drops the rest. A missing file counts as empty.
+    /// Opens the log of a run that continues after `step` finished steps: keeps the events up to that step, in order
+    /// and unchanged, and drops the rest. A missing file counts as empty.
     ///
     /// # Errors
-    /// The file cannot be read or written; then it is as before.
+    /// The file cannot be read or written; then it is unchanged.
     pub fn resume(path: &Path, step: u64) -> Result<(Self, Dropped), IoError> {
         let bytes = if path.exists() { read_bytes(path)? } else { Vec::new() };
         let (mut kept, mut dropped) = (Vec::with_capacity(bytes.len()), Dropped::default());
@@ -72,16 +73,16 @@ impl EventSink for EventLog {
         }
     }
 
-    /// Hands everything to the system: from then on it survives the end of this process, however it comes.
+    /// Hands all events to the operating system, so that they survive the end of this process.
     fn flush(&mut self) -> Result<(), IoError> {
         self.file.flush().map_err(|e| IoError::os(&self.path, "cannot write", &e))
     }
 }
 
-/// The events of a log. A last line without its end is left out: its writer was stopped, or is still writing.
+/// The events of a log. A last line without a line break is ignored: its writer was stopped, or is still writing.
 ///
 /// # Errors
-/// The file cannot be read, or a line in it is no event.
+/// The file cannot be read, or a line in it is not an event.
 pub fn read_events(path: &Path) -> Result<Vec<Event>, IoError> {
     let bytes = read_bytes(path)?;
     let whole = lines(&bytes).filter(|line| line.whole).enumerate();
@@ -95,13 +96,13 @@ pub fn read_events(path: &Path) -> Result<Vec<Event>, IoError> {
 
 struct Line<'a> {
     bytes: &'a [u8],
-    /// Ends with a line break.
+    /// Whether the line ends with a line break.
     whole: bool,
 }
 
 impl Line<'_> {
     fn event(&self) -> Option<Event> {
-        // A cut line may be valid by chance, but the file is written in whole lines.
+        // A cut line may be valid by chance, so only lines with a line break count.
         if self.whole { serde_json::from_slice(self.bytes).ok() } else { None }
     }
 }
@@ -158,8 +159,8 @@ mod tests {
         Ok(())
     }
 
-    /// For every length that a crash may leave: after resuming at step 3 and going on, the log is that of a run
-    /// without the crash, except for events that had not reached the file.
+    /// For every length that a crash may leave: a log resumed at step 3 and continued equals that of a run without the
+    /// crash, except for events that had not reached the file.
     #[test]
     fn resuming_a_log_cut_anywhere_leaves_whole_events_up_to_the_step() -> Test {
         let folder = tempfile::tempdir()?;

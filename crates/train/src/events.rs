@@ -1,6 +1,6 @@
 //! What happens during training, as typed events; progress bars, the log and the report's curves are made of them.
 //!
-//! Every event has `step`, the number of finished steps when it happened. Times on the clock are in events and reports
+//! Every event has `step`, the number of finished steps when it happened. Wall-clock times are in events and reports
 //! only, never in checkpoints, which must not differ between runs.
 
 use std::path::PathBuf;
@@ -13,37 +13,37 @@ use instgs_io::IoError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "snake_case")]
 pub enum Event {
-    /// A run, or the rest of one, begins.
+    /// A run begins or is resumed.
     Started {
-        /// Finished steps: 0, or those of the checkpoint that the run continues from.
+        /// Number of finished steps: 0, or those of the checkpoint that the run continues from.
         step: u64,
-        /// Steps in all.
+        /// Number of steps of the whole run.
         steps: u64,
-        /// True if it continues from a checkpoint.
+        /// True if the run continues from a checkpoint.
         resumed: bool,
-        /// `"3dgs"`.
+        /// Method by its name on the command line, for instance `"3dgs"`.
         method: String,
-        /// Device name.
+        /// Name of the device in use.
         device: String,
-        /// Gaussians at this moment.
+        /// Number of Gaussians at this moment.
         gaussians: u64,
-        /// Training views.
+        /// Number of training views.
         views: u64,
-        /// Test views.
+        /// Number of test views.
         test_views: u64,
     },
     /// A step is finished. Not every step need be reported.
     Step {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
         /// The loss that was minimised, on the step's view.
         #[serde(deserialize_with = "null_is_nan")]
         loss: f64,
-        /// Mean loss of the steps since the one reported before; `None` in logs of versions that did not have it.
+        /// Mean loss of the steps since the last report; `None` in logs of versions without this field.
         #[serde(default)]
         mean_loss: Option<f64>,
-        /// Of these steps, but those whose loss is not finite: index of the training view, and the loss. Empty in logs of
-        /// versions that did not have it.
+        /// For each of these steps whose loss is finite, the index of the training view and the loss. Empty in logs of
+        /// versions without this field.
         #[serde(default)]
         view_losses: Vec<(u32, f32)>,
         /// Mean absolute difference, 0..=1.
@@ -55,99 +55,99 @@ pub enum Event {
         /// Peak signal-to-noise ratio, dB.
         #[serde(deserialize_with = "null_is_nan")]
         psnr: f64,
-        /// Gaussians.
+        /// Number of Gaussians.
         gaussians: u64,
-        /// Over the last reported stretch.
+        /// Steps per second since the last report.
         #[serde(deserialize_with = "null_is_nan")]
         steps_per_second: f64,
-        /// Wall time of this run, or this part of it, so far.
+        /// Wall time since this process started or resumed the run, seconds.
         #[serde(deserialize_with = "null_is_nan")]
         seconds: f64,
     },
     /// Gaussians were added, moved or removed.
     Densified {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// Cloned (or, with `mcmc`, added).
+        /// Number of Gaussians cloned (or, with `mcmc`, added).
         cloned: u64,
-        /// Replaced by smaller ones.
+        /// Number of Gaussians replaced by smaller ones.
         split: u64,
-        /// Removed.
+        /// Number of Gaussians removed.
         pruned: u64,
-        /// Moved onto others (`mcmc`).
+        /// Number of Gaussians moved onto others (`mcmc`).
         #[serde(default)]
         relocated: u64,
-        /// How many there are now.
+        /// Number of Gaussians afterwards.
         gaussians: u64,
     },
-    /// The cloud can grow no further: it has as many Gaussians as the device's largest binding has room for.
+    /// The cloud cannot grow further: it has as many Gaussians as the device's largest binding can hold.
     DeviceFull {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// Gaussians.
+        /// Number of Gaussians.
         gaussians: u64,
     },
     /// Opacities were lowered.
     OpacityReset {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// To at most this, after the sigmoid.
+        /// Upper bound of all opacities from now on, after the sigmoid.
         to: f64,
     },
     /// Colours have more coefficients from now on.
     ShDegree {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// The degree in use.
+        /// The SH degree in use.
         degree: u32,
     },
-    /// A buffer was too small; it was enlarged and the work done again.
+    /// A buffer was too small; it was enlarged and the work repeated.
     Overflow {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// Which buffer.
+        /// Name of the buffer that overflowed.
         what: String,
         /// Its new capacity, elements.
         grown_to: u64,
     },
     /// Test views were rendered and compared; means over the views.
     Evaluated {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// How many views.
+        /// Number of test views.
         views: u64,
-        /// dB.
+        /// Mean peak signal-to-noise ratio, dB.
         #[serde(deserialize_with = "null_is_nan")]
         psnr: f64,
-        /// At most 1.
+        /// Mean structural similarity, at most 1.
         #[serde(deserialize_with = "null_is_nan")]
         ssim: f64,
-        /// 0 is best; `None` if there are no weights to compute it with.
+        /// Mean perceptual distance, 0 is best; `None` without the network's weights.
         #[serde(default)]
         lpips: Option<f64>,
     },
     /// A checkpoint was written.
     Checkpoint {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// Its file.
+        /// Path of the checkpoint.
         path: PathBuf,
     },
-    /// The run ends.
+    /// The run ended or was interrupted.
     Finished {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
-        /// True if someone asked to stop before the last step.
+        /// True if the run was asked to stop before the last step.
         interrupted: bool,
-        /// Gaussians at the end.
+        /// Number of Gaussians at the end.
         gaussians: u64,
-        /// Wall time of this run, or this part of it.
+        /// Wall time since this process started or resumed the run, seconds.
         seconds: f64,
     },
 }
 
 impl Event {
-    /// Finished steps when it happened.
+    /// Number of finished steps when the event happened.
     pub fn step(&self) -> u64 {
         match *self {
             Self::Started { step, .. }
@@ -164,24 +164,26 @@ impl Event {
     }
 }
 
-/// Where the trainer puts its events: [`super::event_log::EventLog`], or that and an observer.
+/// Receives the trainer's events: [`super::event_log::EventLog`], or a log together with an observer.
 pub trait EventSink {
-    /// Takes an event.
+    /// Receives one event.
     ///
     /// # Errors
-    /// A log that cannot be written; training ends with it.
+    /// The log cannot be written; training ends with this error.
     fn event(&mut self, event: &Event) -> Result<(), IoError>;
 
-    /// Makes sure that the events so far outlive the process; called before a checkpoint is written, which stands on them.
+    /// Makes sure that the events so far outlive the process; called before a checkpoint is written, which relies on
+    /// them.
     ///
     /// # Errors
-    /// As [`EventSink::event`].
+    /// The same error as [`EventSink::event`].
     fn flush(&mut self) -> Result<(), IoError> {
         Ok(())
     }
 }
 
-/// JSON has no NaN and no infinities: they are written as `null`.
+/// Reads a number of a JSON file for serde's `deserialize_with`: `null` is NaN. JSON has no NaN and no infinities, so
+/// serde_json writes them as `null`.
 pub fn null_is_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }

@@ -9,42 +9,43 @@ use super::events::null_is_nan;
 use instgs_eval::Metrics;
 use instgs_vk::scene::{InstancedScene, RepeatedBytes};
 
-/// Everything that is known of a training that is done: `trained.json`. The names are those of `report.json`, so that the report
-/// of a version without that file can be read as well. Numbers that are not finite are `null` in the file.
+/// All results of a finished training run, as written to `trained.json`. The names are those of `report.json`, so that
+/// the report of an older version, which has no `trained.json`, can be read as well. Numbers that are not finite are
+/// `null` in the file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TrainFacts {
     /// `"3dgs"` or `"instgs"`.
     pub method: String,
-    /// Finished steps.
+    /// Number of finished steps.
     pub steps: u64,
-    /// Steps a second of the optimisation alone, in the last part of the run.
+    /// Steps per second of the optimisation alone, near the end of the run.
     #[serde(deserialize_with = "null_is_nan")]
     pub steps_per_second: f64,
-    /// Wall time of the parts, in order; of a run that was interrupted, of its last part.
+    /// Wall time of the stages, in order; of a resumed run, since it was last resumed.
     pub stages: Vec<StageTime>,
-    /// Milliseconds a step by pass: timestamps on the device.
+    /// Milliseconds per step for each pass, from timestamps on the device.
     pub passes_ms: BTreeMap<String, f64>,
     /// Means over the test views; `None` without test views.
     pub eval: Option<Quality>,
     /// Numbers of Gaussians.
     pub gaussians: Counts,
-    /// Sizes.
+    /// Sizes of file, scene and device memory.
     pub bytes: Bytes,
-    /// Device name.
+    /// Name of the device in use.
     pub device: String,
-    /// Seed of the run.
+    /// Seed of all random choices.
     pub seed: u64,
-    /// What sharing saves; `None` for a scene without instances.
+    /// The bytes that instancing saves; `None` for a scene without instances.
     pub repeated: Option<RepeatedBytes>,
-    /// Part of a step's wall time in which the host does not wait for the device, 0..=1.
+    /// Fraction of a step's wall time in which the host does not wait for the device, 0..=1.
     #[serde(deserialize_with = "null_is_nan")]
     pub host_fraction: f64,
     /// What device memory is used for.
     pub memory_explained: Vec<MemoryUse>,
-    /// Every test view.
+    /// Quality of each test view.
     pub views: Vec<ViewMetrics>,
-    /// What was trained on.
+    /// The data set that was trained on.
     pub dataset: DatasetFacts,
 }
 
@@ -53,13 +54,13 @@ pub struct TrainFacts {
 pub struct StageTime {
     /// For instance `load`, `train`, `eval`.
     pub name: String,
-    /// Wall time.
+    /// Wall time in seconds.
     #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
 }
 
 impl StageTime {
-    /// The stage that began then and ends now.
+    /// The stage `name`, which began at `start` and ends now.
     pub fn since(name: &str, start: Instant) -> Self {
         Self { name: name.into(), seconds: start.elapsed().as_secs_f64() }
     }
@@ -74,7 +75,7 @@ pub struct Quality {
     /// Structural similarity, at most 1.
     #[serde(deserialize_with = "null_is_nan")]
     pub ssim: f64,
-    /// Perceptual distance, 0 is best; `None` without weights to compute it with.
+    /// Perceptual distance, 0 is best; `None` without the network's weights.
     pub lpips: Option<f64>,
 }
 
@@ -98,7 +99,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// Those of a scene.
+    /// Counts the Gaussians of a scene.
     pub fn of(scene: &InstancedScene) -> Self {
         Self {
             template: scene.templates.len() as u64,
@@ -108,66 +109,66 @@ impl Counts {
         }
     }
 
-    /// Gaussians in the file: of templates and background.
+    /// Number of Gaussians in the file: those of templates and background.
     pub fn stored(&self) -> u64 {
         self.template + self.background
     }
 }
 
-/// Sizes, bytes.
+/// Sizes in bytes, of the result and of memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bytes {
-    /// The result's file.
+    /// File of the trained scene.
     pub file: u64,
-    /// Scene tensors handed to the device, as f32.
+    /// Scene tensors uploaded to the device, as f32.
     pub host: u64,
     /// Scene buffers on the device.
     pub device_scene: u64,
-    /// Most device memory in use at a time.
+    /// Largest amount of device memory in use at a time.
     pub device_peak: u64,
 }
 
-/// A use of device memory: `bytes` is `count` times `bytes_each`, rounded up to what buffers are made in.
+/// A use of device memory: `bytes` is `count` times `bytes_each`, plus the rounding of buffer sizes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MemoryUse {
-    /// What for, for instance `parameters`.
+    /// Purpose, for instance `parameters`.
     pub name: String,
-    /// In all.
+    /// Number of bytes in all.
     pub bytes: u64,
-    /// What it grows with, for instance `Gaussian`, `intersection`, `pixel`.
+    /// Unit that the use grows with, for instance `Gaussian`, `intersection`, `pixel`.
     pub per: String,
-    /// How many of those there is room for.
+    /// Number of these units that there is room for.
     pub count: u64,
-    /// For each.
+    /// Number of bytes for each unit.
     #[serde(deserialize_with = "null_is_nan")]
     pub bytes_each: f64,
 }
 
-/// A test view.
+/// Quality of one test view.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ViewMetrics {
-    /// View name.
+    /// Name of the test view.
     pub name: String,
-    /// Its figures.
+    /// How near the rendering is to the photo.
     #[serde(flatten)]
     pub quality: Quality,
 }
 
-/// What was trained on.
+/// The data set that was trained on.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DatasetFacts {
-    /// Folder as given.
+    /// The folder as the user gave it.
     pub path: String,
-    /// Training views.
+    /// Number of training views.
     pub train_views: u64,
-    /// Test views.
+    /// Number of test views.
     pub test_views: u64,
     /// Width of the (first) training picture, pixels.
     pub width: u32,
-    /// Its height, pixels.
+    /// Height of the same picture, pixels.
     pub height: u32,
-    /// Points of the data set's cloud.
+    /// Number of points of the data set's point cloud.
     pub points: u64,
-    /// Scene extent, scene units: what `rates.means` and the like are multiplied by.
+    /// Scene extent, scene units: the factor of `rates.means` and similar keys.
     pub extent: f64,
 }

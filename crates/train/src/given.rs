@@ -7,13 +7,13 @@ use instgs_vk::scene::Gaussians;
 
 use super::config::TrainConfig;
 
-/// A scene's file as a plain cloud.
+/// A scene file, read as a plain cloud.
 pub struct GivenCloud {
-    /// All Gaussians, instances expanded, of the configuration's SH degree; at least one.
+    /// All Gaussians, instances expanded, with the configuration's SH degree; at least one.
     pub cloud: Gaussians,
-    /// Length of the file.
+    /// Length of the file, bytes.
     pub file_bytes: u64,
-    /// What the user should know, one line each.
+    /// Warnings for the user, one line each.
     pub warnings: Vec<String>,
 }
 
@@ -25,10 +25,10 @@ pub fn given_cloud(path: &Path, config: &TrainConfig) -> Result<GivenCloud, IoEr
     of_scene(path, load_scene(path)?, config)
 }
 
-/// The same, but a scene that has instances already is refused.
+/// The same, but refuses a scene that already has instances.
 ///
 /// # Errors
-/// As [`given_cloud`]; a scene with instances.
+/// The same errors as [`given_cloud`], and a scene with instances.
 pub fn given_plain_cloud(path: &Path, config: &TrainConfig) -> Result<GivenCloud, IoError> {
     let loaded = load_scene(path)?;
     let instances = loaded.scene.instances.len();

@@ -11,37 +11,37 @@ use instgs_vk::scene::{Camera, Gaussians, PointCloud};
 
 use super::config::TrainConfig;
 
-/// The size of a Gaussian comes from this many nearest neighbours.
+/// Number of nearest neighbours that decide the size of a Gaussian.
 const NEIGHBOURS: usize = 3;
-/// Smallest mean squared distance to the neighbours, square scene units: points that coincide get this.
+/// Smallest mean squared distance to the neighbours, square scene units, for points that coincide.
 const MIN_SQUARED_DISTANCE: f64 = 1e-7;
-/// INRIA's margin around the cameras.
+/// INRIA's margin around the cameras in the scene extent.
 const EXTENT_MARGIN: f64 = 1.1;
-/// Random points are drawn again up to this many times until a camera sees them.
+/// Upper bound of draws of a random point until a camera sees it.
 const TRIES: usize = 64;
-/// A random point is seen if it is this far in front of a camera, in half sides of the box.
+/// Least depth at which a camera sees a random point, in half sides of the box.
 const MIN_DEPTH: f64 = 0.02;
 
-/// What the first Gaussians look like, but for colour and place.
+/// Opacity and size of the first Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InitialShape {
     /// Opacity of each, in 0..1 without the ends.
     pub opacity: f64,
-    /// Factor on the deviation that the neighbours give, above 0.
+    /// Factor on the standard deviation that the neighbours give, above 0.
     pub scale: f64,
 }
 
 impl InitialShape {
-    /// `init_opacity` and `init_scale`.
+    /// The shape from the keys `init_opacity` and `init_scale`.
     pub fn new(config: &TrainConfig) -> Self {
         Self { opacity: config.init_opacity, scale: config.init_scale }
     }
 }
 
-/// A Gaussian for every point, in the same order: its colour as SH coefficient 0 (`(rgb - 0.5) / C0`), the others 0;
-/// round, of a deviation that is `shape.scale` times the root mean square distance to the three nearest other points (all
-/// others if there are fewer; at least sqrt(1e-7) scene units); of `shape.opacity`. Positions must be finite. The same
-/// points give the same bits.
+/// One Gaussian per point, in the same order, with the point's colour as SH coefficient 0 (`(rgb - 0.5) / C0`) and the
+/// other coefficients 0. It is round; its standard deviation is `shape.scale` times the root mean square distance to
+/// the three nearest other points (all others if there are fewer; at least sqrt(1e-7) scene units); its opacity is
+/// `shape.opacity`. Positions must be finite. The same points give the same bits.
 pub fn from_points(points: &PointCloud, sh_degree: u32, shape: InitialShape) -> Gaussians {
     let mut out = Gaussians::with_capacity(sh_degree, points.len());
     let logit = (shape.opacity / (1.0 - shape.opacity)).ln() as f32;
@@ -65,14 +65,15 @@ fn mean_squared_distances(positions: &[[f32; 3]]) -> Vec<f64> {
     positions.par_iter().map(|&p| set.mean_squared_distance_to_others(p, NEIGHBOURS)).collect()
 }
 
-/// `count` Gaussians as of [`from_points`] at random places that at least one camera sees, of random colours, for
-/// datasets without points. Places are uniform in the part of a cube that is seen; one that 64 draws do not hit stays
-/// where it fell. `cameras` must not be empty.
+/// `count` Gaussians as from [`from_points`], at random positions that at least one camera sees and with random
+/// colours, for datasets without points. Positions are uniform in the visible part of a cube; a point that no camera
+/// sees after 64 draws stays where the last draw put it. `cameras` must not be empty.
 ///
-/// The cube: if the cameras look at something in common (the point nearest to all optical axes lies before more than
+/// The cube: if the cameras look at a common point (the point nearest to all optical axes lies in front of more than
 /// half of them), it is centred there, and its half side is the largest distance of a camera from their mean, or half
-/// the median distance of that point if that is more. Otherwise (a room taken from within, parallel axes, one camera) it is
-/// centred on the cameras with three times that half side, 1 standing for a distance of 0.
+/// the median distance of that point if that is larger. Otherwise (a room seen from within, parallel axes, one camera)
+/// it is centred on the cameras, with three times the largest distance of a camera from their mean as half side; a
+/// distance of 0 counts as 1.
 pub fn random_in_view(cameras: &[Camera], count: usize, seed: u64, sh_degree: u32, shape: InitialShape) -> Gaussians {
     let (centre, half_side) = region_in_view(cameras);
     let mut rng = Rng::new(seed);
@@ -108,7 +109,7 @@ fn region_in_view(cameras: &[Camera]) -> (DVec3, f64) {
     (mean, 3.0 * if is_apart(mean, spread) { spread } else { 1.0 })
 }
 
-/// The point with the least sum of squared distances to the optical axes; `None` if they are as good as parallel.
+/// The point with the least sum of squared distances to the optical axes; `None` if they are nearly parallel.
 fn focus(cameras: &[Camera]) -> Option<DVec3> {
     let (mut matrix, mut right) = (DMat3::ZERO, DVec3::ZERO);
     for camera in cameras {
@@ -117,7 +118,7 @@ fn focus(cameras: &[Camera]) -> Option<DVec3> {
         matrix += across;
         right += across * camera.position_world();
     }
-    // Of two axes an angle a apart the determinant is about a^2 / 4 (per camera): 1e-4 is about one degree.
+    // For two axes at an angle a the determinant is about a^2 / 4 (per camera): 1e-4 is about one degree.
     let per_camera = matrix.determinant() / (cameras.len() as f64).powi(3);
     (per_camera > 1e-4).then(|| matrix.inverse() * right)
 }
@@ -130,21 +131,21 @@ fn sees(camera: &Camera, place: DVec3, min_depth: f64) -> bool {
     depth(camera, place) > min_depth && camera.pixel_of(place).is_some_and(|at| camera.has_pixel(at))
 }
 
-/// The mean of the camera centres, and the largest distance of one from it; scene units.
+/// The mean of the camera centres, and the largest distance of a camera from it; scene units.
 fn mean_and_spread(cameras: &[Camera]) -> (DVec3, f64) {
     let centres: Vec<DVec3> = cameras.iter().map(Camera::position_world).collect();
     let mean = centres.iter().sum::<DVec3>() / centres.len().max(1) as f64;
     (mean, centres.iter().map(|c| c.distance(mean)).fold(0.0, f64::max))
 }
 
-/// False if cameras that far from their mean stand in one place but for rounding.
+/// False if cameras within `spread` of `mean` are in one place, apart from rounding.
 fn is_apart(mean: DVec3, spread: f64) -> bool {
     spread > 1e-6 * mean.length().max(1.0)
 }
 
-/// The size of the scene in scene units, as INRIA defines it: 1.1 times the largest distance of a camera from the mean
-/// of all. It scales learning rates of positions and thresholds of sizes. If all cameras stand in one place, the
-/// distance from there to the median of `points` instead, or 1 if that says nothing either.
+/// The scene extent in scene units, as INRIA defines it: 1.1 times the largest distance of a camera from the mean of
+/// all. It scales learning rates of positions and thresholds of sizes. If all cameras are in one place it is the
+/// distance from there to the median of `points`, or 1 if that is 0 or there are no points.
 pub fn scene_extent(cameras: &[Camera], points: &PointCloud) -> f64 {
     let (mean, spread) = mean_and_spread(cameras);
     if is_apart(mean, spread) {

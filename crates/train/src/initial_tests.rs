@@ -7,7 +7,7 @@ fn cloud(positions: Vec<[f32; 3]>) -> PointCloud {
     PointCloud { colors: (0..positions.len()).map(|i| [i as u8, 128, 255]).collect(), positions }
 }
 
-/// Every distance, sorted.
+/// Mean squared distances by brute force: all distances, sorted.
 fn slow(positions: &[[f32; 3]]) -> Vec<f64> {
     let squared = |a: &[f32; 3], b: &[f32; 3]| (0..3).map(|k| (f64::from(a[k]) - f64::from(b[k])).powi(2)).sum::<f64>();
     let mean = |i: usize| {
@@ -22,7 +22,7 @@ fn slow(positions: &[[f32; 3]]) -> Vec<f64> {
 
 #[test]
 fn a_point_becomes_a_gaussian_of_its_colour_and_spacing() {
-    // Neighbours of the first at distances 1, 2 and 3: mean square 14/3. The far one is not counted.
+    // Neighbours of the first point at distances 1, 2 and 3: mean square 14/3. The far point is not counted.
     let points = cloud(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -3.0], [0.0, 0.0, 50.0]]);
     let out = from_points(&points, 2, INRIA);
     assert_eq!((out.len(), out.sh.len(), out.sh_degree), (5, 45, 2));
@@ -111,7 +111,7 @@ fn random_points_are_where_cameras_look() {
     let outwards = ring(12, true);
     let (centre, half) = region_in_view(&outwards);
     assert!(centre.distance(DVec3::new(10.0, 1.0, -20.0)) < 1e-9 && (half - 12.0).abs() < 1e-9, "{centre} {half}");
-    // Two neighbours 4 cm apart that look at a point 3 m away: the box has the size of what they see there.
+    // Two cameras 4 cm apart that look at a point 3 m away: the cube has the size of what they see there.
     let eye =
         |x: f64| Camera::look_at("c", DVec3::new(x, 0.0, 0.0), DVec3::new(0.0, 0.0, 3.0), DVec3::NEG_Y, 1.0, (64, 48));
     let (centre, half) = region_in_view(&[eye(-0.2), eye(0.2)]);
@@ -121,7 +121,8 @@ fn random_points_are_where_cameras_look() {
         assert_eq!((out.len(), out.sh.len()), (500, 2000));
         let seen = |m: &[f32; 3]| cameras.iter().any(|c| sees(c, DVec3::from(m.map(f64::from)), 1e-3));
         let count = out.means.iter().filter(|m| seen(m)).count();
-        // A single camera sees 1/15 of the box around it: 64 draws miss that with a chance of 1.2 %, 6 of 500, +-2.4.
+        // A single camera sees 1/15 of the cube around it: 64 draws miss that with a probability of 1.2 %, 6 of 500,
+        // +-2.4.
         assert!(count >= if cameras.len() > 3 { 500 } else { 482 }, "{count}");
         assert!((0..500).all(|i| out.is_finite(i)));
         assert_eq!(out, random_in_view(&cameras, 500, 9, 1, INRIA));

@@ -1,12 +1,12 @@
-//! Ctrl-C: the first asks the trainer to stop after its step, the second ends the process.
+//! Ctrl-C: the first asks the trainer to stop after the current step, the second ends the process.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
-/// Exit code of a process that the second Ctrl-C ended: 128 + SIGINT, as shells have it.
+/// Exit code of a process that the second Ctrl-C ended: 128 + SIGINT, the shells' convention.
 pub const EXIT_CODE: i32 = 130;
 
-/// The process's one handler, or why there is none.
+/// The process's only handler, or the reason why there is none.
 static HANDLER: OnceLock<Result<Interrupt, InterruptError>> = OnceLock::new();
 
 /// The Ctrl-C handler could not be installed.
@@ -21,16 +21,16 @@ pub struct Interrupt {
 }
 
 impl Interrupt {
-    /// A request that only [`Self::request`] makes, for use without a terminal.
+    /// A request that is made only by [`Self::request`], for use without a terminal.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The request that Ctrl-C makes. The second Ctrl-C ends the process at once with [`EXIT_CODE`]. Further calls in
-    /// the same process return the same request, made or not.
+    /// The request that Ctrl-C makes. The second Ctrl-C ends the process at once with [`EXIT_CODE`]. Every call in a
+    /// process returns the same request, even after Ctrl-C.
     ///
     /// # Errors
-    /// The system refuses, or other code of this process already handles Ctrl-C.
+    /// The system refuses the handler, or other code of this process already handles Ctrl-C.
     pub fn on_ctrl_c() -> Result<Self, InterruptError> {
         let install = || {
             let interrupt = Self::new();
@@ -46,12 +46,12 @@ impl Interrupt {
         HANDLER.get_or_init(install).clone()
     }
 
-    /// Asks to stop.
+    /// Asks the trainer to stop after the current step.
     pub fn request(&self) {
         self.requested.store(true, Ordering::SeqCst);
     }
 
-    /// True once someone asked to stop.
+    /// True once the trainer was asked to stop.
     pub fn requested(&self) -> bool {
         self.requested.load(Ordering::SeqCst)
     }
@@ -70,11 +70,11 @@ mod tests {
         assert!(clone.requested() && !other.requested());
     }
 
-    /// Set in the process that [`ctrl_c_asks_first_and_kills_then`] starts.
+    /// Environment variable that is set in the process started by [`ctrl_c_asks_first_and_kills_then`].
     #[cfg(unix)]
     const CHILD: &str = "INSTGS_TEST_INTERRUPT_CHILD";
 
-    /// What the child does: installs the handler twice, sends itself Ctrl-C twice.
+    /// The child process: installs the handler twice and sends itself Ctrl-C twice.
     #[cfg(unix)]
     #[test]
     fn interrupted_child() {

@@ -1,4 +1,4 @@
-//! What device memory is used for in training, by what it grows with.
+//! Uses of device memory in training, each with the unit that it grows with.
 
 use super::device_state::DeviceState;
 use super::facts::MemoryUse;
@@ -19,7 +19,7 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
     push("Adam's moments", "Gaussian", state.moments.bytes(), gaussians);
     if let Some((frame, backward)) = runner.frame().buffers() {
         let slots = u64::from(frame.plan.slots);
-        // Splat, footprint, tile count, first emission, two halves of depth keys and slots, scanned offset.
+        // Splat, footprint, tile count, first emission, two buffers of depth keys and slots, scanned offset.
         let per_slot = (size_of::<types::Splat>() + size_of::<types::Footprint>() + 4 + 4 + 16 + 4) as u64;
         push(
             "projected Gaussians and their gradients",
@@ -28,7 +28,7 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
             slots,
         );
         let intersections = u64::from(frame.plan.capacities.intersections);
-        // Two halves of tile keys and emission indices, slot by emission.
+        // Two buffers of tile keys and emission indices, slot by emission.
         push(
             "(splat, tile) pairs and their moments",
             "intersection",

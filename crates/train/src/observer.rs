@@ -1,31 +1,31 @@
-//! What a training run tells while it goes on, to the one who watches it.
+//! Messages of a training run to its observer.
 
 use super::events::Event;
 use instgs_eval::Evaluated;
 use instgs_io::IoError;
 
-/// One thing that a run tells.
+/// One message of a training run.
 #[derive(Clone, Copy, Debug)]
 pub enum TrainMessage<'a> {
-    /// What the user should know before the first step, or of the result: one line.
+    /// A warning for the user, before the first step or about the result: one line.
     Warning(&'a str),
-    /// The run goes on from this step, and what an earlier process had done after it is done again.
+    /// The run continues from this step; later steps of an earlier process are repeated.
     Rewound {
-        /// Finished steps.
+        /// Number of finished steps.
         step: u64,
     },
     /// An event, after it was written to the log.
     Event(&'a Event),
-    /// A test view at the end of the run, rendered and compared.
+    /// A test view at the end of the run, rendered and compared with its photo.
     TestView(&'a Evaluated<'a>),
 }
 
-/// Who watches a run. Closures that take a [`TrainMessage`] are observers.
+/// Observes a run. Closures that take a [`TrainMessage`] are observers.
 pub trait TrainObserver {
-    /// Takes a message.
+    /// Receives a message.
     ///
     /// # Errors
-    /// A file that cannot be written; training ends with it.
+    /// A file that cannot be written; training ends with this error.
     fn notify(&mut self, message: TrainMessage<'_>) -> Result<(), IoError>;
 }
 

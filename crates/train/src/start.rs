@@ -1,4 +1,4 @@
-//! Where a run begins: the dataset, the first Gaussians, or the newest checkpoint.
+//! The start of a run: the dataset, and the first Gaussians or the newest checkpoint.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -23,33 +23,33 @@ use super::trainer::TrainJob;
 use super::view_store::{self, PrefetchLimits};
 use super::views::{TrainViews, ViewsPlan};
 
-/// Without a budget of the user's, training pictures take at most this part of the device's memory.
+/// Fraction of the device's memory for training pictures if the user sets no limit.
 const PICTURE_SHARE: f64 = 0.25;
 /// Sub-stream of the seed for random starts ("init" in ASCII).
 const INIT_STREAM: u64 = 0x696e_6974;
 
-/// A dataset, split, with what training needs to know of it.
+/// A dataset, split into training and test views, with what training needs to know of it.
 pub(super) struct TrainData {
     pub(super) train: Vec<View>,
     pub(super) test: Vec<View>,
-    /// Empty if the dataset has none.
+    /// Point cloud; empty if the dataset has none.
     pub(super) points: PointCloud,
     /// Scene extent, scene units.
     pub(super) extent: f64,
-    /// Things worth telling before the first step, one line each.
+    /// Warnings for the user before the first step, one line each.
     pub(super) warnings: Vec<String>,
 }
 
 /// The checkpoint that a run goes on from.
 #[derive(Default)]
 pub(super) struct Resumed {
-    /// It and its file; `None` for a run from the start.
+    /// The checkpoint and its file; `None` for a run that starts from the beginning.
     found: Option<(PathBuf, Checkpoint)>,
-    /// About newer ones that cannot be used, one line each.
+    /// Warnings about newer checkpoints that cannot be used, one line each.
     warnings: Vec<String>,
 }
 
-/// The newest whole checkpoint of the run folder, if the job is to go on from one and there is one.
+/// Finds the newest undamaged checkpoint of the run folder, if the job resumes and there is one.
 ///
 /// # Errors
 /// The folder cannot be listed, or the configuration does not fit the checkpoint.
@@ -65,7 +65,7 @@ pub(super) fn find_checkpoint(job: &TrainJob) -> Result<Resumed, TrainError> {
     Ok(Resumed { found: newest.found, warnings })
 }
 
-/// Refuses to go on from a checkpoint with a configuration under which it cannot have come about.
+/// Refuses to resume from a checkpoint that a run with this configuration cannot have written.
 fn check_fits(checkpoint: &Checkpoint, path: &Path, config: &TrainConfig) -> Result<(), IoError> {
     let (degree, count) = size_of_cloud(checkpoint, path)?;
     let refuse = |what: String, advice: String| Err(IoError::new(path, what).advise(advice));
@@ -100,8 +100,8 @@ pub(super) fn needs_points(config: &TrainConfig, resumed: &Resumed) -> bool {
         && resumed.found.is_none()
 }
 
-/// Reads cameras and points of a dataset. Points that are not needed may be missing or damaged; then the scene's extent is
-/// that of the cameras.
+/// Reads cameras and points of a dataset. Points that are not needed may be missing or damaged; then the scene's extent
+/// is that of the cameras.
 ///
 /// # Errors
 /// A file that is damaged or missing; no training views; no points although they are needed.
@@ -158,7 +158,7 @@ pub(super) struct Loaded {
     pub(super) views: TrainViews,
 }
 
-/// Reads cameras, points, pictures and the state to start from; `warn` is told what the user should know, a line each.
+/// Reads cameras, points, pictures and the state to start from; `warn` receives the warnings, one line each.
 ///
 /// # Errors
 /// Damaged or missing input, or more than the device holds.
@@ -181,18 +181,18 @@ pub(super) fn load_all(
     data.warnings.iter().try_for_each(|warning| warn(warning))?;
     let budget_bytes = match config.device_memory_mb {
         0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
-        // Half of the budget.
+        // Pictures get half of the budget.
         mb => u64::from(mb) << 19,
     };
     let width = (config.width > 0).then_some(config.width);
     let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
     let views = TrainViews::load(gpu, &plan, || ())?;
-    // Test pictures too: a damaged one should be found now, not after hours.
+    // Test pictures are checked too: a damaged one should be found now, not after hours.
     leave_out_masked(&mut data.test, width)?.iter().try_for_each(|warning| warn(warning))?;
     Ok(Loaded { data, variant, start, views })
 }
 
-/// Removes views whose masks leave nothing to compare, and says so. Decodes all of them.
+/// Removes views whose masks leave no pixel to compare, and returns a warning about them. Decodes all views.
 ///
 /// # Errors
 /// The first picture that cannot be read.
@@ -212,18 +212,18 @@ pub fn leave_out_masked(views: &mut Vec<View>, width: Option<u32>) -> Result<Opt
     Ok(warning)
 }
 
-/// What a run starts from.
+/// The state before the first step of a run.
 pub(super) struct Start {
     pub(super) state: DeviceState,
-    /// What the device does not hold: ranges, instances, names. Without Gaussians.
+    /// Everything that the device does not hold: ranges, instances, names. It has no Gaussians.
     pub(super) names: InstancedScene,
-    /// How many steps are behind the state.
+    /// Number of finished steps.
     pub(super) step: u64,
-    /// What happens between the steps after that step has not happened yet.
+    /// Whether the work between the last finished step and the next one is still to be done.
     pub(super) due: bool,
 }
 
-/// The state that a run starts from.
+/// Makes the device state that a run starts from.
 pub(super) fn first_state(
     gpu: &Arc<Gpu>,
     config: &TrainConfig,
@@ -286,22 +286,22 @@ fn first_instanced(
     Ok(Start { state, names: scene, step, due: false })
 }
 
-/// Gaussians that training may start from. Of points at most half of those that it may have at all, if it adds some: a
-/// start that leaves no room cannot grow where there is detail. See docs/measurements.md.
+/// The largest number of Gaussians that training may start from. If the strategy adds Gaussians, points give at most
+/// half of `max_gaussians`, since without room to grow no detail can be added. See docs/measurements.md.
 fn most_at_first(config: &TrainConfig) -> usize {
     let most = config.max_gaussians as usize;
     let grows = config.strategy != Strategy::None && config.init_scene.is_none();
     if grows { most.div_ceil(2) } else { most }
 }
 
-/// Every k-th Gaussian, so that at most `most` are left.
+/// Keeps every k-th Gaussian, so that at most `most` are left.
 fn capped(cloud: Gaussians, most: usize, warnings: &mut Vec<String>) -> Gaussians {
     let count = cloud.len();
     if count <= most {
         return cloud;
     }
     warnings.push(format!("the start has {count} Gaussians; {most} of them are kept (max_gaussians)"));
-    // Evenly spread: i is kept where i * most / count steps up.
+    // Evenly distributed: i is kept where i * most / count increases.
     cloud.filtered(|i| (i + 1) * most / count > i * most / count)
 }
 
@@ -317,7 +317,8 @@ mod tests {
         sets.iter().try_fold(ConfigBuilder::new(), |builder, set| builder.set(set))?.finish()
     }
 
-    /// After 500 steps, of degree 2, 40 Gaussians: as much of a checkpoint as is looked at before the device.
+    /// A checkpoint after 500 steps, of degree 2 and with 40 Gaussians, with the parts that are read before the device
+    /// is used.
     fn sample() -> Checkpoint {
         let mut out = Checkpoint { step: 500, ..Checkpoint::default() };
         out.metadata.insert("sh_degree".into(), "2".into());
@@ -342,7 +343,7 @@ mod tests {
             assert!(text.starts_with("c.safetensors: ") && text.lines().count() == 1, "{text}");
             words.iter().for_each(|word| assert!(text.contains(word), "{word}: {text}"));
         }
-        // At the very limits it goes on.
+        // Values at the limits are accepted.
         assert_eq!(error(&["max_gaussians=40", "steps=500"])?, "");
         assert_eq!(error(&[])?, "");
         let unnamed = Checkpoint { metadata: Default::default(), ..sample() };
@@ -354,7 +355,7 @@ mod tests {
     fn a_start_of_points_leaves_room_to_grow() -> Test {
         let most = |sets: &[&str]| Ok::<_, ConfigError>(most_at_first(&with(sets)?));
         assert_eq!(most(&["max_gaussians=41"])?, 21);
-        // What adds none may start with all, and a given cloud is kept whole.
+        // A strategy that adds none may start with all, and a given cloud is kept whole.
         assert_eq!(most(&["max_gaussians=41", "strategy=none"])?, 41);
         assert_eq!(most(&["max_gaussians=41", "init_scene=a.ply"])?, 41);
         Ok(())
@@ -407,11 +408,11 @@ mod tests {
         assert!(needs(&[], false)? && needs(&[], true)?);
         assert!(!needs(&["init=random"], false)? && !needs(&["init_scene=a.ply"], false)?);
         let path = save(&instgs_io::RunFolder::new(&out).checkpoints(), &sample())?;
-        // Without --resume the checkpoint does not count, whatever it is.
+        // Without --resume the checkpoint has no influence, whatever its state.
         assert!(needs(&[], false)? && needs(&["sh_degree=3"], false)?);
         assert!(!needs(&[], true)?);
         assert!(needs(&["sh_degree=3"], true).is_err_and(|e| e.to_string().contains("sh_degree = 3")));
-        // A damaged one is told of, and points are needed again.
+        // A damaged checkpoint gives a warning, and points are needed again.
         std::fs::write(&path, "x")?;
         assert!(needs(&[], true)?);
         let job = TrainJob { data: out.clone(), out: out.clone(), config: with(&[])?, config_file: None, resume: true };
@@ -437,7 +438,7 @@ mod tests {
         assert!(data.points.is_empty() && data.warnings.len() == 1, "{:?}", data.warnings);
         let missing = check_photos(data.train.iter().chain(&data.test)).unwrap_err().to_string();
         assert!(missing.contains("1.png") && missing.contains("2 of the other 2 photos"), "{missing}");
-        // Cameras for training at 1 and 5: 1.1 times 2.
+        // Training cameras at 1 and 5: 1.1 times their largest distance from the mean, 2.
         assert!((data.extent - 2.2).abs() < 1e-9, "{}", data.extent);
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! The device's state as a checkpoint and back: parameters, moments, densification statistics. Bits are kept.
+//! Converts the device's state to a checkpoint and back, bit by bit: parameters, moments, densification statistics.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,19 +16,19 @@ use super::error::TrainError;
 /// Metadata key of the SH degree.
 const SH_DEGREE: &str = "sh_degree";
 
-/// Metadata key that says that densification after the last step is still due.
+/// Metadata key: densification after the last step is still to be done.
 const DUE: &str = "densification_due";
 
 /// Tensor of the transforms of instances.
 const POSES: &str = "parameter.world_from_template";
 
-/// Numbers of a transform: 3 rows of 4.
+/// Numbers of a transform: 3 rows of 4 columns.
 const POSE_NUMBERS: usize = 12;
 
-/// A flat buffer of the state: its tensor's name, its shape (items, numbers per item), and contents.
+/// A flat buffer of the state: the name of its tensor, its shape (items, numbers per item), and its contents.
 type Flat<'a, B> = (String, [usize; 2], B);
 
-/// Every buffer that training changes, writable: one list serves writing and reading.
+/// Every buffer that training changes, writable: the same list serves writing and reading.
 fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
     let (sources, posed) = (state.source_count, state.scene.posed_instances() as usize);
     let (scene, moments) = (&mut state.scene, &mut state.moments);
@@ -53,8 +53,8 @@ fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
     out
 }
 
-/// A scene in training as a checkpoint after `step` finished steps. The device must be idle. `due` says that the
-/// densification after that step has not been done.
+/// Makes a checkpoint of a scene in training after `step` finished steps. The device must be idle. `due` records that
+/// the densification after that step has not been done.
 pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &mut DeviceState, step: u64, due: bool) -> Result<Checkpoint, TrainError> {
     let mut out = Checkpoint { step, ..Checkpoint::default() };
     out.metadata.insert(SH_DEGREE.into(), state.scene.sh_degree.to_string());
@@ -81,14 +81,14 @@ pub fn densification_is_due(checkpoint: &Checkpoint) -> bool {
 /// SH degree and number of Gaussians of a checkpoint of a plain cloud; `path` is for messages.
 ///
 /// # Errors
-/// It does not say its degree.
+/// The checkpoint does not contain its SH degree.
 pub fn size_of_cloud(checkpoint: &Checkpoint, path: &Path) -> Result<(u32, usize), IoError> {
     let degree = checkpoint.metadata.get(SH_DEGREE).and_then(|text| text.parse().ok()).filter(|d| *d <= 3);
     let degree: u32 = degree.ok_or_else(|| IoError::new(path, "has no sh_degree from 0 to 3"))?;
     Ok((degree, checkpoint.tensors.get("parameter.opacity_logits").map_or(0, |t| t.values.len())))
 }
 
-/// The state of a checkpoint of a plain cloud; `path` is for messages.
+/// Makes the device state from a checkpoint of a plain cloud; `path` is for messages.
 ///
 /// # Errors
 /// A tensor that is missing or has another shape; more Gaussians than the device can hold.
@@ -129,7 +129,7 @@ pub fn restore(
             let what = format!("tensor {POSES} has {} numbers, not {posed} times {POSE_NUMBERS}", values.len());
             return Err(IoError::new(path, what).into());
         }
-        // With the background's own entry, which stays.
+        // The entry of the background is included and does not change.
         let mut instances = download(gpu, &state.scene.instances, state.scene.instance_count as usize)?;
         for (instance, rows) in instances.iter_mut().zip(values.chunks_exact(POSE_NUMBERS)) {
             instance.world_from_template.as_flattened_mut().copy_from_slice(rows);

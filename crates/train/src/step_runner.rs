@@ -1,8 +1,8 @@
-//! Submits training steps, a few ahead of the device, and does steps again whose buffers were too small.
+//! Submits training steps, a few ahead of the device, and repeats steps whose buffers were too small.
 //!
-//! A step that does not fit raises a flag on the device that turns it and every later step into a no-op. The host sees
-//! the flag when it collects the step, enlarges the buffers, lowers the flag and submits the same steps again: what is
-//! learned does not depend on the sizes of buffers.
+//! A step that overflows a buffer sets a flag on the device that turns this and every later step into a no-op. The host
+//! finds the flag when it collects the step, enlarges the buffers, clears the flag and submits the same steps again:
+//! the result does not depend on the capacities of buffers.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -22,55 +22,56 @@ use super::error::TrainError;
 use super::strategy::McmcStep;
 use super::views::TrainViews;
 
-/// Steps submitted and not yet collected. Two keep the device busy while the host records.
+/// Steps submitted and not yet collected. Two keep the device busy while the host records the next.
 const IN_FLIGHT: usize = 2;
 
-/// All that a step depends on besides parameters: made from its number alone, so that it can be made again.
+/// Everything besides parameters that a step depends on: derived from its index alone, so that the step can be
+/// repeated.
 #[derive(Clone, Debug)]
 pub struct StepPlan {
     /// Index of the step, from 0.
     pub step: u64,
-    /// Which training picture.
+    /// Index of the training picture.
     pub view: usize,
     /// Rendering options, the background of this step included.
     pub options: RenderOptions,
-    /// Learning rates.
+    /// Learning rates of the step.
     pub rates: Rates,
-    /// SH degree in use.
+    /// SH degree that the step uses.
     pub sh_degree: u32,
     /// Weight of 1 - SSIM in the loss.
     pub lambda_dssim: f32,
     /// Adam's constants, with the step counted from 1.
     pub adam: Adam,
-    /// What the strategy `mcmc` adds.
+    /// Noise and regularisers that the strategy `mcmc` adds.
     pub mcmc: Option<McmcStep>,
 }
 
-/// What a step did.
+/// Errors and counts of a finished step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StepOutcome {
-    /// Index of the step.
+    /// Index of the step, from 0.
     pub step: u64,
     /// Mean absolute error.
     pub l1: f64,
-    /// Mean SSIM.
+    /// Mean structural similarity.
     pub ssim: f64,
-    /// Mean squared error.
+    /// Mean squared error of the picture.
     pub mse: f64,
-    /// Splats drawn.
+    /// Number of splats drawn.
     pub visible: u32,
-    /// (splat, tile) pairs.
+    /// Number of (splat, tile) pairs.
     pub intersections: u32,
 }
 
-/// Where the time of steps goes.
+/// Host and device time of the steps since the last report.
 #[derive(Clone, Debug, Default)]
 pub struct StepTimes {
     /// Wall time of the host's own work: preparing, recording, submitting, reading records.
     pub host: Duration,
     /// Wall time within `submit`: the host's own work and all waiting.
     pub total: Duration,
-    /// Steps collected.
+    /// Number of steps collected.
     pub steps: u64,
     /// Milliseconds per kernel, summed over these steps.
     pub passes_ms: BTreeMap<&'static str, f64>,
@@ -93,14 +94,14 @@ pub struct StepRunner {
     next_slot: usize,
     largest_px: [u32; 2],
     times: StepTimes,
-    /// Buffers enlarged since the last look.
+    /// New capacities of buffers that were enlarged and not yet reported.
     grown: Vec<u32>,
-    /// Steps that are behind the state on the device, as far as collected.
+    /// Number of finished steps in the state on the device, as far as collected.
     finished: u64,
 }
 
 impl StepRunner {
-    /// A runner for pictures up to `largest_px`; `profile` times every pass.
+    /// A runner for pictures of at most `largest_px` (width, height); `profile` measures the time of every pass.
     pub fn new(gpu: &Arc<Gpu>, variant: Variant, largest_px: [u32; 2], profile: bool) -> Result<Self, RenderError> {
         let recorder = |_| if profile { Recorder::with_profiler(gpu) } else { Recorder::new(gpu) };
         let frame = TrainFrame::new(gpu, variant)?;
@@ -119,22 +120,22 @@ impl StepRunner {
         })
     }
 
-    /// The passes and their buffers.
+    /// The passes of a step and their buffers.
     pub fn frame(&self) -> &TrainFrame {
         &self.frame
     }
 
-    /// Sets how many intersections the buffers start with; what is learned does not depend on it.
+    /// Sets the initial capacity for intersections; the result of training does not depend on it.
     pub fn set_intersections(&mut self, intersections: u32) {
         self.frame.set_intersections(intersections);
     }
 
-    /// Threads per work-group, which is also the size of chunks.
+    /// Invocations per work-group, which is also the size of chunks.
     pub fn chunk_size(&self) -> u32 {
         self.frame.variant().workgroup_size
     }
 
-    /// Where the time went since the last call.
+    /// Returns the times since the last call.
     pub fn take_times(&mut self) -> StepTimes {
         std::mem::take(&mut self.times)
     }
@@ -144,7 +145,7 @@ impl StepRunner {
         std::mem::take(&mut self.grown)
     }
 
-    /// Submits a step, after collecting an earlier one if enough are on their way. Outcomes come in order of steps.
+    /// Submits a step, after collecting the oldest one if enough are in flight. Outcomes come in the order of steps.
     ///
     /// # Errors
     /// The device failed, or the step needs more than it can hold.
@@ -164,15 +165,15 @@ impl StepRunner {
         Ok(outcome)
     }
 
-    /// True if steps are on their way.
+    /// True if steps are in flight.
     pub fn is_busy(&self) -> bool {
         !self.in_flight.is_empty()
     }
 
-    /// After a failure: waits for the device and forgets the steps on their way; returns how many steps are behind the state
-    /// that is there now. Steps after one that did not fit have changed nothing.
+    /// After a failure: waits for the device and discards the steps in flight; returns the number of finished steps in
+    /// the remaining state. Steps after an overflow have changed nothing.
     pub fn settle(&mut self) -> u64 {
-        // A lost device has no state; whoever asks next will be told.
+        // A lost device has no state; the next call that uses it returns the error.
         let _ = self.gpu.wait_all();
         for flight in self.in_flight.drain(..) {
             let record = read_record(&self.log.readback[flight.slot], flight.plan.step);
@@ -212,7 +213,7 @@ impl StepRunner {
         }
     }
 
-    /// After an overflow of the oldest step: larger buffers, then the same steps in the same order.
+    /// After an overflow of the oldest step: enlarges the buffers and submits the same steps in the same order.
     fn redo(&mut self, state: &mut DeviceState, views: &mut TrainViews) -> Result<(), TrainError> {
         self.gpu.wait_all()?;
         self.grown.push(self.frame.intersections());
@@ -256,14 +257,12 @@ impl StepRunner {
         let scene = (&state.scene, &state.tables);
         self.frame.record_gradients(recorder, scene, &train_view, &self.log, &mut state.gradients)?;
         let workgroup_size = self.frame.variant().workgroup_size;
-        let mcmc = (&self.mcmc, workgroup_size);
         if let Some(extra) = &plan.mcmc {
-            extra.record_regularisation(recorder, mcmc, &self.log, state)?;
+            extra.record_regularisation(recorder, &self.mcmc, workgroup_size, &self.log, state)?;
         }
-        let adam = (self.frame.backward_pipelines(), workgroup_size);
-        state.record_adam(recorder, adam, &self.log, &plan.adam, &plan.rates, plan.sh_degree)?;
+        state.record_adam(recorder, self.frame.backward_pipelines(), workgroup_size, &self.log, plan)?;
         if let Some(extra) = &plan.mcmc {
-            extra.record_noise(recorder, mcmc, &self.log, state, step)?;
+            extra.record_noise(recorder, &self.mcmc, workgroup_size, &self.log, state, step)?;
         }
         let readback = &mut self.log.readback[slot];
         let bytes = readback.bytes();

@@ -1,4 +1,4 @@
-//! A training run: where it starts, what happens at each step, what is left at the end.
+//! A training run: its start, its steps, and the files that it leaves.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -35,45 +35,46 @@ use super::views::TrainViews;
 const BACKGROUND_STREAM: u64 = 0x6261_636b;
 /// Steps between two events that report the loss.
 const REPORT_EVERY: u64 = 10;
-/// Part of the device's memory from which on it counts as nearly full: other programs use some, allocators waste some.
+/// Fraction of the device's memory above which it counts as nearly full: other programs use some, and allocators waste
+/// some.
 const TIGHT: f64 = 0.8;
 
-/// What to train. With the method `instgs`, the joint phase: the run folder holds the scene it starts from
+/// A training job. With the method `instgs` it is the joint phase: the run folder holds the scene that it starts from
 /// ([`RunFolder::initial_scene`]).
 #[derive(Clone, Debug)]
 pub struct TrainJob {
-    /// Dataset folder.
+    /// Folder of the data set.
     pub data: PathBuf,
-    /// Run folder.
+    /// Run folder to write.
     pub out: PathBuf,
-    /// What to do at which step.
+    /// Configuration of the run.
     pub config: TrainConfig,
-    /// What `config.toml` of the run folder shall say, if not `config`: the configuration of a larger run that this is a
-    /// phase of.
+    /// Text for `config.toml` of the run folder, if it is not that of `config`: the configuration of a larger run that
+    /// contains this phase.
     pub config_file: Option<String>,
-    /// Go on from the newest checkpoint of the run folder, if there is one.
+    /// Whether to resume from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
 }
 
 impl TrainJob {
-    /// The files of the run.
+    /// The files of the run folder.
     pub fn folder(&self) -> RunFolder {
         RunFolder::new(&self.out)
     }
 }
 
-/// What a run left behind, besides its files.
+/// Result of a run, besides its files.
 pub struct Trained {
-    /// The trained scene, without non-finite Gaussians and, of an instanced one, without those that no instance shows.
+    /// The trained scene, without non-finite Gaussians and without those that belong to no instance.
     pub scene: InstancedScene,
-    /// How many non-finite ones were dropped.
+    /// Number of non-finite Gaussians that were dropped.
     pub dropped_non_finite: usize,
-    /// How many that no instance shows.
+    /// Number of Gaussians dropped because no instance shows them.
     pub pruned: usize,
-    /// True if someone asked to stop before the last step: then there are no figures of test views, and no facts in the
-    /// run folder.
+    /// True if the run was asked to stop before the last step: then test views were not evaluated, and `trained.json`
+    /// was not written.
     pub interrupted: bool,
-    /// Times, counts, sizes and quality.
+    /// Times, counts, sizes and quality of the run.
     pub facts: TrainFacts,
 }
 
@@ -90,7 +91,7 @@ struct Run<'a> {
     strategy: Strategy,
     times: StepTimes,
     clock: Clock,
-    /// It was said that the cloud can grow no further.
+    /// Whether the event that the cloud cannot grow further was sent.
     said_full: bool,
 }
 
@@ -100,7 +101,7 @@ struct Clock {
     elsewhere: f64,
     /// Finished steps and seconds at the last report.
     reported: (u64, f64),
-    /// View and loss of the steps since then.
+    /// View and loss of each step since the last report.
     losses: Vec<(usize, f64)>,
 }
 
@@ -110,7 +111,7 @@ impl Clock {
     }
 }
 
-/// The run's log, and the one who watches.
+/// The run's log and its observer, as one receiver of events.
 struct LogAndObserver<'a> {
     log: EventLog,
     observer: &'a mut dyn TrainObserver,
@@ -127,9 +128,9 @@ impl EventSink for LogAndObserver<'_> {
     }
 }
 
-/// Trains, and leaves `config.toml`, `events.jsonl`, `checkpoints/`, `scene.instgs`, of a plain cloud `point_cloud.ply`, and
-/// last `trained.json` in the run folder, which is made if it is not there. `observer` is told of all that happens;
-/// `interrupt` is looked at between steps.
+/// Trains, and leaves `config.toml`, `events.jsonl`, `checkpoints/`, `scene.instgs`, of a plain cloud
+/// `point_cloud.ply`, and last `trained.json` in the run folder, which is created if necessary. `observer` receives all
+/// messages; `interrupt` is checked between steps.
 ///
 /// # Errors
 /// Damaged or missing input; a device that fails or is too small: then the state before the step is saved first.
@@ -179,7 +180,7 @@ pub fn train(
     let interrupted = done < job.config.steps;
     let gaussians = run.state.source_count as u64;
     let (dataset, times) = (run.facts(&data), run.times);
-    // What training takes goes first: the pictures of the test views and the scene a second time may need its memory.
+    // Free the memory of training first: the pictures of the test views and a second copy of the scene may need it.
     drop((run.runner, run.views, run.state));
     let evaluation = Instant::now();
     let test = if interrupted { &[][..] } else { &data.test };
@@ -216,7 +217,7 @@ pub fn train(
     Ok(Trained { scene, dropped_non_finite, pruned, interrupted, facts })
 }
 
-/// Writes down the configuration and loads what training needs. If that fails the folder is as it was before.
+/// Writes the configuration and loads everything that training needs. If that fails the folder is left as it was.
 fn load_for(gpu: &Arc<Gpu>, job: &TrainJob, observer: &mut dyn TrainObserver) -> Result<Loaded, TrainError> {
     let folder = job.folder();
     folder.create()?;
@@ -226,13 +227,13 @@ fn load_for(gpu: &Arc<Gpu>, job: &TrainJob, observer: &mut dyn TrainObserver) ->
         Some(text) => text.clone(),
         None => job.config.to_toml()?,
     };
-    // Before pictures are read, which may take minutes: a run that is killed then must know itself.
+    // Written before pictures are read, which may take minutes, so that a run killed then can be resumed.
     atomic_write(&path, |out| out.write_all(text.as_bytes()))?;
     let phase = TrainJob { config: job.config.own_phase(), ..job.clone() };
     let loaded = load_all(gpu, &phase, &mut |text| observer.notify(TrainMessage::Warning(text)));
     if loaded.is_err() {
-        // Nothing began: the folder is free again, or still that of the run that was there. If this fails as well, the
-        // first error is the one to tell.
+        // Nothing began: remove the file, or restore that of the run that was there. If this fails as well, the first
+        // error is the one to report.
         let _ = match before {
             None => std::fs::remove_file(&path).ok(),
             Some(bytes) => atomic_write(&path, |out| out.write_all(&bytes)).ok(),
@@ -241,7 +242,7 @@ fn load_for(gpu: &Arc<Gpu>, job: &TrainJob, observer: &mut dyn TrainObserver) ->
     loaded
 }
 
-/// The log of a run whose first step comes after `step` finished ones.
+/// Opens the log of a run that continues after `step` finished steps.
 fn open_log(job: &TrainJob, step: u64, observer: &mut dyn TrainObserver) -> Result<EventLog, TrainError> {
     let path = job.folder().events();
     if !job.resume {
@@ -254,10 +255,10 @@ fn open_log(job: &TrainJob, step: u64, observer: &mut dyn TrainObserver) -> Resu
     Ok(log)
 }
 
-/// Writes the trained scene; the bytes of the file that counts as the result.
+/// Writes the trained scene; returns the length of the file that counts as the result, bytes.
 fn write_scene(job: &TrainJob, scene: &InstancedScene, done: u64) -> Result<u64, TrainError> {
     if scene.expanded_len() == 0 {
-        return Err(TrainError::Other(format!("after {done} steps no Gaussian is left that is finite")));
+        return Err(TrainError::NothingLeft { steps: done });
     }
     let folder = job.folder();
     let mut result = folder.scene();
@@ -270,7 +271,7 @@ fn write_scene(job: &TrainJob, scene: &InstancedScene, done: u64) -> Result<u64,
     Ok(bytes)
 }
 
-/// Figures of test views of the trained scene; `None` without any.
+/// Quality of the trained scene on the test views; `None` without test views.
 fn evaluate_at_end(
     gpu: &Arc<Gpu>,
     scene: &InstancedScene,
@@ -284,7 +285,7 @@ fn evaluate_at_end(
     let mut renderer = Renderer::new(gpu)?;
     let device_scene = renderer.upload(scene)?;
     let mut tell = |view: Evaluated<'_>| observer.notify(TrainMessage::TestView(&view));
-    evaluate_with(&mut renderer, &device_scene, (test, config), &mut tell).map(Some)
+    evaluate_with(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
 }
 
 fn view_metrics(report: &EvalReport) -> Vec<ViewMetrics> {
@@ -292,8 +293,8 @@ fn view_metrics(report: &EvalReport) -> Vec<ViewMetrics> {
     report.views.iter().map(|view| ViewMetrics { name: view.name.clone(), quality: quality(view) }).collect()
 }
 
-/// Removes what is not finite and what no instance shows, and leaves in offsets only what is an instance's own; how many
-/// of each went.
+/// Removes non-finite Gaussians and those that no instance shows, and offsets that the configuration does not train;
+/// returns how many Gaussians were removed for each reason.
 fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
     let dropped = scene.drop_non_finite();
     let prune = config.method == Method::Instanced && config.joint.prune_opacity > 0.0;
@@ -348,7 +349,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Steps from `first` to the last one; returns how many are finished.
+    /// Runs the steps from `first` to the last one; returns the number of finished steps.
     fn steps(&mut self, sink: &mut dyn EventSink, interrupt: &Interrupt, first: u64) -> Result<u64, TrainError> {
         let config = &self.job.config;
         let mut done = first;
@@ -374,10 +375,10 @@ impl<'a> Run<'a> {
         Ok(done)
     }
 
-    /// Everything about a step, from its index alone.
+    /// Derives everything about a step from its index.
     fn plan(&mut self, step: u64) -> Result<StepPlan, TrainError> {
         let config = &self.job.config;
-        let view = self.order.view_at(step).ok_or_else(|| TrainError::Other("there are no training views".into()))?;
+        let view = self.order.view_at(step).ok_or(TrainError::NoViews)?;
         let rates = &config.rates;
         let step_rates = config.rates_at(step, self.extent);
         Ok(StepPlan {
@@ -392,7 +393,7 @@ impl<'a> Run<'a> {
         })
     }
 
-    /// True if something happens between the steps, for which the device must be idle.
+    /// True if there is work between this step and the next, for which the device must be idle.
     fn pauses_after(&self, done: u64) -> bool {
         let config = &self.job.config;
         config.densifies_at(done)
@@ -401,7 +402,7 @@ impl<'a> Run<'a> {
             || config.evaluates_at(done) && done < config.steps
     }
 
-    /// What happens after `done` steps; with `stop`, no step follows.
+    /// Does the work after `done` finished steps; with `stop`, no step follows.
     fn between_steps(&mut self, done: u64, sink: &mut dyn EventSink, stop: bool) -> Result<(), TrainError> {
         let config = &self.job.config;
         self.densify(done, sink)?;
@@ -422,7 +423,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// `due` says that what happens between the steps after `done` has not happened yet.
+    /// Writes a checkpoint. `due` says that the densification after `done` steps is still to be done.
     fn save_checkpoint(&mut self, done: u64, due: bool) -> Result<PathBuf, TrainError> {
         let folder = self.job.folder().checkpoints();
         let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &mut self.state, done, due)?)?;
@@ -430,7 +431,7 @@ impl<'a> Run<'a> {
         Ok(path)
     }
 
-    /// Collects all steps on their way.
+    /// Collects all steps in flight.
     fn drain(&mut self, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         while self.runner.is_busy() {
             let outcome = self.runner.collect(&mut self.state, &mut self.views);
@@ -455,7 +456,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Saves the state after `step` steps, and says why and where.
+    /// Saves the state after `step` steps, and returns the error with the step and the checkpoint.
     fn given_up(&mut self, step: u64, error: TrainError, sink: &mut dyn EventSink) -> TrainError {
         let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step, false).ok());
         TrainError::Step { step, error: Box::new(error), saved }
@@ -493,16 +494,17 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// True if all of the state a second time might be more than the device, or the budget, holds.
+    /// True if a second copy of the state might exceed the device's memory or the budget.
     fn memory_is_tight(&self) -> bool {
         let state = self.state.scene.bytes() + self.state.gradients.bytes() + self.state.moments.bytes();
         self.gpu.memory_usage().0 + state > (self.gpu.memory_budget() as f64 * TIGHT) as u64
     }
 
-    /// Clones, splits, prunes, and resets opacities where the schedule says so.
+    /// Clones, splits, prunes, and resets opacities if the schedule says so.
     fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         let config = &self.job.config;
-        // Arrays move one at a time: if memory runs out midway the state is lost, so it is saved first where that may happen.
+        // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first where
+        // that may happen.
         let saved = if config.densifies_at(done) && self.memory_is_tight() {
             sink.flush()?;
             Some(self.save_checkpoint(done, true)?)
@@ -531,10 +533,10 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// Renders and compares the test views as the state is now.
+    /// Renders the test views in their current state and compares them with their photos.
     fn evaluate(&mut self) -> Result<EvalReport, TrainError> {
         let mut renderer = Renderer::new(self.gpu)?;
-        evaluate_with(&mut renderer, &self.state.scene, (self.test, &self.job.config), &mut |_| Ok(()))
+        evaluate_with(&mut renderer, &self.state.scene, self.test, &self.job.config, &mut |_| Ok(()))
     }
 
     fn facts(&self, data: &TrainData) -> DatasetFacts {
@@ -551,11 +553,12 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Renders a scene from test views and compares it with their photos.
+/// Renders a scene from test views and compares the renderings with their photos.
 fn evaluate_with(
     renderer: &mut Renderer,
     scene: &DeviceScene,
-    (test, config): (&[View], &TrainConfig),
+    test: &[View],
+    config: &TrainConfig,
     on_picture: &mut dyn FnMut(Evaluated<'_>) -> Result<(), IoError>,
 ) -> Result<EvalReport, TrainError> {
     let width = (config.width > 0).then_some(config.width);
@@ -566,12 +569,12 @@ fn options(config: &TrainConfig, background: [f32; 3]) -> RenderOptions {
     RenderOptions { near: config.near as f32, antialias: config.antialias, background, ..RenderOptions::default() }
 }
 
-/// How test views are rendered: random backgrounds are black then.
+/// Rendering options for test views; a random background is black there.
 pub fn eval_options(config: &TrainConfig) -> RenderOptions {
     options(config, if config.background == Background::White { [1.0; 3] } else { [0.0; 3] })
 }
 
-/// The colour behind everything at a step.
+/// The background colour of a step.
 fn background_at(config: &TrainConfig, step: u64) -> [f32; 3] {
     match config.background {
         Background::Black => [0.0; 3],

@@ -1,15 +1,15 @@
-//! Which training view a step uses: every view once an epoch, in an order that depends on nothing but seed and epoch,
-//! so that a resumed run needs no state.
+//! The training view of each step: every view once per epoch, in an order that depends only on seed and epoch, so that
+//! a resumed run needs no state.
 
 use instgs_vk::math::rng::Rng;
 
 /// Sub-stream of the seed that orders views ("view" in ASCII); other parts of training take other streams.
 const VIEW_STREAM: u64 = 0x7669_6577;
 
-/// Views in the order of `epoch`: a seeded shuffle of 0..`views`. From two views on, an epoch never starts with the
-/// view that the one before ended with.
+/// The views 0..`views` in the order of `epoch`: a seeded shuffle. With two or more views, an epoch never starts with
+/// the view that the previous one ended with.
 pub fn epoch_order(seed: u64, epoch: u64, views: usize) -> Vec<usize> {
-    // Two views can only take turns, so all epochs are alike.
+    // Two views can only alternate, so all epochs are alike.
     let epoch = if views == 2 { 0 } else { epoch };
     let (mut order, mut rng) = shuffled(seed, epoch, views);
     if views < 3 || epoch == 0 {
@@ -17,7 +17,7 @@ pub fn epoch_order(seed: u64, epoch: u64, views: usize) -> Vec<usize> {
     }
     let (before, _) = shuffled(seed, epoch - 1, views);
     if before.last() == order.first() {
-        // The last place stays as it is: the next epoch compares with it without knowing about this exchange.
+        // The last view stays in place, as the next epoch computes it without this swap.
         order.swap(0, 1 + rng.index(views - 2));
     }
     order
@@ -30,7 +30,7 @@ fn shuffled(seed: u64, epoch: u64, views: usize) -> (Vec<usize>, Rng) {
     (order, rng)
 }
 
-/// The view of each step; keeps the current epoch's order, which changes no answer.
+/// The view of each step; caches the order of the current epoch.
 #[derive(Clone, Debug)]
 pub struct ViewOrder {
     seed: u64,
@@ -45,8 +45,8 @@ impl ViewOrder {
         Self { seed, views, epoch: 0, order: epoch_order(seed, 0, views) }
     }
 
-    /// Index of the view that step index `step` (from 0) uses; `None` if there are no views. Any order of calls is
-    /// right, steps of one epoch in a row are fast.
+    /// Index of the view that step index `step` (from 0) uses; `None` if there are no views. Steps may be asked for in
+    /// any order; those of one epoch in a row are fast.
     pub fn view_at(&mut self, step: u64) -> Option<usize> {
         let epoch = step.checked_div(self.views as u64)?;
         if epoch != self.epoch {
@@ -97,8 +97,8 @@ mod tests {
         assert_eq!(epoch_order(1, 3, 50), epoch_order(1, 3, 50));
     }
 
-    /// The exchange at the border must not favour a view: 6000 epochs of 4 views, 1500 expected first places each,
-    /// deviation 34.
+    /// The swap at the border of epochs must not favour a view: 6000 epochs of 4 views, 1500 expected first places
+    /// each, standard deviation 34.
     #[test]
     fn first_places_are_fairly_spread() {
         let mut first = [0u32; 4];

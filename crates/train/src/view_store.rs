@@ -1,9 +1,9 @@
 //! Views decoded in parallel and handed over in order, with bounded host memory.
 //!
 //! [`load_all`] goes once over all views, for a trainer that keeps them on the device. [`Prefetcher`] follows a given
-//! sequence, for datasets that do not fit there. Both are one mechanism: workers claim the entries of the sequence in
-//! order, as long as the images in flight (being decoded, or decoded and not taken yet) fit their budget; the next entry
-//! to be handed over is claimed whatever its size, so a budget that is too small costs time and nothing else.
+//! sequence, for datasets that do not fit there. Both use one mechanism: workers claim the entries of the sequence in
+//! order, as long as the images in flight (being decoded, or decoded and not taken yet) fit their budget. The next
+//! entry to be returned is claimed whatever its size, so a budget that is too small only costs time.
 
 use std::collections::{HashMap, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,29 +17,29 @@ use instgs_io::{IoError, LoadedView, View, load_view};
 /// and 4 undistorted.
 const DECODE_BYTES_PER_PIXEL: u64 = 16;
 
-/// How much a [`Prefetcher`] may use.
+/// Limits on the threads and memory of a [`Prefetcher`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PrefetchLimits {
-    /// Worker threads. 0: nothing is done ahead, images are decoded when they are asked for.
+    /// Number of worker threads. 0: images are decoded only when they are asked for.
     pub threads: usize,
-    /// Entries of the sequence that may be in flight; at least 1 counts.
+    /// Upper bound of the entries of the sequence in flight; 0 counts as 1.
     pub ahead: usize,
     /// Host bytes of images in flight, decoding included. One image is always allowed.
     pub ahead_bytes: u64,
-    /// Host bytes of images kept for their next turn. The first that fit stay for good: over shuffled epochs every epoch
-    /// finds all of them, where the least recently used would mostly be gone before their turn.
+    /// Host bytes of images kept for their next use. The first images that fit stay for good, so that every shuffled
+    /// epoch finds all of them; a least-recently-used cache would have evicted most of them before their next use.
     pub cache_bytes: u64,
 }
 
-/// Images in flight may take this part of the memory that is to spare, within the bounds: a photo of 20 million pixels
+/// Images in flight may take one part in this many of the spare memory, within the bounds: a photo of 20 million pixels
 /// takes 320 MB while it is decoded, and every thread should have one.
 const AHEAD_PART: u64 = 8;
 const AHEAD_BYTES: [u64; 2] = [256 << 20, 4 << 30];
-/// Images that are kept may take this part.
+/// Cached images may take one part in this many of the spare memory.
 const CACHE_PART: u64 = 4;
 
 impl Default for PrefetchLimits {
-    /// A thread per CPU, an eighth of the machine's spare memory in flight (256 MiB to 4 GiB), no cache.
+    /// One thread per CPU, an eighth of the machine's spare memory in flight (256 MiB to 4 GiB), no cache.
     fn default() -> Self {
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let [least, most] = AHEAD_BYTES;
@@ -49,8 +49,8 @@ impl Default for PrefetchLimits {
 }
 
 impl PrefetchLimits {
-    /// The default, with a cache of a quarter of the machine's spare memory: for images that are decoded again and again,
-    /// beside a device with memory of its own.
+    /// The default, with a cache of a quarter of the machine's spare memory: for images that are decoded repeatedly,
+    /// next to a device with memory of its own.
     pub fn with_cache() -> Self {
         Self { cache_bytes: available_bytes().unwrap_or(0) / CACHE_PART, ..Self::default() }
     }
@@ -73,7 +73,7 @@ pub fn load_all<E: From<IoError>>(
 }
 
 /// An iterator over the views of a sequence, decoded ahead in the background. An entry that fails is an error, and the
-/// iterator goes on behind it. Dropping it ends the threads, after the images they are at.
+/// iterator continues with the next. Dropping the iterator ends the threads once their current images are decoded.
 pub struct Prefetcher {
     shared: Arc<Shared>,
     workers: Vec<JoinHandle<()>>,
@@ -86,7 +86,7 @@ struct Shared {
     width: Option<u32>,
     limits: PrefetchLimits,
     state: Mutex<State>,
-    /// Signalled at every change of the state that somebody may wait for.
+    /// Signalled at every change of the state that a thread may wait for.
     changed: Condvar,
 }
 
@@ -94,7 +94,7 @@ struct State {
     sequence: Box<dyn Iterator<Item = usize> + Send>,
     /// Peeked entry of the sequence: the next to be claimed.
     next: Option<usize>,
-    /// Claimed entries that are not handed over yet, in order; `None` while being decoded.
+    /// Claimed entries that have not been returned yet, in order; `None` while being decoded.
     in_flight: VecDeque<(u64, Option<Loaded>)>,
     bytes_in_flight: u64,
     /// Number of the entry at the front of `in_flight`, counted from the start of the sequence.
@@ -104,15 +104,15 @@ struct State {
     stopped: bool,
 }
 
-/// An entry to decode: its number in the sequence, and the view.
+/// An entry to decode: its number in the sequence, and the index of the view.
 struct Job {
     number: u64,
     view: usize,
 }
 
 impl Prefetcher {
-    /// Starts decoding `views` at the given width (see [`load_view`]) in the order of `sequence`, which holds indices of
-    /// `views` and may be endless; it ends at the first index that is no view's. The sequence is drawn from on the
+    /// Starts decoding `views` at the given width (see [`load_view`]) in the order of `sequence`, which holds indices
+    /// into `views` and may be endless; it ends at the first index out of range. The sequence is advanced on the
     /// workers' threads and must not panic.
     pub fn new(
         views: Vec<View>,
@@ -136,14 +136,14 @@ impl Prefetcher {
         let start = |i: usize| {
             let shared = Arc::clone(&shared);
             let work = move || while shared.work(true) {};
-            // A thread that cannot be had is one less; without any, `next` works itself.
+            // A thread that cannot be started is missed only in speed; without any, `next` decodes itself.
             std::thread::Builder::new().name(format!("views-{i}")).spawn(work).ok()
         };
         let workers = (0..limits.threads).filter_map(start).collect();
         Self { shared, workers }
     }
 
-    /// Bytes of the images kept for their next turn; at most `cache_bytes`.
+    /// Bytes of the cached images; at most `cache_bytes`.
     pub fn cached_bytes(&self) -> u64 {
         self.shared.lock().cached_bytes
     }
@@ -179,13 +179,13 @@ impl Drop for Prefetcher {
     fn drop(&mut self) {
         self.shared.lock().stopped = true;
         self.shared.changed.notify_all();
-        // A worker catches its panics, so there is nothing to hear from it.
+        // A worker catches its panics, so `join` returns no error.
         self.workers.drain(..).for_each(|worker| drop(worker.join()));
     }
 }
 
 impl Shared {
-    /// The state is whole between any two statements that may panic, so a poisoned lock is a lock.
+    /// The state is consistent at every statement that may panic, so a poisoned lock can be used.
     fn lock(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -194,7 +194,7 @@ impl Shared {
         self.changed.wait(state).unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Claims and decodes one entry; false if there is none to claim, which `wait_for_room` waits for.
+    /// Claims and decodes one entry; false if there is none to claim. `wait_for_room` waits for room in the budget.
     fn work(&self, wait_for_room: bool) -> bool {
         let mut state = self.lock();
         let job = loop {
@@ -219,7 +219,7 @@ impl Shared {
         true
     }
 
-    /// Takes the next entry of the sequence if there is room for it.
+    /// Claims the next entry of the sequence if the budget has room for it.
     fn claim(&self, state: &mut State) -> Option<Job> {
         let view = state.next?;
         let camera = &self.views[view].camera;
@@ -238,7 +238,8 @@ impl Shared {
         Some(Job { number, view })
     }
 
-    /// A decoder that panics on a file is that file's error: this thread has others to load, and `next` waits for it.
+    /// A decoder that panics becomes an error of that file: this thread has other images to decode, and `next` waits
+    /// for this one.
     fn decode(&self, view: usize) -> Result<Arc<LoadedView>, IoError> {
         let view = &self.views[view];
         catch_unwind(AssertUnwindSafe(|| load_view(view, self.width)))
@@ -256,7 +257,7 @@ impl Shared {
             state.cached_bytes += bytes;
             state.cache.insert(job.view, Arc::clone(view));
         }
-        // What is in the cache is counted there.
+        // Cached images are counted in the cache.
         let bytes = if state.cache.contains_key(&job.view) { 0 } else { bytes };
         let place = (job.number - state.front) as usize;
         let before = state.in_flight[place].0;

@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
 const COUNT: usize = 12;
-/// Of one image of 20x10 pixels.
+/// Bytes of one image of 20x10 pixels.
 const IMAGE_BYTES: u64 = 800;
 
-/// Views of flat gray images, each of its index; image 0 is by far the slowest to decode.
+/// Views of flat gray images, each of its index; decoding image 0 takes by far the longest.
 fn views(folder: &Path) -> Result<Vec<View>, Box<dyn std::error::Error>> {
     (0..COUNT)
         .map(|i| {
@@ -25,7 +25,7 @@ fn views(folder: &Path) -> Result<Vec<View>, Box<dyn std::error::Error>> {
         .collect()
 }
 
-/// From nothing at all ahead to everything.
+/// Limits from no prefetching at all to everything ahead.
 fn all_limits() -> Vec<PrefetchLimits> {
     let mut out = vec![PrefetchLimits::default()];
     for threads in [0, 1, 3] {
@@ -64,7 +64,7 @@ fn all_views_arrive_in_order_on_this_thread() -> Outcome {
 fn the_first_error_in_order_stops() -> Outcome {
     let folder = tempfile::tempdir()?;
     let mut views = views(folder.path())?;
-    // The later error is found long before the earlier one, which is behind the slow image.
+    // The later error is found long before the earlier one, which comes after the slow image.
     std::fs::write(&views[9].image_path, b"no image")?;
     std::fs::remove_file(&views[4].image_path)?;
     for limits in all_limits() {
@@ -80,7 +80,7 @@ fn the_first_error_in_order_stops() -> Outcome {
         let refuse = &mut |i, _| if i == 2 { Err(refused.clone()) } else { Ok(()) };
         assert_eq!(load_all(&views, None, limits, refuse), Err(refused.clone()));
     }
-    // A prefetcher goes on behind an error.
+    // A prefetcher continues after an error.
     views.truncate(6);
     let ok: Vec<bool> = Prefetcher::new(views, None, 2..6, PrefetchLimits::default()).map(|l| l.is_ok()).collect();
     assert_eq!(ok, [true, true, false, true]);
@@ -97,7 +97,7 @@ fn a_sequence_with_repeats_comes_as_given() -> Outcome {
         let got = prefetcher.map(|l| l.map(|(i, v)| (i, level(&v)))).collect::<Result<Vec<_>, _>>()?;
         assert_eq!(got, sequence.iter().map(|&i| (i, i)).collect::<Vec<_>>(), "{limits:?}");
     }
-    // An index that is no view's ends it.
+    // An index out of range ends the sequence.
     assert_eq!(Prefetcher::new(views, Some(20), [3, 99, 4].into_iter(), PrefetchLimits::default()).count(), 1);
     Ok(())
 }
@@ -125,11 +125,11 @@ fn in_flight_keeps_to_its_bounds() -> Outcome {
     let folder = tempfile::tempdir()?;
     let views = views(folder.path())?;
     let endless = || (1..COUNT).cycle();
-    // In bytes: an image to be decoded counts 16 a pixel, a decoded one 4: 8 and 1 more fill three times 16.
+    // In bytes: an image to be decoded counts 16 per pixel, a decoded one 4: 8 and 1 more fill three times 16.
     for (ahead, ahead_bytes, want) in [(5, u64::MAX, 5), (100, 3 * 16 * 200, 9), (100, 0, 1)] {
         let limits = PrefetchLimits { threads: 3, ahead, ahead_bytes, cache_bytes: 0 };
         let prefetcher = Prefetcher::new(views.clone(), None, endless(), limits);
-        // The workers come to rest when the bound is reached.
+        // The workers stop when the bound is reached.
         let start = Instant::now();
         let mut resting = 0;
         while resting < 20 && start.elapsed() < Duration::from_secs(10) {
@@ -158,7 +158,7 @@ fn dropping_ends_the_threads_while_they_are_busy() -> Outcome {
         let shared = Arc::downgrade(&prefetcher.shared);
         let start = Instant::now();
         drop(prefetcher);
-        // Threads hold the shared state; it is gone, and so are they.
+        // Threads hold the shared state; if it is gone, they have ended.
         assert_eq!(shared.strong_count(), 0);
         assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
     }

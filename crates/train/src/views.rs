@@ -1,5 +1,5 @@
-//! The training pictures on the device: all of them if they fit, else the first ones for good and the rest in turn,
-//! decoded ahead by worker threads.
+//! The training pictures on the device: all of them if they fit, else the first ones permanently and the others in
+//! turn, decoded ahead by worker threads.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -18,20 +18,20 @@ use super::view_store::{PrefetchLimits, Prefetcher, load_all};
 pub struct DeviceView {
     /// The camera, of the picture's size.
     pub camera: Camera,
-    /// RGBA of 8 bits, row by row from the top; the last byte as in `io::view_image`.
+    /// RGBA of 8 bits each, row by row from the top; the meaning of the last byte is in `instgs_io::view_image`.
     pub targets: Buffer<u32>,
 }
 
-/// Streamed pictures that stay on the device: those of the steps in flight, which may have to be done again, and the
-/// next one.
+/// Streamed pictures that stay on the device: those of the steps in flight, which may have to be repeated, and the next
+/// one.
 const STREAMED: usize = 4;
 
-/// Where steps get their pictures from.
+/// Provides the steps with their pictures.
 pub struct TrainViews {
     gpu: Arc<Gpu>,
     /// The first views, as many as fit the budget.
     resident: Vec<DeviceView>,
-    /// Of the others, those used last.
+    /// The most recently used of the others.
     streamed: VecDeque<(usize, DeviceView)>,
     prefetcher: Option<Prefetcher>,
     count: usize,
@@ -39,22 +39,22 @@ pub struct TrainViews {
     bytes: u64,
 }
 
-/// What decides about the pictures.
+/// Which pictures are loaded, and in which order.
 pub struct ViewsPlan<'a> {
-    /// Training views.
+    /// All training views of the data set.
     pub views: &'a [View],
-    /// Downscale to this width.
+    /// Width to downscale the pictures to, pixels.
     pub width: Option<u32>,
-    /// Device bytes that pictures may take.
+    /// Device memory that pictures may take, bytes.
     pub budget_bytes: u64,
-    /// Order of the views.
+    /// Seed of the order of views.
     pub seed: u64,
-    /// The first step that will ask for a view.
+    /// Index of the first step that will ask for a view.
     pub first_step: u64,
 }
 
 impl TrainViews {
-    /// Loads what fits the budget, and looks at every picture once, so that a damaged one is found now and not in
+    /// Loads what fits the budget, and decodes every picture once, so that a damaged one is found now and not after
     /// hours. `on_loaded` is called after each.
     ///
     /// # Errors
@@ -86,7 +86,7 @@ impl TrainViews {
             let mut order = ViewOrder::new(plan.seed, out.count);
             let sequence =
                 (plan.first_step..).map_while(move |step| order.view_at(step)).filter(move |&i| i >= resident);
-            // Elsewhere the device's memory, which is full, is the machine's.
+            // On other devices, device memory is the machine's memory, which is already full.
             let limits = match gpu.caps().device_type {
                 "discrete" => PrefetchLimits::with_cache(),
                 _ => PrefetchLimits::default(),
@@ -96,14 +96,14 @@ impl TrainViews {
         Ok(out)
     }
 
-    /// Picture `index`. Pictures must be asked for in the order of steps from the first one on; any of the last few may
-    /// be asked for again.
+    /// Picture `index`. Pictures must be asked for in the order of steps from the first one on; the last few may be
+    /// asked for again.
     pub fn get(&mut self, index: usize) -> Result<&DeviceView, TrainError> {
         if index < self.resident.len() {
             return Ok(&self.resident[index]);
         }
         if let Some(place) = self.streamed.iter().position(|(i, _)| *i == index) {
-            // The last used goes last: steps in flight must find theirs again.
+            // The picture last used moves to the end, so that steps in flight find theirs again.
             self.streamed.make_contiguous()[place..].rotate_left(1);
         } else {
             let view = self.next_streamed(index)?;
@@ -113,9 +113,7 @@ impl TrainViews {
             self.streamed.push_back((index, view));
         }
         let found = self.streamed.iter().find(|(i, _)| *i == index);
-        found
-            .map(|(_, view)| view)
-            .ok_or_else(|| TrainError::Other(format!("view {index} is not among the training views")))
+        found.map(|(_, view)| view).ok_or(TrainError::UnknownView(index))
     }
 
     fn next_streamed(&mut self, index: usize) -> Result<DeviceView, TrainError> {
@@ -125,10 +123,10 @@ impl TrainViews {
                 return Ok(device_view(&self.gpu, &view)?);
             }
         }
-        Err(TrainError::Other(format!("view {index} was not read ahead")))
+        Err(TrainError::NotPrefetched(index))
     }
 
-    /// Number of views.
+    /// Number of training views.
     pub fn len(&self) -> usize {
         self.count
     }
@@ -148,12 +146,12 @@ impl TrainViews {
         self.bytes
     }
 
-    /// How many pictures stay on the device.
+    /// Number of pictures that stay on the device.
     pub fn resident(&self) -> usize {
         self.resident.len()
     }
 
-    /// For tests and tools: pictures that are in memory already.
+    /// Makes the store from decoded pictures, for tests and tools.
     pub fn from_images(gpu: &Arc<Gpu>, images: &[LoadedView]) -> Result<Self, TrainError> {
         let resident = images.iter().map(|v| device_view(gpu, v)).collect::<Result<Vec<_>, _>>()?;
         let largest = |side: fn(&ViewImage) -> u32| images.iter().map(|v| side(&v.image)).max().unwrap_or(0);

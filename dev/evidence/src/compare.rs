@@ -1,4 +1,4 @@
-//! `instgs-vk compare`: an instanced scene beside the plain clouds that it must be measured against.
+//! `instgs-vk compare`: compares an instanced scene with plain clouds.
 
 use std::path::PathBuf;
 
@@ -15,27 +15,27 @@ use instgs_objects::pipeline::config::ConfigBuilder;
 use instgs_train::config::Method;
 use instgs_train::interrupt::Interrupt;
 
-/// Compares an instanced scene with plain clouds that had as much time, or may have as many bytes.
+/// Compares an instanced scene with plain clouds of the same training time or the same number of bytes.
 ///
-/// For each seed: the plain cloud and the instanced scene made of it; the cloud trained on for as long as the instanced
-/// scene took in all; a cloud whose .ply is not larger than the instanced scene packed as f16, trained as long. All are
-/// rendered from the test views by the same renderer. OUT gets seed_S/ with a run folder each, compare.json and
-/// compare.md; what is there already is not trained again.
+/// For each seed: the plain cloud and the instanced scene made from it; the cloud trained on for as long as the
+/// instanced scene took in all; a cloud whose .ply is not larger than the instanced scene packed as f16, trained as
+/// long. All are rendered from the test views by the same renderer. OUT gets seed_S/ with a run folder each,
+/// compare.json and compare.md; runs that exist are not repeated.
 #[derive(Args)]
 #[command(after_help = "Example:\n  \
     instgs-vk compare --data cars --out out/compare --config instgs_quick --seeds 0,1,2\n  \
     instgs-vk compare --data cars --groups cars/groups.json --out out/compare_given --config instgs_quick\n  \
     instgs-vk compare --data cars --boxes boxes.json --out out/compare_boxes --config instgs_quick")]
 pub(super) struct CompareArgs {
-    /// Dataset folder
+    /// Dataset folder with photos and cameras
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// groups.json: which objects are alike, and where they stand [default: found from the masks]
+    /// groups.json: groups of alike objects with their poses [default: found from the masks]
     #[arg(long, value_name = "JSON")]
     groups: Option<PathBuf>,
     #[command(flatten)]
     masks: MaskArgs,
-    /// Folder for runs and results; made if it is not there
+    /// Folder for runs and results; created if necessary
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// A preset or a TOML file
@@ -44,20 +44,20 @@ pub(super) struct CompareArgs {
     /// One value of the configuration; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Seeds, one comparison each; figures are medians over them
+    /// Seeds, one comparison each; results are medians over them
     #[arg(long, value_name = "S,S,...", value_delimiter = ',', default_value = "0")]
     seeds: Vec<u64>,
     /// Timed frames of each scene; 0 = none
     #[arg(long, value_name = "N", default_value = "24")]
     frames: u32,
-    /// Train the plain cloud on for N steps, instead of for the time that the instanced scene took: on a busy machine, or
-    /// to get the same figures again
+    /// Train the plain cloud on for N steps, instead of for the time that the instanced scene took: on a busy machine,
+    /// or for reproducible results
     #[arg(long, value_name = "N")]
     more_steps: Option<u64>,
-    /// What else is measured beside the instanced scene and the plain cloud that had the same time
+    /// Further scenes to compare with
     #[arg(long, value_enum, value_name = "RIVAL,...", value_delimiter = ',', default_value = "same-bytes")]
     also: Vec<Rival>,
-    /// Measure nothing else
+    /// Compare with no further scenes
     #[arg(long, conflicts_with = "also")]
     alone: bool,
     /// Results as JSON on stdout
@@ -85,7 +85,7 @@ impl CompareArgs {
             builder = builder.flag("--groups", "groups", absolute("--groups", groups)?)?;
         }
         builder = self.masks.put_into(builder)?;
-        // What a configuration takes as a seed is its own matter.
+        // The range of seeds is left to the configuration.
         for &seed in &self.seeds {
             builder = builder.flag("--seeds", "seed", as_i64(seed)?)?;
         }
@@ -125,7 +125,7 @@ mod tests {
         compare: CompareArgs,
     }
 
-    /// Results of one comparison are not taken for those of another.
+    /// A folder with the results of another comparison is refused.
     #[test]
     fn a_folder_of_another_comparison_is_refused() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;
@@ -146,7 +146,7 @@ mod tests {
         Ok(())
     }
 
-    /// Masks come from where `train` may have them from.
+    /// Masks can come from the same sources as for `train`.
     #[test]
     fn boxes_and_words_reach_the_configuration() -> Result<(), Box<dyn std::error::Error>> {
         let comparison = |words: &str| {

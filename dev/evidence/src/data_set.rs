@@ -1,4 +1,4 @@
-//! Data sets that commands make for themselves.
+//! Data sets that commands generate.
 
 use std::path::Path;
 
@@ -6,14 +6,14 @@ use instgs_console::CliError;
 use instgs_console::Printer;
 use instgs_synth::dataset;
 
-/// Renders a data set, unless it is there.
+/// Renders a data set unless it exists.
 pub(super) fn make_data(
     recipe: &str,
     folder: &Path,
     options: &dataset::Options,
     printer: &Printer,
 ) -> Result<(), CliError> {
-    // Cameras are written last.
+    // The cameras are written last.
     if folder.join("transforms_test.json").is_file() {
         return Ok(());
     }

@@ -1,5 +1,5 @@
-//! `instgs-vk demo`: the whole story on a data set made by code: photos, a plain cloud, templates and instances, a table
-//! and pictures side by side.
+//! `instgs-vk demo`: all steps on a generated data set: photos, a plain cloud, templates and instances, a table and
+//! pictures side by side.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -21,22 +21,22 @@ use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_synth::dataset;
 use instgs_train::interrupt::Interrupt;
 
-/// Steps of the plain cloud, of the joint phase, and the most Gaussians: with the build less than ten minutes on two CPU cores
-/// without AVX-512.
+/// Steps of the plain cloud and of the joint phase, and the largest number of Gaussians: less than ten minutes
+/// including the build, on two CPU cores without AVX-512.
 const QUICK: [&str; 3] = ["steps=400", "joint.steps=400", "max_gaussians=26000"];
-/// Timed frames of each scene.
+/// Number of timed frames of each scene.
 const FRAMES: u32 = 18;
 
-/// The whole story on a made-up car park: photos, 3DGS, templates and instances, a table and pictures side by side.
+/// Shows all steps on a generated car park: photos, 3DGS, templates and instances, a table and pictures side by side.
 ///
-/// Renders a data set of eight racing cars (DIR/data), trains a plain cloud, finds the cars by their masks, registers them to
-/// each other and makes them instances of one template, trains both on for the same time (DIR/compare), and writes
-/// DIR/pictures.png: photo, 3DGS, InstGS, and the difference of the latter to the photo. What is there already is not done
-/// again.
+/// Renders a data set of eight racing cars (DIR/data), trains a plain cloud, finds the cars by their masks, registers
+/// them to each other and makes them instances of one template, trains both on for the same time (DIR/compare), and
+/// writes DIR/pictures.png: photo, 3DGS, InstGS, and the difference between InstGS and the photo. Steps that are done
+/// are not repeated.
 #[derive(Args)]
 #[command(after_help = "Example:\n  instgs-vk demo --out out/demo")]
 pub(super) struct DemoArgs {
-    /// Folder for data, runs and pictures; made if it is not there
+    /// Folder for data, runs and pictures; created if necessary
     #[arg(long, value_name = "DIR", default_value = "out/demo")]
     out: PathBuf,
     /// Report as JSON on stdout
@@ -44,18 +44,18 @@ pub(super) struct DemoArgs {
     pub(super) json: bool,
 }
 
-/// What the demo found.
+/// The results of the demo.
 #[derive(Debug, Serialize)]
 pub(super) struct DemoReport {
-    /// The data set.
+    /// Folder of the data set.
     data: PathBuf,
-    /// Rows of the table.
+    /// Results, one per seed.
     results: Vec<SeedResult>,
-    /// Photos and renderings.
+    /// Path of the photos and renderings side by side.
     pictures: PathBuf,
-    /// The instanced scene.
+    /// Path of the instanced scene.
     scene: PathBuf,
-    /// Wall time of all of it.
+    /// Wall time of all steps.
     seconds: f64,
 }
 

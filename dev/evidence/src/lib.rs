@@ -1,8 +1,9 @@
-//! What is claimed of the product, and what it rests on: ray-traced data sets with known truth (`synth`), instanced scenes beside
-//! plain ones of the same time and bytes (`compare`; the protocol is in docs/design.md), the same for a list of scenes with rivals,
-//! ablations and plots (`tables`), and all of it on eight cars (`demo`).
+//! Evidence for the claims about the product: ray-traced data sets with known truth (`synth`), comparisons of instanced
+//! and plain scenes of the same training time and the same bytes (`compare`; the protocol is in docs/design.md), the
+//! same for a list of scenes with rivals, ablations and plots (`tables`), and all of it on eight cars (`demo`).
 //!
-//! Never published: the program `instgs-evidence` stands beside `instgs-vk`, which passes these subcommands on to it.
+//! This crate is not published: the program `instgs-evidence` is built next to `instgs-vk`, which passes these
+//! subcommands on to it.
 
 mod compare;
 mod comparison;
@@ -21,7 +22,7 @@ use instgs_console::{CliError, Printer, device, exit_code, parse};
 
 /// Evidence about instgs-vk: data sets with known truth, comparisons, tables.
 #[derive(Parser)]
-// Users call it through instgs-vk, so its help speaks of that.
+// Users call it through instgs-vk, so its help shows that name.
 #[command(name = "instgs-vk", version, arg_required_else_help = true, max_term_width = 110)]
 struct Cli {
     #[command(flatten)]

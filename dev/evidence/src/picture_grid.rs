@@ -1,4 +1,4 @@
-//! Test views side by side: photo, 3DGS, InstGS, and how the latter differs from the photo.
+//! Test views side by side: photo, 3DGS, InstGS, and the difference between InstGS and the photo.
 
 use std::path::Path;
 
@@ -7,18 +7,18 @@ use instgs_console::CliError;
 use instgs_eval::Evaluated;
 use instgs_io::picture_png::write_png;
 
-/// Test views in the picture.
+/// Number of test views in the picture.
 const SHOWN: usize = 4;
-/// What differences are multiplied by, so that they can be seen.
+/// Factor that makes differences visible.
 pub(super) const DIFFERENCE_GAIN: f32 = 4.0;
 
-/// Test views side by side: a row a view.
+/// Test views side by side, one row per view.
 #[derive(Default)]
 pub(super) struct Grid {
     rows: Vec<GridRow>,
 }
 
-/// A view: photo, 3DGS, InstGS.
+/// One view: photo, 3DGS, InstGS.
 struct GridRow {
     name: String,
     size: (u32, u32),
@@ -27,7 +27,7 @@ struct GridRow {
 }
 
 impl Grid {
-    /// Takes the renderings of the two scenes that are shown.
+    /// Adds a rendering if `scene` is one of the two that are shown.
     pub(super) fn add(&mut self, scene: &str, view: &Evaluated<'_>) {
         if ![names::SAME_TIME, names::OURS].contains(&scene) {
             return;
@@ -42,7 +42,7 @@ impl Grid {
         }
     }
 
-    /// Writes the picture: columns photo, 3DGS, InstGS, and how InstGS differs from the photo.
+    /// Writes the picture: columns photo, 3DGS, InstGS, and the difference between InstGS and the photo.
     pub(super) fn write(&self, path: &Path) -> Result<(), CliError> {
         let Some(&GridRow { size: (width, height), .. }) = self.rows.first() else { return Ok(()) };
         let columns = 4;
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
     use instgs_eval::{Metrics, PicturePair};
 
-    /// Two views of 2x1 pixels: four columns, a row each; a view that only one scene has is left out.
+    /// Two views of 2x1 pixels: four columns, one row each; a view with a rendering of only one scene is left out.
     #[test]
     fn pictures_stand_side_by_side() -> Result<(), Box<dyn std::error::Error>> {
         let folder = tempfile::tempdir()?;

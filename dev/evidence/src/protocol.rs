@@ -1,5 +1,5 @@
 //! Measures quality, size and speed of an instanced scene, and of plain clouds with the same training time or the same
-//! number of bytes (`docs/design.md`). The command line trains them.
+//! number of bytes. The protocol is in `docs/design.md`; `comparison` trains the scenes.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! `instgs-vk synth`: data sets whose truth is known.
+//! `instgs-vk synth`: generates data sets with known truth.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -10,41 +10,43 @@ use instgs_console::Printer;
 use instgs_console::args::parse_size;
 use instgs_synth::dataset::{self, ObjectCount, Options, PoseNoise, RECIPES, Truth};
 
-/// Makes photos of a procedural scene with repeated objects, and everything that is known about it.
+/// Renders photos of a procedural scene with repeated objects, with their masks, depths, poses and cameras.
 ///
 /// Writes images, masks with categories, depth (view-space z), cameras with a split (every eighth view is for test),
 /// points3d.ply and groups.json with the exact poses to DIR. The same options give the same bytes.
 #[derive(Args)]
 #[command(after_help = after_help())]
 pub(super) struct SynthArgs {
-    /// Scene, see below
+    /// Name of the scene, see below
     name: String,
-    /// Folder for the data set; made if it is not there
+    /// Folder for the data set; created if necessary
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Number of views
+    /// Number of views to render
     #[arg(long, value_name = "N", default_value_t = 48, value_parser = clap::value_parser!(u32).range(2..=i64::from(dataset::MAX_VIEWS)))]
     views: u32,
-    /// Picture size
+    /// Size of the pictures, pixels
     #[arg(long, value_name = "WxH", default_value = "320x180", value_parser = parse_size)]
     size: (u32, u32),
-    /// Seed of everything that is drawn
+    /// Seed of all random choices
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
     /// Number of objects [default: see below]
     #[arg(long, value_name = "K")]
     instances: Option<u32>,
-    /// How much of what objects of a kind differ by is shown: 0 = all look as the first of them, 1 = all of it
+    /// Fraction of the differences between objects of a kind that is shown: 0 = all look like the first, 1 = full
+    /// differences
     #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
     differences: f64,
-    /// Cameras on a line to the scene's middle, from FAR to NEAR metres, instead of around it; all views are still split
+    /// Cameras on a line towards the scene's centre, from FAR to NEAR metres, instead of around it; views are split as
+    /// usual
     #[arg(long, value_name = "FAR:NEAR", value_parser = parse_flight)]
     flight: Option<(f64, f64)>,
-    /// Also writes groups_noisy.json: every pose turned by DEGREES and shifted by PART of the object's size; scales that
-    /// differ change by half of PART
+    /// Also writes groups_noisy.json: every pose rotated by DEGREES and shifted by PART of the object's size; scales
+    /// that differ change by half of PART
     #[arg(long, value_name = "DEGREES:PART", value_parser = parse_pose_noise)]
     pose_noise: Option<PoseNoise>,
-    /// Report as JSON
+    /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
 }

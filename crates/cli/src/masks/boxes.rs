@@ -1,4 +1,4 @@
-//! `masks --boxes`: masks from boxes around objects and a trained plain cloud.
+//! `masks --boxes`: makes masks from boxes around objects and a trained plain cloud.
 
 use std::path::{Path, PathBuf};
 
@@ -16,22 +16,22 @@ use instgs_objects::segment::boxes::{BoxOptions, BoxReport};
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::InstancedScene;
 
-/// How boxes are looked into.
+/// Flags of `masks --boxes` and its scene.
 #[derive(Args)]
 #[command(next_help_heading = "With --boxes")]
 pub(super) struct BoxArgs {
     /// The trained scene: .ply, .spz, .splat or .instgs
     #[arg(long, value_name = "PLY", requires = "boxes")]
     scene: Option<PathBuf>,
-    /// Leave in what objects stand on, where a box reaches into it
+    /// Keep the ground or support that an object stands on, where a box contains some of it
     #[arg(long, requires = "boxes")]
     keep_support: bool,
-    /// Look into boxes in photos at this width, as the scene was trained [default: the photos' own]
+    /// Width at which boxes in photos are rendered, that of the scene's training [default: the photos' own]
     #[arg(long, value_name = "W", requires = "boxes")]
     width: Option<u32>,
 }
 
-/// Writes the masks of all views into the folder.
+/// Writes the masks of all views into the folder `out`.
 pub(super) fn make(
     views: &[View],
     boxes: &Path,

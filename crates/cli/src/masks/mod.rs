@@ -1,4 +1,4 @@
-//! `instgs-vk masks`: masks of repeated objects, made from words or boxes, and a page to look them over.
+//! `instgs-vk masks`: makes masks of repeated objects from words or boxes, and a page to review them.
 
 mod boxes;
 mod prompt;
@@ -16,7 +16,7 @@ use instgs_console::device::DeviceArgs;
 use instgs_io::{IoError, MaskFolder, RunFolder, View, read_views};
 use instgs_report::stage_pictures::review;
 
-/// Makes masks of a dataset's photos, or looks over those there are.
+/// Makes masks of a data set's photos, or a page to review existing masks.
 ///
 /// DIR gets a page, review.html, that shows every view with its masks: look at it before training.
 #[derive(Args)]
@@ -25,7 +25,7 @@ use instgs_report::stage_pictures::review;
     instgs-vk masks --data park --boxes boxes.json --scene runs/park/point_cloud.ply --out park_masks\n  \
     instgs-vk masks --data cars --masks cars/masks --out cars_review")]
 pub(super) struct MasksArgs {
-    /// Dataset folder
+    /// Dataset folder with the photos
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
     #[command(flatten)]
@@ -34,7 +34,7 @@ pub(super) struct MasksArgs {
     prompt: PromptArgs,
     #[command(flatten)]
     boxes: BoxArgs,
-    /// Folder for the masks and the page; made if it is not there
+    /// Folder for the masks and the page; created if necessary
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
     /// Report as JSON on stdout
@@ -42,27 +42,27 @@ pub(super) struct MasksArgs {
     pub(super) json: bool,
 }
 
-/// Where masks come from.
+/// The source of the masks; exactly one flag is given.
 #[derive(Args)]
 #[group(required = true, multiple = false)]
 struct SourceArgs {
-    /// Find what this text names, for instance "car. office chair."; needs --models
+    /// What to detect in the photos, for instance "car. office chair."; needs --models
     #[arg(long, value_name = "TEXT")]
     prompt: Option<String>,
     /// Boxes around objects, in the world or in photos (boxes.json); needs --scene
     #[arg(long, value_name = "JSON")]
     boxes: Option<PathBuf>,
-    /// Masks that are there already: only the page is made
+    /// Folder of existing masks: only the page is made
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
 }
 
-/// What is said of masks that were there already.
+/// The report on existing masks, printed with `--json`.
 #[derive(serde::Serialize)]
 struct PageReport {
-    /// Views of the dataset.
+    /// Number of views of the data set.
     views: usize,
-    /// The page that shows them.
+    /// Path of the page that shows them.
     page: PathBuf,
 }
 
@@ -96,7 +96,7 @@ pub(super) fn run(args: &MasksArgs, device_args: &DeviceArgs, printer: &Printer)
     Ok(())
 }
 
-/// Refuses a folder that has masks: ids of two sets of masks mean different things.
+/// Refuses a folder that has masks: the ids of two sets of masks would be mixed up.
 fn check_folder(out: &Path) -> Result<(), CliError> {
     let has_masks = out.is_dir() && MaskFolder::open(out).is_ok();
     match has_masks {

@@ -1,4 +1,4 @@
-//! `masks --prompt`: masks of what a text names.
+//! `masks --prompt`: makes masks of the objects that a text names.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -13,26 +13,27 @@ use instgs_detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider
 use instgs_io::View;
 use instgs_objects::pipeline::PipelineError;
 
-/// How things are found by name.
+/// Flags of `masks --prompt` for detection.
 #[derive(Args)]
 #[command(next_help_heading = "With --prompt")]
 pub(super) struct PromptArgs {
-    /// Folder of the models: models.json and what it names; tools/models/README.md says how to make it
+    /// Folder of the models: models.json and the files it names; see tools/models/README.md
     #[arg(long, value_name = "DIR", requires = "prompt")]
     models: Option<PathBuf>,
-    /// A box counts if its best token scores more [default: 0.25]
+    /// A box counts if the score of its best token is above this [default: 0.25]
     #[arg(long, value_name = "P", requires = "prompt")]
     box_threshold: Option<f64>,
-    /// A box is of a phrase if one of the phrase's tokens scores more [default: 0.25]
+    /// A box belongs to a phrase if the score of one of the phrase's tokens is above this [default: 0.25]
     #[arg(long, value_name = "P", requires = "prompt")]
     text_threshold: Option<f64>,
-    /// Of two boxes of one phrase, or two masks, that overlap by more than this the lower score is dropped [default: 0.8]
+    /// If two boxes of one phrase, or two masks, overlap by more than this fraction, the one with the lower score is
+    /// dropped [default: 0.8]
     #[arg(long, value_name = "IOU", requires = "prompt")]
     overlap: Option<f64>,
-    /// ONNX Runtime's library [default: ORT_DYLIB_PATH, what tools/setup_onnxruntime made, or the system's]
+    /// ONNX Runtime's library [default: ORT_DYLIB_PATH, the one made by tools/setup_onnxruntime, or the system's]
     #[arg(long, value_name = "FILE", requires = "prompt")]
     runtime: Option<PathBuf>,
-    /// What the models run on: cpu, or, with a library that has it, cuda, tensorrt, rocm, coreml, directml [default: cpu]
+    /// Device of the models: cpu, or, if the library supports it, cuda, tensorrt, rocm, coreml, directml [default: cpu]
     #[arg(long, value_name = "NAME", requires = "prompt")]
     provider: Option<Provider>,
 }
@@ -51,7 +52,7 @@ impl PromptArgs {
     }
 }
 
-/// What is printed with `--json`.
+/// The report printed with `--json`.
 #[derive(serde::Serialize)]
 pub(super) struct Report {
     prompt: String,
@@ -60,7 +61,7 @@ pub(super) struct Report {
     seconds: f64,
 }
 
-/// Writes the masks of all views into the folder.
+/// Writes the masks of all views into the folder `out`.
 pub(super) fn make(
     views: &[View],
     prompt: &str,

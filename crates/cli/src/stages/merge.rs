@@ -1,4 +1,4 @@
-//! `instgs-vk merge`: one template per group, and each object the differences to it.
+//! `instgs-vk merge`: makes one template per group, and the offsets of its objects.
 
 use std::path::{Path, PathBuf};
 
@@ -17,8 +17,8 @@ use instgs_train::facts::Counts;
 
 /// Merges the objects of each group of a segmented scene into a template, instances with offsets, and a background.
 ///
-/// The result is the scene that the joint phase of train --method instgs starts from; it is not trained yet. What is in no
-/// group is background. How templates are drawn are the sections template and offsets of the configuration.
+/// The result is the scene that the joint phase of train --method instgs starts from; it is not trained yet. Objects in
+/// no group stay in the background. The sections template and offsets of the configuration control the merge.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk merge --segments cars_segments --groups cars_groups.json --out cars.instgs\n  \
@@ -26,7 +26,7 @@ use instgs_train::facts::Counts;
 pub(crate) struct MergeArgs {
     #[command(flatten)]
     segments: SegmentsArgs,
-    /// Which objects are alike, and where they stand
+    /// File of the groups of alike objects with their poses
     #[arg(long, value_name = "groups.json")]
     groups: PathBuf,
     /// Scene to write, .instgs
@@ -37,14 +37,14 @@ pub(crate) struct MergeArgs {
     pub(crate) json: bool,
 }
 
-/// What is printed with `--json`.
+/// The report printed with `--json`.
 #[derive(serde::Serialize)]
 struct Report<'a> {
     segments: &'a Path,
     out: &'a Path,
     instances: usize,
     gaussians: Counts,
-    /// Left out because the pictures hardly show them.
+    /// Number of Gaussians left out because they hardly contribute to any view.
     hardly_seen: u64,
     groups: &'a [GroupReport],
     warnings: Vec<String>,

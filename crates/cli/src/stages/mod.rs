@@ -1,5 +1,5 @@
-//! The stages between the two phases of `train --method instgs` as commands: `segment`, `register`, `merge`. The folder of
-//! segments that leads from one to the next is laid out as a run folder.
+//! The stages between the two phases of `train --method instgs` as commands: `segment`, `register`, `merge`. They pass
+//! their results in a folder that has the layout of a run folder.
 
 pub(super) mod merge;
 pub(super) mod register;
@@ -16,18 +16,18 @@ use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_objects::pipeline::label_gaussians::{read_cloud, require_segments};
 use instgs_vk::scene::InstancedScene;
 
-/// Where the earlier stage left its files.
+/// The folder of the earlier stages, and changes to its configuration.
 #[derive(Args)]
 struct SegmentsArgs {
-    /// Folder that segment made, or a run folder of train --method instgs
+    /// Folder written by segment, or a run folder of train --method instgs
     #[arg(long, value_name = "DIR")]
     segments: PathBuf,
-    /// One value of the configuration, over the folder's own; may be repeated
+    /// One value of the configuration, replacing that of the folder; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
 }
 
-/// What is in the folder.
+/// Contents of the folder.
 struct Segments {
     config: RunConfig,
     cloud: InstancedScene,
@@ -35,7 +35,7 @@ struct Segments {
 }
 
 impl SegmentsArgs {
-    /// The folder's configuration with `--set` above it; flags are the caller's to add.
+    /// The folder's configuration with `--set` applied; the caller adds its own flags.
     fn config(&self) -> Result<ConfigBuilder, CliError> {
         let folder = RunFolder::new(&self.segments);
         require_segments(&folder)?;
@@ -44,7 +44,7 @@ impl SegmentsArgs {
         with_sets(builder, &self.set)
     }
 
-    /// Reads everything.
+    /// Reads all files of the folder.
     fn open(&self, config: RunConfig) -> Result<Segments, CliError> {
         let folder = RunFolder::new(&self.segments);
         let cloud = read_cloud(&folder)?;
@@ -53,12 +53,12 @@ impl SegmentsArgs {
     }
 }
 
-/// `--set`, in the order given.
+/// Applies the values of `--set` in the order given.
 fn with_sets(builder: ConfigBuilder, sets: &[String]) -> Result<ConfigBuilder, CliError> {
     Ok(sets.iter().try_fold(builder, |builder, assignment| builder.set(assignment))?)
 }
 
-/// Makes the folder of a file that is to be written, before the work that fills it.
+/// Creates the folder of a file before the work whose result it will hold.
 fn create_folder_of(file: &Path) -> Result<(), CliError> {
     match file.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => instgs_console::args::create_folder(folder),

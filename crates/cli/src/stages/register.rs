@@ -1,4 +1,4 @@
-//! `instgs-vk register`: which objects of a segmented scene are alike, and where each stands.
+//! `instgs-vk register`: finds which objects of a labelled scene are alike, and the pose of each.
 
 use std::path::{Path, PathBuf};
 
@@ -14,11 +14,11 @@ use instgs_objects::pipeline::register_objects::warnings;
 use instgs_objects::pipeline::{Message, register_objects};
 use instgs_objects::register::InstanceRegistration;
 
-/// Finds which objects are alike, and the pose of each, and writes them as groups.json.
+/// Finds groups of objects that are alike, and the pose of each object, and writes them as groups.json.
 ///
-/// Objects of one category are tried as one group, those without with all others that have none. The one that was seen
-/// best is the reference. An object that is like no other is rejected: it stays in the background. One whose pose is
-/// ambiguous is in its group, but should be looked at.
+/// Objects of one category are tried as one group; objects without a category form another. The object that was seen
+/// best is the reference. An object that matches no other is rejected: it stays in the background. An object whose pose
+/// is ambiguous is in its group, but should be checked.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk register --segments cars_segments --out cars_groups.json\n  \
@@ -26,10 +26,10 @@ use instgs_objects::register::InstanceRegistration;
 pub(crate) struct RegisterArgs {
     #[command(flatten)]
     segments: SegmentsArgs,
-    /// File to write
+    /// File to write, groups.json
     #[arg(long, value_name = "groups.json")]
     out: PathBuf,
-    /// Objects of a group may differ in size (joint.refine_scales)
+    /// Objects of a group may differ in size (sets joint.refine_scales)
     #[arg(long)]
     similarity: bool,
     /// Report as JSON on stdout
@@ -37,7 +37,7 @@ pub(crate) struct RegisterArgs {
     pub(crate) json: bool,
 }
 
-/// What is printed with `--json`.
+/// The report printed with `--json`.
 #[derive(serde::Serialize)]
 struct Report<'a> {
     segments: &'a Path,
@@ -85,7 +85,7 @@ pub(crate) fn run(args: &RegisterArgs, device_args: &DeviceArgs, printer: &Print
     Ok(())
 }
 
-/// One row an object.
+/// One row for each object.
 fn table(objects: &[InstanceRegistration]) -> Table {
     let mut table = Table::default();
     let head = ["group", "instance", "name", "verdict", "inliers", "RMSE", "photometric"].map(String::from);
@@ -101,7 +101,7 @@ fn table(objects: &[InstanceRegistration]) -> Table {
             object.photometric.map_or("-".into(), |error| format!("{error:.4}")),
         ]
     };
-    // Words to the left, where the table puts numbers to the right.
+    // Left-aligned text, in a column that the table would align to the right.
     let width = objects.iter().map(|object| object.note.chars().count()).max().unwrap_or(0);
     let mut with_note = |[a, b, c, d, e, f, g]: [String; 7], note: &str| {
         table.row([a, b, c, d, e, f, g, format!("{note:<width$}")]);

@@ -1,4 +1,4 @@
-//! `instgs-vk segment`: which Gaussians of a trained plain cloud belong to which object.
+//! `instgs-vk segment`: finds the object of each Gaussian of a trained plain cloud.
 
 use std::path::{Path, PathBuf};
 
@@ -23,10 +23,9 @@ use instgs_train::given::given_plain_cloud;
 /// Finds the objects of a trained plain cloud in the masks of its training views.
 ///
 /// Masks are one PNG of ids per image, 8 or 16 bits of grey, 0 = no object; ids need not be the same from view to view.
-/// DIR gets the scene as point_cloud.ply, cameras.json, consensus.json (which object each mask shows), labels.safetensors
-/// (the object of each Gaussian) and config.toml: all that register and merge need; and review.html, every view with its
-/// masks and the objects that they show. train --method instgs does the same
-/// between its two phases.
+/// DIR gets the scene as point_cloud.ply, cameras.json, consensus.json (the object that each mask shows),
+/// labels.safetensors (the object of each Gaussian) and config.toml, which register and merge read, and review.html,
+/// which shows every view with its masks and objects. train --method instgs does the same between its two phases.
 #[derive(Args)]
 #[command(after_help = "Example, all three stages:\n  \
     instgs-vk segment --scene runs/cars/point_cloud.ply --data cars --out cars_segments\n  \
@@ -42,17 +41,17 @@ pub(crate) struct SegmentArgs {
     /// Folder with a PNG of object ids per image [default: DATA/masks]
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
-    /// Folder for the segments; made if it is not there
+    /// Folder for the results; created if necessary
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// A preset or a TOML file, as for train; of its keys count width, near, antialias, background, sh_degree, seed, and
-    /// the sections segment, template, offsets and joint
+    /// A preset or a TOML file, as for train; the keys width, near, antialias, background, sh_degree, seed and the
+    /// sections segment, template, offsets and joint are used
     #[arg(long, value_name = "F")]
     config: Option<String>,
     /// One value of the configuration; may be repeated
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
-    /// Look at the views at this width, as the scene was trained
+    /// Width at which the views are rendered, that of the scene's training
     #[arg(long, value_name = "W")]
     width: Option<u32>,
     /// Report as JSON on stdout
@@ -60,7 +59,7 @@ pub(crate) struct SegmentArgs {
     pub(crate) json: bool,
 }
 
-/// What is printed with `--json`.
+/// The report printed with `--json`.
 #[derive(serde::Serialize)]
 struct Report<'a> {
     scene: &'a Path,
@@ -132,7 +131,7 @@ impl SegmentArgs {
     }
 }
 
-/// Refuses a folder whose files would be replaced by those of another scene.
+/// Refuses a folder whose files would be mixed with those of another scene.
 fn check_folder(out: &Path) -> Result<(), CliError> {
     match RunFolder::new(out).trace_of_segments() {
         Some(found) => {

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use safetensors::tensor::{Dtype, SafeTensors};
 
 use crate::lpips::layers::{Convolution, Window};
-use crate::lpips::network::{Layer, Net, Block, Step};
+use crate::lpips::network::{Block, Layer, Net, Step};
 use instgs_io::{IoError, Place};
 
 const POINT: Window = Window { size: 1, stride: 1, padding: 0, ceil: false };

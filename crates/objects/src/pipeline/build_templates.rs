@@ -1,4 +1,5 @@
-//! Templates, instances with offsets, and a background, from a segmented cloud and posed groups.
+//! Merges the objects of a labelled cloud and its posed groups into templates, instances with offsets, and a
+//! background.
 
 use super::config::RunConfig;
 use crate::template::{GroupReport, POOR_MATCH, build};
@@ -11,14 +12,14 @@ use super::label_gaussians::CloudLabels;
 pub struct MergedScene {
     /// Templates, instances and background; without instances if no group has an object.
     pub scene: InstancedScene,
-    /// What became of each group.
+    /// Result of the merge for each group.
     pub groups: Vec<GroupReport>,
-    /// Gaussians of the cloud that were left out because the pictures hardly show them.
+    /// Number of Gaussians of the cloud that were left out because they hardly contribute to any view.
     pub hardly_seen: u64,
 }
 
-/// Merges the objects of a segmented plain cloud. A group of which no object has Gaussians stays in the background, as does
-/// one that is hardly a group, unless the configuration has it given.
+/// Merges the objects of a labelled plain cloud. A group without Gaussians stays in the background; so does a group
+/// whose members hardly match, unless the configuration gives the groups.
 ///
 /// # Errors
 /// Groups that do not fit each other, or more Gaussians than can be counted.
@@ -39,7 +40,7 @@ pub fn build_templates(
     Ok(MergedScene { scene: built.scene, groups: built.report, hardly_seen })
 }
 
-/// What the user should know of the groups, one line each.
+/// Warnings about the groups, one line each.
 pub fn warnings(groups: &[GroupReport]) -> Vec<String> {
     let mut out: Vec<String> = nothing_shared(groups).into_iter().collect();
     for group in groups {
@@ -66,7 +67,7 @@ pub fn warnings(groups: &[GroupReport]) -> Vec<String> {
     out
 }
 
-/// One line if there is no template.
+/// A warning if there is no template.
 fn nothing_shared(groups: &[GroupReport]) -> Option<String> {
     let why = if groups.is_empty() {
         "no two objects are alike"

@@ -1,4 +1,4 @@
-//! Why the pipeline from photos to an instanced scene ended early.
+//! The error of a pipeline run that ended early.
 
 use std::path::PathBuf;
 
@@ -12,27 +12,27 @@ use instgs_train::TrainError;
 use instgs_train::config::ConfigError;
 use instgs_vk::render::RenderError;
 
-/// One line for the user each.
+/// Each error is one line for the user.
 #[derive(Debug, thiserror::Error)]
 pub enum PipelineError {
-    /// A file that is missing, damaged, or cannot be written.
+    /// A file is missing, damaged, or cannot be written.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// Training of the plain cloud, or the joint phase.
+    /// Training of the plain cloud or the joint phase failed.
     #[error(transparent)]
     Train(#[from] TrainError),
-    /// A configuration that does not fit the run, or cannot be written down.
+    /// The configuration does not fit the run, or cannot be written down.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The figures of a given cloud.
+    /// The quality of a given cloud could not be measured.
     #[error(transparent)]
     Eval(#[from] EvalError),
-    /// Someone asked to stop; a checkpoint was written.
+    /// The run was asked to stop; a checkpoint was written.
     #[error("stopped after {steps} steps; continue with --data {} --out {} --resume", data.display(), out.display())]
     Interrupted {
-        /// Finished steps.
+        /// Number of finished steps.
         steps: u64,
-        /// Dataset folder.
+        /// Folder of the data set.
         data: PathBuf,
         /// Folder of the whole run.
         out: PathBuf,
@@ -40,16 +40,16 @@ pub enum PipelineError {
     /// Masks could not be made from words.
     #[error(transparent)]
     Detect(#[from] DetectError),
-    /// A scene that the device cannot render.
+    /// The device cannot render a scene.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// Which Gaussian belongs to which object.
+    /// Gaussians could not be labelled.
     #[error(transparent)]
     Segment(#[from] SegmentError),
-    /// Which objects are alike, and where they stand.
+    /// Objects could not be registered.
     #[error(transparent)]
     Register(#[from] RegisterError),
-    /// Templates from groups.
+    /// Templates could not be built from the groups.
     #[error(transparent)]
     Template(#[from] TemplateError),
 }

@@ -1,4 +1,4 @@
-//! What a run is asked for.
+//! The job of a pipeline run.
 
 use std::path::PathBuf;
 
@@ -7,26 +7,26 @@ use instgs_io::RunFolder;
 use instgs_train::TrainJob;
 use instgs_train::config::ConfigError;
 
-/// From which photos and masks a scene is made, how, and where the files go.
+/// Photos and masks to make a scene from, the configuration, and the folder of the results.
 #[derive(Clone, Debug)]
 pub struct PipelineJob {
-    /// Dataset folder.
+    /// Folder of the data set.
     pub data: PathBuf,
-    /// Run folder.
+    /// Run folder to write.
     pub out: PathBuf,
-    /// What to do in every stage.
+    /// Configuration of all stages.
     pub config: RunConfig,
-    /// Go on from what the run folder has.
+    /// Whether to continue from the files that the run folder has.
     pub resume: bool,
 }
 
 impl PipelineJob {
-    /// The files of the run.
+    /// The files of the run folder.
     pub fn folder(&self) -> RunFolder {
         RunFolder::new(&self.out)
     }
 
-    /// The training of the run: of a plain cloud, or, with templates and instances, the joint phase.
+    /// The training job of the run: of a plain cloud, or, with templates and instances, of the joint phase.
     ///
     /// # Errors
     /// A configuration that cannot be written down.
@@ -40,7 +40,7 @@ impl PipelineJob {
         })
     }
 
-    /// The first phase of a run with templates and instances, in a folder of its own.
+    /// The job of the first phase of a run with templates and instances, in a folder of its own.
     pub fn cloud_phase(&self) -> Self {
         let out = self.folder().plain_cloud_run().path().into();
         Self { out, config: self.config.cloud_phase(), ..self.clone() }

@@ -1,6 +1,6 @@
-//! Which Gaussian of a plain cloud belongs to which object: consensus of the views' masks, then labels. What is found
-//! stands in a folder: the cloud with the configuration, `cameras.json`, `consensus.json` and `labels.safetensors`. The
-//! stages that follow need no more than that.
+//! Labels the Gaussians of a plain cloud with their objects: consensus of the views' masks, then labels. The results
+//! are files in a folder: the cloud with the configuration, `cameras.json`, `consensus.json` and `labels.safetensors`.
+//! The later stages need nothing else.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -28,36 +28,36 @@ use super::stage_kinds::Stage;
 use instgs_train::eval_options;
 use instgs_train::facts::StageTime;
 
-/// The tensor of labels.
+/// Name of the tensor of labels.
 pub const LABEL_TENSOR: &str = "instance_of_gaussian";
-/// The tensor of what Gaussians add to the pictures.
+/// Name of the tensor of contributions to the training views.
 const WEIGHT_TENSOR: &str = "weight_px";
-/// The tensor of how many views show them.
+/// Name of the tensor of numbers of views.
 const VIEWS_TENSOR: &str = "views_seen";
 
-/// The objects of a cloud.
+/// The labels of a cloud, and what they were computed from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CloudLabels {
-    /// By Gaussian: object, 0 = none.
+    /// The object of each Gaussian, 0 = none.
     pub labels: Vec<u32>,
-    /// By Gaussian: sum of alpha T over all pixels of all training views.
+    /// For each Gaussian, its contribution: the sum of alpha times transmittance over all pixels of all training views.
     pub weights_px: Vec<f32>,
-    /// By Gaussian: training views in which it adds to a pixel.
+    /// For each Gaussian, the number of training views with a contribution.
     pub views_seen: Vec<u32>,
-    /// How objects were found.
+    /// Report of the consensus that found the objects.
     pub consensus: ConsensusReport,
-    /// The training views' cameras, at the width that is trained at.
+    /// The training views' cameras, at the size that is trained at.
     pub cameras: Vec<Camera>,
-    /// Wall time of the parts.
+    /// Wall time of each stage.
     pub stages: Vec<StageTime>,
 }
 
 impl CloudLabels {
-    /// By Gaussian, at `means`: true if its weight per view that shows it is at least this part of the mean of its kind, or
-    /// if its centre is in the frame of no view. Per view, because what only a few pictures show, at their borders, may be
-    /// all that there is in other pictures; and what no picture has in its frame nobody has looked at, while a camera
-    /// between the others may see it. A kind is an object's group, or the background: thin chairs beside walls and a floor
-    /// would lose what they consist of.
+    /// For each Gaussian, at `means`: true if its contribution per view that shows it is at least this fraction of the
+    /// mean of its kind, or if its centre is in the frame of no view. Contributions are taken per view, because a
+    /// Gaussian that only a few pictures show, at their borders, may be essential in other pictures. Gaussians outside
+    /// of all frames are kept, as a camera between the others may see them. A kind is an object's group, or the
+    /// background: compared with walls and a floor, thin chairs would lose their Gaussians.
     pub fn well_seen(&self, means: &[[f32; 3]], groups: &[PosedGroup], part_of_mean: f64) -> Vec<bool> {
         let per_view = |(&weight, &views): (&f32, &u32)| f64::from(weight) / f64::from(views.max(1));
         let weights: Vec<f64> = self.weights_px.iter().zip(&self.views_seen).map(per_view).collect();
@@ -73,20 +73,20 @@ impl CloudLabels {
         weights.iter().zip(means).zip(&kinds).map(is_kept).collect()
     }
 
-    /// By Gaussian: 0 for the background, 1 + g for objects of group g.
+    /// The kind of each Gaussian: 0 for the background, 1 + g for objects of group g.
     fn kinds(&self, groups: &[PosedGroup]) -> Vec<usize> {
         let ids = groups.iter().enumerate().flat_map(|(g, group)| group.instances.iter().map(move |i| (i.id, 1 + g)));
         let kind_of_id: BTreeMap<u32, usize> = ids.collect();
         self.labels.iter().map(|id| kind_of_id.get(id).copied().unwrap_or_default()).collect()
     }
 
-    /// True if a point of the world is in the frame of a view, hidden or not.
+    /// True if a point of the world is in the frame of a view, whether hidden or not.
     fn is_framed(&self, point_world: [f32; 3]) -> bool {
         let point = Vec3::from(point_world).as_dvec3();
         self.cameras.iter().any(|camera| camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at)))
     }
 
-    /// Reads what [`label_gaussians`] left in a folder for a cloud of `gaussians` Gaussians.
+    /// Reads the files of [`label_gaussians`] in a folder, for a cloud of `gaussians` Gaussians.
     ///
     /// # Errors
     /// A file that is missing, damaged, or of another cloud.
@@ -117,7 +117,7 @@ impl CloudLabels {
     }
 }
 
-/// The cloud that a folder's labels are for.
+/// Reads the cloud that a folder's labels belong to.
 ///
 /// # Errors
 /// A file that is missing or damaged.
@@ -125,7 +125,7 @@ pub fn read_cloud(folder: &RunFolder) -> Result<InstancedScene, IoError> {
     Ok(load_scene(&folder.point_cloud())?.scene)
 }
 
-/// Checks that a folder holds the files that [`label_gaussians`] leaves there.
+/// Checks that a folder has the files of [`label_gaussians`].
 ///
 /// # Errors
 /// One of these files is missing.
@@ -137,16 +137,16 @@ pub fn require_segments(folder: &RunFolder) -> Result<(), IoError> {
     Err(error.advise("make one with instgs-vk segment --out, or name a run of --method instgs"))
 }
 
-/// True if a folder has all that [`CloudLabels::read`] reads.
+/// True if a folder has all files that [`CloudLabels::read`] reads.
 pub(super) fn is_segmented(folder: &RunFolder) -> bool {
     [folder.cameras(), folder.consensus(), folder.labels()].iter().all(|path| path.is_file())
 }
 
 /// Finds the objects of `cloud`, or, if the job resumes, reads them from the files of an earlier run if they fit.
-/// `observer` is told of the stages and of views done, three sweeps counted.
+/// `observer` receives the stages and the number of views done, counted over three sweeps.
 ///
 /// # Errors
-/// Masks that are missing or damaged, or a cloud beyond the device.
+/// Masks that are missing or damaged, or a cloud too large for the device.
 pub fn label_gaussians(
     gpu: &Arc<Gpu>,
     job: &PipelineJob,
@@ -193,7 +193,7 @@ pub fn label_gaussians(
     Ok(out)
 }
 
-/// The training views, and their cameras at the width that is trained at.
+/// Reads the training views, and their cameras at the size that is trained at.
 ///
 /// # Errors
 /// A data set that is missing or damaged.
@@ -224,8 +224,8 @@ mod tests {
     use instgs_vk::math::similarity::Similarity;
     use instgs_vk::scene::PosedInstance;
 
-    /// The first two add as much to all pictures, the first in one of them, the second in 40 and hardly in any. By sums the
-    /// two would share their fate.
+    /// The first two Gaussians contribute equally to all pictures together, the first in one of them, the second in 40
+    /// and hardly in any. By sums over pictures the two could not be distinguished.
     #[test]
     fn what_one_picture_shows_well_stays_and_what_many_hardly_show_goes() {
         let segmented = CloudLabels {
@@ -236,14 +236,14 @@ mod tests {
             ..CloudLabels::default()
         };
         let well_seen = |part| segmented.well_seen(&[[0.0; 3]; 4], &[], part);
-        // Per view 3, 0.075, 5, 0: the mean is 2.02.
+        // Contributions per view 3, 0.075, 5, 0: the mean is 2.02.
         assert_eq!(well_seen(0.1), [true, false, true, false]);
         assert_eq!(well_seen(0.03), [true, true, true, false]);
         assert_eq!(well_seen(0.0), [true; 4]);
         assert!(CloudLabels::default().well_seen(&[], &[], 0.1).is_empty());
     }
 
-    /// The cameras look at the origin from 9 units aside and 4 above: far above them is in no frame.
+    /// The cameras look at the origin from 9 units aside and 4 above: a point far above them is in no frame.
     #[test]
     fn what_no_picture_has_in_its_frame_stays() {
         let segmented = CloudLabels {
@@ -257,7 +257,7 @@ mod tests {
         assert_eq!(segmented.well_seen(&means, &[], 0.1), [true, false, true]);
     }
 
-    /// Two of three Gaussians of objects are seen as well as any of theirs, and far less than the background.
+    /// Two of three Gaussians of objects contribute as much as any of their objects', and far less than the background.
     #[test]
     fn objects_are_judged_among_themselves() {
         let segmented = CloudLabels {
@@ -274,7 +274,7 @@ mod tests {
             instances: [7, 8].map(|id| PosedInstance { id, world_from_template: Similarity::IDENTITY }).into(),
         };
         let means = [[0.0; 3]; 5];
-        // The mean of all is 22.6; of the background alone 54.5, of the objects 1.37.
+        // The mean of all is 22.6, of the background alone 54.5, of the objects 1.37.
         assert_eq!(segmented.well_seen(&means, &[], 0.2), [true, true, false, false, false]);
         assert_eq!(segmented.well_seen(&means, std::slice::from_ref(&group), 0.2), [true, false, true, true, false]);
     }

@@ -1,4 +1,4 @@
-//! Masks that a run makes for itself: from words before the plain cloud is trained, from boxes after it.
+//! Masks that a run makes itself: from words before the plain cloud is trained, from boxes after it.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -20,16 +20,17 @@ use instgs_train::facts::StageTime;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::{Boxes, InstancedScene};
 
-/// Finds what the job's prompt names in the photos of its training views, and leaves masks in the run folder; `observer` is
-/// told of each view and of all together. How long it took; `None` if the masks come from elsewhere, or are there and the job
-/// resumes.
+/// Detects what the job's prompt names in the photos of its training views, and writes masks to the run folder;
+/// `observer` receives each view and a summary. Returns the wall time; `None` if the masks come from elsewhere, or
+/// exist and the job resumes.
 ///
 /// # Errors
+/// Models or the runtime library that are missing; a photo that cannot be read; no detection in any photo.
 /// Models or the runtime library that are missing; a photo that cannot be read; nothing found at all.
 pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Option<StageTime>, PipelineError> {
     let MaskSource::Prompt { prompt, models } = MaskSource::of(job)? else { return Ok(None) };
     let out = made_masks(job);
-    // Written last.
+    // The last file of the stage.
     if job.resume && out.join(instgs_detect::BOXES).is_file() {
         return Ok(None);
     }
@@ -49,19 +50,19 @@ pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Resu
     Ok(Some(clock.end(observer)?))
 }
 
-/// What boxes gave, and how long it took.
+/// Result of the masks from boxes.
 pub(super) struct FoundByBoxes {
-    /// What became of the boxes, one line each for the user.
+    /// Remarks on the boxes, one line each for the user.
     pub(super) notes: Vec<String>,
-    /// Wall time.
+    /// Wall time of the stage.
     pub(super) stage: StageTime,
 }
 
-/// Makes the masks of a job with boxes from its plain cloud. `None` if the masks come from elsewhere, or are there and the
+/// Makes the masks of a job with boxes from its plain cloud. `None` if the masks come from elsewhere, or exist and the
 /// job resumes.
 ///
 /// # Errors
-/// As [`training_boxes`] and [`write_masks_from_boxes`].
+/// The same errors as [`training_boxes`] and [`write_masks_from_boxes`].
 pub(super) fn masks_from_boxes(
     gpu: &Arc<Gpu>,
     job: &PipelineJob,
@@ -86,8 +87,8 @@ pub(super) fn masks_from_boxes(
     Ok(Some(FoundByBoxes { notes: report.notes, stage: clock.end(observer)? }))
 }
 
-/// The boxes of a file that a job's masks are made from. Those in photos of test views are left out: training may not know
-/// what these show.
+/// Reads the boxes that a job's masks are made from. Boxes in photos of test views are left out: training must not know
+/// their contents.
 ///
 /// # Errors
 /// A file that is missing or damaged; no box in the world or in a training view.
@@ -101,18 +102,18 @@ pub(super) fn training_boxes(job: &PipelineJob, path: &Path) -> Result<Boxes, Io
     Ok(without_test_views(boxes, &dataset))
 }
 
-/// Photos that the data set does not have stay, to be warned of.
+/// Boxes in photos that are not in the data set stay: a warning about them follows.
 fn without_test_views(mut boxes: Boxes, dataset: &Dataset) -> Boxes {
     let test_views: BTreeSet<&str> = dataset.split(Split::Test).map(|view| view.camera.name.as_str()).collect();
     boxes.views.retain(|name, _| !test_views.contains(name.as_str()));
     boxes
 }
 
-/// Makes masks of all `views` from boxes and a plain cloud, and writes them with their `categories.json`, which comes last,
-/// into the folder `out`. `observer` is told of views done and in all.
+/// Makes masks of all `views` from boxes and a plain cloud, and writes them with their `categories.json`, which comes
+/// last, into the folder `out`. `observer` receives the numbers of views done and in all.
 ///
 /// # Errors
-/// Boxes of nothing that is in the views, a cloud beyond the device, a file that cannot be written.
+/// Boxes of which none is in a view, a cloud too large for the device, or a file that cannot be written.
 pub fn write_masks_from_boxes(
     gpu: &Arc<Gpu>,
     cloud: &InstancedScene,
@@ -150,7 +151,7 @@ mod tests {
         View { camera, image_path: PathBuf::new(), split, distortion: None, mask_path: None }
     }
 
-    /// Photos of test views are known and not used.
+    /// Boxes in photos of test views are recognised and not used.
     #[test]
     fn boxes_of_test_views_are_left_out() {
         let dataset = Dataset { views: vec![view("a", Split::Test), view("b", Split::Train)] };

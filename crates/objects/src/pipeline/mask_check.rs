@@ -1,4 +1,4 @@
-//! Whether masks and groups can be used, looked at before anything is trained: that takes seconds, training hours.
+//! Checks whether masks and groups can be used before anything is trained: this takes seconds, training hours.
 
 use rayon::prelude::*;
 
@@ -9,14 +9,14 @@ use super::label_gaussians::{is_segmented, training_views};
 use super::make_masks::training_boxes;
 use super::mask_source::MaskSource;
 
-/// Views that a line names; of more it gives the number.
+/// Upper bound of the view names in a line; of more views it gives the number.
 const NAMED_VIEWS: usize = 3;
 
-/// Reads every mask of a training view, and the groups if the configuration names some; what the user should know comes
-/// back, one line each. Nothing is read if the job goes on from objects that were found already.
+/// Reads every mask of a training view, and the groups if the configuration names a file; returns warnings for the
+/// user, one line each. Nothing is read if the job resumes with objects that were found already.
 ///
 /// # Errors
-/// No masks; a mask that is damaged, has other than 8 or 16 bits of grey, or another size than its image; masks of which
+/// No masks; a mask that is damaged, is not grey with 8 or 16 bits, or has another size than its image; masks of which
 /// none has an object; boxes of which none can be used; categories or groups that are damaged.
 pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
     if let Some(path) = &job.config.pipeline.groups {
@@ -27,7 +27,7 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
     }
     let source = MaskSource::of(job)?;
     if let MaskSource::Boxes(path) = &source {
-        // Masks follow when there is a cloud.
+        // Boxes become masks only once there is a cloud.
         return training_boxes(job, path).map(|_| Vec::new());
     }
     let folder = source.folder(job);
@@ -36,7 +36,7 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
     let has_object = |view: &View| -> Result<bool, IoError> {
         Ok(masks.of_view(view)?.is_some_and(|mask| mask.ids.iter().any(|&id| id != 0)))
     };
-    // Collected, so that of several errors it is always that of the first view.
+    // Collected first, so that of several errors the first view's is always returned.
     let found: Vec<Result<bool, IoError>> = views.par_iter().map(has_object).collect();
     let with_object = found.into_iter().collect::<Result<Vec<bool>, IoError>>()?;
     if !with_object.contains(&true) {
@@ -57,7 +57,7 @@ pub(super) fn views_without_mask(masks: &MaskFolder, views: &[View]) -> Result<V
     Ok(out)
 }
 
-/// One line for the user if views have no mask.
+/// A warning if there are views without a mask.
 pub(super) fn without_mask_line(names: &[String], views: usize) -> Option<String> {
     let shown = names[..names.len().min(NAMED_VIEWS)].join(", ");
     let more = if names.len() > NAMED_VIEWS { ", ..." } else { "" };

@@ -1,20 +1,20 @@
-//! Where a run's masks come from: a folder, boxes and the plain cloud, or words and models.
+//! The source of a run's masks: a folder, boxes and the plain cloud, or words and models.
 
 use std::path::PathBuf;
 
 use super::job::PipelineJob;
 use instgs_io::{IoError, MaskFolder};
 
-/// Where masks come from.
+/// The source of a run's masks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum MaskSource {
-    /// They are there.
+    /// A folder of masks that exists.
     Folder(PathBuf),
-    /// From this `boxes.json`, once the plain cloud is trained.
+    /// Boxes in this `boxes.json`, once the plain cloud is trained.
     Boxes(PathBuf),
-    /// From the photos, by the models in a folder, before anything is trained.
+    /// Detection in the photos, by the models in a folder, before anything is trained.
     Prompt {
-        /// What to look for.
+        /// What to detect, phrases that end in full stops.
         prompt: String,
         /// Folder of the models.
         models: PathBuf,
@@ -22,10 +22,11 @@ pub enum MaskSource {
 }
 
 impl MaskSource {
-    /// What the configuration says: at most one of masks, boxes and prompt; without any the data set's own masks.
+    /// The source that the configuration names: at most one of masks, boxes and prompt; without any, the data set's own
+    /// masks.
     ///
     /// # Errors
-    /// More than one of them, a prompt without models, or no masks at all.
+    /// More than one source, a prompt without models, or no masks at all.
     pub fn of(job: &PipelineJob) -> Result<Self, IoError> {
         let config = &job.config.pipeline;
         let fail = |what: String, advice: &str| Err(IoError::new(&job.data, what).advise(advice));
@@ -56,7 +57,7 @@ impl MaskSource {
         }
     }
 
-    /// The folder of the masks, which may still have to be made.
+    /// The folder of the masks, which may not exist yet.
     pub(super) fn folder(&self, job: &PipelineJob) -> PathBuf {
         match self {
             Self::Folder(folder) => folder.clone(),
@@ -65,7 +66,7 @@ impl MaskSource {
     }
 }
 
-/// The folder of masks that a run makes for itself.
+/// The folder of masks that a run makes itself.
 pub(super) fn made_masks(job: &PipelineJob) -> PathBuf {
     job.folder().masks()
 }
@@ -73,7 +74,7 @@ pub(super) fn made_masks(job: &PipelineJob) -> PathBuf {
 /// The folder of a job's masks.
 ///
 /// # Errors
-/// As [`MaskSource::of`].
+/// The same errors as [`MaskSource::of`].
 pub fn mask_folder(job: &PipelineJob) -> Result<PathBuf, IoError> {
     Ok(MaskSource::of(job)?.folder(job))
 }

@@ -1,7 +1,7 @@
-//! L6: from photos and masks to an instanced scene. [`Pipeline::run`] does all of it and tells one [`Observer`]: the plain cloud
-//! ([`instgs_train::train`]), masks ([`make_masks`], [`mask_check`]), the object of every Gaussian ([`mod@label_gaussians`]),
-//! which objects are alike and where they stand ([`mod@register_objects`]), templates with instances
-//! ([`mod@build_templates`]), and the joint phase. Each stage is a function of its own as well.
+//! From photos and masks to an instanced scene. [`Pipeline::run`] runs all stages and reports to one [`Observer`]: the
+//! plain cloud ([`instgs_train::train`]), masks ([`make_masks`], [`mask_check`]), the object of every Gaussian
+//! ([`mod@label_gaussians`]), groups of objects that are alike with their poses ([`mod@register_objects`]), templates
+//! with instances ([`mod@build_templates`]), and the joint phase. Each stage is also a function of its own.
 
 pub mod build_templates;
 pub mod config;

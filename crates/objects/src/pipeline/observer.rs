@@ -1,4 +1,4 @@
-//! What a run tells while it goes on, to the one who watches it.
+//! Messages of a pipeline run to its observer.
 
 use super::config::RunConfig;
 use super::prepare::Prepared;
@@ -9,69 +9,69 @@ use instgs_io::{IoError, RunFolder};
 use instgs_train::TrainMessage;
 use instgs_train::facts::{StageTime, TrainFacts};
 
-/// The parts of a run, in order. A plain cloud has the first one only.
+/// The phases of a run, in order. A run that trains a plain cloud has the first one only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
-    /// A plain cloud is trained, or taken over.
+    /// A plain cloud is trained, or a given one is used.
     PlainCloud,
-    /// From masks to templates.
+    /// The stages from masks to templates.
     Objects,
     /// Templates, offsets, background and poses are trained together.
     Joint,
 }
 
-/// One thing that a run tells.
+/// One message of a pipeline run.
 #[derive(Clone, Copy, Debug)]
 pub enum Message<'a> {
-    /// A part of a run with templates and instances begins; what is there already is not told of.
+    /// A phase of a run with templates and instances begins; phases whose results exist are not reported.
     PhaseStarted(Phase),
-    /// What the user should know, one line.
+    /// A warning for the user, one line.
     Warning(&'a str),
     /// A stage from masks to templates begins.
     StageStarted(Stage),
-    /// That stage is done.
+    /// A stage ended; its name and wall time.
     StageFinished(&'a StageTime),
-    /// What the prompt names was looked for in a view.
+    /// Detection in one view is done.
     ViewMasked {
-        /// The view's name.
+        /// Name of the training view.
         name: &'a str,
-        /// What was found.
+        /// Boxes and masks of the view.
         found: &'a ViewMasks,
-        /// Views in all.
+        /// Number of views in all.
         views: usize,
     },
-    /// What the prompt names was looked for in all views.
+    /// Detection is done in all views.
     NamesFound(&'a PromptReport),
-    /// Views looked at, of masks from boxes and of labels.
+    /// Progress through the views, of masks from boxes and of labels.
     Labelling(LabelProgress),
-    /// Objects, groups and templates are there, in the files of the run folder.
+    /// The stages before the joint phase are done; their results are in the run folder.
     Prepared(&'a Prepared),
-    /// From the training of a phase.
+    /// A message of the training of a phase.
     Training {
-        /// Which one.
+        /// The phase in training.
         phase: Phase,
-        /// What it tells.
+        /// The trainer's message.
         message: TrainMessage<'a>,
     },
-    /// The training of a phase is done, or a plain cloud was taken over.
+    /// The training of a phase is done, or a given plain cloud was evaluated.
     Trained {
-        /// Which one.
+        /// The phase that is done.
         phase: Phase,
-        /// Its run folder.
+        /// Run folder of the phase.
         folder: &'a RunFolder,
-        /// What it went by.
+        /// Configuration of the phase.
         config: &'a RunConfig,
-        /// What came out.
+        /// Times, counts, sizes and quality.
         facts: &'a TrainFacts,
     },
 }
 
-/// Who watches a run. Closures that take a [`Message`] are observers.
+/// Observes a run. Closures that take a [`Message`] are observers.
 pub trait Observer {
-    /// Takes a message.
+    /// Receives a message.
     ///
     /// # Errors
-    /// A file that cannot be written; the run ends with it.
+    /// A file that cannot be written; the run ends with this error.
     fn notify(&mut self, message: Message<'_>) -> Result<(), IoError>;
 }
 

@@ -1,6 +1,6 @@
-//! Between the two phases: from a plain cloud, masks and posed groups to the instanced scene that the joint phase
-//! starts from. Each stage leaves a file in the run folder, and is not done again while that file is there. The stages
-//! are also commands of their own (`segment`, `register`, `merge`), which call the same functions.
+//! The stages between the two phases: from a plain cloud, masks and posed groups to the instanced scene that the joint
+//! phase starts from. Each stage leaves a file in the run folder, and is skipped while that file exists. The stages are
+//! also commands of their own (`segment`, `register`, `merge`), which call the same functions.
 
 use std::sync::Arc;
 
@@ -24,34 +24,34 @@ use super::register_objects::{self, ObjectGroups, find_groups};
 use super::stage_kinds::Stage;
 use instgs_train::facts::StageTime;
 
-/// What became of the groups.
+/// Results of the stages between the two phases.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Prepared {
-    /// One entry per group.
+    /// Report of each group.
     pub groups: Vec<GroupReport>,
-    /// What became of every object; empty if the groups were given.
+    /// Registration of each object; empty if the groups were given.
     #[serde(default)]
     pub registration: Vec<InstanceRegistration>,
-    /// Wall time of the parts.
+    /// Wall time of each stage.
     pub stages: Vec<StageTime>,
-    /// Gaussians of the cloud that belong to no object.
+    /// Number of Gaussians of the cloud that belong to no object.
     pub background: u64,
-    /// Gaussians of the cloud that were left out because the pictures hardly show them.
+    /// Number of Gaussians of the cloud that were left out because they hardly contribute to any view.
     #[serde(default)]
     pub hardly_seen: u64,
-    /// Views whose masks were looked for.
+    /// Number of views in which masks were looked up.
     #[serde(default)]
     pub views: usize,
-    /// How the objects were found in the masks.
+    /// Report of the consensus that found the objects in the masks.
     #[serde(default)]
     pub consensus: ConsensusReport,
-    /// What became of boxes that masks were made from, one line each.
+    /// Remarks on the boxes that masks were made from, one line each.
     #[serde(default)]
     pub boxes: Vec<String>,
 }
 
 impl Prepared {
-    /// What the user should know, one line each.
+    /// Warnings for the user, one line each.
     pub fn warnings(&self) -> Vec<String> {
         let mut out = self.boxes.clone();
         out.extend(without_mask_line(&self.consensus.without_mask, self.views));
@@ -62,12 +62,12 @@ impl Prepared {
     }
 }
 
-/// Makes `initial.instgs` in the run folder from `point_cloud.ply` there and the masks of the configuration, and its groups
-/// if it has any. Without objects that are alike the whole scene is background. `observer` is told of the
-/// stages and of views done.
+/// Makes `initial.instgs` in the run folder from `point_cloud.ply` there, the masks of the configuration, and its
+/// groups if it names any. If no objects are alike, the whole scene is background. `observer` receives the stages and
+/// the number of views done.
 ///
 /// # Errors
-/// Groups or masks that are missing or damaged, or a cloud beyond the device.
+/// Groups or masks that are missing or damaged, or a cloud too large for the device.
 pub fn prepare(gpu: &Arc<Gpu>, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Prepared, PipelineError> {
     let report_path = job.folder().prepared();
     let initial = job.folder().initial_scene();

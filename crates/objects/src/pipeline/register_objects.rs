@@ -1,5 +1,5 @@
-//! Which objects are alike, and where each stands: from the configuration's groups.json, or by registering the objects that
-//! the masks show.
+//! Groups of objects that are alike, with the pose of each: from the configuration's groups.json, or by registering the
+//! objects of the masks.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -18,18 +18,18 @@ use super::stage_kinds::Stage;
 use instgs_train::eval_options;
 use instgs_train::facts::StageTime;
 
-/// Which objects are alike, and where each stands.
+/// Groups of objects that are alike, with the pose of each.
 pub struct ObjectGroups {
-    /// The groups; none if no two objects are alike.
+    /// The groups; empty if no two objects are alike.
     pub groups: Vec<PosedGroup>,
-    /// What became of every object; empty if the groups were given.
+    /// Registration of each object; empty if the groups were given.
     pub registration: Vec<InstanceRegistration>,
     /// Wall time of the registration.
     pub stages: Vec<StageTime>,
 }
 
-/// The groups of the configuration, their poses refined unless it says otherwise, or those that registration finds. The run
-/// folder gets a `groups.json` either way.
+/// The groups of the configuration, with refined poses unless it forbids that, or the groups that registration finds.
+/// Writes `groups.json` to the run folder in both cases.
 ///
 /// # Errors
 /// A groups.json that is missing or damaged, or a device that fails.
@@ -54,7 +54,7 @@ pub(super) fn find_groups(
     Ok(found)
 }
 
-/// Given groups with poses that fit the cloud's objects; scales are free if the configuration refines them.
+/// Refines the poses of given groups on the cloud's objects; scales are free if the configuration refines them.
 fn refine_given_groups(
     config: &RunConfig,
     cloud: &InstancedScene,
@@ -74,10 +74,10 @@ fn refine_given_groups(
     Ok(ObjectGroups { groups, registration: Vec::new(), stages: vec![clock.end(observer)?] })
 }
 
-/// Registers the objects of a segmented cloud; scales are free if the configuration refines them.
+/// Registers the objects of a labelled cloud; scales are free if the configuration refines them.
 ///
 /// # Errors
-/// A device that fails, or a cloud beyond it.
+/// A device that fails, or a cloud too large for it.
 pub fn register_objects(
     gpu: &Arc<Gpu>,
     config: &RunConfig,
@@ -90,7 +90,7 @@ pub fn register_objects(
     let categories: BTreeMap<u32, String> = objects.filter_map(|o| Some((o.id, o.category.clone()?))).collect();
     let (gaussians, labels, cameras) = (&cloud.background, segmented.labels.as_slice(), &segmented.cameras);
     let input = RegisterInput { cloud: gaussians, instance_of_gaussian: labels, categories: &categories, cameras };
-    // Of the Gaussians, not of photos: ids of masks need not be those of objects.
+    // Renders the Gaussians, not photos: mask ids need not be ids of objects.
     let mut check = RenderCheck::new(gpu, gaussians, labels, cameras, eval_options(&config.train), None)?;
     let options = RegisterOptions {
         allow_scale: config.train.joint.refine_scales,
@@ -101,8 +101,8 @@ pub fn register_objects(
     Ok(ObjectGroups { groups: found.groups, registration: found.instances, stages: vec![clock.end(observer)?] })
 }
 
-/// What the user should know of the objects: a line for each that is left out, and one for all of a group and name whose
-/// poses are in more than slight doubt. The joint phase refines poses, so that is no more than a reason to look.
+/// Warnings about the objects: a line for each that is left out, and one line for all of a group and name whose poses
+/// are in more than slight doubt. The joint phase refines poses, so these are only a reason to look.
 pub fn warnings(registration: &[InstanceRegistration]) -> impl Iterator<Item = String> + '_ {
     let name = |object: &InstanceRegistration| object.name.clone().unwrap_or_else(|| "object".into());
     let mut doubts: BTreeMap<(Option<u32>, String), Vec<&InstanceRegistration>> = BTreeMap::new();
@@ -120,7 +120,7 @@ pub fn warnings(registration: &[InstanceRegistration]) -> impl Iterator<Item = S
     doubts.into_iter().map(|((_, name), objects)| doubt(&name, &objects)).chain(left_out)
 }
 
-/// Says of which objects of a group the poses are in doubt.
+/// Names the objects of a group whose poses are in doubt.
 fn doubt(name: &str, objects: &[&InstanceRegistration]) -> String {
     if let [object] = objects {
         return format!("{name} {}: its pose is in doubt: {}", object.instance, object.note);

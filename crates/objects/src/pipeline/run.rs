@@ -1,5 +1,5 @@
-//! A whole run: a plain cloud, or that and the objects in it, templates and the joint phase. Every stage leaves files in the
-//! run folder, and a job that resumes goes on after the last stage that is done.
+//! A whole run: a plain cloud alone, or all phases up to the joint phase. Every stage leaves files in the run folder,
+//! and a job that resumes continues after the last finished stage.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -26,7 +26,7 @@ use instgs_vk::gpu::Gpu;
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::InstancedScene;
 
-/// How the keys begin that only the joint phase goes by, or that say nothing of the outcome.
+/// Prefixes of the keys that affect only the joint phase, or nothing that is computed.
 const OF_JOINT_PHASE: [&str; 12] = [
     "joint.steps",
     "joint.final_factor",
@@ -42,13 +42,13 @@ const OF_JOINT_PHASE: [&str; 12] = [
     "device_memory_mb",
 ];
 
-/// From photos, with masks or what masks are made from, to a trained scene.
+/// Makes a trained scene from photos, with masks or with a source of masks.
 ///
 /// ```no_run
 /// use instgs_vk::gpu::{Gpu, GpuOptions};
-/// use instgs_vk::pipeline::config::ConfigBuilder;
-/// use instgs_vk::pipeline::{Message, Pipeline, PipelineJob};
-/// use instgs_vk::train::interrupt::Interrupt;
+/// use instgs_objects::pipeline::config::ConfigBuilder;
+/// use instgs_objects::pipeline::{Message, Pipeline, PipelineJob};
+/// use instgs_train::interrupt::Interrupt;
 ///
 /// let config = ConfigBuilder::new().file("instgs_quick")?.finish()?;
 /// let job = PipelineJob { data: "cars".into(), out: "runs/cars".into(), config, resume: false };
@@ -63,35 +63,35 @@ const OF_JOINT_PHASE: [&str; 12] = [
 /// ```
 #[derive(Clone, Copy)]
 pub struct Pipeline<'a> {
-    /// Where to render and train.
+    /// Device to render and train on.
     pub gpu: &'a Arc<Gpu>,
-    /// Looked at between training steps.
+    /// Request to stop, checked between training steps.
     pub interrupt: &'a Interrupt,
 }
 
-/// What a run that is done left behind, besides its files.
+/// Result of a finished run, besides its files.
 pub struct Finished {
-    /// The trained scene.
+    /// The trained scene, of the last phase.
     pub scene: InstancedScene,
-    /// Of its training; with templates and instances, of the joint phase.
+    /// Facts of its training; with templates and instances, of the joint phase.
     pub facts: TrainFacts,
-    /// With templates and instances: what came before the joint phase.
+    /// With templates and instances: results of the phases before the joint phase.
     pub objects: Option<ObjectPhases>,
 }
 
-/// What came before the joint phase.
+/// Results of the phases before the joint phase.
 pub struct ObjectPhases {
-    /// Of the plain cloud's training, in this run or an earlier one; of a given cloud, what is known of it.
+    /// Facts of the plain cloud's training, in this run or an earlier one; of a given cloud, as far as known.
     pub plain_cloud: TrainFacts,
-    /// What became of masks, objects and groups.
+    /// Results of the stages from masks to templates.
     pub prepared: Prepared,
 }
 
 impl Pipeline<'_> {
-    /// Does what is not done yet, tells `observer`, and leaves everything in the run folder.
+    /// Runs all phases that are not done yet, reports to `observer`, and leaves all results in the run folder.
     ///
     /// # Errors
-    /// What is wrong with the input or the device, or that the run was interrupted.
+    /// Faulty input, a device that fails, or an interrupted run.
     pub fn run(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Finished, PipelineError> {
         match job.config.train.method {
             Method::Gaussians => {
@@ -104,11 +104,11 @@ impl Pipeline<'_> {
 
     fn run_with_objects(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<Finished, PipelineError> {
         check_same_stages(job)?;
-        // Masks that are there are looked at before hours of training, and before the folder is there.
+        // Existing masks are checked before hours of training, and before the run folder is created.
         let are_there = matches!(MaskSource::of(job)?, MaskSource::Folder(_) | MaskSource::Boxes(_));
         let mut warned = if are_there { checked(job, observer)? } else { Vec::new() };
         job.folder().create()?;
-        // The joint phase writes it, too; but a run that is stopped before that must know itself when it goes on.
+        // The joint phase writes it too, but a run that is stopped before must find it when it resumes.
         let text = job.config.to_toml()?;
         atomic_write(&job.folder().config(), |out| out.write_all(text.as_bytes()))?;
         let naming = masks_from_prompt(job, observer)?;
@@ -132,7 +132,7 @@ impl Pipeline<'_> {
         Ok(Finished { scene: trained.scene, facts: trained.facts, objects })
     }
 
-    /// Trains a phase of the run in folder `run`.
+    /// Trains a phase of the run in the folder `run`.
     fn train(
         &self,
         job: &PipelineJob,
@@ -169,7 +169,7 @@ impl Pipeline<'_> {
         Ok(facts)
     }
 
-    /// Takes over a trained cloud, and looks how good it is.
+    /// Copies a given trained cloud into the run folder, and measures its quality.
     fn take_cloud(
         &self,
         job: &PipelineJob,
@@ -200,7 +200,7 @@ impl Pipeline<'_> {
         let mut test: Vec<_> = Dataset::split(&read_views(&job.data)?, Split::Test).cloned().collect();
         let config = &job.config.train;
         let width = (config.width > 0).then_some(config.width);
-        // The joint phase, which leaves them out as well, tells of them.
+        // The joint phase leaves the same views out and warns about them.
         leave_out_masked(&mut test, width)?;
         if test.is_empty() {
             return Ok(None);
@@ -214,20 +214,20 @@ impl Pipeline<'_> {
     }
 }
 
-/// The facts of a training that is done; of versions that left none, from its report.
+/// The facts of a finished training; for versions that wrote none, from its report.
 fn finished_training(run: &RunFolder) -> Option<TrainFacts> {
     let path: PathBuf = [run.facts(), run.report()].into_iter().find(|path| path.is_file())?;
     read_json(&path).ok()
 }
 
-/// What the user should know of the masks before the run begins; it is told.
+/// Checks the masks before the run begins; sends the warnings to `observer` and returns them.
 fn checked(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Vec<String>, PipelineError> {
     let warnings = check_masks(job)?;
     warnings.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
     Ok(warnings)
 }
 
-/// A run that goes on keeps the objects and templates that it found: what these came from must be as it was.
+/// A run that resumes keeps the objects and templates that it found, so their inputs must be unchanged.
 fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
     let path = job.folder().config();
     if !job.resume || !path.is_file() || !is_segmented(&job.folder()) {

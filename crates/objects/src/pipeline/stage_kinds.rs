@@ -1,4 +1,4 @@
-//! The stages from masks to templates, and what the stages of a run are for.
+//! The stages from masks to templates, and the purpose of each stage of a run.
 
 use std::time::Instant;
 
@@ -6,20 +6,20 @@ use super::observer::{Message, Observer};
 use instgs_io::IoError;
 use instgs_train::facts::StageTime;
 
-/// A stage that is timed.
+/// A stage between the two phases that is timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Masks are made, from words or from boxes.
+    /// Making masks, from words or from boxes.
     Masks,
-    /// Which masks are of one object.
+    /// Consensus: which masks of different views show the same object.
     Consensus,
-    /// The object of every Gaussian.
+    /// Labelling: the object of every Gaussian.
     Segment,
-    /// Which objects are alike, and where they stand.
+    /// Registration: groups of objects that are alike, and their poses.
     Register,
-    /// Given poses are fitted to the objects.
+    /// Refinement of given poses.
     RefinePoses,
-    /// Templates and instances.
+    /// Merging objects into templates and instances.
     Merge,
 }
 
@@ -27,7 +27,7 @@ impl Stage {
     const ALL: [Self; 6] =
         [Self::Masks, Self::Consensus, Self::Segment, Self::Register, Self::RefinePoses, Self::Merge];
 
-    /// As in reports.
+    /// Name of the stage in reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Masks => "masks",
@@ -43,7 +43,7 @@ impl Stage {
         Self::ALL.into_iter().find(|stage| stage.name() == time.name)
     }
 
-    /// Begins the stage, and tells so.
+    /// Begins the stage and reports it.
     pub(super) fn begin(self, observer: &mut dyn Observer) -> Result<StageClock, IoError> {
         observer.notify(Message::StageStarted(self))?;
         Ok(StageClock { stage: self, start: Instant::now() })
@@ -57,7 +57,7 @@ pub(super) struct StageClock {
 }
 
 impl StageClock {
-    /// Ends the stage, and tells so.
+    /// Ends the stage and reports its wall time.
     pub(super) fn end(self, observer: &mut dyn Observer) -> Result<StageTime, IoError> {
         let time = StageTime::since(self.stage.name(), self.start);
         observer.notify(Message::StageFinished(&time))?;
@@ -65,12 +65,12 @@ impl StageClock {
     }
 }
 
-/// True for what stands between the plain cloud's training and the joint phase's: from masks to templates.
+/// True for the stages between the two phases: from masks to templates.
 pub fn is_preparation(stage: &StageTime) -> bool {
     Stage::of(stage).is_some_and(|stage| stage != Stage::Masks)
 }
 
-/// True for what a scene needs: training, its preparation, and making masks; not loading, evaluating and drawing.
+/// True for stages that make the scene: masks, preparation and training; not loading, evaluating and drawing.
 pub fn makes_scene(stage: &StageTime) -> bool {
     stage.name.ends_with("train") || Stage::of(stage).is_some()
 }

@@ -1,8 +1,8 @@
-//! The colours that tell objects apart: one object, one colour, in every picture of a page.
+//! Colours that distinguish objects: each object has the same colour in every picture of a page.
 
 use std::collections::BTreeMap;
 
-/// Colours that are plain to tell apart, on grey too: the lighter twelve of S. Trubetskoy's "20 simple, distinct
+/// Colours that are easy to tell apart, on grey too: the lighter twelve of S. Trubetskoy's "20 simple, distinct
 /// colors".
 const PALETTE: [[u8; 3]; 12] = [
     [230, 25, 75],
@@ -18,19 +18,20 @@ const PALETTE: [[u8; 3]; 12] = [
     [70, 153, 144],
     [220, 190, 255],
 ];
-/// What the palette is mixed with in its second and third turn, and how much of that: lighter, then darker.
+/// Grey value that the palette is mixed with when it is used a second and third time, and its weight: lighter, then
+/// darker.
 const TURNS: [(f32, f32); 3] = [(0.0, 0.0), (255.0, 0.5), (0.0, 0.45)];
-/// Parts of red, green and blue in luminance (Rec. 709), close enough for sRGB values.
+/// Weights of red, green and blue in luminance (Rec. 709), accurate enough for sRGB values.
 const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Colours by id; after 36 ids they begin again.
+/// Colours by object id; after 36 ids they repeat.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Colors {
     rank: BTreeMap<u32, usize>,
 }
 
 impl Colors {
-    /// Colours for these ids in ascending order, 0 left out.
+    /// Assigns colours to these ids in ascending order; 0 is ignored.
     pub fn of_ids(ids: impl IntoIterator<Item = u32>) -> Self {
         let mut rank: BTreeMap<u32, usize> = ids.into_iter().filter(|&id| id != 0).map(|id| (id, 0)).collect();
         rank.values_mut().enumerate().for_each(|(i, rank)| *rank = i);
@@ -44,7 +45,7 @@ impl Colors {
         Some(PALETTE[rank % PALETTE.len()].map(|c| (f32::from(c) * (1.0 - part) + towards * part).round() as u8))
     }
 
-    /// The ids, ascending.
+    /// The ids in ascending order.
     pub fn ids(&self) -> impl Iterator<Item = u32> + '_ {
         self.rank.keys().copied()
     }
@@ -53,7 +54,7 @@ impl Colors {
     pub const DISTINCT: usize = PALETTE.len() * TURNS.len();
 }
 
-/// How bright a colour (any range) is.
+/// The luminance of a colour, in the range of its channels.
 pub(super) fn luminance(rgb: [f32; 3]) -> f32 {
     rgb.iter().zip(LUMINANCE).map(|(c, weight)| c * weight).sum()
 }

@@ -1,92 +1,91 @@
-//! What the stages from masks to templates did, as pictures for the page: plain data, which the rest of this module
-//! draws.
+//! Pictures of the stages from masks to templates, as plain data for the page; the rest of this module draws them.
 
 use crate::Rgb8;
 
-/// All of it; empty for a plain cloud.
+/// Pictures of all stages; empty for a plain cloud.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StagePictures {
-    /// What a reader should know of masks and objects, one sentence each.
+    /// Remarks on masks and objects for the reader, one sentence each.
     pub notes: Vec<String>,
-    /// The objects by id.
+    /// The objects in ascending order of id.
     pub objects: Vec<ObjectColor>,
-    /// Some training views.
+    /// A selection of training views.
     pub views: Vec<StageView>,
     /// The groups with the poses of their objects; last, if there are any, the objects that are in no group.
     pub overlays: Vec<GroupOverlay>,
-    /// Groups whose poses are not shown.
+    /// Number of groups whose poses are not shown.
     pub groups_left_out: usize,
     /// The first templates in the scene's order.
     pub templates: Vec<TemplatePictures>,
-    /// Templates that are not shown.
+    /// Number of templates that are not shown.
     pub templates_left_out: usize,
 }
 
 /// An object and its colour in all pictures.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ObjectColor {
-    /// Its number.
+    /// Object id as in the labels.
     pub id: u32,
-    /// What it is, if anybody said.
+    /// Its category, if the masks have one.
     pub name: Option<String>,
-    /// sRGB.
+    /// Its colour, sRGB in 0..=255.
     pub color: [u8; 3],
 }
 
-/// From the mask to the labels in one view; all pictures are of one size.
+/// One view from its mask to the labels; all pictures have the same size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StageView {
-    /// View name.
+    /// Name of the training view.
     pub name: String,
-    /// The photograph.
+    /// The photo of the view.
     pub photo: Rgb8,
-    /// The ids of the mask as given; `None` if the view has no mask.
+    /// The mask ids as given; `None` if the view has no mask.
     pub given: Option<Rgb8>,
-    /// The objects that the mask shows.
+    /// The objects that the mask shows; `None` if the view has no mask.
     pub objects: Option<Rgb8>,
     /// The plain cloud in the colours of its objects.
     pub labels: Rgb8,
 }
 
-/// Objects of a group, each brought to the place of the group's reference.
+/// Objects of a group, each moved to the pose of the group's reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GroupOverlay {
-    /// What the group is.
+    /// Name of the group on the page.
     pub name: String,
-    /// Reference first.
+    /// The objects, the reference first.
     pub tiles: Vec<OverlayTile>,
-    /// Objects of the group that are not shown.
+    /// Number of objects of the group that are not shown.
     pub left_out: usize,
 }
 
-/// One object.
+/// Pictures of one object of a group.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OverlayTile {
-    /// Its number.
+    /// Object id as in the labels.
     pub id: u32,
-    /// Its colour.
+    /// Its colour, sRGB in 0..=255.
     pub color: [u8; 3],
     /// The object alone in its own colours; `None` if it has no Gaussians.
     pub own: Option<Rgb8>,
-    /// In its colour over the reference's grey, from the front and from a side; that grey alone for the reference;
-    /// empty without a reference.
+    /// The object in its colour over the grey reference, from the front and from a side; the grey alone for the
+    /// reference; empty without a reference.
     pub over: Vec<Rgb8>,
-    /// How far its outline is the reference's in these pictures: intersection by union, 0..=1; `None` for the
+    /// Agreement of its outline with the reference's in these pictures: intersection over union, 0..=1; `None` for the
     /// reference.
     pub overlap: Option<f64>,
 }
 
-/// A template without the differences of any instance.
+/// A template without the offsets of any instance.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TemplatePictures {
-    /// What its group is.
+    /// Name of its group on the page.
     pub name: String,
-    /// Its Gaussians when it was merged.
+    /// Number of its Gaussians after merging.
     pub gaussians: u64,
-    /// Its instances.
+    /// Number of its instances.
     pub instances: u64,
-    /// As merged, from the front and from behind.
+    /// After merging, from the front and from behind.
     pub merged: Vec<Rgb8>,
-    /// As the joint phase left it, likewise; empty until then.
+    /// After the joint phase, from the same cameras; empty until then.
     pub trained: Vec<Rgb8>,
 }

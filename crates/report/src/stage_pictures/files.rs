@@ -1,4 +1,5 @@
-//! The pictures as PNG files: `RUN/stages/`, numbered by stage, so that a folder's listing is in the order of the work.
+//! The pictures as PNG files in `RUN/stages/`, numbered by stage, so that a listing of the folder has the order of the
+//! stages.
 
 use std::fs;
 
@@ -8,13 +9,13 @@ use crate::{Rgb8, StagePictures};
 use instgs_io::{IoError, atomic_write};
 use instgs_objects::pipeline::PipelineJob;
 
-/// Writes every picture there is; those of the same name are replaced.
+/// Writes all pictures; files of the same name are replaced.
 pub(super) fn write(job: &PipelineJob, pictures: &StagePictures) -> Result<(), IoError> {
     let folder = job.folder().stage_pictures();
     fs::create_dir_all(&folder).map_err(|e| IoError::new(&folder, format!("cannot create: {e}")))?;
     named(pictures).par_iter().try_for_each(|(name, picture)| {
         let path = folder.join(format!("{name}.png"));
-        let bytes = picture.png().map_err(|what| IoError::new(&path, what))?;
+        let bytes = picture.png().map_err(|error| IoError::new(&path, error.to_string()))?;
         atomic_write(&path, |out| out.write_all(&bytes))
     })
 }

@@ -1,4 +1,4 @@
-//! Where pictures are taken from: views that show all objects, and cameras that show one of them large.
+//! Chooses views that show all objects, and cameras that show one object large.
 
 use glam::{DMat3, DVec3};
 
@@ -6,23 +6,23 @@ use instgs_objects::register::up_direction;
 use instgs_vk::math::sh::widened;
 use instgs_vk::scene::{Camera, Gaussians};
 
-/// Part of the means, at either end of an axis of the picture, that may be stray Gaussians.
+/// Fraction of the means, at either end of an axis of the picture, that may be stray Gaussians.
 const STRAYS: f64 = 0.01;
-/// Room around an object on all sides, as a part of its box: a wrong pose reaches out of it.
+/// Margin around an object on all sides, as a fraction of its box: an object with a wrong pose extends into it.
 const MARGIN: f64 = 0.18;
-/// A view that shows less than this part of an object does not show it well.
+/// A view that shows a smaller fraction of an object does not show it well.
 const MIN_SHARE: f64 = 0.7;
-/// A view that shows this part of the most objects that any view shows, shows many.
+/// A view shows many objects if it shows this fraction of the largest number that any view shows.
 const MANY: f64 = 0.7;
-/// Where a camera stands that no view gives, in radii of the object: outside of it, and near enough for some
+/// Distance of a camera that is not one of the views, in radii of the object: outside of it, and near enough for some
 /// perspective.
 const DISTANCE: f64 = 4.0;
-/// Its vertical field of view, radians; close-ups choose their own.
+/// Vertical field of view of such a camera, radians; close-ups choose their own.
 const FIELD_OF_VIEW: f64 = 0.5;
 
-/// At most `most` of the `candidates` (indices of cameras), in ascending order: each next one shows the most objects
-/// that no chosen one does; of equals, one that shows many, then the one farthest from all chosen. Objects are given by
-/// their middles, world units.
+/// Chooses at most `most` of the `candidates` (indices of cameras), returned in ascending order. Each choice is the
+/// view that shows the most objects that no chosen view shows; among equals, one that shows many, then the one farthest
+/// from all chosen. Objects are given by their centres, world units.
 pub(super) fn choose_views(cameras: &[Camera], candidates: &[usize], objects: &[DVec3], most: usize) -> Vec<usize> {
     let shows = |view: usize, object: usize| {
         cameras[view].pixel_of(objects[object]).is_some_and(|at| cameras[view].has_pixel(at))
@@ -52,13 +52,14 @@ pub(super) fn choose_views(cameras: &[Camera], candidates: &[usize], objects: &[
     views
 }
 
-/// The camera that shows the points (world) largest, of those that show most of them; `None` if no camera does.
+/// The camera that shows the points (world) largest, among those that show the most of them; `None` if no camera shows
+/// any.
 pub(super) fn best_camera<'a>(cameras: &'a [Camera], points: &[DVec3]) -> Option<&'a Camera> {
     let size = |camera: &Camera| {
         let at: Vec<[f64; 2]> = points.iter().filter_map(|&p| camera.pixel_of(p)).collect();
         let inside = at.iter().filter(|at| camera.has_pixel(**at)).count();
         let shows = at.len() == points.len() && inside as f64 >= MIN_SHARE * points.len() as f64;
-        // As a part of the picture: cameras may differ in resolution.
+        // As a fraction of the picture, since cameras may differ in resolution.
         let pixels = f64::from(camera.width) * f64::from(camera.height);
         let [x, y] = boxed(&at)?.map(|(low, high)| high - low);
         (shows && inside > 0).then_some(x * y / pixels)
@@ -68,8 +69,8 @@ pub(super) fn best_camera<'a>(cameras: &'a [Camera], points: &[DVec3]) -> Option
     cameras.get(best.1)
 }
 
-/// A camera that shows the points large: the best one's close-up, or one that looks at them from half above if no
-/// camera shows them well; `None` without points.
+/// A camera that shows the points large: a close-up from the best view's position, or a camera that looks down at them
+/// at an angle if no view shows them well; `None` without points.
 pub(super) fn portrait(cameras: &[Camera], points: &[DVec3], size_px: (u32, u32)) -> Option<Camera> {
     let middle = (!points.is_empty()).then(|| middle(points))?;
     let best = best_camera(cameras, points).cloned().unwrap_or_else(|| {
@@ -82,13 +83,13 @@ pub(super) fn portrait(cameras: &[Camera], points: &[DVec3], size_px: (u32, u32)
     Some(close_up(&best, points, size_px))
 }
 
-/// What is up in the world: as the cameras say, else that of COLMAP's scenes.
+/// The up axis estimated from the cameras, else that of COLMAP's scenes.
 pub(super) fn up_or_guess(cameras: &[Camera]) -> DVec3 {
     up_direction(cameras).unwrap_or(DVec3::NEG_Y)
 }
 
-/// A camera in the place of `camera` whose picture of `size_px` shows the points with some room around them; the camera
-/// itself, resized, if a point lies behind it.
+/// A camera at the position of `camera` whose picture of `size_px` shows the points with a margin; the camera itself,
+/// resized, if a point lies behind it.
 pub(super) fn close_up(camera: &Camera, points: &[DVec3], size_px: (u32, u32)) -> Camera {
     let at: Option<Vec<[f64; 2]>> = points.iter().map(|&p| camera.pixel_of(p)).collect();
     let Some(reach) = at.and_then(|at| boxed(&at)) else { return camera.resized(size_px.0, size_px.1) };
@@ -110,9 +111,9 @@ pub(super) fn close_up(camera: &Camera, points: &[DVec3], size_px: (u32, u32)) -
     }
 }
 
-/// The camera carried around the vertical through `middle` by an angle, radians.
+/// The camera rotated about the vertical axis through `middle` by an angle, radians.
 pub(super) fn carried_around(camera: &Camera, middle: DVec3, up: DVec3, angle: f64) -> Camera {
-    // Turning the world the other way is the same: p -> R (p - m) + m before the old view.
+    // Rotating the world the other way has the same effect: p -> R (p - m) + m before the old view.
     let turn = DMat3::from_axis_angle(up, -angle);
     let rotation = camera.rotation() * turn;
     let translation = camera.translation() + camera.rotation() * (middle - turn * middle);
@@ -123,7 +124,7 @@ pub(super) fn carried_around(camera: &Camera, middle: DVec3, up: DVec3, angle: f
     Camera { view_from_world: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]], ..camera.clone() }
 }
 
-/// The middle of points: the median per axis.
+/// The centre of the points: the median per axis.
 pub(super) fn middle(points: &[DVec3]) -> DVec3 {
     let median = |axis: usize| {
         let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
@@ -133,12 +134,12 @@ pub(super) fn middle(points: &[DVec3]) -> DVec3 {
     DVec3::new(median(0), median(1), median(2))
 }
 
-/// Means of a cloud that are finite.
+/// The finite means of a cloud.
 pub(super) fn means(cloud: &Gaussians) -> Vec<DVec3> {
     cloud.means.iter().map(|&mean| widened(mean)).filter(|mean| mean.is_finite()).collect()
 }
 
-/// The box of points of a picture without strays, by axis; `None` of none.
+/// The box of points in a picture without strays, as (low, high) per axis; `None` without points.
 fn boxed(at: &[[f64; 2]]) -> Option<[(f64, f64); 2]> {
     let reach = |axis: usize| {
         let mut values: Vec<f64> = at.iter().map(|p| p[axis]).collect();
@@ -174,13 +175,13 @@ mod tests {
         assert_eq!(choose_views(&cameras, &all, &[DVec3::ZERO], 2), [0, 4], "opposite sides");
         assert_eq!(choose_views(&cameras, &[1, 2], &[DVec3::ZERO], 4), [1, 2], "no more than there are");
         assert_eq!(choose_views(&cameras, &all, &[], 4), [0, 2, 4, 6], "without objects all around");
-        // An object behind the first camera, which the opposite ones see far away.
+        // An object behind the first camera, which the cameras opposite see from far away.
         let behind = DVec3::new(9.0, 0.0, 2.7);
         let chosen = choose_views(&cameras, &all, &[DVec3::ZERO, behind], 1);
         let seen = cameras[chosen[0]].pixel_of(behind);
         assert!(seen.is_some_and(|at| cameras[chosen[0]].has_pixel(at)), "{chosen:?}");
         assert!(choose_views(&[], &[], &[DVec3::ZERO], 3).is_empty());
-        // Two cameras see the same two objects, the third sees one that nobody else does.
+        // Two cameras see the same two objects; the third sees one that no other camera sees.
         let above = |x: f64, at: f64| {
             let (eye, target) = (DVec3::new(x, 0.0, 6.0), DVec3::new(at, 0.0, 0.0));
             Camera::look_at("c", eye, target, DVec3::Y, 0.5, (100, 100))

@@ -1,4 +1,4 @@
-//! What the stages left in the run folder, and the views they saw.
+//! The files of the stages in the run folder, and the training views.
 
 use glam::DVec3;
 
@@ -14,21 +14,21 @@ use instgs_objects::pipeline::{PipelineJob, Prepared, mask_folder, training_view
 use instgs_objects::segment::{Consensus, ConsensusReport, IdTable};
 use instgs_vk::scene::{Camera, Gaussians, PosedGroup};
 
-/// Everything that pictures are made from.
+/// All inputs of the pictures.
 pub(super) struct Inputs {
-    /// The training views.
+    /// The training views of the data set.
     pub(super) views: Vec<View>,
     /// Their cameras, at the size that is trained at.
     pub(super) cameras: Vec<Camera>,
-    /// The plain cloud.
+    /// The plain cloud that was labelled.
     pub(super) cloud: Gaussians,
-    /// By Gaussian: object, 0 = none.
+    /// The object of each Gaussian, 0 = none.
     pub(super) labels: Vec<u32>,
     /// The object of every mask.
     pub(super) table: IdTable,
-    /// The masks; `None` if they are not there any more.
+    /// The masks; `None` if they do not exist any more.
     masks: Option<MaskFolder>,
-    /// The groups, if any.
+    /// The groups with poses; empty if there are none.
     pub(super) groups: Vec<PosedGroup>,
 }
 
@@ -50,13 +50,13 @@ impl Inputs {
             cloud: load_scene(&folder.point_cloud())?.scene.background,
             labels: Checkpoint::read(&labels)?.take(LABEL_TENSOR, &[], &labels)?,
             table: consensus.table,
-            // A run that goes on needs no masks once it has labels.
+            // A resumed run needs no masks once it has labels.
             masks: mask_folder(job).ok().and_then(|folder| MaskFolder::open(&folder).ok()),
             groups: if groups.is_file() { read_groups(&groups)? } else { Vec::new() },
         })
     }
 
-    /// Training views to show, in order: those with a mask if there are any.
+    /// The training views to show, in order: only views with a mask, if there are any.
     pub(super) fn choose_views(&self, objects: &Objects<'_>, most: usize) -> Vec<usize> {
         let all: Vec<usize> = (0..self.views.len()).collect();
         let has_mask = |view: &usize| {
@@ -77,7 +77,7 @@ impl Inputs {
         picture_camera(&self.views[view].camera, width)
     }
 
-    /// What a reader should know, a sentence each.
+    /// Remarks for the reader, one sentence each.
     pub(super) fn notes(&self, prepared: &Prepared, colors: &Colors) -> Vec<String> {
         let found = &prepared.consensus;
         let mut out = Vec::new();
@@ -101,7 +101,7 @@ fn picture_camera(camera: &Camera, width: u32) -> Camera {
     camera.resized(width, height.round().max(1.0) as u32)
 }
 
-/// What became of the ids of masks, a sentence.
+/// The ids of masks before and after consensus, one sentence.
 pub(super) fn consensus_notes(found: &ConsensusReport) -> Option<String> {
     if found.ids_agree {
         return Some("Ids are the same object in every view, and were kept.".into());

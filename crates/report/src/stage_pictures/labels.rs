@@ -4,13 +4,19 @@ use super::colors::{Colors, luminance};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::scene::Gaussians;
 
-/// Brightness of an object's colour where its own Gaussians are black, and how much it rises towards white: shapes stay
-/// plain, and colours are not mistaken.
-const OBJECT_SHADES: (f32, f32) = (0.5, 0.5);
-/// The same of the grey of the background.
-const BACKGROUND_SHADES: (f32, f32) = (0.16, 0.5);
+/// Brightness of a colour where the cloud's own Gaussians are black (`darkest`), and how much it rises towards white.
+#[derive(Clone, Copy)]
+struct Shades {
+    darkest: f32,
+    rise: f32,
+}
 
-/// The cloud, without view-dependent colour: every object in its own, all else grey.
+/// Shades of objects, in which shapes stay visible and colours cannot be confused.
+const OBJECT_SHADES: Shades = Shades { darkest: 0.5, rise: 0.5 };
+/// Shades of the grey background.
+const BACKGROUND_SHADES: Shades = Shades { darkest: 0.16, rise: 0.5 };
+
+/// The cloud without view-dependent colour: every object in its colour, everything else grey.
 pub(super) fn colored(cloud: &Gaussians, labels: &[u32], colors: &Colors) -> Gaussians {
     repainted(cloud, |i, shade| match labels.get(i).and_then(|&id| colors.of(id)) {
         Some(color) => shaded(color, OBJECT_SHADES, shade),
@@ -28,7 +34,7 @@ pub(super) fn base_color(cloud: &Gaussians, i: usize) -> [f32; 3] {
     cloud.sh_of(i)[0].map(|c| (0.5 + SH_C0 as f32 * c).clamp(0.0, 1.0))
 }
 
-/// The cloud with new colours (0..=1), from the index and the brightness of every Gaussian.
+/// The cloud with new colours (0..=1), computed from the index and the brightness of every Gaussian.
 fn repainted(cloud: &Gaussians, color: impl Fn(usize, f32) -> [f32; 3]) -> Gaussians {
     let sh = (0..cloud.len()).map(|i| color(i, luminance(base_color(cloud, i))).map(|c| (c - 0.5) / SH_C0 as f32));
     Gaussians {
@@ -41,7 +47,7 @@ fn repainted(cloud: &Gaussians, color: impl Fn(usize, f32) -> [f32; 3]) -> Gauss
     }
 }
 
-fn shaded(color: [u8; 3], (darkest, rise): (f32, f32), shade: f32) -> [f32; 3] {
+fn shaded(color: [u8; 3], Shades { darkest, rise }: Shades, shade: f32) -> [f32; 3] {
     color.map(|c| f32::from(c) / 255.0 * (darkest + rise * shade))
 }
 

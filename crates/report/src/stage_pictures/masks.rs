@@ -4,21 +4,21 @@ use super::colors::luminance;
 use crate::Rgb8;
 use instgs_io::Mask;
 
-/// Part of a mask's colour inside of it; the photo's grey shows through.
+/// Opacity of a mask's colour over the grey photo.
 const INSIDE: f32 = 0.62;
-/// Brightness of the photo where no mask is.
+/// Brightness of the photo outside of masks.
 const OUTSIDE: f32 = 0.55;
 /// Width of the stripes of masks that were not used, pixels.
 const STRIPE_PX: u32 = 4;
 
-/// What a mask's pixels look like.
+/// How a mask's pixels are painted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Paint {
-    /// No object: the photo, dimmed.
+    /// No object: the photo, darkened.
     Nothing,
-    /// An object, sRGB.
+    /// The colour of an object, sRGB.
     Color([u8; 3]),
-    /// A mask that belongs to no object: striped.
+    /// A mask that belongs to no object: stripes.
     Unused,
 }
 
@@ -67,8 +67,8 @@ mod tests {
 
     #[test]
     fn objects_keep_their_colour_though_ids_change() {
-        // The same two objects, left and right; ids are swapped in the second view, in which a third mask is of
-        // nothing.
+        // The same two objects, left and right; ids are swapped in the second view, in which a third mask shows no
+        // object.
         let mask = |ids: [u16; 4]| Mask { width: 4, height: 1, ids: ids.into() };
         let views = [mask([1, 1, 2, 2]), mask([2, 2, 1, 7])];
         let table = IdTable::PerView(vec![BTreeMap::from([(1, 5), (2, 6)]), BTreeMap::from([(2, 5), (1, 6)])]);

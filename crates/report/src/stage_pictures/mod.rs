@@ -1,5 +1,5 @@
-//! Pictures of what each stage from masks to templates did, for the page and, as PNG files, in `RUN/stages/`. They are
-//! made from the files that the stages left, so a resumed run has them too.
+//! Pictures of the results of each stage from masks to templates, for the page and as PNG files in `RUN/stages/`. They
+//! are made from the stages' files, so a resumed run has them too.
 
 pub mod colors;
 pub mod data;
@@ -38,17 +38,18 @@ use painter::{GROUND, Painter, rgb8};
 
 pub use review::review;
 
-/// Views whose masks and labels are shown: enough to see a scene from all sides, and a page of them is read at a
+/// Number of views whose masks and labels are shown: enough to see a scene from all sides, and few enough for one
 /// glance.
 const VIEWS: usize = 4;
-/// Width of their pictures: four beside each other on the page are 280 px, and screens have up to twice as many.
+/// Width of their pictures, pixels: four side by side on the page are 280 px wide each, and screens have up to twice as
+/// many.
 const VIEW_WIDTH_PX: u32 = 400;
 
-/// Draws the masks, the objects, the labelled Gaussians, the registered poses and the merged templates of a run whose
-/// preparation is done, and writes the pictures to `RUN/stages/`.
+/// Draws the masks, the objects, the labelled Gaussians, the registered poses and the merged templates of a run after
+/// its preparation, and writes the pictures to `RUN/stages/`.
 ///
 /// # Errors
-/// A file of an earlier stage or a photo that is missing or damaged; the device's.
+/// A file of an earlier stage or a photo that is missing or damaged, or a device that fails.
 pub fn draw(gpu: &Arc<Gpu>, job: &PipelineJob, prepared: &Prepared) -> Result<StagePictures, ReportError> {
     let inputs = Inputs::read(job)?;
     let mut painter = painter(gpu, job)?;
@@ -65,16 +66,16 @@ pub fn draw(gpu: &Arc<Gpu>, job: &PipelineJob, prepared: &Prepared) -> Result<St
     };
     let merged = load_scene(&job.folder().initial_scene())?.scene;
     let pictures = template::pictures(&mut painter, &merged, &merged, &inputs.cameras)?;
-    out.templates = (0..).zip(pictures).map(|(t, pictures)| template((t, pictures), &merged, prepared)).collect();
+    out.templates = (0..).zip(pictures).map(|(t, pictures)| template(t, pictures, &merged, prepared)).collect();
     out.templates_left_out = merged.template_ranges.len() - out.templates.len();
     files::write(job, &out)?;
     Ok(out)
 }
 
-/// Adds the templates as the joint phase left them in `scene.instgs`.
+/// Adds pictures of the templates after the joint phase, from `scene.instgs`.
 ///
 /// # Errors
-/// A scene that is missing or damaged; the device's.
+/// A scene that is missing or damaged, or a device that fails.
 pub fn add_trained_templates(
     gpu: &Arc<Gpu>,
     job: &PipelineJob,
@@ -88,8 +89,8 @@ pub fn add_trained_templates(
     Ok(files::write(job, pictures)?)
 }
 
-/// Writes `review.html` in the folder of a job whose objects are found: every training view with its masks and the objects
-/// that they show.
+/// Writes `review.html` in the folder of a job whose objects are known: every training view with its masks and the
+/// objects that they show.
 ///
 /// # Errors
 /// A mask, a photo or a file of the stage that is missing or damaged.
@@ -146,18 +147,17 @@ fn views(
     Ok(out)
 }
 
-/// The photo of a view at the size of the camera; what it does not cover is black.
+/// The photo of a view at the size of the camera; areas it does not cover are black.
 fn photo(view: &View, camera: &Camera) -> Result<Rgb8, IoError> {
     let image = load_view(view, Some(camera.width))?.image;
     let colors = image.rgba.iter().flat_map(|&pixel| composited(pixel, [0.0; 3]));
-    // Rounded: no colour is below 0.
+    // Adding 0.5 rounds, as no channel is negative.
     let pixels = colors.map(|c| (c * 255.0 + 0.5) as u8).collect();
     let photo = Rgb8 { width: image.width, height: image.height, pixels };
-    let fail = |what: String| IoError::new(&view.image_path, what);
-    photo.resized(camera.width, camera.height).map_err(fail)
+    photo.resized(camera.width, camera.height).map_err(|error| IoError::new(&view.image_path, error.to_string()))
 }
 
-/// Colours of the ids as they are in the masks: those of the objects if they are the objects'.
+/// Colours of the mask ids: those of the objects where the ids are the objects' ids.
 fn given_colors(inputs: &Inputs, masks: &[Option<Mask>], colors: &Colors) -> Colors {
     if inputs.table == IdTable::Same {
         return colors.clone();
@@ -165,7 +165,7 @@ fn given_colors(inputs: &Inputs, masks: &[Option<Mask>], colors: &Colors) -> Col
     Colors::of_ids(masks.iter().flatten().flat_map(|mask| mask.ids_present().into_keys()).map(u32::from))
 }
 
-/// What an id of a view's mask looks like, once it is known which object it shows.
+/// How an id of a view's mask is painted once its object is known.
 fn object_paint(table: &IdTable, view: usize, id: u16, colors: &Colors) -> Paint {
     match table.object_of(view, id) {
         Some(0) => Paint::Nothing,
@@ -174,7 +174,7 @@ fn object_paint(table: &IdTable, view: usize, id: u16, colors: &Colors) -> Paint
     }
 }
 
-fn template((index, merged): (u32, Vec<Rgb8>), scene: &InstancedScene, prepared: &Prepared) -> TemplatePictures {
+fn template(index: u32, merged: Vec<Rgb8>, scene: &InstancedScene, prepared: &Prepared) -> TemplatePictures {
     let group = prepared.groups.iter().find(|group| group.template == Some(index));
     let name = group.map(|group| group_name(group.template_id, group.name.as_ref()));
     let gaussians = u64::from(scene.template_ranges[index as usize].count);

@@ -1,4 +1,4 @@
-//! Registered objects laid on the reference of their group, so that a wrong pose is seen.
+//! Registered objects drawn over the reference of their group, so that a wrong pose can be seen.
 
 use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
@@ -12,15 +12,15 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{Picture, RenderError};
 use instgs_vk::scene::{Camera, Gaussians, PosedGroup, PosedInstance};
 
-/// Size of a picture of one object, pixels: three beside each other are half as wide as the page.
+/// Size of a picture of one object, pixels: three side by side are half as wide as the page.
 pub(super) const TILE_PX: (u32, u32) = (240, 180);
-/// The reference's grey: objects' colours stand out against it.
+/// Grey of the reference, on which objects' colours stand out.
 const REFERENCE_GREY: [u8; 3] = [150; 3];
-/// Where the reference's outline is: half of what is seen there is the reference.
+/// Alpha of the reference at its outline.
 const OUTLINE_ALPHA: f32 = 0.5;
-/// Its colour, 0..=1: darker than any object's shade.
+/// Colour of the outline, 0..=1: darker than any object's shade.
 const OUTLINE: [f32; 3] = [0.08; 3];
-/// Part of the reference that is seen through the object: its dark and light parts, no more.
+/// Opacity of the reference over the object: only its dark and light parts show.
 const SHINES_THROUGH: f32 = 0.25;
 
 /// The objects of a labelled cloud.
@@ -33,7 +33,7 @@ pub struct Objects<'a> {
 }
 
 impl<'a> Objects<'a> {
-    /// Of a plain cloud with an object per Gaussian (0 = none), and the training views.
+    /// Objects of a plain cloud with a label per Gaussian (0 = none), and the training views' cameras.
     pub fn new(cloud: &'a Gaussians, labels: &[u32], cameras: &'a [Camera], colors: &'a Colors) -> Self {
         let mut indices: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for (i, &id) in labels.iter().enumerate().take(cloud.len()) {
@@ -49,13 +49,12 @@ impl<'a> Objects<'a> {
         self.indices.get(&id).map_or(0, Vec::len)
     }
 
-    /// Ids of objects that have Gaussians, ascending.
+    /// Ids of objects that have Gaussians, in ascending order.
     pub(super) fn ids(&self) -> impl Iterator<Item = u32> + '_ {
         self.indices.keys().copied()
     }
 
-    /// An object's Gaussians, without view-dependent colour: a turned object is looked at from where no photo was
-    /// taken.
+    /// An object's Gaussians without view-dependent colour: a rotated object is seen from directions without photos.
     pub(super) fn gaussians(&self, id: u32) -> Gaussians {
         let indices = self.indices.get(&id).map(Vec::as_slice).unwrap_or_default();
         let mut out = Gaussians::with_capacity(0, indices.len());
@@ -64,17 +63,18 @@ impl<'a> Objects<'a> {
     }
 }
 
-/// Pictures of the `shown` instances of a group (indices, in the order of the page), each brought to the place of
-/// instance `reference`: as itself, and in its colour over the grey reference, from the camera that shows the reference
-/// best and from a quarter turn beside it. The reference itself is shown in grey there.
+/// Pictures of the `shown` instances of a group (indices, in the order of the page), each moved to the pose of instance
+/// `reference`: in its own colours, and in its object colour over the grey reference, from the camera that shows the
+/// reference best and from a quarter turn beside it. The reference itself is shown in grey there.
 ///
 /// # Errors
-/// The device's.
+/// The device fails or is too small.
 pub fn group_overlay(
     painter: &mut Painter,
     objects: &Objects<'_>,
     group: &PosedGroup,
-    (reference, shown): (usize, &[usize]),
+    reference: usize,
+    shown: &[usize],
 ) -> Result<GroupOverlay, RenderError> {
     let bare = |&i: &usize| {
         let id = group.instances[i].id;
@@ -107,15 +107,15 @@ pub fn group_overlay(
     Ok(out)
 }
 
-/// What a group is called on the page: several may be of one kind.
+/// Name of a group on the page; several groups may have the same category.
 pub(super) fn group_name(template_id: u32, name: Option<&String>) -> String {
     name.map_or_else(|| format!("group {template_id}"), |name| format!("{name}, group {template_id}"))
 }
 
-/// Objects that are in no group, as they are.
+/// Pictures of objects that are in no group.
 ///
 /// # Errors
-/// The device's.
+/// The device fails or is too small.
 pub(super) fn portraits(
     painter: &mut Painter,
     objects: &Objects<'_>,
@@ -134,7 +134,7 @@ pub(super) fn portraits(
     Ok(tiles)
 }
 
-/// The camera that shows an object best, and one a quarter turn beside it; `None` without Gaussians.
+/// The camera that shows an object best, and a camera a quarter turn beside it; `None` without Gaussians.
 fn cameras(objects: &Objects<'_>, own: &Gaussians) -> Option<[Camera; 2]> {
     let points = means(own);
     let front = portrait(objects.cameras, &points, TILE_PX)?;
@@ -143,7 +143,7 @@ fn cameras(objects: &Objects<'_>, own: &Gaussians) -> Option<[Camera; 2]> {
     Some([front, beside])
 }
 
-/// From an instance's place in the world to that of the reference.
+/// The transform from an instance's pose in the world to that of the reference.
 fn reference_from_instance(reference: &PosedInstance, instance: &PosedInstance) -> Similarity {
     let (to, from) = (&reference.world_from_template, &instance.world_from_template);
     if to == from {
@@ -154,8 +154,8 @@ fn reference_from_instance(reference: &PosedInstance, instance: &PosedInstance) 
     Similarity::from_parts(rotation, scale, to.translation() - scale * (rotation * from.translation()))
 }
 
-/// Both at once: the object in its colour before the reference, a little of which shines through, and the reference's
-/// outline. Grey is what the object does not cover, colour outside of the outline what it has too much.
+/// The object in its colour, with a little of the reference showing through and the reference's outline on top. Grey
+/// parts are not covered by the object; colour outside of the outline belongs to the object alone.
 fn laid_over(under: &Picture, over: &Picture) -> Rgb8 {
     let (width, height) = (under.width as usize, under.height as usize);
     let is_in = |x: usize, y: usize| under.colors[y * width + x][3] > OUTLINE_ALPHA;
@@ -164,7 +164,7 @@ fn laid_over(under: &Picture, over: &Picture) -> Rgb8 {
     };
     let mut pixels = Vec::with_capacity(3 * under.colors.len());
     for (i, (under, over)) in under.colors.iter().zip(&over.colors).enumerate() {
-        // A picture's colour has the ground behind it already.
+        // A picture's colour already contains the background.
         let mixed = [0, 1, 2].map(|c| over[c] + (1.0 - over[3]) * (under[c] - GROUND));
         let through = SHINES_THROUGH * over[3] * under[3];
         let color = [0, 1, 2].map(|c| mixed[c] + through * (under[c] - mixed[c]));
@@ -174,12 +174,12 @@ fn laid_over(under: &Picture, over: &Picture) -> Rgb8 {
     Rgb8 { width: under.width, height: under.height, pixels }
 }
 
-/// The four pixels beside one that is not at the border.
+/// The up to four neighbours of a pixel.
 fn beside(x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
     [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)].into_iter()
 }
 
-/// How far outlines agree over all pictures: intersection by union of their alphas, 0..=1.
+/// Agreement of the outlines over all pictures: intersection over union of the alphas, 0..=1.
 fn overlap(under: &[Picture], over: &[Picture]) -> f64 {
     let alphas = |pictures: &[Picture]| -> Vec<f64> {
         pictures.iter().flat_map(|p| p.colors.iter().map(|c| f64::from(c[3]))).collect()
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn the_object_covers_the_reference_whose_outline_stays() {
         let (ground, grey, red) = ([GROUND, GROUND, GROUND, 0.0], [0.5, 0.5, 0.5, 1.0], [1.0, 0.0, 0.0, 1.0]);
-        // The reference fills five columns, the object three of them, and three beyond.
+        // The reference fills five columns; the object fills three of them, and three more.
         let filled = |color, first: usize, last: usize| {
             let row: Vec<_> = (0..9).map(|x| if (first..last).contains(&x) { color } else { ground }).collect();
             Picture { width: 9, height: 5, colors: row.repeat(5), depths: vec![0.0; 45] }

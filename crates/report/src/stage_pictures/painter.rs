@@ -1,4 +1,4 @@
-//! Renders clouds that are made for a picture.
+//! Renders clouds that exist only for a picture.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{Picture, RenderError, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
 
-/// What single objects stand on, grey from 0 to 1: light, so that dark objects have a plain outline.
+/// Background of single objects, grey from 0 to 1: light, so that dark objects have a clear outline.
 pub(super) const GROUND: f32 = 0.93;
 
 /// A renderer with its options.
@@ -18,15 +18,15 @@ pub struct Painter {
 }
 
 impl Painter {
-    /// `options` are those the cloud was trained with; their background is behind everything.
+    /// A painter with the `options` that the cloud was trained with; their background colour is behind all splats.
     ///
     /// # Errors
-    /// A device that cannot render.
+    /// The device refuses a kernel or a buffer.
     pub fn new(gpu: &Arc<Gpu>, options: RenderOptions) -> Result<Self, RenderError> {
         Ok(Self { renderer: Renderer::new(gpu)?, options })
     }
 
-    /// The cloud, moved by `pose`, from each camera.
+    /// Renders the cloud, moved by `pose`, from each camera.
     pub(super) fn pictures(
         &mut self,
         cloud: Gaussians,
@@ -50,7 +50,7 @@ impl Painter {
     }
 }
 
-/// A picture as it is.
+/// Converts a picture over its background to 8 bits per channel.
 pub(super) fn rgb8(picture: &Picture) -> Rgb8 {
     Rgb8 { width: picture.width, height: picture.height, pixels: picture.rgb8() }
 }

@@ -1,4 +1,4 @@
-//! Every view with its masks painted over it: what `report::review_page` shows.
+//! Paints every view with its masks, for `review_page`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -9,25 +9,25 @@ use super::colors::Colors;
 use super::inputs::consensus_notes;
 use super::masks::{Paint, painted};
 use super::{VIEW_WIDTH_PX, object_paint, photo};
-use crate::{KindOfMasks, ObjectColor, ReviewSheet, ReviewView, write_review};
+use crate::{KindOfMasks, ObjectColor, PictureError, ReviewSheet, ReviewView, write_review};
 use instgs_io::view_image::camera_at_width;
 use instgs_io::{IoError, Mask, MaskFolder, View};
 use instgs_objects::segment::Consensus;
 use instgs_vk::math::statistics::median;
 
-/// Views that a line names; of more it gives the number.
+/// Upper bound of the view names in a line; of more views it gives the number.
 const NAMED_VIEWS: usize = 5;
-/// Views with fewer masks than this part of the median are named: there a detector has probably missed objects.
+/// Views with fewer masks than this fraction of the median are named: a detector has probably missed objects there.
 const FEW_MASKS: f64 = 0.5;
 
-/// Host bytes that photos may take while they are decoded: with one for each of many cores, large ones would take tens of
-/// gigabytes.
+/// Host bytes that photos may take while they are decoded: one large photo per core would take tens of gigabytes on a
+/// machine with many cores.
 const PHOTO_BYTES: u64 = 2 << 30;
-/// Host bytes that a pixel takes meanwhile: 16 for the photo, 2 for its mask and as much while that is read.
+/// Host bytes per pixel while decoding: 16 for the photo, 2 for its mask, and 2 more while the mask is read.
 const BYTES_PER_PIXEL: u64 = 20;
 
-/// Writes the sheet of the masks of `views`; with `found`, what became of them, too: the views are then those that
-/// consensus counted by.
+/// Writes the contact sheet of the masks of `views`; with `found`, the objects of consensus too: `views` are then those
+/// that consensus was computed from.
 ///
 /// # Errors
 /// A mask or a photo that is missing or damaged, or a file that cannot be written.
@@ -63,17 +63,17 @@ fn sheet(views: &[View], masks: &MaskFolder, found: Option<&Consensus>) -> Resul
     })
 }
 
-/// How many of the photos may be decoded at a time.
+/// Number of photos that may be decoded at a time.
 fn photos_at_a_time(views: &[View]) -> usize {
     let pixels = |view: &View| u64::from(view.camera.width) * u64::from(view.camera.height);
     let largest = views.iter().map(pixels).max().unwrap_or(0).max(1);
     usize::try_from(PHOTO_BYTES / (BYTES_PER_PIXEL * largest)).unwrap_or(usize::MAX).max(1)
 }
 
-/// What a view's mask holds.
+/// The contents of a view's mask.
 struct ViewFacts {
     has_file: bool,
-    /// By id: the part of the picture, 0..=1.
+    /// By mask id: the fraction of the picture, 0..=1.
     part_of_id: BTreeMap<u32, f64>,
 }
 
@@ -99,9 +99,9 @@ fn pictures(
     given: &Colors,
     found: Option<(&Consensus, &Colors)>,
 ) -> Result<Vec<(&'static str, String)>, IoError> {
-    // No larger than it is: the page sees to that.
+    // A photo smaller than that is not enlarged: the page scales it.
     let photo = photo(view, &camera_at_width(&view.camera, Some(VIEW_WIDTH_PX.min(view.camera.width))))?;
-    let fail = |what: String| IoError::new(&view.image_path, what);
+    let fail = |error: PictureError| IoError::new(&view.image_path, error.to_string());
     let Some(mask) = masks.of_view(view)? else { return Ok(vec![("photograph", photo.jpeg_address().map_err(fail)?)]) };
     let as_given = painted(&photo, &mask, |id| given.of(u32::from(id)).map_or(Paint::Nothing, Paint::Color));
     let mut out = vec![("masks as given", as_given.jpeg_address().map_err(fail)?)];
@@ -199,7 +199,7 @@ mod tests {
         Ok(View { camera, image_path, split: Split::Train, distortion: None, mask_path: None })
     }
 
-    /// The mask has one row of pixels of each id.
+    /// A mask with one row of pixels for each id.
     fn masked(folder: &Path, name: &str, ids: &[u16]) -> Outcome {
         let rows = (0..SIZE as usize).flat_map(|y| [ids.get(y).copied().unwrap_or_default(); SIZE as usize]);
         let mask = Mask { width: SIZE, height: SIZE, ids: rows.collect() };

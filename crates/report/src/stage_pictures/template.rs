@@ -1,4 +1,4 @@
-//! Templates alone: as they were merged, and as they were learned.
+//! Pictures of single templates: after merging, and after the joint phase.
 
 use std::f64::consts::PI;
 
@@ -10,15 +10,15 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::RenderError;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
-/// Templates that are shown: more are hardly looked at.
+/// Upper bound of the templates shown, as hardly anyone looks at more.
 const TEMPLATES: usize = 12;
 
-/// Every template, or the first twelve, of `scene` without the offsets of any instance, in the place of its first
-/// instance: from the camera that shows that best, and from behind. Cameras are chosen for `framed`, the merged scene,
-/// so that two states of a scene are seen alike. No pictures of a template that is empty or has no instance.
+/// Pictures of every template, or the first twelve, of `scene` without the offsets of any instance, at the pose of its
+/// first instance: from the camera that shows it best, and from behind. Cameras are chosen for `framed`, the merged
+/// scene, so that two states of a scene are shown alike. A template without Gaussians or instances has no pictures.
 ///
 /// # Errors
-/// The device's.
+/// The device fails or is too small.
 pub(super) fn pictures(
     painter: &mut Painter,
     scene: &InstancedScene,
@@ -37,7 +37,7 @@ pub(super) fn pictures(
     Ok(all)
 }
 
-/// A template's Gaussians without view-dependent colour, as the other pictures of objects, and the place of its first
+/// A template's Gaussians without view-dependent colour, like the other pictures of objects, and the pose of its first
 /// instance.
 fn placed(scene: &InstancedScene, template: usize) -> Option<(Gaussians, Similarity)> {
     let range = scene.template_ranges.get(template)?;

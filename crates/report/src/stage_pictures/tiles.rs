@@ -1,4 +1,4 @@
-//! Which objects get a picture of their pose.
+//! Selects the objects whose poses get a picture.
 
 use super::overlay::{Objects, group_overlay, portraits};
 use super::painter::Painter;
@@ -9,12 +9,13 @@ use instgs_objects::template::MIN_OWN_GAUSSIANS;
 use instgs_vk::render::RenderError;
 use instgs_vk::scene::PosedGroup;
 
-/// Groups that are shown, largest first: more are hardly looked at.
+/// Upper bound of the groups shown, largest first, as hardly anyone looks at more.
 pub(super) const GROUPS: usize = 6;
-/// Objects of a group that are shown: those in doubt, then those that fit worst. Twelve are three rows of a page.
+/// Upper bound of the objects of a group shown: doubtful ones first, then the worst fits. Twelve are three rows of a
+/// page.
 const TILES: usize = 12;
 
-/// The registered groups, and the objects that are in none.
+/// Pictures of the registered groups, and of the objects that are in none.
 pub(super) fn overlays(
     painter: &mut Painter,
     objects: &Objects<'_>,
@@ -26,7 +27,7 @@ pub(super) fn overlays(
     let mut out = Vec::new();
     for group in order.into_iter().take(GROUPS) {
         let reference = reference(group, objects);
-        out.push(group_overlay(painter, objects, group, (reference, &shown(group, reference, prepared)))?);
+        out.push(group_overlay(painter, objects, group, reference, &shown(group, reference, prepared))?);
     }
     let is_posed = |id: u32| groups.iter().flat_map(|group| &group.instances).any(|instance| instance.id == id);
     let mut alone: Vec<u32> = objects.ids().filter(|&id| !is_posed(id)).collect();
@@ -39,14 +40,15 @@ pub(super) fn overlays(
     Ok(out)
 }
 
-/// The instance that the others are laid on: the first, unless it has hardly any Gaussians; then the one with the most.
+/// Index of the instance that the others are compared with: the first, or the one with the most Gaussians if the first
+/// has hardly any.
 fn reference(group: &PosedGroup, objects: &Objects<'_>) -> usize {
     let own = |i: usize| objects.len(group.instances[i].id);
     let most = (0..group.instances.len()).max_by_key(|&i| (own(i), std::cmp::Reverse(i))).unwrap_or(0);
     if own(0) >= MIN_OWN_GAUSSIANS { 0 } else { most }
 }
 
-/// The reference, then others in the group's order; if there are too many, those that most want a look.
+/// The reference, then others in the group's order; if there are too many, those that most need a look.
 fn shown(group: &PosedGroup, reference: usize, prepared: &Prepared) -> Vec<usize> {
     let mut others: Vec<usize> = (0..group.instances.len()).filter(|&i| i != reference).collect();
     let worth = |i: usize| worth(group.instances[i].id, prepared);
@@ -59,8 +61,8 @@ fn shown(group: &PosedGroup, reference: usize, prepared: &Prepared) -> Vec<usize
     [vec![reference], others].concat()
 }
 
-/// Whether the pose of an object is in doubt, and how badly it fits, as its registration says, or the merge if poses
-/// were given.
+/// Whether the pose of an object is in doubt, and how badly it fits, according to its registration, or to the merge if
+/// poses were given.
 fn worth(id: u32, prepared: &Prepared) -> (bool, f64) {
     let registered = |r: &InstanceRegistration| (r.verdict == Verdict::Ambiguous, r.relative_rmse);
     let merged = || {

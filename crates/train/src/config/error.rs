@@ -1,4 +1,4 @@
-//! What can be wrong with a configuration, in one line.
+//! Errors in a configuration, each one line for the user.
 
 use instgs_io::IoError;
 
@@ -16,7 +16,7 @@ pub enum ConfigError {
         /// What is wrong and what to do.
         what: String,
     },
-    /// No such key.
+    /// The key does not exist.
     #[error("{origin}: unknown key {key}; did you mean {nearest}?")]
     UnknownKey {
         /// Which file or argument.
@@ -31,11 +31,11 @@ pub enum ConfigError {
     Value {
         /// Which file or argument.
         origin: String,
-        /// The key, dotted.
+        /// The dotted name of the key.
         key: String,
-        /// The value as TOML.
+        /// The refused value as TOML.
         value: String,
-        /// What the key takes.
+        /// The values that the key accepts.
         allowed: String,
     },
     /// Two values that do not go together.
@@ -43,7 +43,7 @@ pub enum ConfigError {
     Conflict {
         /// Key, value and where it was set.
         first: String,
-        /// For instance "at most".
+        /// The relation that must hold between them, for instance "at most".
         relation: &'static str,
         /// Key, value and where it was set.
         second: String,
@@ -51,7 +51,7 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
-    /// A configuration made in code that no file can hold.
+    /// The error of a configuration made in code whose values no file can hold.
     pub(super) fn unwritable(what: &str) -> Self {
         Self::Syntax { origin: "configuration".into(), what: one_line(what) }
     }

@@ -1,41 +1,41 @@
-//! What the joint phase goes by; reasons in `configs/default.toml`.
+//! Settings of the joint phase; the reasons for their defaults are in `configs/default.toml`.
 
 use serde::{Deserialize, Serialize};
 
 use super::schedule::{OffsetRates, PoseRates, Rates, SourceRates, late_decay, log_linear};
 use super::{Method, Strategy, TrainConfig};
 
-/// What instances have of their own.
+/// The properties in which instances may differ from their template.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OffsetConfig {
-    /// Centres.
+    /// Offsets of the centres.
     pub position: bool,
-    /// SH coefficient 0.
+    /// Offsets of SH coefficient 0, the base colour.
     pub sh_dc: bool,
-    /// Opacity logits.
+    /// Offsets of the opacity logits.
     pub opacity: bool,
-    /// The other SH coefficients.
+    /// Offsets of the other SH coefficients.
     pub sh_rest: bool,
-    /// Log scales and quaternions.
+    /// Offsets of log scales and quaternions.
     pub covariance: bool,
 }
 
-/// The second phase.
+/// Settings of the joint phase, the second training run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointConfig {
-    /// Optimisation steps.
+    /// Number of optimisation steps.
     pub steps: u64,
-    /// Poses learn.
+    /// Whether the poses of instances are optimised.
     pub refine_poses: bool,
-    /// Their scales, too.
+    /// Whether the scales of the poses are optimised too.
     pub refine_scales: bool,
-    /// Factor that rates other than the centres' have reached at the end.
+    /// Factor that all learning rates but those of the centres have reached at the end.
     pub final_factor: f64,
-    /// Part of the steps after which they begin to decay, in 0..1.
+    /// Fraction of the steps after which the rates begin to decay, in 0..1.
     pub decay_start: f64,
-    /// Opacity below which Gaussians are removed at the end; 0 = none.
+    /// Opacity below which Gaussians are removed at the end; 0 = none are removed.
     pub prune_opacity: f64,
 }
 
@@ -47,15 +47,15 @@ pub struct JointRates {
     pub means: f64,
     /// Centres at the last step, times the scene extent.
     pub means_final: f64,
-    /// SH coefficient 0.
+    /// SH coefficient 0, the base colour.
     pub sh_dc: f64,
     /// The other SH coefficients.
     pub sh_rest: f64,
-    /// Opacity logits.
+    /// Rate of the opacity logits.
     pub opacity: f64,
     /// Logarithms of the scales.
     pub log_scales: f64,
-    /// Quaternions.
+    /// Rate of the quaternions.
     pub quats: f64,
 }
 
@@ -63,16 +63,16 @@ pub struct JointRates {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseRateConfig {
-    /// Times the scene extent.
+    /// Translation, times the scene extent.
     pub translation: f64,
-    /// Radians.
+    /// Rotation vector, radians.
     pub rotation: f64,
-    /// Logarithm of the scale.
+    /// Logarithm of the scale factor.
     pub log_scale: f64,
 }
 
 impl JointRates {
-    /// At a step; `factor` is that of all rates but the centres'.
+    /// The rates of step index `step` of `steps`; `factor` scales all rates except those of the centres.
     fn at(&self, step: u64, steps: u64, extent: f64, factor: f64) -> SourceRates {
         SourceRates {
             means: log_linear(self.means, self.means_final, step, steps) * extent,
@@ -86,7 +86,7 @@ impl JointRates {
 }
 
 impl OffsetConfig {
-    /// The rates of what instances have of their own; what they do not have is held.
+    /// The rates of the offsets that instances have; the rates of all others are 0.
     fn rates(&self, rates: &SourceRates) -> OffsetRates {
         let of = |has: bool, rate: f64| if has { rate } else { 0.0 };
         OffsetRates {
@@ -101,7 +101,7 @@ impl OffsetConfig {
 }
 
 impl TrainConfig {
-    /// What the steps of this method's own phase go by: of `instgs`, the joint phase.
+    /// The configuration of the phase that the method itself adds: for `instgs` the joint phase, else `self`.
     pub(crate) fn own_phase(&self) -> Self {
         match self.method {
             Method::Gaussians => self.clone(),
@@ -109,12 +109,12 @@ impl TrainConfig {
         }
     }
 
-    /// The configuration of the first phase: a plain cloud.
+    /// The configuration of the first phase, which trains a plain cloud.
     pub fn cloud_phase(&self) -> Self {
         Self { method: Method::Gaussians, ..self.clone() }
     }
 
-    /// A plain cloud that nothing comes after: its rates end as those of the joint phase do.
+    /// A plain cloud without a later phase: its rates end as those of the joint phase do.
     pub fn cloud_alone(&self) -> Self {
         let mut config = self.cloud_phase();
         (config.rates.final_factor, config.rates.decay_start) = (self.joint.final_factor, self.joint.decay_start);

@@ -1,17 +1,17 @@
-//! The keys of a configuration: what each takes, and which one was probably meant.
+//! The keys of a configuration: the values each accepts, and the key that a misspelt name probably means.
 
 use toml::Value;
 
-/// A key and what it takes.
+/// A key and the values that it accepts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
     /// Dotted name, for instance `rates.means`.
     pub name: &'static str,
-    /// What it takes.
+    /// Type and range of its values.
     pub takes: Takes,
 }
 
-/// What a key takes.
+/// The type and range of a key's values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Takes {
     /// A whole number from the first to the second.
@@ -24,24 +24,24 @@ pub enum Takes {
     RealBelow(f64, f64),
     /// A number above the first, below the second.
     RealBetween(f64, f64),
-    /// true or false.
+    /// A Boolean, true or false.
     Flag,
-    /// One of these words.
+    /// One of the listed words.
     Word(&'static [&'static str]),
-    /// Any text.
+    /// Any string, even an empty one.
     Text,
 }
 
 use Takes::{Flag, Real, RealAbove, RealBelow, RealBetween, Text, Whole, Word};
 
-/// Steps: more than any run has, and its product with anything here fits 64 bits.
+/// Largest number of steps: more than any run has, and its product with any value here fits 64 bits.
 const STEPS_MAX: u64 = 100_000_000;
-/// Above this a learning rate or weight is a slip of the pen.
+/// A learning rate or weight above this is taken for a typing error.
 const RATE_MAX: f64 = 1e3;
 /// Indices of Gaussians and of their SH coefficients must fit 32 bits.
 const GAUSSIANS_MAX: u64 = 80_000_000;
 
-/// A key and what it takes.
+/// Makes a key from its name and the values that it accepts.
 pub const fn key(name: &'static str, takes: Takes) -> Key {
     Key { name, takes }
 }
@@ -160,8 +160,8 @@ impl std::fmt::Display for Takes {
 }
 
 impl Takes {
-    /// The value in the key's own type, `None` if it is not allowed. A whole number may be written as `3e4`, a number
-    /// as `1`.
+    /// The value converted to the key's type, or `None` if it is not allowed. A whole number may be written as `3e4`, a
+    /// real number as `1`.
     pub fn accept(&self, value: &Value) -> Option<Value> {
         match (*self, value) {
             (Whole(low, high), _) => {
@@ -180,7 +180,7 @@ impl Takes {
 }
 
 fn whole(value: &Value) -> Option<u64> {
-    /// Up to here f64 holds every whole number.
+    /// f64 holds every whole number up to here.
     const EXACT: f64 = (1u64 << 53) as f64;
     match *value {
         Value::Integer(n) => u64::try_from(n).ok(),
@@ -195,11 +195,12 @@ fn real(value: &Value, fits: impl Fn(f64) -> bool) -> Option<Value> {
         Value::Float(x) => x,
         _ => return None,
     };
-    // NaN fits nothing.
+    // NaN lies in no range.
     fits(x).then_some(Value::Float(x))
 }
 
-/// The one of `keys` nearest to `name` by edit distance; `means` is near `rates.means`. For a section, its first key.
+/// The key of `keys` nearest to `name` by edit distance; `means` is near `rates.means`. For a section name, its first
+/// key.
 pub fn nearest(keys: &[Key], name: &str) -> &'static str {
     if let Some(key) = keys.iter().find(|key| key.name.split_once('.').is_some_and(|(section, _)| section == name)) {
         return key.name;
@@ -207,13 +208,13 @@ pub fn nearest(keys: &[Key], name: &str) -> &'static str {
     let last = |s: &str| s.rsplit('.').next().unwrap_or_default().to_lowercase();
     let distance = |key: &Key| {
         let whole = edit_distance(&name.to_lowercase(), key.name);
-        // The right key in the wrong section is a slip of about one letter.
+        // The right key in the wrong section counts as about one wrong letter.
         whole.min(1 + edit_distance(&last(name), &last(key.name)))
     };
     keys.iter().min_by_key(|key| distance(key)).map_or("steps", |key| key.name)
 }
 
-/// Letters to insert, remove or replace to turn one into the other.
+/// Number of letters to insert, remove or replace to turn `a` into `b` (Levenshtein distance).
 fn edit_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();

@@ -1,4 +1,4 @@
-//! The layers of a configuration, from the defaults up.
+//! Puts a configuration together from layers: defaults, files, `--set` and flags.
 
 use std::collections::BTreeMap;
 use std::marker::PhantomData;
@@ -13,7 +13,7 @@ use instgs_io::read_bytes;
 /// Longest value that an error repeats, characters.
 const VALUE_SHOWN: usize = 60;
 
-/// Values that [`Layers`] puts together.
+/// A configuration that [`Layers`] can put together.
 pub trait Configuration: Sized {
     /// Every key, in the order in which a file is written.
     fn keys() -> Vec<Key>;
@@ -24,10 +24,10 @@ pub trait Configuration: Sized {
     /// Names and texts of the built-in files that `--config` knows.
     fn presets() -> &'static [(&'static str, &'static str)];
 
-    /// The values of a table with every key.
+    /// Builds the configuration from a table that has every key.
     ///
     /// # Errors
-    /// A key that is missing or unknown, or of another type.
+    /// A key that is missing or unknown, or a value of the wrong type.
     fn from_table(table: Table) -> Result<Self, toml::de::Error>;
 
     /// A table with every key.
@@ -36,20 +36,20 @@ pub trait Configuration: Sized {
     /// A value that TOML cannot hold.
     fn to_table(&self) -> Result<Table, toml::ser::Error>;
 
-    /// Checks what no single key can see; `shown` says of a key what it was set to, and where.
+    /// Checks rules between several keys; `shown` gives a key with its value and the place where it was set.
     ///
     /// # Errors
-    /// Values that do not go together.
+    /// Two values that do not go together.
     fn check(&self, shown: &dyn Fn(&str) -> String) -> Result<(), ConfigError>;
 }
 
-/// Puts a configuration together; each layer overrides those before it. Errors come with the layer that has them.
+/// Puts a configuration together; each layer overrides those before it. An error names the layer that caused it.
 ///
 /// ```
-/// use instgs_vk::train::config::ConfigBuilder;
+/// use instgs_train::config::ConfigBuilder;
 /// let config = ConfigBuilder::new().file("quick")?.set("rates.quats=2e-3")?.flag("--steps", "steps", 300)?.finish()?;
 /// assert_eq!((config.steps, config.rates.quats), (300, 2e-3));
-/// # Ok::<(), instgs_vk::train::config::ConfigError>(())
+/// # Ok::<(), instgs_train::config::ConfigError>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Layers<C> {
@@ -66,15 +66,15 @@ impl<C: Configuration> Default for Layers<C> {
 }
 
 impl<C: Configuration> Layers<C> {
-    /// Nothing but the defaults, which [`Self::finish`] puts below everything.
+    /// No layers yet; [`Self::finish`] puts the defaults below all that follow.
     pub fn new() -> Self {
         Self { keys: C::keys(), values: BTreeMap::new(), result: PhantomData }
     }
 
-    /// `--config`: the name of a preset, or else the path of a TOML file.
+    /// Adds the layer of `--config`: the name of a preset, or else the path of a TOML file.
     ///
     /// # Errors
-    /// No such file, not TOML, an unknown key, or a value that its key does not take.
+    /// The file does not exist or is not TOML, or it has an unknown key or a value that its key does not accept.
     pub fn file(self, name_or_path: &str) -> Result<Self, ConfigError> {
         if let Some((name, text)) = C::presets().iter().find(|(name, _)| *name == name_or_path) {
             return self.text(text, &format!("preset {name}"));
@@ -90,10 +90,10 @@ impl<C: Configuration> Layers<C> {
         self.text(&text, &origin)
     }
 
-    /// TOML text; `origin` names it in errors.
+    /// Adds a layer of TOML text; `origin` names it in errors.
     ///
     /// # Errors
-    /// Not TOML, an unknown key, or a value that its key does not take.
+    /// The text is not TOML, or it has an unknown key or a value that its key does not accept.
     pub fn text(mut self, text: &str, origin: &str) -> Result<Self, ConfigError> {
         let table: Table = text.parse().map_err(|e: toml::de::Error| {
             let line = e.span().and_then(|s| text.get(..s.start)).map_or(1, |t| 1 + t.matches('\n').count());
@@ -103,10 +103,11 @@ impl<C: Configuration> Layers<C> {
         Ok(self)
     }
 
-    /// `--set KEY=VALUE`: a dotted key and a TOML value; what is not TOML is taken as a string, so words need no quotes.
+    /// Adds one `--set KEY=VALUE`: a dotted key and a TOML value. A value that is not TOML counts as a string, so words
+    /// need no quotes.
     ///
     /// # Errors
-    /// No `=`, an unknown key, or a value that the key does not take.
+    /// There is no `=`, the key is unknown, or it does not accept the value.
     pub fn set(mut self, assignment: &str) -> Result<Self, ConfigError> {
         let origin = "--set";
         let Some((key, text)) = assignment.split_once('=') else {
@@ -118,16 +119,17 @@ impl<C: Configuration> Layers<C> {
         Ok(self)
     }
 
-    /// A flag of its own, such as `--steps 500`; `flag` names it in errors, `key` is what it sets.
+    /// Adds a value set by a flag of its own, such as `--steps 500`; `flag` names it in errors, `key` is the key that
+    /// it sets.
     ///
     /// # Errors
-    /// A value that the key does not take.
+    /// The key does not accept the value.
     pub fn flag(mut self, flag: &str, key: &str, value: impl Into<Value>) -> Result<Self, ConfigError> {
         self.assign(key, &value.into(), flag)?;
         Ok(self)
     }
 
-    /// The configuration.
+    /// Puts the layers above the defaults and checks the result.
     ///
     /// # Errors
     /// Values that do not go together.
@@ -213,10 +215,10 @@ pub fn to_toml<C: Configuration>(config: &C) -> Result<String, ConfigError> {
     Ok(out)
 }
 
-/// The keys whose values differ from those of `other`, with both values as TOML: own first.
+/// Lists the keys whose values differ, each as (key, value in `own`, value in `other`), the values as TOML.
 ///
 /// # Errors
-/// As for [`to_toml`].
+/// The same errors as [`to_toml`].
 pub fn differences<C: Configuration>(own: &C, other: &C) -> Result<Vec<(String, String, String)>, ConfigError> {
     let mut out = Vec::new();
     add_differences("", &table_of(own)?, &table_of(other)?, &mut out);
@@ -227,7 +229,7 @@ fn table_of<C: Configuration>(config: &C) -> Result<Table, ConfigError> {
     config.to_table().map_err(|e| ConfigError::unwritable(&e.to_string()))
 }
 
-/// Both tables have the same keys, as they are of the same type.
+/// Adds the differences of two tables, which have the same keys because they come from the same type.
 fn add_differences(prefix: &str, own: &Table, other: &Table, out: &mut Vec<(String, String, String)>) {
     for (key, value) in own {
         let path = format!("{prefix}{key}");
@@ -239,7 +241,7 @@ fn add_differences(prefix: &str, own: &Table, other: &Table, out: &mut Vec<(Stri
     }
 }
 
-/// A text of the user in an error: one line, not too long.
+/// Text of the user as an error shows it: one line, cut to [`VALUE_SHOWN`] characters.
 fn shown(text: &str) -> String {
     let line = one_line(text);
     match line.char_indices().nth(VALUE_SHOWN) {

@@ -1,11 +1,11 @@
-//! Layers, messages and the built-in files.
+//! Tests of the layers, the error messages and the built-in files.
 
 use super::*;
 use crate::config::{Background, ConfigBuilder, Init, Method, PRESETS, Strategy, TrainConfig};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
-/// The error's text; empty if there is none.
+/// The error's text; empty if the result is no error.
 fn text_of<T>(result: Result<T, ConfigError>) -> String {
     result.err().map(|e| e.to_string()).unwrap_or_default()
 }
@@ -132,7 +132,7 @@ fn syntax_errors_are_one_line_with_the_line() {
     let twice = text_of(ConfigBuilder::new().text("steps = 5\nsteps = 6\n", "my.toml"));
     assert!(twice.starts_with("my.toml: line 2: "), "{twice}");
     assert!(text_of(ConfigBuilder::new().set("steps")).contains("no \"=\""));
-    // A line break cannot smuggle a second key in.
+    // A line break must not bring in a second key.
     assert!(text_of(ConfigBuilder::new().set("steps=5\nwidth=6")).contains("steps = "));
     let missing = text_of(ConfigBuilder::new().file("no/such.toml"));
     assert!(missing.contains("no/such.toml") && missing.contains("preset (default, quick, paper, mcmc)"), "{missing}");

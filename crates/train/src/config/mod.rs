@@ -1,9 +1,10 @@
 //! The configuration of a training run: validated, resolved, plain values.
 //!
 //! Built-in defaults (`configs/default.toml`) < `--config` (file or preset) < `--set key=value` < flags such as
-//! `--steps`: [`ConfigBuilder`] puts the layers together, [`keys`] says what a key may be, this file explains each.
-//! [`Layers`] does the same for any type that is a [`Configuration`]: what comes before and after training has keys of
-//! its own. What the values mean at a step is in the methods of [`TrainConfig`] ([`Rates`] and the schedule).
+//! `--steps`: [`ConfigBuilder`] puts the layers together, [`keys`] lists the values that each key accepts, and this
+//! file explains the keys. [`Layers`] does the same for any type that is a [`Configuration`]: the stages before and
+//! after training have keys of their own. The methods of [`TrainConfig`] in the module `schedule` derive the values of
+//! a given step, such as its learning [`Rates`].
 
 pub mod empty_is_none;
 mod error;
@@ -32,7 +33,7 @@ pub const PRESETS: [(&str, &str); 4] = [
     ("mcmc", include_str!("../../../../configs/mcmc.toml")),
 ];
 
-/// Puts together a configuration of the trainer alone.
+/// The layers of a configuration that has the trainer's keys only.
 pub type ConfigBuilder = Layers<TrainConfig>;
 
 /// Everything that decides the outcome of a training run, apart from the data and the device. Comments give units;
@@ -42,22 +43,23 @@ pub type ConfigBuilder = Layers<TrainConfig>;
 pub struct TrainConfig {
     /// Optimisation steps in all.
     pub steps: u64,
-    /// Fixes every random choice.
+    /// Seed of every random choice.
     pub seed: u64,
-    /// Width of the training pictures, pixels; 0 = as they are.
+    /// Width of the training pictures, pixels; 0 = that of the files.
     pub width: u32,
-    /// What is trained.
+    /// Whether a plain cloud or an instanced scene is trained.
     pub method: Method,
     /// Where the first Gaussians come from.
     pub init: Init,
-    /// A scene whose Gaussians come first instead.
+    /// File of a scene whose Gaussians training starts from, instead of `init`.
     #[serde(with = "empty_is_none")]
     pub init_scene: Option<PathBuf>,
-    /// Gaussians of [`Init::Random`].
+    /// Number of Gaussians of [`Init::Random`].
     pub init_count: u32,
-    /// Opacity of the first Gaussians, in 0..1 without the ends. Not of those of a scene.
+    /// Opacity of the first Gaussians, in 0..1 without the ends. Not used with `init_scene`.
     pub init_opacity: f64,
-    /// Their standard deviation, times the distance to their three nearest neighbours. Not of those of a scene.
+    /// Their standard deviation, times the root mean square distance to the three nearest neighbours. Not used with
+    /// `init_scene`.
     pub init_scale: f64,
     /// SH degree at the end, 0..=3.
     pub sh_degree: u32,
@@ -65,13 +67,13 @@ pub struct TrainConfig {
     pub sh_every: u64,
     /// Weight of 1 - SSIM in the loss, 0..=1; L1 has the rest.
     pub lambda_dssim: f64,
-    /// What is behind the Gaussians.
+    /// Background colour of the training pictures.
     pub background: Background,
-    /// Opacity compensation for the dilation.
+    /// Whether opacities are lowered to make up for the dilation of small splats.
     pub antialias: bool,
-    /// Gaussians nearer than this view depth are not drawn, scene units.
+    /// View depth below which Gaussians are not drawn, scene units.
     pub near: f64,
-    /// Densification never goes beyond so many Gaussians.
+    /// Upper bound of the number of Gaussians in densification.
     pub max_gaussians: u32,
     /// How the number of Gaussians changes.
     pub strategy: Strategy,
@@ -79,29 +81,29 @@ pub struct TrainConfig {
     pub eval_every: u64,
     /// Steps between checkpoints; 0 = at the end and on interrupt only.
     pub checkpoint_every: u64,
-    /// Device memory that training may use, MiB; 0 = what the device has.
+    /// Device memory that training may use, MiB; 0 = all that the device has.
     pub device_memory_mb: u32,
-    /// Learning rates.
+    /// Learning rates of a plain cloud.
     pub rates: RateConfig,
-    /// For [`Strategy::Densify`].
+    /// Settings of [`Strategy::Densify`].
     pub densify: DensifyConfig,
-    /// For [`Strategy::Mcmc`].
+    /// Settings of [`Strategy::Mcmc`].
     pub mcmc: McmcConfig,
-    /// What instances have of their own. This and all that follows is for [`Method::Instanced`].
+    /// The properties in which instances have offsets. This and all keys below are for [`Method::Instanced`].
     pub offsets: OffsetConfig,
-    /// The joint phase.
+    /// Settings of the joint phase.
     pub joint: JointConfig,
-    /// Its learning rates, for templates.
+    /// Learning rates of templates in the joint phase.
     pub template_rates: JointRates,
-    /// For the background.
+    /// Learning rates of the background in the joint phase.
     pub background_rates: JointRates,
-    /// For offsets.
+    /// Learning rates of offsets in the joint phase.
     pub offset_rates: JointRates,
-    /// For poses.
+    /// Learning rates of poses in the joint phase.
     pub pose_rates: PoseRateConfig,
 }
 
-/// What is trained.
+/// What kind of scene is trained.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
     /// A plain cloud of Gaussians.
@@ -116,21 +118,21 @@ pub enum Method {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Init {
-    /// The data set's point cloud.
+    /// At the points of the data set's point cloud.
     Points,
-    /// Uniform in the cameras' box.
+    /// Uniformly distributed in a box that the cameras see.
     Random,
 }
 
-/// What is behind the Gaussians.
+/// The background colour: what a pixel shows behind all splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Background {
-    /// (0, 0, 0).
+    /// Black: linear RGB (0, 0, 0).
     Black,
-    /// (1, 1, 1).
+    /// White: linear RGB (1, 1, 1).
     White,
-    /// A colour drawn for each step.
+    /// A random colour for each step.
     Random,
 }
 
@@ -138,11 +140,11 @@ pub enum Background {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Strategy {
-    /// Clone, split, prune, reset opacities.
+    /// Clones, splits and prunes Gaussians and resets opacities.
     Densify,
-    /// Relocation and noise up to a fixed number.
+    /// MCMC relocation, and noise, up to a fixed number of Gaussians.
     Mcmc,
-    /// It stays as it is.
+    /// The number of Gaussians stays as it is.
     None,
 }
 
@@ -154,79 +156,81 @@ pub struct RateConfig {
     pub means: f64,
     /// Centres after `means_steps`, times the scene extent.
     pub means_final: f64,
-    /// Steps of the decay from one to the other; 0 = the training's.
+    /// Steps of the decay from `means` to `means_final`; 0 = those of the whole training.
     pub means_steps: u64,
-    /// SH coefficient 0.
+    /// SH coefficient 0, the base colour.
     pub sh_dc: f64,
     /// The other SH coefficients.
     pub sh_rest: f64,
-    /// Opacity logits.
+    /// Rate of the opacity logits.
     pub opacity: f64,
     /// Logarithms of the scales.
     pub log_scales: f64,
-    /// Quaternions.
+    /// Rate of the quaternions.
     pub quats: f64,
-    /// Factor that all rates but the centres' have reached at the end.
+    /// Factor that all learning rates but those of the centres have reached at the end.
     pub final_factor: f64,
-    /// Part of the steps after which they begin to decay, in 0..1.
+    /// Fraction of the steps after which the rates begin to decay, in 0..1.
     pub decay_start: f64,
-    /// Adam's decay of the mean gradient, in 0..1.
+    /// Adam's decay rate of the mean gradient, in 0..1.
     pub beta1: f64,
-    /// Adam's decay of the mean squared gradient, in 0..1.
+    /// Adam's decay rate of the mean squared gradient, in 0..1.
     pub beta2: f64,
     /// Adam's term against division by zero.
     pub eps: f64,
 }
 
-/// Clone, split, prune.
+/// Settings of densification: clone, split, prune, opacity reset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DensifyConfig {
-    /// Densification happens after this many steps are done,
+    /// Densification runs only after this many finished steps.
     pub start: u64,
-    /// before this many are,
+    /// Densification runs only before this many finished steps.
     pub stop: u64,
-    /// and before this part of the training's steps is,
+    /// Densification runs only before this fraction of all steps.
     pub stop_fraction: f64,
-    /// whenever the number done is a multiple of this.
+    /// Number of steps from one densification to the next: it runs when the number of finished steps is a multiple.
     pub every: u64,
     /// Mean length of the screen gradient above which a Gaussian is cloned or split, NDC units.
     pub gradient_threshold: f64,
-    /// Largest scale above which it is split, part of the scene extent.
+    /// Largest standard deviation above which such a Gaussian is split and not cloned, as a fraction of the scene
+    /// extent.
     pub split_fraction: f64,
-    /// How many replace a split one.
+    /// Number of Gaussians that replace a split one.
     pub split_count: u32,
-    /// What a split one's scales are divided by.
+    /// Divisor of the scales of a Gaussian when it is split.
     pub split_shrink: f64,
     /// Opacity below which Gaussians are removed.
     pub opacity_min: f64,
-    /// Steps between opacity resets; 0 = none. Before [`Background::White`] there is one more, after `start` steps.
+    /// Steps between opacity resets; 0 = none. With [`Background::White`] there is one more, after `start` steps.
     pub opacity_reset_every: u64,
-    /// Opacity that a reset leaves at most.
+    /// Upper bound of all opacities after a reset.
     pub opacity_reset_to: f64,
     /// Screen radius above which Gaussians are removed after the first reset, pixels; 0 = no limit.
     pub screen_size_max_px: f64,
-    /// Largest scale above which Gaussians are removed after the first reset, part of the scene extent; 0 = no limit.
+    /// Largest standard deviation above which Gaussians are removed after the first reset, as a fraction of the scene
+    /// extent; 0 = no limit.
     pub world_size_max: f64,
 }
 
-/// Relocation and noise.
+/// Settings of MCMC relocation, growth and noise.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct McmcConfig {
-    /// Relocation happens after this many steps are done,
+    /// Relocation runs only after this many finished steps.
     pub start: u64,
-    /// before this many are,
+    /// Relocation runs only before this many finished steps.
     pub stop: u64,
-    /// and before this part of the training's steps is,
+    /// Relocation runs only before this fraction of all steps.
     pub stop_fraction: f64,
-    /// whenever the number done is a multiple of this.
+    /// Number of steps from one relocation to the next: it runs when the number of finished steps is a multiple.
     pub every: u64,
     /// Factor by which the number of Gaussians grows each time, 1 or more.
     pub growth: f64,
-    /// Opacity below which Gaussians are moved onto others.
+    /// Opacity below which a Gaussian counts as dead and is moved onto a live one.
     pub opacity_min: f64,
-    /// Noise on the centres, times their learning rate.
+    /// Standard deviation of the noise on the centres, times their learning rate.
     pub noise: f64,
     /// Weight of the mean opacity in the loss.
     pub opacity_regularisation: f64,
@@ -235,7 +239,7 @@ pub struct McmcConfig {
 }
 
 impl Method {
-    /// As on the command line.
+    /// The name of the method on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Gaussians => "3dgs",
@@ -245,7 +249,7 @@ impl Method {
 }
 
 impl Default for TrainConfig {
-    /// `configs/default.toml`.
+    /// The values of `configs/default.toml`.
     #[expect(clippy::expect_used, reason = "the built-in file is part of the program and tested")]
     fn default() -> Self {
         ConfigBuilder::new().finish().expect("configs/default.toml is complete and valid")
@@ -256,7 +260,7 @@ impl TrainConfig {
     /// The configuration as TOML with every key, as in `RUN/config.toml`; loading it gives an equal one.
     ///
     /// # Errors
-    /// As for [`to_toml`].
+    /// The same errors as [`to_toml`].
     pub fn to_toml(&self) -> Result<String, ConfigError> {
         to_toml(self)
     }

@@ -1,11 +1,12 @@
-//! What a configuration means at a step. Pure functions, so a resumed run sees what the uninterrupted one saw.
+//! The values of a configuration at a given step. Pure functions, so that a resumed run gets those of an uninterrupted
+//! one.
 //!
-//! `step` is the index of a step, from 0: what that step uses. `done` is the number of finished steps, from 1: what
-//! happens between steps. After step index s, `done` is s + 1.
+//! `step` is the index of a step, from 0, and selects the values that the step uses. `done` is the number of finished
+//! steps, from 1, and selects the work between two steps. After step index s, `done` is s + 1.
 
 use super::{Background, Method, Strategy, TrainConfig};
 
-/// Learning rates of one step by group of parameters, parameter units. What has rate 0 is held.
+/// Learning rates of one step by group of parameters, parameter units. A parameter with rate 0 does not change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
     /// Gaussians of the templates.
@@ -14,7 +15,7 @@ pub struct Rates {
     pub background: SourceRates,
     /// Offsets of instances from their templates.
     pub offsets: OffsetRates,
-    /// Places of instances.
+    /// Learning rates of instance poses.
     pub poses: PoseRates,
 }
 
@@ -23,53 +24,53 @@ pub struct Rates {
 pub struct SourceRates {
     /// Centres, scene units.
     pub means: f64,
-    /// SH coefficient 0.
+    /// SH coefficient 0, the base colour.
     pub sh_dc: f64,
     /// The other SH coefficients.
     pub sh_rest: f64,
-    /// Opacity logits.
+    /// Rate of the opacity logits.
     pub opacity: f64,
     /// Logarithms of the scales.
     pub log_scales: f64,
-    /// Quaternions.
+    /// Rate of the quaternions.
     pub quats: f64,
 }
 
-/// Learning rates of offsets, each as the parameter that it is added to.
+/// Learning rates of offsets, each in the unit of the parameter that the offset is added to.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OffsetRates {
-    /// Of centres, template units.
+    /// Offsets of centres, template units.
     pub means: f64,
-    /// Of SH coefficient 0.
+    /// Offsets of SH coefficient 0.
     pub sh_dc: f64,
-    /// Of opacity logits.
+    /// Offsets of opacity logits.
     pub opacity: f64,
-    /// Of the other SH coefficients.
+    /// Offsets of the other SH coefficients.
     pub sh_rest: f64,
-    /// Of logarithms of the scales.
+    /// Offsets of logarithms of the scales.
     pub log_scales: f64,
-    /// Of quaternions.
+    /// Offsets of quaternions.
     pub quats: f64,
 }
 
-/// Learning rates of the places of instances.
+/// Learning rates of the poses of instances.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PoseRates {
-    /// Of positions, template units.
+    /// Positions, template units.
     pub translation: f64,
-    /// Of rotations, radians.
+    /// Rotation vectors, radians.
     pub rotation: f64,
-    /// Of logarithms of the scale.
+    /// Logarithms of the scale factors.
     pub log_scale: f64,
 }
 
 impl PoseRates {
-    /// In the order in which the device keeps them.
+    /// The rates in the order in which the device keeps them.
     pub fn values(&self) -> [f64; 3] {
         [self.translation, self.rotation, self.log_scale]
     }
 
-    /// True if every place stays as it is.
+    /// True if no pose changes.
     pub fn are_held(&self) -> bool {
         *self == Self::default()
     }
@@ -102,8 +103,8 @@ impl TrainConfig {
         u32::try_from(risen).unwrap_or(u32::MAX).min(self.sh_degree)
     }
 
-    /// True if Gaussians are added, moved or removed (by the strategy in use) once `done` steps are finished. Never
-    /// after the last step: nothing would train the new ones.
+    /// True if the strategy adds, moves or removes Gaussians once `done` steps are finished. Never after the last step,
+    /// as nothing would train the new ones.
     pub fn densifies_at(&self, done: u64) -> bool {
         let (densify, mcmc) = (&self.densify, &self.mcmc);
         let (start, stop, fraction, every) = match self.strategy {
@@ -114,14 +115,14 @@ impl TrainConfig {
         start < done && done < self.earlier(stop, fraction) && done.is_multiple_of(every)
     }
 
-    /// The earlier of the step `stop` and the part `fraction` of all, rounded to the nearest step.
+    /// The smaller of the step `stop` and the fraction `fraction` of all steps, rounded to the nearest step.
     fn earlier(&self, stop: u64, fraction: f64) -> u64 {
         stop.min((fraction * self.steps as f64).round() as u64)
     }
 
     /// True if opacities are lowered once `done` steps are finished; after the densification of the same `done`, if
-    /// both happen. Before white there is one more, when densification may start: as in INRIA's code, where what has
-    /// learned to be the background by then gets the chance to fade.
+    /// both happen. With a white background there is one more reset when densification may start, as in INRIA's code:
+    /// Gaussians that have learned to stand for the background by then can fade.
     pub fn resets_opacity_at(&self, done: u64) -> bool {
         let densify = &self.densify;
         let every = densify.opacity_reset_every;
@@ -132,9 +133,9 @@ impl TrainConfig {
             && (done.is_multiple_of(every) || self.background == Background::White && done == densify.start)
     }
 
-    /// True if the densification at `done` also removes what is too large on screen or in the world: once opacities
-    /// have been reset, as before that large Gaussians are still needed to cover the picture. The early reset before
-    /// white does not count, in INRIA's code neither.
+    /// True if the densification at `done` also removes Gaussians that are too large on screen or in the world. Large
+    /// Gaussians are needed to cover the picture until opacities have been reset for the first time. The early reset
+    /// for a white background does not count, as in INRIA's code.
     pub fn prunes_large_at(&self, done: u64) -> bool {
         let every = self.densify.opacity_reset_every;
         self.densifies_at(done) && self.strategy == Strategy::Densify && every > 0 && done > every
@@ -151,7 +152,7 @@ impl TrainConfig {
     }
 }
 
-/// From `first` at step 0 to `last` at step `steps` and after, by equal factors; both ends are exact.
+/// From `first` at step 0 to `last` from step `steps` on, by equal factors; both ends are exact.
 pub(super) fn log_linear(first: f64, last: f64, step: u64, steps: u64) -> f64 {
     if step >= steps {
         return last;
@@ -162,7 +163,7 @@ pub(super) fn log_linear(first: f64, last: f64, step: u64, steps: u64) -> f64 {
     first * (last / first).powf(step as f64 / steps as f64)
 }
 
-/// 1 for the part `start` of the steps, then by equal factors to `last` at step `steps`.
+/// 1 for the fraction `start` of the steps, then by equal factors down to `last` at step `steps`.
 pub(super) fn late_decay(last: f64, start: f64, step: u64, steps: u64) -> f64 {
     let first_decaying = ((start * steps as f64).round() as u64).min(steps);
     log_linear(1.0, last, step.saturating_sub(first_decaying), steps - first_decaying)
@@ -220,7 +221,7 @@ mod tests {
         Ok(())
     }
 
-    /// All `done` in 1..=steps for which `f` holds.
+    /// All values of `done` in 1..=steps for which `f` holds.
     fn times(config: &TrainConfig, f: impl Fn(&TrainConfig, u64) -> bool) -> Vec<u64> {
         (1..=config.steps).filter(|&done| f(config, done)).collect()
     }
@@ -249,13 +250,15 @@ mod tests {
         assert_eq!(times(&both, TrainConfig::resets_opacity_at), [100, 200, 300]);
         let mcmc = ["strategy=mcmc", "mcmc.start=700", "mcmc.stop_fraction=0.9"];
         assert_eq!(times(&with(&[&short[..], &mcmc].concat())?, TrainConfig::densifies_at), [800]);
-        // 0.7 as f64 is a little less: 700.0 of 1000 all the same, so 700 itself is out and 699 is in.
+        // 0.7 as f64 is slightly smaller, but the product is rounded to 700 of 1000: step 700 is excluded and 699 is
+        // included.
         let every = with(&[&short[..], &["densify.every=1"]].concat())?;
         assert_eq!(times(&every, TrainConfig::densifies_at).last(), Some(&699));
         Ok(())
     }
 
-    /// The preset is for 300 to 2000 steps: whatever their number, the last 30 % (mcmc: 20 %) train what is there.
+    /// The preset is for 300 to 2000 steps: whatever their number, no Gaussians are added in the last 30 % (mcmc: 20
+    /// %).
     #[test]
     fn quick_fits_short_and_long_runs() -> Result<(), ConfigError> {
         for strategy in ["strategy=densify", "strategy=mcmc"] {

@@ -1,4 +1,4 @@
-//! INRIA's densification: clone and split where the picture pulls, prune what nobody needs, reset opacities.
+//! INRIA's densification: clones and splits where gradients are large, prunes useless Gaussians, resets opacities.
 
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
@@ -12,7 +12,7 @@ use instgs_vk::scene::Parameter;
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};
 
-/// The numbers of one densification.
+/// The thresholds of one densification.
 #[derive(Clone, Debug)]
 pub(super) struct Limits {
     mark: densify_mark::Params,
@@ -22,12 +22,12 @@ pub(super) struct Limits {
 }
 
 impl Limits {
-    /// From the configuration, for a scene of `extent`.
+    /// The thresholds after `done` steps, for a scene of extent `extent` (scene units).
     pub(super) fn new(config: &TrainConfig, done: u64, extent: f64) -> Self {
         let densify = &config.densify;
         let large = config.prunes_large_at(done);
         let limit = |value: f64| if large && value > 0.0 { value } else { f64::INFINITY };
-        // Finite, as some drivers know no infinities.
+        // Finite, as some drivers do not support infinities.
         let finite = |value: f64| value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32;
         Self {
             mark: densify_mark::Params {
@@ -47,17 +47,17 @@ impl Limits {
     }
 }
 
-/// Per old Gaussian: what becomes of it.
+/// The fate of each old Gaussian, one entry each.
 struct Fates {
-    /// How many it becomes.
+    /// Number of new Gaussians that it becomes.
     counts: Buffer<u32>,
-    /// `GROWTH_*`.
+    /// How it grows, one of the constants `GROWTH_*`.
     growths: Buffer<u32>,
-    /// First of the new Gaussians.
+    /// Index of the first of its new Gaussians.
     firsts: Buffer<u32>,
 }
 
-/// Clones, splits and prunes.
+/// Clones, splits and prunes Gaussians.
 pub(super) fn densify(
     tools: &mut Tools,
     state: &mut DeviceState,
@@ -85,7 +85,7 @@ pub(super) fn densify(
     Ok(DensifyOutcome { cloned, split, pruned, gaussians: after, ..Default::default() })
 }
 
-/// What becomes of each Gaussian, and the counters.
+/// Decides the fate of each Gaussian; returns the fates and the counters.
 fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fates, Vec<u32>), GpuError> {
     let count = state.source_count as u32;
     let list = |name: &str| Buffer::<u32>::new(&tools.gpu, name, count as usize);
@@ -94,12 +94,11 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let mut sort = SortBuffers::new(&tools.gpu, "gradient", count as usize)?;
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
-    record_mark(tools, state, limits, (&mut sort, &mut gains, &mut fates))?;
-    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), (&fates.counts, None), &mut fates.firsts)?;
+    record_mark(tools, state, limits, &mut sort, &mut gains, &mut fates)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), &fates.counts, None, &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
-    // In the order of gradients; the list of the sort has served.
-    let order = (&gains, Some(&sort.values));
-    tools.record_scan(&mut scratch, None, order, &mut sort.keys)?;
+    // In the order of gradients; the sorted list is no longer needed.
+    tools.record_scan(&mut scratch, None, &gains, Some(&sort.values), &mut sort.keys)?;
     let bindings = densify_select::Bindings {
         order: &sort.values,
         gains: &gains,
@@ -111,7 +110,7 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let params = densify_select::Params { count, max_gaussians: limits.max_gaussians };
     let grid = tools.threads(count);
     tools.recorder.dispatch(&tools.pipelines.densify_select, grid, &params, bindings)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), (&fates.counts, None), &mut fates.firsts)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), &fates.counts, None, &mut fates.firsts)?;
     tools.run()?;
     let counters = tools.counters(&scratch)?;
     Ok((fates, counters))
@@ -121,7 +120,9 @@ fn record_mark(
     tools: &mut Tools,
     state: &DeviceState,
     limits: &Limits,
-    (sort, gains, fates): (&mut SortBuffers, &mut Buffer<u32>, &mut Fates),
+    sort: &mut SortBuffers,
+    gains: &mut Buffer<u32>,
+    fates: &mut Fates,
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
     let count = state.source_count as u32;
@@ -146,7 +147,7 @@ fn record_mark(
     tools.recorder.dispatch(&tools.pipelines.densify_mark, grid, &params, bindings)
 }
 
-/// Lists the new Gaussians.
+/// Lists the new Gaussians with their origins.
 fn place(tools: &mut Tools, fates: &Fates, before: u32, after: u32) -> Result<Moves, GpuError> {
     let mut moves = Moves::new(&tools.gpu, after)?;
     let bindings = densify_place::Bindings {

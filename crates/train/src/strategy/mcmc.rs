@@ -1,5 +1,6 @@
-//! Relocation and growth of "3D Gaussian Splatting as Markov Chain Monte Carlo" (Kheradmand et al. 2024): dead Gaussians
-//! move onto living ones, new ones join them. Both are drawn at once, where the authors' code draws one after the other.
+//! Relocation and growth of "3D Gaussian Splatting as Markov Chain Monte Carlo" (Kheradmand et al. 2024): dead
+//! Gaussians move onto live ones, and new ones are added there. Both are drawn at once; the authors' code draws them
+//! one after the other.
 
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
@@ -11,7 +12,7 @@ use instgs_vk::render::RenderError;
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};
 
-/// The finest weight of opacity 1: f32 opacities have no more digits worth drawing by.
+/// Integer weight of opacity 1: f32 opacities have no more digits that matter for drawing.
 const FINEST_WEIGHT: u32 = 1 << 20;
 
 /// Relocates dead Gaussians and adds new ones.
@@ -47,7 +48,7 @@ pub(super) fn relocate(
     Ok(DensifyOutcome { relocated, added: after - before, gaussians: after, ..Default::default() })
 }
 
-/// Draws where dead and new Gaussians go; the number of dead ones.
+/// Draws the Gaussians that dead and new ones go to; returns them and the number of dead ones.
 fn pick(
     tools: &mut Tools,
     state: &DeviceState,
@@ -59,8 +60,8 @@ fn pick(
     let (mut weights, mut sums, mut copies) = (list("weights")?, list("weights before")?, list("copies")?);
     let mut moves = Moves::new(&tools.gpu, after)?;
     let mut scratch = tools.scratch(count)?;
-    record_weigh(tools, state, logit_min, (&mut weights, &mut copies))?;
-    tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), (&weights, None), &mut sums)?;
+    record_weigh(tools, state, logit_min, &mut weights, &mut copies)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), &weights, None, &mut sums)?;
     let bindings = mcmc_pick::Bindings {
         weights: &weights,
         before: &sums,
@@ -82,7 +83,8 @@ fn record_weigh(
     tools: &mut Tools,
     state: &DeviceState,
     logit_min: f32,
-    (weights, copies): (&mut Buffer<u32>, &mut Buffer<u32>),
+    weights: &mut Buffer<u32>,
+    copies: &mut Buffer<u32>,
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
     let count = state.source_count as u32;
@@ -103,7 +105,7 @@ fn record_weigh(
     tools.recorder.dispatch(&tools.pipelines.mcmc_weigh, grid, &params, bindings)
 }
 
-/// Divides opacity and size among those that share a place.
+/// Divides opacity and size among the Gaussians at one position.
 fn share(tools: &mut Tools, state: &mut DeviceState, moves: &Moves, logit_min: f32) -> Result<(), GpuError> {
     let bindings = mcmc_share::Bindings {
         made: &moves.made,

@@ -1,4 +1,4 @@
-//! What the strategy `mcmc` adds to every step: two regularisers before Adam, noise on the centres after it.
+//! The additions of the strategy `mcmc` to every step: two regularisers before Adam, noise on the centres after it.
 
 use crate::config::{self, Rates, TrainConfig};
 use crate::device_state::DeviceState;
@@ -8,10 +8,10 @@ use instgs_vk::render::StepLog;
 
 use super::seed_words;
 
-/// The numbers of one step.
+/// Weights and noise of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct McmcStep {
-    /// Seed of the run.
+    /// Seed of the run's random choices.
     pub seed: u64,
     /// Noise on the centres per covariance, 1 / scene units.
     pub noise: f64,
@@ -22,7 +22,7 @@ pub struct McmcStep {
 }
 
 impl McmcStep {
-    /// Of a step with these rates; `None` if the configuration has another strategy.
+    /// The values of a step with these learning rates; `None` if the configuration has another strategy.
     pub fn new(config: &TrainConfig, rates: &Rates) -> Option<Self> {
         (config.strategy == config::Strategy::Mcmc).then_some(Self {
             seed: config.seed,
@@ -36,7 +36,8 @@ impl McmcStep {
     pub fn record_regularisation(
         &self,
         recorder: &mut Recorder,
-        (pipelines, workgroup_size): (&McmcStepPipelines, u32),
+        pipelines: &McmcStepPipelines,
+        workgroup_size: u32,
         log: &StepLog,
         state: &mut DeviceState,
     ) -> Result<(), GpuError> {
@@ -63,7 +64,8 @@ impl McmcStep {
     pub fn record_noise(
         &self,
         recorder: &mut Recorder,
-        (pipelines, workgroup_size): (&McmcStepPipelines, u32),
+        pipelines: &McmcStepPipelines,
+        workgroup_size: u32,
         log: &StepLog,
         state: &mut DeviceState,
         step: u32,

@@ -1,8 +1,8 @@
 //! How the number of Gaussians of a plain cloud changes, between steps and on the device.
 //!
-//! The host reads a handful of counters at each change, and nothing per Gaussian. Arrays move one at a time: besides the
-//! state there is one copy of the largest array, and no gradients. Decisions are integers or comparisons of f32, sums
-//! are scans, random numbers are hashes of (seed, steps done, Gaussian): the same seed gives the same bytes.
+//! The host reads a few counters at each change, and nothing per Gaussian. Arrays are reordered one at a time: besides
+//! the state there is one copy of the largest array, and no gradients. Decisions are integers or comparisons of f32,
+//! sums are scans, random numbers are hashes of (seed, finished steps, Gaussian): the same seed gives the same bytes.
 
 mod densify;
 mod mcmc;
@@ -20,24 +20,24 @@ use super::config::{self, TrainConfig};
 use super::device_state::{DeviceState, most_in_training};
 use tools::Tools;
 
-/// What a change of the Gaussians did.
+/// Counts of one change of the Gaussians.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DensifyOutcome {
-    /// Gaussians that got a copy.
+    /// Gaussians that were cloned.
     pub cloned: u32,
-    /// Gaussians that smaller ones replaced.
+    /// Gaussians that were split into smaller ones.
     pub split: u32,
-    /// Gaussians that are gone, split ones not counted.
+    /// Gaussians that were removed, split ones not counted.
     pub pruned: u32,
-    /// Dead Gaussians that were moved onto others.
+    /// Dead Gaussians that were moved onto live ones.
     pub relocated: u32,
-    /// New Gaussians on others (the strategy `mcmc`).
+    /// Gaussians added on live ones (the strategy `mcmc`).
     pub added: u32,
-    /// Gaussians afterwards.
+    /// Number of Gaussians afterwards.
     pub gaussians: u32,
     /// True if opacities were lowered.
     pub opacity_reset: bool,
-    /// True if there are now as many as the device has room for, and the configuration would let there be more.
+    /// True if the device has no room for more Gaussians although the configuration allows more.
     pub device_full: bool,
 }
 
@@ -47,7 +47,7 @@ pub struct Strategy {
 }
 
 impl Strategy {
-    /// For states whose background has SH degree `sh_degree`.
+    /// A strategy for states whose background has SH degree `sh_degree`.
     ///
     /// # Errors
     /// The device refuses a kernel.
@@ -55,15 +55,16 @@ impl Strategy {
         Ok(Self { tools: Tools::new(gpu, frame.pipeline_cache(), frame.variant(), sh_degree)? })
     }
 
-    /// Does what is due once `done` steps are finished; to be called when no step is in flight. `extent` is the scene's,
-    /// scene units. `None` if nothing was due. A cloud grows no further than the device's bindings have room for.
+    /// Changes the Gaussians if the schedule says so once `done` steps are finished; to be called when no step is in
+    /// flight. `extent` is that of the scene, scene units. `None` if nothing was to be done. A cloud grows no further
+    /// than the device's bindings have room for.
     ///
     /// # Errors
-    /// No Gaussian would be left: then nothing has changed. The device ran out of memory or
-    /// failed: then the state is lost, since arrays are replaced one at a time.
+    /// No Gaussian would be left: then nothing has changed. The device ran out of memory or failed: then the state is
+    /// lost, since arrays are replaced one at a time.
     ///
     /// # Panics
-    /// If something is due and the scene has templates.
+    /// If the Gaussians are to change and the scene has templates.
     pub fn after_step(
         &mut self,
         state: &mut DeviceState,
@@ -75,7 +76,7 @@ impl Strategy {
         let limited = TrainConfig { max_gaussians: config.max_gaussians.min(most), ..config.clone() };
         let mut outcome = self.change(state, &limited, done, extent)?;
         if let Some(outcome) = &mut outcome {
-            // What splits takes the room of its children or stays as it is.
+            // A split Gaussian is replaced by its children in the room that is left, or stays as it is.
             let room = config.densify.split_count.saturating_sub(2);
             outcome.device_full = most < config.max_gaussians && outcome.gaussians.saturating_add(room) >= most;
         }
@@ -110,7 +111,7 @@ fn seed_words(seed: u64) -> [u32; 2] {
     [seed as u32, (seed >> 32) as u32]
 }
 
-/// The logit of a probability, within the range where f32 still tells it from 0 and 1.
+/// The logit of a probability, clamped to the range where f32 distinguishes it from 0 and 1.
 fn logit(probability: f64) -> f32 {
     (probability / (1.0 - probability)).ln().clamp(-80.0, 80.0) as f32
 }

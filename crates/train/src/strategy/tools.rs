@@ -1,4 +1,4 @@
-//! What strategies share: scratch buffers, and the move of every array to a new order of Gaussians.
+//! Shared by the strategies: scratch buffers, and the reordering of every array.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use instgs_vk::render::sort::{Sort, SortBuffers, record_sort};
 use instgs_vk::render::{GradientBuffers, RenderError, SourceTables};
 use instgs_vk::scene::Owner;
 
-/// Pipelines and a recorder.
+/// Pipelines and a recorder shared by the strategies.
 pub(super) struct Tools {
     pub(super) gpu: Arc<Gpu>,
     pub(super) workgroup_size: u32,
@@ -22,18 +22,18 @@ pub(super) struct Tools {
     pub(super) recorder: Recorder,
 }
 
-/// Where the new Gaussians come from.
+/// The origins of the new Gaussians.
 pub(super) struct Moves {
-    /// Old Gaussian, by new one.
+    /// Index of the old Gaussian, for each new one.
     pub(super) origins: Buffer<u32>,
-    /// 0 for a Gaussian as it was, by new one; others lose their moments.
+    /// 0 for a Gaussian that did not change, for each new one; others lose their moments.
     pub(super) made: Buffer<u32>,
-    /// New Gaussians.
+    /// Number of new Gaussians.
     pub(super) count: u32,
 }
 
 impl Moves {
-    /// Room for `count` new Gaussians.
+    /// Buffers for `count` new Gaussians.
     pub(super) fn new(gpu: &Arc<Gpu>, count: u32) -> Result<Self, GpuError> {
         Ok(Self {
             origins: Buffer::new(gpu, "origins", count as usize)?,
@@ -43,12 +43,12 @@ impl Moves {
     }
 }
 
-/// What becomes of values of Gaussians that are not as they were.
+/// The values that new or changed Gaussians get.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Made {
-    /// Their origin's.
+    /// They keep the value of their origin.
     Inherits,
-    /// Zero.
+    /// They start at zero, as moments do.
     IsZero,
 }
 
@@ -68,7 +68,7 @@ impl Tools {
         })
     }
 
-    /// One thread for each of `count` elements.
+    /// One invocation for each of `count` elements.
     pub(super) fn threads(&self, count: u32) -> Grid {
         Grid::threads(count, self.workgroup_size)
     }
@@ -79,7 +79,7 @@ impl Tools {
         self.recorder.wait(ticket)
     }
 
-    /// Scan scratch for lists of `count` elements, which is in `COUNTER_GAUSSIANS`; other counters are zero.
+    /// Scan scratch for lists of `count` elements: the counter `COUNTER_GAUSSIANS` is `count`, the others are zero.
     pub(super) fn scratch(&self, count: u32) -> Result<ScanScratch, GpuError> {
         let mut counters = [0; COUNTER_COUNT as usize];
         counters[COUNTER_GAUSSIANS as usize] = count;
@@ -99,7 +99,7 @@ impl Tools {
         })
     }
 
-    /// Records a sort of `COUNTER_GAUSSIANS` pairs by whole keys. The tables must live until it has run.
+    /// Records a sort of `COUNTER_GAUSSIANS` pairs by whole keys. The tables must live until it has finished.
     pub(super) fn record_sort(
         &mut self,
         scratch: &mut ScanScratch,
@@ -111,13 +111,13 @@ impl Tools {
         record_sort(&mut self.recorder, &self.primitives, scratch, (histogram, offsets), sort, buffers)
     }
 
-    /// Histogram and digit offsets of a sort of `count` pairs.
+    /// Histogram and digit offsets for a sort of `count` pairs.
     pub(super) fn sort_tables(&self, count: u32) -> Result<[Buffer<u32>; 2], GpuError> {
         let table = |name| Buffer::new(&self.gpu, name, (count.div_ceil(BLOCK_SIZE) * RADIX_SIZE) as usize);
         Ok([table("histogram")?, table("digit_offsets")?])
     }
 
-    /// Moves parameters and moments, one array at a time. Gradients and tables are left without contents: see
+    /// Reorders parameters and moments, one array at a time. Gradients and tables are left empty: see
     /// [`Tools::finish`].
     pub(super) fn move_arrays(&mut self, state: &mut DeviceState, moves: &Moves) -> Result<(), RenderError> {
         state.gradients = GradientBuffers::placeholder(&self.gpu)?;
@@ -138,7 +138,7 @@ impl Tools {
         Ok(())
     }
 
-    /// Moves an array of `width` f32 per Gaussian.
+    /// Reorders an array of `width` f32 per Gaussian.
     fn move_array(&mut self, array: &mut Buffer<f32>, width: u32, moves: &Moves, made: Made) -> Result<(), GpuError> {
         let count = moves.count * width;
         let mut after = Buffer::new(&self.gpu, array.name(), count as usize)?;
@@ -152,7 +152,7 @@ impl Tools {
         Ok(())
     }
 
-    /// Makes tables and gradients fit the moved arrays; statistics are zero.
+    /// Allocates tables and gradients that fit the reordered arrays; statistics are zero.
     pub(super) fn finish(&self, state: &mut DeviceState, count: u32) -> Result<(), RenderError> {
         let count = count as usize;
         let (sh_degree, chunk_size) = (state.scene.counts.background_sh_degree, state.scene.chunk_size);
@@ -163,27 +163,28 @@ impl Tools {
         Ok(())
     }
 
-    /// Records a scan of `COUNTER_GAUSSIANS` elements, in the order of `input.1` if there is one.
+    /// Records a scan of `COUNTER_GAUSSIANS` elements of `input`, taken in the order of the indices `order` if given.
     pub(super) fn record_scan(
         &mut self,
         scratch: &mut ScanScratch,
         total_slot: Option<u32>,
-        input: (&Buffer<u32>, Option<&Buffer<u32>>),
+        input: &Buffer<u32>,
+        order: Option<&Buffer<u32>>,
         offsets: &mut Buffer<u32>,
     ) -> Result<(), GpuError> {
         let mut scan = plain(COUNTER_GAUSSIANS);
         scan.total_slot = total_slot.unwrap_or(scan.total_slot);
         let blocks = Blocks::Direct(Grid::threads(offsets.len() as u32, BLOCK_SIZE));
-        record_scan(&mut self.recorder, &self.primitives.scan, scratch, blocks, scan, input, offsets)
+        record_scan(&mut self.recorder, &self.primitives.scan, scratch, blocks, scan, (input, order), offsets)
     }
 
-    /// The counters of a scratch.
+    /// Reads back the counters of a scratch.
     pub(super) fn counters(&self, scratch: &ScanScratch) -> Result<Vec<u32>, GpuError> {
         download(&self.gpu, &scratch.counters, COUNTER_COUNT as usize)
     }
 }
 
-/// Where the indirect arguments of a sort are.
+/// Offset of the indirect arguments of a sort.
 fn sort_args(kind: u32) -> usize {
     (FAMILY_VISIBLE * ARGS_PER_COUNT + kind) as usize
 }

@@ -1,4 +1,4 @@
-//! Trains an instanced scene and the plain clouds that it must be measured against, and measures: for the commands
+//! Trains an instanced scene and the plain clouds that it is compared with, and measures them: for the commands
 //! `compare`, `tables` and `demo`.
 
 mod runs;
@@ -22,53 +22,53 @@ use instgs_io::{Dataset, IoError, Split, View, read_views};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_train::leave_out_masked;
 
-/// What is compared, in the folder of a comparison.
+/// File in the folder of a comparison that records its settings.
 const CONFIG: &str = "config.toml";
 
-/// What is measured beside the instanced scene, its start, and the cloud that had the same time.
+/// A scene to measure in addition to the instanced scene, the cloud it starts from, and the cloud of the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Rival {
-    /// A plain cloud whose .ply is not larger than the instanced scene packed as f16
+    /// A plain cloud whose .ply is at most as large as the instanced scene packed as f16
     SameBytes,
-    /// A plain cloud of as many steps as the cloud that had the same time, trained in one piece
+    /// A plain cloud of as many steps as the cloud of the same time, trained in one run
     AtOnce,
-    /// The same by 3DGS-MCMC
+    /// The same with the strategy 3DGS-MCMC
     Mcmc,
-    /// The cloud that had the same time as .spz: every Gaussian quantised for itself
+    /// The cloud of the same time as .spz: every Gaussian quantised by itself
     Spz,
-    /// The same as .instgs, packed as small
+    /// The cloud of the same time as .instgs, packed as small
     Small,
     /// Templates and poses without offsets
     Rigid,
 }
 
 impl Rival {
-    /// In the order of the tables.
+    /// All rivals, in the order of the tables.
     pub(crate) const ALL: [Self; 6] = [Self::AtOnce, Self::Mcmc, Self::SameBytes, Self::Spz, Self::Small, Self::Rigid];
 }
 
-/// What is compared.
+/// The settings of a comparison.
 pub(crate) struct Comparison {
-    /// Dataset folder.
+    /// Folder of the data set.
     pub(crate) data: PathBuf,
     /// Folder for runs and results.
     pub(crate) out: PathBuf,
-    /// Of the instanced runs, the seed apart.
+    /// Configuration of the instanced runs, except for the seed.
     pub(crate) config: RunConfig,
-    /// One comparison each.
+    /// Seeds of training, one comparison each.
     pub(crate) seeds: Vec<u64>,
-    /// Timed frames; 0 = none.
+    /// Number of timed frames; 0 = none.
     pub(crate) frames: u32,
-    /// Steps that the plain cloud is trained on; `None` = by the clock.
+    /// Steps that the plain cloud is trained on; `None` = by wall time.
     pub(crate) more_steps: Option<u64>,
-    /// What else is measured.
+    /// Further scenes to measure.
     pub(crate) rivals: Vec<Rival>,
-    /// The network of LPIPS.
+    /// Network of LPIPS, if its weights are there.
     pub(crate) lpips: Option<Lpips>,
 }
 
-/// Trains and measures for every seed; writes compare.json and compare.md and prints the table. `on_picture` gets the rows'
-/// name and each test view of the first seed.
+/// Trains and measures for every seed; writes compare.json and compare.md and prints the table. `on_picture` receives
+/// the row's name and each test view of the first seed.
 pub(crate) fn compare(
     session: &Session<'_>,
     comparison: &Comparison,
@@ -94,7 +94,7 @@ pub(crate) fn compare(
     Ok(results)
 }
 
-/// The views that are compared. Before anything is trained for them.
+/// The test views to compare on. Called before anything is trained.
 fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View>, CliError> {
     let mut views: Vec<View> = Dataset::split(&read_views(&comparison.data)?, Split::Test).cloned().collect();
     let width = (comparison.config.train.width > 0).then_some(comparison.config.train.width);
@@ -107,7 +107,8 @@ fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View
     Ok(views)
 }
 
-/// Writes down what is compared; refuses a folder with runs of something else, which would be taken for results of this.
+/// Writes the settings of the comparison; refuses a folder with runs of other settings, whose results would be mixed
+/// up.
 pub(crate) fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
     let path = comparison.out.join(CONFIG);
     let data = std::fs::canonicalize(&comparison.data).unwrap_or_else(|_| comparison.data.clone());

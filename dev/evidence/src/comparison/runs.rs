@@ -1,4 +1,4 @@
-//! The training runs of one seed's comparison, each in a folder of its own; what is done is not done again.
+//! The training runs of one seed's comparison, each in a folder of its own; finished runs are not repeated.
 
 use std::path::{Path, PathBuf};
 
@@ -11,24 +11,24 @@ use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::pipeline::{PipelineJob, makes_scene};
 use instgs_report::RunReport;
 
-/// What one seed's runs share.
+/// The inputs that one seed's runs share.
 pub(crate) struct Runs<'a> {
     pub(crate) session: &'a Session<'a>,
-    /// Dataset folder.
+    /// Folder of the data set.
     pub(crate) data: &'a Path,
     /// Folder that holds the run folders.
     pub(crate) out: PathBuf,
-    /// Of the instanced run.
+    /// Configuration of the instanced run.
     pub(crate) config: RunConfig,
 }
 
 impl Runs<'_> {
-    /// The folder of a run.
+    /// The run folder of the given name.
     pub(crate) fn folder(&self, name: &str) -> RunFolder {
         RunFolder::new(self.out.join(name))
     }
 
-    /// Trains in a folder of its own, or goes on with what is there.
+    /// Trains in a folder of its own, or resumes the run there.
     pub(crate) fn train(&self, name: &str, config: RunConfig) -> Result<RunReport, CliError> {
         let folder = self.folder(name);
         if let Ok(done) = read_json::<RunReport>(&folder.report())
@@ -42,7 +42,8 @@ impl Runs<'_> {
         )
     }
 
-    /// The plain cloud of the instanced run, trained on for `more` steps, and ended as the joint phase is.
+    /// The plain cloud of the instanced run, trained on for `more` steps, with rates that end as those of the joint
+    /// phase do.
     pub(crate) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
         let (from, to) = (self.folder("instgs").plain_cloud_run(), self.folder(name));
         if !to.config().exists() {
@@ -53,20 +54,20 @@ impl Runs<'_> {
         self.train(name, config)
     }
 
-    /// An instanced run of other settings that starts from the same plain cloud.
+    /// An instanced run with other settings that starts from the same plain cloud.
     pub(crate) fn variant(&self, name: &str, config: RunConfig) -> Result<RunReport, CliError> {
         let (from, to) = (self.folder("instgs").plain_cloud_run(), self.folder(name).plain_cloud_run());
         to.create()?;
         copy_file(&from.point_cloud(), &to.point_cloud())?;
         copy_file(&from.events(), &to.events())?;
         copy_file(&from.report(), &to.report())?;
-        // Last: with it the cloud counts as trained.
+        // Copied last: with this file the cloud counts as trained.
         copy_file(&from.facts(), &to.facts())?;
         self.train(name, config)
     }
 }
 
-/// What a run is resumed from.
+/// Copies the files that a run is resumed from.
 fn copy_run(from: &RunFolder, to: &RunFolder) -> Result<(), CliError> {
     let checkpoints = from.checkpoints();
     create_folder(&to.checkpoints())?;
@@ -75,7 +76,7 @@ fn copy_run(from: &RunFolder, to: &RunFolder) -> Result<(), CliError> {
     let (path, name) = newest.ok_or_else(|| IoError::new(&checkpoints, "has no checkpoint to go on from"))?;
     copy_file(path, &to.checkpoints().join(name))?;
     copy_file(&from.events(), &to.events())?;
-    // Last: with it the run counts as copied.
+    // Copied last: with this file the run counts as copied.
     copy_file(&from.config(), &to.config())
 }
 
@@ -84,7 +85,7 @@ fn copy_file(from: &Path, to: &Path) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Seconds of training, of making masks, and of what stands between the phases.
+/// Seconds of training, of making masks, and of the stages between the phases.
 pub(crate) fn work_seconds(report: &RunReport) -> f64 {
     report.stages.iter().filter(|stage| makes_scene(stage)).map(|stage| stage.seconds).sum()
 }

@@ -1,4 +1,4 @@
-//! One seed of a comparison: what is trained, and the rows that are measured.
+//! The comparison for one seed: its training runs, and the rows that are measured.
 
 use std::path::{Path, PathBuf};
 
@@ -17,16 +17,16 @@ use instgs_train::eval_options;
 use instgs_train::event_log::read_events;
 use instgs_vk::scene::{Camera, InstancedScene, RepeatedBytes};
 
-/// A scene that becomes a row.
+/// A scene that becomes a row of the table.
 struct Subject {
     name: &'static str,
-    /// The scene's file.
+    /// Path of the scene file.
     file: PathBuf,
     seconds: f64,
     steps: u64,
 }
 
-/// Trains what is not there yet, and measures.
+/// Trains what has not been trained yet, and measures all rows.
 pub(super) fn compare_seed(
     session: &Session<'_>,
     (comparison, views): (&Comparison, &[View]),
@@ -88,7 +88,7 @@ pub(super) fn compare_seed(
     Ok(result)
 }
 
-/// Gaussians of the plain cloud that became instances, those left out as hardly seen not counted.
+/// Number of Gaussians of the plain cloud that became instances, without those left out as hardly visible.
 fn replaced_gaussians(report: &RunReport) -> u64 {
     let shared = report.groups.iter().filter(|group| group.template.is_some());
     shared.flat_map(|group| &group.instances).map(|instance| instance.gaussians as u64).sum()
@@ -100,7 +100,7 @@ fn of_cloud(name: &'static str, file: PathBuf, report: &RunReport) -> Subject {
 }
 
 impl Runs<'_> {
-    /// Trains or writes what is measured besides.
+    /// Trains or writes the scene of a rival.
     fn rival(&self, rival: Rival, same_time: &RunReport, instanced: &InstancedScene) -> Result<Subject, CliError> {
         let (seed, printer) = (self.config.train.seed, self.session.printer);
         let mut as_long = self.config.cloud_alone();
@@ -110,7 +110,7 @@ impl Runs<'_> {
                 let bytes_each = ply::row_bytes(instanced.templates.sh_degree);
                 let most = u32::try_from(file_bytes(&self.out.join("f16.instgs"))? / bytes_each).unwrap_or(u32::MAX);
                 printer.line(format_args!("seed {seed}: 3DGS of the same bytes, at most {most} Gaussians"));
-                // Of another limit it is another run.
+                // With another limit it is another run.
                 let folder = format!("same_bytes_{most}");
                 as_long.train.max_gaussians = most;
                 let report = self.train(&folder, as_long)?;
@@ -158,7 +158,7 @@ impl Runs<'_> {
     }
 }
 
-/// Renders the test views of every subject, and times two of them.
+/// Renders the test views of every scene, and times two of them.
 fn measure(
     session: &Session<'_>,
     (comparison, views): (&Comparison, &[View]),

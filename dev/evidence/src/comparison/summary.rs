@@ -1,11 +1,11 @@
-//! What a comparison says: medians over the seeds as a table, and what stands below it.
+//! Summary of a comparison: a table of medians over the seeds, and the differences below it.
 
 use crate::protocol::{Row, SeedResult, names};
 use instgs_console::Printer;
 use instgs_console::table::{Table, grouped};
 use instgs_vk::math::statistics::median;
 
-/// Medians over the seeds, row by row: name, PSNR, in masks, SSIM, seconds, file bytes, host bytes, Gaussians.
+/// Medians over the seeds for each row: name, PSNR, in masks, SSIM, seconds, file bytes, host bytes, Gaussians.
 pub(super) fn summary(results: &[SeedResult]) -> Vec<[String; 9]> {
     let head = ["", "PSNR", "in masks", "SSIM", "train s", "file bytes", "host bytes", "Gaussians", "frames/s"];
     let mut table = vec![head.map(String::from)];
@@ -42,14 +42,14 @@ pub(super) fn markdown(table: &[[String; 9]]) -> String {
     out
 }
 
-/// How far `figure` of row `name` is above that of `other`, median over the seeds; `None` if one is missing.
+/// The difference of `figure` between row `name` and row `other`, median over the seeds; `None` if a row is missing.
 fn gain(results: &[SeedResult], (name, other): (&str, &str), figure: fn(&Row) -> Option<f64>) -> Option<f64> {
     let of = |r: &SeedResult, name: &str| r.rows.iter().find(|row| row.name == name).and_then(figure);
     let gains: Option<Vec<f64>> = results.iter().map(|r| Some(of(r, name)? - of(r, other)?)).collect();
     gains.filter(|g| !g.is_empty()).map(|g| median(&g))
 }
 
-/// The table, and the differences that a claim rests on.
+/// Prints the table, and the differences that claims are based on.
 pub(super) fn print_summary(table: &[[String; 9]], results: &[SeedResult], printer: &Printer) {
     let mut text = Table::default();
     table.iter().for_each(|cells| text.row(cells.clone()));

@@ -1,4 +1,4 @@
-//! Frame rates of two scenes, frame by frame in turn.
+//! Measures the frame rates of two scenes, frame by frame in turn.
 
 use super::Runs;
 use crate::protocol::SeedResult;
@@ -9,7 +9,7 @@ use instgs_io::load_scene;
 use instgs_train::eval_options;
 use instgs_vk::scene::Camera;
 
-/// Frame rates of the instanced scene and the cloud that had the same time, frame by frame in turn.
+/// Measures the frame rates of the instanced scene and the cloud of the same time, frame by frame in turn.
 pub(super) fn time(runs: &Runs<'_>, frames: u32, cameras: &[Camera], result: &mut SeedResult) -> Result<(), CliError> {
     let paths = [runs.folder("instgs").scene(), runs.folder("same_time").point_cloud()];
     let loaded = [load_scene(&paths[0])?, load_scene(&paths[1])?];

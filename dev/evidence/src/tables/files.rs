@@ -1,4 +1,4 @@
-//! The files that the evidence is written to.
+//! Writes the files of the evidence.
 
 use std::path::Path;
 

@@ -1,5 +1,4 @@
-//! `instgs-vk tables`: the evidence. Runs the comparison over a list of scenes, and writes what came out as tables and
-//! plots.
+//! `instgs-vk tables`: runs the comparison over a list of scenes, and writes the results as tables and plots.
 
 use std::path::{Path, PathBuf};
 
@@ -22,14 +21,14 @@ use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
 use instgs_train::interrupt::Interrupt;
 
-/// Measures a list of scenes and writes the tables that claims rest on.
+/// Measures a list of scenes and writes the tables that claims are based on.
 ///
-/// For every scene of LIST: a data set (ray-traced into OUT/data, or one that exists), a plain cloud, the instanced scene made
-/// of it, and what it must be measured against: 3DGS trained on for the same time, and in one piece; 3DGS-MCMC; 3DGS of the
-/// same bytes; 3DGS quantised per Gaussian (.spz); copies without offsets. Scenes that ask for it are trained again with other
-/// settings (ablations). OUT gets tables.md, tables.json, a .csv for each table, plots as .svg, and scenes/NAME/ with all runs
-/// and pictures.png. What is there already is not done again, so that a run that was stopped goes on; after every scene
-/// the tables are those of all scenes so far.
+/// For every scene of LIST: a data set (ray-traced into OUT/data, or an existing one), a plain cloud, the instanced
+/// scene made from it, and the scenes it is compared with: 3DGS trained on for the same time, and in one run;
+/// 3DGS-MCMC; 3DGS of the same bytes; 3DGS quantised per Gaussian (.spz); copies without offsets. Scenes that ask for
+/// it are trained again with other settings (ablations). OUT gets tables.md, tables.json, a .csv for each table, plots
+/// as .svg, and scenes/NAME/ with all runs and pictures.png. Finished work is not repeated, so that an interrupted run
+/// can continue; after every scene the tables are written for all scenes so far.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk tables configs/rescene.toml --size ci --out out/tables\n  \
@@ -40,25 +39,25 @@ pub(super) struct TablesArgs {
     /// List of scenes, a TOML file
     #[arg(value_name = "LIST")]
     list: PathBuf,
-    /// Folder for data, runs and tables; made if it is not there
+    /// Folder for data, runs and tables; created if necessary
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Size of pictures and runs, one of the list's
+    /// Size of pictures and runs, by its name in the list
     #[arg(long, value_name = "NAME", default_value = "ci")]
     size: String,
     /// Only scenes whose names begin with one of these
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     only: Vec<String>,
-    /// Seeds of training; figures are medians over them
+    /// Seeds of training; results are medians over them
     #[arg(long, value_name = "S,S,...", value_delimiter = ',', default_value = "0")]
     seeds: Vec<u64>,
-    /// What is measured beside an instanced scene, its start, and 3DGS of the same time; of what the scene's kind has
+    /// Further scenes to compare with, as far as the kind of scene has them
     #[arg(long, value_enum, value_name = "RIVAL,...", value_delimiter = ',', default_values_t = Rival::ALL)]
     also: Vec<Rival>,
-    /// Without the ablations that scenes ask for
+    /// Skip the ablations that scenes ask for
     #[arg(long)]
     no_ablations: bool,
-    /// A line to put on top of the tables, for instance machine and commit
+    /// Line at the top of the tables, for instance machine and commit
     #[arg(long, value_name = "TEXT", default_value = "")]
     note: String,
     #[command(flatten)]
@@ -101,7 +100,7 @@ pub(super) fn run(args: &TablesArgs, device_args: &DeviceArgs, printer: &Printer
     Ok(())
 }
 
-/// False for a data set that is not on this machine, with a warning.
+/// False, with a warning, for a data set that is not on this machine.
 fn is_there(job: &SceneJob, printer: &Printer) -> bool {
     match &job.source {
         Source::Folder(folder) if !folder.is_dir() => {
@@ -116,7 +115,7 @@ fn is_there(job: &SceneJob, printer: &Printer) -> bool {
     }
 }
 
-/// Those whose names begin with one of `only`; all if there is none.
+/// The jobs whose names begin with one of `only`; all if `only` is empty.
 fn chosen(jobs: Vec<SceneJob>, only: &[String]) -> Result<Vec<SceneJob>, CliError> {
     let names: Vec<String> = jobs.iter().map(|job| job.name.clone()).collect();
     let fits = |job: &SceneJob| only.is_empty() || only.iter().any(|start| job.name.starts_with(start.as_str()));

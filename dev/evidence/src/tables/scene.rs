@@ -25,28 +25,28 @@ use instgs_train::config::Method;
 use instgs_train::eval_options;
 use instgs_train::facts::StageTime;
 
-/// What all scenes share.
+/// The inputs that all scenes share.
 pub(super) struct Evidence<'a> {
     pub(super) session: Session<'a>,
     pub(super) list: &'a SceneList,
     pub(super) size: &'a Size,
-    /// Of training.
+    /// Seeds of training, one comparison each.
     pub(super) seeds: &'a [u64],
-    /// What is measured, of what a scene's kind has.
+    /// Further scenes to compare with, as far as a scene's kind has them.
     pub(super) also: &'a [Rival],
     pub(super) out: &'a Path,
     pub(super) lpips: Option<Lpips>,
 }
 
-/// A result with what it was made by.
+/// A result, with the settings that it was computed from.
 #[derive(Serialize, Deserialize)]
 struct Kept {
-    /// Everything that it depends on, as text.
+    /// Everything that the result depends on, as text.
     made_by: String,
     result: SceneResult,
 }
 
-/// Measures a scene, unless that is done.
+/// Measures a scene, or reads the results if that is done.
 pub(super) fn run_scene(evidence: &Evidence<'_>, job: &SceneJob) -> Result<SceneResult, CliError> {
     let out = evidence.out.join("scenes").join(&job.name);
     create_folder(&out)?;
@@ -68,7 +68,7 @@ pub(super) fn run_scene(evidence: &Evidence<'_>, job: &SceneJob) -> Result<Scene
     Ok(kept.result)
 }
 
-/// The data set's folder; rendered if it is not there.
+/// The folder of the data set, which is rendered if it does not exist.
 fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError> {
     match &job.source {
         Source::Folder(folder) => Ok(folder.clone()),
@@ -90,7 +90,7 @@ fn data_of(evidence: &Evidence<'_>, job: &SceneJob) -> Result<PathBuf, CliError>
     }
 }
 
-/// The list's configuration with the job's settings.
+/// The list's configuration with the settings of the job.
 fn config_of(list: &SceneList, job: &SceneJob, data: &Path) -> Result<RunConfig, CliError> {
     let mut builder = ConfigBuilder::new().file(&list.config)?;
     for assignment in &job.set {
@@ -154,7 +154,7 @@ fn measured(
     })
 }
 
-/// How objects were found.
+/// Statistics of how objects were found.
 fn segmentation(runs: &Runs<'_>, report: &RunReport, views: &[View]) -> Result<Segmentation, CliError> {
     let folder = runs.folder("instgs");
     let cloud = load_scene(&folder.point_cloud())?.scene.background;
@@ -179,7 +179,7 @@ fn segmentation(runs: &Runs<'_>, report: &RunReport, views: &[View]) -> Result<S
     })
 }
 
-/// Runs with other settings from the same plain cloud.
+/// Trains other settings from the same plain cloud, and measures them.
 fn ablations(
     evidence: &Evidence<'_>,
     comparison: &Comparison,
@@ -206,7 +206,7 @@ fn ablations(
         let config = builder.finish()?;
         let (table, name) = (setting.table.clone(), setting.name.clone());
         evidence.session.printer.line(format_args!("ablation, {table}: {name}"));
-        // Settings of nothing are the scene itself.
+        // Without settings it is the scene itself.
         let is_itself = config == runs.config;
         let folder = if is_itself { "instgs".into() } else { folder_of(&table, &name) };
         let report = if is_itself { runs.train(&folder, config)? } else { runs.variant(&folder, config)? };
@@ -218,7 +218,7 @@ fn ablations(
     Ok(out)
 }
 
-/// A folder name of letters, digits and underscores.
+/// A folder name made of letters, digits and underscores.
 fn folder_of(table: &str, name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     format!("ablation_{table}_{name}").chars().map(plain).collect()

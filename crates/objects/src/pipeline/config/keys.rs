@@ -1,4 +1,4 @@
-//! The keys of the pipeline.
+//! The keys of the pipeline and the values that each accepts.
 
 use instgs_train::config::keys::Takes::{Flag, Real, RealAbove, RealBelow, Text, Whole, Word};
 use instgs_train::config::keys::{Key, key};

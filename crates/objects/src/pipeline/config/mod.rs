@@ -1,6 +1,6 @@
-//! The configuration of a whole run: the trainer's keys ([`TrainConfig`]) and those of the pipeline ([`PipelineConfig`]), in one
-//! file. What a key may be is in [`keys`] and [`instgs_train::config::keys`], what it is for in `configs/default.toml` and
-//! `configs/instgs.toml`.
+//! The configuration of a whole run: the trainer's keys ([`TrainConfig`]) and those of the pipeline
+//! ([`PipelineConfig`]), in one file. The values that a key accepts are in [`keys`] and [`instgs_train::config::keys`];
+//! its purpose is explained in `configs/default.toml` and `configs/instgs.toml`.
 
 pub mod keys;
 
@@ -28,20 +28,20 @@ pub const PRESETS: [(&str, &str); 6] = [
     ("instgs_quick", include_str!("../../../../../configs/instgs_quick.toml")),
 ];
 
-/// Puts together the configuration of a whole run.
+/// The layers of the configuration of a whole run.
 pub type ConfigBuilder = Layers<RunConfig>;
 
-/// Everything that decides the outcome of a run, apart from the data and the device. In files the keys of both parts stand
-/// beside each other.
+/// Everything that decides the outcome of a run, apart from the data and the device. In files the keys of both parts
+/// are mixed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunConfig {
-    /// What training goes by, both phases.
+    /// Configuration of the training, for both phases.
     pub train: TrainConfig,
-    /// What happens between the phases goes by.
+    /// Configuration of the stages between the two phases.
     pub pipeline: PipelineConfig,
 }
 
-/// What leads from photos and a plain cloud to templates and instances.
+/// Configuration of the stages from photos and a plain cloud to templates and instances.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PipelineConfig {
@@ -54,40 +54,40 @@ pub struct PipelineConfig {
     /// `boxes.json`: masks are made from these boxes and the plain cloud.
     #[serde(with = "empty_is_none")]
     pub boxes: Option<PathBuf>,
-    /// What to look for in the photos, phrases that end in full stops: masks are made by models.
+    /// What to detect in the photos, phrases that end in full stops: models make the masks.
     #[serde(with = "empty_is_none")]
     pub prompt: Option<String>,
     /// Folder of the models that `prompt` needs.
     #[serde(with = "empty_is_none")]
     pub models: Option<PathBuf>,
-    /// How `prompt` is looked for.
+    /// Settings of detection from `prompt`.
     pub detect: DetectConfig,
-    /// Which Gaussian belongs to which object.
+    /// Settings of labelling: the object that each Gaussian belongs to.
     pub segment: SegmentConfig,
-    /// How templates are made.
+    /// Settings of the merge into templates.
     pub template: TemplateConfig,
-    /// What the offsets of instances start from.
+    /// Initial values of the offsets of instances.
     pub offsets: OffsetStart,
-    /// What is left out of the joint phase.
+    /// Pruning before the joint phase.
     pub joint: JointStart,
 }
 
-/// How things are found by name.
+/// Settings of detection from words.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DetectConfig {
-    /// A box counts if its best token scores more.
+    /// A box counts if the score of its best token is above this, 0..=1.
     pub box_threshold: f64,
-    /// A box is of a phrase if one of its tokens scores more.
+    /// A box belongs to a phrase if the score of one of its tokens is above this, 0..=1.
     pub text_threshold: f64,
-    /// Of two boxes or masks that overlap by more than this, the one with the lower score is dropped.
+    /// If two boxes or masks overlap by more than this fraction, the one with the lower score is dropped.
     pub overlap: f64,
-    /// What the models run on.
+    /// The device that the models run on.
     pub provider: Provider,
 }
 
 impl DetectConfig {
-    /// For the detector. The runtime library is the one that the environment names, or the system's.
+    /// Options for the detector. The runtime library is the one that the environment names, or the system's.
     pub fn options(&self) -> PromptOptions {
         let &Self { box_threshold, text_threshold, overlap, provider } = self;
         let detect = DetectOptions { box_threshold, text_threshold, overlap };
@@ -95,55 +95,56 @@ impl DetectConfig {
     }
 }
 
-/// Which Gaussian belongs to which object.
+/// Settings of labelling: the object that each Gaussian belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SegmentConfig {
-    /// Weight of what a Gaussian adds to other pixels than the object's.
+    /// Weight of a Gaussian's contribution to pixels outside of the object.
     pub alpha: f64,
-    /// Gaussians that no view shows go with their neighbours.
+    /// Whether Gaussians that no view shows get the label of their neighbours.
     pub fill_unseen: bool,
-    /// Small groups of an object's Gaussians that are apart from it go back to the background.
+    /// Whether small groups of an object's Gaussians that are apart from it go back to the background.
     pub drop_strays: bool,
 }
 
-/// How templates are made.
+/// Settings of the merge into templates.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TemplateConfig {
-    /// Whose Gaussians.
+    /// Whether all objects of a group contribute Gaussians, or only one.
     pub source: TemplateSource,
-    /// How the mean number is drawn from merged ones.
+    /// How the Gaussians of a template are drawn from those of all objects.
     pub sampling: Sampling,
-    /// What a Gaussian keeps.
+    /// The properties that a drawn Gaussian keeps.
     pub keep: Keep,
-    /// Gaussians of a template, times the mean number of an instance's.
+    /// Number of a template's Gaussians, as a multiple of the mean number of its objects.
     pub count_factor: f64,
-    /// How often a merged template is made the mean of its matches.
+    /// Number of rounds in which template Gaussians are moved to the mean of their matches.
     pub settle_rounds: u32,
 }
 
-/// What the offsets of instances start from. Which offsets there are is the trainer's
+/// Initial values of the offsets of instances. The properties that have offsets are in the trainer's
 /// [`OffsetConfig`](instgs_train::config::OffsetConfig).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OffsetStart {
-    /// The difference to the template, or zero.
+    /// Whether offsets start at the difference to the template, or at zero.
     pub init: OffsetInit,
 }
 
-/// What the joint phase starts from. What it does is the trainer's [`JointConfig`](instgs_train::config::JointConfig).
+/// Pruning before the joint phase. The phase itself is configured by the trainer's
+/// [`JointConfig`](instgs_train::config::JointConfig).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct JointStart {
-    /// Gaussians whose blending weight (sum over pixels) per training view that shows them is less than this part of the
-    /// mean of their kind (an object's group, or the background), and whose centre is in the frame of one, are removed
-    /// before the phase; 0 = none.
+    /// Gaussians are removed before the phase if their blending weight (sum over pixels), per training view that shows
+    /// them, is below this fraction of the mean of their kind (an object's group, or the background), and if their
+    /// centre is in the frame of a view; 0 = none are removed.
     pub prune_weight: f64,
 }
 
 impl Default for RunConfig {
-    /// `configs/default.toml` and `configs/instgs.toml`.
+    /// The values of `configs/default.toml` and `configs/instgs.toml`.
     #[expect(clippy::expect_used, reason = "the built-in files are part of the program and tested")]
     fn default() -> Self {
         ConfigBuilder::new().finish().expect("the built-in files are complete and valid")
@@ -154,30 +155,30 @@ impl RunConfig {
     /// The configuration as TOML with every key, as in `RUN/config.toml`; loading it gives an equal one.
     ///
     /// # Errors
-    /// As for [`to_toml`].
+    /// The same errors as [`to_toml`].
     pub fn to_toml(&self) -> Result<String, ConfigError> {
         to_toml(self)
     }
 
-    /// The keys whose values differ from those of `other`, with both values as TOML: own first.
+    /// Lists the keys whose values differ, each as (key, own value, value in `other`), the values as TOML.
     ///
     /// # Errors
-    /// As for [`to_toml`].
+    /// The same errors as [`to_toml`].
     pub fn differences(&self, other: &Self) -> Result<Vec<(String, String, String)>, ConfigError> {
         differences(self, other)
     }
 
-    /// The configuration of the first phase: a plain cloud.
+    /// The configuration of the first phase, which trains a plain cloud.
     pub fn cloud_phase(&self) -> Self {
         Self { train: self.train.cloud_phase(), pipeline: self.pipeline.clone() }
     }
 
-    /// A plain cloud that nothing comes after: its rates end as those of the joint phase do.
+    /// A plain cloud without a later phase: its rates end as those of the joint phase do.
     pub fn cloud_alone(&self) -> Self {
         Self { train: self.train.cloud_alone(), pipeline: self.pipeline.clone() }
     }
 
-    /// How templates are made.
+    /// Options for the merge into templates.
     pub fn template_options(&self) -> TemplateOptions {
         let (template, offsets) = (&self.pipeline.template, &self.train.offsets);
         TemplateOptions {
@@ -194,7 +195,7 @@ impl RunConfig {
             },
             count_factor: template.count_factor,
             settle_rounds: template.settle_rounds,
-            // What the user has as a group is one.
+            // Groups given by the user are never dissolved.
             worst_match: self.pipeline.groups.is_none().then_some(HOPELESS_MATCH),
             seed: self.train.seed,
         }
@@ -214,7 +215,7 @@ impl Configuration for RunConfig {
         &PRESETS
     }
 
-    /// The pipeline's keys are taken out; what is left must be the trainer's.
+    /// Takes the pipeline's keys out of the table; all others must be the trainer's.
     fn from_table(mut table: Table) -> Result<Self, toml::de::Error> {
         let mut own = Table::new();
         for key in keys::KEYS {

@@ -1,4 +1,4 @@
-//! The built-in files, and the two parts of a configuration in one file.
+//! Tests of the built-in files, and of a configuration whose two parts are in one file.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +7,7 @@ use instgs_train::config::{Method, keys::KEYS as TRAINER_KEYS};
 
 type Test = Result<(), Box<dyn std::error::Error>>;
 
-/// The dotted keys of a TOML text, in no order.
+/// The dotted keys of a TOML text, in no particular order.
 fn keys_of(text: &str) -> Result<BTreeSet<String>, toml::de::Error> {
     let table: Table = text.parse()?;
     let keys = table.into_iter().flat_map(|(name, value)| match value {
@@ -30,13 +30,13 @@ fn defaults_tables_and_structs_have_the_same_keys() -> Test {
     Ok(())
 }
 
-/// A comment stands above each key, or above the group of keys that it speaks of.
+/// Above each key, or above its group of keys, there is a comment.
 #[test]
 fn every_default_is_explained() {
     for (name, text) in &PRESETS[..2] {
         let mut explained = false;
         for line in text.lines() {
-            // What stands above a section speaks of all of it.
+            // A comment above a section explains all of it.
             explained = line.starts_with('#') || explained && !line.is_empty();
             assert!(explained || line.is_empty() || line.starts_with('['), "{name}: no comment above: {line}");
             assert!(line.len() <= 120, "{line}");
@@ -58,7 +58,7 @@ fn presets_and_reports_load_to_the_same_values() -> Test {
     Ok(())
 }
 
-/// An empty text in a file, of this version or an older one, is none.
+/// An empty string in a file of this version or an older one is `None`.
 #[test]
 fn an_empty_text_is_none() -> Test {
     let config = ConfigBuilder::new().text("masks = \"\"\nboxes = \"a/b.json\"\ninit_scene = \"\"", "x")?.finish()?;
