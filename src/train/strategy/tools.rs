@@ -10,7 +10,6 @@ use crate::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
 use crate::render::scan::{Blocks, ScanScratch, plain, record_scan};
 use crate::render::sort::{Sort, SortBuffers, record_sort};
 use crate::render::{GradientBuffers, RenderError, SourceTables};
-use crate::scene::Owner;
 use crate::train::device_state::DeviceState;
 
 /// Pipelines and a recorder.
@@ -121,15 +120,11 @@ impl Tools {
     /// [`Tools::finish`].
     pub(super) fn move_arrays(&mut self, state: &mut DeviceState, moves: &Moves) -> Result<(), RenderError> {
         state.gradients = GradientBuffers::placeholder(&self.gpu)?;
-        let degree = state.scene.counts.background_sh_degree;
+        let rows = state.scene.counts.rows;
         let parameters = state.scene.parameters.scalars_mut();
         for (parameter, values, moments) in parameters.zip(state.moments.parameters.each_mut()) {
-            let of_clouds = match parameter.owner() {
-                Owner::Source => true,
-                Owner::ShBand(l) => l <= degree,
-                Owner::Offset => false,
-            };
-            if of_clouds {
+            // SH bands above the cloud's degree have none, nor has anything of instances.
+            if rows[parameter] != [0, 0] {
                 let width = parameter.width() as u32;
                 self.move_array(values, width, moves, Made::Inherits)?;
                 self.move_array(moments.scalars_mut(), 2 * width, moves, Made::IsZero)?;
