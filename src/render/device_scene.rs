@@ -296,7 +296,7 @@ pub struct PlannedBytes {
     pub background: u64,
     /// Offset records.
     pub offsets: u64,
-    /// The instance table, with one entry for the background.
+    /// The instance table, with one entry for the background, and what instances have of their own.
     pub instances: u64,
     /// Chunk bounds.
     pub chunks: u64,
@@ -321,12 +321,12 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     let chunk_bytes = size_of::<types::Chunk>() as u64;
     let instance_bytes = size_of::<types::Instance>() as u64;
     let placeholder = |len: u64, bytes: u64| if len == 0 { bytes } else { 0 };
-    let [template_bytes, background_bytes, offset_bytes, unused] = planned_parameter_bytes(scene);
+    let [template_bytes, background_bytes, offset_bytes, own_bytes, unused] = planned_parameter_bytes(scene);
     PlannedBytes {
         templates: template_bytes,
         background: background_bytes,
         offsets: offset_bytes,
-        instances: instances * instance_bytes,
+        instances: instances * instance_bytes + own_bytes,
         chunks: chunks * chunk_bytes,
         unused: unused + placeholder(instances, instance_bytes) + placeholder(chunks, chunk_bytes),
     }

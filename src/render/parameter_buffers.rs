@@ -81,17 +81,18 @@ impl ParameterBuffers {
     }
 }
 
-/// Bytes of the parameters of a scene, without a device: of templates, background and offsets, and of the single elements
-/// that stand for parameters without rows.
-pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> [u64; 4] {
-    let [mut templates, mut background, mut offsets, mut unused] = [0; 4];
+/// Bytes of the parameters of a scene, without a device: of templates, background, offsets and instances, and of the single
+/// elements that stand for parameters without rows.
+pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> [u64; 5] {
+    let [mut templates, mut background, mut offsets, mut instances, mut unused] = [0; 5];
     for (parameter, rows) in scene.parameter_rows() {
         let [first, second] = rows.map(|rows| 4 * (rows * parameter.width()) as u64);
         match parameter.owner() {
             _ if first + second == 0 => unused += 4 * parameter.element() as u64,
             Owner::Source | Owner::ShBand(_) => (templates, background) = (templates + first, background + second),
             Owner::Offset => offsets += first,
+            Owner::Instance => instances += first,
         }
     }
-    [templates, background, offsets, unused]
+    [templates, background, offsets, instances, unused]
 }

@@ -97,6 +97,9 @@ impl Offsets {
 
     /// Size of the offsets as f32 tensors, bytes: 28 per record without ablation offsets.
     pub fn tensor_bytes(&self) -> u64 {
-        self.arrays().iter().map(|(_, array)| 4 * array.flat().len() as u64).sum()
+        let width = |(parameter, array): (Parameter, &dyn FloatArray)| {
+            self.rows_per_record(parameter, array) * parameter.width()
+        };
+        (4 * self.len() * self.arrays().into_iter().map(width).sum::<usize>()) as u64
     }
 }

@@ -18,6 +18,8 @@ pub enum Owner {
     ShBand(u32),
     /// An offset record, or part of one; none in scenes without such offsets.
     Offset,
+    /// An instance; none in scenes in which no instance has such a thing.
+    Instance,
 }
 
 /// Calls a macro with the list: documentation, variant of [`Parameter`], field of the typed buffers, element of the buffer,
@@ -96,7 +98,7 @@ macro_rules! parameter_enum {
 for_parameters!(parameter_enum);
 
 /// One value for every parameter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ParameterSet<T>(pub [T; Parameter::ALL.len()]);
 
 impl<T> ParameterSet<T> {
@@ -270,7 +272,7 @@ impl InstancedScene {
         ParameterSet::from_fn(|parameter| match parameter.owner() {
             Owner::Source => clouds.map(Gaussians::len),
             Owner::ShBand(l) => clouds.map(|cloud| if cloud.sh_degree >= l { cloud.len() } else { 0 }),
-            Owner::Offset => [self.parameter(parameter).len() / parameter.width(), 0],
+            Owner::Offset | Owner::Instance => [self.parameter(parameter).len() / parameter.width(), 0],
         })
     }
 
@@ -288,6 +290,7 @@ impl InstancedScene {
                 }
             }
             Owner::Offset => self.offsets.array(parameter).map_or(&[][..], FloatArray::flat).into(),
+            Owner::Instance => (&[][..]).into(),
         }
     }
 
@@ -305,6 +308,7 @@ impl InstancedScene {
                     array.extend_flat(values);
                 }
             }
+            Owner::Instance => {}
         }
     }
 }
@@ -329,6 +333,7 @@ mod tests {
                 Owner::Source | Owner::ShBand(0 | 1) => [2, 3],
                 Owner::ShBand(2) => [2, 0],
                 Owner::Offset if parameter != Parameter::OffsetQuats => [4, 0],
+                Owner::Instance => [2, 0],
                 _ => [0, 0],
             };
             scene.set_parameter(parameter, rows, &numbers((rows[0] + rows[1]) * parameter.width()));

@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use instgs_reference::gather_gradients::{CloudGradient, OffsetGradient, SceneGradient};
+use instgs_reference::gather_gradients::{CloudGradient, SceneGradient};
 use instgs_vk::gpu::interface::types::{self, StepRecord};
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::render::{DeviceScene, GradientBuffers, SourceTables, StepLog, TrainFrame, TrainView};
-use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter};
+use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::gpu::device_options;
 
@@ -95,14 +95,10 @@ fn scene_gradient(gpu: &Arc<Gpu>, scene: &InstancedScene, buffers: &GradientBuff
     let mut out = SceneGradient {
         templates: CloudGradient::zeros(&scene.templates),
         background: CloudGradient::zeros(&scene.background),
-        offsets: OffsetGradient {
-            means: values(Parameter::OffsetMeans).as_chunks().0.to_vec(),
-            sh_dc: values(Parameter::OffsetShDc).as_chunks().0.to_vec(),
-            opacity_logits: values(Parameter::OffsetOpacityLogits),
-            sh_rest: values(Parameter::OffsetShRest).as_chunks().0.to_vec(),
-            log_scales: values(Parameter::OffsetLogScales).as_chunks().0.to_vec(),
-            quats: values(Parameter::OffsetQuats).as_chunks().0.to_vec(),
-        },
+        own: ParameterSet::from_fn(|parameter| match parameter.owner() {
+            Owner::Source | Owner::ShBand(_) => Vec::new(),
+            Owner::Offset | Owner::Instance => values(parameter),
+        }),
         instances: Vec::new(),
         poses: pose_gradients(gpu, buffers, scene.instances.len()),
     };

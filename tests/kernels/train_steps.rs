@@ -15,7 +15,7 @@ use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::Adam;
 use instgs_vk::render::RenderOptions;
-use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene, Parameter};
 
 use crate::common::gpu::{assert_silent, gpu};
 use crate::common::random_scene::{add_rare_offsets, random_case};
@@ -151,23 +151,16 @@ fn kinds(scene: &InstancedScene) -> Vec<(&'static str, Vec<f32>)> {
         let all = [means, quats, log_scales, c.opacity_logits.clone(), dc(false), dc(true)];
         names.into_iter().zip(all).collect::<Vec<_>>()
     };
-    let offsets = &scene.offsets;
     let places = scene.instances.iter().flat_map(|i| i.world_from_template.rows().concat()).collect();
+    let offsets = scene.offsets.arrays().map(|(parameter, array)| (parameter.name(), array.flat().to_vec()));
     [
         cloud(["means", "quats", "log_scales", "opacity_logits", "sh_dc", "sh_rest"], &scene.templates),
         cloud(
             ["bg means", "bg quats", "bg log_scales", "bg opacity_logits", "bg sh_dc", "bg sh_rest"],
             &scene.background,
         ),
-        vec![
-            ("offset means", offsets.means.as_flattened().to_vec()),
-            ("offset sh_dc", offsets.sh_dc.as_flattened().to_vec()),
-            ("offset logits", offsets.opacity_logits.clone()),
-            ("offset sh_rest", offsets.sh_rest.as_flattened().to_vec()),
-            ("offset log_scales", offsets.log_scales.as_flattened().to_vec()),
-            ("offset quats", offsets.quats.as_flattened().to_vec()),
-            ("places", places),
-        ],
+        offsets.into(),
+        vec![("places", places)],
     ]
     .concat()
 }
@@ -297,7 +290,7 @@ fn the_first_step_follows_the_twin() {
         let logits = disagreement(
             &start.offsets.opacity_logits,
             &got.offsets.opacity_logits,
-            &want.offsets.opacity_logits,
+            &want.own[Parameter::OffsetOpacityLogits],
             RATES.offsets.opacity,
         );
         // Offsets of one instance alone do not lead the template.

@@ -10,6 +10,7 @@ use instgs_reference::preprocess_instance_expand_backward::projection_branches;
 use instgs_reference::tile_blend::{ALPHA_MAX, blend_row_with_pairs, candidate_boxes};
 use instgs_reference::{View, render_sources, splats_in_depth_order};
 use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::Parameter;
 
 /// Seeds of `rare_case`; half of them have antialiasing.
 const SEEDS: std::ops::Range<u64> = 0..30;
@@ -152,7 +153,7 @@ fn offsets_in_the_world_frame(setup: &Setup) -> SceneGradient {
         let range = scene.template_ranges[instance.template as usize];
         let back = instance.world_from_template.linear().transpose().inverse();
         for i in instance.first_offset.map_or(0..0, |first| first..first + range.count) {
-            let gradient = &mut out.offsets.means[i as usize];
+            let gradient = &mut out.own[Parameter::OffsetMeans].as_chunks_mut::<3>().0[i as usize];
             *gradient = (back * DVec3::from_array(*gradient)).to_array();
         }
     }
@@ -182,7 +183,7 @@ fn transposed_transforms(setup: &Setup) -> SceneGradient {
 /// Offsets that are not trained.
 fn no_offset_logits(setup: &Setup) -> SceneGradient {
     let mut out = true_gradient(setup);
-    out.offsets.opacity_logits.fill(0.0);
+    out.own[Parameter::OffsetOpacityLogits].fill(0.0);
     out
 }
 
@@ -219,9 +220,9 @@ fn the_comparison_fails_on_planted_errors() {
     let plants: [Plant; 9] = [
         ("nothing", &Tensor::ALL, true_gradient),
         ("average", &[Tensor::Means(CLOUD), Tensor::OpacityLogits(CLOUD)], averaged_over_instances),
-        ("world frame", &[Tensor::OffsetMeans], offsets_in_the_world_frame),
+        ("world frame", &[Tensor::Own(Parameter::OffsetMeans)], offsets_in_the_world_frame),
         ("transposed", &[Tensor::WorldFromTemplate], transposed_transforms),
-        ("offset logits", &[Tensor::OffsetOpacityLogits], no_offset_logits),
+        ("offset logits", &[Tensor::Own(Parameter::OffsetOpacityLogits)], no_offset_logits),
         ("slopes", &[Tensor::LogScales(CLOUD)], slopes_not_clamped),
         ("compensation", &[Tensor::LogScales(CLOUD)], compensation_switched),
         ("quaternion", &[Tensor::Quats(CLOUD)], unit_quaternions),

@@ -38,7 +38,7 @@ fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
         let present = match parameter.owner() {
             Owner::Source => true,
             Owner::ShBand(l) => l <= scene.sh_degree,
-            Owner::Offset => rows > 0,
+            Owner::Offset | Owner::Instance => rows > 0,
         };
         if present {
             let (name, width) = (parameter.name(), parameter.width());

@@ -22,6 +22,7 @@ use instgs_vk::math::covariance::{quat_from_rotation, quat_multiply};
 use instgs_vk::math::sh::ShRotation;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::parameters::{Owner, Parameter};
 
 /// The step h of a parameter: 2^-19, about 1.9e-6, in its own unit. The error of the difference is h^2 f''' / 6, and
 /// f''' / f' reaches 10^6 where a splat close to the camera moves a thousand pixels per unit; f64's rounding, 1e-16 per
@@ -51,18 +52,9 @@ pub enum Tensor {
     OpacityLogits(Cloud),
     /// SH coefficients, N x (C * 3).
     Sh(Cloud),
-    /// Offsets of the centres, M x 3.
-    OffsetMeans,
-    /// Offsets of SH coefficient 0, M x 3.
-    OffsetShDc,
-    /// Offsets of the opacity logits, M x 1.
-    OffsetOpacityLogits,
-    /// Offsets of SH coefficients 1.., M x (C - 1) * 3, or empty.
-    OffsetShRest,
-    /// Offsets of the log standard deviations, M x 3, or empty.
-    OffsetLogScales,
-    /// Offsets of the quaternions, M x 4, or empty.
-    OffsetQuats,
+    /// What instances have of their own, offsets for instance, or nothing: rows of the parameter, all coefficients of a
+    /// record together.
+    Own(Parameter),
     /// Instance transforms, K x 12: rows of (A | t).
     WorldFromTemplate,
     /// Pose steps of instances, K x 7: see `poses`.
@@ -82,12 +74,12 @@ impl Tensor {
         Self::LogScales(Cloud::Background),
         Self::OpacityLogits(Cloud::Background),
         Self::Sh(Cloud::Background),
-        Self::OffsetMeans,
-        Self::OffsetShDc,
-        Self::OffsetOpacityLogits,
-        Self::OffsetShRest,
-        Self::OffsetLogScales,
-        Self::OffsetQuats,
+        Self::Own(Parameter::OffsetMeans),
+        Self::Own(Parameter::OffsetShDc),
+        Self::Own(Parameter::OffsetOpacityLogits),
+        Self::Own(Parameter::OffsetShRest),
+        Self::Own(Parameter::OffsetLogScales),
+        Self::Own(Parameter::OffsetQuats),
         Self::WorldFromTemplate,
         Self::Poses,
     ];
@@ -95,12 +87,13 @@ impl Tensor {
     /// Number of values per row.
     pub fn row_len(self, scene: &InstancedScene) -> usize {
         match self {
-            Self::Means(_) | Self::LogScales(_) | Self::OffsetMeans | Self::OffsetShDc | Self::OffsetLogScales => 3,
-            Self::Quats(_) | Self::OffsetQuats => 4,
-            Self::OpacityLogits(_) | Self::OffsetOpacityLogits => 1,
+            Self::Means(_) | Self::LogScales(_) => 3,
+            Self::Quats(_) => 4,
+            Self::OpacityLogits(_) => 1,
             Self::Sh(Cloud::Templates) => 3 * scene.templates.sh_coefficients(),
             Self::Sh(Cloud::Background) => 3 * scene.background.sh_coefficients(),
-            Self::OffsetShRest => 3 * (scene.templates.sh_coefficients() - 1),
+            Self::Own(Parameter::OffsetShRest) => 3 * (scene.templates.sh_coefficients() - 1),
+            Self::Own(parameter) => parameter.width(),
             Self::WorldFromTemplate => 12,
             Self::Poses => 7,
         }
@@ -120,12 +113,7 @@ impl Tensor {
             Self::LogScales(c) => cloud(c).log_scales.as_flattened(),
             Self::OpacityLogits(c) => &cloud(c).opacity_logits,
             Self::Sh(c) => cloud(c).sh.as_flattened(),
-            Self::OffsetMeans => gradient.offsets.means.as_flattened(),
-            Self::OffsetShDc => gradient.offsets.sh_dc.as_flattened(),
-            Self::OffsetOpacityLogits => &gradient.offsets.opacity_logits,
-            Self::OffsetShRest => gradient.offsets.sh_rest.as_flattened(),
-            Self::OffsetLogScales => gradient.offsets.log_scales.as_flattened(),
-            Self::OffsetQuats => gradient.offsets.quats.as_flattened(),
+            Self::Own(parameter) => &gradient.own[parameter],
             Self::WorldFromTemplate => gradient.instances.as_flattened().as_flattened(),
             Self::Poses => gradient.poses.as_flattened(),
         }
@@ -256,15 +244,12 @@ impl<'a> FiniteDifferences<'a> {
                 }
                 None => cloud == Cloud::Background && local == row,
             },
-            Tensor::OffsetMeans
-            | Tensor::OffsetShDc
-            | Tensor::OffsetOpacityLogits
-            | Tensor::OffsetShRest
-            | Tensor::OffsetLogScales
-            | Tensor::OffsetQuats => {
+            Tensor::Own(parameter) if parameter.owner() == Owner::Offset => {
                 instance.and_then(|i| i.first_offset).is_some_and(|first| first as usize + local == row)
             }
-            Tensor::WorldFromTemplate | Tensor::Poses => instance.is_some() && source.instance as usize == row,
+            Tensor::WorldFromTemplate | Tensor::Poses | Tensor::Own(_) => {
+                instance.is_some() && source.instance as usize == row
+            }
         }
     }
 }
@@ -272,12 +257,13 @@ impl<'a> FiniteDifferences<'a> {
 /// Moves one parameter of a source by about `step`; returns the actual movement.
 fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, step: f64) -> f64 {
     match tensor {
-        Tensor::Means(_) | Tensor::OffsetMeans => source.mean_template[column] += step,
-        Tensor::Quats(_) | Tensor::OffsetQuats => source.quat[column] += step,
-        Tensor::LogScales(_) | Tensor::OffsetLogScales => source.log_scales[column] += step,
-        Tensor::OpacityLogits(_) | Tensor::OffsetOpacityLogits => source.opacity_logit += step,
-        Tensor::Sh(_) | Tensor::OffsetShDc => source.sh[column / 3][column % 3] += step,
-        Tensor::OffsetShRest => source.sh[1 + column / 3][column % 3] += step,
+        Tensor::Means(_) | Tensor::Own(Parameter::OffsetMeans) => source.mean_template[column] += step,
+        Tensor::Quats(_) | Tensor::Own(Parameter::OffsetQuats) => source.quat[column] += step,
+        Tensor::LogScales(_) | Tensor::Own(Parameter::OffsetLogScales) => source.log_scales[column] += step,
+        Tensor::OpacityLogits(_) | Tensor::Own(Parameter::OffsetOpacityLogits) => source.opacity_logit += step,
+        Tensor::Sh(_) | Tensor::Own(Parameter::OffsetShDc) => source.sh[column / 3][column % 3] += step,
+        Tensor::Own(Parameter::OffsetShRest) => source.sh[1 + column / 3][column % 3] += step,
+        Tensor::Own(_) => unreachable!("source Gaussians have tensors of their own"),
         Tensor::WorldFromTemplate => {
             let mut rows = source.world_from_template.rows();
             let entry = &mut rows.as_flattened_mut()[column];

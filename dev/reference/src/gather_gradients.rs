@@ -14,7 +14,7 @@ use crate::tile_blend_backward::{SplatGradient, blend_backward};
 use crate::view::View;
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::InstancedScene;
-use instgs_vk::scene::offsets::Offsets;
+use instgs_vk::scene::parameters::{Owner, Parameter, ParameterSet};
 
 /// Gradients in the layout of `scene::Gaussians`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,23 +33,6 @@ pub struct CloudGradient {
     pub sh: Vec<[f64; 3]>,
 }
 
-/// Gradients in the layout of `scene::Offsets`.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct OffsetGradient {
-    /// With respect to the position offsets, template frame.
-    pub means: Vec<[f64; 3]>,
-    /// With respect to the offsets of SH coefficient 0.
-    pub sh_dc: Vec<[f64; 3]>,
-    /// With respect to the offsets of the opacity logit.
-    pub opacity_logits: Vec<f64>,
-    /// With respect to the offsets of SH coefficients above 0, record by record; empty without such offsets.
-    pub sh_rest: Vec<[f64; 3]>,
-    /// With respect to the offsets of log standard deviations; empty without such offsets.
-    pub log_scales: Vec<[f64; 3]>,
-    /// With respect to the offsets of quaternions; empty without such offsets.
-    pub quats: Vec<[f64; 4]>,
-}
-
 /// Gradients of all parameters of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneGradient {
@@ -57,8 +40,9 @@ pub struct SceneGradient {
     pub templates: CloudGradient,
     /// Gradients of the background, in the world frame.
     pub background: CloudGradient,
-    /// Gradients of the offset records; zero for records that no instance uses.
-    pub offsets: OffsetGradient,
+    /// By parameter, flattened, of what instances have of their own: zero for offset records that no instance uses, empty
+    /// where the scene has none, and for parameters of source Gaussians.
+    pub own: ParameterSet<Vec<f64>>,
     /// Per instance, rows of (dL/dA | dL/dt), every entry independent.
     pub instances: Vec<[[f64; 4]; 3]>,
     /// Per instance: with respect to a shift, a rotation vector and the logarithm of the scale, in the template's frame
@@ -92,31 +76,20 @@ impl CloudGradient {
     }
 }
 
-impl OffsetGradient {
-    /// Zero gradients in the shape of a scene's records.
-    pub fn zeros(offsets: &Offsets) -> Self {
-        let n = offsets.len();
-        Self {
-            means: vec![[0.0; 3]; n],
-            sh_dc: vec![[0.0; 3]; n],
-            opacity_logits: vec![0.0; n],
-            sh_rest: vec![[0.0; 3]; offsets.sh_rest.len()],
-            log_scales: vec![[0.0; 3]; offsets.log_scales.len()],
-            quats: vec![[0.0; 4]; offsets.quats.len()],
-        }
-    }
-
-    /// Adds the contribution of one pair (instance, Gaussian) to record `o`.
-    pub fn add(&mut self, o: usize, gradient: &SourceGradient) {
-        add(&mut self.means[o], gradient.mean_template.to_array());
-        add(&mut self.sh_dc[o], gradient.sh.first().copied().unwrap_or(DVec3::ZERO).to_array());
-        self.opacity_logits[o] += gradient.opacity_logit;
-        let rest = gradient.sh.len().saturating_sub(1);
-        for (sum, value) in self.sh_rest.iter_mut().skip(o * rest).zip(gradient.sh.iter().skip(1)) {
-            add(sum, value.to_array());
-        }
-        self.log_scales.get_mut(o).into_iter().for_each(|sum| add(sum, gradient.log_scales.to_array()));
-        self.quats.get_mut(o).into_iter().for_each(|sum| add(sum, gradient.quat));
+/// Adds what one (instance, Gaussian) pair contributes to row `row` of everything that `owner` has.
+fn add_own(sums: &mut ParameterSet<Vec<f64>>, owner: Owner, row: usize, gradient: &SourceGradient) {
+    let flat = |colors: &[DVec3]| colors.iter().flat_map(|color| color.to_array()).collect();
+    for (parameter, sums) in sums.iter_mut().filter(|(parameter, _)| parameter.owner() == owner) {
+        let values: Vec<f64> = match parameter {
+            Parameter::OffsetMeans => gradient.mean_template.to_array().into(),
+            Parameter::OffsetShDc => flat(&gradient.sh[..1]),
+            Parameter::OffsetOpacityLogits => vec![gradient.opacity_logit],
+            Parameter::OffsetShRest => flat(&gradient.sh[1..]),
+            Parameter::OffsetLogScales => gradient.log_scales.to_array().into(),
+            Parameter::OffsetQuats => gradient.quat.into(),
+            _ => Vec::new(),
+        };
+        sums.iter_mut().skip(row * values.len()).zip(values).for_each(|(sum, value)| *sum += value);
     }
 }
 
@@ -152,19 +125,23 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
     let mut out = SceneGradient {
         templates: CloudGradient::zeros(&scene.templates),
         background: CloudGradient::zeros(&scene.background),
-        offsets: OffsetGradient::zeros(&scene.offsets),
+        own: ParameterSet::from_fn(|parameter| match parameter.owner() {
+            Owner::Source | Owner::ShBand(_) => Vec::new(),
+            Owner::Offset | Owner::Instance => vec![0.0; scene.parameter(parameter).len()],
+        }),
         instances: vec![[[0.0; 4]; 3]; scene.instances.len()],
         poses: Vec::new(),
     };
     let mut in_flat_order = gradients.iter();
-    for (instance, d_placement) in scene.instances.iter().zip(&mut out.instances) {
+    for (k, (instance, d_placement)) in scene.instances.iter().zip(&mut out.instances).enumerate() {
         let range = scene.template_ranges[instance.template as usize];
         for local in 0..range.count {
             let Some(Some(gradient)) = in_flat_order.next() else { continue };
             out.templates.add((range.first + local) as usize, gradient);
             d_placement.iter_mut().zip(gradient.world_from_template).for_each(|(sum, row)| add(sum, row));
+            add_own(&mut out.own, Owner::Instance, k, gradient);
             if let Some(first) = instance.first_offset {
-                out.offsets.add((first + local) as usize, gradient);
+                add_own(&mut out.own, Owner::Offset, (first + local) as usize, gradient);
             }
         }
     }
@@ -190,6 +167,7 @@ mod tests {
     use super::*;
     use instgs_vk::math::similarity::Similarity;
     use instgs_vk::scene::instanced_scene::{Instance, TemplateRange};
+    use instgs_vk::scene::offsets::Offsets;
 
     /// A gradient whose entries are all `v`.
     fn constant(v: f64, sh: usize) -> Option<SourceGradient> {
@@ -238,8 +216,9 @@ mod tests {
         assert_eq!(got.templates.opacity_logits, [4.0, 1.0 + 8.0, 2.0 + 16.0]);
         assert_eq!(got.templates.sh[4..8], [[9.0; 3]; 4]);
         assert_eq!((got.templates.means[2], got.templates.quats[2]), ([18.0; 3], [18.0; 4]));
-        assert_eq!(got.offsets.means, [[0.0; 3], [8.0; 3], [16.0; 3]]);
-        assert_eq!((&got.offsets.sh_dc, &got.offsets.opacity_logits[..]), (&got.offsets.means, &[0.0, 8.0, 16.0][..]));
+        assert_eq!(got.own[Parameter::OffsetMeans].as_chunks::<3>().0, [[0.0; 3], [8.0; 3], [16.0; 3]]);
+        assert_eq!(got.own[Parameter::OffsetShDc], got.own[Parameter::OffsetMeans]);
+        assert_eq!(got.own[Parameter::OffsetOpacityLogits], [0.0, 8.0, 16.0]);
         assert_eq!(got.instances, [[[3.0; 4]; 3], [[4.0; 4]; 3], [[24.0; 4]; 3]]);
         assert_eq!((&got.background.means[..], &got.background.sh[..]), (&[[32.0; 3]][..], &[[32.0; 3]][..]));
         // A culled pair adds nothing and shifts no index.

@@ -11,7 +11,6 @@ use instgs_vk::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
 use instgs_vk::render::scan::{Blocks, ScanScratch, plain, record_scan};
 use instgs_vk::render::sort::{Sort, SortBuffers, record_sort};
 use instgs_vk::render::{GradientBuffers, RenderError, SourceTables};
-use instgs_vk::scene::Owner;
 
 /// Pipelines and a recorder shared by the strategies.
 pub(super) struct Tools {
@@ -121,15 +120,11 @@ impl Tools {
     /// [`Tools::finish`].
     pub(super) fn move_arrays(&mut self, state: &mut DeviceState, moves: &Moves) -> Result<(), RenderError> {
         state.gradients = GradientBuffers::placeholder(&self.gpu)?;
-        let degree = state.scene.counts.background_sh_degree;
+        let rows = state.scene.counts.rows;
         let parameters = state.scene.parameters.scalars_mut();
         for (parameter, values, moments) in parameters.zip(state.moments.parameters.each_mut()) {
-            let of_clouds = match parameter.owner() {
-                Owner::Source => true,
-                Owner::ShBand(l) => l <= degree,
-                Owner::Offset => false,
-            };
-            if of_clouds {
+            // SH bands above the cloud's degree have none, nor has anything of instances.
+            if rows[parameter] != [0, 0] {
                 let width = parameter.width() as u32;
                 self.move_array(values, width, moves, Made::Inherits)?;
                 self.move_array(moments.scalars_mut(), 2 * width, moves, Made::IsZero)?;
