@@ -38,6 +38,13 @@ pub struct Group {
     pub instance_ids: Vec<u32>,
 }
 
+/// How the colour of an instance follows from that of its template: rows of (M | b), colour = M rgb + b, before the clamp
+/// at 0. Like the SH coefficients it is for colours in the encoding of the training images.
+pub type ColorMatrix = [[f32; 4]; 3];
+
+/// The matrix that changes no colour.
+pub const SAME_COLOR: ColorMatrix = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]];
+
 /// A tensor that this version does not know; it is preserved when the scene is written again.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForeignTensor {
@@ -59,6 +66,8 @@ pub struct InstancedScene {
     pub template_ranges: Vec<TemplateRange>,
     /// The placed copies of templates.
     pub instances: Vec<Instance>,
+    /// How each instance's colours follow from its template's, offsets included; empty if they are the same in all.
+    pub color_from_template: Vec<ColorMatrix>,
     /// Offset records; instances hold the index of their first one.
     pub offsets: Offsets,
     /// World-frame Gaussians that belong to no instance.
@@ -110,7 +119,13 @@ impl InstancedScene {
             + self.background.tensor_bytes()
             + self.offsets.tensor_bytes()
             + 56 * self.instances.len() as u64
+            + 48 * self.color_from_template.len() as u64
             + 8 * self.template_ranges.len() as u64
+    }
+
+    /// The colour matrix of instance `k`; `None` if its colours are its template's.
+    pub fn color_matrix(&self, k: usize) -> Option<&ColorMatrix> {
+        self.color_from_template.get(k)
     }
 
     /// Checks every index and array length.
@@ -150,6 +165,15 @@ impl InstancedScene {
                     format!("range {g} ends at {end}, but there are {n} template Gaussians"),
                 );
             }
+        }
+        let (matrices, instances) = (self.color_from_template.len(), self.instances.len());
+        if matrices != 0 && matrices != instances {
+            let reason = format!("{matrices} entries where {instances}, or none, fit");
+            return fail("instance.color_from_template", reason);
+        }
+        let finite = |matrix: &ColorMatrix| matrix.as_flattened().iter().all(|v| v.is_finite());
+        if let Some(k) = self.color_from_template.iter().position(|matrix| !finite(matrix)) {
+            return fail("instance.color_from_template", format!("that of instance {k} is not finite"));
         }
         for (k, instance) in self.instances.iter().enumerate() {
             let Some(range) = self.template_ranges.get(instance.template as usize) else {

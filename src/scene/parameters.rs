@@ -56,6 +56,8 @@ macro_rules! for_parameters {
             OffsetLogScales offset_log_scales: [f32; 3], "offset_log_scales", Owner::Offset, 3;
             /// Offsets of quaternions.
             OffsetQuats offset_quats: [f32; 4], "offset_quats", Owner::Offset, 4;
+            /// By instance, rows of (M | b): its colour is M rgb + b, before the clamp at 0.
+            ColorFromTemplate color_from_template: [f32; 4], "color_from_template", Owner::Instance, 12;
         }
     };
 }
@@ -290,7 +292,7 @@ impl InstancedScene {
                 }
             }
             Owner::Offset => self.offsets.array(parameter).map_or(&[][..], FloatArray::flat).into(),
-            Owner::Instance => (&[][..]).into(),
+            Owner::Instance => self.color_from_template.as_flattened().as_flattened().into(),
         }
     }
 
@@ -308,7 +310,7 @@ impl InstancedScene {
                     array.extend_flat(values);
                 }
             }
-            Owner::Instance => {}
+            Owner::Instance => self.color_from_template = values.as_chunks().0.as_chunks().0.to_vec(),
         }
     }
 }

@@ -81,6 +81,8 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         .map(|&[first, count]| TemplateRange { first, count })
         .collect();
     scene.instances = reader.instances()?;
+    let colors = reader.optional("instance.color_from_template", &[3, 4], scene.instances.len())?;
+    scene.color_from_template = colors.as_chunks().0.as_chunks().0.to_vec();
     scene.offsets = reader.offsets(&scene)?;
     scene.validate().map_err(|e| IoError::new(path, e.reason).at(Place::Tensor(e.tensor)))?;
     for (name, view) in reader.left {

@@ -1,13 +1,63 @@
 use super::*;
+use crate::ply::tests::sample;
 use crate::scene_pack::floats;
 use crate::scene_write::{assemble, scene_file_bytes, u32s};
-use instgs_samples::{sample, sample_scene, with_ablations};
+
+/// Two templates (3 and 2 Gaussians), four instances, 8 offset records, a background of 4.
+pub(crate) fn sample_scene() -> InstancedScene {
+    let pose = |x: f32| {
+        Similarity::from_rows([[0.0, -2.0, 0.0, x], [2.0, 0.0, 0.0, 1.0], [0.0, 0.0, 2.0, -x]])
+            .unwrap_or(Similarity::IDENTITY)
+    };
+    let instance = |template, x, first_offset| Instance { template, world_from_template: pose(x), first_offset };
+    let values = sample(0, 8);
+    InstancedScene {
+        templates: sample(2, 5),
+        template_ranges: vec![TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }],
+        instances: vec![
+            instance(0, 0.0, Some(0)),
+            instance(1, 1.0, None),
+            instance(0, 2.0, Some(3)),
+            instance(1, 3.0, Some(6)),
+        ],
+        color_from_template: Vec::new(),
+        offsets: Offsets {
+            means: values.means,
+            sh_dc: values.sh,
+            opacity_logits: values.opacity_logits,
+            ..Offsets::default()
+        },
+        background: sample(3, 4),
+        antialias: true,
+        groups: vec![Group { template_id: 0, name: Some("chair \"a\"".into()), instance_ids: vec![4, 9] }],
+        source: "test".into(),
+        foreign_tensors: BTreeMap::from([
+            ("x.odd".into(), ForeignTensor { dtype: "U8".into(), shape: vec![3], bytes: vec![1, 2, 3] }),
+            ("a.wide".into(), ForeignTensor { dtype: "I64".into(), shape: vec![1], bytes: vec![7; 8] }),
+        ]),
+        foreign_metadata: (0..9).map(|i| (format!("key{i}"), format!("value {i}"))).collect(),
+    }
+}
+
+/// The sample with offsets of everything.
+pub(crate) fn with_ablations() -> InstancedScene {
+    let mut scene = sample_scene();
+    let values = sample(2, 8);
+    // Without coefficient 0 of each record.
+    scene.offsets.sh_rest = values.sh.chunks(9).flat_map(|record| record[1..].to_vec()).collect();
+    scene.offsets.log_scales = values.log_scales;
+    scene.offsets.quats = values.quats;
+    scene
+}
 
 #[test]
 fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoError> {
     let path = Path::new("x.instgs");
     let cloud = InstancedScene::from_cloud(sample(1, 2));
-    for scene in [sample_scene(), with_ablations(), InstancedScene::default(), cloud] {
+    let mut colored = sample_scene();
+    let matrix = |k: usize| [0, 1, 2].map(|r| [0, 1, 2, 3].map(|c| (100 * k + 10 * r + c) as f32));
+    colored.color_from_template = (0..4).map(matrix).collect();
+    for scene in [sample_scene(), with_ablations(), colored, InstancedScene::default(), cloud] {
         let bytes = scene_file_bytes(&scene, path)?;
         for _ in 0..5 {
             let back = parse_scene_file(&bytes, path)?;
@@ -72,6 +122,14 @@ fn errors_name_the_tensor_and_the_reason() {
     assert!(packed.contains("template.quats: has the type U8"), "{packed}");
     let rest = text(changed(|t, _| drop(t.insert("offset.sh_rest".into(), floats(&[8, 3, 3], &[0.0; 72])))));
     assert!(rest.contains("offset.sh_rest") && rest.contains("[8, 8, 3]"), "{rest}");
+    let colors = text(changed(|t, _| {
+        drop(t.insert("instance.color_from_template".into(), floats(&[3, 3, 4], &[0.0; 36])));
+    }));
+    assert!(colors.contains("instance.color_from_template") && colors.contains("[4, 3, 4]"), "{colors}");
+    let infinite = text(changed(|t, _| {
+        drop(t.insert("instance.color_from_template".into(), floats(&[4, 3, 4], &[f32::INFINITY; 48])));
+    }));
+    assert!(infinite.contains("that of instance 0 is not finite"), "{infinite}");
     let orphan = text(changed(|t, _| drop(t.remove("offset.means"))));
     assert!(orphan.contains("offset.means: is missing"), "{orphan}");
     assert!(text(changed(|_, m| drop(m.remove("format")))).contains("metadata format"));

@@ -97,6 +97,10 @@ fn put_instances(tensors: &mut Tensors, scene: &InstancedScene) {
     put("instance.first_offset", u32s(&[k], scene.instances.iter().map(|i| i.first_offset.unwrap_or(NO_OFFSET))));
     let poses: Vec<f32> = scene.instances.iter().flat_map(|i| i.world_from_template.rows()).flatten().collect();
     put("instance.world_from_template", floats(&[k, 3, 4], &poses));
+    let colors = scene.color_from_template.as_flattened().as_flattened();
+    if !colors.is_empty() {
+        put("instance.color_from_template", floats(&[k, 3, 4], colors));
+    }
 }
 
 fn put_offsets(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {

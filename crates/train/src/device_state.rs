@@ -144,6 +144,8 @@ fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
         Parameter::OffsetShRest => [offsets.sh_rest, 0.0],
         Parameter::OffsetLogScales => [offsets.log_scales, 0.0],
         Parameter::OffsetQuats => [offsets.quats, 0.0],
+        // No phase of training refines them yet.
+        Parameter::ColorFromTemplate => [0.0, 0.0],
     }
 }
 
