@@ -9,6 +9,8 @@
 // In scenes with levels of detail (LEVELS), a level that is not alone has opacity `1 - (1 - opacity)^weight`: the
 // weights of the two that are shown add up to 1, so together they take the light that one would (`lod.glsl`).
 //
+// With COLOR_MATRICES the colour of an instance is `M rgb + b` of the template's, offsets included, before the clamp at 0.
+//
 // Offsets of SH bands above 0 and of shape exist for ablations; scenes without have kernels without their code.
 //
 // - Reads `work_items` (by work item), `instances` (by instance), source arrays `means` .. `sh0` (by `first_source` +
@@ -61,13 +63,17 @@ layout(scalar, binding = 14) writeonly buffer SurvivorCounts { uint survivor_cou
 layout(scalar, binding = 18) readonly buffer OffsetShRest { vec3 offset_sh_rest[]; };           // offsets of the other SH coefficients, if any
 layout(scalar, binding = 19) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };     // offsets of log standard deviations, if any
 layout(scalar, binding = 20) readonly buffer OffsetQuats { vec4 offset_quats[]; };              // offsets of quaternions, if any
+layout(scalar, binding = 21) readonly buffer ColorMatrices { vec4 color_from_template[]; };      // rows of (M | b) by instance, if any
 layout(scalar, push_constant) uniform ExpandParams {
-    View view;           // the camera
-    float lod_error_px;  // as in cull_instances
+    View view;             // the camera
+    float lod_error_px;    // as in cull_instances
+    uint posed_instances;  // instances besides the background
 };
 
 #include "shape.glsl"
 #include "look.glsl"
+#include "sh_bands.glsl"
+#include "color_matrix.glsl"
 
 // Geometry of survivors between the two halves of the kernel, by rank.
 shared vec4 shared_a[WORKGROUP_SIZE];
@@ -149,32 +155,7 @@ Projection expand(Instance instance, uint local) {
     return project(mean_view, axes, opacity);
 }
 
-// INRIA order and signs; constants are the usual normalisation factors.
-vec3 evaluate_sh(Instance instance, uint local, vec3 dc_offset, vec3 dir) {
-    vec3 color = 0.28209479177387814 * (sh0[instance.first_source + local] + dc_offset);
-    float x = dir.x, y = dir.y, z = dir.z;
-    float xx = x * x, yy = y * y, zz = z * z;
-    // The spec constant removes the code of bands that no template of the scene has.
-    uint degree = min(SH_DEGREE, instance.sh_degree);
-    if (degree > 0) {
-        color += 0.4886025119029199 * (-y * sh1_of(instance, local, 0) + z * sh1_of(instance, local, 1) - x * sh1_of(instance, local, 2));
-    }
-    if (degree > 1) {
-        color += 1.0925484305920792 * (x * y * sh2_of(instance, local, 0) - y * z * sh2_of(instance, local, 1) - x * z * sh2_of(instance, local, 3));
-        color += 0.31539156525252005 * (2.0 * zz - xx - yy) * sh2_of(instance, local, 2);
-        color += 0.5462742152960396 * (xx - yy) * sh2_of(instance, local, 4);
-    }
-    if (degree > 2) {
-        color += -0.5900435899266435 * y * (3.0 * xx - yy) * sh3_of(instance, local, 0);
-        color += 2.890611442640554 * x * y * z * sh3_of(instance, local, 1);
-        color += -0.4570457994644658 * y * (4.0 * zz - xx - yy) * sh3_of(instance, local, 2);
-        color += 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * sh3_of(instance, local, 3);
-        color += -0.4570457994644658 * x * (4.0 * zz - xx - yy) * sh3_of(instance, local, 4);
-        color += 1.445305721320277 * z * (xx - yy) * sh3_of(instance, local, 5);
-        color += -0.5900435899266435 * x * (xx - 3.0 * yy) * sh3_of(instance, local, 6);
-    }
-    return color + 0.5;
-}
+#include "sh_color.glsl"
 
 vec3 splat_color(Instance instance, uint local) {
     vec3 mean_world = transform_point(instance.world_from_template, mean_of(instance, local));
@@ -184,7 +165,7 @@ vec3 splat_color(Instance instance, uint local) {
     float len = sqrt(dot(dir, dir));
     vec3 dc_offset = vec3(0.0);
     if (instance.first_offset != NO_OFFSET) dc_offset = offset_sh_dc[instance.first_offset + local];
-    return evaluate_sh(instance, local, dc_offset, len > 0.0 ? dir / len : vec3(0.0, 0.0, 1.0));
+    return instance_color(instance, evaluate_sh(instance, local, dc_offset, len > 0.0 ? dir / len : vec3(0.0, 0.0, 1.0)));
 }
 
 void main() {

@@ -51,6 +51,8 @@ layout(scalar, binding = 20) writeonly buffer PoseSums { PoseGradient pose_sums[
 layout(scalar, binding = 21) readonly buffer OffsetShRest { vec3 offset_sh_rest[]; };                // offsets of SH coefficients above 0, if any
 layout(scalar, binding = 22) readonly buffer OffsetLogScales { vec3 offset_log_scales[]; };          // offsets of log standard deviations, if any
 layout(scalar, binding = 23) readonly buffer OffsetQuats { vec4 offset_quats[]; };                   // offsets of quaternions, if any
+layout(scalar, binding = 24) readonly buffer ColorMatrices { vec4 color_from_template[]; };          // rows of (M | b) by instance, if any
+layout(scalar, binding = 25) writeonly buffer ColorCotangents { vec3 color_cotangents[]; };          // as source_gradients, by the colour after the matrix, if any
 layout(scalar, push_constant) uniform ExpandBackwardParams {
     View view;             // the camera
     uint capacity;         // emissions that fit the buffers
@@ -60,6 +62,8 @@ layout(scalar, push_constant) uniform ExpandBackwardParams {
 
 #include "shape.glsl"
 #include "look.glsl"
+#include "sh_bands.glsl"
+#include "color_matrix.glsl"
 
 // Sums over all tiles of a splat, in emission order.
 SplatMoments total_moments(uint slot) {
@@ -173,7 +177,7 @@ vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color) 
     return g;
 }
 
-SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec3 by_dir) {
+SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec3 by_dir, out vec3 by_color) {
     Splat splat = splats[slot];
     SplatMoments m = total_moments(slot);
     vec3 conic = vec3(splat.a.zw, splat.b.x);
@@ -181,7 +185,7 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec
     vec2 by_mean_px = vec2(dot(conic.xy, m.first.yz), dot(conic.yz, m.first.yz));
     vec3 by_conic = -vec3(0.5 * m.second.x, m.second.y, 0.5 * m.second.z);
     float by_opacity = opacity > 0.0 ? m.first.x / opacity : 0.0;
-    vec3 by_color = vec3(splat.b.z > 0.0 ? m.color.r : 0.0, splat.b.w > 0.0 ? m.color.g : 0.0, splat.c.x > 0.0 ? m.color.b : 0.0);
+    by_color = vec3(splat.b.z > 0.0 ? m.color.r : 0.0, splat.b.w > 0.0 ? m.color.g : 0.0, splat.c.x > 0.0 ? m.color.b : 0.0);
 
     vec3 mean_world = transform_point(instance.world_from_template, mean_of(instance, local));
     Geometry g = geometry_of(instance, local, mean_world);
@@ -198,11 +202,12 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec
     vec3 seen = (mean_world - view.position_world) * a;
     float len = sqrt(dot(seen, seen));
     vec3 dir = len > 0.0 ? seen / len : vec3(0.0, 0.0, 1.0);
-    by_dir = direction_gradient(instance, local, dir, by_color);
+    vec3 by_template_color = template_color_gradient(instance, by_color);
+    by_dir = direction_gradient(instance, local, dir, by_template_color);
     vec3 by_seen = len > 0.0 ? (by_dir - dir * dot(dir, by_dir)) / len : vec3(0.0);
     vec3 by_view = mean_view_gradient(g, by_mean_px, by_cov, instance, local);
     out_gradient.mean = by_view * g.linear + (a * by_seen) * a;
-    out_gradient.color = by_color;
+    out_gradient.color = by_template_color;
     out_gradient.direction = dir;
     float sigmoid = opacity / compensation;
     out_gradient.opacity_logit = m.first.x * (1.0 - sigmoid);
@@ -257,11 +262,13 @@ PoseGradient write_gradients(uint w, uint lane) {
     Instance instance = instances[item.instance];
     uint slot = w * WORKGROUP_SIZE + lane;
     uint local = footprints[slot].local;
-    vec3 by_dir;
-    SourceGradient g = source_gradient(instance, local, slot, by_dir);
+    vec3 by_dir, by_color;
+    SourceGradient g = source_gradient(instance, local, slot, by_dir, by_color);
     // The buffer is 0 where nothing is written.
     if (!is_finite(g)) return none;
-    source_gradients[w * WORKGROUP_SIZE + local - item.chunk * WORKGROUP_SIZE] = g;
+    uint place = w * WORKGROUP_SIZE + local - item.chunk * WORKGROUP_SIZE;
+    source_gradients[place] = g;
+    if (has_color_matrix(instance) && all(is_below(by_color, GRADIENT_MAX))) color_cotangents[place] = by_color;
     if (instance.first_offset != NO_OFFSET) {
         uint k = instance.first_offset + local;
         offset_mean_gradients[k] = g.mean;

@@ -128,7 +128,8 @@
 //!   scene may also have offsets of the other SH coefficients, log scales and quaternions (added before normalising);
 //!   without them the kernels have no code for them.
 //! - Places are refined in the template's frame: `A' = A e^s exp([w]x)`, `t' = t + A v` for the step (v, w, s).
-//! - Colour = `max(0, SH + 0.5)`, rgb in the encoding of the training images (sRGB values). SH is evaluated in
+//! - Colour = `max(0, SH + 0.5)`, or `max(0, M (SH + 0.5) + b)` for an instance with a colour matrix (M | b); rgb in the
+//!   encoding of the training images (sRGB values). SH is evaluated in
 //!   direction `R^T normalize(mean_world - camera)`: an instance looks the same from the same side, however it is
 //!   turned.
 //! - SH has INRIA's order and signs: coefficient `l^2 + l + m`, m = -l..=l, degree 0 to 3. Quaternions are (w, x, y, z)

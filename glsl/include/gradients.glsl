@@ -13,7 +13,7 @@ struct SourceGradient {
     vec3 mean;               // by mean plus offset
     vec3 covariance;         // by the covariance's xx, yy, zz
     vec3 covariance_cross;   // by xy, xz, yz, each of the two equal entries
-    vec3 color;              // by the colour, 0 where it is clamped
+    vec3 color;              // by the template's colour, 0 where that of the instance is clamped
     vec3 direction;          // unit vector of view, where SH is evaluated
     float opacity_logit;     // by the logit plus offset
     float mean_ndc;          // length of the gradient by the centre, in units of half the image

@@ -1,30 +1,7 @@
-// Centre and SH bands 1 to 3 of a Gaussian of an instance: its template's, plus the instance's offset. The including file
-// declares the buffers. Scenes without offsets of these bands, which are nearly all, have kernels without their code.
-layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // 1 = the scene has offsets of SH coefficients above 0
+// Centre of a Gaussian of an instance: its template's, plus the instance's offset. The including file declares the buffers.
 
 vec3 mean_of(Instance instance, uint local) {
     vec3 own = means[instance.first_source + local];
     if (instance.first_offset != NO_OFFSET) own += offset_means[instance.first_offset + local];
     return own;
-}
-
-// `own` plus the offset of SH coefficient `c`, from 1; records hold all coefficients of the templates' degree.
-vec3 with_sh_offset(Instance instance, uint local, uint c, vec3 own) {
-    if (OFFSET_SH_REST != 0 && instance.first_offset != NO_OFFSET) {
-        uint rest = (instance.sh_degree + 1) * (instance.sh_degree + 1) - 1;
-        own += offset_sh_rest[(instance.first_offset + local) * rest + c - 1];
-    }
-    return own;
-}
-
-vec3 sh1_of(Instance instance, uint local, uint m) {
-    return with_sh_offset(instance, local, 1 + m, sh1[3 * (instance.first_in_band[0] + local) + m]);
-}
-
-vec3 sh2_of(Instance instance, uint local, uint m) {
-    return with_sh_offset(instance, local, 4 + m, sh2[5 * (instance.first_in_band[1] + local) + m]);
-}
-
-vec3 sh3_of(Instance instance, uint local, uint m) {
-    return with_sh_offset(instance, local, 9 + m, sh3[7 * (instance.first_in_band[2] + local) + m]);
 }

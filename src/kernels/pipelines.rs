@@ -41,6 +41,8 @@ pub struct BackwardPipelines {
     pub preprocess_instance_expand_backward:
         Pipeline<preprocess_instance_expand_backward::PreprocessInstanceExpandBackward>,
     pub gather_gradients: Pipeline<gather_gradients::GatherGradients>,
+    /// In scenes with colour matrices.
+    pub gather_color_gradients: Option<Pipeline<gather_color_gradients::GatherColorGradients>>,
     pub gather_pose_gradients: Pipeline<gather_pose_gradients::GatherPoseGradients>,
     pub refine_poses: Pipeline<refine_poses::RefinePoses>,
     pub adam: Pipeline<adam::Adam>,
@@ -193,6 +195,7 @@ impl Pipelines {
         let size = variant.workgroup_size;
         let tile = ("TILE_SIZE", variant.tile_size);
         let levels = ("LEVELS", u32::from(traits.levels));
+        let colors = traits.color_matrices_constant();
         let training_constant = ("TRAINING", u32::from(training));
         Ok(Self {
             variant,
@@ -201,7 +204,8 @@ impl Pipelines {
             cull_instances: compiler.compile(size, &[levels])?,
             cull_chunks: compiler.compile(size, &[])?,
             emit_work_items: compiler.compile(size, &[])?,
-            preprocess_instance_expand: compiler.compile(size, &[&[tile, levels][..], &traits.constants()].concat())?,
+            preprocess_instance_expand: compiler
+                .compile(size, &[&[tile, levels, colors][..], &traits.constants()].concat())?,
             compact_visible: compiler.compile(size, &[])?,
             plan_slab: compiler.compile(size, &[])?,
             emit_intersections: compiler.compile(size, &[tile, training_constant])?,
@@ -240,9 +244,18 @@ impl BackwardPipelines {
             train_status: compiler.compile(size, &[])?,
             tile_blend_backward: compiler
                 .compile(variant.blend_workgroup_size, &[tile, columns_per_lane(&variant), transpose])?,
-            preprocess_instance_expand_backward: compiler
-                .compile(size, &[&[("POSES", u32::from(poses))][..], &traits.constants()].concat())?,
+            preprocess_instance_expand_backward: compiler.compile(
+                size,
+                &[&[("POSES", u32::from(poses)), traits.color_matrices_constant()][..], &traits.constants()].concat(),
+            )?,
             gather_gradients: compiler.compile(size, &traits.constants())?,
+            gather_color_gradients: match traits.color_matrices {
+                true => {
+                    let rest = ("OFFSET_SH_REST", u32::from(traits.offset_sh_rest));
+                    Some(compiler.compile(size, &[("SH_DEGREE", traits.sh_degree), rest])?)
+                }
+                false => None,
+            },
             gather_pose_gradients: compiler.compile(size, &[])?,
             refine_poses: compiler.compile(size, &[])?,
             adam: compiler.compile(size, &[])?,

@@ -101,12 +101,16 @@ pub fn record_gradients(
     record_blend_backward(recorder, inputs, frame, buffers)?;
     // What is not drawn has no gradient.
     recorder.fill(&mut buffers.source_gradients, 0)?;
+    if inputs.pipelines.gather_color_gradients.is_some() {
+        recorder.fill(&mut buffers.color_cotangents, 0)?;
+    }
     let offsets = gradients.parameters.scalars_mut().into_iter().filter(|(p, _)| p.owner() == Owner::Offset);
     for (_, buffer) in offsets {
         recorder.fill(buffer, 0)?;
     }
     record_expand_backward(recorder, inputs, frame, buffers, gradients)?;
     record_gather(recorder, inputs, frame, buffers, log, gradients)?;
+    record_gather_colors(recorder, inputs, frame, buffers, gradients)?;
     if inputs.pipelines.poses { record_gather_poses(recorder, inputs, frame, buffers, gradients) } else { Ok(()) }
 }
 
@@ -168,6 +172,8 @@ fn record_expand_backward(
         offset_mean_gradients: &mut by.offset_means,
         offset_sh_dc_gradients: &mut by.offset_sh_dc,
         offset_logit_gradients: &mut by.offset_opacity_logits,
+        color_from_template: &parameters.color_from_template,
+        color_cotangents: &mut buffers.color_cotangents,
     };
     let params = preprocess_instance_expand_backward::Params {
         view: inputs.forward.view,
@@ -221,6 +227,39 @@ fn record_gather(
     let chunk_count = inputs.tables.chunk_count;
     let params = gather_gradients::Params { chunk_count };
     recorder.dispatch(&inputs.pipelines.gather_gradients, Grid::groups(chunk_count), &params, bindings)
+}
+
+/// Gradients by colour matrices, in scenes that have them.
+fn record_gather_colors(
+    recorder: &mut Recorder,
+    inputs: &BackwardInputs<'_>,
+    frame: &FrameBuffers,
+    buffers: &BackwardBuffers,
+    gradients: &mut GradientBuffers,
+) -> Result<(), GpuError> {
+    let Some(pipeline) = &inputs.pipelines.gather_color_gradients else { return Ok(()) };
+    let scene = inputs.forward.scene;
+    let parameters = &scene.parameters;
+    let bindings = gather_color_gradients::Bindings {
+        instance_chunks: &frame.instance_chunks,
+        candidate_offsets: &frame.candidate_offsets,
+        candidate_visible: &frame.candidate_visible,
+        work_offsets: &frame.work_offsets,
+        counters: &frame.scratch.counters,
+        instances: &scene.instances,
+        source_gradients: &buffers.source_gradients,
+        color_cotangents: &buffers.color_cotangents,
+        sh0: &parameters.sh0,
+        sh1: &parameters.sh1,
+        sh2: &parameters.sh2,
+        sh3: &parameters.sh3,
+        offset_sh_dc: &parameters.offset_sh_dc,
+        offset_sh_rest: &parameters.offset_sh_rest,
+        color_from_template_gradients: &mut gradients.parameters.color_from_template,
+    };
+    let posed_instances = scene.posed_instances();
+    let params = gather_color_gradients::Params { posed_instances };
+    recorder.dispatch(pipeline, Grid::groups(posed_instances), &params, bindings)
 }
 
 fn record_gather_poses(

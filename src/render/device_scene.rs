@@ -117,9 +117,16 @@ impl DeviceScene {
         let levels = Levels::of(scene);
         check_limit(gpu, levels.templates.len() + levels.background.len(), scene.sh_degree())?;
         let tables = build_level_tables(&levels, chunk_size)?;
-        let Levels { templates, background, offsets, coarser, .. } = levels;
-        let pool =
-            InstancedScene { templates, background, offsets, antialias: scene.antialias, ..InstancedScene::default() };
+        let Levels { templates, background, offsets, color_from_template, coarser, .. } = levels;
+        let antialias = scene.antialias;
+        let pool = InstancedScene {
+            templates,
+            background,
+            offsets,
+            color_from_template,
+            antialias,
+            ..InstancedScene::default()
+        };
         let mut out = Self::with_tables(gpu, &pool, (tables, chunk_size), scene.instances.len() as u32)?;
         out.expanded_len = scene.expanded_len();
         out.coarser = Some(coarser);
@@ -262,6 +269,7 @@ impl DeviceScene {
             offset_sh_rest: self.has(Parameter::OffsetShRest),
             offset_log_scales: self.has(Parameter::OffsetLogScales),
             offset_quats: self.has(Parameter::OffsetQuats),
+            color_matrices: self.has(Parameter::ColorFromTemplate),
             levels: self.has_levels(),
         }
     }

@@ -159,12 +159,17 @@ fn record_expansion(
         offset_sh_rest: &parameters.offset_sh_rest,
         offset_log_scales: &parameters.offset_log_scales,
         offset_quats: &parameters.offset_quats,
+        color_from_template: &parameters.color_from_template,
         splats: &mut frame.splats,
         footprints: &mut frame.footprints,
         tile_counts: &mut frame.tile_counts,
         survivor_counts: &mut frame.survivor_counts,
     };
-    let params = preprocess_instance_expand::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
+    let params = preprocess_instance_expand::Params {
+        view: inputs.view,
+        lod_error_px: inputs.lod_error_px,
+        posed_instances: scene.posed_instances(),
+    };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
     recorder.dispatch_indirect(&p.preprocess_instance_expand, (&frame.scratch.args, per_item), &params, bindings)?;
 

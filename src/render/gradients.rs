@@ -135,6 +135,8 @@ pub struct BackwardBuffers {
     pub isect_moments: Buffer<types::SplatMoments>,
     /// Gradients by Gaussians of instances, by work item and index in the chunk.
     pub source_gradients: Buffer<types::SourceGradient>,
+    /// Gradients by colours after the instance's colour matrix, as `source_gradients`; one element without matrices.
+    pub color_cotangents: Buffer<[f32; 3]>,
     /// Gradients by the places of instances, by work item and subgroup; one element without them.
     pub pose_sums: Buffer<types::PoseGradient>,
 }
@@ -155,6 +157,7 @@ impl BackwardBuffers {
         let strips = column_strips(plan.size_px) as usize;
         let moments = plan.capacities.intersections as usize * blocks_per_tile(variant.tile_size) as usize;
         let subgroups = if plan.poses { plan.slots / variant.subgroup_size } else { 1 };
+        let colored = if plan.color_matrices { plan.slots } else { 1 };
         Ok(Self {
             cotangents: Buffer::new(gpu, "cotangents", pixels)?,
             row_moments: Buffer::new(gpu, "row_moments", pixels)?,
@@ -164,6 +167,7 @@ impl BackwardBuffers {
             error_sums: Buffer::new(gpu, "error_sums", strips)?,
             isect_moments: Buffer::new(gpu, "isect_moments", moments)?,
             source_gradients: Buffer::new(gpu, "source_gradients", plan.slots as usize)?,
+            color_cotangents: Buffer::new(gpu, "color_cotangents", colored as usize)?,
             pose_sums: Buffer::new(gpu, "pose_sums", subgroups as usize)?,
         })
     }
@@ -178,6 +182,7 @@ impl BackwardBuffers {
             + self.error_sums.bytes()
             + self.isect_moments.bytes()
             + self.source_gradients.bytes()
+            + self.color_cotangents.bytes()
             + self.pose_sums.bytes()
     }
 }

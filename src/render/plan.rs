@@ -34,6 +34,8 @@ pub struct FramePlan {
     pub training: bool,
     /// With those for gradients by the places of instances.
     pub poses: bool,
+    /// With those for gradients by colour matrices of instances.
+    pub color_matrices: bool,
 }
 
 impl FramePlan {
@@ -44,7 +46,8 @@ impl FramePlan {
         let intersections = capacities.intersections.max(tiles[0] * tiles[1]);
         let capacities = Capacities { intersections, ..capacities };
         let slots = capacities.work_items * workgroup_size;
-        Self { size_px, tiles, instances, capacities, slots, training: false, poses: false }
+        let (training, poses, color_matrices) = (false, false, false);
+        Self { size_px, tiles, instances, capacities, slots, training, poses, color_matrices }
     }
 
     /// Pixels of the image.

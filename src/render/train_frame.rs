@@ -126,6 +126,7 @@ impl TrainFrame {
         plan.training = true;
         // Whether poses are refined may change while steps are on their way; buffers must not.
         plan.poses = has_places;
+        plan.color_matrices = traits.color_matrices;
         if self.buffers.is_none() || self.plan != Some(plan) {
             // Free the old buffers first: both sets at once may not fit.
             self.buffers = None;

@@ -1,11 +1,14 @@
 //! Expands an instanced scene into a plain cloud that renders to the same image: Eq. 6 of the InstGS paper.
 
+use std::borrow::Cow;
+
 use glam::DVec3;
 
 use crate::math::covariance::{normalised_quat, quat_from_rotation, quat_multiply};
-use crate::math::sh::{ShRotation, widened};
+use crate::math::sh::{SH_C0, ShRotation, widened};
 use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{Instance, InstancedScene};
+use crate::scene::instanced_scene::{ColorMatrix, Instance, InstancedScene};
+use crate::scene::offsets::Offsets;
 
 impl InstancedScene {
     /// Every instance's Gaussians in the world frame, in flat order: instances in file order, each in template order,
@@ -17,15 +20,52 @@ impl InstancedScene {
     pub fn flatten(&self) -> Gaussians {
         let capacity = usize::try_from(self.expanded_len()).unwrap_or(0);
         let mut world = Gaussians::with_capacity(self.sh_degree(), capacity);
-        for instance in &self.instances {
-            self.flatten_instance(instance, &mut world);
+        for (k, instance) in self.instances.iter().enumerate() {
+            self.flatten_instance(instance, self.color_matrix(k), &mut world);
         }
         world.append(&self.background);
         world
     }
 
+    /// The same pictures without colour matrices, for files that have none: they go into offsets, of which every instance
+    /// gets a run of its own. The scene itself if it has no matrices.
+    pub fn with_colors_in_offsets(&self) -> Cow<'_, InstancedScene> {
+        if self.color_from_template.is_empty() {
+            return Cow::Borrowed(self);
+        }
+        let (matrices, old) = (&self.color_from_template, &self.offsets);
+        let mut offsets = Offsets::default();
+        let mut instances = self.instances.clone();
+        for (instance, matrix) in instances.iter_mut().zip(matrices) {
+            let range = self.template_ranges[instance.template as usize];
+            let first = offsets.len();
+            for local in 0..range.count as usize {
+                let (i, record) = (range.first as usize + local, instance.first_offset.map(|f| f as usize + local));
+                let template: Vec<DVec3> = self.templates.sh_of(i).iter().map(|&c| widened(c)).collect();
+                let mut sh = template.clone();
+                sh[0] += record.map_or(DVec3::ZERO, |m| widened(old.sh_dc[m]));
+                let rest = record.map_or(&[][..], |m| old.rest_of(m));
+                sh[1..].iter_mut().zip(rest).for_each(|(sh, &d)| *sh += widened(d));
+                recolour(matrix, &mut sh);
+                let mut difference = sh.iter().zip(&template).map(|(own, shared)| narrowed(*own - *shared));
+                offsets.means.push(record.map_or([0.0; 3], |m| old.means[m]));
+                offsets.opacity_logits.push(record.map_or(0.0, |m| old.opacity_logits[m]));
+                offsets.sh_dc.extend(difference.next());
+                offsets.sh_rest.extend(difference);
+                if !old.log_scales.is_empty() {
+                    offsets.log_scales.push(record.map_or([0.0; 3], |m| old.log_scales[m]));
+                }
+                if !old.quats.is_empty() {
+                    offsets.quats.push(record.map_or([0.0; 4], |m| old.quats[m]));
+                }
+            }
+            instance.first_offset = Some(first as u32);
+        }
+        Cow::Owned(InstancedScene { instances, offsets, color_from_template: Vec::new(), ..self.clone() })
+    }
+
     /// Appends one instance's Gaussians to `world`.
-    fn flatten_instance(&self, instance: &Instance, world: &mut Gaussians) {
+    fn flatten_instance(&self, instance: &Instance, color_matrix: Option<&ColorMatrix>, world: &mut Gaussians) {
         let range = self.template_ranges[instance.template as usize];
         let placement = &instance.world_from_template;
         let ln_scale = placement.scale().ln();
@@ -48,6 +88,9 @@ impl InstancedScene {
             sh_template[0] += d_sh_dc;
             let d_sh_rest = offset.map_or(&[][..], |o| self.offsets.rest_of(o));
             sh_template[1..].iter_mut().zip(d_sh_rest).for_each(|(sh, &d)| *sh += widened(d));
+            if let Some(matrix) = color_matrix {
+                recolour(matrix, &mut sh_template);
+            }
 
             world.means.push(narrowed(mean_world));
             world.quats.push(quat_world.map(|c| c as f32));
@@ -61,6 +104,15 @@ impl InstancedScene {
     }
 }
 
+/// The SH coefficients of M rgb + b from those of rgb, which is 0.5 more than they sum to.
+pub(crate) fn recolour(matrix: &ColorMatrix, sh: &mut [DVec3]) {
+    let rows = matrix.map(|row| row.map(f64::from));
+    let linear = |v: DVec3| DVec3::from_array(rows.map(|[r, g, b, _]| DVec3::new(r, g, b).dot(v)));
+    sh.iter_mut().for_each(|sh| *sh = linear(*sh));
+    let shift = linear(DVec3::splat(0.5)) + DVec3::from_array(rows.map(|row| row[3])) - 0.5;
+    sh[0] += shift / SH_C0;
+}
+
 /// Rounds to the stored precision, f32.
 fn narrowed(v: DVec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
@@ -71,9 +123,9 @@ mod tests {
     use glam::DMat3;
 
     use super::*;
+    use crate::math::sh::eval_sh;
     use crate::math::similarity::Similarity;
     use crate::scene::instanced_scene::TemplateRange;
-    use crate::scene::offsets::Offsets;
 
     fn one(sh_degree: u32) -> Gaussians {
         let mut out = Gaussians::with_capacity(sh_degree, 1);
@@ -119,5 +171,47 @@ mod tests {
         let want = [10.0, 3.0, 2.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         assert!(red.iter().zip(want).all(|(got, want): (&f32, f32)| (got - want).abs() < 1e-6), "{red:?}");
         assert_eq!(flat.filtered(|i| i == 1), scene.background);
+    }
+
+    /// Colours by hand: SH of degree 1 in one direction, then M rgb + b.
+    #[test]
+    fn colour_matrices_go_into_coefficients_and_into_offsets() {
+        let mut templates = one(1);
+        templates.sh = vec![[0.1, 0.2, 0.3], [0.4, 0.5, 0.6], [-0.1, 0.2, 0.1], [0.3, -0.2, 0.1]];
+        let instance = |first_offset| Instance {
+            template: 0,
+            world_from_template: Similarity::from_parts(DMat3::IDENTITY, 2.0, DVec3::X),
+            first_offset,
+        };
+        let matrix = [[0.5, 0.25, 0.0, 0.1], [0.0, 1.5, -0.5, 0.0], [0.25, 0.0, 0.75, -0.2]];
+        let scene = InstancedScene {
+            templates,
+            template_ranges: vec![TemplateRange { first: 0, count: 1 }],
+            instances: vec![instance(None), instance(Some(0))],
+            color_from_template: vec![matrix; 2],
+            offsets: Offsets {
+                means: vec![[0.0; 3]],
+                sh_dc: vec![[0.5, -0.5, 0.25]],
+                opacity_logits: vec![0.0],
+                ..Offsets::default()
+            },
+            ..InstancedScene::default()
+        };
+        scene.validate().unwrap();
+        let dir = DVec3::new(0.6, 0.0, 0.8);
+        let flat = scene.flatten();
+        for (k, d_sh_dc) in [[0.0; 3], scene.offsets.sh_dc[0]].into_iter().enumerate() {
+            let own = eval_sh(1, &scene.templates.sh, dir) + SH_C0 * widened(d_sh_dc) + 0.5;
+            let [r, g, b] = matrix.map(|row| row.map(f64::from)).map(|[r, g, b, t]| own.dot(DVec3::new(r, g, b)) + t);
+            let got = eval_sh(1, flat.sh_of(k), dir) + 0.5;
+            assert!((got - DVec3::new(r, g, b)).length() < 1e-6, "{got}");
+        }
+        let plain = scene.with_colors_in_offsets().into_owned();
+        plain.validate().unwrap();
+        assert!(plain.color_from_template.is_empty() && plain.offsets.len() == 2);
+        let again = plain.flatten();
+        let differ = |(a, b): (&[f32; 3], &[f32; 3])| (widened(*a) - widened(*b)).length() > 1e-6;
+        assert!(!again.sh.iter().zip(&flat.sh).any(differ));
+        assert_eq!((again.means, again.opacity_logits), (flat.means, flat.opacity_logits));
     }
 }

@@ -217,6 +217,7 @@ fn exact_source(cloud: &Gaussians, i: usize, scale: [f64; 3], opacity: f64) -> S
         sh: cloud.sh_of(i).iter().map(|&c| widened(c)).collect(),
         sh_degree: cloud.sh_degree,
         world_from_template: Similarity::IDENTITY,
+        color_from_template: None,
     }
 }
 

@@ -5,6 +5,7 @@ use instgs_reference::{RenderOptions, render};
 use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
 
 use super::MAX_EXCLUDED_FRACTION;
@@ -40,15 +41,24 @@ fn is_calm(case: &RandomCase) -> bool {
 }
 
 /// As [`random_case`], with offsets of SH coefficients above 0, of scales and of quaternions; one kind is left out in three
-/// of four seeds.
+/// of four seeds. Every other one has colour matrices.
 pub(crate) fn rare_case(seed: u64) -> RandomCase {
     let with_offsets = |attempt| {
         let mut case = drawn_case(seed, attempt);
         add_rare_offsets(&mut Rng::new(seed).fork(attempt).fork(3), &mut case.scene, seed % 4);
+        if seed % 2 == 1 {
+            add_color_matrices(&mut Rng::new(seed).fork(attempt).fork(4), &mut case.scene);
+        }
         case.scene.validate().unwrap();
         case
     };
     (0..).map(with_offsets).find(is_calm).unwrap()
+}
+
+/// Gives every instance a colour matrix in the neighbourhood of the identity.
+pub(crate) fn add_color_matrices(rng: &mut Rng, scene: &mut InstancedScene) {
+    let matrix = |_| SAME_COLOR.map(|row| row.map(|v| v + (0.2 * rng.normal()) as f32));
+    scene.color_from_template = (0..scene.instances.len()).map(matrix).collect();
 }
 
 /// Adds offsets of SH coefficients above 0, of scales and of quaternions to all records; of these three the kind `left_out`,

@@ -1,54 +1,7 @@
 use super::*;
-use crate::ply::tests::sample;
 use crate::scene_pack::floats;
 use crate::scene_write::{assemble, scene_file_bytes, u32s};
-
-/// Two templates (3 and 2 Gaussians), four instances, 8 offset records, a background of 4.
-pub(crate) fn sample_scene() -> InstancedScene {
-    let pose = |x: f32| {
-        Similarity::from_rows([[0.0, -2.0, 0.0, x], [2.0, 0.0, 0.0, 1.0], [0.0, 0.0, 2.0, -x]])
-            .unwrap_or(Similarity::IDENTITY)
-    };
-    let instance = |template, x, first_offset| Instance { template, world_from_template: pose(x), first_offset };
-    let values = sample(0, 8);
-    InstancedScene {
-        templates: sample(2, 5),
-        template_ranges: vec![TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }],
-        instances: vec![
-            instance(0, 0.0, Some(0)),
-            instance(1, 1.0, None),
-            instance(0, 2.0, Some(3)),
-            instance(1, 3.0, Some(6)),
-        ],
-        color_from_template: Vec::new(),
-        offsets: Offsets {
-            means: values.means,
-            sh_dc: values.sh,
-            opacity_logits: values.opacity_logits,
-            ..Offsets::default()
-        },
-        background: sample(3, 4),
-        antialias: true,
-        groups: vec![Group { template_id: 0, name: Some("chair \"a\"".into()), instance_ids: vec![4, 9] }],
-        source: "test".into(),
-        foreign_tensors: BTreeMap::from([
-            ("x.odd".into(), ForeignTensor { dtype: "U8".into(), shape: vec![3], bytes: vec![1, 2, 3] }),
-            ("a.wide".into(), ForeignTensor { dtype: "I64".into(), shape: vec![1], bytes: vec![7; 8] }),
-        ]),
-        foreign_metadata: (0..9).map(|i| (format!("key{i}"), format!("value {i}"))).collect(),
-    }
-}
-
-/// The sample with offsets of everything.
-pub(crate) fn with_ablations() -> InstancedScene {
-    let mut scene = sample_scene();
-    let values = sample(2, 8);
-    // Without coefficient 0 of each record.
-    scene.offsets.sh_rest = values.sh.chunks(9).flat_map(|record| record[1..].to_vec()).collect();
-    scene.offsets.log_scales = values.log_scales;
-    scene.offsets.quats = values.quats;
-    scene
-}
+use instgs_samples::{sample, sample_scene, with_ablations};
 
 #[test]
 fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoError> {

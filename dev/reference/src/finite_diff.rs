@@ -52,7 +52,7 @@ pub enum Tensor {
     OpacityLogits(Cloud),
     /// SH coefficients, N x (C * 3).
     Sh(Cloud),
-    /// What instances have of their own, offsets for instance, or nothing: rows of the parameter, all coefficients of a
+    /// What instances have of their own, offsets and colour matrices, or nothing: rows of the parameter, all coefficients of a
     /// record together.
     Own(Parameter),
     /// Instance transforms, K x 12: rows of (A | t).
@@ -63,7 +63,7 @@ pub enum Tensor {
 
 impl Tensor {
     /// Every tensor, each once.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::Means(Cloud::Templates),
         Self::Quats(Cloud::Templates),
         Self::LogScales(Cloud::Templates),
@@ -82,6 +82,7 @@ impl Tensor {
         Self::Own(Parameter::OffsetQuats),
         Self::WorldFromTemplate,
         Self::Poses,
+        Self::Own(Parameter::ColorFromTemplate),
     ];
 
     /// Number of values per row.
@@ -263,6 +264,9 @@ fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, st
         Tensor::OpacityLogits(_) | Tensor::Own(Parameter::OffsetOpacityLogits) => source.opacity_logit += step,
         Tensor::Sh(_) | Tensor::Own(Parameter::OffsetShDc) => source.sh[column / 3][column % 3] += step,
         Tensor::Own(Parameter::OffsetShRest) => source.sh[1 + column / 3][column % 3] += step,
+        Tensor::Own(Parameter::ColorFromTemplate) => {
+            source.color_from_template.iter_mut().for_each(|rows| rows.as_flattened_mut()[column] += step);
+        }
         Tensor::Own(_) => unreachable!("source Gaussians have tensors of their own"),
         Tensor::WorldFromTemplate => {
             let mut rows = source.world_from_template.rows();

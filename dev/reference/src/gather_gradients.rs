@@ -40,8 +40,8 @@ pub struct SceneGradient {
     pub templates: CloudGradient,
     /// Gradients of the background, in the world frame.
     pub background: CloudGradient,
-    /// By parameter, flattened, of what instances have of their own: zero for offset records that no instance uses, empty
-    /// where the scene has none, and for parameters of source Gaussians.
+    /// By parameter, flattened, of what instances have of their own: offsets (zero for records that no instance uses) and
+    /// colour matrices. Empty where the scene has none, and for parameters of source Gaussians.
     pub own: ParameterSet<Vec<f64>>,
     /// Per instance, rows of (dL/dA | dL/dt), every entry independent.
     pub instances: Vec<[[f64; 4]; 3]>,
@@ -87,6 +87,7 @@ fn add_own(sums: &mut ParameterSet<Vec<f64>>, owner: Owner, row: usize, gradient
             Parameter::OffsetShRest => flat(&gradient.sh[1..]),
             Parameter::OffsetLogScales => gradient.log_scales.to_array().into(),
             Parameter::OffsetQuats => gradient.quat.into(),
+            Parameter::ColorFromTemplate => gradient.color_from_template.as_flattened().into(),
             _ => Vec::new(),
         };
         sums.iter_mut().skip(row * values.len()).zip(values).for_each(|(sum, value)| *sum += value);
@@ -178,6 +179,7 @@ mod tests {
             opacity_logit: v,
             sh: vec![DVec3::splat(v); sh],
             world_from_template: [[v; 4]; 3],
+            color_from_template: [[v; 4]; 3],
             mean_px: DVec2::splat(v),
         })
     }

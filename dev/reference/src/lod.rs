@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 
-use crate::preprocess_instance_expand::{SourceGaussian, push_sources};
+use crate::preprocess_instance_expand::{SourceGaussian, push_sources, widened_rows};
 use crate::view::View;
 use instgs_vk::math::sh::widened;
 use instgs_vk::scene::lod::{Cloud, Levels, Part};
@@ -23,6 +23,8 @@ pub fn sources(levels: &Levels, view: &View, error_px: f64) -> Vec<SourceGaussia
         let first = out.len();
         let offsets = part.first_offset.map(|first| (&levels.offsets, first));
         push_sources(&mut out, (cloud_of(levels, part), part.range), offsets, part.world_from_template, part.owner);
+        let color_from_template = levels.color_from_template.get(part.owner as usize).map(widened_rows);
+        out[first..].iter_mut().for_each(|source| source.color_from_template = color_from_template);
         if weight < 1.0 {
             out[first..].iter_mut().for_each(|source| source.opacity_logit = faded(source.opacity_logit, weight));
         }

@@ -11,7 +11,7 @@ use instgs_vk::math::covariance::{covariance, sigmoid};
 use instgs_vk::math::sh::{eval_sh_f64, widened};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::Gaussians;
-use instgs_vk::scene::instanced_scene::{InstancedScene, TemplateRange};
+use instgs_vk::scene::instanced_scene::{ColorMatrix, InstancedScene, TemplateRange};
 use instgs_vk::scene::offsets::Offsets;
 
 /// Contributions with a smaller alpha are skipped.
@@ -43,6 +43,8 @@ pub struct SourceGaussian {
     pub sh_degree: u32,
     /// The instance's transform.
     pub world_from_template: Similarity,
+    /// Rows of the instance's colour matrix (M | b), if it has one.
+    pub color_from_template: Option<[[f64; 4]; 3]>,
 }
 
 /// A splat on the screen, as blending needs it.
@@ -131,11 +133,19 @@ pub fn sources(scene: &InstancedScene) -> Vec<SourceGaussian> {
     for (k, instance) in scene.instances.iter().enumerate() {
         let range = scene.template_ranges[instance.template as usize];
         let offsets = instance.first_offset.map(|first| (&scene.offsets, first));
+        let first = out.len();
         push_sources(&mut out, (&scene.templates, range), offsets, instance.world_from_template, k as u32);
+        let color_from_template = scene.color_matrix(k).map(widened_rows);
+        out[first..].iter_mut().for_each(|source| source.color_from_template = color_from_template);
     }
     let range = TemplateRange { first: 0, count: scene.background.len() as u32 };
     push_sources(&mut out, (&scene.background, range), None, Similarity::IDENTITY, scene.instances.len() as u32);
     out
+}
+
+/// A colour matrix in f64.
+pub(super) fn widened_rows(rows: &ColorMatrix) -> [[f64; 4]; 3] {
+    rows.map(|row| row.map(f64::from))
 }
 
 /// Appends the Gaussians of one instance: a range of a cloud, with a run of offsets if it has any.
@@ -184,6 +194,7 @@ fn source_of(cloud: &Gaussians, i: usize, world_from_template: Similarity) -> So
         sh: cloud.sh_of(i).iter().map(|&c| widened(c)).collect(),
         sh_degree: cloud.sh_degree,
         world_from_template,
+        color_from_template: None,
     }
 }
 
@@ -223,6 +234,13 @@ pub fn color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVec3 {
 
 /// The colour SH + 0.5, before the clamp at 0.
 pub fn raw_color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVec3 {
+    let color = template_color(view, source, mean_world);
+    let Some(rows) = source.color_from_template else { return color };
+    DVec3::from_array(rows.map(|[r, g, b, shift]| DVec3::new(r, g, b).dot(color) + shift))
+}
+
+/// SH + 0.5, before the colour matrix.
+pub fn template_color(view: &View, source: &SourceGaussian, mean_world: DVec3) -> DVec3 {
     let dir_world = (mean_world - view.camera_world).normalize();
     let dir_template = source.world_from_template.rotation().transpose() * dir_world;
     eval_sh_f64(source.sh_degree, &source.sh, dir_template) + 0.5

@@ -9,6 +9,7 @@ use glam::{DMat2, DMat3, DVec2, DVec3};
 
 use crate::preprocess_instance_expand::{
     COMPENSATION_FLOOR, SourceGaussian, covariance_px, covariance_world, mean_world, projection_jacobian, raw_color,
+    template_color,
 };
 use crate::tile_blend_backward::SplatGradient;
 use crate::view::View;
@@ -30,6 +31,8 @@ pub struct SourceGradient {
     pub sh: Vec<DVec3>,
     /// Rows of (dL/dA | dL/dt), every entry of A independent.
     pub world_from_template: [[f64; 4]; 3],
+    /// Rows of (dL/dM | dL/db) of the colour matrix; that at the identity for a Gaussian without one.
+    pub color_from_template: [[f64; 4]; 3],
     /// Gradient of the splat's centre, per px, passed on for densification.
     pub mean_px: DVec2,
 }
@@ -85,6 +88,7 @@ pub fn project_backward(view: &View, source: &SourceGaussian, gradient: &SplatGr
         opacity_logit,
         sh: color.sh,
         world_from_template: [row(0), row(1), row(2)],
+        color_from_template: color.matrix,
         mean_px: gradient.mean_px,
     }
 }
@@ -193,9 +197,10 @@ struct ColorGradient {
     sh: Vec<DVec3>,
     mean_world: DVec3,
     linear: DMat3,
+    matrix: [[f64; 4]; 3],
 }
 
-/// Through colour = max(0, sum basis(R^T d) sh + 0.5), d = normalize(mean_world - camera), R = A det(A)^(-1/3).
+/// Through colour = max(0, M rgb + b), rgb = sum basis(R^T d) sh + 0.5, d = normalize(mean_world - camera), R = A det(A)^(-1/3).
 fn color_backward(
     view: &View,
     source: &SourceGaussian,
@@ -204,6 +209,10 @@ fn color_backward(
     d_color: DVec3,
 ) -> ColorGradient {
     let d_raw = DVec3::from_array(std::array::from_fn(|c| if branches.channel_clamped[c] { 0.0 } else { d_color[c] }));
+    let extended = template_color(view, source, mean_world).extend(1.0).to_array();
+    let matrix = d_raw.to_array().map(|d| extended.map(|v| d * v));
+    let transposed = |rows: [[f64; 4]; 3]| DMat3::from_cols_array_2d(&rows.map(|[r, g, b, _]| [r, g, b]));
+    let d_raw = source.color_from_template.map_or(d_raw, |rows| transposed(rows) * d_raw);
     let from_camera = mean_world - view.camera_world;
     let dir_world = from_camera.normalize();
     let placement = source.world_from_template;
@@ -222,7 +231,8 @@ fn color_backward(
     ColorGradient {
         sh: basis.iter().take(source.sh.len()).map(|&b| b * d_raw).collect(),
         mean_world: (d_dir_world - along * dir_world) / from_camera.length(),
-        // The sum over i, j of d_rotation_ij R_ij equals `along`.
+        // The sum over i, j of d_rotation_ij R_ij is `along`.
+        matrix,
         linear: d_rotation * (1.0 / placement.scale()) - a.inverse().transpose() * (along / 3.0),
     }
 }

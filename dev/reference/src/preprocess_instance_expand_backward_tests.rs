@@ -30,6 +30,7 @@ fn random_source(rng: &mut Rng) -> SourceGaussian {
         sh: (0..16).map(|_| 0.4 * rng.normal_vector()).collect(),
         sh_degree: 3,
         world_from_template: Similarity::from_parts(rotation, scale, center),
+        color_from_template: None,
     }
 }
 

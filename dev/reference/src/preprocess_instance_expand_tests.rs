@@ -38,6 +38,7 @@ fn random_source(rng: &mut Rng) -> SourceGaussian {
         sh: (0..16).map(|_| 0.3 * rng.normal_vector()).collect(),
         sh_degree: 3,
         world_from_template: Similarity::from_parts(rotation, rng.range(0.3, 3.0), 0.3 * rng.normal_vector()),
+        color_from_template: None,
     }
 }
 

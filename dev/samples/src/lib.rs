@@ -49,6 +49,7 @@ pub fn sample_scene() -> InstancedScene {
             instance(0, 2.0, Some(3)),
             instance(1, 3.0, Some(6)),
         ],
+        color_from_template: Vec::new(),
         offsets: Offsets {
             means: values.means,
             sh_dc: values.sh,

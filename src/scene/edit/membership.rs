@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use crate::scene::edit::placement::{mapped_about, moved, rotation_of, template_centres};
 use crate::scene::edit::{EditOutcome, EditReason, Selector, Turn, checked, existing_template, offset_runs};
-use crate::scene::instanced_scene::{Instance, InstancedScene};
+use crate::scene::instanced_scene::{Instance, InstancedScene, SAME_COLOR};
 use crate::scene::labels::{free_id, insert_id, remove_id};
 
 /// Upper limit on instances of a scene after an edit: their indices have 32 bits in files and on the device.
@@ -30,6 +30,10 @@ pub(super) fn duplicate(
     let copies = originals.iter().map(copy).collect::<Result<Vec<_>, EditReason>>()?;
     let mut outcome = EditOutcome::default();
     add(scene, copies, &mut outcome);
+    if !scene.color_from_template.is_empty() {
+        let copied = originals.iter().zip(&outcome.added);
+        copied.for_each(|(&from, &to)| scene.color_from_template[to] = scene.color_from_template[from]);
+    }
     Ok(outcome)
 }
 
@@ -48,6 +52,9 @@ pub(super) fn add(scene: &mut InstancedScene, instances: Vec<Instance>, outcome:
         outcome.added.push(scene.instances.len());
         scene.instances.push(instance);
     }
+    if !scene.color_from_template.is_empty() {
+        scene.color_from_template.resize(scene.instances.len(), SAME_COLOR);
+    }
 }
 
 pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<EditOutcome, EditReason> {
@@ -60,11 +67,11 @@ pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<Edi
         remove_id(&mut scene.groups, scene.instances[k].template, ranks[k]);
         freed.extend(run_of(scene, &scene.instances[k]));
     }
-    let mut k = 0;
-    scene.instances.retain(|_| {
-        k += 1;
-        outcome.removed.binary_search(&(k - 1)).is_err()
-    });
+    let removed = &outcome.removed;
+    let mut left = (0..).map(|k| removed.binary_search(&k).is_err());
+    scene.instances.retain(|_| left.next().unwrap_or(true));
+    let mut left = (0..).map(|k| removed.binary_search(&k).is_err());
+    scene.color_from_template.retain(|_| left.next().unwrap_or(true));
     release(scene, &freed, &mut outcome);
     Ok(outcome)
 }

@@ -257,6 +257,16 @@ fn recolouring_uses_the_cheapest_place() {
 }
 
 #[test]
+fn colour_matrices_follow_their_instances() {
+    let mut scene = scene();
+    let matrix = |k: usize| [[k as f32, 0.0, 0.0, 0.0]; 3];
+    scene.color_from_template = (0..5).map(matrix).collect();
+    run(&mut scene, Edit::Delete { which: which("1") });
+    run(&mut scene, Edit::Duplicate { which: which("2"), by: DVec3::X, turn: None });
+    assert_eq!(scene.color_from_template, [0, 2, 3, 4, 3].map(matrix));
+}
+
+#[test]
 fn deleting_frees_offsets_that_nobody_shares() {
     let before = scene();
     for (selector, left, records) in [

@@ -23,6 +23,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use crate::math::similarity::Similarity;
+use crate::scene::instanced_scene::ColorMatrix;
 use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
 
 use blocks::block_order;
@@ -71,6 +72,8 @@ pub struct Levels {
     pub templates: Gaussians,
     /// The scene's background, block by block, followed by the blocks' levels.
     pub background: Gaussians,
+    /// The scene's colour matrices, by owner of a part: merging is linear, so levels have those of their instance.
+    pub color_from_template: Vec<ColorMatrix>,
     /// The scene's offsets, unchanged, followed by those of levels.
     pub offsets: Offsets,
     /// In this order: instances at full detail, in the scene's order; blocks of the background at full detail; coarser
@@ -86,6 +89,7 @@ impl Levels {
         let mut out = Self {
             templates: scene.templates.clone(),
             background: Gaussians { sh_degree: scene.background.sh_degree, ..Gaussians::default() },
+            color_from_template: scene.color_from_template.clone(),
             offsets: scene.offsets.clone(),
             ..Self::default()
         };

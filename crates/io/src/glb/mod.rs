@@ -70,6 +70,7 @@ pub fn write_glb(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(), I
 
 /// Size of the Gaussian data in a valid scene's `.glb`, bytes: nearly the length of the file.
 pub fn glb_data_bytes(scene: &InstancedScene) -> u64 {
+    let scene = &*scene.with_colors_in_offsets();
     let offsets = &scene.offsets;
     let sh_rest = 12 * (scene.templates.sh_coefficients() as u64 - 1);
     // Bytes per Gaussian, and whether each run of offsets has its own: position, opacity and SH 0; scale; rotation;
@@ -93,6 +94,8 @@ pub fn glb_data_bytes(scene: &InstancedScene) -> u64 {
 fn chunks(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(Vec<u8>, Vec<u8>), IoError> {
     let invalid = |e: SceneError| IoError::new(path, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor));
     scene.validate().map_err(invalid)?;
+    // The format has no colour matrices.
+    let scene = &*scene.with_colors_in_offsets();
     let data_bytes = glb_data_bytes(scene);
     // The size is checked before the chunk is built.
     let fits = u32::try_from(data_bytes).ok().and_then(|bytes| usize::try_from(bytes).ok());
