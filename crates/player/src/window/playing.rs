@@ -7,7 +7,6 @@ use super::{After, Live, WindowJob};
 use crate::controls::Button;
 use crate::error::PlayerError;
 use crate::script::Step;
-use instgs_io::IoError;
 use instgs_vk::gpu::GpuError;
 
 /// Frames that a script waits at most for the window to take a size.
