@@ -51,7 +51,7 @@ pub struct ViewArgs {
 /// Which views of a dataset.
 #[derive(Clone, Copy, ValueEnum)]
 pub enum SplitArg {
-    /// The held-out views.
+    /// The views of the test split.
     #[value(help = None)]
     Test,
     /// Views to train from.
