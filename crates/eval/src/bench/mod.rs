@@ -6,4 +6,4 @@ mod report;
 
 pub use lod::{LodCamera, LodError, LodReport, LodRow, LodView, run_lod};
 pub use measure::{BenchError, Stage, Subject, run};
-pub use report::{Bytes, CameraReport, Counts, Ratio, Report, SceneReport};
+pub use report::{CameraReport, DrawnCounts, Ratio, Report, SceneReport};

@@ -84,7 +84,7 @@ pub(crate) fn compare(
                 on_picture(name, view);
             }
         };
-        results.push(compare_seed(session, (comparison, &views), seed, &mut first_only)?);
+        results.push(compare_seed(session, comparison, &views, seed, &mut first_only)?);
         session.printer.json_file(&comparison.out.join("compare.json"), &results)?;
     }
     let table = summary(&results);
