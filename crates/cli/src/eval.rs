@@ -11,7 +11,7 @@ use instgs_console::args::{JsonArgs, LookArgs, SplitArg, create_folder, open_sce
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
 use instgs_console::{CliError, failed_to_render};
-use instgs_eval::{EvalReport, PicturePair, evaluate};
+use instgs_eval::{EvalReport, Metrics, PicturePair, evaluate};
 use instgs_io::picture_png::write_png;
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
@@ -110,8 +110,9 @@ fn print_table(report: &EvalReport, printer: &Printer) {
     table.row(["view", "PSNR, dB", "SSIM", "LPIPS"].map(String::from));
     let mean = report.mean.named("mean");
     for view in report.views.iter().chain([&mean]) {
-        let lpips = view.lpips.map_or("-".into(), |v| format!("{v:.4}"));
-        table.row([view.name.clone(), format!("{:.2}", view.psnr), format!("{:.4}", view.ssim), lpips]);
+        let Metrics { psnr, ssim, lpips } = view.metrics;
+        let lpips = lpips.map_or("-".into(), |v| format!("{v:.4}"));
+        table.row([view.name.clone(), format!("{psnr:.2}"), format!("{ssim:.4}"), lpips]);
     }
     printer.line(table);
 }

@@ -5,21 +5,9 @@ use super::nms::{BoxPx, drop_repeated};
 /// Why the detector's output could not be decoded; the text continues a sentence that begins with the model's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
-    /// The sizes of the tables do not match.
-    #[error(
-        "gave tables of the sizes {:?} (logits, their columns, boxes, tokens), which do not match",
-        (logits, columns, boxes, tokens)
-    )]
-    Sizes {
-        /// Number of logits in all.
-        logits: usize,
-        /// Number of columns of the logits.
-        columns: usize,
-        /// Number of values of boxes.
-        boxes: usize,
-        /// Number of tokens of the prompt.
-        tokens: usize,
-    },
+    /// The sizes of the tables do not match: numbers of logits, of their columns, of box values and of tokens.
+    #[error("gave tables of the sizes ({0}, {1}, {2}, {3}) (logits, their columns, boxes, tokens), which do not match")]
+    Sizes(usize, usize, usize, usize),
     /// A logit is NaN, or a box is not finite.
     #[error("gave NaN or infinite values; its file may be damaged")]
     NotFinite,
@@ -92,8 +80,7 @@ pub fn decode(
     options: &DetectOptions,
 ) -> Result<Detections, DecodeError> {
     if raw.columns == 0 || raw.logits.len() / raw.columns * 4 != raw.boxes.len() || phrase_of.len() > raw.columns {
-        let (logits, columns, boxes) = (raw.logits.len(), raw.columns, raw.boxes.len());
-        return Err(DecodeError::Sizes { logits, columns, boxes, tokens: phrase_of.len() });
+        return Err(DecodeError::Sizes(raw.logits.len(), raw.columns, raw.boxes.len(), phrase_of.len()));
     }
     let mut out = Detections::default();
     for (row, shape) in raw.logits.chunks_exact(raw.columns).zip(raw.boxes.as_chunks::<4>().0) {

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::training_clock::{TrainingClock, training_seconds};
-use instgs_train::events::{Event, null_is_nan};
+use instgs_io::json::null_is_nan;
+use instgs_train::events::Event;
 
 /// Length of the window of steps whose mean loss is compared; it stands for the step in the middle. The loss of one
 /// view varies by a few percent from one use to the next, which is as much as the joint phase gains in ten steps when

@@ -33,7 +33,7 @@ pub use writer::ReportWriter;
 
 use instgs_io::{IoError, RunFolder, atomic_write};
 use instgs_train::events::Event;
-use instgs_train::facts::Quality;
+use instgs_train::facts::Metrics;
 use instgs_vk::scene::RepeatedBytes;
 
 /// All data that the page shows.
@@ -58,7 +58,7 @@ pub struct ViewPicture {
     /// Name of the test view.
     pub name: String,
     /// How near the rendering is to the photo.
-    pub metrics: Quality,
+    pub metrics: Metrics,
     /// The photo at the size trained at.
     pub ground_truth: Rgb8,
     /// The rendering, of the same size as the photo.

@@ -10,7 +10,7 @@ use instgs_vk::render::{DeviceScene, GradientBuffers, RenderError, SourceTables,
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
 
-use super::config::{Rates, SourceRates};
+use super::config::{GaussianRates, Rates};
 use super::step_runner::StepPlan;
 
 /// Adam's moments of every parameter that training changes.
@@ -129,7 +129,7 @@ impl DeviceState {
 
 /// The learning rates of a parameter: those of templates and background, or that of offsets and 0.
 fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
-    let sources = |of: fn(&SourceRates) -> f64| [&rates.template, &rates.background].map(of);
+    let sources = |of: fn(&GaussianRates) -> f64| [&rates.template, &rates.background].map(of);
     let offsets = &rates.offsets;
     match parameter {
         Parameter::Means => sources(|r| r.means),

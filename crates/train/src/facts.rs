@@ -5,9 +5,8 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::events::null_is_nan;
-use instgs_eval::Metrics;
-pub use instgs_eval::{Bytes, Counts};
+pub use instgs_eval::{Bytes, Counts, Metrics, ViewMetrics};
+use instgs_io::json::null_is_nan;
 use instgs_vk::scene::RepeatedBytes;
 
 /// All results of a finished training run, as written to `trained.json`. The names are those of `report.json`, so that
@@ -28,7 +27,7 @@ pub struct TrainFacts {
     /// Milliseconds per step for each pass, from timestamps on the device.
     pub passes_ms: BTreeMap<String, f64>,
     /// Means over the test views; `None` without test views.
-    pub eval: Option<Quality>,
+    pub eval: Option<Metrics>,
     /// Numbers of Gaussians.
     pub gaussians: Counts,
     /// Sizes of file, scene and device memory.
@@ -67,25 +66,6 @@ impl StageTime {
     }
 }
 
-/// How near a rendering is to its photograph.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Quality {
-    /// Peak signal-to-noise ratio, dB; infinite if they are equal.
-    #[serde(deserialize_with = "null_is_nan")]
-    pub psnr: f64,
-    /// Structural similarity, at most 1.
-    #[serde(deserialize_with = "null_is_nan")]
-    pub ssim: f64,
-    /// Perceptual distance, 0 is best; `None` without the network's weights.
-    pub lpips: Option<f64>,
-}
-
-impl From<Metrics> for Quality {
-    fn from(metrics: Metrics) -> Self {
-        Self { psnr: metrics.psnr, ssim: metrics.ssim, lpips: metrics.lpips }
-    }
-}
-
 /// A use of device memory: `bytes` is `count` times `bytes_each`, plus the rounding of buffer sizes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MemoryUse {
@@ -100,16 +80,6 @@ pub struct MemoryUse {
     /// Number of bytes for each unit.
     #[serde(deserialize_with = "null_is_nan")]
     pub bytes_each: f64,
-}
-
-/// Quality of one test view.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ViewMetrics {
-    /// Name of the test view.
-    pub name: String,
-    /// How near the rendering is to the photo.
-    #[serde(flatten)]
-    pub quality: Quality,
 }
 
 /// The data set that was trained on.

@@ -20,7 +20,7 @@ use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::event_log::EventLog;
 use super::events::{Event, EventSink};
-use super::facts::{Bytes, Counts, DatasetFacts, Quality, StageTime, TrainFacts, ViewMetrics};
+use super::facts::{Bytes, Counts, DatasetFacts, StageTime, TrainFacts};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
 use super::observer::{TrainMessage, TrainObserver};
@@ -208,7 +208,7 @@ pub fn train(
         repeated: (!scene.instances.is_empty()).then(|| RepeatedBytes::of(&scene)),
         host_fraction: times.host.as_secs_f64() / times.total.as_secs_f64().max(1e-9),
         memory_explained,
-        views: eval.as_ref().map(view_metrics).unwrap_or_default(),
+        views: eval.as_ref().map(|eval| eval.views.clone()).unwrap_or_default(),
         dataset,
     };
     if !interrupted {
@@ -286,11 +286,6 @@ fn evaluate_at_end(
     let device_scene = renderer.upload(scene)?;
     let mut tell = |view: Evaluated<'_>| observer.notify(TrainMessage::TestView(&view));
     evaluate_with(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
-}
-
-fn view_metrics(report: &EvalReport) -> Vec<ViewMetrics> {
-    let quality = |view: &instgs_eval::ViewMetrics| Quality { psnr: view.psnr, ssim: view.ssim, lpips: view.lpips };
-    report.views.iter().map(|view| ViewMetrics { name: view.name.clone(), quality: quality(view) }).collect()
 }
 
 /// Removes non-finite Gaussians and those that no instance shows, and offsets that the configuration does not train;

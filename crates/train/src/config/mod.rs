@@ -23,7 +23,7 @@ use keys::Key;
 pub use error::ConfigError;
 pub use joint::{JointConfig, JointRates, OffsetConfig, PoseRateConfig};
 pub use load::{Configuration, Layers, differences, to_toml};
-pub use schedule::{OffsetRates, PoseRates, Rates, SourceRates};
+pub use schedule::{GaussianRates, PoseRates, Rates};
 
 /// Name and text of each preset of the trainer; the first holds the defaults.
 pub const PRESETS: [(&str, &str); 4] = [
