@@ -7,8 +7,7 @@ use glam::DVec3;
 
 use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn};
 
-/// Upper bound of the instances of one `--scatter`: a million is far more than a scene can show, so a larger number is
-/// a typing error.
+/// Upper bound of the instances of one `--scatter`: more than any scene shows, so a typing error ends here.
 const MOST_SCATTERED: usize = 1_000_000;
 
 /// One operation: its flag and the words after the flag.

@@ -26,8 +26,7 @@ pub(crate) fn run_if_asked(args: impl Iterator<Item = OsString>) -> Option<Resul
     COMMANDS.contains(&name).then(|| run(&args, name))
 }
 
-/// The first argument that is neither a flag nor the value of `--device`, the only flag that may come before a
-/// subcommand.
+/// The first argument that is no flag and not the value of `--device`, which may come before a subcommand.
 fn subcommand(args: &[OsString]) -> Option<&str> {
     let mut args = args.iter();
     while let Some(arg) = args.next() {

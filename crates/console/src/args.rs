@@ -178,8 +178,7 @@ pub struct LookArgs {
 /// Levels of detail, for commands whose pictures are only looked at.
 #[derive(Args)]
 pub struct LodArgs {
-    /// Draws merged Gaussians where the error is at most PX pixels; `bench --lod` measures the loss [default: all in
-    /// full]
+    /// Draws merged Gaussians where the error is at most PX pixels; see `bench --lod` [default: all in full]
     #[arg(long, value_name = "PX", value_parser = parse_lod)]
     lod: Option<f32>,
 }

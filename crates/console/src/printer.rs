@@ -13,8 +13,7 @@ use instgs_io::{IoError, atomic_write};
 /// Number of lines that a task of many steps prints if stderr is not a terminal.
 const PROGRESS_LINES: u64 = 10;
 
-/// Prints reports to stdout, warnings and errors to stderr. A closed stream is not an error: `instgs-vk ... | head`
-/// just ends.
+/// Prints reports to stdout, warnings and errors to stderr. A closed stream (`instgs-vk ... | head`) is no error.
 #[derive(Clone, Copy, Debug)]
 pub struct Printer {
     json_on_stdout: bool,

@@ -55,8 +55,7 @@ pub(super) fn charts(data: &ReportData) -> String {
     .concat()
 }
 
-/// Time from the end of the plain cloud's training to the beginning of the joint phase, without loading and evaluation,
-/// seconds.
+/// Seconds from the end of the plain cloud's training to the joint phase, without loading and evaluation.
 fn between_seconds(report: &RunReport) -> f64 {
     report
         .stages

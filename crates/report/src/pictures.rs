@@ -14,8 +14,7 @@ pub const MAX_WIDTH_PX: u32 = 480;
 /// Factor that makes differences visible.
 pub(super) const DIFFERENCE_GAIN: u16 = 4;
 
-/// At 85 the edges of painted masks show no visible ringing, and a picture of 320x180 pixels takes 15 kB, not 60 as
-/// PNG.
+/// At 85, edges of painted masks show no ringing, and a picture of 320x180 takes 15 kB, not 60 as PNG.
 const JPEG_QUALITY: u8 = 85;
 
 /// A picture of 8 bits per channel, rows from the top.

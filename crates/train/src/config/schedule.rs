@@ -233,15 +233,13 @@ mod tests {
         assert_eq!(times(&both, TrainConfig::resets_opacity_at), [100, 200, 300]);
         let mcmc = ["strategy=mcmc", "mcmc.start=700", "mcmc.stop_fraction=0.9"];
         assert_eq!(times(&with(&[&short[..], &mcmc].concat())?, TrainConfig::densifies_at), [800]);
-        // 0.7 as f64 is slightly smaller, but the product is rounded to 700 of 1000: step 700 is excluded and 699 is
-        // included.
+        // 0.7 as f64 is slightly smaller, but rounds to 700 of 1000: step 700 is excluded and 699 is included.
         let every = with(&[&short[..], &["densify.every=1"]].concat())?;
         assert_eq!(times(&every, TrainConfig::densifies_at).last(), Some(&699));
         Ok(())
     }
 
-    /// The preset is for 300 to 2000 steps: whatever their number, no Gaussians are added in the last 30 % (mcmc: 20
-    /// %).
+    /// Whatever the number of steps, from 300 to 2000, no Gaussians are added in the last 30 % (mcmc: 20 %).
     #[test]
     fn quick_fits_short_and_long_runs() -> Result<(), ConfigError> {
         for strategy in ["strategy=densify", "strategy=mcmc"] {

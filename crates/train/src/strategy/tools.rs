@@ -117,8 +117,7 @@ impl Tools {
         Ok([table("histogram")?, table("digit_offsets")?])
     }
 
-    /// Reorders parameters and moments, one array at a time. Gradients and tables are left empty: see
-    /// [`Tools::finish`].
+    /// Reorders parameters and moments, one array at a time. Gradients and tables are empty until [`Tools::finish`].
     pub(super) fn move_arrays(&mut self, state: &mut DeviceState, moves: &Moves) -> Result<(), RenderError> {
         state.gradients = GradientBuffers::placeholder(&self.gpu)?;
         let degree = state.scene.counts.background_sh_degree;
