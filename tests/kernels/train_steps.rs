@@ -6,7 +6,7 @@ use instgs_io::view_image::{LoadedView, ViewImage};
 use instgs_reference::View;
 use instgs_reference::gather_gradients::{SceneGradient, scene_gradient};
 use instgs_reference::image_loss::{ImagePair, image_loss};
-use instgs_train::config::{OffsetRates, PoseRates, Rates, SourceRates};
+use instgs_train::config::{GaussianRates, PoseRates, Rates};
 use instgs_train::device_state::DeviceState;
 use instgs_train::step_runner::{StepOutcome, StepPlan, StepRunner};
 use instgs_train::views::TrainViews;
@@ -22,19 +22,19 @@ use crate::common::random_scene::{add_rare_offsets, random_case};
 use crate::poison_backward::{PARAMETERS, good_cloud, is_poisoned, poisoned, without_poisoned};
 
 const SIZES: [(u32, u32); 3] = [(24, 18), (41, 30), (33, 47)];
-const SOURCE_RATES: SourceRates =
-    SourceRates { means: 2e-3, sh_dc: 5e-3, sh_rest: 2e-3, opacity: 2e-2, log_scales: 5e-3, quats: 2e-3 };
+const SOURCE_RATES: GaussianRates =
+    GaussianRates { means: 2e-3, sh_dc: 5e-3, sh_rest: 2e-3, opacity: 2e-2, log_scales: 5e-3, quats: 2e-3 };
 /// Nothing moves.
 pub(crate) const HELD: Rates = {
-    let source = SourceRates { means: 0.0, sh_dc: 0.0, sh_rest: 0.0, opacity: 0.0, log_scales: 0.0, quats: 0.0 };
-    let offsets = OffsetRates { means: 0.0, sh_dc: 0.0, opacity: 0.0, sh_rest: 0.0, log_scales: 0.0, quats: 0.0 };
+    let source = GaussianRates { means: 0.0, sh_dc: 0.0, sh_rest: 0.0, opacity: 0.0, log_scales: 0.0, quats: 0.0 };
+    let offsets = GaussianRates { means: 0.0, sh_dc: 0.0, opacity: 0.0, sh_rest: 0.0, log_scales: 0.0, quats: 0.0 };
     let poses = PoseRates { translation: 0.0, rotation: 0.0, log_scale: 0.0 };
     Rates { template: source, background: source, offsets, poses }
 };
 const RATES: Rates = Rates {
     template: SOURCE_RATES,
     background: SOURCE_RATES,
-    offsets: OffsetRates { means: 2e-3, sh_dc: 5e-3, opacity: 2e-2, sh_rest: 2e-3, log_scales: 5e-3, quats: 2e-3 },
+    offsets: GaussianRates { means: 2e-3, sh_dc: 5e-3, opacity: 2e-2, sh_rest: 2e-3, log_scales: 5e-3, quats: 2e-3 },
     poses: PoseRates { translation: 1e-3, rotation: 1e-3, log_scale: 1e-3 },
 };
 

@@ -7,7 +7,7 @@ use clap::Args;
 use super::bench_report::print_report;
 use instgs_console::CliError;
 use instgs_console::Printer;
-use instgs_console::args::{LookArgs, ViewArgs, open_scene, parse_lod};
+use instgs_console::args::{JsonArgs, LookArgs, ViewArgs, open_scene, parse_lod};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_eval::bench::{self, MeasurePhase, Subject};
 use instgs_io::LoadedScene;
@@ -40,16 +40,8 @@ pub(super) struct BenchArgs {
     pub(super) lod: Vec<f32>,
     #[command(flatten)]
     pub(super) look: LookArgs,
-    /// Report as JSON: to this file, or without a file name to stdout instead of the table
-    #[arg(long, value_name = "F", num_args = 0..=1, default_missing_value = "-")]
-    pub(super) json: Option<PathBuf>,
-}
-
-impl BenchArgs {
-    /// True if stdout carries only the JSON report.
-    pub(super) fn json_on_stdout(&self) -> bool {
-        self.json.as_deref() == Some(Path::new("-"))
-    }
+    #[command(flatten)]
+    pub(super) json: JsonArgs,
 }
 
 pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
@@ -79,13 +71,8 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     if report.scene.passes_ms.is_empty() {
         printer.warning("this device has no timestamps: passes_ms is empty");
     }
-    match &args.json {
-        Some(path) if !args.json_on_stdout() => {
-            printer.json_file(path, &report)?;
-            print_report(&report, printer);
-        }
-        Some(_) => printer.json(&report)?,
-        None => print_report(&report, printer),
+    if args.json.write(&report, printer)? {
+        print_report(&report, printer);
     }
     Ok(())
 }

@@ -23,12 +23,9 @@ pub(super) fn run(
     let report = run_lod(&gpu, &subject, &args.lod, &views, args.frames, &mut || progress.step(""))?;
     drop(progress);
     device::check_validation(&gpu)?;
-    match &args.json {
-        Some(_) if args.json_on_stdout() => return printer.json(&report),
-        Some(path) => printer.json_file(path, &report)?,
-        None => {}
+    if args.json.write(&report, printer)? {
+        print_report(&report, printer);
     }
-    print_report(&report, printer);
     Ok(())
 }
 

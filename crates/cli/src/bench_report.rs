@@ -41,10 +41,10 @@ fn main_table(report: &Report) -> Table {
     row("host tensor bytes", &|s| grouped(s.bytes.host), ratio.map(|r| r.host));
     row("device scene bytes", &|s| grouped(s.bytes.device_scene), ratio.map(|r| r.device_scene));
     row("device peak bytes", &|s| grouped(s.bytes.device_peak), None);
-    row("template Gaussians", &|s| grouped(s.gaussians.template), None);
-    row("offset records", &|s| grouped(s.gaussians.offsets), None);
-    row("background Gaussians", &|s| grouped(s.gaussians.background), None);
-    row("expanded Gaussians", &|s| grouped(s.gaussians.expanded), None);
+    row("template Gaussians", &|s| grouped(s.gaussians.scene.template), None);
+    row("offset records", &|s| grouped(s.gaussians.scene.offsets), None);
+    row("background Gaussians", &|s| grouped(s.gaussians.scene.background), None);
+    row("expanded Gaussians", &|s| grouped(s.gaussians.scene.expanded), None);
     row("visible, mean", &|s| grouped(s.gaussians.visible), None);
     row("intersections, mean", &|s| grouped(s.gaussians.intersections), None);
     row("slabs, most", &|s| s.slabs.to_string(), None);

@@ -7,8 +7,7 @@ use glam::DVec3;
 
 use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, ParseSelectorError, Scatter, ScatterOver, Selector, Turn};
 
-/// Upper bound of the instances of one `--scatter`: a million is far more than a scene can show, so a larger number is
-/// a typing error.
+/// Upper bound of the instances of one `--scatter`: more than any scene shows, so a typing error ends here.
 const MOST_SCATTERED: usize = 1_000_000;
 
 /// One operation: its flag and the words after the flag.
@@ -27,13 +26,13 @@ const FLAGS: [(&str, &[&str], &str); 10] = [
     (
         "duplicate",
         &["K", "by=DX,DY,DZ", "yaw=DEG"],
-        "Copy an instance, beside it and turned about up; it shares the offsets until one of the two is recoloured",
+        "Copy an instance, shifted and rotated about the up axis; the two share offsets until one is recoloured",
     ),
     ("move", &["K", "by=DX,DY,DZ|to=X,Y,Z"], "Move an instance by a vector, or its centre to a position"),
     (
         "rotate",
         &["K", "yaw=DEG|axis=X,Y,Z", "angle=DEG"],
-        "Turn an instance about its centre: about up, or about an axis",
+        "Rotate an instance about its centre: about the up axis, or about an axis",
     ),
     ("scale", &["K", "by=S"], "Scale an instance about its centre"),
     ("delete", &["K"], "Remove an instance, and its offsets unless others share them"),
@@ -52,13 +51,13 @@ const FLAGS: [(&str, &[&str], &str); 10] = [
     (
         "crop",
         &["template=G", "box=X,Y,Z/X,Y,Z", "keep=inside|outside"],
-        "Keep of a template, for all of its instances, what is in a box of its frame [default] or outside of it; a side \
-         may be inf or -inf",
+        "Keep the Gaussians of a template, for all of its instances, that are inside a box of its frame [default] or \
+         outside of it; a side may be inf or -inf",
     ),
     (
         "erase",
         &["template=G", "at=X,Y,Z/...", "radius=R"],
-        "Remove from a template what is within a radius of points of its frame",
+        "Remove the Gaussians of a template within a radius of points of its frame",
     ),
 ];
 

@@ -7,11 +7,11 @@ use clap::Args;
 use super::lpips_args::LpipsArgs;
 use super::picture_files;
 use instgs_console::Printer;
-use instgs_console::args::{LookArgs, SplitArg, create_folder, open_scene};
+use instgs_console::args::{JsonArgs, LookArgs, SplitArg, create_folder, open_scene};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
 use instgs_console::{CliError, failed_to_render};
-use instgs_eval::{EvalReport, PicturePair, evaluate};
+use instgs_eval::{EvalReport, Metrics, PicturePair, evaluate};
 use instgs_io::picture_png::write_png;
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
@@ -54,16 +54,8 @@ pub(super) struct EvalArgs {
     lpips: LpipsArgs,
     #[command(flatten)]
     look: LookArgs,
-    /// Report as JSON: to this file, or without a file name to stdout instead of the table
-    #[arg(long, value_name = "F", num_args = 0..=1, default_missing_value = "-")]
-    json: Option<PathBuf>,
-}
-
-impl EvalArgs {
-    /// True if stdout carries only the JSON report.
-    pub(super) fn json_on_stdout(&self) -> bool {
-        self.json.as_deref() == Some(Path::new("-"))
-    }
+    #[command(flatten)]
+    pub(super) json: JsonArgs,
 }
 
 pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
@@ -71,7 +63,8 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let views = args.split.views(&args.data)?;
     let cameras: Vec<_> = views.iter().map(|v| v.camera.clone()).collect();
     let file_names = picture_files::names(&cameras)?;
-    let lpips = args.lpips.open()?;
+    let weights = args.lpips.weights();
+    let lpips = weights.as_ref().ok().map(|path| args.lpips.load(path)).transpose()?;
     args.out.as_deref().map(create_folder).transpose()?;
     let options = args.look.options(&loaded.scene);
     let place = args.scene.display();
@@ -80,34 +73,30 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let scene = renderer.upload(&loaded.scene).map_err(failed_to_render(&place))?;
     let mut progress = printer.progress("eval", views.len() as u64);
     let (mut visible, mut names) = (0, file_names.iter());
-    let report =
-        evaluate::<CliError>(&mut renderer, &scene, &views, args.width, &options, lpips.as_ref().ok(), |view| {
-            visible += view.visible;
-            if let (Some(folder), Some(name)) = (&args.out, names.next()) {
-                write_picture(&folder.join(format!("{name}.png")), view.pair)?;
-            }
-            progress.step(format_args!("{} {:.2} dB", view.name, view.metrics.psnr));
-            Ok(())
-        })?;
+    let report = evaluate::<CliError>(&mut renderer, &scene, &views, args.width, &options, lpips.as_ref(), |view| {
+        visible += view.visible;
+        if let (Some(folder), Some(name)) = (&args.out, names.next()) {
+            write_picture(&folder.join(format!("{name}.png")), view.pair)?;
+        }
+        progress.step(format_args!("{} {:.2} dB", view.name, view.metrics.psnr));
+        Ok(())
+    })?;
     drop(progress);
     if visible == 0 && loaded.scene.expanded_len() > 0 {
         let near = options.near;
         printer.warning(format_args!("{place}: nothing is visible from these views (near is {near}; see --near)"));
     }
     // Printed last: next to the table that lacks the numbers, and not before an error that makes it irrelevant.
-    match &lpips {
-        Err(reason) => printer.warning(format_args!("LPIPS is left out: {reason}")),
-        Ok(lpips) if report.mean.lpips.is_none() => {
-            let net = lpips.net().name();
-            printer.warning(format_args!("LPIPS has no mean: some pictures are too small for {net}"));
-        }
-        Ok(_) => {}
+    if let Err(reason) = &weights {
+        printer.warning(format_args!("LPIPS is left out: {reason}"));
+    }
+    if let Some(lpips) = lpips.filter(|_| report.mean.lpips.is_none()) {
+        let net = lpips.net().name();
+        printer.warning(format_args!("LPIPS has no mean: some pictures are too small for {net}"));
     }
     device::check_validation(&gpu)?;
-    match &args.json {
-        Some(_) if args.json_on_stdout() => return printer.json(&report),
-        Some(path) => printer.json_file(path, &report)?,
-        None => {}
+    if !args.json.write(&report, printer)? {
+        return Ok(());
     }
     print_table(&report, printer);
     if let Some(folder) = &args.out {
@@ -121,8 +110,9 @@ fn print_table(report: &EvalReport, printer: &Printer) {
     table.row(["view", "PSNR, dB", "SSIM", "LPIPS"].map(String::from));
     let mean = report.mean.named("mean");
     for view in report.views.iter().chain([&mean]) {
-        let lpips = view.lpips.map_or("-".into(), |v| format!("{v:.4}"));
-        table.row([view.name.clone(), format!("{:.2}", view.psnr), format!("{:.4}", view.ssim), lpips]);
+        let Metrics { psnr, ssim, lpips } = view.metrics;
+        let lpips = lpips.map_or("-".into(), |v| format!("{v:.4}"));
+        table.row([view.name.clone(), format!("{psnr:.2}"), format!("{ssim:.4}"), lpips]);
     }
     printer.line(table);
 }

@@ -10,8 +10,8 @@ use instgs_console::CliError;
 
 /// The paragraph of `--help` about them.
 pub(crate) const HELP: &str = "\
-Commands of the program instgs-evidence, which these call (each has --help):
-  demo      All of it on photos of eight cars, made here: trains, compares, draws
+Commands that run the program instgs-evidence (each has --help):
+  demo      All steps on generated photos of eight cars: trains, compares, draws
   synth     Makes a ray-traced data set with known poses, masks and depths
   compare   Trains an instanced scene and 3DGS of the same time and bytes, and compares them
   tables    The comparison for a list of scenes, with rivals, ablations and plots";
@@ -26,8 +26,7 @@ pub(crate) fn run_if_asked(args: impl Iterator<Item = OsString>) -> Option<Resul
     COMMANDS.contains(&name).then(|| run(&args, name))
 }
 
-/// The first argument that is neither a flag nor the value of `--device`, the only flag that may come before a
-/// subcommand.
+/// The first argument that is no flag and not the value of `--device`, which may come before a subcommand.
 fn subcommand(args: &[OsString]) -> Option<&str> {
     let mut args = args.iter();
     while let Some(arg) = args.next() {

@@ -44,7 +44,7 @@ struct Picked {
 }
 
 pub(super) fn run(args: &InfoArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let devices: Vec<DeviceInfo> = Gpu::list()?.into_iter().enumerate().map(device_info).collect();
+    let devices: Vec<DeviceInfo> = Gpu::list()?.into_iter().enumerate().map(|(i, caps)| device_info(i, caps)).collect();
     if devices.is_empty() {
         let wanted = "with Vulkan 1.3: install a driver, for instance mesa-vulkan-drivers".into();
         return Err(GpuError::NoDevice { wanted, found: "none".into() }.into());
@@ -67,7 +67,7 @@ pub(super) fn run(args: &InfoArgs, device_args: &DeviceArgs, printer: &Printer) 
     Ok(())
 }
 
-fn device_info((index, caps): (usize, DeviceCaps)) -> DeviceInfo {
+fn device_info(index: usize, caps: DeviceCaps) -> DeviceInfo {
     DeviceInfo { index, subgroup_sizes: caps.subgroup_sizes(), variant: Variant::for_device(&caps), caps }
 }
 

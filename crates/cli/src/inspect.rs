@@ -10,6 +10,7 @@ use instgs_console::CliError;
 use instgs_console::Printer;
 use instgs_console::args::open_scene;
 use instgs_console::table::{Table, grouped};
+use instgs_eval::Counts;
 use instgs_io::ply;
 use instgs_vk::render::device_scene::{PlannedBytes, planned_bytes};
 
@@ -35,7 +36,7 @@ struct Inspection {
     sh_degree: u32,
     antialias: bool,
     dropped_non_finite: usize,
-    gaussians: Counts,
+    gaussians: SceneCounts,
     bytes: Bytes,
     /// The file's bytes by purpose; their sum is `bytes.file`.
     file_sums: FileSums,
@@ -50,11 +51,9 @@ struct Inspection {
 }
 
 #[derive(serde::Serialize)]
-struct Counts {
-    template: u64,
-    offsets: u64,
-    background: u64,
-    expanded: u64,
+struct SceneCounts {
+    #[serde(flatten)]
+    gaussians: Counts,
     instances: u64,
 }
 
@@ -87,13 +86,7 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
         sh_degree: scene.sh_degree(),
         antialias: scene.antialias,
         dropped_non_finite: loaded.dropped_non_finite,
-        gaussians: Counts {
-            template: scene.templates.len() as u64,
-            offsets: scene.offsets.len() as u64,
-            background: scene.background.len() as u64,
-            expanded: scene.expanded_len(),
-            instances: scene.instances.len() as u64,
-        },
+        gaussians: SceneCounts { gaussians: Counts::of(scene), instances: scene.instances.len() as u64 },
         bytes: Bytes { file: loaded.file_bytes, host: scene.tensor_bytes(), device_scene: device_parts.total() },
         host_parts: HostParts {
             templates: scene.templates.tensor_bytes(),
@@ -117,7 +110,8 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
 }
 
 fn print(report: &Inspection, printer: &Printer) {
-    let Inspection { gaussians, bytes, file_sums, host_parts, device_parts, .. } = report;
+    let SceneCounts { gaussians, instances } = &report.gaussians;
+    let Inspection { bytes, file_sums, host_parts, device_parts, .. } = report;
     let antialias = if report.antialias { ", antialias" } else { "" };
     let source = if report.source.is_empty() { String::new() } else { format!(", source: {}", report.source) };
     printer.line(format_args!("{}: SH degree {}{antialias}{source}", report.scene, report.sh_degree));
@@ -132,7 +126,7 @@ fn print(report: &Inspection, printer: &Printer) {
         gaussians.expanded,
         &named(&[
             ("in templates", gaussians.template),
-            ("instances", gaussians.instances),
+            ("instances", *instances),
             ("offset records", gaussians.offsets),
             ("background", gaussians.background),
         ]),

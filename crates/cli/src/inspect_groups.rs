@@ -78,8 +78,7 @@ fn group(
     let used = |s: &&Range<usize>| firsts.iter().any(|&first| first <= s.start && s.end <= first + len);
     let own = segments.iter().filter(used);
     let records: u64 = own.clone().map(|s| s.len() as u64).sum();
-    // Rows of a tensor have one size, per template Gaussian, per record, or per segment; each group has its share of a
-    // coded table.
+    // Rows of a tensor have one size; of a coded table, each group has its share.
     let bytes_of = |rows: u64, purpose, is_range: bool| {
         let of = parts.iter().filter(|p| p.purpose == purpose && p.rows > 0 && (p.name == "offset.range") == is_range);
         of.map(|p| rows * p.bytes / p.rows).sum::<u64>()

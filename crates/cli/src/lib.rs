@@ -83,8 +83,8 @@ impl Command {
         match self {
             Self::Info(args) => args.json,
             Self::Render(args) => args.json,
-            Self::Eval(args) => args.json_on_stdout(),
-            Self::Bench(args) => args.json_on_stdout(),
+            Self::Eval(args) => args.json.on_stdout(),
+            Self::Bench(args) => args.json.on_stdout(),
             Self::Inspect(args) => args.json,
             Self::Export(args) => args.json,
             Self::Edit(args) => args.json,

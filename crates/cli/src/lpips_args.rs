@@ -1,6 +1,6 @@
 //! The flags for LPIPS: its network, weights and input range.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
@@ -38,26 +38,41 @@ enum RangeArg {
 }
 
 impl LpipsArgs {
-    /// The network; else, if the user named no weights and has none in the data folder, why there is none.
-    pub fn open(&self) -> Result<Result<Lpips, String>, CliError> {
-        let net = match self.lpips_net {
+    fn net(&self) -> Net {
+        match self.lpips_net {
             NetArg::Alex => Net::Alex,
             NetArg::Vgg => Net::Vgg,
             NetArg::Squeeze => Net::Squeeze,
-        };
+        }
+    }
+
+    /// The file of weights: the one that the user named, or that in the data folder.
+    ///
+    /// # Errors
+    /// The user named none and the data folder has none: LPIPS is to be left out for this reason.
+    pub fn weights(&self) -> Result<PathBuf, CliError> {
+        if let Some(path) = &self.lpips_weights {
+            return Ok(path.clone());
+        }
+        let net = self.net();
+        let path = user_weights_path(net)
+            .ok_or_else(|| CliError::msg("the system names no user's data folder; see --lpips-weights"))?;
+        if !path.exists() {
+            let command = conversion_command(net, &path);
+            return Err(CliError::msg(format!("{} is not there; make it with: {command}", path.display())));
+        }
+        Ok(path)
+    }
+
+    /// The network with these [`weights`](Self::weights).
+    ///
+    /// # Errors
+    /// The file is missing, damaged, or that of another network.
+    pub fn load(&self, weights: &Path) -> Result<Lpips, EvalError> {
         let range = match self.lpips_range {
             RangeArg::MinusOneToOne => InputRange::MinusOneToOne,
             RangeArg::ZeroToOne => InputRange::ZeroToOne,
         };
-        let path = match (&self.lpips_weights, user_weights_path(net)) {
-            (Some(path), _) => path.clone(),
-            (None, None) => return Ok(Err("the system names no user's data folder; see --lpips-weights".into())),
-            (None, Some(path)) if !path.exists() => {
-                let command = conversion_command(net, &path);
-                return Ok(Err(format!("{} is not there; make it with: {command}", path.display())));
-            }
-            (None, Some(path)) => path,
-        };
-        Ok(Ok(Lpips::load(net, range, &path).map_err(EvalError::from)?))
+        Ok(Lpips::load(self.net(), range, weights)?)
     }
 }

@@ -1,5 +1,4 @@
-//! Runs a training job as users of the command line see it, with printed progress and reports; shared by all commands
-//! that train.
+//! Runs a training job with printed progress and reports; shared by all commands that train.
 
 use std::sync::Arc;
 

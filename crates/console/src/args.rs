@@ -127,6 +127,34 @@ impl ViewArgs {
     }
 }
 
+/// The flag of commands that print a table and whose report can be JSON, in a file or on stdout.
+#[derive(Args)]
+pub struct JsonArgs {
+    /// Report as JSON: to this file, or without a file name to stdout instead of the table
+    #[arg(long, value_name = "F", num_args = 0..=1, default_missing_value = "-")]
+    json: Option<PathBuf>,
+}
+
+impl JsonArgs {
+    /// True if stdout carries only the JSON report.
+    pub fn on_stdout(&self) -> bool {
+        self.json.as_deref() == Some(Path::new("-"))
+    }
+
+    /// Writes the report as the flag says; returns whether the table is to be printed.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, report: &impl serde::Serialize, printer: &Printer) -> Result<bool, CliError> {
+        match &self.json {
+            Some(_) if self.on_stdout() => printer.json(report)?,
+            Some(path) => printer.json_file(path, report)?,
+            None => {}
+        }
+        Ok(!self.on_stdout())
+    }
+}
+
 /// Rendering options: background, near plane, antialiasing, dilation.
 #[derive(Args)]
 pub struct LookArgs {

@@ -4,8 +4,7 @@ use std::fmt::Display;
 
 use instgs_vk::render::RenderError;
 
-/// Why a command failed; it displays as one line. Libraries have typed errors that a program can match on; a command
-/// only prints them.
+/// Why a command failed, one line. Libraries have typed errors to match on; a command only prints them.
 pub type CliError = anyhow::Error;
 
 /// Adds the scene or view that a rendering error belongs to.

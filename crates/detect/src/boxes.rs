@@ -2,6 +2,17 @@
 
 use super::nms::{BoxPx, drop_repeated};
 
+/// Why the detector's output could not be decoded; the text continues a sentence that begins with the model's file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DecodeError {
+    /// The sizes of the tables do not match: numbers of logits, of their columns, of box values and of tokens.
+    #[error("gave tables of the sizes ({0}, {1}, {2}, {3}) (logits, their columns, boxes, tokens), which do not match")]
+    Sizes(usize, usize, usize, usize),
+    /// A logit is NaN, or a box is not finite.
+    #[error("gave NaN or infinite values; its file may be damaged")]
+    NotFinite,
+}
+
 /// Thresholds of the detector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DetectOptions {
@@ -67,17 +78,14 @@ pub fn decode(
     phrase_of: &[Option<usize>],
     (width, height): (usize, usize),
     options: &DetectOptions,
-) -> Result<Detections, String> {
+) -> Result<Detections, DecodeError> {
     if raw.columns == 0 || raw.logits.len() / raw.columns * 4 != raw.boxes.len() || phrase_of.len() > raw.columns {
-        let sizes = (raw.logits.len(), raw.columns, raw.boxes.len(), phrase_of.len());
-        return Err(format!(
-            "gave tables of the sizes {sizes:?} (logits, their columns, boxes, tokens), which do not match"
-        ));
+        return Err(DecodeError::Sizes(raw.logits.len(), raw.columns, raw.boxes.len(), phrase_of.len()));
     }
     let mut out = Detections::default();
     for (row, shape) in raw.logits.chunks_exact(raw.columns).zip(raw.boxes.as_chunks::<4>().0) {
         if row.iter().any(|v| v.is_nan()) || !shape.iter().all(|v| v.is_finite()) {
-            return Err("gave NaN or infinite values; its file may be damaged".into());
+            return Err(DecodeError::NotFinite);
         }
         let score = sigmoid(row.iter().copied().fold(f32::NEG_INFINITY, f32::max));
         if score <= options.box_threshold {
@@ -132,14 +140,14 @@ mod tests {
         scores.map(logit).into_iter().chain([NONE]).collect()
     }
 
-    fn decoded(rows: &[[f64; 7]], options: &DetectOptions) -> Result<Detections, String> {
+    fn decoded(rows: &[[f64; 7]], options: &DetectOptions) -> Result<Detections, DecodeError> {
         let logits: Vec<f32> = rows.iter().flat_map(|r| row(*r)).collect();
         let boxes: Vec<f32> = (0..rows.len()).flat_map(|i| [0.1 + 0.2 * i as f32, 0.5, 0.1, 0.5]).collect();
         decode(RawDetections { logits: &logits, columns: 8, boxes: &boxes }, &PHRASES, (100, 20), options)
     }
 
     #[test]
-    fn boxes_are_of_the_phrase_with_the_best_token() -> Result<(), String> {
+    fn boxes_are_of_the_phrase_with_the_best_token() -> Result<(), DecodeError> {
         let rows = [
             [0.1, 0.1, 0.3, 0.1, 0.1, 0.1, 0.1],
             // Two good tokens of one phrase lose against a better one of another.
@@ -161,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_of_one_phrase_that_cover_each_other_are_one() -> Result<(), String> {
+    fn boxes_of_one_phrase_that_cover_each_other_are_one() -> Result<(), DecodeError> {
         let logits = [row([0.1, 0.5, 0.1, 0.1, 0.1, 0.1, 0.1]), row([0.1, 0.1, 0.6, 0.1, 0.1, 0.1, 0.1])].concat();
         let boxes = [0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5, 0.45];
         let raw = RawDetections { logits: &logits, columns: 8, boxes: &boxes };
@@ -183,7 +191,7 @@ mod tests {
         };
         assert!(of(&[0.0; 3], 3, &[0.0; 8]).is_err() && of(&[0.0; 3], 0, &[0.0; 4]).is_err());
         assert!(of(&[0.0], 1, &[0.0; 4]).is_err(), "fewer columns than tokens");
-        assert!(of(&[0.0, f32::NAN], 2, &[0.0; 4]).is_err_and(|e| e.contains("NaN or infinite values")));
+        assert_eq!(of(&[0.0, f32::NAN], 2, &[0.0; 4]), Err(DecodeError::NotFinite));
         assert!(of(&[0.0, 0.0], 2, &[0.0, 0.0, 0.0, f32::INFINITY]).is_err());
         assert_eq!(of(&[], 2, &[]), Ok(Detections::default()));
         assert_eq!(of(&[NONE, NONE], 2, &[0.5; 4]), Ok(Detections::default()));

@@ -60,7 +60,7 @@ impl Detector {
         let output = self.run(&detector_image(photo, &self.model))?;
         let raw = RawDetections { logits: &output.logits, columns: output.columns, boxes: &output.boxes };
         let size = (photo.width, photo.height);
-        Ok(decode(raw, &self.tokens.phrase_of, size, options).map_err(|what| self.graph.error(what))?)
+        Ok(decode(raw, &self.tokens.phrase_of, size, options).map_err(|error| self.graph.error(error.to_string()))?)
     }
 
     /// Runs the graph on one image.

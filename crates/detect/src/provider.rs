@@ -52,12 +52,17 @@ impl fmt::Display for Provider {
     }
 }
 
-impl FromStr for Provider {
-    type Err = String;
+/// A name that is none of a [`Provider`].
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0:?} is not one of {}", Provider::names())]
+pub struct UnknownProvider(String);
 
-    fn from_str(name: &str) -> Result<Self, String> {
+impl FromStr for Provider {
+    type Err = UnknownProvider;
+
+    fn from_str(name: &str) -> Result<Self, UnknownProvider> {
         let found = Self::ALL.into_iter().find(|p| p.name() == name);
-        found.ok_or_else(|| format!("{name:?} is not one of {}", Self::names()))
+        found.ok_or_else(|| UnknownProvider(name.to_owned()))
     }
 }
 
@@ -70,9 +75,7 @@ mod tests {
         for provider in Provider::ALL {
             assert_eq!(provider.name().parse(), Ok(provider));
         }
-        assert_eq!(
-            "gpu".parse::<Provider>(),
-            Err("\"gpu\" is not one of cpu, cuda, tensorrt, rocm, coreml, directml".to_owned())
-        );
+        let error = "gpu".parse::<Provider>().unwrap_err().to_string();
+        assert_eq!(error, "\"gpu\" is not one of cpu, cuda, tensorrt, rocm, coreml, directml");
     }
 }

@@ -11,6 +11,7 @@ pub mod lpips;
 mod pair;
 mod psnr;
 mod report;
+mod sizes;
 mod ssim;
 mod views;
 
@@ -19,5 +20,6 @@ pub use lpips::{InputRange, Lpips, LpipsError, Net};
 pub use pair::PicturePair;
 pub use psnr::{MAX_PSNR_DB, psnr};
 pub use report::{EvalReport, Metrics, ViewMetrics};
+pub use sizes::{Bytes, Counts};
 pub use ssim::ssim;
 pub use views::{Evaluated, composited, evaluate, pair_of};

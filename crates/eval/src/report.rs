@@ -1,36 +1,36 @@
 //! The metrics of one evaluation, as they are written to JSON.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::EvalError;
 use crate::lpips::{Lpips, LpipsError};
 use crate::pair::PicturePair;
 use crate::psnr::psnr;
 use crate::ssim::ssim;
+use instgs_io::json::null_is_nan;
 
 /// Metrics of one picture pair, or their mean over several.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
     /// Peak signal-to-noise ratio in dB, higher is better; at most [`crate::MAX_PSNR_DB`]. A mean is the mean of
     /// the dB values.
+    #[serde(deserialize_with = "null_is_nan")]
     pub psnr: f64,
     /// Structural similarity, at most 1, higher is better.
+    #[serde(deserialize_with = "null_is_nan")]
     pub ssim: f64,
     /// LPIPS distance, at least 0, lower is better; `None` (null in JSON) if not computed.
     pub lpips: Option<f64>,
 }
 
 /// The metrics of one view.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ViewMetrics {
     /// Name of the view's camera.
     pub name: String,
-    /// Peak signal-to-noise ratio; see [`Metrics::psnr`].
-    pub psnr: f64,
-    /// Structural similarity; see [`Metrics::ssim`].
-    pub ssim: f64,
-    /// LPIPS distance; see [`Metrics::lpips`].
-    pub lpips: Option<f64>,
+    /// Metrics of the view.
+    #[serde(flatten)]
+    pub metrics: Metrics,
 }
 
 /// All views and their mean. JSON: `{"views":[{"name","psnr","ssim","lpips"}],"mean":{"psnr","ssim","lpips"}}`.
@@ -57,7 +57,7 @@ impl Metrics {
 
     /// The same metrics with a view's name.
     pub fn named(self, name: impl Into<String>) -> ViewMetrics {
-        ViewMetrics { name: name.into(), psnr: self.psnr, ssim: self.ssim, lpips: self.lpips }
+        ViewMetrics { name: name.into(), metrics: self }
     }
 }
 
@@ -71,9 +71,9 @@ impl EvalReport {
             return Err(EvalError::NoViews);
         }
         let count = views.len() as f64;
-        let mean = |of: fn(&ViewMetrics) -> f64| views.iter().map(of).sum::<f64>() / count;
-        let lpips: Option<f64> = views.iter().map(|view| view.lpips).sum();
-        let mean = Metrics { psnr: mean(|v| v.psnr), ssim: mean(|v| v.ssim), lpips: lpips.map(|sum| sum / count) };
+        let mean = |of: fn(&Metrics) -> f64| views.iter().map(|view| of(&view.metrics)).sum::<f64>() / count;
+        let lpips: Option<f64> = views.iter().map(|view| view.metrics.lpips).sum();
+        let mean = Metrics { psnr: mean(|m| m.psnr), ssim: mean(|m| m.ssim), lpips: lpips.map(|sum| sum / count) };
         Ok(Self { views, mean })
     }
 }

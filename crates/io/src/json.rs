@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::{IoError, atomic_write, read_bytes};
 use crate::error::Place;
@@ -30,8 +30,17 @@ pub fn write_json(path: &Path, record: &(impl Serialize + ?Sized)) -> Result<(),
 ///
 /// # Errors
 /// Those of the serialiser.
-pub fn as_map<S: Serializer>(pairs: &[(&'static str, f64)], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(pairs.iter().copied())
+pub fn as_map<K: Serialize, S: Serializer>(pairs: &[(K, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(pairs.iter().map(|(name, value)| (name, value)))
+}
+
+/// Deserialises a number, for serde's `deserialize_with`: `null` is NaN. JSON has no NaN and no infinities, so they are
+/// written as `null`.
+///
+/// # Errors
+/// Those of the deserialiser.
+pub fn null_is_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }
 
 #[cfg(test)]

@@ -56,8 +56,7 @@ impl Curves {
     }
 }
 
-/// At most `most` points, each the mean of a run of neighbours, all runs of equal length. Non-finite values are
-/// ignored.
+/// At most `most` points, each the mean of equally many neighbours. Non-finite values are ignored.
 pub(super) fn thinned(points: &[(f64, f64)], most: usize) -> Points {
     let finite: Points = points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
     let run = finite.len().div_ceil(most.max(1)).max(1);

@@ -18,38 +18,19 @@ pub enum ReportError {
 /// A picture cannot be encoded or compared with another one.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
-    /// The number of bytes does not match the size, or the picture has no pixels.
-    #[error("{bytes} bytes are no picture of {width}x{height} pixels")]
-    Size {
-        /// Number of bytes of the picture.
-        bytes: usize,
-        /// Width of the picture, pixels.
-        width: u32,
-        /// Height of the picture, pixels.
-        height: u32,
-    },
+    /// The number of bytes does not match width and height in pixels, or the picture has no pixels.
+    #[error("{0} bytes are no picture of {1}x{2} pixels")]
+    Size(usize, u32, u32),
     /// The picture has more pixels than memory can address.
     #[error("is too large")]
     TooLarge,
     /// Photo and rendering of a view differ in size; each is width and height in pixels.
-    #[error("the photograph has {}x{} pixels, the rendering {}x{}", photo.0, photo.1, rendering.0, rendering.1)]
-    SizesDiffer {
-        /// Size of the photo.
-        photo: (u32, u32),
-        /// Size of the rendering.
-        rendering: (u32, u32),
-    },
+    #[error("the photograph has {}x{} pixels, the rendering {}x{}", .0.0, .0.1, .1.0, .1.1)]
+    SizesDiffer((u32, u32), (u32, u32)),
     /// The encoder of the file format failed.
     #[error(transparent)]
     Encoder(#[from] ImageError),
-    /// A picture of a page.
-    #[error("{of}, {caption}: {error}")]
-    OnPage {
-        /// What the picture shows.
-        of: String,
-        /// Caption of the picture.
-        caption: String,
-        /// What is wrong with it.
-        error: Box<PictureError>,
-    },
+    /// A picture of a page, named by what it shows and its caption.
+    #[error("{0}: {1}")]
+    OnPage(String, Box<PictureError>),
 }

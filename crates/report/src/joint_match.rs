@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::training_clock::{TrainingClock, training_seconds};
-use instgs_train::events::{Event, null_is_nan};
+use instgs_io::json::null_is_nan;
+use instgs_train::events::Event;
 
 /// Length of the window of steps whose mean loss is compared; it stands for the step in the middle. The loss of one
 /// view varies by a few percent from one use to the next, which is as much as the joint phase gains in ten steps when
@@ -20,8 +21,7 @@ const STEPS: usize = 30;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct JointMatch {
-    /// Training time of the joint phase until then, seconds, without segmentation, merging, evaluations and
-    /// checkpoints.
+    /// Training time of the joint phase until then, seconds, without preparation, evaluations and checkpoints.
     #[serde(deserialize_with = "null_is_nan")]
     pub seconds: f64,
     /// The same time as a fraction of the plain cloud's training time.
@@ -65,8 +65,7 @@ fn match_seconds(then: &BTreeMap<u32, f64>, joint: &[Event]) -> Option<f64> {
     Some(first[STEPS / 2 - 1].0)
 }
 
-/// For each step: training time at its end, and its loss minus its view's `then`. The steps of a report share its time
-/// evenly.
+/// For each step: training time at its end, and its loss minus its view's `then`. Steps of a report are equally long.
 fn excesses(then: &BTreeMap<u32, f64>, joint: &[Event]) -> Vec<(f64, f64)> {
     let mut clock = TrainingClock::default();
     let mut steps = Vec::new();
@@ -106,8 +105,7 @@ mod tests {
     fn the_match_by_hand() {
         let plain = log(&[9.0, 9.0, 5.0, 4.0, 3.0, 2.0, 1.0]);
         assert_eq!(final_loss(&plain, 4), Some(13.0));
-        // A single report below is not enough: the fourth to the sixth are the first three whose mean, 1, is not
-        // higher.
+        // One report below is not enough: the fourth to the sixth are the first three whose mean, 1, is not higher.
         let joint = log(&[6.0, 6.0, 2.0, 3.0, 2.0, -2.0, 1.0, 1.0]);
         let found = JointMatch::of(&plain, &joint, 4);
         assert_eq!(found, Some(JointMatch { seconds: 22.5, fraction_of_vanilla: 22.5 / 35.0, loss: 13.0 }));

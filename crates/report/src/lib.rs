@@ -33,7 +33,7 @@ pub use writer::ReportWriter;
 
 use instgs_io::{IoError, RunFolder, atomic_write};
 use instgs_train::events::Event;
-use instgs_train::facts::Quality;
+use instgs_train::facts::Metrics;
 use instgs_vk::scene::RepeatedBytes;
 
 /// All data that the page shows.
@@ -43,8 +43,7 @@ pub struct ReportData {
     pub report: RunReport,
     /// The whole log of the run, for the curves.
     pub events: Vec<Event>,
-    /// For instgs: the whole log of the plain cloud that it started from; empty if the cloud was not trained by this
-    /// run.
+    /// For instgs: the whole log of the plain cloud that it started from; empty if the cloud was given.
     pub vanilla_events: Vec<Event>,
     /// Test views with their pictures, in the order of the page; see [`choose`].
     pub pictures: Vec<ViewPicture>,
@@ -58,7 +57,7 @@ pub struct ViewPicture {
     /// Name of the test view.
     pub name: String,
     /// How near the rendering is to the photo.
-    pub metrics: Quality,
+    pub metrics: Metrics,
     /// The photo at the size trained at.
     pub ground_truth: Rgb8,
     /// The rendering, of the same size as the photo.
@@ -68,8 +67,7 @@ pub struct ViewPicture {
 /// Writes `report.json` and `report.html` into the run folder.
 ///
 /// # Errors
-/// Two pictures of a view that differ in size, a picture whose bytes do not match its size, or a file that cannot be
-/// written.
+/// A picture whose bytes do not match its size or that of its counterpart, or a file that cannot be written.
 pub fn write(run: &RunFolder, data: &ReportData) -> Result<(), IoError> {
     write_json(run, &data.report)?;
     let path = run.page();

@@ -13,7 +13,7 @@ use super::table::{bar, table};
 use super::{PictureError, ReportData, ViewPicture};
 use instgs_io::{IoError, Place};
 use instgs_train::config::Method;
-use instgs_train::facts::Quality;
+use instgs_train::facts::Metrics;
 
 pub(super) fn page(data: &ReportData, path: &Path) -> Result<String, IoError> {
     let report = &data.report;
@@ -166,16 +166,16 @@ fn views(all: &[ViewPicture], path: &Path) -> Result<String, IoError> {
     Ok(out)
 }
 
-fn words(quality: &Quality) -> String {
+fn words(quality: &Metrics) -> String {
     let lpips = quality.lpips.map(|v| format!(" · LPIPS {}", fixed(v, 4))).unwrap_or_default();
     format!("{} dB · SSIM {}{lpips}", fixed(quality.psnr, 2), fixed(quality.ssim, 4))
 }
 
 fn view_table(report: &RunReport) -> String {
-    let cells = |name: &str, q: &Quality| {
+    let cells = |name: &str, q: &Metrics| {
         vec![escape(name), fixed(q.psnr, 2), fixed(q.ssim, 4), q.lpips.map_or("–".into(), |v| fixed(v, 4))]
     };
-    let rows: Vec<_> = report.views.iter().map(|view| cells(&view.name, &view.quality)).collect();
+    let rows: Vec<_> = report.views.iter().map(|view| cells(&view.name, &view.metrics)).collect();
     let mean = report.eval.as_ref().map(|quality| cells("mean", quality));
     table(&["view", "PSNR, dB", "SSIM", "LPIPS"], &rows, mean)
 }

@@ -11,7 +11,7 @@ use super::{RepeatedBytes, ReportData};
 use instgs_objects::pipeline::is_preparation;
 use instgs_objects::template::{GroupReport, POOR_MATCH};
 use instgs_train::events::Event;
-use instgs_train::facts::Quality;
+use instgs_train::facts::Metrics;
 
 /// The steps of both phases; `joint` is the text for those of the joint phase.
 pub(super) fn steps(vanilla: &RunReport, joint: &str) -> String {
@@ -55,8 +55,7 @@ pub(super) fn charts(data: &ReportData) -> String {
     .concat()
 }
 
-/// Time from the end of the plain cloud's training to the beginning of the joint phase, without loading and evaluation,
-/// seconds.
+/// Seconds from the end of the plain cloud's training to the joint phase, without loading and evaluation.
 fn between_seconds(report: &RunReport) -> f64 {
     report
         .stages
@@ -115,8 +114,8 @@ pub(super) fn beside(data: &ReportData) -> String {
 }
 
 /// Table rows of quality, with differences.
-fn qualities(plain: Option<&Quality>, instanced: Option<&Quality>) -> Vec<Vec<String>> {
-    let row = |name: &str, of: fn(&Quality) -> f64, decimals: usize, unit: &str| {
+fn qualities(plain: Option<&Metrics>, instanced: Option<&Metrics>) -> Vec<Vec<String>> {
+    let row = |name: &str, of: fn(&Metrics) -> f64, decimals: usize, unit: &str| {
         let [plain, instanced] = [plain, instanced].map(|quality| quality.map_or(f64::NAN, of));
         let difference = signed(instanced - plain, decimals);
         let shown = [fixed(plain, decimals), fixed(instanced, decimals), difference].map(|v| format!("{v}{unit}"));

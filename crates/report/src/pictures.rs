@@ -14,8 +14,7 @@ pub const MAX_WIDTH_PX: u32 = 480;
 /// Factor that makes differences visible.
 pub(super) const DIFFERENCE_GAIN: u16 = 4;
 
-/// At 85 the edges of painted masks show no visible ringing, and a picture of 320x180 pixels takes 15 kB, not 60 as
-/// PNG.
+/// At 85, edges of painted masks show no ringing, and a picture of 320x180 takes 15 kB, not 60 as PNG.
 const JPEG_QUALITY: u8 = 85;
 
 /// A picture of 8 bits per channel, rows from the top.
@@ -66,7 +65,7 @@ impl Rgb8 {
 /// them. Returns indices into `views`.
 pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
     let mut ranked: Vec<usize> = (0..views.len()).collect();
-    ranked.sort_by(|&a, &b| views[a].quality.psnr.total_cmp(&views[b].quality.psnr).then(a.cmp(&b)));
+    ranked.sort_by(|&a, &b| views[a].metrics.psnr.total_cmp(&views[b].metrics.psnr).then(a.cmp(&b)));
     if ranked.len() <= most {
         return ranked;
     }
@@ -78,7 +77,7 @@ pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
 pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], PictureError> {
     let (truth, render) = (image_of(ground_truth)?, image_of(render)?);
     if truth.dimensions() != render.dimensions() {
-        return Err(PictureError::SizesDiffer { photo: truth.dimensions(), rendering: render.dimensions() });
+        return Err(PictureError::SizesDiffer(truth.dimensions(), render.dimensions()));
     }
     // The difference is taken at full size: averaging first would hide differences of single pixels.
     let mut difference = truth.clone();
@@ -97,7 +96,7 @@ fn image_of(picture: &Rgb8) -> Result<RgbImage, PictureError> {
     let &Rgb8 { width, height, ref pixels } = picture;
     let wanted = 3 * u64::from(width) * u64::from(height);
     if width == 0 || height == 0 || pixels.len() as u64 != wanted {
-        return Err(PictureError::Size { bytes: pixels.len(), width, height });
+        return Err(PictureError::Size(pixels.len(), width, height));
     }
     RgbImage::from_raw(width, height, pixels.clone()).ok_or(PictureError::TooLarge)
 }
@@ -128,7 +127,7 @@ fn encoded(image: &RgbImage) -> Result<Vec<u8>, PictureError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use instgs_train::facts::Quality;
+    use instgs_train::facts::Metrics;
 
     fn decoded(address: &str) -> RgbImage {
         let text = address.strip_prefix("data:image/png;base64,").unwrap();
@@ -167,7 +166,7 @@ mod tests {
     #[test]
     fn the_chosen_views_span_worst_to_best() {
         let views: Vec<ViewMetrics> = [20.0, 30.0, 10.0, 25.0, 15.0]
-            .map(|psnr| ViewMetrics { name: String::new(), quality: Quality { psnr, ..Quality::default() } })
+            .map(|psnr| ViewMetrics { name: String::new(), metrics: Metrics { psnr, ..Metrics::default() } })
             .into();
         assert_eq!(choose(&views, 9), [2, 4, 0, 3, 1]);
         assert_eq!(choose(&views, 3), [2, 0, 1]);

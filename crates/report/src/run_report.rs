@@ -3,14 +3,14 @@
 use std::fmt;
 
 use serde::de::{MapAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::JointMatch;
+use instgs_io::json::{as_map, null_is_nan};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::register::InstanceRegistration;
 use instgs_objects::template::GroupReport;
-use instgs_train::events::null_is_nan;
-use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, Quality, StageTime, ViewMetrics};
+use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, Metrics, StageTime, ViewMetrics};
 use instgs_vk::scene::RepeatedBytes;
 
 /// The report of a training run. Numbers that are not finite are `null` in the file.
@@ -34,7 +34,7 @@ pub struct RunReport {
     #[serde(serialize_with = "as_map", deserialize_with = "from_map")]
     pub passes_ms: Vec<(String, f64)>,
     /// Means over the test views; `None` if there are none.
-    pub eval: Option<Quality>,
+    pub eval: Option<Metrics>,
     /// Numbers of Gaussians.
     pub gaussians: Counts,
     /// Sizes of file, scene and device memory.
@@ -73,11 +73,6 @@ pub struct RunReport {
     pub dataset: DatasetFacts,
     /// The resolved configuration.
     pub config: RunConfig,
-}
-
-/// Writes the pairs as a JSON object, in the order of the list.
-fn as_map<S: Serializer>(pairs: &[(String, f64)], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(pairs.iter().map(|(name, value)| (name, value)))
 }
 
 /// Reads the pairs of a JSON object, in its order.

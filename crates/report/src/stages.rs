@@ -59,8 +59,7 @@ fn view(view: &StageView) -> Html {
 }
 
 fn figure(picture: &Rgb8, of: &str, caption: &str) -> Html {
-    let named = |error| PictureError::OnPage { of: of.to_owned(), caption: caption.to_owned(), error: Box::new(error) };
-    let address = address(picture).map_err(named)?;
+    let address = address(picture).map_err(|e| PictureError::OnPage(format!("{of}, {caption}"), Box::new(e)))?;
     let of = escape(of);
     Ok(format!("<figure><img src=\"{address}\" alt=\"{of}: {caption}\"/><figcaption>{caption}</figcaption></figure>\n"))
 }

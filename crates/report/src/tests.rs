@@ -8,8 +8,8 @@ use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, TrainFacts, ViewMetrics};
 use instgs_vk::math::rng::Rng;
 
-fn quality(psnr: f64) -> Quality {
-    Quality { psnr, ssim: 0.5 + psnr / 80.0, lpips: Some(0.5 - psnr / 80.0) }
+fn quality(psnr: f64) -> Metrics {
+    Metrics { psnr, ssim: 0.5 + psnr / 80.0, lpips: Some(0.5 - psnr / 80.0) }
 }
 
 /// A synthetic photo of coloured waves, and a rendering with noise of the given strength.
@@ -104,8 +104,8 @@ fn sample() -> ReportData {
             memory("training pictures", 97_200_000, "pixel", 32_400_000),
         ],
         views: vec![
-            ViewMetrics { name: "a.png".into(), quality: quality(22.1) },
-            ViewMetrics { name: "<b>&\"c\".png".into(), quality: Quality { lpips: None, ..quality(25.5) } },
+            ViewMetrics { name: "a.png".into(), metrics: quality(22.1) },
+            ViewMetrics { name: "<b>&\"c\".png".into(), metrics: Metrics { lpips: None, ..quality(25.5) } },
         ],
         dataset: DatasetFacts {
             path: "data/fox & co".into(),
@@ -293,7 +293,7 @@ fn bad_numbers_and_empty_lists_of_two_phases_make_a_page() {
     }
     let report = &mut data.report;
     report.stages[1].seconds = f64::NAN;
-    report.eval = Some(Quality { psnr: f64::INFINITY, ssim: f64::NAN, lpips: Some(f64::NAN) });
+    report.eval = Some(Metrics { psnr: f64::INFINITY, ssim: f64::NAN, lpips: Some(f64::NAN) });
     (report.seconds, report.groups[0].match_distance) = (f64::NAN, f64::NAN);
     report.groups[1].instances.clear();
     report.groups[1].template = None;
@@ -373,7 +373,7 @@ fn the_json_has_the_contracts_names_and_reads_back() -> Result<(), Box<dyn std::
 #[test]
 fn numbers_that_are_none_are_written_as_null_and_read() -> Result<(), Box<dyn std::error::Error>> {
     let (psnr, nan) = (f64::INFINITY, f64::NAN);
-    let eval = Some(Quality { psnr, ssim: 1.0, lpips: None });
+    let eval = Some(Metrics { psnr, ssim: 1.0, lpips: None });
     let text = serde_json::to_string(&RunReport { eval, steps_per_second: nan, ..RunReport::default() })?;
     let back: RunReport = serde_json::from_str(&text)?;
     assert!(back.steps_per_second.is_nan() && back.eval.is_some_and(|q| q.psnr.is_nan() && q.ssim == 1.0));

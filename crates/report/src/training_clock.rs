@@ -2,8 +2,7 @@
 
 use instgs_train::events::Event;
 
-/// Adds up the times since each start or resumption of a run. Each counts from 0 and leaves out evaluations and
-/// checkpoints.
+/// Adds up the times since each start of a run, each without evaluations and checkpoints.
 #[derive(Debug, Default)]
 pub(super) struct TrainingClock {
     /// Training time before the run was last resumed, seconds.
@@ -12,8 +11,7 @@ pub(super) struct TrainingClock {
 }
 
 impl TrainingClock {
-    /// Training time at `event`, seconds; to be called with every event, in order. An event without a time has that of
-    /// the previous one.
+    /// Training time at `event`, seconds, or that of the event before; to be called with every event, in order.
     pub(super) fn at(&mut self, event: &Event) -> f64 {
         match event {
             Event::Started { .. } => self.before = self.now,

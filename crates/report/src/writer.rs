@@ -134,8 +134,7 @@ impl ReportWriter {
     }
 }
 
-/// The report of the plain cloud that a run started from, and the log of its training; the log is empty if the cloud
-/// was given.
+/// The report of the plain cloud that a run started from, and its log, which is empty if the cloud was given.
 fn report_of_cloud(job: &PipelineJob, facts: &TrainFacts) -> Result<(RunReport, Vec<Event>), IoError> {
     let phase = job.cloud_phase();
     if job.config.train.init_scene.is_some() {

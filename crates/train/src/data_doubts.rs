@@ -51,8 +51,7 @@ pub(super) fn doubts(cameras: &[Camera], points: &PointCloud, extent: f64, near:
     doubts
 }
 
-/// The number of points in the frame of at least one camera, and the depth of each point in each camera that sees it,
-/// scene units.
+/// The number of points in the frame of a camera, and the depth of each point in each such camera, scene units.
 fn seen_by(cameras: &[Camera], points: &[DVec3]) -> (usize, Vec<f64>) {
     let mut depths = Vec::new();
     let mut seen = 0;

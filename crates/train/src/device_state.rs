@@ -10,7 +10,7 @@ use instgs_vk::render::{DeviceScene, GradientBuffers, RenderError, SourceTables,
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
 
-use super::config::{Rates, SourceRates};
+use super::config::{GaussianRates, Rates};
 use super::step_runner::StepPlan;
 
 /// Adam's moments of every parameter that training changes.
@@ -84,14 +84,12 @@ impl DeviceState {
         })
     }
 
-    /// The scene as it is on the device; names and everything else that the device does not hold come from `names`. The
-    /// device must be idle.
+    /// The scene as it is on the device, with the names and ranges of `names`. The device must be idle.
     pub fn download(&self, gpu: &Arc<Gpu>, names: &InstancedScene) -> Result<InstancedScene, RenderError> {
         self.scene.download(gpu, names)
     }
 
-    /// Records Adam for every parameter that has a learning rate in `plan`, poses included; SH bands above its SH
-    /// degree do not change.
+    /// Records Adam for every parameter with a learning rate in `plan`, poses included, up to its SH degree.
     pub fn record_adam(
         &mut self,
         recorder: &mut Recorder,
@@ -129,7 +127,7 @@ impl DeviceState {
 
 /// The learning rates of a parameter: those of templates and background, or that of offsets and 0.
 fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
-    let sources = |of: fn(&SourceRates) -> f64| [&rates.template, &rates.background].map(of);
+    let sources = |of: fn(&GaussianRates) -> f64| [&rates.template, &rates.background].map(of);
     let offsets = &rates.offsets;
     match parameter {
         Parameter::Means => sources(|r| r.means),
@@ -167,8 +165,7 @@ mod tests {
 
     #[test]
     fn training_has_room_for_what_its_largest_array_takes() {
-        // 128 MiB, the smallest limit of Vulkan devices in use: 168 bytes for the moments of SH band 3; without SH, 72
-        // for gradients.
+        // 128 MiB, the smallest limit in use: 168 bytes for the moments of SH band 3; without SH, 72 for gradients.
         assert_eq!(most_in_training(128 << 20, 3), (128 << 20) / 168 / 1024 * 1024);
         assert_eq!(most_in_training(128 << 20, 0), (128 << 20) / 72 / 1024 * 1024);
         assert_eq!(most_in_training(72 * 2048, 0), 2048);

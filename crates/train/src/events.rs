@@ -5,9 +5,10 @@
 
 use std::path::PathBuf;
 
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
 use instgs_io::IoError;
+use instgs_io::json::null_is_nan;
 
 /// One event; a line of `RUN/events.jsonl`, as an object with the event's name under `event`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -180,12 +181,6 @@ pub trait EventSink {
     fn flush(&mut self) -> Result<(), IoError> {
         Ok(())
     }
-}
-
-/// Reads a number of a JSON file for serde's `deserialize_with`: `null` is NaN. JSON has no NaN and no infinities, so
-/// serde_json writes them as `null`.
-pub fn null_is_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
-    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }
 
 #[cfg(test)]

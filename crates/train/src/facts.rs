@@ -5,9 +5,9 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::events::null_is_nan;
-use instgs_eval::Metrics;
-use instgs_vk::scene::{InstancedScene, RepeatedBytes};
+pub use instgs_eval::{Bytes, Counts, Metrics, ViewMetrics};
+use instgs_io::json::null_is_nan;
+use instgs_vk::scene::RepeatedBytes;
 
 /// All results of a finished training run, as written to `trained.json`. The names are those of `report.json`, so that
 /// the report of an older version, which has no `trained.json`, can be read as well. Numbers that are not finite are
@@ -27,7 +27,7 @@ pub struct TrainFacts {
     /// Milliseconds per step for each pass, from timestamps on the device.
     pub passes_ms: BTreeMap<String, f64>,
     /// Means over the test views; `None` without test views.
-    pub eval: Option<Quality>,
+    pub eval: Option<Metrics>,
     /// Numbers of Gaussians.
     pub gaussians: Counts,
     /// Sizes of file, scene and device memory.
@@ -66,68 +66,6 @@ impl StageTime {
     }
 }
 
-/// How near a rendering is to its photograph.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Quality {
-    /// Peak signal-to-noise ratio, dB; infinite if they are equal.
-    #[serde(deserialize_with = "null_is_nan")]
-    pub psnr: f64,
-    /// Structural similarity, at most 1.
-    #[serde(deserialize_with = "null_is_nan")]
-    pub ssim: f64,
-    /// Perceptual distance, 0 is best; `None` without the network's weights.
-    pub lpips: Option<f64>,
-}
-
-impl From<Metrics> for Quality {
-    fn from(metrics: Metrics) -> Self {
-        Self { psnr: metrics.psnr, ssim: metrics.ssim, lpips: metrics.lpips }
-    }
-}
-
-/// Numbers of Gaussians.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Counts {
-    /// In templates; 0 for 3dgs.
-    pub template: u64,
-    /// Offset records; 0 for 3dgs.
-    pub offsets: u64,
-    /// In the background; for 3dgs, all.
-    pub background: u64,
-    /// After expanding all instances; for 3dgs, all.
-    pub expanded: u64,
-}
-
-impl Counts {
-    /// Counts the Gaussians of a scene.
-    pub fn of(scene: &InstancedScene) -> Self {
-        Self {
-            template: scene.templates.len() as u64,
-            offsets: scene.offsets.len() as u64,
-            background: scene.background.len() as u64,
-            expanded: scene.expanded_len(),
-        }
-    }
-
-    /// Number of Gaussians in the file: those of templates and background.
-    pub fn stored(&self) -> u64 {
-        self.template + self.background
-    }
-}
-
-/// Sizes in bytes, of the result and of memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Bytes {
-    /// File of the trained scene.
-    pub file: u64,
-    /// Scene tensors uploaded to the device, as f32.
-    pub host: u64,
-    /// Scene buffers on the device.
-    pub device_scene: u64,
-    /// Largest amount of device memory in use at a time.
-    pub device_peak: u64,
-}
-
 /// A use of device memory: `bytes` is `count` times `bytes_each`, plus the rounding of buffer sizes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MemoryUse {
@@ -142,16 +80,6 @@ pub struct MemoryUse {
     /// Number of bytes for each unit.
     #[serde(deserialize_with = "null_is_nan")]
     pub bytes_each: f64,
-}
-
-/// Quality of one test view.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct ViewMetrics {
-    /// Name of the test view.
-    pub name: String,
-    /// How near the rendering is to the photo.
-    #[serde(flatten)]
-    pub quality: Quality,
 }
 
 /// The data set that was trained on.

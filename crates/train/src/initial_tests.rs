@@ -121,8 +121,7 @@ fn random_points_are_where_cameras_look() {
         assert_eq!((out.len(), out.sh.len()), (500, 2000));
         let seen = |m: &[f32; 3]| cameras.iter().any(|c| sees(c, DVec3::from(m.map(f64::from)), 1e-3));
         let count = out.means.iter().filter(|m| seen(m)).count();
-        // A single camera sees 1/15 of the cube around it: 64 draws miss that with a probability of 1.2 %, 6 of 500,
-        // +-2.4.
+        // A single camera sees 1/15 of the cube: 64 draws miss that with a probability of 1.2 %, 6 of 500, +-2.4.
         assert!(count >= if cameras.len() > 3 { 500 } else { 482 }, "{count}");
         assert!((0..500).all(|i| out.is_finite(i)));
         assert_eq!(out, random_in_view(&cameras, 500, 9, 1, INRIA));

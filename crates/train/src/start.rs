@@ -317,8 +317,7 @@ mod tests {
         sets.iter().try_fold(ConfigBuilder::new(), |builder, set| builder.set(set))?.finish()
     }
 
-    /// A checkpoint after 500 steps, of degree 2 and with 40 Gaussians, with the parts that are read before the device
-    /// is used.
+    /// A checkpoint after 500 steps, of degree 2, with 40 Gaussians: the parts that are read without a device.
     fn sample() -> Checkpoint {
         let mut out = Checkpoint { step: 500, ..Checkpoint::default() };
         out.metadata.insert("sh_degree".into(), "2".into());

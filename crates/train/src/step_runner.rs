@@ -25,8 +25,7 @@ use super::views::TrainViews;
 /// Steps submitted and not yet collected. Two keep the device busy while the host records the next.
 const IN_FLIGHT: usize = 2;
 
-/// Everything besides parameters that a step depends on: derived from its index alone, so that the step can be
-/// repeated.
+/// Everything besides parameters that a step depends on, derived from its index, so that it can be repeated.
 #[derive(Clone, Debug)]
 pub struct StepPlan {
     /// Index of the step, from 0.

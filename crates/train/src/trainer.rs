@@ -20,7 +20,7 @@ use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::event_log::EventLog;
 use super::events::{Event, EventSink};
-use super::facts::{Bytes, Counts, DatasetFacts, Quality, StageTime, TrainFacts, ViewMetrics};
+use super::facts::{Bytes, Counts, DatasetFacts, StageTime, TrainFacts};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
 use super::observer::{TrainMessage, TrainObserver};
@@ -35,8 +35,7 @@ use super::views::TrainViews;
 const BACKGROUND_STREAM: u64 = 0x6261_636b;
 /// Steps between two events that report the loss.
 const REPORT_EVERY: u64 = 10;
-/// Fraction of the device's memory above which it counts as nearly full: other programs use some, and allocators waste
-/// some.
+/// Fraction of the device's memory above which it is nearly full: other programs and allocators use some too.
 const TIGHT: f64 = 0.8;
 
 /// A training job. With the method `instgs` it is the joint phase: the run folder holds the scene that it starts from
@@ -49,8 +48,7 @@ pub struct TrainJob {
     pub out: PathBuf,
     /// Configuration of the run.
     pub config: TrainConfig,
-    /// Text for `config.toml` of the run folder, if it is not that of `config`: the configuration of a larger run that
-    /// contains this phase.
+    /// Text for `config.toml`, if it is not that of `config`: the configuration of a run that contains this one.
     pub config_file: Option<String>,
     /// Whether to resume from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
@@ -71,8 +69,7 @@ pub struct Trained {
     pub dropped_non_finite: usize,
     /// Number of Gaussians dropped because no instance shows them.
     pub pruned: usize,
-    /// True if the run was asked to stop before the last step: then test views were not evaluated, and `trained.json`
-    /// was not written.
+    /// True if the run was stopped before the last step: then there is neither an evaluation nor `trained.json`.
     pub interrupted: bool,
     /// Times, counts, sizes and quality of the run.
     pub facts: TrainFacts,
@@ -208,7 +205,7 @@ pub fn train(
         repeated: (!scene.instances.is_empty()).then(|| RepeatedBytes::of(&scene)),
         host_fraction: times.host.as_secs_f64() / times.total.as_secs_f64().max(1e-9),
         memory_explained,
-        views: eval.as_ref().map(view_metrics).unwrap_or_default(),
+        views: eval.as_ref().map(|eval| eval.views.clone()).unwrap_or_default(),
         dataset,
     };
     if !interrupted {
@@ -286,11 +283,6 @@ fn evaluate_at_end(
     let device_scene = renderer.upload(scene)?;
     let mut tell = |view: Evaluated<'_>| observer.notify(TrainMessage::TestView(&view));
     evaluate_with(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
-}
-
-fn view_metrics(report: &EvalReport) -> Vec<ViewMetrics> {
-    let quality = |view: &instgs_eval::ViewMetrics| Quality { psnr: view.psnr, ssim: view.ssim, lpips: view.lpips };
-    report.views.iter().map(|view| ViewMetrics { name: view.name.clone(), quality: quality(view) }).collect()
 }
 
 /// Removes non-finite Gaussians and those that no instance shows, and offsets that the configuration does not train;
@@ -503,8 +495,7 @@ impl<'a> Run<'a> {
     /// Clones, splits, prunes, and resets opacities if the schedule says so.
     fn densify(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
         let config = &self.job.config;
-        // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first where
-        // that may happen.
+        // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first.
         let saved = if config.densifies_at(done) && self.memory_is_tight() {
             sink.flush()?;
             Some(self.save_checkpoint(done, true)?)

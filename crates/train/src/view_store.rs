@@ -13,8 +13,7 @@ use std::thread::JoinHandle;
 use instgs_io::host_memory::available_bytes;
 use instgs_io::{IoError, LoadedView, View, load_view};
 
-/// Host bytes that decoding needs per pixel of the file: 8 from the decoder (16 bits, four channels), 4 as 8-bit RGBA
-/// and 4 undistorted.
+/// Host bytes per pixel while decoding: 8 from the decoder (16 bits, four channels), 4 as RGBA, 4 undistorted.
 const DECODE_BYTES_PER_PIXEL: u64 = 16;
 
 /// Limits on the threads and memory of a [`Prefetcher`].
@@ -238,8 +237,7 @@ impl Shared {
         Some(Job { number, view })
     }
 
-    /// A decoder that panics becomes an error of that file: this thread has other images to decode, and `next` waits
-    /// for this one.
+    /// A decoder that panics becomes an error of that file: other images wait, and `next` waits for this one.
     fn decode(&self, view: usize) -> Result<Arc<LoadedView>, IoError> {
         let view = &self.views[view];
         catch_unwind(AssertUnwindSafe(|| load_view(view, self.width)))

@@ -22,8 +22,7 @@ pub struct DeviceView {
     pub targets: Buffer<u32>,
 }
 
-/// Streamed pictures that stay on the device: those of the steps in flight, which may have to be repeated, and the next
-/// one.
+/// Streamed pictures that stay on the device: those of the steps in flight, in case they are repeated, and the next.
 const STREAMED: usize = 4;
 
 /// Provides the steps with their pictures.
@@ -96,8 +95,7 @@ impl TrainViews {
         Ok(out)
     }
 
-    /// Picture `index`. Pictures must be asked for in the order of steps from the first one on; the last few may be
-    /// asked for again.
+    /// Picture `index`, in the order of steps from the first one on; the last few may be asked for again.
     pub fn get(&mut self, index: usize) -> Result<&DeviceView, TrainError> {
         if index < self.resident.len() {
             return Ok(&self.resident[index]);

@@ -1,5 +1,4 @@
-//! `instgs-vk demo`: all steps on a generated data set: photos, a plain cloud, templates and instances, a table and
-//! pictures side by side.
+//! `instgs-vk demo`: all steps on a generated data set, from photos to a table and pictures side by side.
 
 use std::path::PathBuf;
 use std::time::Instant;

@@ -2,8 +2,7 @@
 //! and plain scenes of the same training time and the same bytes (`compare`; the protocol is in docs/design.md), the
 //! same for a list of scenes with rivals, ablations and plots (`tables`), and all of it on eight cars (`demo`).
 //!
-//! This crate is not published: the program `instgs-evidence` is built next to `instgs-vk`, which passes these
-//! subcommands on to it.
+//! Not published: `instgs-evidence` is built next to `instgs-vk`, which passes these subcommands on to it.
 
 mod compare;
 mod comparison;

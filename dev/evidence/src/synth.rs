@@ -34,12 +34,10 @@ pub(super) struct SynthArgs {
     /// Number of objects [default: see below]
     #[arg(long, value_name = "K")]
     instances: Option<u32>,
-    /// Fraction of the differences between objects of a kind that is shown: 0 = all look like the first, 1 = full
-    /// differences
+    /// Fraction of the differences between objects of a kind: 0 = all look like the first, 1 = full differences
     #[arg(long, value_name = "SHARE", default_value_t = 1.0)]
     differences: f64,
-    /// Cameras on a line towards the scene's centre, from FAR to NEAR metres, instead of around it; views are split as
-    /// usual
+    /// Cameras on a line towards the scene's centre, from FAR to NEAR metres, instead of around it; split as usual
     #[arg(long, value_name = "FAR:NEAR", value_parser = parse_flight)]
     flight: Option<(f64, f64)>,
     /// Also writes groups_noisy.json: every pose rotated by DEGREES and shifted by PART of the object's size; scales

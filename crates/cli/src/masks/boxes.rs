@@ -37,7 +37,8 @@ pub(super) fn make(
     boxes: &Path,
     args: &BoxArgs,
     out: &Path,
-    (device_args, printer): (&DeviceArgs, &Printer),
+    device_args: &DeviceArgs,
+    printer: &Printer,
 ) -> Result<BoxReport, CliError> {
     let Some(scene) = &args.scene else {
         let what = "--boxes needs a trained scene: give it with --scene (train --method 3dgs makes one)";

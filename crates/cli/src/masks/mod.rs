@@ -86,7 +86,7 @@ pub(super) fn run(args: &MasksArgs, device_args: &DeviceArgs, printer: &Printer)
         prompt::print(&report, printer);
     } else if let Some(path) = &source.boxes {
         check_folder(&args.out)?;
-        let report = boxes::make(&views, path, &args.boxes, &args.out, (device_args, printer))?;
+        let report = boxes::make(&views, path, &args.boxes, &args.out, device_args, printer)?;
         write_page(&args.out, &views, &MaskFolder::open(&args.out)?, printer)?;
         if args.json {
             return printer.json(&report);

@@ -26,8 +26,7 @@ pub(super) struct PromptArgs {
     /// A box belongs to a phrase if the score of one of the phrase's tokens is above this [default: 0.25]
     #[arg(long, value_name = "P", requires = "prompt")]
     text_threshold: Option<f64>,
-    /// If two boxes of one phrase, or two masks, overlap by more than this fraction, the one with the lower score is
-    /// dropped [default: 0.8]
+    /// Of two boxes of one phrase, or two masks, that overlap by more, the lower score is dropped [default: 0.8]
     #[arg(long, value_name = "IOU", requires = "prompt")]
     overlap: Option<f64>,
     /// ONNX Runtime's library [default: ORT_DYLIB_PATH, the one made by tools/setup_onnxruntime, or the system's]

@@ -8,7 +8,8 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::report::{Bytes, CameraReport, Counts, Ratio, Report, SceneReport};
+use super::report::{CameraReport, DrawnCounts, Ratio, Report, SceneReport};
+use crate::{Bytes, Counts};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::statistics::{Percentiles, median};
@@ -173,11 +174,8 @@ impl<'a> Run<'a> {
             fps: 1e3 / ms.median,
             passes_ms,
             profiled_ms,
-            gaussians: Counts {
-                template: subject.scene.templates.len() as u64,
-                offsets: subject.scene.offsets.len() as u64,
-                background: subject.scene.background.len() as u64,
-                expanded: subject.scene.expanded_len(),
+            gaussians: DrawnCounts {
+                scene: Counts::of(subject.scene),
                 visible: mean(|s| s.visible),
                 intersections: mean(|s| s.intersections),
             },

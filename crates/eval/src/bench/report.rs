@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::{Bytes, Counts};
 use instgs_io::json::as_map;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::statistics::Percentiles;
@@ -44,8 +45,8 @@ pub struct SceneReport {
     pub passes_ms: Vec<(&'static str, f64)>,
     /// Median wall time of the frames with timestamps, milliseconds; the difference to `ms` is their cost.
     pub profiled_ms: f64,
-    /// Numbers of Gaussians and of related items.
-    pub gaussians: Counts,
+    /// Numbers of Gaussians, splats and pairs.
+    pub gaussians: DrawnCounts,
     /// Sizes of file and memory.
     pub bytes: Bytes,
     /// Largest number of depth slabs in a frame.
@@ -54,34 +55,16 @@ pub struct SceneReport {
     pub cameras: Vec<CameraReport>,
 }
 
-/// Numbers of Gaussians and of related items.
+/// Numbers of Gaussians in the scene, and of splats and pairs in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Counts {
-    /// Gaussians in templates.
-    pub template: u64,
-    /// Number of offset records.
-    pub offsets: u64,
-    /// Gaussians in the background.
-    pub background: u64,
-    /// Gaussians after expanding all instances.
-    pub expanded: u64,
+pub struct DrawnCounts {
+    /// Gaussians of the scene.
+    #[serde(flatten)]
+    pub scene: Counts,
     /// Splats that touch at least one tile, mean over the cameras.
     pub visible: u64,
     /// (splat, tile) pairs, mean over the cameras.
     pub intersections: u64,
-}
-
-/// Sizes of file and memory, bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Bytes {
-    /// Length of the scene file.
-    pub file: u64,
-    /// Scene tensors uploaded to the device, as f32.
-    pub host: u64,
-    /// Scene buffers on the device.
-    pub device_scene: u64,
-    /// Peak device memory while this scene was uploaded and rendered, including frame buffers and staging.
-    pub device_peak: u64,
 }
 
 /// Measurements of one camera.

@@ -1,5 +1,4 @@
-//! Merges the objects of a labelled cloud and its posed groups into templates, instances with offsets, and a
-//! background.
+//! Merges the objects of posed groups into templates, instances with offsets, and a background.
 
 use super::config::RunConfig;
 use crate::template::{GroupReport, POOR_MATCH, build};

@@ -1,5 +1,4 @@
-//! Groups of objects that are alike, with the pose of each: from the configuration's groups.json, or by registering the
-//! objects of the masks.
+//! Groups of objects that are alike, with the pose of each: from groups.json, or by registering the masks' objects.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -18,7 +18,7 @@ use instgs_eval::EvalError;
 use instgs_io::json::read_json;
 use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, read_views, write_ply};
 use instgs_train::config::Method;
-use instgs_train::facts::{Bytes, Counts, Quality, StageTime, TrainFacts};
+use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
 use instgs_train::given::{GivenCloud, given_cloud};
 use instgs_train::interrupt::Interrupt;
 use instgs_train::{TrainMessage, Trained, eval_options, leave_out_masked, train};
@@ -196,7 +196,7 @@ impl Pipeline<'_> {
     }
 
     /// Means over the test views; `None` if there are none.
-    fn evaluated(&self, job: &PipelineJob, scene: &InstancedScene) -> Result<Option<Quality>, PipelineError> {
+    fn evaluated(&self, job: &PipelineJob, scene: &InstancedScene) -> Result<Option<Metrics>, PipelineError> {
         let mut test: Vec<_> = Dataset::split(&read_views(&job.data)?, Split::Test).cloned().collect();
         let config = &job.config.train;
         let width = (config.width > 0).then_some(config.width);

@@ -2,8 +2,7 @@
 
 use std::collections::BTreeMap;
 
-/// Colours that are easy to tell apart, on grey too: the lighter twelve of S. Trubetskoy's "20 simple, distinct
-/// colors".
+/// Colours that differ clearly, on grey too: the lighter twelve of S. Trubetskoy's "20 simple, distinct colors".
 const PALETTE: [[u8; 3]; 12] = [
     [230, 25, 75],
     [60, 180, 75],
@@ -18,8 +17,7 @@ const PALETTE: [[u8; 3]; 12] = [
     [70, 153, 144],
     [220, 190, 255],
 ];
-/// Grey value that the palette is mixed with when it is used a second and third time, and its weight: lighter, then
-/// darker.
+/// Grey value, and its weight, that the palette is mixed with when it is used again: lighter, then darker.
 const TURNS: [(f32, f32); 3] = [(0.0, 0.0), (255.0, 0.5), (0.0, 0.45)];
 /// Weights of red, green and blue in luminance (Rec. 709), accurate enough for sRGB values.
 const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];

@@ -70,8 +70,7 @@ pub struct OverlayTile {
     /// The object in its colour over the grey reference, from the front and from a side; the grey alone for the
     /// reference; empty without a reference.
     pub over: Vec<Rgb8>,
-    /// Agreement of its outline with the reference's in these pictures: intersection over union, 0..=1; `None` for the
-    /// reference.
+    /// Agreement of its outline with the reference's: intersection over union, 0..=1; `None` for the reference.
     pub overlap: Option<f64>,
 }
 

@@ -1,5 +1,4 @@
-//! The pictures as PNG files in `RUN/stages/`, numbered by stage, so that a listing of the folder has the order of the
-//! stages.
+//! The pictures as PNG files in `RUN/stages/`, numbered by stage, so that listings are in the order of the stages.
 
 use std::fs;
 

@@ -14,8 +14,7 @@ const MARGIN: f64 = 0.18;
 const MIN_SHARE: f64 = 0.7;
 /// A view shows many objects if it shows this fraction of the largest number that any view shows.
 const MANY: f64 = 0.7;
-/// Distance of a camera that is not one of the views, in radii of the object: outside of it, and near enough for some
-/// perspective.
+/// Distance of a camera that is not a view, in radii of the object: outside of it, with some perspective.
 const DISTANCE: f64 = 4.0;
 /// Vertical field of view of such a camera, radians; close-ups choose their own.
 const FIELD_OF_VIEW: f64 = 0.5;
@@ -52,8 +51,7 @@ pub(super) fn choose_views(cameras: &[Camera], candidates: &[usize], objects: &[
     views
 }
 
-/// The camera that shows the points (world) largest, among those that show the most of them; `None` if no camera shows
-/// any.
+/// The camera that shows the points (world) largest, among those that show the most; `None` if none shows any.
 pub(super) fn best_camera<'a>(cameras: &'a [Camera], points: &[DVec3]) -> Option<&'a Camera> {
     let size = |camera: &Camera| {
         let at: Vec<[f64; 2]> = points.iter().filter_map(|&p| camera.pixel_of(p)).collect();

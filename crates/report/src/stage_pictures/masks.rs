@@ -67,8 +67,7 @@ mod tests {
 
     #[test]
     fn objects_keep_their_colour_though_ids_change() {
-        // The same two objects, left and right; ids are swapped in the second view, in which a third mask shows no
-        // object.
+        // The same two objects; ids are swapped in the second view, in which a third mask shows no object.
         let mask = |ids: [u16; 4]| Mask { width: 4, height: 1, ids: ids.into() };
         let views = [mask([1, 1, 2, 2]), mask([2, 2, 1, 7])];
         let table = IdTable::PerView(vec![BTreeMap::from([(1, 5), (2, 6)]), BTreeMap::from([(2, 5), (1, 6)])]);

@@ -38,11 +38,9 @@ use painter::{GROUND, Painter, rgb8};
 
 pub use review::review;
 
-/// Number of views whose masks and labels are shown: enough to see a scene from all sides, and few enough for one
-/// glance.
+/// Number of views whose masks and labels are shown: enough to see all sides, and few enough for one glance.
 const VIEWS: usize = 4;
-/// Width of their pictures, pixels: four side by side on the page are 280 px wide each, and screens have up to twice as
-/// many.
+/// Width of their pictures, pixels: four side by side are 280 px wide each, and screens have up to twice as many.
 const VIEW_WIDTH_PX: u32 = 400;
 
 /// Draws the masks, the objects, the labelled Gaussians, the registered poses and the merged templates of a run after

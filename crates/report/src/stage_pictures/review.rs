@@ -20,8 +20,7 @@ const NAMED_VIEWS: usize = 5;
 /// Views with fewer masks than this fraction of the median are named: a detector has probably missed objects there.
 const FEW_MASKS: f64 = 0.5;
 
-/// Host bytes that photos may take while they are decoded: one large photo per core would take tens of gigabytes on a
-/// machine with many cores.
+/// Host bytes that photos may take while they are decoded: one large photo per core could be tens of gigabytes.
 const PHOTO_BYTES: u64 = 2 << 30;
 /// Host bytes per pixel while decoding: 16 for the photo, 2 for its mask, and 2 more while the mask is read.
 const BYTES_PER_PIXEL: u64 = 20;

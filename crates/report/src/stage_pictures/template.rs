@@ -37,8 +37,7 @@ pub(super) fn pictures(
     Ok(all)
 }
 
-/// A template's Gaussians without view-dependent colour, like the other pictures of objects, and the pose of its first
-/// instance.
+/// A template's Gaussians without view-dependent colour, as for objects, and the pose of its first instance.
 fn placed(scene: &InstancedScene, template: usize) -> Option<(Gaussians, Similarity)> {
     let range = scene.template_ranges.get(template)?;
     let mut own = Gaussians::with_capacity(0, range.count as usize);

@@ -11,8 +11,7 @@ use instgs_vk::scene::PosedGroup;
 
 /// Upper bound of the groups shown, largest first, as hardly anyone looks at more.
 pub(super) const GROUPS: usize = 6;
-/// Upper bound of the objects of a group shown: doubtful ones first, then the worst fits. Twelve are three rows of a
-/// page.
+/// Upper bound of the objects of a group shown, doubtful ones and worst fits first: three rows of a page.
 const TILES: usize = 12;
 
 /// Pictures of the registered groups, and of the objects that are in none.
@@ -40,8 +39,7 @@ pub(super) fn overlays(
     Ok(out)
 }
 
-/// Index of the instance that the others are compared with: the first, or the one with the most Gaussians if the first
-/// has hardly any.
+/// Index of the instance to compare with: the first, or the one with the most Gaussians if it has hardly any.
 fn reference(group: &PosedGroup, objects: &Objects<'_>) -> usize {
     let own = |i: usize| objects.len(group.instances[i].id);
     let most = (0..group.instances.len()).max_by_key(|&i| (own(i), std::cmp::Reverse(i))).unwrap_or(0);
@@ -61,8 +59,7 @@ fn shown(group: &PosedGroup, reference: usize, prepared: &Prepared) -> Vec<usize
     [vec![reference], others].concat()
 }
 
-/// Whether the pose of an object is in doubt, and how badly it fits, according to its registration, or to the merge if
-/// poses were given.
+/// Whether a pose is in doubt, and how badly it fits: from registration, or from the merge for given poses.
 fn worth(id: u32, prepared: &Prepared) -> (bool, f64) {
     let registered = |r: &InstanceRegistration| (r.verdict == Verdict::Ambiguous, r.relative_rmse);
     let merged = || {

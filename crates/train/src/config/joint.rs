@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::schedule::{OffsetRates, PoseRates, Rates, SourceRates, late_decay, log_linear};
+use super::schedule::{GaussianRates, PoseRates, Rates, late_decay, log_linear};
 use super::{Method, Strategy, TrainConfig};
 
 /// The properties in which instances may differ from their template.
@@ -73,8 +73,8 @@ pub struct PoseRateConfig {
 
 impl JointRates {
     /// The rates of step index `step` of `steps`; `factor` scales all rates except those of the centres.
-    fn at(&self, step: u64, steps: u64, extent: f64, factor: f64) -> SourceRates {
-        SourceRates {
+    fn at(&self, step: u64, steps: u64, extent: f64, factor: f64) -> GaussianRates {
+        GaussianRates {
             means: log_linear(self.means, self.means_final, step, steps) * extent,
             sh_dc: self.sh_dc * factor,
             sh_rest: self.sh_rest * factor,
@@ -87,9 +87,9 @@ impl JointRates {
 
 impl OffsetConfig {
     /// The rates of the offsets that instances have; the rates of all others are 0.
-    fn rates(&self, rates: &SourceRates) -> OffsetRates {
+    fn rates(&self, rates: &GaussianRates) -> GaussianRates {
         let of = |has: bool, rate: f64| if has { rate } else { 0.0 };
-        OffsetRates {
+        GaussianRates {
             means: of(self.position, rates.means),
             sh_dc: of(self.sh_dc, rates.sh_dc),
             opacity: of(self.opacity, rates.opacity),

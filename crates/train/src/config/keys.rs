@@ -160,8 +160,8 @@ impl std::fmt::Display for Takes {
 }
 
 impl Takes {
-    /// The value converted to the key's type, or `None` if it is not allowed. A whole number may be written as `3e4`, a
-    /// real number as `1`.
+    /// The value converted to the key's type; `None` if not allowed. An integer may be written as `3e4`, a number as
+    /// `1`.
     pub fn accept(&self, value: &Value) -> Option<Value> {
         match (*self, value) {
             (Whole(low, high), _) => {
@@ -199,8 +199,7 @@ fn real(value: &Value, fits: impl Fn(f64) -> bool) -> Option<Value> {
     fits(x).then_some(Value::Float(x))
 }
 
-/// The key of `keys` nearest to `name` by edit distance; `means` is near `rates.means`. For a section name, its first
-/// key.
+/// The key of `keys` nearest to `name` by edit distance: `rates.means` for `means`, its first key for a section.
 pub fn nearest(keys: &[Key], name: &str) -> &'static str {
     if let Some(key) = keys.iter().find(|key| key.name.split_once('.').is_some_and(|(section, _)| section == name)) {
         return key.name;

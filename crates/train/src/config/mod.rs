@@ -23,7 +23,7 @@ use keys::Key;
 pub use error::ConfigError;
 pub use joint::{JointConfig, JointRates, OffsetConfig, PoseRateConfig};
 pub use load::{Configuration, Layers, differences, to_toml};
-pub use schedule::{OffsetRates, PoseRates, Rates, SourceRates};
+pub use schedule::{GaussianRates, PoseRates, Rates};
 
 /// Name and text of each preset of the trainer; the first holds the defaults.
 pub const PRESETS: [(&str, &str); 4] = [
@@ -58,8 +58,7 @@ pub struct TrainConfig {
     pub init_count: u32,
     /// Opacity of the first Gaussians, in 0..1 without the ends. Not used with `init_scene`.
     pub init_opacity: f64,
-    /// Their standard deviation, times the root mean square distance to the three nearest neighbours. Not used with
-    /// `init_scene`.
+    /// Their standard deviation, times the RMS distance to the three nearest neighbours. Not used with `init_scene`.
     pub init_scale: f64,
     /// SH degree at the end, 0..=3.
     pub sh_degree: u32,
@@ -194,8 +193,7 @@ pub struct DensifyConfig {
     pub every: u64,
     /// Mean length of the screen gradient above which a Gaussian is cloned or split, NDC units.
     pub gradient_threshold: f64,
-    /// Largest standard deviation above which such a Gaussian is split and not cloned, as a fraction of the scene
-    /// extent.
+    /// Largest standard deviation above which it is split and not cloned, as a fraction of the scene extent.
     pub split_fraction: f64,
     /// Number of Gaussians that replace a split one.
     pub split_count: u32,

@@ -10,19 +10,19 @@ use super::{Background, Method, Strategy, TrainConfig};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
     /// Gaussians of the templates.
-    pub template: SourceRates,
+    pub template: GaussianRates,
     /// Gaussians of the background.
-    pub background: SourceRates,
-    /// Offsets of instances from their templates.
-    pub offsets: OffsetRates,
+    pub background: GaussianRates,
+    /// Offsets of instances, each in the unit of the parameter that it is added to.
+    pub offsets: GaussianRates,
     /// Learning rates of instance poses.
     pub poses: PoseRates,
 }
 
-/// Learning rates of the Gaussians of a cloud.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SourceRates {
-    /// Centres, scene units.
+/// Learning rates of Gaussians, or of offsets to them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GaussianRates {
+    /// Centres, scene or template units.
     pub means: f64,
     /// SH coefficient 0, the base colour.
     pub sh_dc: f64,
@@ -33,23 +33,6 @@ pub struct SourceRates {
     /// Logarithms of the scales.
     pub log_scales: f64,
     /// Rate of the quaternions.
-    pub quats: f64,
-}
-
-/// Learning rates of offsets, each in the unit of the parameter that the offset is added to.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct OffsetRates {
-    /// Offsets of centres, template units.
-    pub means: f64,
-    /// Offsets of SH coefficient 0.
-    pub sh_dc: f64,
-    /// Offsets of opacity logits.
-    pub opacity: f64,
-    /// Offsets of the other SH coefficients.
-    pub sh_rest: f64,
-    /// Offsets of logarithms of the scales.
-    pub log_scales: f64,
-    /// Offsets of quaternions.
     pub quats: f64,
 }
 
@@ -85,7 +68,7 @@ impl TrainConfig {
         let rates = &self.rates;
         let means_steps = if rates.means_steps == 0 { self.steps } else { rates.means_steps };
         let factor = late_decay(rates.final_factor, rates.decay_start, step, self.steps);
-        let source = SourceRates {
+        let source = GaussianRates {
             means: log_linear(rates.means, rates.means_final, step, means_steps) * extent,
             sh_dc: rates.sh_dc * factor,
             sh_rest: rates.sh_rest * factor,
@@ -93,7 +76,7 @@ impl TrainConfig {
             log_scales: rates.log_scales * factor,
             quats: rates.quats * factor,
         };
-        let (offsets, poses) = (OffsetRates::default(), PoseRates::default());
+        let (offsets, poses) = (GaussianRates::default(), PoseRates::default());
         Rates { template: source, background: source, offsets, poses }
     }
 
@@ -250,15 +233,13 @@ mod tests {
         assert_eq!(times(&both, TrainConfig::resets_opacity_at), [100, 200, 300]);
         let mcmc = ["strategy=mcmc", "mcmc.start=700", "mcmc.stop_fraction=0.9"];
         assert_eq!(times(&with(&[&short[..], &mcmc].concat())?, TrainConfig::densifies_at), [800]);
-        // 0.7 as f64 is slightly smaller, but the product is rounded to 700 of 1000: step 700 is excluded and 699 is
-        // included.
+        // 0.7 as f64 is slightly smaller, but rounds to 700 of 1000: step 700 is excluded and 699 is included.
         let every = with(&[&short[..], &["densify.every=1"]].concat())?;
         assert_eq!(times(&every, TrainConfig::densifies_at).last(), Some(&699));
         Ok(())
     }
 
-    /// The preset is for 300 to 2000 steps: whatever their number, no Gaussians are added in the last 30 % (mcmc: 20
-    /// %).
+    /// Whatever the number of steps, from 300 to 2000, no Gaussians are added in the last 30 % (mcmc: 20 %).
     #[test]
     fn quick_fits_short_and_long_runs() -> Result<(), ConfigError> {
         for strategy in ["strategy=densify", "strategy=mcmc"] {

@@ -95,10 +95,11 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
     record_mark(tools, state, limits, &mut sort, &mut gains, &mut fates)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), &fates.counts, None, &mut fates.firsts)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), (&fates.counts, None), &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
     // In the order of gradients; the sorted list is no longer needed.
-    tools.record_scan(&mut scratch, None, &gains, Some(&sort.values), &mut sort.keys)?;
+    let order = (&gains, Some(&sort.values));
+    tools.record_scan(&mut scratch, None, order, &mut sort.keys)?;
     let bindings = densify_select::Bindings {
         order: &sort.values,
         gains: &gains,
@@ -110,7 +111,7 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let params = densify_select::Params { count, max_gaussians: limits.max_gaussians };
     let grid = tools.threads(count);
     tools.recorder.dispatch(&tools.pipelines.densify_select, grid, &params, bindings)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), &fates.counts, None, &mut fates.firsts)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), (&fates.counts, None), &mut fates.firsts)?;
     tools.run()?;
     let counters = tools.counters(&scratch)?;
     Ok((fates, counters))

@@ -61,7 +61,7 @@ fn pick(
     let mut moves = Moves::new(&tools.gpu, after)?;
     let mut scratch = tools.scratch(count)?;
     record_weigh(tools, state, logit_min, &mut weights, &mut copies)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), &weights, None, &mut sums)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), (&weights, None), &mut sums)?;
     let bindings = mcmc_pick::Bindings {
         weights: &weights,
         before: &sums,

@@ -116,8 +116,7 @@ impl Tools {
         Ok([table("histogram")?, table("digit_offsets")?])
     }
 
-    /// Reorders parameters and moments, one array at a time. Gradients and tables are left empty: see
-    /// [`Tools::finish`].
+    /// Reorders parameters and moments, one array at a time. Gradients and tables are empty until [`Tools::finish`].
     pub(super) fn move_arrays(&mut self, state: &mut DeviceState, moves: &Moves) -> Result<(), RenderError> {
         state.gradients = GradientBuffers::placeholder(&self.gpu)?;
         let rows = state.scene.counts.rows;
@@ -158,19 +157,18 @@ impl Tools {
         Ok(())
     }
 
-    /// Records a scan of `COUNTER_GAUSSIANS` elements of `input`, taken in the order of the indices `order` if given.
+    /// Records a scan of `COUNTER_GAUSSIANS` elements, in the order of `input.1` if there is one.
     pub(super) fn record_scan(
         &mut self,
         scratch: &mut ScanScratch,
         total_slot: Option<u32>,
-        input: &Buffer<u32>,
-        order: Option<&Buffer<u32>>,
+        input: (&Buffer<u32>, Option<&Buffer<u32>>),
         offsets: &mut Buffer<u32>,
     ) -> Result<(), GpuError> {
         let mut scan = plain(COUNTER_GAUSSIANS);
         scan.total_slot = total_slot.unwrap_or(scan.total_slot);
         let blocks = Blocks::Direct(Grid::threads(offsets.len() as u32, BLOCK_SIZE));
-        record_scan(&mut self.recorder, &self.primitives.scan, scratch, blocks, scan, (input, order), offsets)
+        record_scan(&mut self.recorder, &self.primitives.scan, scratch, blocks, scan, input, offsets)
     }
 
     /// Reads back the counters of a scratch.

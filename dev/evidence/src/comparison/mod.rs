@@ -84,7 +84,7 @@ pub(crate) fn compare(
                 on_picture(name, view);
             }
         };
-        results.push(compare_seed(session, (comparison, &views), seed, &mut first_only)?);
+        results.push(compare_seed(session, comparison, &views, seed, &mut first_only)?);
         session.printer.json_file(&comparison.out.join("compare.json"), &results)?;
     }
     let table = summary(&results);
@@ -107,8 +107,7 @@ fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View
     Ok(views)
 }
 
-/// Writes the settings of the comparison; refuses a folder with runs of other settings, whose results would be mixed
-/// up.
+/// Writes the settings of the comparison; refuses a folder with runs of other settings.
 pub(crate) fn keep_config(comparison: &Comparison) -> Result<(), CliError> {
     let path = comparison.out.join(CONFIG);
     let data = std::fs::canonicalize(&comparison.data).unwrap_or_else(|_| comparison.data.clone());

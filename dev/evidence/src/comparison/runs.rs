@@ -42,8 +42,7 @@ impl Runs<'_> {
         )
     }
 
-    /// The plain cloud of the instanced run, trained on for `more` steps, with rates that end as those of the joint
-    /// phase do.
+    /// The plain cloud of the instanced run, trained on for `more` steps, with rates that end like the joint phase's.
     pub(crate) fn continued(&self, name: &str, more: u64) -> Result<RunReport, CliError> {
         let (from, to) = (self.folder("instgs").plain_cloud_run(), self.folder(name));
         if !to.config().exists() {

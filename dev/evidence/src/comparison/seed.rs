@@ -29,7 +29,8 @@ struct Subject {
 /// Trains what has not been trained yet, and measures all rows.
 pub(super) fn compare_seed(
     session: &Session<'_>,
-    (comparison, views): (&Comparison, &[View]),
+    comparison: &Comparison,
+    views: &[View],
     seed: u64,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
 ) -> Result<SeedResult, CliError> {
@@ -84,7 +85,7 @@ pub(super) fn compare_seed(
         warnings: ours.warnings,
         ..SeedResult::default()
     };
-    measure(session, (comparison, views), &runs, &subjects, &mut result, on_picture)?;
+    measure(&runs, comparison, views, &subjects, &mut result, on_picture)?;
     Ok(result)
 }
 
@@ -160,9 +161,9 @@ impl Runs<'_> {
 
 /// Renders the test views of every scene, and times two of them.
 fn measure(
-    session: &Session<'_>,
-    (comparison, views): (&Comparison, &[View]),
     runs: &Runs<'_>,
+    comparison: &Comparison,
+    views: &[View],
     subjects: &[Subject],
     result: &mut SeedResult,
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
@@ -172,7 +173,7 @@ fn measure(
     let width = (runs.config.train.width > 0).then_some(runs.config.train.width);
     let options = eval_options(&runs.config.train);
     let (masks, lpips) = (masks.as_ref(), comparison.lpips.as_ref());
-    let measure = Measure { gpu: session.gpu, views, width, options, masks, lpips };
+    let measure = Measure { gpu: runs.session.gpu, views, width, options, masks, lpips };
     for Subject { name, file, seconds, steps } in subjects {
         let row = measure.row(name, file, &mut |view| on_picture(name, view)).map_err(measure_failed)?;
         result.rows.push(Row { seconds: *seconds, steps: *steps, ..row });

@@ -43,7 +43,7 @@ pub(super) fn markdown(table: &[[String; 9]]) -> String {
 }
 
 /// The difference of `figure` between row `name` and row `other`, median over the seeds; `None` if a row is missing.
-fn gain(results: &[SeedResult], (name, other): (&str, &str), figure: fn(&Row) -> Option<f64>) -> Option<f64> {
+fn gain(results: &[SeedResult], name: &str, other: &str, figure: fn(&Row) -> Option<f64>) -> Option<f64> {
     let of = |r: &SeedResult, name: &str| r.rows.iter().find(|row| row.name == name).and_then(figure);
     let gains: Option<Vec<f64>> = results.iter().map(|r| Some(of(r, name)? - of(r, other)?)).collect();
     gains.filter(|g| !g.is_empty()).map(|g| median(&g))
@@ -62,8 +62,8 @@ pub(super) fn print_summary(table: &[[String; 9]], results: &[SeedResult], print
         (names::OURS_Q8, names::OURS),
         (names::OURS_SMALL, names::OURS),
     ] {
-        if let Some(all) = gain(results, (name, other), |row| Some(row.psnr)) {
-            let in_masks = gain(results, (name, other), |row| row.psnr_in_masks);
+        if let Some(all) = gain(results, name, other, |row| Some(row.psnr)) {
+            let in_masks = gain(results, name, other, |row| row.psnr_in_masks);
             let in_masks = in_masks.map_or(String::new(), |masks| format!(", {masks:+.2} dB in the masks"));
             let of = if results.len() == 1 { "one seed".into() } else { format!("median of {} seeds", results.len()) };
             printer.line(format_args!("{name} against {other}: {all:+.2} dB{in_masks}; {of}"));

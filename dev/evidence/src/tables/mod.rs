@@ -74,13 +74,11 @@ pub(super) fn run(args: &TablesArgs, device_args: &DeviceArgs, printer: &Printer
     let mut jobs = chosen(list.jobs(folder, size), &args.only)?;
     jobs.retain(|job| is_there(job, printer));
     jobs.iter_mut().for_each(|job| job.ablations &= !args.no_ablations);
-    let lpips = match args.lpips.open()? {
-        Ok(network) => Some(network),
-        Err(why) => {
-            printer.line(format_args!("without LPIPS: {why}"));
-            None
-        }
-    };
+    let weights = args.lpips.weights();
+    if let Err(reason) = &weights {
+        printer.line(format_args!("without LPIPS: {reason}"));
+    }
+    let lpips = weights.ok().map(|path| args.lpips.load(&path)).transpose()?;
     let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
     let gpu = device::open(device_args.choice())?;
     create_folder(&args.out)?;

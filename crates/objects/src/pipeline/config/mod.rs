@@ -31,8 +31,7 @@ pub const PRESETS: [(&str, &str); 6] = [
 /// The layers of the configuration of a whole run.
 pub type ConfigBuilder = Layers<RunConfig>;
 
-/// Everything that decides the outcome of a run, apart from the data and the device. In files the keys of both parts
-/// are mixed.
+/// Everything that decides the outcome of a run, apart from data and device. Files mix the keys of both parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunConfig {
     /// Configuration of the training, for both phases.

@@ -1,0 +1,47 @@
+//! Sizes of a scene: numbers of Gaussians, and bytes of file and memory. Reports contain them under these names.
+
+use instgs_vk::scene::InstancedScene;
+use serde::{Deserialize, Serialize};
+
+/// Numbers of Gaussians of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counts {
+    /// Gaussians in templates; 0 for a plain cloud.
+    pub template: u64,
+    /// Number of offset records; 0 for a plain cloud.
+    pub offsets: u64,
+    /// Gaussians in the background; all of a plain cloud.
+    pub background: u64,
+    /// Gaussians after expanding all instances.
+    pub expanded: u64,
+}
+
+impl Counts {
+    /// Counts the Gaussians of a scene.
+    pub fn of(scene: &InstancedScene) -> Self {
+        Self {
+            template: scene.templates.len() as u64,
+            offsets: scene.offsets.len() as u64,
+            background: scene.background.len() as u64,
+            expanded: scene.expanded_len(),
+        }
+    }
+
+    /// Number of Gaussians in the file: those of templates and background.
+    pub fn stored(&self) -> u64 {
+        self.template + self.background
+    }
+}
+
+/// Sizes in bytes of a scene's file and of memory.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Bytes {
+    /// Length of the scene file.
+    pub file: u64,
+    /// Scene tensors uploaded to the device, as f32.
+    pub host: u64,
+    /// Scene buffers on the device.
+    pub device_scene: u64,
+    /// Largest amount of device memory in use at a time, including frame buffers and staging.
+    pub device_peak: u64,
+}
