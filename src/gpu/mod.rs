@@ -23,6 +23,7 @@ pub mod profiler;
 pub mod recorder;
 pub mod staging;
 pub mod timeline;
+mod transfers;
 pub mod validation;
 
 pub use ash::vk;

@@ -1,7 +1,6 @@
 //! Records dispatches, fills and copies into one command buffer; barriers follow from the bindings.
 
 use std::mem;
-use std::ops::Range;
 use std::sync::Arc;
 
 use ash::vk;
@@ -41,9 +40,6 @@ impl Grid {
 /// Passes that the crash marker can name; later ones share the last slot's name.
 const MAX_MARKERS: usize = 1024;
 
-/// Bytes that one update command takes at most: Vulkan's limit.
-const MAX_UPDATE_BYTES: usize = 65536;
-
 /// What must be over before a recorder starts anew.
 #[derive(Clone, Copy)]
 pub(super) enum Submitted {
@@ -79,7 +75,7 @@ pub struct Recorder {
     /// until that is over.
     kept: Vec<Arc<BufferMemory>>,
     /// How the coming command touches buffers; kept for its memory.
-    accesses: Vec<(vk::Buffer, Access)>,
+    pub(super) accesses: Vec<(vk::Buffer, Access)>,
     pub(super) submitted: Option<Submitted>,
     /// What submissions of the caller's signal.
     pub(super) callers: Option<Timeline>,
@@ -200,7 +196,7 @@ impl Recorder {
     }
 
     /// Keeps a buffer that a command of this recording uses.
-    fn keep(&mut self, buffer: &Arc<BufferMemory>, pass: &str) -> Result<(), GpuError> {
+    pub(super) fn keep(&mut self, buffer: &Arc<BufferMemory>, pass: &str) -> Result<(), GpuError> {
         if !buffer.is_of(&self.gpu) {
             return Err(self.refuse(pass, &format!("buffer {} is of another device", buffer.name())));
         }
@@ -215,7 +211,7 @@ impl Recorder {
     }
 
     /// The barrier before a command that makes `self.accesses`, if it needs one.
-    fn order(&mut self) {
+    pub(super) fn order(&mut self) {
         if let Some(barrier) = self.hazards.next(&self.accesses) {
             self.barrier(barrier);
         }
@@ -253,16 +249,16 @@ impl Recorder {
     pub fn dispatch_indirect<K: Kernel, A: bytemuck::NoUninit>(
         &mut self,
         pipeline: &Pipeline<K>,
-        args: (&Buffer<A>, usize),
+        args: &Buffer<A>,
+        index: usize,
         params: &K::Params,
         bindings: K::Bindings<'_>,
     ) -> Result<(), GpuError> {
         const { assert!(size_of::<A>() == 12, "indirect arguments are three u32") };
-        let (buffer, index) = args;
-        assert!(index < buffer.len(), "{}: no indirect arguments {index}", buffer.name());
-        self.run::<K>(pipeline, params, &bindings, Some(buffer.inner()), |device, commands| {
+        assert!(index < args.len(), "{}: no indirect arguments {index}", args.name());
+        self.run::<K>(pipeline, params, &bindings, Some(args.inner()), |device, commands| {
             // SAFETY: as in `dispatch`; the offset lies in the buffer, which `run` keeps, and is a multiple of 4.
-            unsafe { device.cmd_dispatch_indirect(commands, buffer.handle(), 12 * index as u64) };
+            unsafe { device.cmd_dispatch_indirect(commands, args.handle(), 12 * index as u64) };
         })
     }
 
@@ -325,113 +321,6 @@ impl Recorder {
             profiler.end(commands, timer);
         }
         Ok(())
-    }
-
-    /// Fills a whole buffer with one 32-bit value.
-    pub fn fill<T: bytemuck::NoUninit>(&mut self, buffer: &mut Buffer<T>, value: u32) -> Result<(), GpuError> {
-        self.begin()?;
-        self.keep(buffer.inner(), "fill")?;
-        self.accesses.clear();
-        self.accesses.push((buffer.handle(), Access::COPY_WRITE));
-        self.order();
-        // SAFETY: the command buffer is recording, and the buffer has transfer usage and is kept.
-        unsafe { self.gpu.device.cmd_fill_buffer(self.commands, buffer.handle(), 0, vk::WHOLE_SIZE, value) };
-        Ok(())
-    }
-
-    /// Copies the first `bytes` bytes.
-    ///
-    /// # Panics
-    /// If either buffer is shorter.
-    pub fn copy<T: bytemuck::NoUninit>(
-        &mut self,
-        source: &Buffer<T>,
-        target: &mut Buffer<T>,
-        bytes: u64,
-    ) -> Result<(), GpuError> {
-        let fits = bytes <= source.bytes() && bytes <= target.bytes();
-        assert!(fits, "{} to {}: {bytes} bytes", source.name(), target.name());
-        self.begin()?;
-        self.keep(source.inner(), "copy")?;
-        self.keep(target.inner(), "copy")?;
-        self.accesses.clear();
-        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
-        self.order();
-        let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
-        // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted) and are kept.
-        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
-        Ok(())
-    }
-
-    /// Copies what lies in the source from element `first` on to the start of the target, as much as the target holds.
-    ///
-    /// # Panics
-    /// If the source ends before that.
-    pub fn copy_from<T: bytemuck::NoUninit>(
-        &mut self,
-        source: &Buffer<T>,
-        first: usize,
-        target: &mut Buffer<T>,
-    ) -> Result<(), GpuError> {
-        let (offset, bytes) = ((first * size_of::<T>()) as u64, target.bytes());
-        assert!(offset + bytes <= source.bytes(), "{}: {bytes} bytes from element {first}", source.name());
-        self.begin()?;
-        self.keep(source.inner(), "copy")?;
-        self.keep(target.inner(), "copy")?;
-        self.accesses.clear();
-        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
-        self.order();
-        let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
-        // SAFETY: recording; the source holds the region (asserted), which is as long as the target, and both are kept.
-        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
-        Ok(())
-    }
-
-    /// Writes these runs of `elements` to the same places of a buffer. The values travel in the command buffer: there is no
-    /// staging buffer, and `elements` may change as soon as this returns. Takes the buffer shared, since a scene that is drawn
-    /// is shared; barriers are those of any other write.
-    ///
-    /// # Panics
-    /// If a run goes beyond the elements or the buffer.
-    pub fn update<T: bytemuck::NoUninit>(
-        &mut self,
-        target: &Buffer<T>,
-        elements: &[T],
-        runs: &[Range<usize>],
-    ) -> Result<(), GpuError> {
-        const { assert!(size_of::<T>().is_multiple_of(4), "updates are of whole 32-bit words") };
-        if runs.is_empty() {
-            return Ok(());
-        }
-        self.begin()?;
-        self.keep(target.inner(), "update")?;
-        self.accesses.clear();
-        self.accesses.push((target.handle(), Access::COPY_WRITE));
-        self.order();
-        for run in runs {
-            assert!(run.end <= target.len(), "{}: elements {run:?} of {}", target.name(), target.len());
-            let bytes: &[u8] = bytemuck::cast_slice(&elements[run.clone()]);
-            let first = (run.start * size_of::<T>()) as u64;
-            for (k, part) in bytes.chunks(MAX_UPDATE_BYTES).enumerate() {
-                let offset = first + (k * MAX_UPDATE_BYTES) as u64;
-                // SAFETY: recording; the part lies in the buffer (asserted), is at most 65536 bytes, and offset and length
-                // are multiples of 4 as the element's size is.
-                unsafe { self.gpu.device.cmd_update_buffer(self.commands, target.handle(), offset, part) };
-            }
-        }
-        Ok(())
-    }
-
-    /// Starts a command that the caller records by hand and that reads the whole of `source` by a copy, such as one into an
-    /// image. It goes into the command buffer returned before any other command of this recorder; barriers of what else it
-    /// touches are the caller's business.
-    pub fn raw_copy<T: bytemuck::NoUninit>(&mut self, source: &Buffer<T>) -> Result<vk::CommandBuffer, GpuError> {
-        self.begin()?;
-        self.keep(source.inner(), "copy")?;
-        self.accesses.clear();
-        self.accesses.push((source.handle(), Access::COPY_READ));
-        self.order();
-        Ok(self.commands)
     }
 
     /// Starts a pass of commands that are recorded by hand; give what comes back to [`Recorder::end_by_hand`]. Nothing happens

@@ -301,7 +301,8 @@ impl PresentPipelines {
     /// The kernel for what is shown; compiled when it is asked for first.
     pub fn get(
         &mut self,
-        (gpu, cache): (&Arc<Gpu>, &PipelineCache),
+        gpu: &Arc<Gpu>,
+        cache: &PipelineCache,
         variant: &Variant,
         present: PresentVariant,
     ) -> Result<&Pipeline<present::Present>, GpuError> {

@@ -40,6 +40,16 @@ pub struct ValueGroups {
     pub rates: [f64; 2],
 }
 
+/// The buffers of a step, value by value alike.
+pub struct AdamBuffers<'a> {
+    /// Gradients of the loss.
+    pub gradients: &'a Buffer<f32>,
+    /// The values that the step changes.
+    pub parameters: &'a mut Buffer<f32>,
+    /// Moments of the gradients; the step changes them.
+    pub moments: &'a mut MomentBuffer,
+}
+
 impl ValueGroups {
     /// `count` values with one rate.
     pub fn single(count: usize, rate: f64) -> Self {
@@ -68,9 +78,10 @@ impl Adam {
     pub fn record(
         &self,
         recorder: &mut Recorder,
-        (pipeline, workgroup_size): (&Pipeline<adam::Adam>, u32),
+        pipeline: &Pipeline<adam::Adam>,
+        workgroup_size: u32,
         status: &Buffer<u32>,
-        (gradients, parameters, moments): (&Buffer<f32>, &mut Buffer<f32>, &mut MomentBuffer),
+        buffers: AdamBuffers<'_>,
         groups: ValueGroups,
     ) -> Result<(), GpuError> {
         debug_assert!(status.len() >= STATUS_COUNT as usize);
@@ -88,6 +99,7 @@ impl Adam {
             second_scale: self.second_scale(),
             epsilon: self.epsilon as f32,
         };
+        let AdamBuffers { gradients, parameters, moments } = buffers;
         let bindings = adam::Bindings {
             gradients: gradients.quads(),
             status,

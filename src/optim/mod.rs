@@ -3,5 +3,5 @@
 pub mod adam;
 pub mod poses;
 
-pub use adam::{Adam, MomentBuffer, ValueGroups, zero_moments};
-pub use poses::POSE_VALUES;
+pub use adam::{Adam, AdamBuffers, MomentBuffer, ValueGroups, zero_moments};
+pub use poses::{POSE_VALUES, PoseBuffers};

@@ -21,6 +21,15 @@ pub struct BackwardInputs<'a> {
     pub tables: &'a SourceTables,
 }
 
+/// What a picture is compared with.
+#[derive(Clone, Copy)]
+pub struct LossInputs<'a> {
+    /// The photo, by pixel: RGBA of 8 bits each (see `image_loss_rows`).
+    pub targets: &'a Buffer<u32>,
+    /// Weight of 1 - SSIM in the loss, 0 to 1; the mean absolute error has the rest.
+    pub lambda_dssim: f32,
+}
+
 /// Loss and its gradient by the picture, against `targets` (RGBA of 8 bits, see `image_loss_rows`).
 pub fn record_image_loss(
     recorder: &mut Recorder,
@@ -28,8 +37,9 @@ pub fn record_image_loss(
     p: &BackwardPipelines,
     frame: &FrameBuffers,
     buffers: &mut BackwardBuffers,
-    (targets, lambda_dssim): (&Buffer<u32>, f32),
+    loss: LossInputs<'_>,
 ) -> Result<(), GpuError> {
+    let LossInputs { targets, lambda_dssim } = loss;
     let (background, size_px) = (forward.background, frame.plan.size_px);
     let group = forward.pipelines.variant.workgroup_size;
     let (rows, columns) = (Grid::threads(row_strips(size_px), group), Grid::threads(column_strips(size_px), group));
@@ -69,7 +79,8 @@ pub fn record_status(
     pipelines: &BackwardPipelines,
     frame: &FrameBuffers,
     buffers: &BackwardBuffers,
-    (log, step): (&mut StepLog, u32),
+    log: &mut StepLog,
+    step: u32,
 ) -> Result<(), GpuError> {
     let plan = &frame.plan;
     let params = train_status::Params {
@@ -177,7 +188,7 @@ fn record_expand_backward(
     };
     let per_item = (FAMILY_WORK_ITEMS * ARGS_PER_COUNT + ARGS_ITEMS) as usize;
     let pipeline = &inputs.pipelines.preprocess_instance_expand_backward;
-    recorder.dispatch_indirect(pipeline, (&frame.scratch.args, per_item), &params, bindings)
+    recorder.dispatch_indirect(pipeline, &frame.scratch.args, per_item, &params, bindings)
 }
 
 fn record_gather(

@@ -100,7 +100,7 @@ impl DeviceScene {
         if bounds == Bounds::Everywhere {
             tables.widen();
         }
-        let mut out = Self::with_tables(gpu, scene, (tables, chunk_size), scene.instances.len() as u32)?;
+        let mut out = Self::with_tables(gpu, scene, tables, chunk_size, scene.instances.len() as u32)?;
         if bounds == Bounds::Everywhere {
             out.table = None;
         }
@@ -120,7 +120,7 @@ impl DeviceScene {
         let Levels { templates, background, offsets, coarser, .. } = levels;
         let pool =
             InstancedScene { templates, background, offsets, antialias: scene.antialias, ..InstancedScene::default() };
-        let mut out = Self::with_tables(gpu, &pool, (tables, chunk_size), scene.instances.len() as u32)?;
+        let mut out = Self::with_tables(gpu, &pool, tables, chunk_size, scene.instances.len() as u32)?;
         out.expanded_len = scene.expanded_len();
         out.coarser = Some(coarser);
         Ok(out)
@@ -130,7 +130,8 @@ impl DeviceScene {
     fn with_tables(
         gpu: &Arc<Gpu>,
         scene: &InstancedScene,
-        (tables, chunk_size): (Tables, u32),
+        tables: Tables,
+        chunk_size: u32,
         posed_instances: u32,
     ) -> Result<Self, RenderError> {
         let sh_degree = scene.sh_degree();

@@ -8,7 +8,7 @@ use crate::kernels::*;
 use super::device_scene::DeviceScene;
 use super::frame_buffers::FrameBuffers;
 use super::plan::radix_passes;
-use super::scan::{Blocks, plain, record_scan};
+use super::scan::{Blocks, ScanInput, plain, record_scan};
 use super::sort::{Sort, record_sort};
 
 /// What the passes of one frame need besides buffers.
@@ -60,8 +60,8 @@ pub fn record_visibility(
     record_culling(recorder, inputs, frame)?;
     record_expansion(recorder, inputs, frame)?;
     let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes: radix_passes(u32::MAX) };
-    let histogram = (&mut frame.histogram, &mut frame.digit_offsets);
-    record_sort(recorder, inputs.primitives, &mut frame.scratch, histogram, sort, &mut frame.depth_sort)
+    let tables = &mut frame.digit_tables;
+    record_sort(recorder, inputs.primitives, &mut frame.scratch, tables, sort, &mut frame.depth_sort)
 }
 
 /// Two levels of culling, each followed by an ordered compaction.
@@ -85,7 +85,7 @@ fn record_culling(
     scan.capacity = capacities.candidates;
     scan.family = FAMILY_CANDIDATES;
     let blocks = Blocks::Direct(Grid::threads(instance_count, BLOCK_SIZE));
-    let input = (&frame.instance_chunks, None);
+    let input = ScanInput::in_order(&frame.instance_chunks);
     record_scan(
         recorder,
         &inputs.primitives.scan,
@@ -104,9 +104,10 @@ fn record_culling(
         candidate_visible: &mut frame.candidate_visible,
         candidates: &mut frame.candidates,
     };
-    let per_candidate = (&frame.scratch.args, args(FAMILY_CANDIDATES, ARGS_THREADS));
+    let per_candidate = args(FAMILY_CANDIDATES, ARGS_THREADS);
     recorder.dispatch_indirect(
         &p.cull_chunks,
+        &frame.scratch.args,
         per_candidate,
         &cull_chunks::Params { view, instance_count },
         bindings,
@@ -118,7 +119,7 @@ fn record_culling(
     scan.capacity = capacities.work_items;
     scan.family = FAMILY_WORK_ITEMS;
     let blocks = Blocks::Indirect(args_u32(FAMILY_CANDIDATES, ARGS_BLOCKS));
-    let input = (&frame.candidate_visible, None);
+    let input = ScanInput::in_order(&frame.candidate_visible);
     record_scan(recorder, &inputs.primitives.scan, &mut frame.scratch, blocks, scan, input, &mut frame.work_offsets)?;
 
     let bindings = emit_work_items::Bindings {
@@ -129,8 +130,8 @@ fn record_culling(
         work_items: &mut frame.work_items,
     };
     let params = emit_work_items::Params { capacity: capacities.work_items };
-    let per_candidate = (&frame.scratch.args, args(FAMILY_CANDIDATES, ARGS_THREADS));
-    recorder.dispatch_indirect(&p.emit_work_items, per_candidate, &params, bindings)
+    let per_candidate = args(FAMILY_CANDIDATES, ARGS_THREADS);
+    recorder.dispatch_indirect(&p.emit_work_items, &frame.scratch.args, per_candidate, &params, bindings)
 }
 
 /// Eq. 6 and projection per work item, then one dense list of survivors.
@@ -166,13 +167,13 @@ fn record_expansion(
     };
     let params = preprocess_instance_expand::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
-    recorder.dispatch_indirect(&p.preprocess_instance_expand, (&frame.scratch.args, per_item), &params, bindings)?;
+    recorder.dispatch_indirect(&p.preprocess_instance_expand, &frame.scratch.args, per_item, &params, bindings)?;
 
     let mut scan = plain(COUNTER_WORK_ITEMS);
     scan.total_slot = COUNTER_VISIBLE;
     scan.family = FAMILY_VISIBLE;
     let blocks = Blocks::Indirect(args_u32(FAMILY_WORK_ITEMS, ARGS_BLOCKS));
-    let input = (&frame.survivor_counts, None);
+    let input = ScanInput::in_order(&frame.survivor_counts);
     record_scan(
         recorder,
         &inputs.primitives.scan,
@@ -191,7 +192,7 @@ fn record_expansion(
         depth_keys: &mut frame.depth_sort.keys,
         slots: &mut frame.depth_sort.values,
     };
-    recorder.dispatch_indirect(&p.compact_visible, (&frame.scratch.args, per_item), &(), bindings)
+    recorder.dispatch_indirect(&p.compact_visible, &frame.scratch.args, per_item, &(), bindings)
 }
 
 /// One depth slab: the next run of splats whose intersections fit, sorted by tile and blended onto the picture.
@@ -216,7 +217,7 @@ pub(super) fn record_lists(
     scan.begin_slot = COUNTER_SLAB_BEGIN;
     scan.needed_slot = COUNTER_INTERSECTIONS;
     let blocks = Blocks::Indirect(args_u32(FAMILY_VISIBLE, ARGS_BLOCKS));
-    let input = (&frame.tile_counts, Some(&frame.depth_sort.values));
+    let input = ScanInput { values: &frame.tile_counts, indices: Some(&frame.depth_sort.values) };
     record_scan(recorder, &inputs.primitives.scan, &mut frame.scratch, blocks, scan, input, &mut frame.isect_offsets)?;
 
     let scratch = &mut frame.scratch;
@@ -240,13 +241,13 @@ pub(super) fn record_lists(
         first_emission: &mut frame.first_emission,
     };
     let params = emit_intersections::Params { tiles: plan.tiles, capacity: plan.capacities.intersections };
-    let per_splat = (&frame.scratch.args, args(FAMILY_SLAB_SPLATS, ARGS_THREADS));
-    recorder.dispatch_indirect(&p.emit_intersections, per_splat, &params, bindings)?;
+    let per_splat = args(FAMILY_SLAB_SPLATS, ARGS_THREADS);
+    recorder.dispatch_indirect(&p.emit_intersections, &frame.scratch.args, per_splat, &params, bindings)?;
 
     let sort =
         Sort { count_slot: COUNTER_SLAB_INTERSECTIONS, family: FAMILY_INTERSECTIONS, passes: plan.tile_sort_passes() };
-    let histogram = (&mut frame.histogram, &mut frame.digit_offsets);
-    record_sort(recorder, inputs.primitives, &mut frame.scratch, histogram, sort, &mut frame.tile_sort)?;
+    let tables = &mut frame.digit_tables;
+    record_sort(recorder, inputs.primitives, &mut frame.scratch, tables, sort, &mut frame.tile_sort)?;
 
     recorder.fill(&mut frame.tile_ranges, 0)?;
     let bindings = tile_ranges::Bindings {
@@ -254,9 +255,9 @@ pub(super) fn record_lists(
         counters: &frame.scratch.counters,
         tile_ranges: &mut frame.tile_ranges,
     };
-    let per_isect = (&frame.scratch.args, args(FAMILY_INTERSECTIONS, ARGS_THREADS));
+    let per_isect = args(FAMILY_INTERSECTIONS, ARGS_THREADS);
     let params = tile_ranges::Params { tile_count: plan.tile_count() };
-    recorder.dispatch_indirect(&p.tile_ranges, per_isect, &params, bindings)
+    recorder.dispatch_indirect(&p.tile_ranges, &frame.scratch.args, per_isect, &params, bindings)
 }
 
 /// The second part: the lists, blended.

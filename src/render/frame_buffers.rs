@@ -8,7 +8,7 @@ use crate::gpu::{Buffer, Gpu, GpuError};
 
 use super::plan::FramePlan;
 use super::scan::ScanScratch;
-use super::sort::SortBuffers;
+use super::sort::{DigitTables, SortBuffers};
 
 /// Intermediate and output buffers, sized by a [`FramePlan`].
 pub struct FrameBuffers {
@@ -58,10 +58,8 @@ pub struct FrameBuffers {
     pub depths: Buffer<[f32; 2]>,
     /// Scratch of scans and counters, shared by all passes.
     pub scratch: ScanScratch,
-    /// Digit counts of the radix sorts.
-    pub histogram: Buffer<u32>,
-    /// Scan of the digit counts.
-    pub digit_offsets: Buffer<u32>,
+    /// Digit counts of both sorts.
+    pub digit_tables: DigitTables,
 }
 
 impl FrameBuffers {
@@ -104,8 +102,7 @@ impl FrameBuffers {
                 counters: Buffer::new(gpu, "counters", counters)?,
                 args: Buffer::new(gpu, "indirect args", (FAMILY_COUNT * ARGS_PER_COUNT) as usize)?,
             },
-            histogram: Buffer::new(gpu, "histogram", plan.histogram_len() as usize)?,
-            digit_offsets: Buffer::new(gpu, "digit_offsets", plan.histogram_len() as usize)?,
+            digit_tables: DigitTables::new(gpu, plan.histogram_len() as usize)?,
         })
     }
 }

@@ -63,7 +63,8 @@ pub struct SourceTables {
 impl SourceTables {
     /// The tables of a valid scene for kernels with `chunk_size` threads per work-group.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, GpuError> {
-        Self::upload(gpu, source_tables(scene, chunk_size))
+        let (chunks, instances) = source_tables(scene, chunk_size);
+        Self::upload(gpu, &chunks, &instances)
     }
 
     /// The tables of a plain cloud of `count` Gaussians.
@@ -75,13 +76,14 @@ impl SourceTables {
             sh_degree,
             ..Default::default()
         };
-        Self::upload(gpu, ((0..(count as u32).div_ceil(chunk_size)).map(chunk).collect(), vec![0]))
+        let chunks: Vec<_> = (0..(count as u32).div_ceil(chunk_size)).map(chunk).collect();
+        Self::upload(gpu, &chunks, &[0])
     }
 
-    fn upload(gpu: &Arc<Gpu>, (chunks, instances): (Vec<types::SourceChunk>, Vec<u32>)) -> Result<Self, GpuError> {
+    fn upload(gpu: &Arc<Gpu>, chunks: &[types::SourceChunk], instances: &[u32]) -> Result<Self, GpuError> {
         Ok(Self {
-            chunks: upload(gpu, "source chunks", &chunks)?,
-            instance_from_template: upload(gpu, "instance_from_template", &instances)?,
+            chunks: upload(gpu, "source chunks", chunks)?,
+            instance_from_template: upload(gpu, "instance_from_template", instances)?,
             chunk_count: chunks.len() as u32,
         })
     }

@@ -182,10 +182,10 @@ impl Renderer {
             .and_then(|()| self.record_slot(&mut slot, scene, camera, options))
             .and_then(|have| {
                 let picture = ShownPicture { renderer: self, scene, surfaces: None, marks: None };
-                let window = (target.size_px, blue_first);
-                frames.presenter.record(&mut slot.recorder, Show::Color, picture, window)?;
+                let presenter = &mut frames.presenter;
+                presenter.record(&mut slot.recorder, Show::Color, picture, target.size_px, blue_first)?;
                 // SAFETY: the caller's promises.
-                unsafe { slot.recorder.copy_to_image(frames.presenter.pixels(), target) }?;
+                unsafe { slot.recorder.copy_to_image(presenter.pixels(), target) }?;
                 Ok((slot.recorder.end_in()?, have))
             });
         match recorded {

@@ -16,8 +16,8 @@ pub(super) fn build_level_tables(levels: &Levels, chunk_size: u32) -> Result<Tab
     let mut tables = Tables::default();
     let mut known: HashMap<(Cloud, TemplateRange), (u32, Bound)> = HashMap::new();
     for part in &levels.parts {
-        let (_, full) = chunks_of(&mut tables, &mut known, levels, (part.cloud, part.full), chunk_size);
-        let (first_chunk, own) = chunks_of(&mut tables, &mut known, levels, (part.cloud, part.range), chunk_size);
+        let (_, full) = chunks_of(&mut tables, &mut known, levels, part.cloud, part.full, chunk_size);
+        let (first_chunk, own) = chunks_of(&mut tables, &mut known, levels, part.cloud, part.range, chunk_size);
         // Merged means lie within the ball of those they are made of, so all levels can have the same ball, and with it the
         // same distance from the camera.
         let bound = Bound { sigma_max: own.sigma_max, ..full };
@@ -42,7 +42,8 @@ fn chunks_of(
     tables: &mut Tables,
     known: &mut HashMap<(Cloud, TemplateRange), (u32, Bound)>,
     levels: &Levels,
-    (cloud, range): (Cloud, TemplateRange),
+    cloud: Cloud,
+    range: TemplateRange,
     chunk_size: u32,
 ) -> (u32, Bound) {
     *known.entry((cloud, range)).or_insert_with(|| {

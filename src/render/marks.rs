@@ -108,7 +108,8 @@ impl Renderer {
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
-        (marks, shape): (&mut Marks, MarkShape),
+        marks: &mut Marks,
+        shape: MarkShape,
         surfaces: Option<&mut Surfaces>,
     ) -> Result<FrameStats, RenderError> {
         self.render_with(scene, camera, options, ExtraPasses { surfaces, marks: Some((marks, shape)) })

@@ -33,6 +33,7 @@ pub mod surfaces;
 pub mod train_frame;
 
 pub use ahead::{Ahead, Arrived, FRAMES_IN_FLIGHT};
+pub use backward::LossInputs;
 pub use contributions::{CONTRIBUTION_ONE, Contribution, ContributionRenderer};
 pub use device_scene::{DeviceScene, SceneCounts};
 pub use error::RenderError;

@@ -89,7 +89,8 @@ impl Presenter {
         recorder: &mut Recorder,
         show: Show,
         picture: ShownPicture<'_>,
-        (shown_px, blue_first): ([u32; 2], bool),
+        shown_px: [u32; 2],
+        blue_first: bool,
     ) -> Result<(), RenderError> {
         if self.shown_px != shown_px {
             self.pixels = Buffer::new(&self.gpu, "pixels", shown_px[0] as usize * shown_px[1] as usize)?;
@@ -103,7 +104,7 @@ impl Presenter {
         let blue_first = u32::from(blue_first);
         let params = present::Params { shown_px, blue_first, capacities, ..self.params(show, picture) };
         let variant = self.present_variant(show, picture, params.size_px != shown_px);
-        let pipeline = self.pipelines.get((&self.gpu, &self.cache), &self.variant, variant)?;
+        let pipeline = self.pipelines.get(&self.gpu, &self.cache, &self.variant, variant)?;
         let bindings = present::Bindings {
             colors: &frame.colors,
             depths: &frame.depths,

@@ -306,7 +306,7 @@ impl Renderer {
     ) -> (ForwardInputs<'a>, &'a mut FrameBuffers) {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
         let view = view_of(camera, options);
-        (Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options), frame)
+        (Self::inputs(pipelines, &self.primitives, &self.gpu, scene, view, options), frame)
     }
 
     fn render_prepared(
@@ -325,7 +325,7 @@ impl Renderer {
             }
             let mut counters = [0; COUNTER_COUNT as usize];
             counters[COUNTER_INSTANCES as usize] = scene.instance_count;
-            let counters = self.submit_slab(scene, view, options, each, (counters, true))?;
+            let counters = self.submit_slab(scene, view, options, each, counters, true)?;
             let Some(frame) = &self.frame else { unreachable_state() };
             if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters)? {
                 stats.redone += 1;
@@ -333,7 +333,7 @@ impl Renderer {
             }
             stats.passes_ms = self.recorder.passes_ms()?;
             self.slab_done(each, true, &counters)?;
-            self.finish_slabs(scene, view, options, each, (counters, &mut stats))?;
+            self.finish_slabs(scene, view, options, each, counters, &mut stats)?;
             return Ok(stats);
         }
     }
@@ -408,7 +408,8 @@ impl Renderer {
     }
 
     fn inputs<'a>(
-        (pipelines, primitives): (&'a Pipelines, &'a Primitives),
+        pipelines: &'a Pipelines,
+        primitives: &'a Primitives,
         gpu: &Gpu,
         scene: &'a DeviceScene,
         view: types::View,
@@ -426,10 +427,11 @@ impl Renderer {
         view: types::View,
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
-        (counters, first): (Counters, bool),
+        counters: Counters,
+        first: bool,
     ) -> Result<Counters, RenderError> {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
-        let inputs = Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options);
+        let inputs = Self::inputs(pipelines, &self.primitives, &self.gpu, scene, view, options);
         let recorder = &mut self.recorder;
         write_counters(&mut frame.counters_start, &counters);
         record_begin(recorder, frame)?;
@@ -521,7 +523,8 @@ impl Renderer {
         view: types::View,
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
-        (mut counters, stats): (Counters, &mut FrameStats),
+        mut counters: Counters,
+        stats: &mut FrameStats,
     ) -> Result<(), RenderError> {
         let needed = counters[COUNTER_INTERSECTIONS as usize];
         stats.slabs = 1;
@@ -531,7 +534,7 @@ impl Renderer {
         while !is_last(&counters) {
             let begin = counters[COUNTER_SLAB_END as usize];
             counters[COUNTER_SLAB_BEGIN as usize] = begin;
-            counters = self.submit_slab(scene, view, options, each, (counters, false))?;
+            counters = self.submit_slab(scene, view, options, each, counters, false)?;
             if counters[COUNTER_SLAB_END as usize] <= begin {
                 let reason = format!("made no progress at splat {begin}");
                 return Err(GpuError::Kernel { kernel: "plan_slab".into(), reason }.into());

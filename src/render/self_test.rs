@@ -9,7 +9,7 @@ use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::{Primitives, Variant};
 
 use super::scan::ScanScratch;
-use super::sort::{Sort, SortBuffers, record_sort};
+use super::sort::{DigitTables, Sort, SortBuffers, record_sort};
 
 /// Three blocks, the last one partly filled.
 const TEST_LEN: u32 = 2 * BLOCK_SIZE + 77;
@@ -62,12 +62,10 @@ pub fn sort_on_device(
     let mut buffers = SortBuffers::new(gpu, "sort", keys.len())?;
     write(gpu, &mut buffers.keys, keys)?;
     write(gpu, &mut buffers.values, values)?;
-    let mut histogram = Buffer::new(gpu, "histogram", histogram_len)?;
-    let mut digit_offsets = Buffer::new(gpu, "digit_offsets", histogram_len)?;
+    let mut tables = DigitTables::new(gpu, histogram_len)?;
     let mut recorder = Recorder::new(gpu)?;
     let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes };
-    let tables = (&mut histogram, &mut digit_offsets);
-    record_sort(&mut recorder, primitives, &mut scratch, tables, sort, &mut buffers)?;
+    record_sort(&mut recorder, primitives, &mut scratch, &mut tables, sort, &mut buffers)?;
     let ticket = recorder.submit()?;
     recorder.wait(ticket)?;
     Ok((download(gpu, &buffers.keys, keys.len())?, download(gpu, &buffers.values, values.len())?))

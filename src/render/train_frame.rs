@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
-use crate::gpu::{Buffer, Gpu, PipelineCache, Recorder, user_cache_path};
+use crate::gpu::{Gpu, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{BackwardPipelines, Pipelines, Primitives, Variant};
 use crate::scene::Camera;
 
-use super::backward::{BackwardInputs, record_gradients, record_image_loss, record_status};
+use super::backward::{BackwardInputs, LossInputs, record_gradients, record_image_loss, record_status};
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::forward::{ForwardInputs, record_begin, record_slab, record_visibility, write_counters};
@@ -182,12 +182,13 @@ impl TrainFrame {
         recorder: &mut Recorder,
         scene: &DeviceScene,
         view: &TrainView<'_>,
-        (targets, lambda_dssim): (&Buffer<u32>, f32),
-        (log, step): (&mut StepLog, u32),
+        loss: LossInputs<'_>,
+        log: &mut StepLog,
+        step: u32,
     ) -> Result<(), RenderError> {
         let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
-        record_image_loss(recorder, &forward, pipelines, frame, buffers, (targets, lambda_dssim))?;
-        record_status(recorder, pipelines, frame, buffers, (log, step))?;
+        record_image_loss(recorder, &forward, pipelines, frame, buffers, loss)?;
+        record_status(recorder, pipelines, frame, buffers, log, step)?;
         Ok(())
     }
 
@@ -195,7 +196,8 @@ impl TrainFrame {
     pub fn record_gradients(
         &mut self,
         recorder: &mut Recorder,
-        (scene, tables): (&DeviceScene, &SourceTables),
+        scene: &DeviceScene,
+        tables: &SourceTables,
         view: &TrainView<'_>,
         log: &StepLog,
         gradients: &mut GradientBuffers,
