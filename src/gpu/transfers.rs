@@ -25,10 +25,10 @@ impl Recorder {
         Ok(())
     }
 
-    /// Copies the first `bytes` bytes.
+    /// Copies the first `bytes` bytes of one buffer to the start of another.
     ///
     /// # Panics
-    /// If either buffer is shorter.
+    /// If either buffer is shorter than `bytes`.
     pub fn copy<T: bytemuck::NoUninit>(
         &mut self,
         source: &Buffer<T>,
@@ -49,10 +49,10 @@ impl Recorder {
         Ok(())
     }
 
-    /// Copies what lies in the source from element `first` on to the start of the target, as much as the target holds.
+    /// Fills the target with the elements of the source from element `first` on.
     ///
     /// # Panics
-    /// If the source ends before that.
+    /// If the source has too few elements.
     pub fn copy_from<T: bytemuck::NoUninit>(
         &mut self,
         source: &Buffer<T>,
@@ -73,12 +73,12 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes these runs of `elements` to the same places of a buffer. The values travel in the command buffer: there is no
-    /// staging buffer, and `elements` may change as soon as this returns. Takes the buffer shared, since a scene that is drawn
-    /// is shared; barriers are those of any other write.
+    /// Writes runs of `elements` (ranges of indices) to the same indices of a buffer. The values travel in the command
+    /// buffer: there is no staging buffer, and `elements` may change as soon as this returns. Takes a shared reference,
+    /// since a scene is shared while it is drawn; barriers are those of any other write.
     ///
     /// # Panics
-    /// If a run goes beyond the elements or the buffer.
+    /// If a run exceeds the elements or the buffer.
     pub fn update<T: bytemuck::NoUninit>(
         &mut self,
         target: &Buffer<T>,
@@ -100,17 +100,17 @@ impl Recorder {
             let first = (run.start * size_of::<T>()) as u64;
             for (k, part) in bytes.chunks(MAX_UPDATE_BYTES).enumerate() {
                 let offset = first + (k * MAX_UPDATE_BYTES) as u64;
-                // SAFETY: recording; the part lies in the buffer (asserted), is at most 65536 bytes, and offset and length
-                // are multiples of 4 as the element's size is.
+                // SAFETY: recording; the part lies in the buffer (asserted), is at most 65536 bytes, and offset and
+                // length are multiples of 4, like the element's size.
                 unsafe { self.gpu.device.cmd_update_buffer(self.commands, target.handle(), offset, part) };
             }
         }
         Ok(())
     }
 
-    /// Starts a command that the caller records by hand and that reads the whole of `source` by a copy, such as one into an
-    /// image. It goes into the command buffer returned before any other command of this recorder; barriers of what else it
-    /// touches are the caller's business.
+    /// Prepares a command that the caller records by hand and that reads the whole of `source` by a copy, such as one
+    /// into an image. Record it into the returned command buffer before any other command of this recorder; barriers
+    /// for other resources that it uses are up to the caller.
     pub fn raw_copy<T: bytemuck::NoUninit>(&mut self, source: &Buffer<T>) -> Result<vk::CommandBuffer, GpuError> {
         self.begin()?;
         self.keep(source.inner(), "copy")?;
