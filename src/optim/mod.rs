@@ -1,4 +1,4 @@
-//! L3: Adam on the device, one state per parameter buffer.
+//! Adam on the device, with one set of moments per parameter buffer.
 
 pub mod adam;
 pub mod poses;

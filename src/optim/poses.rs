@@ -1,4 +1,4 @@
-//! Adam on the places of instances.
+//! Adam on the poses of instances.
 
 use crate::gpu::interface::types;
 use crate::gpu::{Buffer, GpuError, Grid, Pipeline, Recorder};
@@ -6,7 +6,7 @@ use crate::kernels::refine_poses;
 
 use super::adam::{Adam, MomentBuffer};
 
-/// Values of a place: a shift (template units), a rotation vector (radians) and the logarithm of the scale.
+/// Values of a pose step: translation (template units), rotation vector (radians) and logarithm of the scale.
 pub const POSE_VALUES: usize = 7;
 
 /// The buffers of a step on poses.
@@ -22,9 +22,8 @@ pub struct PoseBuffers<'a> {
 }
 
 impl Adam {
-    /// Records a step on the places of the first `count` instances, with a learning rate each for shifts, rotations and
-    /// logarithms of scales; nothing is recorded if all are 0. Nothing happens on the device if `status` holds an
-    /// overflow.
+    /// Records a step on the poses of the first `count` instances, with the learning `rates` of translation, rotation
+    /// and log scale. Records nothing if all are 0. The device skips the step if `status` holds an overflow.
     pub fn record_poses(
         &self,
         recorder: &mut Recorder,

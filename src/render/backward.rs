@@ -11,17 +11,17 @@ use super::gradients::{
     BackwardBuffers, GradientBuffers, SourceTables, StepLog, blocks_per_tile, column_strips, row_strips,
 };
 
-/// What the backward passes need besides buffers.
+/// Inputs of the backward passes besides buffers.
 pub struct BackwardInputs<'a> {
-    /// What the forward passes got.
+    /// Inputs of the forward passes of the same view.
     pub forward: &'a ForwardInputs<'a>,
-    /// Compiled kernels.
+    /// Compiled backward kernels.
     pub pipelines: &'a BackwardPipelines,
-    /// The way from instances to templates.
+    /// For each chunk of source Gaussians, the instances that show it.
     pub tables: &'a SourceTables,
 }
 
-/// What a picture is compared with.
+/// The photo of the view, and the weights of the loss.
 #[derive(Clone, Copy)]
 pub struct LossInputs<'a> {
     /// The photo, by pixel: RGBA of 8 bits each (see `image_loss_rows`).
@@ -30,7 +30,7 @@ pub struct LossInputs<'a> {
     pub lambda_dssim: f32,
 }
 
-/// Loss and its gradient by the picture, against `targets` (RGBA of 8 bits, see `image_loss_rows`).
+/// Records the loss against the photo, and its gradient with respect to the picture.
 pub fn record_image_loss(
     recorder: &mut Recorder,
     forward: &ForwardInputs<'_>,
@@ -73,7 +73,7 @@ pub fn record_image_loss(
     recorder.dispatch(&p.image_loss_backward_columns, columns, &params, bindings)
 }
 
-/// Raises the overflow flag if the frame did not fit, and records what the step did.
+/// Raises the overflow flag if the frame did not fit its buffers, and writes the record of the step.
 pub fn record_status(
     recorder: &mut Recorder,
     pipelines: &BackwardPipelines,
@@ -100,7 +100,7 @@ pub fn record_status(
     recorder.dispatch(&pipelines.train_status, Grid::groups(1), &params, bindings)
 }
 
-/// From cotangents by pixel to gradients by parameter.
+/// Records the passes from gradients by pixel (cotangents) to gradients by parameter.
 pub fn record_gradients(
     recorder: &mut Recorder,
     inputs: &BackwardInputs<'_>,
@@ -110,7 +110,7 @@ pub fn record_gradients(
     gradients: &mut GradientBuffers,
 ) -> Result<(), GpuError> {
     record_blend_backward(recorder, inputs, frame, buffers)?;
-    // What is not drawn has no gradient.
+    // Gaussians that are not drawn have zero gradients.
     recorder.fill(&mut buffers.source_gradients, 0)?;
     let offsets = gradients.parameters.scalars_mut().into_iter().filter(|(p, _)| p.owner() == Owner::Offset);
     for (_, buffer) in offsets {

@@ -1,4 +1,4 @@
-//! The forward pass, in order. Read `record_visibility`, then `record_slab`: that is the whole frame.
+//! The forward pass, in order: `record_visibility`, then `record_slab`, make up the whole frame.
 
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
@@ -11,21 +11,21 @@ use super::plan::radix_passes;
 use super::scan::{Blocks, ScanInput, plain, record_scan};
 use super::sort::{Sort, record_sort};
 
-/// What the passes of one frame need besides buffers.
+/// Inputs of the passes of a frame besides buffers.
 pub struct ForwardInputs<'a> {
-    /// The scene.
+    /// The scene on the device.
     pub scene: &'a DeviceScene,
-    /// Compiled kernels.
+    /// Compiled forward kernels.
     pub pipelines: &'a Pipelines,
-    /// Compiled scan and sort.
+    /// Compiled kernels of scan and sort.
     pub primitives: &'a Primitives,
     /// The camera as the kernels see it.
     pub view: types::View,
-    /// Colour behind everything.
+    /// Background colour, rgb in the encoding of the training images.
     pub background: [f32; 3],
-    /// Levels of detail whose cells are wider are not shown, pixels; 0 = everything in full.
+    /// Largest cell of a level of detail that is shown, pixels; 0 = everything at full detail.
     pub lod_error_px: f32,
-    /// Most splats in one slab (see `DeviceCaps::loop_iteration_limit`).
+    /// Largest number of splats in a slab (see `DeviceCaps::loop_iteration_limit`).
     pub max_slab_splats: u32,
 }
 
@@ -37,20 +37,20 @@ const fn args_u32(family: u32, kind: u32) -> u32 {
     family * ARGS_PER_COUNT + kind
 }
 
-/// Loads the counters that the host prepared.
+/// Records the copy of the counters that the host prepared.
 pub fn record_begin(recorder: &mut Recorder, frame: &mut FrameBuffers) -> Result<(), GpuError> {
     let bytes = frame.counters_start.bytes();
     recorder.copy(&frame.counters_start, &mut frame.scratch.counters, bytes)
 }
 
-/// Stores the counters for the host to read after the frame.
+/// Records the copy of the counters to host-visible memory after the frame.
 pub fn record_end(recorder: &mut Recorder, frame: &mut FrameBuffers) -> Result<(), GpuError> {
     let bytes = frame.counters_end.bytes();
     recorder.copy(&frame.scratch.counters, &mut frame.counters_end, bytes)
 }
 
-/// Instances -> chunks -> projected survivors -> order by depth. Rows of the instance table that an edit changed are written
-/// first.
+/// Records the passes from instances to chunks, splats and their order by depth. Rows of the instance table that an
+/// edit changed are written first.
 pub fn record_visibility(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
@@ -134,7 +134,8 @@ fn record_culling(
     recorder.dispatch_indirect(&p.emit_work_items, &frame.scratch.args, per_candidate, &params, bindings)
 }
 
-/// Eq. 6 and projection per work item, then one dense list of survivors.
+/// Adds offsets, transforms and projects the Gaussians of each work item, then compacts the survivors into a dense
+/// list.
 fn record_expansion(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
@@ -260,7 +261,7 @@ pub(super) fn record_lists(
     recorder.dispatch_indirect(&p.tile_ranges, &frame.scratch.args, per_isect, &params, bindings)
 }
 
-/// The second part: the lists, blended.
+/// The second part of [`record_slab`]: blends the lists.
 pub(super) fn record_blend(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
@@ -289,7 +290,7 @@ pub fn read_counters(frame: &FrameBuffers) -> [u32; COUNTER_COUNT as usize] {
     counters_of(&frame.counters_end)
 }
 
-/// The counters in a buffer that the host reads.
+/// The counters in a host-visible buffer.
 pub fn counters_of(buffer: &Buffer<u32>) -> [u32; COUNTER_COUNT as usize] {
     let mut out = [0; COUNTER_COUNT as usize];
     if let Some(bytes) = buffer.mapped() {

@@ -6,7 +6,7 @@ use crate::gpu::{Buffer, GpuError, Grid, Recorder};
 use crate::kernels::pipelines::ScanPipelines;
 use crate::kernels::{scan_downsweep, scan_reduce, scan_spine};
 
-/// What scans of a frame share.
+/// Buffers that the scans of a frame share.
 pub struct ScanScratch {
     /// One sum per block; long enough for the longest scan.
     pub block_sums: Buffer<u32>,
@@ -16,12 +16,12 @@ pub struct ScanScratch {
     pub args: Buffer<types::DispatchArgs>,
 }
 
-/// Where a scan's work-groups come from.
+/// Source of the number of work-groups of a scan.
 #[derive(Clone, Copy, Debug)]
 pub enum Blocks {
-    /// The host knows the number of elements.
+    /// The grid, if the host knows the number of elements.
     Direct(Grid),
-    /// Element of the indirect arguments.
+    /// Index into the indirect arguments.
     Indirect(u32),
 }
 
@@ -41,7 +41,7 @@ impl<'a> ScanInput<'a> {
     }
 }
 
-/// A scan over `counters[count_slot]` elements that reports nothing.
+/// A scan over `counters[count_slot]` elements that writes no totals.
 pub fn plain(count_slot: u32) -> types::Scan {
     types::Scan {
         count_slot,

@@ -1,4 +1,4 @@
-//! The start-up test of scan and sort on the device that is about to rely on them.
+//! Start-up test of scan and sort on the current device.
 
 use std::sync::Arc;
 
@@ -14,12 +14,12 @@ use super::sort::{DigitTables, Sort, SortBuffers, record_sort};
 /// Three blocks, the last one partly filled.
 const TEST_LEN: u32 = 2 * BLOCK_SIZE + 77;
 
-/// Sorts known pairs, which runs the scan too, and compares with the host.
+/// Sorts known pairs, which also runs the scan, and compares with the host.
 ///
 /// # Errors
 /// `GpuError::SelfTest` with the first difference.
 pub fn self_test(gpu: &Arc<Gpu>, primitives: &Primitives, variant: &Variant) -> Result<(), GpuError> {
-    // A multiplicative hash to 11 bits: every digit value, and many equal keys to tell an unstable sort.
+    // A multiplicative hash to 11 bits: every digit value, and enough equal keys to detect an unstable sort.
     let keys: Vec<u32> = (0..TEST_LEN).map(|i| i.wrapping_mul(2_654_435_761) >> 21).collect();
     let values: Vec<u32> = (0..TEST_LEN).collect();
     let (got_keys, got_values) = sort_on_device(gpu, primitives, &keys, &values, 2)?;

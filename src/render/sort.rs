@@ -9,9 +9,9 @@ use crate::kernels::{radix_sort_count, radix_sort_scatter};
 
 use super::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
 
-/// Keys and values with the second half that the sort moves between.
+/// Keys and values, with a second pair of buffers that the sort alternates with.
 pub struct SortBuffers {
-    /// The pairs: input before, sorted after.
+    /// Keys of the pairs: input before, sorted after.
     pub keys: Buffer<u32>,
     /// Values of the pairs.
     pub values: Buffer<u32>,
@@ -20,7 +20,7 @@ pub struct SortBuffers {
 }
 
 impl SortBuffers {
-    /// Room for `len` pairs.
+    /// Allocates buffers for `len` pairs.
     pub fn new(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
         Ok(Self {
             keys: Buffer::new(gpu, &format!("{name} keys"), len)?,
@@ -45,18 +45,18 @@ impl DigitTables {
     }
 }
 
-/// What to sort and by how many digits.
+/// Number of pairs and of digits of a sort.
 #[derive(Clone, Copy, Debug)]
 pub struct Sort {
     /// Counter that holds the number of pairs.
     pub count_slot: u32,
-    /// Family of indirect arguments made from that counter.
+    /// Family of indirect arguments derived from that counter.
     pub family: u32,
-    /// Digits of 8 bits to sort by.
+    /// Number of 8-bit digits to sort by.
     pub passes: u32,
 }
 
-/// Records the sort; `buffers.keys` and `.values` hold the result, whichever half that is.
+/// Records the sort; afterwards `buffers.keys` and `.values` hold the result.
 pub fn record_sort(
     recorder: &mut Recorder,
     primitives: &Primitives,
