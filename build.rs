@@ -15,7 +15,7 @@ use shaderc::{
 use spirq::ty::{AccessType, DescriptorType, ScalarType, StructType, Type};
 use spirq::var::Variable;
 
-/// `local_size_x_id` in `glsl/include/common.glsl`.
+/// Specialisation id of the work-group size: `local_size_x_id` in `glsl/include/common.glsl`.
 const LOCAL_SIZE_ID: u32 = 1;
 
 fn main() {
@@ -57,7 +57,7 @@ fn main() {
     fs::write(out_dir.join("interface.rs"), out).expect("OUT_DIR is writable");
 }
 
-/// A GLSL file with its includes expanded for documentation lookup.
+/// A GLSL file and the comments of its declarations, those of included files among them.
 struct ShaderSource {
     path: PathBuf,
     include_dir: PathBuf,
@@ -66,7 +66,7 @@ struct ShaderSource {
     docs: BTreeMap<String, String>,
 }
 
-/// A struct that has been generated, with its layout for cross-checking between shaders.
+/// A generated struct with its layout, to compare between shaders.
 struct GeneratedStruct {
     layout: String,
     text: String,
@@ -89,8 +89,9 @@ impl ShaderSource {
     fn compile(&self, compiler: &Compiler, level: OptimizationLevel) -> Vec<u8> {
         let mut options = CompileOptions::new().expect("shaderc gives options");
         options.set_target_env(TargetEnv::Vulkan, EnvVersion::Vulkan1_3 as u32);
-        // The first version with subgroup operations; the shaders use nothing that a later one has. From 1.4 on, entry
-        // points list storage buffers, at which spirv-reflect 0.2.3 (a second opinion in tests/suite/interface.rs) aborts.
+        // The first version with subgroup operations; the shaders use no feature of a later one. From 1.4 on, entry
+        // points list storage buffers, which make spirv-reflect 0.2.3 (second opinion in tests/suite/interface.rs)
+        // abort.
         options.set_target_spirv(SpirvVersion::V1_3);
         options.set_optimization_level(level);
         options.set_warnings_as_errors();

@@ -1,4 +1,4 @@
-//! Which barrier lies between two commands: a pure function of how they touch buffers.
+//! Derives the barrier between two commands: a pure function of how the commands touch buffers.
 
 use ash::vk;
 use ash::vk::Handle as _;
@@ -8,7 +8,7 @@ use ash::vk::Handle as _;
 pub struct Access {
     /// Pipeline stage of the access.
     pub stage: vk::PipelineStageFlags2,
-    /// Memory access.
+    /// Kinds of memory access, as Vulkan flags.
     pub access: vk::AccessFlags2,
     /// True if the command may write.
     pub writes: bool,
@@ -35,10 +35,10 @@ impl Access {
         access: vk::AccessFlags2::INDIRECT_COMMAND_READ,
         writes: false,
     };
-    /// Source of a copy.
+    /// Read as the source of a copy.
     pub const COPY_READ: Self =
         Self { stage: vk::PipelineStageFlags2::ALL_TRANSFER, access: vk::AccessFlags2::TRANSFER_READ, writes: false };
-    /// Destination of a copy or fill.
+    /// Written as the destination of a copy or fill.
     pub const COPY_WRITE: Self =
         Self { stage: vk::PipelineStageFlags2::ALL_TRANSFER, access: vk::AccessFlags2::TRANSFER_WRITE, writes: true };
 }
@@ -46,25 +46,25 @@ impl Access {
 /// A memory barrier: source and destination scopes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Barrier {
-    /// Stages to wait for.
+    /// Pipeline stages to wait for.
     pub src_stage: vk::PipelineStageFlags2,
     /// Writes to make available.
     pub src_access: vk::AccessFlags2,
-    /// Stages that wait.
+    /// Pipeline stages that wait.
     pub dst_stage: vk::PipelineStageFlags2,
     /// Accesses that see the writes.
     pub dst_access: vk::AccessFlags2,
 }
 
-/// Everything that commands have done to buffers since the last barrier.
+/// All accesses to buffers since the last barrier.
 #[derive(Default)]
 pub struct HazardTracker {
     since_barrier: Vec<(u64, Access)>,
 }
 
 impl HazardTracker {
-    /// Records that the next command makes `accesses`. Returns the barrier that must come before it, if any:
-    /// needed when it reads or writes a buffer that was written, or writes one that was read.
+    /// Records that the next command makes `accesses`. Returns the barrier that must precede it, which it needs if it
+    /// touches a buffer that was written, or writes one that was read.
     pub fn next(&mut self, accesses: &[(vk::Buffer, Access)]) -> Option<Barrier> {
         let conflict = |(buffer, access): &(vk::Buffer, Access)| {
             let raw = buffer.as_raw();
@@ -80,7 +80,7 @@ impl HazardTracker {
         barrier
     }
 
-    /// One global barrier from everything pending to the coming command; clears the pending list.
+    /// A global barrier from all pending accesses to the coming command; clears the pending list.
     fn flush(&mut self, coming: &[(vk::Buffer, Access)]) -> Barrier {
         let mut barrier = Barrier::default();
         for (_, past) in self.since_barrier.drain(..) {
@@ -93,7 +93,8 @@ impl HazardTracker {
             barrier.dst_stage |= access.stage;
             barrier.dst_access |= access.access;
         }
-        // Later commands rely on this barrier too, since the pending list is now empty: make it cover all they can do.
+        // The pending list is now empty, so later commands rely on this barrier too: make it cover every access they
+        // can make.
         barrier.dst_stage |= vk::PipelineStageFlags2::COMPUTE_SHADER
             | vk::PipelineStageFlags2::DRAW_INDIRECT
             | vk::PipelineStageFlags2::ALL_TRANSFER;

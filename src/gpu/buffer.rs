@@ -1,4 +1,4 @@
-//! Typed storage buffers.
+//! Typed storage buffers in device-local or host-visible memory.
 
 use std::marker::PhantomData;
 use std::ptr::NonNull;
@@ -15,23 +15,24 @@ use super::timeline::Ticket;
 
 /// Elements of `T` in device memory (or host-visible memory, for staging). Dropping it never waits: the memory is freed when
 /// every submission that uses it has finished, and every recording that uses it has been submitted or abandoned.
-// repr(C): buffers of all element types have the same layout, so that `scalars` may look at one as another.
+// repr(C): buffers of all element types have the same layout, so that `scalars` may reinterpret one as another.
 #[repr(C)]
 pub struct Buffer<T> {
     inner: Arc<BufferMemory>,
     marker: PhantomData<T>,
 }
 
-/// What a [`Buffer`] is made of: shared with the recordings and submissions that use it, and freed with the last of them.
+/// The Vulkan buffer behind a [`Buffer`]: shared with the recordings and submissions that use it, freed with the last
+/// of them.
 pub(crate) struct BufferMemory {
     gpu: Arc<Gpu>,
     handle: vk::Buffer,
     allocation: Option<Allocation>,
     bytes: u64,
     name: String,
-    /// The recording that was the last to keep this (see `Recorder::keep`).
+    /// Number of the last recording that keeps this buffer (see `Recorder::keep`).
     last_recording: AtomicU64,
-    /// Ticket of the last submission that uses this; 0 = none.
+    /// Ticket of the last submission that uses this buffer; 0 = none.
     last_ticket: AtomicU64,
 }
 
@@ -48,9 +49,9 @@ impl BufferMemory {
         Arc::ptr_eq(&self.gpu, gpu)
     }
 
-    /// Notes that `recording` keeps this; true if it did so before. Numbers of recordings are never used twice.
+    /// Notes that `recording` keeps this buffer; true if it did so before. Numbers of recordings are never reused.
     pub(crate) fn is_kept_by(&self, recording: u64) -> bool {
-        // Two recorders that use the buffer in turn each keep it more than once, which does no harm.
+        // Two recorders that use the buffer in turn each keep it more than once, which is harmless.
         let kept = self.last_recording.load(Ordering::Relaxed) == recording;
         if !kept {
             self.last_recording.store(recording, Ordering::Relaxed);
@@ -58,12 +59,12 @@ impl BufferMemory {
         kept
     }
 
-    /// Notes that a submission uses this.
+    /// Notes that a submission uses this buffer.
     pub(crate) fn submitted(&self, ticket: Ticket) {
         self.last_ticket.fetch_max(ticket.0, Ordering::SeqCst);
     }
 
-    /// Where the host sees the first byte, when no submission uses the buffer any more; `None` if it is not host-visible.
+    /// Host address of the first byte, once no submission uses the buffer any more; `None` if it is not host-visible.
     fn mapped_when_idle(&self) -> Option<NonNull<u8>> {
         let mapped = self.allocation.as_ref()?.mapped_ptr()?;
         // A lost device returns an error here; it no longer touches the memory either.
@@ -82,7 +83,7 @@ impl Drop for BufferMemory {
     }
 }
 
-/// Kernels look at four elements at a time, whole or not: 16 bytes of f32, and 32 of Adam's pairs of moments.
+/// Kernels access four elements at a time, even beyond the last one: 16 bytes of f32, or 32 of Adam's pairs of moments.
 fn padded_bytes(bytes: u64) -> u64 {
     bytes.next_multiple_of(32)
 }
@@ -91,7 +92,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     /// A device-local storage buffer with undefined contents. `len` 0 is made 1, since Vulkan has no empty buffers.
     ///
     /// # Errors
-    /// Larger than a storage binding may be, or out of memory; names the buffer.
+    /// The buffer is larger than a storage binding may be, or memory is exhausted; the error names the buffer.
     pub fn new(gpu: &Arc<Gpu>, name: &str, len: usize) -> Result<Self, GpuError> {
         Self::with_location(gpu, name, len, MemoryLocation::GpuOnly)
     }
@@ -138,12 +139,12 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         Ok(Self { inner: Arc::new(memory), marker: PhantomData })
     }
 
-    /// Bytes that kernels may touch: the elements and what pads them.
+    /// Bytes that kernels may touch: the elements and their padding.
     pub fn padded_bytes(&self) -> u64 {
         padded_bytes(self.inner.bytes)
     }
 
-    /// Number of elements.
+    /// Number of elements, 1 or more.
     pub fn len(&self) -> usize {
         self.inner.bytes as usize / size_of::<T>()
     }
@@ -153,12 +154,12 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         false
     }
 
-    /// Size in bytes.
+    /// Size of the elements, bytes, without padding.
     pub fn bytes(&self) -> u64 {
         self.inner.bytes
     }
 
-    /// The name it was made with.
+    /// The name that the buffer was created with.
     pub fn name(&self) -> &str {
         self.inner.name()
     }
@@ -169,7 +170,7 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
         self.inner.handle()
     }
 
-    /// What recordings keep.
+    /// The shared part, which recordings keep.
     pub(crate) fn inner(&self) -> &Arc<BufferMemory> {
         &self.inner
     }
@@ -177,9 +178,10 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     /// The mapped bytes of a host-visible buffer; waits for the submissions that use it.
     pub(crate) fn mapped(&self) -> Option<&[u8]> {
         let first = self.inner.mapped_when_idle()?;
-        // SAFETY: the allocation is mapped, has at least `bytes` bytes and lives as long as `self`. The device is done with
-        // them, since whoever records into a command buffer of the caller's sees to that before it looks. It stays so while
-        // the slice lives: callers, all of this crate, do not submit in between. The host writes only through `&mut self`.
+        // SAFETY: the allocation is mapped, has at least `bytes` bytes and lives as long as `self`. The device is done
+        // with them: a command buffer of the caller's is checked for that before the bytes are read. It stays so while
+        // the slice lives: callers, all of this crate, do not submit in between. The host writes only through `&mut
+        // self`.
         Some(unsafe { std::slice::from_raw_parts(first.as_ptr(), self.bytes() as usize) })
     }
 
@@ -200,7 +202,7 @@ impl<T: bytemuck::AnyBitPattern + bytemuck::NoUninit> Buffer<T> {
     }
 
     /// The first `len` elements of a buffer made with [`Buffer::for_readback`], or all if it has fewer; waits for the
-    /// submissions that use it. Nothing of any other buffer.
+    /// submissions that use it. Empty for any other buffer.
     pub fn read_all_mapped(&self, len: usize) -> Vec<T> {
         let bytes = self.mapped().unwrap_or_default();
         bytes.chunks_exact(size_of::<T>()).take(len).map(bytemuck::pod_read_unaligned).collect()
@@ -213,28 +215,27 @@ impl Floats for f32 {}
 impl<const N: usize> Floats for [f32; N] where [f32; N]: bytemuck::Pod {}
 
 impl<T: Floats> Buffer<T> {
-    /// The buffer as flat f32 values, for kernels that do not care what they mean.
+    /// The buffer as flat f32 values, for kernels that treat all parameters alike.
     pub fn scalars(&self) -> &Buffer<f32> {
         // SAFETY: `Buffer` is repr(C), holds no T, and counts bytes; both types are f32 arrays in memory.
         unsafe { &*std::ptr::from_ref(self).cast() }
     }
 
-    /// As [`Buffer::scalars`], writable.
+    /// The same as [`Buffer::scalars`], writable.
     pub fn scalars_mut(&mut self) -> &mut Buffer<f32> {
-        // SAFETY: as above; the borrow of self lasts as long as the result.
+        // SAFETY: as in `scalars`; the borrow of self lasts as long as the result.
         unsafe { &mut *std::ptr::from_mut(self).cast() }
     }
 }
 
 impl<T: Floats> Buffer<T> {
-    /// The buffer as vectors of four f32; the last one may reach beyond the contents, into memory that is the buffer's but
-    /// holds nothing.
+    /// The buffer as vectors of four f32. The last vector may reach into the padding, whose contents are undefined.
     pub fn quads(&self) -> &Buffer<[f32; 4]> {
         // SAFETY: as in `scalars`.
         unsafe { &*std::ptr::from_ref(self).cast() }
     }
 
-    /// As [`Buffer::quads`], writable.
+    /// The same as [`Buffer::quads`], writable.
     pub fn quads_mut(&mut self) -> &mut Buffer<[f32; 4]> {
         // SAFETY: as in `scalars_mut`.
         unsafe { &mut *std::ptr::from_mut(self).cast() }
@@ -243,7 +244,7 @@ impl<T: Floats> Buffer<T> {
 
 impl<T> Drop for Buffer<T> {
     fn drop(&mut self) {
-        // So that memory that only finished submissions share with this buffer is freed now, and not some time later.
+        // Memory that this buffer shares only with finished submissions is freed now instead of at some later time.
         self.inner.gpu.release_finished();
     }
 }

@@ -1,4 +1,4 @@
-//! What a device offers, read once, and the kernel variant that follows from it.
+//! Properties of a device, read once.
 
 use std::ffi::CStr;
 
@@ -19,13 +19,13 @@ pub struct DeviceCaps {
     pub min_subgroup_size: u32,
     /// Largest subgroup size a compute pipeline can require.
     pub max_subgroup_size: u32,
-    /// The subgroup size where none is required.
+    /// Subgroup size of a pipeline that requires none.
     pub default_subgroup_size: u32,
     /// Whether a compute pipeline may require a subgroup size at all.
     pub can_require_subgroup_size: bool,
-    /// Most subgroups in a work-group with a required size.
+    /// Largest number of subgroups in a work-group with a required size.
     pub max_workgroup_subgroups: u32,
-    /// Most invocations in a work-group.
+    /// Largest number of invocations in a work-group.
     pub max_workgroup_invocations: u32,
     /// Work-group shared memory, bytes.
     pub shared_memory_bytes: u32,
@@ -33,14 +33,14 @@ pub struct DeviceCaps {
     pub max_storage_bytes: u64,
     /// Largest work-group count along one dimension.
     pub max_workgroup_count: u32,
-    /// Storage buffers that one kernel may use.
+    /// Largest number of storage buffers that one kernel may use.
     pub max_storage_buffers: u32,
     /// Nanoseconds per timestamp tick.
     pub timestamp_period_ns: f32,
-    /// Mesa's CPU driver.
+    /// True for llvmpipe (lavapipe), Mesa's CPU driver.
     pub is_llvmpipe: bool,
-    /// How many loop iterations one shader invocation may run in total before the driver ends its loops silently;
-    /// `None` = no such limit. Mesa's gallivm counts down from 65535 over all loops of a function.
+    /// Number of loop iterations after which the driver silently ends the loops of a shader invocation; `None` = no
+    /// such limit. Mesa's gallivm counts down from 65535 over all loops of a function.
     pub loop_iteration_limit: Option<u32>,
 }
 
@@ -81,7 +81,7 @@ impl DeviceCaps {
             max_workgroup_subgroups: v13.max_compute_workgroup_subgroups,
             max_workgroup_invocations: core.limits.max_compute_work_group_invocations,
             shared_memory_bytes: core.limits.max_compute_shared_memory_size,
-            // Buffers are padded to multiples of 32 bytes, and bound as a whole.
+            // Buffers are padded to multiples of 32 bytes and bound as a whole.
             max_storage_bytes: u64::from(core.limits.max_storage_buffer_range) / 32 * 32,
             max_workgroup_count: core.limits.max_compute_work_group_count[0],
             max_storage_buffers: core.limits.max_per_stage_descriptor_storage_buffers,

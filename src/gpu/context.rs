@@ -1,4 +1,4 @@
-//! Instance, device, queue: everything that lives as long as the program's use of the device.
+//! The open device: instance, device, queue, memory and pipelines.
 
 use std::ffi::CString;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -19,15 +19,15 @@ use super::pipeline::PipelineStore;
 use super::timeline::{SubmissionCounts, Ticket, Timeline};
 use super::validation::ValidationMessages;
 
-/// Which device to use.
+/// Selects one of the machine's devices.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum DeviceChoice {
-    /// The first discrete device, else integrated, virtual, CPU.
+    /// The first discrete device, else the first integrated, virtual or CPU device.
     #[default]
     Best,
-    /// Position in the list that `instgs-vk info` prints.
+    /// Index in the list that `instgs-vk info` prints.
     Index(usize),
-    /// Part of the device's name, case-insensitive.
+    /// A part of the device's name, case-insensitive.
     Name(String),
 }
 
@@ -39,45 +39,46 @@ impl std::str::FromStr for DeviceChoice {
     }
 }
 
-/// How to open the device.
+/// Options for opening a device.
 #[derive(Clone, Debug, Default)]
 pub struct GpuOptions {
-    /// Which device.
+    /// Selects the device to open.
     pub device: DeviceChoice,
     /// Load the validation layers with synchronization validation; an error if they are not installed.
     pub validation: bool,
     /// The display whose windows the device is to draw into; without one it draws into buffers only.
     pub display: Option<RawDisplayHandle>,
-    /// Behave as a device whose kernels may bind at most so many storage buffers would.
+    /// Pretend that kernels may bind at most this many storage buffers, to test that limit.
     pub most_storage_buffers: Option<u32>,
-    /// Behave as a device whose bindings have at most this many bytes would, to see what becomes of large scenes there.
+    /// Pretend that a binding has at most this many bytes, to test how large scenes behave on such a device.
     pub most_binding_bytes: Option<u64>,
 }
 
-/// Runs what it is given, once and before it returns, while nobody else uses the queue.
+/// Calls its argument, once and before it returns, while nobody else uses the queue.
 pub type QueueLock = Arc<dyn Fn(&mut dyn FnMut()) + Send + Sync>;
 
-/// What a submission uses.
+/// The buffers that a submission uses.
 struct InFlight {
     ticket: Ticket,
     buffers: Vec<Arc<BufferMemory>>,
 }
 
-/// The open device. Shared by everything that allocates or submits.
+/// The open device, shared by everything that allocates or submits.
 ///
-/// `Gpu::open` makes an instance and a device of its own, which go with it; [`Gpu::from_raw`] uses those of the caller.
-// Fields are dropped in this order: what belongs to the device before it, and the device before its instance.
+/// [`Gpu::open`] creates an instance and a device, which are destroyed with this; [`Gpu::from_raw`] uses those of the
+/// caller.
+// Fields are dropped in this order: objects of the device before the device, and the device before its instance.
 pub struct Gpu {
     pub(super) pipelines: PipelineStore,
     pub(super) timeline: Timeline,
     pub(super) memory: Memory,
     in_flight: Mutex<Vec<InFlight>>,
-    /// Numbers of recordings that were given out.
+    /// Number of the latest recording.
     recordings: AtomicU64,
     queue: Mutex<vk::Queue>,
     queue_lock: Option<QueueLock>,
     queue_family: u32,
-    /// Bits of a timestamp that count; 0 = the queue has none.
+    /// Number of valid bits in a timestamp; 0 = the queue has no timestamps.
     pub(super) timestamp_bits: u32,
     debug_names: Option<ext::debug_utils::Device>,
     caps: DeviceCaps,
@@ -89,11 +90,11 @@ pub struct Gpu {
     _owned_device: Option<OwnedDevice>,
     /// `None` if the instance is the caller's.
     _owned_instance: Option<OwnedInstance>,
-    /// Keeps the loader library loaded.
+    /// Keeps the Vulkan loader library loaded.
     entry: ash::Entry,
 }
 
-/// What a [`Gpu`] is put together from. Fields are dropped in this order if that fails.
+/// The parts of a [`Gpu`] under construction. Fields are dropped in this order if construction fails.
 struct Parts {
     owned_device: Option<OwnedDevice>,
     owned_instance: Option<OwnedInstance>,
@@ -104,11 +105,11 @@ struct Parts {
 }
 
 impl Gpu {
-    /// Opens a device.
+    /// Opens a device with an instance of its own.
     ///
     /// # Errors
-    /// No loader, no matching device, a missing feature, or no validation layer where it was asked for. That a device binds
-    /// too few storage buffers for a kernel is an error of the first pipeline that needs more.
+    /// No loader, no matching device, a missing feature, or no validation layers although they were asked for. A device
+    /// that binds too few storage buffers for a kernel is opened; the first pipeline that needs more is the error.
     pub fn open(options: &GpuOptions) -> Result<Arc<Self>, GpuError> {
         let owned = OwnedInstance::new(options, &ValidationMessages::default())?;
         let (entry, instance) = (owned.entry.clone(), owned.instance.clone());
@@ -126,10 +127,11 @@ impl Gpu {
         Self::assemble(Parts { owned_device, owned_instance, raw, caps, timestamp_bits, debug_names })
     }
 
-    /// Uses a device of the caller's, which stays the caller's: nothing of it is destroyed here.
+    /// Uses a device of the caller's. Nothing of it is destroyed here.
     ///
     /// # Errors
-    /// The device lacks something that this crate needs (as far as Vulkan tells; not whether it was enabled), or memory.
+    /// The device does not offer something that this crate needs (whether it was enabled cannot be checked), or memory
+    /// is exhausted.
     ///
     /// # Safety
     /// - The handles belong together: `physical` is of `instance`, `device` was made from `physical`, `queue` is of `device`
@@ -193,7 +195,7 @@ impl Gpu {
         Ok(enumerate(&owned.instance)?.into_iter().map(|(_, caps)| caps).collect())
     }
 
-    /// Limits and features.
+    /// Limits and features of the device.
     pub fn caps(&self) -> &DeviceCaps {
         &self.caps
     }
@@ -203,7 +205,7 @@ impl Gpu {
         &self.messages
     }
 
-    /// Device memory in bytes: allocated now, and the peak since the last `reset_memory_peak`.
+    /// Device memory, bytes: allocated now, and the peak since the last `reset_memory_peak`.
     pub fn memory_usage(&self) -> (u64, u64) {
         self.memory.usage()
     }
@@ -213,7 +215,7 @@ impl Gpu {
         self.memory.reset_peak();
     }
 
-    /// Limits what may be allocated in all, bytes; what is there already counts. `u64::MAX` = no limit but the device's.
+    /// Limits the total of allocations, bytes, existing ones included. `u64::MAX` = no limit but the device's.
     pub fn set_memory_budget(&self, bytes: u64) {
         self.memory.set_budget(bytes);
     }
@@ -257,18 +259,18 @@ impl Gpu {
         &self.device
     }
 
-    /// Family of the queue that everything is submitted to.
+    /// Family index of the queue that everything is submitted to.
     pub fn queue_family(&self) -> u32 {
         self.queue_family
     }
 
-    /// Runs `work` with the queue while nothing else uses it. `work` must not submit through this crate, which would wait for
-    /// itself.
+    /// Runs `work` with the queue while nothing else uses it. `work` must not submit through this crate: that would
+    /// deadlock.
     ///
     /// # Errors
-    /// The caller's [`QueueLock`] returned without running what it was given.
+    /// The caller's [`QueueLock`] returned without calling its argument.
     pub fn with_queue<R>(&self, work: impl FnOnce(vk::Queue) -> R) -> Result<R, GpuError> {
-        // A panic elsewhere leaves the handle whole.
+        // A panic in another thread leaves the handle intact.
         let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         let Some(lock) = &self.queue_lock else { return Ok(work(*queue)) };
         let (mut work, mut result) = (Some(work), None);
@@ -285,7 +287,7 @@ impl Gpu {
         self.wait_for(ticket).map_err(GpuError::vulkan("waiting for the device"))
     }
 
-    /// As [`Gpu::wait`], with Vulkan's code.
+    /// Waits like [`Gpu::wait`]; the error is Vulkan's result code.
     pub(super) fn wait_for(&self, ticket: Ticket) -> Result<(), vk::Result> {
         let waited = self.timeline.wait(ticket);
         self.release_finished();
@@ -307,13 +309,13 @@ impl Gpu {
         self.recordings.fetch_add(1, Ordering::Relaxed) + 1
     }
 
-    /// Keeps what a submission uses until it has finished.
+    /// Keeps the buffers of a submission until it has finished.
     pub(super) fn keep_until(&self, ticket: Ticket, buffers: Vec<Arc<BufferMemory>>) {
         let mut in_flight = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
         in_flight.push(InFlight { ticket, buffers });
     }
 
-    /// Lets go of what finished submissions used.
+    /// Releases the buffers of finished submissions.
     pub(super) fn release_finished(&self) {
         let mut in_flight = self.in_flight.lock().unwrap_or_else(PoisonError::into_inner);
         if in_flight.is_empty() {
@@ -325,7 +327,8 @@ impl Gpu {
         over.into_iter().for_each(|submission| drop(submission.buffers));
     }
 
-    /// Memory of the device. If there is not enough, that of buffers which only submissions still use is waited for.
+    /// Allocates device memory. If there is not enough, waits for finished submissions to release theirs and tries
+    /// again.
     pub(super) fn allocate(
         &self,
         name: &str,
@@ -346,15 +349,15 @@ impl Gpu {
     pub(crate) fn set_name<H: vk::Handle>(&self, object: H, name: &str) {
         let (Some(debug), Ok(name)) = (&self.debug_names, CString::new(name)) else { return };
         let info = vk::DebugUtilsObjectNameInfoEXT::default().object_handle(object).object_name(&name);
-        // SAFETY: the object was created from this device. A failure to name it is of no consequence.
+        // SAFETY: the object was created from this device. A failure to name it has no consequence.
         let _ = unsafe { debug.set_debug_utils_object_name(&info) };
     }
 }
 
 impl Drop for Gpu {
     fn drop(&mut self) {
-        // A lost device returns an error here; destruction is then allowed as well. Of a device of the caller's, other queues
-        // are none of our business.
+        // A lost device returns an error here; destruction is then allowed as well. Other queues of a caller's device
+        // do not use these objects.
         let _ = self.wait_all();
         // SAFETY: buffers, pipelines and recorders hold an Arc of self, so none is left, and all submissions are over.
         unsafe { self.pipelines.destroy(&self.device) };

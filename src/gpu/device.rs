@@ -1,4 +1,4 @@
-//! What a device must offer and have enabled, and devices that are made or given with it.
+//! Required features and extensions, and devices that are created or supplied with them.
 
 use std::ffi::CStr;
 
@@ -8,27 +8,27 @@ use super::caps::DeviceCaps;
 use super::context::QueueLock;
 use super::error::GpuError;
 
-/// A device of the caller's for [`Gpu::from_raw`](super::Gpu::from_raw), which says what must hold of it.
+/// A device of the caller's for [`Gpu::from_raw`](super::Gpu::from_raw), which lists the requirements.
 #[derive(Clone)]
 pub struct RawDevice {
-    /// The loader that the instance is of.
+    /// The loader that the instance was created with.
     pub entry: ash::Entry,
-    /// For Vulkan 1.3 or later.
+    /// An instance for Vulkan 1.3 or later.
     pub instance: ash::Instance,
-    /// What the device was made from.
+    /// The physical device that `device` was created from.
     pub physical: vk::PhysicalDevice,
-    /// With the required features and extensions enabled.
+    /// The device, with the required features and extensions enabled.
     pub device: ash::Device,
-    /// What is submitted to.
+    /// The queue to submit to.
     pub queue: vk::Queue,
-    /// The queue's family, which does compute.
+    /// Family index of the queue; the family supports compute.
     pub queue_family: u32,
-    /// Guards the queue against other users; `None` if the caller sees to that by other means.
+    /// Guards the queue against other users; `None` if the caller serialises access by other means.
     pub queue_lock: Option<QueueLock>,
 }
 
-/// Feature structs in which exactly what this crate needs is set. Chain both into a `vk::DeviceCreateInfo`, or set the same
-/// members in structs of your own.
+/// Feature structs in which exactly what this crate needs is set. Chain both into a `vk::DeviceCreateInfo`, or set the
+/// same members in structs of your own.
 #[derive(Clone, Copy, Debug)]
 pub struct RequiredFeatures {
     /// `timelineSemaphore`, `scalarBlockLayout`, `hostQueryReset`.
@@ -53,8 +53,8 @@ impl RawDevice {
         }
     }
 
-    /// The device extensions that the device must have been created with: none, but for `VK_KHR_portability_subset` on a device
-    /// that offers it, where Vulkan itself demands that.
+    /// The device extensions that the device must have been created with: none, except `VK_KHR_portability_subset` on a
+    /// device that offers it, where Vulkan itself demands it.
     ///
     /// # Errors
     /// The driver does not list its extensions.
@@ -70,7 +70,7 @@ impl RawDevice {
     }
 }
 
-/// A device of this crate's own with one queue, destroyed when this is dropped.
+/// A device of this crate's own with one queue, destroyed on drop.
 pub(super) struct OwnedDevice {
     pub(super) device: ash::Device,
     pub(super) queue_family: u32,
@@ -78,7 +78,7 @@ pub(super) struct OwnedDevice {
 }
 
 impl OwnedDevice {
-    /// With a queue that does compute, and graphics too if the device `shows` pictures in windows.
+    /// Creates a device with a queue for compute and, if it `shows` pictures in windows, for graphics.
     pub(super) fn new(
         instance: &ash::Instance,
         physical: vk::PhysicalDevice,
@@ -131,7 +131,7 @@ impl Drop for OwnedDevice {
     }
 }
 
-/// The queue families of a device of `instance`.
+/// Properties of the queue families of a device.
 pub(super) fn queue_family_properties(
     instance: &ash::Instance,
     physical: vk::PhysicalDevice,
@@ -149,7 +149,7 @@ fn device_extensions(
     extensions.map_err(GpuError::vulkan("listing device extensions"))
 }
 
-/// True if a list of extensions has one.
+/// True if the list of extensions contains `name`.
 pub(super) fn has_extension(offered: &[vk::ExtensionProperties], name: &CStr) -> bool {
     offered.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
 }

@@ -1,25 +1,25 @@
-//! Errors of the Vulkan layer, one line each, naming the object at fault and what to do.
+//! Errors of the Vulkan layer, one line each, naming the object at fault and a remedy.
 
 use ash::vk;
 
-/// What can go wrong between us and the Vulkan device.
+/// An error of the device layer or of Vulkan.
 #[derive(Debug, thiserror::Error)]
 pub enum GpuError {
-    /// No Vulkan loader library.
+    /// The Vulkan loader library was not found.
     #[error("cannot load Vulkan ({0}); install the Vulkan loader (libvulkan1) and a driver, or run tools/setup")]
     NoLoader(String),
     /// No device, or none that matches the choice.
     #[error("no Vulkan device {wanted}; found: {found}")]
     NoDevice {
-        /// What was asked for.
+        /// The device that was asked for.
         wanted: String,
-        /// Names of the devices there are.
+        /// Names of the devices that were found.
         found: String,
     },
     /// The device lacks something this program needs.
     #[error("device {device} lacks {feature}, which this program needs; choose another device with --device")]
     MissingFeature {
-        /// Device name.
+        /// Device name as the driver gives it.
         device: String,
         /// The feature, extension or limit.
         feature: String,
@@ -27,9 +27,9 @@ pub enum GpuError {
     /// A Vulkan call failed.
     #[error("{what}: Vulkan returned {result}")]
     Vulkan {
-        /// The object or call.
+        /// The object or call that failed.
         what: String,
-        /// Vulkan's code.
+        /// Vulkan's result code.
         result: vk::Result,
     },
     /// A buffer larger than one storage binding may be.
@@ -38,79 +38,79 @@ pub enum GpuError {
          render fewer Gaussians or a smaller image, or use a device with a larger limit"
     )]
     BufferTooLarge {
-        /// Buffer name.
+        /// Name that the buffer was created with.
         name: String,
-        /// Bytes asked for.
+        /// Size of the buffer, bytes.
         bytes: u64,
-        /// The device's limit.
+        /// Largest binding of the device, bytes.
         limit: u64,
     },
     /// Device memory is exhausted.
     #[error("out of device memory for {name} ({bytes} bytes): {reason}; render fewer Gaussians or a smaller image")]
     OutOfMemory {
-        /// Buffer name.
+        /// Name that the buffer was created with.
         name: String,
-        /// Bytes asked for.
+        /// Size of the allocation, bytes.
         bytes: u64,
-        /// The allocator's words.
+        /// Message of the allocator.
         reason: String,
     },
-    /// A kernel that uses more storage buffers than the device lets a stage use.
+    /// A kernel uses more storage buffers than the device allows in one stage.
     #[error(
         "kernel {kernel} uses {needed} storage buffers, but {device} has at most {limit} \
          (maxPerStageDescriptorStorageBuffers); choose another device with --device"
     )]
     TooManyBindings {
-        /// Kernel stem.
+        /// Stem of the kernel's file.
         kernel: String,
-        /// Storage buffers it uses.
+        /// Storage buffers that the kernel uses.
         needed: u32,
-        /// The device's limit.
+        /// Limit of the device on storage buffers.
         limit: u32,
-        /// Device name.
+        /// Device name as the driver gives it.
         device: String,
     },
-    /// A lock of the caller's did not do its part.
+    /// The caller's queue lock returned without calling its argument.
     #[error("the caller's queue lock returned without running what it was given")]
     QueueLock,
-    /// Something was recorded that this device cannot run.
+    /// A command was recorded that this device cannot run.
     #[error("recording {pass}: {reason}")]
     Recording {
-        /// Stem of the pass, or the command.
+        /// Stem of the pass, or name of the command.
         pass: String,
-        /// What is wrong.
+        /// Description of the problem.
         reason: String,
     },
     /// The device was lost.
     #[error("the device was lost; what was begun last: {last_pass}")]
     DeviceLost {
-        /// Stem of the pass, or what the host was doing.
+        /// Stem of the last pass begun, or what the host was doing.
         last_pass: String,
     },
-    /// A spec constant that the shader does not declare, or the like.
+    /// A kernel was used wrongly, such as with an undeclared spec constant.
     #[error("kernel {kernel}: {reason}")]
     Kernel {
-        /// Kernel stem.
+        /// Stem of the kernel's file.
         kernel: String,
-        /// What is wrong.
+        /// Description of the problem.
         reason: String,
     },
     /// The start-up self-test found a wrong result.
     #[error("self-test of {what} failed on {device} with subgroup size {subgroup_size}: {reason}")]
     SelfTest {
-        /// What was tested.
+        /// Name of the test that failed.
         what: String,
-        /// Device name.
+        /// Device name as the driver gives it.
         device: String,
         /// Subgroup size of the variant.
         subgroup_size: u32,
-        /// The difference found.
+        /// First difference from the expected result.
         reason: String,
     },
 }
 
 impl GpuError {
-    /// Wraps a Vulkan result code with the name of the object or call; a lost device is one wherever it shows.
+    /// Wraps a Vulkan result code with the name of the object or call; a lost device always becomes `DeviceLost`.
     pub fn vulkan(what: &str) -> impl FnOnce(vk::Result) -> GpuError {
         move |result| match result {
             vk::Result::ERROR_DEVICE_LOST => GpuError::DeviceLost { last_pass: what.into() },
@@ -118,12 +118,12 @@ impl GpuError {
         }
     }
 
-    /// The device has no room for what was asked of it, but goes on.
+    /// True if an allocation failed for want of memory; the device itself can go on.
     pub fn is_out_of_memory(&self) -> bool {
         matches!(self, Self::OutOfMemory { .. } | Self::BufferTooLarge { .. })
     }
 
-    /// The device, or the surface of a window, is gone for good.
+    /// True if the device, or the surface of a window, is lost.
     pub fn is_lost(&self) -> bool {
         let surface = vk::Result::ERROR_SURFACE_LOST_KHR;
         matches!(self, Self::DeviceLost { .. }) || matches!(self, Self::Vulkan { result, .. } if *result == surface)

@@ -1,4 +1,4 @@
-//! Pictures in images of the caller's, recorded into command buffers of the caller's.
+//! Rendering into images and command buffers of the caller's.
 
 use std::sync::Arc;
 
@@ -10,35 +10,35 @@ use super::error::GpuError;
 use super::recorder::{FOR_THE_HOST, Recorder, Submitted};
 use super::timeline::Timeline;
 
-/// What a submission of the caller's must signal when it is done: a timeline semaphore and its value.
+/// The timeline semaphore that the caller's submission must signal when it is done, and its value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[must_use = "the submission must signal it"]
 pub struct Signal {
     /// A timeline semaphore of the device.
     pub semaphore: vk::Semaphore,
-    /// What it is set to.
+    /// The value that the submission sets the semaphore to.
     pub value: u64,
 }
 
-/// An image of the caller's that a picture is written to: its colour aspect, mip level 0, array layer 0.
+/// An image of the caller's as the target of a picture: its colour aspect, mip level 0, array layer 0.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageTarget {
-    /// Made with usage `TRANSFER_DST`, one sample per pixel, and owned by the family of the [`Gpu`]'s queue (or shared).
+    /// The image: usage `TRANSFER_DST`, one sample per pixel, owned by the family of the [`Gpu`]'s queue (or shared).
     pub image: vk::Image,
-    /// `R8G8B8A8_UNORM`, `B8G8R8A8_UNORM`, or one of the two with `_SRGB`. Colours are stored as they are, in the encoding of
-    /// the training images (sRGB values), so that a sampler decodes an `_SRGB` image and does not decode a `_UNORM` one.
+    /// `R8G8B8A8_UNORM`, `B8G8R8A8_UNORM`, or one of the two with `_SRGB`. Colours are stored unchanged in the encoding
+    /// of the training images (sRGB), so a sampler decodes an `_SRGB` image and does not decode a `_UNORM` one.
     pub format: vk::Format,
     /// Width and height of the image, pixels. The picture is scaled if the camera has another size.
     pub size_px: [u32; 2],
-    /// The layout that the image is left in. Before, it may be in any: what it holds is discarded.
+    /// The layout that the image is left in. The layout before does not matter: the contents are discarded.
     pub layout_after: vk::ImageLayout,
 }
 
 impl ImageTarget {
-    /// Whether blue comes first in memory.
+    /// True if blue comes first in memory.
     ///
     /// # Errors
-    /// A format that is not among those of [`ImageTarget::format`], or no pixels.
+    /// The format is not one of those of [`ImageTarget::format`], or the image has no pixels.
     pub(crate) fn blue_first(&self) -> Result<bool, GpuError> {
         let refuse = |reason: String| Err(GpuError::Recording { pass: "an image".into(), reason });
         if self.size_px.contains(&0) {
@@ -53,7 +53,7 @@ impl ImageTarget {
 }
 
 impl Recorder {
-    /// A recorder for [`Recorder::begin_in`].
+    /// Creates a recorder for [`Recorder::begin_in`].
     pub(crate) fn for_callers(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
         let mut recorder = Self::new(gpu)?;
         recorder.callers = Some(Timeline::new(&gpu.device)?);
@@ -63,7 +63,7 @@ impl Recorder {
     /// Starts recording into a command buffer of the caller's, up to [`Recorder::end_in`]. Never waits.
     ///
     /// # Errors
-    /// The one before is not over, or has been begun and neither ended nor abandoned.
+    /// The previous recording has not finished, or was begun and neither ended nor abandoned.
     ///
     /// # Safety
     /// The command buffer is of this device and of a family that does compute and transfers, is being recorded outside of
@@ -77,7 +77,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Ends what [`Recorder::begin_in`] started, and says what the caller's submission must signal.
+    /// Ends the recording that [`Recorder::begin_in`] started. Returns what the caller's submission must signal.
     pub(crate) fn end_in(&mut self) -> Result<Signal, GpuError> {
         let Some(callers) = self.callers.as_ref().filter(|_| self.recording && self.commands != self.own) else {
             return Err(self.refuse("a picture", "it was not begun"));
@@ -91,7 +91,7 @@ impl Recorder {
         Ok(signal)
     }
 
-    /// True if nothing that was recorded into a command buffer of the caller's is unfinished.
+    /// True if every recording into a command buffer of the caller's has finished.
     ///
     /// # Errors
     /// The device is lost.
@@ -105,7 +105,7 @@ impl Recorder {
         Ok(callers.is_over(ticket))
     }
 
-    /// Waits for what was recorded into a command buffer of the caller's, which must have been submitted.
+    /// Waits for the recording in a command buffer of the caller's, which must have been submitted.
     pub(crate) fn wait_for_callers(&self) -> Result<(), GpuError> {
         match (self.submitted, &self.callers) {
             (Some(Submitted::Callers(ticket)), Some(callers)) => callers.wait(ticket).map_err(|e| self.explain(e)),
@@ -113,13 +113,13 @@ impl Recorder {
         }
     }
 
-    /// Lets go of what was recorded into a command buffer of the caller's.
+    /// Releases the buffers of a recording in a command buffer of the caller's.
     ///
     /// # Safety
-    /// It has not been submitted and never will be, or is over.
+    /// The recording has not been submitted and never will be, or has finished.
     pub(crate) unsafe fn forget_callers(&mut self) -> Result<(), GpuError> {
         if let Some(Submitted::Callers(_)) = self.submitted {
-            // A value that was never signalled must not be signalled later: a new semaphore starts anew.
+            // The skipped value must not be signalled later: a new semaphore starts again.
             self.callers = Some(Timeline::new(&self.gpu.device)?);
             self.submitted = None;
         }
@@ -127,13 +127,13 @@ impl Recorder {
         Ok(())
     }
 
-    /// Copies packed pixels into an image: one u32 each, row by row from the top. What comes later in the queue sees them.
+    /// Copies packed pixels into an image: one u32 each, row by row from the top. Later commands in the queue see them.
     ///
     /// # Errors
-    /// Fewer pixels than the image has.
+    /// The buffer has fewer pixels than the image.
     ///
     /// # Safety
-    /// The image is as [`ImageTarget`] says, and lives until the submission is over.
+    /// The image fulfils what [`ImageTarget`] requires, and lives until the submission has finished.
     pub(crate) unsafe fn copy_to_image(&mut self, pixels: &Buffer<u32>, target: &ImageTarget) -> Result<(), GpuError> {
         let [width, height] = target.size_px;
         if (pixels.len() as u64) < u64::from(width) * u64::from(height) {
@@ -141,7 +141,7 @@ impl Recorder {
         }
         let commands = self.raw_copy(pixels)?;
         let filled = vk::ImageLayout::TRANSFER_DST_OPTIMAL;
-        // The image's uses so far come before the barrier at the start of the recording.
+        // Earlier uses of the image are covered by the barrier at the start of the recording.
         let (copies, writes) = (vk::PipelineStageFlags2::ALL_TRANSFER, vk::AccessFlags2::TRANSFER_WRITE);
         let before = vk::ImageMemoryBarrier2::default()
             .src_stage_mask(copies)

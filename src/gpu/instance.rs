@@ -1,4 +1,4 @@
-//! An instance of this crate's own, and the devices that it knows.
+//! A Vulkan instance of this crate's own, and its devices.
 
 use std::ffi::CStr;
 
@@ -12,18 +12,18 @@ use super::validation::ValidationMessages;
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
-/// An instance, destroyed when this is dropped.
+/// A Vulkan instance, destroyed on drop.
 pub(super) struct OwnedInstance {
     pub(super) instance: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    /// What the messenger writes to; instance and messenger have its address.
+    /// The list that the messenger writes to; instance and messenger hold its address.
     messages: ValidationMessages,
-    /// Keeps the loader library loaded.
+    /// Keeps the Vulkan loader library loaded.
     pub(super) entry: ash::Entry,
 }
 
 impl OwnedInstance {
-    /// With the validation layers if `options` ask for them; their messages go to `messages`.
+    /// Creates an instance, with the validation layers if `options` ask for them; their messages go to `messages`.
     pub(super) fn new(options: &GpuOptions, messages: &ValidationMessages) -> Result<Self, GpuError> {
         // SAFETY: loading the system's Vulkan loader runs its initialisers; it is kept loaded for the life of `Entry`.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| GpuError::NoLoader(e.to_string()))?;
@@ -39,7 +39,7 @@ impl OwnedInstance {
         Ok(owned)
     }
 
-    /// What the validation layers said.
+    /// Messages of the validation layers.
     pub(super) fn messages(&self) -> ValidationMessages {
         self.messages.clone()
     }
@@ -73,7 +73,8 @@ fn create_instance(
     if options.validation {
         extensions.push(ext::debug_utils::NAME.as_ptr());
     }
-    // Without it, loaders hide devices that lack corners of Vulkan, as MoltenVK's do; nothing here needs those.
+    // Without this extension, loaders hide devices that lack parts of Vulkan, such as MoltenVK's; none of those parts
+    // is needed.
     // SAFETY: the entry is loaded.
     let offered = unsafe { entry.enumerate_instance_extension_properties(None) };
     let offered = offered.map_err(GpuError::vulkan("listing instance extensions"))?;
@@ -121,7 +122,7 @@ pub(super) fn enumerate(instance: &ash::Instance) -> Result<Vec<(vk::PhysicalDev
     Ok(supported.map(|device| (device, DeviceCaps::read(instance, device))).collect())
 }
 
-/// The device that is asked for.
+/// Selects the device that the options ask for.
 pub(super) fn choose_device(
     instance: &ash::Instance,
     choice: &DeviceChoice,

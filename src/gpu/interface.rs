@@ -4,35 +4,35 @@ use std::sync::Arc;
 
 use super::buffer::{Buffer, BufferMemory};
 
-/// A compiled shader.
+/// A compiled shader and its interface.
 pub struct Shader {
-    /// The stem of its file.
+    /// Stem of the shader's file.
     pub name: &'static str,
     /// Optimised SPIR-V, bytes.
     pub spirv: &'static [u8],
-    /// Storage buffers.
+    /// Storage buffers that the shader declares.
     pub bindings: &'static [BindingInfo],
     /// Specialisation constants.
     pub spec_constants: &'static [SpecConstant],
-    /// Size of the push constants.
+    /// Size of the push constants, bytes.
     pub push_constant_bytes: u32,
 }
 
 /// A storage buffer that a shader declares.
 pub struct BindingInfo {
-    /// Name in GLSL.
+    /// Name of the buffer in GLSL.
     pub name: &'static str,
     /// Binding number in set 0.
     pub binding: u32,
-    /// False if declared `readonly`.
+    /// False if the buffer is declared `readonly`.
     pub writable: bool,
 }
 
 /// A specialisation constant that a shader declares.
 pub struct SpecConstant {
-    /// Name in GLSL.
+    /// Name of the constant in GLSL.
     pub name: &'static str,
-    /// `constant_id`.
+    /// The `constant_id` in GLSL.
     pub id: u32,
 }
 
@@ -44,26 +44,26 @@ pub struct SpecConstant {
 pub unsafe trait Kernel {
     /// The compiled shader.
     const SHADER: &'static Shader;
-    /// Push constants; `()` if there are none.
+    /// Type of the push constants; `()` if there are none.
     type Params: bytemuck::NoUninit;
-    /// Buffers by name.
+    /// Struct of the buffers, by name.
     type Bindings<'a>: BindingSet;
 }
 
 /// A generated struct of buffers.
 pub trait BindingSet {
-    /// Calls `visit` for every buffer.
+    /// Calls `visit` once for every buffer.
     fn visit(&self, visit: &mut dyn FnMut(BoundBuffer<'_>));
 }
 
 /// One buffer of a binding set.
 #[derive(Clone, Copy)]
 pub struct BoundBuffer<'a> {
-    /// Binding number.
+    /// Binding number in set 0.
     pub(super) binding: u32,
-    /// The shader may write it.
+    /// True if the shader may write the buffer.
     pub(super) writable: bool,
-    /// What is bound.
+    /// The buffer that is bound.
     pub(super) buffer: &'a Arc<BufferMemory>,
 }
 
@@ -73,7 +73,7 @@ impl<'a> BoundBuffer<'a> {
     }
 }
 
-/// The most storage buffers that a kernel of this crate uses.
+/// The largest number of storage buffers that a kernel of this crate uses.
 pub const MOST_BINDINGS: usize = {
     let (mut most, mut k) = (0, 0);
     while k < ALL_SHADERS.len() {

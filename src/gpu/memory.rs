@@ -9,7 +9,7 @@ use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme, 
 
 use super::error::GpuError;
 
-/// The allocator and what is allocated. Dropping it frees all device memory, so that it goes before the device.
+/// The allocator and its totals. Dropping it frees all device memory, so it must be dropped before the device.
 pub(crate) struct Memory {
     allocator: Mutex<Allocator>,
     current_bytes: AtomicU64,
@@ -73,27 +73,27 @@ impl Memory {
     pub(crate) fn free(&self, allocation: Allocation) {
         self.current_bytes.fetch_sub(allocation.size(), Ordering::Relaxed);
         if let Ok(mut allocator) = self.allocator.lock() {
-            // Freeing fails only for an allocation of another allocator, which cannot reach this point.
+            // Freeing fails only for an allocation of another allocator, which cannot occur here.
             let _ = allocator.free(allocation);
         }
     }
 
-    /// Bytes allocated now and at the most since the last `reset_peak`.
+    /// Bytes allocated now, and the peak since the last `reset_peak`.
     pub(crate) fn usage(&self) -> (u64, u64) {
         (self.current_bytes.load(Ordering::Relaxed), self.peak_bytes.load(Ordering::Relaxed))
     }
 
-    /// Allocations that would exceed `bytes` in all fail from now on.
+    /// Makes allocations that would exceed a total of `bytes` fail from now on.
     pub(crate) fn set_budget(&self, bytes: u64) {
         self.budget_bytes.store(bytes, Ordering::Relaxed);
     }
 
-    /// What allocations may come to; `u64::MAX` if nothing was set.
+    /// Largest total of allocations, bytes; `u64::MAX` if no budget was set.
     pub(crate) fn budget(&self) -> u64 {
         self.budget_bytes.load(Ordering::Relaxed)
     }
 
-    /// Forgets the peak so far.
+    /// Makes the current total the new peak.
     pub(crate) fn reset_peak(&self) {
         self.peak_bytes.store(self.current_bytes.load(Ordering::Relaxed), Ordering::Relaxed);
     }

@@ -1,12 +1,12 @@
-//! L1: the only module that speaks Vulkan. It knows nothing of Gaussians.
+//! Device layer: the only module that calls Vulkan. It knows nothing of Gaussians.
 //!
 //! `Gpu` is the device with its queue, allocator and timeline; `Buffer<T>` a typed storage buffer; `Pipeline<K>` a
 //! compiled kernel; `Recorder` turns dispatches into a command buffer and derives the barriers from `&`/`&mut` of the
 //! generated binding structs in [`interface`].
 //!
-//! A buffer may be dropped at any time: recorders and submissions keep what they use. [`Gpu::from_raw`] takes a device that
-//! is somebody else's ([`RawDevice`] says what it must have); `Gpu::raw_*`, [`Gpu::with_queue`], [`Recorder::raw_copy`] and
-//! [`Recorder::submit_between`] are what a window system needs of this module. See "Embedding" in the crate's documentation.
+//! A buffer may be dropped at any time: recorders and submissions keep what they use. [`Gpu::from_raw`] takes a device
+//! of the caller's ([`RawDevice`] lists what it must have). `Gpu::raw_*`, [`Gpu::with_queue`], [`Recorder::raw_copy`]
+//! and [`Recorder::submit_between`] are what a window system needs. See "Embedding" in the crate's documentation.
 
 pub mod barrier;
 pub mod buffer;
@@ -23,6 +23,7 @@ pub mod profiler;
 pub mod recorder;
 pub mod staging;
 pub mod timeline;
+mod transfers;
 pub mod validation;
 
 pub use ash::vk;

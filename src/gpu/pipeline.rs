@@ -1,4 +1,4 @@
-//! Compute pipelines: one per kernel and set of specialisation constants, made once per device.
+//! Compute pipelines: one per kernel and set of spec constants, created once per device.
 
 use std::collections::HashMap;
 use std::io::Write as _;
@@ -12,16 +12,16 @@ use super::context::Gpu;
 use super::error::GpuError;
 use super::interface::{Kernel, Shader};
 
-/// Vulkan's pipeline cache, kept in a file between runs when a path is given.
+/// Vulkan's pipeline cache, stored in a file between runs if a path is given.
 pub struct PipelineCache {
     gpu: Arc<Gpu>,
     handle: vk::PipelineCache,
     path: Option<PathBuf>,
-    /// What the file held.
+    /// Contents of the file when the cache was opened.
     loaded: Vec<u8>,
 }
 
-/// FNV-1a over the cache's data, first in our file: drivers check the header of a cache, but trust its body.
+/// FNV-1a over the cache's data, stored first in the file: drivers check the header of a cache, but trust its body.
 fn checksum(data: &[u8]) -> [u8; 8] {
     let step = |hash: u64, &byte: &u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
     data.iter().fold(0xcbf2_9ce4_8422_2325, step).to_le_bytes()
@@ -43,7 +43,7 @@ fn write_cache(path: &Path, data: &[u8]) -> std::io::Result<()> {
 }
 
 impl PipelineCache {
-    /// Opens the cache; a missing, damaged or foreign file is an empty cache.
+    /// Opens the cache. A missing, damaged or foreign file counts as an empty cache.
     pub fn new(gpu: &Arc<Gpu>, path: Option<&Path>) -> Result<Self, GpuError> {
         let loaded = path.and_then(read_cache).unwrap_or_default();
         let info = vk::PipelineCacheCreateInfo::default().initial_data(&loaded);
@@ -54,8 +54,8 @@ impl PipelineCache {
     }
 }
 
-/// The user's cache file for a device, or `None` if the system names no cache folder. The device's name keeps those
-/// of one machine apart.
+/// The user's cache file for a device, or `None` if the system names no cache folder. The file name contains the
+/// device's name, so that the devices of one machine do not share a file.
 pub fn user_cache_path(device_name: &str) -> Option<PathBuf> {
     let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
     let folder = variable("XDG_CACHE_HOME")
@@ -70,7 +70,7 @@ pub fn user_cache_path(device_name: &str) -> Option<PathBuf> {
 impl Drop for PipelineCache {
     fn drop(&mut self) {
         if let Some(path) = &self.path {
-            // SAFETY: the cache is valid. Losing it costs only compile time, so errors are of no consequence.
+            // SAFETY: the cache is valid. Losing it costs only compile time, so errors are ignored.
             if let Ok(data) = unsafe { self.gpu.device.get_pipeline_cache_data(self.handle) }
                 && data != self.loaded
             {
@@ -82,7 +82,7 @@ impl Drop for PipelineCache {
     }
 }
 
-/// What a pipeline is made of.
+/// The Vulkan objects of a pipeline.
 #[derive(Clone, Copy)]
 struct Compiled {
     handle: vk::Pipeline,
@@ -90,23 +90,23 @@ struct Compiled {
     set_layout: vk::DescriptorSetLayout,
 }
 
-/// Kernel, subgroup size, specialisation constants.
+/// Kernel, subgroup size and spec constants.
 type Key = (&'static str, u32, Vec<(String, u32)>);
 
-/// The pipelines of a device. They live as long as it does: the phases of a run, and the pictures between them, take those
-/// that are there. Drivers may compile a kernel when it is first run, not when its pipeline is made, so that Vulkan's cache
-/// does not spare that; lavapipe does, 0.1 to 0.15 s for those of training.
+/// The pipelines of a device, which live as long as it does, so that the phases of a run share them. Drivers may
+/// compile a kernel only when it is first run, which Vulkan's cache does not avoid; lavapipe takes 0.1 to 0.15 s for
+/// the training kernels.
 #[derive(Default)]
 pub(super) struct PipelineStore(Mutex<HashMap<Key, Compiled>>);
 
 impl PipelineStore {
-    /// The pipeline of `key`; made by `create` if there is none.
+    /// Returns the pipeline of `key`; calls `create` if there is none.
     fn get_or_create(
         &self,
         key: Key,
         create: impl FnOnce() -> Result<Compiled, GpuError>,
     ) -> Result<Compiled, GpuError> {
-        // A panic elsewhere leaves the map whole.
+        // A panic in another thread leaves the map intact.
         let mut pipelines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(&compiled) = pipelines.get(&key) {
             return Ok(compiled);
@@ -116,13 +116,13 @@ impl PipelineStore {
         Ok(compiled)
     }
 
-    /// Destroys all of them.
+    /// Destroys all pipelines.
     ///
     /// # Safety
-    /// They are of `device`, it is done with them, and nobody uses them afterwards.
+    /// The pipelines are of `device`, which is done with them, and nobody uses them afterwards.
     pub(super) unsafe fn destroy(&self, device: &ash::Device) {
         for (_, compiled) in self.0.lock().unwrap_or_else(PoisonError::into_inner).drain() {
-            // SAFETY: as this function's; drained, so each only once.
+            // SAFETY: guaranteed by the caller; drained, so each is destroyed once.
             unsafe {
                 device.destroy_pipeline(compiled.handle, None);
                 device.destroy_pipeline_layout(compiled.layout, None);
@@ -132,9 +132,9 @@ impl PipelineStore {
     }
 }
 
-/// A compiled kernel with its spec constants fixed.
+/// A compiled kernel with fixed spec constants.
 pub struct Pipeline<K> {
-    /// Keeps the device, which owns the handles.
+    /// Keeps the device alive, which owns the handles.
     pub(super) gpu: Arc<Gpu>,
     pub(super) handle: vk::Pipeline,
     pub(super) layout: vk::PipelineLayout,
@@ -143,7 +143,7 @@ pub struct Pipeline<K> {
 }
 
 impl<K: Kernel> Pipeline<K> {
-    /// Kernel `K` for `subgroup_size` with the named 32-bit specialisation constants; compiled, unless the device has it.
+    /// Kernel `K` for `subgroup_size` with the named 32-bit spec constants; compiled unless the device already has it.
     ///
     /// # Errors
     /// A subgroup size that the device does not have, a name that the shader does not declare, more storage buffers than the device lets a kernel use
@@ -162,7 +162,7 @@ impl<K: Kernel> Pipeline<K> {
     }
 }
 
-/// What [`compile`] has made so far; destroyed unless it is taken over.
+/// Objects that [`compile`] has created so far; destroyed unless they are taken over.
 struct Unfinished<'a> {
     device: &'a ash::Device,
     module: vk::ShaderModule,
@@ -172,7 +172,7 @@ struct Unfinished<'a> {
 
 impl Drop for Unfinished<'_> {
     fn drop(&mut self) {
-        // SAFETY: made from this device, and no pipeline that is used was made from what is still here; null is ignored.
+        // SAFETY: created from this device, and no pipeline in use depends on what is left here; null is ignored.
         unsafe {
             self.device.destroy_shader_module(self.module, None);
             self.device.destroy_pipeline_layout(self.layout, None);
@@ -229,8 +229,8 @@ fn compile(
     Ok(Compiled { handle, layout, set_layout })
 }
 
-/// Fails if the device lets a kernel use fewer storage buffers than this one does. Devices are opened without this check:
-/// drawing needs fewer than training, and what is never made needs none.
+/// Fails if the kernel uses more storage buffers than the device allows. Devices are opened without this check: drawing
+/// needs fewer than training, and a pipeline that is never created needs none.
 fn check_bindings(gpu: &Gpu, shader: &Shader) -> Result<(), GpuError> {
     let (needed, limit) = (shader.bindings.len() as u32, gpu.caps().max_storage_buffers);
     if needed <= limit {

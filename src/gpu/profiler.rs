@@ -1,4 +1,4 @@
-//! Timestamps around passes.
+//! GPU timestamps around passes.
 
 use std::sync::Arc;
 
@@ -27,14 +27,14 @@ impl Profiler {
         Ok(profiler)
     }
 
-    /// Forgets all passes. The device must be done with the command buffer.
+    /// Resets all queries. The device must have finished the command buffer.
     pub(crate) fn reset(&mut self) {
         self.names.clear();
         // SAFETY: hostQueryReset is enabled and the queries are not in use.
         unsafe { self.gpu.device.reset_query_pool(self.pool, 0, 2 * MAX_PASSES) };
     }
 
-    /// As if there had been no passes, for a command buffer that is not submitted.
+    /// Drops the passes of a command buffer that is not submitted.
     pub(crate) fn forget(&mut self) {
         self.names.clear();
     }
@@ -64,7 +64,7 @@ impl Profiler {
         }
     }
 
-    /// (pass, milliseconds) in order, after the command buffer has finished.
+    /// Pass names and milliseconds in order, after the command buffer has finished.
     pub(crate) fn read(&self) -> Result<Vec<(&'static str, f64)>, GpuError> {
         let mut ticks = vec![0u64; 2 * self.names.len()];
         if !ticks.is_empty() {

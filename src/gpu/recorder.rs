@@ -1,7 +1,6 @@
-//! Records dispatches, fills and copies into one command buffer; barriers follow from the bindings.
+//! Records dispatches into one command buffer; barriers follow from the bindings. `transfers` adds fills and copies.
 
 use std::mem;
-use std::ops::Range;
 use std::sync::Arc;
 
 use ash::vk;
@@ -15,7 +14,7 @@ use super::pipeline::Pipeline;
 use super::profiler::Profiler;
 use super::timeline::{Ticket, Timeline};
 
-/// Work-groups of a direct dispatch.
+/// Number of work-groups of a direct dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Grid {
     /// Work-groups along x.
@@ -25,14 +24,14 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// `count` work-groups, folded into two dimensions of at most 65535 (Vulkan's least upper limit);
+    /// `count` work-groups, folded into two dimensions of at most 65535 (the smallest limit that Vulkan allows);
     /// kernels flatten the index again and check it against their count.
     pub fn groups(count: u32) -> Self {
         const ROW: u32 = 65535;
         if count <= ROW { Self { x: count.max(1), y: 1 } } else { Self { x: ROW, y: count.div_ceil(ROW) } }
     }
 
-    /// As many work-groups of `size` threads as cover `threads`.
+    /// The fewest work-groups of `size` threads that cover `threads`.
     pub fn threads(threads: u32, size: u32) -> Self {
         Self::groups(threads.div_ceil(size))
     }
@@ -41,15 +40,12 @@ impl Grid {
 /// Passes that the crash marker can name; later ones share the last slot's name.
 const MAX_MARKERS: usize = 1024;
 
-/// Bytes that one update command takes at most: Vulkan's limit.
-const MAX_UPDATE_BYTES: usize = 65536;
-
-/// What must be over before a recorder starts anew.
+/// The submission that must finish before a recorder starts again.
 #[derive(Clone, Copy)]
 pub(super) enum Submitted {
-    /// A submission of its own.
+    /// A submission of this recorder.
     Own(Ticket),
-    /// One of the caller's; the ticket is of the recorder's own timeline.
+    /// A submission of the caller's; the ticket is of the recorder's own timeline.
     Callers(Ticket),
 }
 
@@ -61,33 +57,33 @@ pub struct Recorder {
     pool: vk::CommandPool,
     /// The command buffer of the pool.
     pub(super) own: vk::CommandBuffer,
-    /// Where commands go: `own`, or one of the caller's.
+    /// The command buffer in use: `own`, or one of the caller's.
     pub(super) commands: vk::CommandBuffer,
     descriptor_pools: Vec<vk::DescriptorPool>,
-    /// Index of the pool in use and sets taken from it.
+    /// Index of the pool in use, and the number of sets taken from it.
     descriptor_cursor: (usize, u32),
     hazards: HazardTracker,
     profiler: Option<Profiler>,
-    /// Slot i is set before pass i begins: after a device loss the last set slot names the culprit, or a pass soon after
-    /// it, since nothing orders these fills against the dispatches.
+    /// Slot i is set before pass i begins. After a device loss the last set slot names the culprit, or a pass soon
+    /// after it: these fills are not ordered against the dispatches.
     markers: Buffer<u32>,
     marked: Vec<&'static str>,
     pub(super) recording: bool,
-    /// Number of the recording, of which no other one has the same.
+    /// Number of the recording; unique per device.
     number: u64,
-    /// Buffers that commands of this recording use, each once; with those of a recording in a command buffer of the caller's
-    /// until that is over.
+    /// Buffers that commands of this recording use, each once. Those of a recording in a command buffer of the caller's
+    /// stay until it has finished.
     kept: Vec<Arc<BufferMemory>>,
-    /// How the coming command touches buffers; kept for its memory.
-    accesses: Vec<(vk::Buffer, Access)>,
+    /// Accesses of the coming command; a field to reuse its memory.
+    pub(super) accesses: Vec<(vk::Buffer, Access)>,
     pub(super) submitted: Option<Submitted>,
-    /// What submissions of the caller's signal.
+    /// Timeline that submissions of the caller's signal.
     pub(super) callers: Option<Timeline>,
 }
 
-/// Descriptor sets per pool; a frame takes about 60.
+/// Descriptor sets per pool; a frame uses about 60.
 const SETS_PER_POOL: u32 = 128;
-/// Storage buffers of all sets of a pool: every set may be of the kernel with the most.
+/// Storage buffers of all sets of a pool, each set being of the kernel with the most bindings.
 const POOL_BUFFERS: u32 = SETS_PER_POOL * MOST_BINDINGS as u32;
 
 impl Recorder {
@@ -133,8 +129,8 @@ impl Recorder {
         Ok(recorder)
     }
 
-    /// Starts the command buffer if it has not been started, after the previous submission has finished. The other commands do
-    /// it by themselves.
+    /// Starts the command buffer unless it is recording already, after the previous submission has finished. All other
+    /// commands call this themselves.
     pub fn begin(&mut self) -> Result<(), GpuError> {
         if self.recording {
             return Ok(());
@@ -146,7 +142,7 @@ impl Recorder {
         }
         self.start()?;
         let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: `start` has seen that no submission uses the pool.
+        // SAFETY: the previous submission has finished, so nothing uses the pool.
         unsafe {
             let device = &self.gpu.device;
             device
@@ -158,12 +154,12 @@ impl Recorder {
         Ok(())
     }
 
-    /// Makes what belongs to a recording fit for the next one. Whatever was submitted before is over.
+    /// Resets pools, markers and timestamps for the next recording. The previous submission must have finished.
     pub(super) fn start(&mut self) -> Result<(), GpuError> {
         self.submitted = None;
         self.kept.clear();
         for &pool in &self.descriptor_pools {
-            // SAFETY: nothing that is submitted uses sets of the pool any more.
+            // SAFETY: no submission uses sets of the pool any more.
             unsafe { self.gpu.device.reset_descriptor_pool(pool, vk::DescriptorPoolResetFlags::empty()) }
                 .map_err(GpuError::vulkan("descriptor pool"))?;
         }
@@ -178,7 +174,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// From now on commands go to `commands`, which is being recorded.
+    /// Directs commands to `commands`, which is in the recording state.
     pub(super) fn open(&mut self, commands: vk::CommandBuffer) {
         self.commands = commands;
         self.recording = true;
@@ -193,14 +189,14 @@ impl Recorder {
         });
     }
 
-    /// No more commands are recorded.
+    /// Ends the recording; no more commands follow.
     pub(super) fn close(&mut self) {
         self.recording = false;
         self.hazards = HazardTracker::default();
     }
 
-    /// Keeps a buffer that a command of this recording uses.
-    fn keep(&mut self, buffer: &Arc<BufferMemory>, pass: &str) -> Result<(), GpuError> {
+    /// Keeps a buffer that a command of this recording uses until the submission has finished.
+    pub(super) fn keep(&mut self, buffer: &Arc<BufferMemory>, pass: &str) -> Result<(), GpuError> {
         if !buffer.is_of(&self.gpu) {
             return Err(self.refuse(pass, &format!("buffer {} is of another device", buffer.name())));
         }
@@ -214,8 +210,8 @@ impl Recorder {
         GpuError::Recording { pass: pass.into(), reason: reason.into() }
     }
 
-    /// The barrier before a command that makes `self.accesses`, if it needs one.
-    fn order(&mut self) {
+    /// Records the barrier that a command with `self.accesses` needs, if any.
+    pub(super) fn order(&mut self) {
         if let Some(barrier) = self.hazards.next(&self.accesses) {
             self.barrier(barrier);
         }
@@ -224,7 +220,7 @@ impl Recorder {
     /// Dispatches `grid` work-groups of a kernel.
     ///
     /// # Errors
-    /// More work-groups along a dimension than the device takes, or something of another device.
+    /// The grid exceeds the device's limit, or the pipeline or a buffer is of another device.
     pub fn dispatch<K: Kernel>(
         &mut self,
         pipeline: &Pipeline<K>,
@@ -246,23 +242,23 @@ impl Recorder {
     /// Dispatches a kernel with the work-group counts in element `index` of `args` (three u32 each).
     ///
     /// # Errors
-    /// Something is of another device.
+    /// The pipeline or a buffer is of another device.
     ///
     /// # Panics
     /// If `args` has no such element.
     pub fn dispatch_indirect<K: Kernel, A: bytemuck::NoUninit>(
         &mut self,
         pipeline: &Pipeline<K>,
-        args: (&Buffer<A>, usize),
+        args: &Buffer<A>,
+        index: usize,
         params: &K::Params,
         bindings: K::Bindings<'_>,
     ) -> Result<(), GpuError> {
         const { assert!(size_of::<A>() == 12, "indirect arguments are three u32") };
-        let (buffer, index) = args;
-        assert!(index < buffer.len(), "{}: no indirect arguments {index}", buffer.name());
-        self.run::<K>(pipeline, params, &bindings, Some(buffer.inner()), |device, commands| {
+        assert!(index < args.len(), "{}: no indirect arguments {index}", args.name());
+        self.run::<K>(pipeline, params, &bindings, Some(args.inner()), |device, commands| {
             // SAFETY: as in `dispatch`; the offset lies in the buffer, which `run` keeps, and is a multiple of 4.
-            unsafe { device.cmd_dispatch_indirect(commands, buffer.handle(), 12 * index as u64) };
+            unsafe { device.cmd_dispatch_indirect(commands, args.handle(), 12 * index as u64) };
         })
     }
 
@@ -327,115 +323,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Fills a whole buffer with one 32-bit value.
-    pub fn fill<T: bytemuck::NoUninit>(&mut self, buffer: &mut Buffer<T>, value: u32) -> Result<(), GpuError> {
-        self.begin()?;
-        self.keep(buffer.inner(), "fill")?;
-        self.accesses.clear();
-        self.accesses.push((buffer.handle(), Access::COPY_WRITE));
-        self.order();
-        // SAFETY: the command buffer is recording, and the buffer has transfer usage and is kept.
-        unsafe { self.gpu.device.cmd_fill_buffer(self.commands, buffer.handle(), 0, vk::WHOLE_SIZE, value) };
-        Ok(())
-    }
-
-    /// Copies the first `bytes` bytes.
-    ///
-    /// # Panics
-    /// If either buffer is shorter.
-    pub fn copy<T: bytemuck::NoUninit>(
-        &mut self,
-        source: &Buffer<T>,
-        target: &mut Buffer<T>,
-        bytes: u64,
-    ) -> Result<(), GpuError> {
-        let fits = bytes <= source.bytes() && bytes <= target.bytes();
-        assert!(fits, "{} to {}: {bytes} bytes", source.name(), target.name());
-        self.begin()?;
-        self.keep(source.inner(), "copy")?;
-        self.keep(target.inner(), "copy")?;
-        self.accesses.clear();
-        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
-        self.order();
-        let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
-        // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted) and are kept.
-        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
-        Ok(())
-    }
-
-    /// Copies what lies in the source from element `first` on to the start of the target, as much as the target holds.
-    ///
-    /// # Panics
-    /// If the source ends before that.
-    pub fn copy_from<T: bytemuck::NoUninit>(
-        &mut self,
-        source: &Buffer<T>,
-        first: usize,
-        target: &mut Buffer<T>,
-    ) -> Result<(), GpuError> {
-        let (offset, bytes) = ((first * size_of::<T>()) as u64, target.bytes());
-        assert!(offset + bytes <= source.bytes(), "{}: {bytes} bytes from element {first}", source.name());
-        self.begin()?;
-        self.keep(source.inner(), "copy")?;
-        self.keep(target.inner(), "copy")?;
-        self.accesses.clear();
-        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
-        self.order();
-        let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
-        // SAFETY: recording; the source holds the region (asserted), which is as long as the target, and both are kept.
-        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
-        Ok(())
-    }
-
-    /// Writes these runs of `elements` to the same places of a buffer. The values travel in the command buffer: there is no
-    /// staging buffer, and `elements` may change as soon as this returns. Takes the buffer shared, since a scene that is drawn
-    /// is shared; barriers are those of any other write.
-    ///
-    /// # Panics
-    /// If a run goes beyond the elements or the buffer.
-    pub fn update<T: bytemuck::NoUninit>(
-        &mut self,
-        target: &Buffer<T>,
-        elements: &[T],
-        runs: &[Range<usize>],
-    ) -> Result<(), GpuError> {
-        const { assert!(size_of::<T>().is_multiple_of(4), "updates are of whole 32-bit words") };
-        if runs.is_empty() {
-            return Ok(());
-        }
-        self.begin()?;
-        self.keep(target.inner(), "update")?;
-        self.accesses.clear();
-        self.accesses.push((target.handle(), Access::COPY_WRITE));
-        self.order();
-        for run in runs {
-            assert!(run.end <= target.len(), "{}: elements {run:?} of {}", target.name(), target.len());
-            let bytes: &[u8] = bytemuck::cast_slice(&elements[run.clone()]);
-            let first = (run.start * size_of::<T>()) as u64;
-            for (k, part) in bytes.chunks(MAX_UPDATE_BYTES).enumerate() {
-                let offset = first + (k * MAX_UPDATE_BYTES) as u64;
-                // SAFETY: recording; the part lies in the buffer (asserted), is at most 65536 bytes, and offset and length
-                // are multiples of 4 as the element's size is.
-                unsafe { self.gpu.device.cmd_update_buffer(self.commands, target.handle(), offset, part) };
-            }
-        }
-        Ok(())
-    }
-
-    /// Starts a command that the caller records by hand and that reads the whole of `source` by a copy, such as one into an
-    /// image. It goes into the command buffer returned before any other command of this recorder; barriers of what else it
-    /// touches are the caller's business.
-    pub fn raw_copy<T: bytemuck::NoUninit>(&mut self, source: &Buffer<T>) -> Result<vk::CommandBuffer, GpuError> {
-        self.begin()?;
-        self.keep(source.inner(), "copy")?;
-        self.accesses.clear();
-        self.accesses.push((source.handle(), Access::COPY_READ));
-        self.order();
-        Ok(self.commands)
-    }
-
-    /// Starts a pass of commands that are recorded by hand; give what comes back to [`Recorder::end_by_hand`]. Nothing happens
-    /// if no recording has been started.
+    /// Starts a pass of commands that are recorded by hand. Pass the returned timer to [`Recorder::end_by_hand`]. Does
+    /// nothing if no recording has been started.
     pub fn begin_by_hand(&mut self, name: &'static str) -> Option<u32> {
         if !self.recording {
             return None;
@@ -444,7 +333,7 @@ impl Recorder {
         self.profiler.as_mut().and_then(|profiler| profiler.begin(self.commands, name))
     }
 
-    /// Ends the pass, if it is one of the current recording.
+    /// Ends a pass of commands recorded by hand, if it is one of the current recording.
     pub fn end_by_hand(&mut self, timer: Option<u32>) {
         if let Some(profiler) = self.profiler.as_mut().filter(|_| self.recording) {
             profiler.end(self.commands, timer);
@@ -457,12 +346,12 @@ impl Recorder {
         unsafe { self.submit_between(None, None) }
     }
 
-    /// As [`Recorder::submit`]; copies wait for a binary semaphore, and another one is signalled at the end.
+    /// The same as [`Recorder::submit`]; copies wait for a binary semaphore, and another one is signalled at the end.
     ///
     /// # Safety
-    /// The semaphores are of this device; the first one is or will be signalled and nothing else waits for it, the second one
-    /// is not. They live until the submission is over. Commands that were recorded by hand are valid, and what they use
-    /// lives as long.
+    /// The semaphores are of this device. The first one is or will be signalled and nothing else waits for it; the
+    /// second one is unsignalled. Both live until the submission has finished, as does everything that commands
+    /// recorded by hand use; these commands are valid.
     pub unsafe fn submit_between(
         &mut self,
         copies_after: Option<vk::Semaphore>,
@@ -476,7 +365,7 @@ impl Recorder {
         self.close();
         let ended = self.end_and_submit(copies_after, signalled);
         if ended.is_err() {
-            // What was not accepted uses nothing.
+            // A rejected submission uses nothing.
             self.abandon();
         }
         ended
@@ -504,7 +393,7 @@ impl Recorder {
                 .command_buffer_infos(&commands)
                 .signal_semaphore_infos(&signals[..1 + usize::from(signalled.is_some())])];
             // SAFETY: the queue is locked; the command buffer is complete; the arrays live through the call; the caller
-            // vouches for the semaphores.
+            // guarantees the semaphores.
             unsafe { self.gpu.device.queue_submit2(queue, &info, vk::Fence::null()) }?;
             timeline.submitted(ticket);
             Ok::<_, vk::Result>(ticket)
@@ -517,8 +406,8 @@ impl Recorder {
         Ok(ticket)
     }
 
-    /// Forgets what was recorded since the last submission and lets go of the buffers that it uses; the next command starts
-    /// anew. To be called when recording failed midway: the next submission would do the part that was recorded.
+    /// Discards the commands since the last submission and releases their buffers; the next command starts a new
+    /// recording. Call this when recording failed midway: the next submission would run the part that was recorded.
     pub fn abandon(&mut self) {
         if !matches!(self.submitted, Some(Submitted::Callers(_))) {
             self.kept.clear();
@@ -529,7 +418,7 @@ impl Recorder {
         self.close();
     }
 
-    /// Waits for a submission of this recorder; a lost device names the last pass begun.
+    /// Waits for a submission of this recorder; a lost device is an error that names the last pass begun.
     pub fn wait(&self, ticket: Ticket) -> Result<(), GpuError> {
         self.gpu.wait_for(ticket).map_err(|result| self.explain(result))
     }
@@ -542,8 +431,8 @@ impl Recorder {
         }
     }
 
-    /// Milliseconds per pass of the last submission, in order; call after `wait`. Empty without a profiler, and while the next
-    /// one is recorded.
+    /// Names and milliseconds of the passes of the last submission, in order; call after `wait`. Empty without a
+    /// profiler, and while the next recording is under way.
     pub fn passes_ms(&self) -> Result<Vec<(&'static str, f64)>, GpuError> {
         self.profiler.as_ref().filter(|_| !self.recording).map_or(Ok(Vec::new()), Profiler::read)
     }
@@ -608,7 +497,7 @@ fn create_descriptor_pool(gpu: &Gpu) -> Result<vk::DescriptorPool, GpuError> {
     unsafe { gpu.device.create_descriptor_pool(&info, None) }.map_err(GpuError::vulkan("descriptor pool"))
 }
 
-/// Downloads are read by the host after the wait.
+/// Makes device writes visible to the host after the wait.
 pub(super) const FOR_THE_HOST: Barrier = Barrier {
     src_stage: vk::PipelineStageFlags2::ALL_COMMANDS,
     src_access: vk::AccessFlags2::MEMORY_WRITE,
@@ -626,13 +515,13 @@ impl Drop for Recorder {
             _ => true,
         };
         if !over {
-            // The device may still use all of it, and a submission of the caller's cannot be waited for: it may never come.
-            // What is kept keeps the device.
+            // The device may still use all of it, and a submission of the caller's cannot be waited for: it may never
+            // come. The kept buffers keep the device alive.
             mem::forget(mem::take(&mut self.kept));
             mem::forget((self.profiler.take(), self.callers.take(), self.gpu.clone()));
             return;
         }
-        // SAFETY: the device is done with everything recorded here.
+        // SAFETY: the device has finished everything recorded here.
         unsafe {
             for &pool in &self.descriptor_pools {
                 self.gpu.device.destroy_descriptor_pool(pool, None);
@@ -655,7 +544,7 @@ mod tests {
         }
     }
 
-    /// A buffer may be dropped at any time: it goes when nothing that was recorded uses it any more.
+    /// A buffer may be dropped at any time: its memory is freed when no recording or submission uses it any more.
     #[test]
     fn what_is_recorded_outlives_its_buffer() {
         let Some(gpu) = gpu() else { return };
@@ -696,7 +585,7 @@ mod tests {
         assert!(matches!(refused, Err(GpuError::Recording { .. })), "{refused:?}");
     }
 
-    /// What the allocation of descriptor sets relies on.
+    /// The allocation of descriptor sets relies on this.
     #[test]
     fn a_pool_has_room_for_its_sets_of_any_kernel() {
         let most = crate::gpu::interface::ALL_SHADERS.iter().map(|shader| shader.bindings.len()).max();

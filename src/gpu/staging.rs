@@ -1,4 +1,4 @@
-//! Uploads and downloads outside the frame: blocking, through host-visible buffers.
+//! Blocking uploads and read-backs outside the frame, through host-visible staging buffers.
 
 use std::sync::Arc;
 

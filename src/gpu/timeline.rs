@@ -1,4 +1,4 @@
-//! One timeline semaphore per device: every submission gets the next value.
+//! A timeline semaphore per device: every submission signals the next value.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -10,14 +10,14 @@ use super::error::GpuError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Ticket(pub(crate) u64);
 
-/// What the host has asked of a device since it was opened. The counts depend on the calls alone, not on how fast the device is.
+/// Submissions and waits since a device was opened. The counts depend on the calls alone, not on the device's speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SubmissionCounts {
     /// Command buffers that were submitted.
     pub submissions: u64,
-    /// Host waits for a submission that no earlier wait had shown to be finished.
+    /// Host waits for a submission that was not known to have finished.
     pub waits: u64,
-    /// Of these waits, those for the last submission: they leave the device without work.
+    /// Of these waits, those for the last submission: they leave the device idle.
     pub drains: u64,
 }
 
@@ -26,9 +26,9 @@ pub(crate) struct Timeline {
     device: ash::Device,
     pub(crate) semaphore: vk::Semaphore,
     last: AtomicU64,
-    /// The device is lost, so that nothing is in flight any more.
+    /// True once the device is lost: nothing is in flight any more.
     lost: AtomicBool,
-    /// The largest value that a wait has returned for: everything up to it is finished.
+    /// The largest value known to be reached: everything up to it has finished.
     finished: AtomicU64,
     waits: AtomicU64,
     drains: AtomicU64,
@@ -50,7 +50,7 @@ impl Timeline {
         Ticket(self.last.load(Ordering::SeqCst) + 1)
     }
 
-    /// Notes that the submission of `ticket` was accepted; one that failed must not be waited for.
+    /// Notes that the submission of `ticket` was accepted. A rejected one must not be waited for.
     pub(crate) fn submitted(&self, ticket: Ticket) {
         self.last.store(ticket.0, Ordering::SeqCst);
     }
@@ -60,7 +60,7 @@ impl Timeline {
         Ticket(self.last.load(Ordering::SeqCst))
     }
 
-    /// Submissions and waits so far.
+    /// Numbers of submissions and waits so far.
     pub(crate) fn counts(&self) -> SubmissionCounts {
         let [submissions, waits, drains] =
             [&self.last, &self.waits, &self.drains].map(|count| count.load(Ordering::SeqCst));
@@ -89,7 +89,7 @@ impl Timeline {
         waited
     }
 
-    /// True if the semaphore has the value of `ticket`, or will never have it because the device is lost.
+    /// True if the semaphore has reached the value of `ticket`, or never will because the device is lost.
     pub(crate) fn is_over(&self, ticket: Ticket) -> bool {
         ticket <= self.finished()
     }
@@ -99,7 +99,7 @@ impl Timeline {
         self.finished() == Ticket(u64::MAX)
     }
 
-    /// The last value that was signalled; the greatest of all if the device is lost.
+    /// The last value that was reached; the largest u64 if the device is lost.
     pub(crate) fn finished(&self) -> Ticket {
         if self.lost.load(Ordering::SeqCst) {
             return Ticket(u64::MAX);
@@ -118,7 +118,7 @@ impl Timeline {
 
 impl Drop for Timeline {
     fn drop(&mut self) {
-        // SAFETY: whoever owns this has waited for the submissions that signal it, or the device is lost.
+        // SAFETY: the owner has waited for the submissions that signal the semaphore, or the device is lost.
         unsafe { self.device.destroy_semaphore(self.semaphore, None) };
     }
 }

@@ -1,4 +1,4 @@
-//! Routes messages of the validation layers to a list that tests assert to be empty.
+//! Collects messages of the validation layers in a list, which tests assert to be empty.
 
 use std::ffi::{CStr, c_void};
 use std::sync::{Arc, Mutex};
@@ -29,7 +29,7 @@ impl ValidationMessages {
     }
 }
 
-/// Vulkan's callback.
+/// Debug messenger callback: appends the message to the list.
 unsafe extern "system" fn on_message(
     _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _kind: vk::DebugUtilsMessageTypeFlagsEXT,

@@ -1,7 +1,7 @@
-//! L2: the kernels. Each is a shader `glsl/<stem>.comp`, whose leading comment is the documentation of the module of that
-//! name here: what it reads and writes, its grid and its guarantees. The module has the push constants `Params`, the
-//! buffers `Bindings`, the compiled `SHADER` and a marker type for its pipeline, all generated from the GLSL (see
-//! `gpu::interface`). The pipelines that the renderer and the trainer make of them are in [`pipelines`].
+//! The kernels. Each is a shader `glsl/<stem>.comp`; its leading comment is the documentation of the module of that
+//! name: inputs, outputs, grid and guarantees. The module has the push constants `Params`, the buffers `Bindings`, the
+//! compiled `SHADER` and a marker type for its pipeline, all generated from the GLSL (see `gpu::interface`). The
+//! pipelines of the renderer and the trainer are in [`pipelines`].
 
 pub mod pipelines;
 pub mod scene_traits;

@@ -10,7 +10,7 @@ use super::*;
 use crate::gpu::interface::Kernel;
 use crate::gpu::{Gpu, GpuError, Pipeline, PipelineCache};
 
-/// The forward kernels compiled for one variant (tile size included) and scenes of some traits.
+/// The forward kernels, compiled for one variant (tile size included) and for the traits of a scene.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct Pipelines {
     pub variant: Variant,
@@ -27,10 +27,10 @@ pub struct Pipelines {
     pub tile_blend: Pipeline<tile_blend::TileBlend>,
 }
 
-/// The kernels of a training step besides the forward ones.
+/// The kernels of a training step besides the forward kernels.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct BackwardPipelines {
-    /// Gradients by the places of instances are made.
+    /// True if gradients by the poses of instances are computed.
     pub poses: bool,
     pub image_loss_rows: Pipeline<image_loss_rows::ImageLossRows>,
     pub image_loss_columns: Pipeline<image_loss_columns::ImageLossColumns>,
@@ -63,21 +63,21 @@ pub struct DensifyPipelines {
     pub reset_opacity: Pipeline<reset_opacity::ResetOpacity>,
 }
 
-/// What the strategy `mcmc` adds to every step.
+/// The kernels that strategy `mcmc` adds to every step.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct McmcStepPipelines {
     pub mcmc_regularise: Pipeline<mcmc_regularise::McmcRegularise>,
     pub mcmc_noise: Pipeline<mcmc_noise::McmcNoise>,
 }
 
-/// The kernel that segmentation adds to the forward ones.
+/// The kernel of segmentation: contributions to masks.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct SegmentPipelines {
     pub variant: Variant,
     pub mask_contribution: Pipeline<mask_contribution::MaskContribution>,
 }
 
-/// The kernel that says whose surface a pixel shows.
+/// The kernel of the id buffer.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct SurfacePipelines {
     pub variant: Variant,
@@ -97,14 +97,14 @@ pub struct PresentPipelines {
     present: HashMap<PresentVariant, Pipeline<present::Present>>,
 }
 
-/// What kernel `present` is compiled for.
+/// The specialisation of kernel `present`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PresentVariant {
-    /// `SHOW_*`.
+    /// Code of the view, `SHOW_*`.
     pub show: u32,
-    /// With lines around what is chosen.
+    /// True if selected instances are outlined.
     pub outline: bool,
-    /// Picture and window have different sizes.
+    /// True if picture and window differ in size.
     pub scaled: bool,
 }
 
@@ -125,22 +125,22 @@ pub struct SortPipelines {
     pub scatter: Pipeline<radix_sort_scatter::RadixSortScatter>,
 }
 
-/// Scan and sort of one variant.
+/// Scan and sort, compiled for one variant.
 pub struct Primitives {
-    /// The exclusive scan.
+    /// Pipelines of the exclusive scan.
     pub scan: ScanPipelines,
-    /// The stable radix sort.
+    /// Pipelines of the stable radix sort.
     pub sort: SortPipelines,
 }
 
 impl Primitives {
-    /// Compiles both for a variant.
+    /// Compiles scan and sort for a variant.
     pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
         Ok(Self { scan: ScanPipelines::new(gpu, cache, variant)?, sort: SortPipelines::new(gpu, cache, variant)? })
     }
 }
 
-/// Compiles kernels of one variant.
+/// Compiles kernels for one subgroup size.
 struct Compiler<'a> {
     gpu: &'a Arc<Gpu>,
     cache: &'a PipelineCache,
@@ -150,7 +150,7 @@ struct Compiler<'a> {
 impl Compiler<'_> {
     fn compile<K: Kernel>(&self, workgroup_size: u32, more: &[(&str, u32)]) -> Result<Pipeline<K>, GpuError> {
         let mut constants = vec![("SUBGROUP_SIZE", self.subgroup_size), ("WORKGROUP_SIZE", workgroup_size)];
-        // A kernel without subgroup operations does not declare their size.
+        // A kernel without subgroup operations does not declare the subgroup size.
         constants.retain(|(name, _)| K::SHADER.spec_constants.iter().any(|c| c.name == *name));
         constants.extend_from_slice(more);
         Pipeline::new(self.gpu, self.cache, self.subgroup_size, &constants)
@@ -183,7 +183,7 @@ impl SortPipelines {
 }
 
 impl Pipelines {
-    /// Compiles all forward kernels; with `training` they leave what the backward pass needs.
+    /// Compiles all forward kernels; with `training` they keep what the backward pass needs.
     pub fn new(
         gpu: &Arc<Gpu>,
         cache: &PipelineCache,
@@ -216,14 +216,14 @@ impl Pipelines {
     }
 }
 
-/// A row of 8 pixels has more pixels than a subgroup of 4 has lanes.
+/// At subgroup size 4, a row of 8 pixels has more pixels than the subgroup has lanes.
 fn columns_per_lane(variant: &Variant) -> (&'static str, u32) {
     ("COLUMNS_PER_LANE", (8 / variant.subgroup_size).max(1))
 }
 
 impl BackwardPipelines {
-    /// Compiles all backward kernels for scenes of some traits and the variant's tile size; `poses` is for gradients by
-    /// the places of instances.
+    /// Compiles all backward kernels for the traits of a scene and the variant's tile size; `poses` adds gradients by
+    /// the poses of instances.
     pub fn new(
         gpu: &Arc<Gpu>,
         cache: &PipelineCache,
@@ -264,7 +264,7 @@ impl BackwardPipelines {
 }
 
 impl DensifyPipelines {
-    /// Compiles all of them for clouds of SH degree `sh_degree`.
+    /// Compiles all kernels for clouds of SH degree `sh_degree`.
     pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant, sh_degree: u32) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.workgroup_size;
@@ -284,7 +284,7 @@ impl DensifyPipelines {
 }
 
 impl SegmentPipelines {
-    /// Compiles it for the variant's tile size.
+    /// Compiles the kernel for the variant's tile size.
     pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
@@ -293,7 +293,7 @@ impl SegmentPipelines {
 }
 
 impl SurfacePipelines {
-    /// Compiles it for the variant's tile size.
+    /// Compiles the kernel for the variant's tile size.
     pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
@@ -302,7 +302,7 @@ impl SurfacePipelines {
 }
 
 impl MarkPipelines {
-    /// Compiles it for the variant's tile size.
+    /// Compiles the kernel for the variant's tile size.
     pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: Variant) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let sizes = [("TILE_SIZE", variant.tile_size), columns_per_lane(&variant)];
@@ -311,10 +311,11 @@ impl MarkPipelines {
 }
 
 impl PresentPipelines {
-    /// The kernel for what is shown; compiled when it is asked for first.
+    /// The kernel for a specialisation; compiled on first use.
     pub fn get(
         &mut self,
-        (gpu, cache): (&Arc<Gpu>, &PipelineCache),
+        gpu: &Arc<Gpu>,
+        cache: &PipelineCache,
         variant: &Variant,
         present: PresentVariant,
     ) -> Result<&Pipeline<present::Present>, GpuError> {
@@ -331,7 +332,7 @@ impl PresentPipelines {
 }
 
 impl McmcStepPipelines {
-    /// Compiles both.
+    /// Compiles both kernels for a variant.
     pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.workgroup_size;

@@ -1,24 +1,22 @@
-//! What of a scene decides on the code of kernels.
+//! Traits of a scene that kernels are specialised for.
 
 /// Which SH bands are in use, and what a scene has that most have not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneTraits {
-    /// SH bands above this one have no code.
+    /// Largest SH degree in use; kernels omit the code of higher bands.
     pub sh_degree: u32,
-    /// Offsets of SH coefficients above 0.
+    /// True if SH coefficients above 0 have offsets.
     pub offset_sh_rest: bool,
-    /// Offsets of log standard deviations.
+    /// True if log scales have offsets.
     pub offset_log_scales: bool,
-    /// Offsets of quaternions.
+    /// True if quaternions have offsets.
     pub offset_quats: bool,
-    /// Colour matrices of instances.
-    pub color_matrices: bool,
-    /// Levels of detail.
+    /// True if the scene has levels of detail.
     pub levels: bool,
 }
 
 impl SceneTraits {
-    /// Of a scene without the rare offsets.
+    /// Traits of a scene without rare offsets or levels.
     pub fn plain(sh_degree: u32) -> Self {
         Self { sh_degree, ..Self::default() }
     }

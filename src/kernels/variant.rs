@@ -1,4 +1,4 @@
-//! Which sizes the kernels are compiled for on a device.
+//! The sizes that kernels are compiled for on a device.
 
 use crate::gpu::DeviceCaps;
 
@@ -22,7 +22,7 @@ pub struct Variant {
 }
 
 impl Variant {
-    /// The variant for a device: subgroups of 32 where offered, else the largest size.
+    /// The variant for a device: subgroups of 32 if available, else the largest size.
     pub fn for_device(caps: &DeviceCaps) -> Self {
         let sizes = caps.subgroup_sizes();
         let preferred = if sizes.contains(&32) { 32 } else { sizes.last().copied().unwrap_or(caps.max_subgroup_size) };
@@ -32,7 +32,7 @@ impl Variant {
     /// The variant for one of `caps.subgroup_sizes()`.
     pub fn for_subgroup_size(caps: &DeviceCaps, subgroup_size: u32) -> Self {
         let most = caps.max_workgroup_invocations.min(caps.max_workgroup_subgroups.saturating_mul(subgroup_size));
-        // Powers of two, so that sizes divide the scan and sort blocks.
+        // Powers of two, so that work-groups divide the blocks of scan and sort.
         let largest = |want: u32| 1 << want.min(most).max(subgroup_size).ilog2();
         // A CPU driver runs one subgroup at a time: more than one per work-group only adds barriers.
         let radix_subgroups = if caps.is_llvmpipe { 1 } else { 8 };

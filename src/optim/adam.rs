@@ -1,4 +1,4 @@
-//! Adam (Kingma and Ba 2015, algorithm 1) over one buffer at a time.
+//! Adam (Kingma and Ba 2015, algorithm 1), applied to one buffer at a time.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use crate::kernels::adam;
 /// First and second moment of every value of a parameter buffer.
 pub type MomentBuffer = Buffer<[f32; 2]>;
 
-/// Moments of a buffer of `values` f32 that has not been optimised yet.
+/// Zero moments for a buffer of `values` f32.
 pub fn zero_moments(gpu: &Arc<Gpu>, name: &str, values: usize) -> Result<MomentBuffer, GpuError> {
     let mut moments = Buffer::new(gpu, name, values)?;
     let zeros = vec![[0.0; 2]; moments.len()];
@@ -18,59 +18,70 @@ pub fn zero_moments(gpu: &Arc<Gpu>, name: &str, values: usize) -> Result<MomentB
     Ok(moments)
 }
 
-/// The numbers of one step that all buffers share.
+/// Hyperparameters and number of a step, shared by all buffers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adam {
     /// Decay of the first moment.
     pub beta1: f64,
     /// Decay of the second moment.
     pub beta2: f64,
-    /// Added to the root of the second moment.
+    /// Added to the square root of the second moment.
     pub epsilon: f64,
     /// Number of the step, from 1: bias corrections are `1 - beta^step`.
     pub step: u64,
 }
 
-/// The values of a buffer in two groups, one after the other, each with its learning rate.
+/// Two consecutive groups of values of a buffer, each with its learning rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ValueGroups {
-    /// Values of the groups.
+    /// Number of values in each group.
     pub counts: [usize; 2],
-    /// Their learning rates, units of the parameters.
+    /// Learning rate of each group, in units of the parameters.
     pub rates: [f64; 2],
 }
 
+/// The buffers of a step, with one element per value.
+pub struct AdamBuffers<'a> {
+    /// Gradients of the loss.
+    pub gradients: &'a Buffer<f32>,
+    /// The values that the step changes.
+    pub parameters: &'a mut Buffer<f32>,
+    /// Moments of the gradients; the step changes them.
+    pub moments: &'a mut MomentBuffer,
+}
+
 impl ValueGroups {
-    /// `count` values with one rate.
+    /// One group of `count` values.
     pub fn single(count: usize, rate: f64) -> Self {
         Self { counts: [count, 0], rates: [rate, 0.0] }
     }
 
-    /// True if there is nothing to change.
+    /// True if no group has both values and a rate.
     fn are_held(&self) -> bool {
         (0..2).all(|group| self.counts[group] == 0 || self.rates[group] == 0.0)
     }
 }
 
 impl Adam {
-    /// A learning rate divided by the bias correction of the first moment.
+    /// Learning rate divided by the bias correction of the first moment.
     pub(super) fn corrected(&self, rate: f64) -> f32 {
         (rate / (1.0 - self.beta1.powf(self.step as f64))) as f32
     }
 
-    /// One over the bias correction of the second moment.
+    /// Reciprocal of the bias correction of the second moment.
     pub(super) fn second_scale(&self) -> f32 {
         (1.0 / (1.0 - self.beta2.powf(self.step as f64))) as f32
     }
 
-    /// Records a step on the first values of a buffer; nothing is recorded, and moments rest, if no group has both
-    /// values and a rate. Nothing happens on the device if `status` holds an overflow.
+    /// Records a step on the first values of a buffer. Records nothing, and leaves the moments alone, if no group has
+    /// both values and a rate. The device skips the step if `status` holds an overflow.
     pub fn record(
         &self,
         recorder: &mut Recorder,
-        (pipeline, workgroup_size): (&Pipeline<adam::Adam>, u32),
+        pipeline: &Pipeline<adam::Adam>,
+        workgroup_size: u32,
         status: &Buffer<u32>,
-        (gradients, parameters, moments): (&Buffer<f32>, &mut Buffer<f32>, &mut MomentBuffer),
+        buffers: AdamBuffers<'_>,
         groups: ValueGroups,
     ) -> Result<(), GpuError> {
         debug_assert!(status.len() >= STATUS_COUNT as usize);
@@ -88,6 +99,7 @@ impl Adam {
             second_scale: self.second_scale(),
             epsilon: self.epsilon as f32,
         };
+        let AdamBuffers { gradients, parameters, moments } = buffers;
         let bindings = adam::Bindings {
             gradients: gradients.quads(),
             status,

@@ -1,4 +1,4 @@
-//! Adam on the places of instances.
+//! Adam on the poses of instances.
 
 use crate::gpu::interface::types;
 use crate::gpu::{Buffer, GpuError, Grid, Pipeline, Recorder};
@@ -6,26 +6,34 @@ use crate::kernels::refine_poses;
 
 use super::adam::{Adam, MomentBuffer};
 
-/// Values of a place: a shift (template units), a rotation vector (radians) and the logarithm of the scale.
+/// Values of a pose step: translation (template units), rotation vector (radians) and logarithm of the scale.
 pub const POSE_VALUES: usize = 7;
 
+/// The buffers of a step on poses.
+pub struct PoseBuffers<'a> {
+    /// Gradients of the loss, one record per instance.
+    pub gradients: &'a Buffer<types::PoseGradient>,
+    /// The instance table, whose transforms the step changes.
+    pub instances: &'a mut Buffer<types::Instance>,
+    /// Moments of the gradients, [`POSE_VALUES`] per instance; the step changes them.
+    pub moments: &'a mut MomentBuffer,
+    /// Number of instances to refine, from the first one on.
+    pub count: u32,
+}
+
 impl Adam {
-    /// Records a step on the places of the first `count` instances, with a learning rate each for shifts, rotations and
-    /// logarithms of scales; nothing is recorded if all are 0. Nothing happens on the device if `status` holds an
-    /// overflow.
+    /// Records a step on the poses of the first `count` instances, with the learning `rates` of translation, rotation
+    /// and log scale. Records nothing if all are 0. The device skips the step if `status` holds an overflow.
     pub fn record_poses(
         &self,
         recorder: &mut Recorder,
-        (pipeline, workgroup_size): (&Pipeline<refine_poses::RefinePoses>, u32),
+        pipeline: &Pipeline<refine_poses::RefinePoses>,
+        workgroup_size: u32,
         status: &Buffer<u32>,
-        (gradients, instances, moments): (
-            &Buffer<types::PoseGradient>,
-            &mut Buffer<types::Instance>,
-            &mut MomentBuffer,
-        ),
+        buffers: PoseBuffers<'_>,
         rates: [f64; 3],
-        count: u32,
     ) -> Result<(), GpuError> {
+        let PoseBuffers { gradients, instances, moments, count } = buffers;
         if count == 0 || rates == [0.0; 3] {
             return Ok(());
         }

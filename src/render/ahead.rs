@@ -1,8 +1,8 @@
-//! Pictures that are on their way: the host prepares the next one while the device draws. For steady display, where nobody
-//! looks at a picture before it is shown.
+//! Frames in flight: the host prepares a frame while the device draws the one before. For steady display, where no
+//! frame is read before it is shown.
 //!
-//! A picture that is submitted so must be right with the buffers as they are, in one depth slab. Whether it was is known
-//! when it arrives; until then kernel `present` looks for itself and keeps the pixels of the picture before.
+//! A frame that is submitted this way must fit the buffers as they are, in one depth slab. Whether it did is known when
+//! it arrives; until then kernel `present` checks this itself and keeps the pixels of the previous frame.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -19,36 +19,36 @@ use super::forward::{counters_of, record_slab, record_visibility, write_counters
 use super::plan::Capacities;
 use super::renderer::{Counters, FrameStats, RenderOptions, Renderer};
 
-/// Pictures on their way at most: one that the device draws and one that the host prepares. More would only make what one
-/// sees older.
+/// Largest number of frames in flight: one that the device draws and one that the host prepares. More would only add
+/// latency.
 pub const FRAMES_IN_FLIGHT: usize = 2;
 
-/// Pictures on their way.
+/// The frames in flight of one [`Renderer`].
 pub struct Ahead {
     free: Vec<Slot>,
-    /// Oldest first.
+    /// Frames in flight, oldest first.
     pending: VecDeque<(Slot, Ticket, Capacities)>,
 }
 
-/// What a picture needs for itself: what the device reads at its start and the host at its end.
+/// Resources of one frame: the counters that the device reads at its start and the host at its end.
 struct Slot {
     recorder: Recorder,
     counters_start: Buffer<u32>,
     counters_end: Buffer<u32>,
 }
 
-/// A picture whose drawing is over.
+/// The outcome of a frame that has finished.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Arrived {
-    /// It is as [`Renderer::render`] would have drawn it.
+    /// The frame is as [`Renderer::render`] would have drawn it.
     Complete(FrameStats),
-    /// A buffer was too small, or it takes several slabs: it has to be drawn by [`Renderer::render`], which sees to that, or,
-    /// for [`ImageFrames`](super::ImageFrames), recorded anew.
+    /// A buffer was too small, or the frame takes several slabs: draw it with [`Renderer::render`], which handles both.
+    /// With [`ImageFrames`](super::ImageFrames), record it again.
     Incomplete,
 }
 
 impl Ahead {
-    /// With none on its way; every pass is timed.
+    /// Creates the slots of all frames, none in flight; every pass is timed.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
         let slot = || -> Result<Slot, RenderError> {
             Ok(Slot {
@@ -61,17 +61,17 @@ impl Ahead {
         Ok(Self { free, pending: VecDeque::new() })
     }
 
-    /// True if one must arrive before the next is submitted.
+    /// True if a frame must arrive before the next one is submitted.
     pub fn is_full(&self) -> bool {
         self.free.is_empty()
     }
 
-    /// How many are on their way.
+    /// Number of frames in flight.
     pub fn pending_len(&self) -> usize {
         self.pending.len()
     }
 
-    /// Waits for the oldest; `None` if none is on its way.
+    /// Waits for the oldest frame; `None` if none is in flight.
     pub fn arrive(&mut self) -> Result<Option<Arrived>, RenderError> {
         let Some((slot, ticket, capacities)) = self.pending.pop_front() else { return Ok(None) };
         slot.recorder.wait(ticket)?;
@@ -84,7 +84,7 @@ impl Ahead {
     }
 }
 
-/// What the counters after a picture say of it, whose buffers had room for `capacities`.
+/// The outcome of a frame by its final counters, given the `capacities` of its buffers.
 pub(super) fn arrived_of(counters: &Counters, capacities: Capacities) -> Arrived {
     let count = |slot: u32| u64::from(counters[slot as usize]);
     let complete = count(COUNTER_CANDIDATES_NEEDED) <= u64::from(capacities.candidates)
@@ -104,11 +104,11 @@ pub(super) fn arrived_of(counters: &Counters, capacities: Capacities) -> Arrived
 }
 
 impl Renderer {
-    /// Submits a picture without waiting for it; [`Ahead::arrive`] tells what became of it. Submissions that follow see the
-    /// picture as after [`Renderer::render_with`].
+    /// Submits a frame without waiting for it; [`Ahead::arrive`] returns its outcome. Later submissions see the picture
+    /// as after [`Renderer::render_with`].
     ///
     /// # Errors
-    /// As [`Renderer::render`].
+    /// The same errors as [`Renderer::render`].
     ///
     /// # Panics
     /// If `ahead` is full.

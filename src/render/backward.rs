@@ -11,25 +11,35 @@ use super::gradients::{
     BackwardBuffers, GradientBuffers, SourceTables, StepLog, blocks_per_tile, column_strips, row_strips,
 };
 
-/// What the backward passes need besides buffers.
+/// Inputs of the backward passes besides buffers.
 pub struct BackwardInputs<'a> {
-    /// What the forward passes got.
+    /// Inputs of the forward passes of the same view.
     pub forward: &'a ForwardInputs<'a>,
-    /// Compiled kernels.
+    /// Compiled backward kernels.
     pub pipelines: &'a BackwardPipelines,
-    /// The way from instances to templates.
+    /// For each chunk of source Gaussians, the instances that show it.
     pub tables: &'a SourceTables,
 }
 
-/// Loss and its gradient by the picture, against `targets` (RGBA of 8 bits, see `image_loss_rows`).
+/// The photo of the view, and the weights of the loss.
+#[derive(Clone, Copy)]
+pub struct LossInputs<'a> {
+    /// The photo, by pixel: RGBA of 8 bits each (see `image_loss_rows`).
+    pub targets: &'a Buffer<u32>,
+    /// Weight of 1 - SSIM in the loss, 0 to 1; the mean absolute error has the rest.
+    pub lambda_dssim: f32,
+}
+
+/// Records the loss against the photo, and its gradient with respect to the picture.
 pub fn record_image_loss(
     recorder: &mut Recorder,
     forward: &ForwardInputs<'_>,
     p: &BackwardPipelines,
     frame: &FrameBuffers,
     buffers: &mut BackwardBuffers,
-    (targets, lambda_dssim): (&Buffer<u32>, f32),
+    loss: LossInputs<'_>,
 ) -> Result<(), GpuError> {
+    let LossInputs { targets, lambda_dssim } = loss;
     let (background, size_px) = (forward.background, frame.plan.size_px);
     let group = forward.pipelines.variant.workgroup_size;
     let (rows, columns) = (Grid::threads(row_strips(size_px), group), Grid::threads(column_strips(size_px), group));
@@ -63,13 +73,14 @@ pub fn record_image_loss(
     recorder.dispatch(&p.image_loss_backward_columns, columns, &params, bindings)
 }
 
-/// Raises the overflow flag if the frame did not fit, and records what the step did.
+/// Raises the overflow flag if the frame did not fit its buffers, and writes the record of the step.
 pub fn record_status(
     recorder: &mut Recorder,
     pipelines: &BackwardPipelines,
     frame: &FrameBuffers,
     buffers: &BackwardBuffers,
-    (log, step): (&mut StepLog, u32),
+    log: &mut StepLog,
+    step: u32,
 ) -> Result<(), GpuError> {
     let plan = &frame.plan;
     let params = train_status::Params {
@@ -89,7 +100,7 @@ pub fn record_status(
     recorder.dispatch(&pipelines.train_status, Grid::groups(1), &params, bindings)
 }
 
-/// From cotangents by pixel to gradients by parameter.
+/// Records the passes from gradients by pixel (cotangents) to gradients by parameter.
 pub fn record_gradients(
     recorder: &mut Recorder,
     inputs: &BackwardInputs<'_>,
@@ -99,7 +110,7 @@ pub fn record_gradients(
     gradients: &mut GradientBuffers,
 ) -> Result<(), GpuError> {
     record_blend_backward(recorder, inputs, frame, buffers)?;
-    // What is not drawn has no gradient.
+    // Gaussians that are not drawn have zero gradients.
     recorder.fill(&mut buffers.source_gradients, 0)?;
     if inputs.pipelines.gather_color_gradients.is_some() {
         recorder.fill(&mut buffers.color_cotangents, 0)?;
@@ -183,7 +194,7 @@ fn record_expand_backward(
     };
     let per_item = (FAMILY_WORK_ITEMS * ARGS_PER_COUNT + ARGS_ITEMS) as usize;
     let pipeline = &inputs.pipelines.preprocess_instance_expand_backward;
-    recorder.dispatch_indirect(pipeline, (&frame.scratch.args, per_item), &params, bindings)
+    recorder.dispatch_indirect(pipeline, &frame.scratch.args, per_item, &params, bindings)
 }
 
 fn record_gather(

@@ -1,5 +1,5 @@
-//! What every Gaussian of a plain cloud adds to the pixels of every mask of a view: `mask_contribution` on the lists
-//! of each depth slab, its entries added up on the host.
+//! Contributions of the Gaussians of a plain cloud to the masks of a view: `mask_contribution` on the lists of each
+//! depth slab, its entries summed on the host.
 
 use std::sync::Arc;
 
@@ -18,10 +18,10 @@ use super::renderer::{BlendedSlab, FrameStats, RenderOptions, Renderer};
 
 pub use crate::gpu::interface::constants::CONTRIBUTION_ONE;
 
-/// Entries that the device holds at once: 8 bytes each, 32 MiB. A view that has more takes several batches.
+/// Capacity of the entry buffer: 8 bytes each, 32 MiB. A view with more entries takes several batches.
 const BATCH_ENTRIES: u32 = 1 << 22;
 
-/// What one Gaussian adds to the pixels with one mask id.
+/// Contribution of one Gaussian to the pixels with one mask id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Contribution {
     /// Index of the Gaussian in the cloud.
@@ -61,7 +61,7 @@ impl ContributionRenderer {
     /// As [`ContributionRenderer::new`], with the renderer's variant and capacities.
     ///
     /// # Errors
-    /// As there.
+    /// The same errors as [`ContributionRenderer::new`].
     pub fn with_renderer(gpu: &Arc<Gpu>, renderer: Renderer, cloud: &InstancedScene) -> Result<Self, RenderError> {
         if !cloud.instances.is_empty() {
             let reason = format!("has {} instances; contributions are of plain clouds", cloud.instances.len());
@@ -72,16 +72,16 @@ impl ContributionRenderer {
         Ok(Self { gpu: gpu.clone(), renderer, scene, pipelines: None, recorder, batch_entries: BATCH_ENTRIES })
     }
 
-    /// Sets how many entries a batch takes; the result does not depend on it.
+    /// Sets the number of entries per batch; the result does not depend on it.
     pub fn set_batch_entries(&mut self, batch_entries: u32) {
         self.batch_entries = batch_entries;
     }
 
-    /// The contributions of a view whose pixels have the mask ids `ids` (row by row, 0 = no mask), by Gaussian, then by id.
-    /// Gaussians that no pixel shows are absent. The same bytes whatever the sizes of buffers.
+    /// The contributions of a view whose pixels have the mask ids `ids` (row by row, 0 = no mask), ordered by Gaussian,
+    /// then by id. Gaussians without a contribution are absent. The result does not depend on the sizes of buffers.
     ///
     /// # Errors
-    /// As [`Renderer::render`]; `ids` is not as long as the camera has pixels.
+    /// The same errors as [`Renderer::render`], or `ids` does not have one entry per pixel of the camera.
     pub fn contributions(
         &mut self,
         camera: &Camera,
@@ -114,9 +114,9 @@ impl ContributionRenderer {
     }
 }
 
-/// What stays the same, or is carried, over the depth slabs of a view.
+/// Buffers of a view that stay the same, or are carried over, from depth slab to depth slab.
 struct ViewBuffers {
-    /// Mask id by pixel.
+    /// Mask id by pixel, row by row.
     pixel_ids: Buffer<u32>,
     /// `FrameBuffers::depths` after the previous slab.
     live_depths: Buffer<[f32; 2]>,
@@ -129,7 +129,7 @@ impl ViewBuffers {
         Ok(Self { pixel_ids, live_depths: Buffer::new(gpu, "live depths", ids.len())? })
     }
 
-    /// Keeps the transmittances behind this slab for the next.
+    /// Keeps the transmittances behind this slab for the next slab.
     fn keep_depths(&mut self, recorder: &mut Recorder, slab: &BlendedSlab<'_>) -> Result<(), RenderError> {
         let bytes = self.live_depths.bytes();
         recorder.copy(&slab.frame.depths, &mut self.live_depths, bytes)?;
@@ -138,15 +138,15 @@ impl ViewBuffers {
     }
 }
 
-/// Units that are summed in one dispatch.
+/// Units whose entries are computed in one dispatch.
 #[derive(Default)]
 struct Batch {
     units: Vec<types::MaskUnit>,
-    /// Entries of all units.
+    /// Number of entries of all units.
     entries: u32,
 }
 
-/// The units of a slab in batches of at most `batch_entries` entries, or one unit if that has more.
+/// Splits the units of a slab into batches of at most `batch_entries` entries, or of one unit if that has more.
 fn batches_of_slab(slab: &BlendedSlab<'_>, ids: &[u16], batch_entries: u32) -> Result<Vec<Batch>, GpuError> {
     let plan = &slab.frame.plan;
     let ranges = download(slab.gpu, &slab.frame.tile_ranges, plan.tile_count() as usize)?;
@@ -182,7 +182,7 @@ fn block_origin(columns: u32, tile_size: u32, tile: u32, in_tile: u32) -> [u32; 
     [0, 1].map(|axis| tile[axis] * tile_size + block[axis] * 8)
 }
 
-/// The different ids of an 8x8 block of a picture, ascending; none outside the picture.
+/// The distinct ids of an 8x8 block of a picture, ascending; empty outside the picture.
 fn ids_of_block(ids: &[u16], [width, height]: [u32; 2], [x, y]: [u32; 2]) -> Vec<u16> {
     let mut out = Vec::new();
     for row in y..height.min(y + 8) {
@@ -201,7 +201,7 @@ fn ids_of_block(ids: &[u16], [width, height]: [u32; 2], [x, y]: [u32; 2]) -> Vec
     out
 }
 
-/// The entries of a batch: source and weight.
+/// Runs a batch and returns its entries: source Gaussian and weight.
 fn run_batch(
     recorder: &mut Recorder,
     pipelines: &SegmentPipelines,
@@ -237,18 +237,18 @@ fn run_batch(
     Ok(download(gpu, &contributions, batch.entries as usize)?)
 }
 
-/// Entries of a view while they are added up.
+/// Accumulates the entries of a view.
 #[derive(Default)]
 struct Sums {
-    /// By Gaussian, as far as any has come: the weight of id 0, which most entries have.
+    /// Weight of id 0, which most entries have, by Gaussian; as long as the largest index seen so far needs.
     unmasked: Vec<u64>,
-    /// (Gaussian, id above 0) in one number that sorts like the pair, and a weight.
+    /// (Gaussian, id above 0) packed into a number that sorts like the pair, and a weight.
     keyed: Vec<(u64, u64)>,
-    /// Keys up to here are sorted and different.
+    /// Number of leading entries of `keyed` whose keys are sorted and distinct.
     merged: usize,
 }
 
-/// Entries are merged whenever this many have come: 16 bytes each, 64 MiB.
+/// Number of new entries after which they are merged: 16 bytes each, 64 MiB.
 const MERGE_AT: usize = 1 << 22;
 
 impl Sums {
@@ -286,7 +286,7 @@ impl Sums {
         self.merged = self.keyed.len();
     }
 
-    /// By Gaussian, then by id.
+    /// The sums, ordered by Gaussian, then by id.
     fn finish(mut self) -> Vec<Contribution> {
         self.merge();
         let split = |&(key, weight): &(u64, u64)| Contribution { gaussian: (key >> 16) as u32, id: key as u16, weight };
@@ -316,7 +316,7 @@ mod tests {
             let columns = width.div_ceil(tile_size);
             let tiles = columns * height.div_ceil(tile_size);
             let per_tile = (tile_size / 8) * (tile_size / 8);
-            // Every pixel its own id, so a block's ids are its pixels.
+            // Every pixel has an id of its own, so the ids of a block are its pixels.
             let ids: Vec<u16> = (0..width * height).map(|i| i as u16).collect();
             let mut seen: Vec<u16> = (0..tiles)
                 .flat_map(|tile| (0..per_tile).map(move |in_tile| block_origin(columns, tile_size, tile, in_tile)))

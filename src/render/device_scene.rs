@@ -1,5 +1,5 @@
 //! The scene in device memory: source Gaussians (templates, then background) as structure of arrays, instances, chunk
-//! bounds, offsets. One template serves all its instances; only the rows of the instance table change.
+//! bounds, offsets. All instances share their template's arrays; edits change only rows of the instance table.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -19,7 +19,7 @@ use super::level_tables::build_level_tables;
 use super::parameter_buffers::{ParameterBuffers, planned_parameter_bytes};
 use super::scene_tables::{Tables, build_tables, cloud_tables, scale_bound};
 
-/// Gaussians of the clouds of a scene, their SH degrees, and its offset records.
+/// Numbers of Gaussians, SH degrees and offset records of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SceneCounts {
     /// Gaussians of the templates.
@@ -30,46 +30,46 @@ pub struct SceneCounts {
     pub background: usize,
     /// SH degree of the background.
     pub background_sh_degree: u32,
-    /// Rows of every parameter: of templates and background, or of offsets.
+    /// Rows of every parameter: [of templates, of the background], or [of offsets, 0].
     pub rows: ParameterSet<Rows>,
 }
 
-/// A scene on the device.
+/// A scene in device memory.
 pub struct DeviceScene {
     /// Instances in file order; the background is the last one if the scene has background Gaussians.
     pub instances: Buffer<types::Instance>,
     /// Bounds of chunks of `chunk_size` source Gaussians, template by template, background last.
     pub chunks: Buffer<types::Chunk>,
-    /// What training may change, but for the places of instances: source Gaussians and offsets.
+    /// The parameters that training may change, except poses: source Gaussians and offsets.
     pub parameters: ParameterBuffers,
     /// Number of instances, background included.
     pub instance_count: u32,
-    /// SH degree of the bands.
+    /// Largest SH degree of templates and background.
     pub sh_degree: u32,
     /// Gaussians per chunk.
     pub chunk_size: u32,
-    /// (instance, chunk) pairs in all: the most that culling can pass on.
+    /// Total number of (instance, chunk) pairs: the most that culling can pass on.
     pub chunk_pairs: u64,
     /// Gaussians after expanding all instances.
     pub expanded_len: u64,
     /// The scene's own antialias flag.
     pub antialias: bool,
-    /// How many there are of what, levels of detail included.
+    /// Numbers of Gaussians and offsets, levels of detail included.
     pub counts: SceneCounts,
-    /// Instances besides the background: the first of `instances`.
+    /// Number of instances besides the background: the first ones of `instances`.
     posed_instances: u32,
-    /// By instance, where `instances` has its coarser levels; `None` without levels of detail.
+    /// For each instance, the rows of its coarser levels in `instances`; `None` without levels of detail.
     coarser: Option<Vec<Range<u32>>>,
-    /// The rows of `instances` on the host, which edits change. `None` for scenes in training, whose rows the device changes.
+    /// Host copy of `instances`, which edits change. `None` for scenes in training, where the device changes the rows.
     table: Option<InstanceTable>,
 }
 
-/// What chunk culling may assume.
+/// Bounds for chunk culling.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Bounds {
-    /// The means as they are.
+    /// Bounds of the means as they are.
     Tight,
-    /// Nothing: means will move.
+    /// No bounds: the means will move.
     Everywhere,
 }
 
@@ -82,8 +82,9 @@ impl DeviceScene {
         Self::with_bounds(gpu, scene, chunk_size, Bounds::Tight)
     }
 
-    /// As [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move every step. Its instances are the
-    /// device's alone to move, so that [`DeviceScene::place_instances`] and [`DeviceScene::show_instances`] refuse it.
+    /// The same as [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move every step.
+    /// Only the device moves its instances, so [`DeviceScene::place_instances`] and [`DeviceScene::show_instances`] are
+    /// errors.
     pub fn unbounded(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         Self::with_bounds(gpu, scene, chunk_size, Bounds::Everywhere)
     }
@@ -100,34 +101,27 @@ impl DeviceScene {
         if bounds == Bounds::Everywhere {
             tables.widen();
         }
-        let mut out = Self::with_tables(gpu, scene, (tables, chunk_size), scene.instances.len() as u32)?;
+        let mut out = Self::with_tables(gpu, scene, tables, chunk_size, scene.instances.len() as u32)?;
         if bounds == Bounds::Everywhere {
             out.table = None;
         }
         Ok(out)
     }
 
-    /// As [`DeviceScene::new`], with levels of detail: for `RenderOptions::lod_error_px` above 0. Takes two to three times
-    /// the memory, and a moment on the host.
+    /// The same as [`DeviceScene::new`], with levels of detail, for `RenderOptions::lod_error_px` above 0. Takes two to
+    /// three times the memory, and time on the host to merge Gaussians.
     ///
     /// # Errors
-    /// As there, levels included.
+    /// The same errors as [`DeviceScene::new`], with levels included in the counts.
     pub fn with_levels(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         scene.validate()?;
         let levels = Levels::of(scene);
         check_limit(gpu, levels.templates.len() + levels.background.len(), scene.sh_degree())?;
         let tables = build_level_tables(&levels, chunk_size)?;
-        let Levels { templates, background, offsets, color_from_template, coarser, .. } = levels;
-        let antialias = scene.antialias;
-        let pool = InstancedScene {
-            templates,
-            background,
-            offsets,
-            color_from_template,
-            antialias,
-            ..InstancedScene::default()
-        };
-        let mut out = Self::with_tables(gpu, &pool, (tables, chunk_size), scene.instances.len() as u32)?;
+        let Levels { templates, background, offsets, coarser, .. } = levels;
+        let pool =
+            InstancedScene { templates, background, offsets, antialias: scene.antialias, ..InstancedScene::default() };
+        let mut out = Self::with_tables(gpu, &pool, tables, chunk_size, scene.instances.len() as u32)?;
         out.expanded_len = scene.expanded_len();
         out.coarser = Some(coarser);
         Ok(out)
@@ -137,7 +131,8 @@ impl DeviceScene {
     fn with_tables(
         gpu: &Arc<Gpu>,
         scene: &InstancedScene,
-        (tables, chunk_size): (Tables, u32),
+        tables: Tables,
+        chunk_size: u32,
         posed_instances: u32,
     ) -> Result<Self, RenderError> {
         let sh_degree = scene.sh_degree();
@@ -165,11 +160,11 @@ impl DeviceScene {
         })
     }
 
-    /// Makes the tables of a scene that is only a background those of one with `count` Gaussians. The caller replaces
-    /// the parameter buffers. As with [`DeviceScene::unbounded`], nothing is culled by chunk.
+    /// Resizes the tables of a scene that is only a background to `count` Gaussians. The caller replaces the parameter
+    /// buffers. As with [`DeviceScene::unbounded`], nothing is culled by chunk.
     ///
     /// # Errors
-    /// More Gaussians than the device takes.
+    /// More Gaussians than the device can hold.
     ///
     /// # Panics
     /// If the scene has templates.
@@ -194,11 +189,11 @@ impl DeviceScene {
         Ok(())
     }
 
-    /// Moves instances: the next picture's command buffer writes their rows of the instance table, and those of their levels.
-    /// Of one instance without levels that is 128 bytes. Pictures in flight show the places they began with.
+    /// Moves instances: the next frame's command buffer writes their rows of the instance table, and those of their
+    /// levels. For one instance without levels that is 128 bytes. Frames in flight keep the poses they began with.
     ///
     /// # Errors
-    /// No such instance, or a scene in training; nothing is moved.
+    /// An index is out of range, or the scene is in training; nothing is moved.
     pub fn place_instances(&mut self, places: &[(usize, Similarity)]) -> Result<(), RenderError> {
         self.change_instances(places, |world_from_template, row, _| {
             row.world_from_template = world_from_template.rows();
@@ -206,18 +201,18 @@ impl DeviceScene {
         })
     }
 
-    /// Draws instances (true), or leaves them out: without Gaussians, culling passes nothing of them on. Rows are written as by
-    /// [`DeviceScene::place_instances`].
+    /// Shows instances (true) or hides them: a hidden instance has no Gaussians, so culling passes nothing on. Rows are
+    /// written as by [`DeviceScene::place_instances`].
     ///
     /// # Errors
-    /// As there.
+    /// The same errors as [`DeviceScene::place_instances`].
     pub fn show_instances(&mut self, shown: &[(usize, bool)]) -> Result<(), RenderError> {
         self.change_instances(shown, |shown, row, source_count| {
             row.source_count = if *shown { source_count } else { 0 }
         })
     }
 
-    /// Changes the rows of instances and of their levels, on the host.
+    /// Changes the rows of instances and of their levels in the host copy.
     fn change_instances<T>(
         &mut self,
         instances: &[(usize, T)],
@@ -240,17 +235,17 @@ impl DeviceScene {
         Ok(())
     }
 
-    /// Records the writes of rows that were changed since the last picture. The passes of a picture begin with this.
+    /// Records the writes of rows that changed since the last frame. The passes of a frame begin with this.
     pub(super) fn record_changes(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
         self.table.as_ref().map_or(Ok(()), |table| table.record(recorder, &self.instances))
     }
 
-    /// The passes of a picture have been submitted, and with them the rows that were changed before.
+    /// Notes that the writes recorded so far have been submitted.
     pub(super) fn changes_submitted(&self) {
         self.table.iter().for_each(InstanceTable::submitted);
     }
 
-    /// Writes rows that no picture has written yet, for somebody who is about to read the device's.
+    /// Writes rows that no frame has written yet, before the device's table is read.
     pub(super) fn write_changes(&self, gpu: &Arc<Gpu>) -> Result<(), GpuError> {
         if !self.table.as_ref().is_some_and(InstanceTable::has_changes) {
             return Ok(());
@@ -262,7 +257,7 @@ impl DeviceScene {
         recorder.wait(ticket)
     }
 
-    /// What decides on the code of kernels that use SH bands up to `sh_degree`.
+    /// The traits of the scene that kernels for SH bands up to `sh_degree` are compiled for.
     pub fn traits(&self, sh_degree: u32) -> SceneTraits {
         SceneTraits {
             sh_degree,
@@ -274,52 +269,52 @@ impl DeviceScene {
         }
     }
 
-    /// True if a parameter has rows.
+    /// True if the parameter has rows in this scene.
     pub fn has(&self, parameter: Parameter) -> bool {
         self.counts.rows[parameter] != [0, 0]
     }
 
-    /// Instances besides the background, which has no place of its own.
+    /// Number of instances besides the background, which has no pose.
     pub fn posed_instances(&self) -> u32 {
         self.posed_instances
     }
 
-    /// True if there are levels of detail to choose from.
+    /// True if the scene has levels of detail.
     pub fn has_levels(&self) -> bool {
         self.coarser.is_some()
     }
 
-    /// Bytes of all buffers.
+    /// Size of all buffers, bytes.
     pub fn bytes(&self) -> u64 {
         self.instances.bytes() + self.chunks.bytes() + self.parameters.bytes()
     }
 }
 
-/// Bytes of a [`DeviceScene`] by what they are for.
+/// Size of a [`DeviceScene`] by content, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct PlannedBytes {
     /// Gaussians of the templates.
     pub templates: u64,
     /// Gaussians of the background.
     pub background: u64,
-    /// Offset records.
+    /// Offset records of instances.
     pub offsets: u64,
     /// The instance table, with one entry for the background, and what instances have of their own.
     pub instances: u64,
-    /// Chunk bounds.
+    /// Bounds of all chunks.
     pub chunks: u64,
-    /// Single elements that stand for empty arrays, since Vulkan has no empty buffers.
+    /// Single elements in place of empty arrays, since Vulkan has no empty buffers.
     pub unused: u64,
 }
 
 impl PlannedBytes {
-    /// What [`DeviceScene::bytes`] will be.
+    /// The sum, equal to [`DeviceScene::bytes`].
     pub fn total(&self) -> u64 {
         self.templates + self.background + self.offsets + self.instances + self.chunks + self.unused
     }
 }
 
-/// What [`DeviceScene::new`] will allocate, without a device. The scene must be valid.
+/// The buffers that [`DeviceScene::new`] will allocate, without a device. The scene must be valid.
 pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     let background = scene.background.len() as u64;
     let chunks_of = |count: u32| u64::from(count.div_ceil(chunk_size));
@@ -340,8 +335,8 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     }
 }
 
-/// Says the limit in Gaussians before anything is built: the largest array has a quaternion (16 bytes) or the highest SH
-/// band (2 l + 1 colours of 12 bytes) per Gaussian.
+/// Checks the number of Gaussians before anything is built: the largest array has a quaternion (16 bytes) or the
+/// highest SH band (2 l + 1 colours of 12 bytes) per Gaussian.
 fn check_limit(gpu: &Gpu, count: usize, sh_degree: u32) -> Result<(), RenderError> {
     let largest = u64::from(16.max(12 * (2 * sh_degree + 1)));
     let limit = u64::from(u32::MAX - 1).min(gpu.caps().max_storage_bytes / largest);

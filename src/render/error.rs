@@ -1,9 +1,9 @@
-//! Errors of rendering.
+//! Errors of rendering, one line each, with a remedy.
 
 use crate::gpu::GpuError;
 use crate::scene::CameraError;
 
-/// Why a frame could not be rendered.
+/// The reason why a frame could not be rendered.
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
     /// The Vulkan layer failed.
@@ -18,15 +18,15 @@ pub enum RenderError {
     /// An option is out of range.
     #[error("{option}: {reason}")]
     Option {
-        /// The option's name.
+        /// Name of the option at fault.
         option: &'static str,
-        /// What is wrong, and what is allowed.
+        /// Description of the problem and of the allowed values.
         reason: String,
     },
-    /// What is on its way has to be taken first.
+    /// All frames in flight are taken: wait for one first.
     #[error("{pending} pictures are on their way already; poll or wait for the oldest first")]
     Busy {
-        /// Pictures on their way.
+        /// Number of frames in flight.
         pending: usize,
     },
     /// The device counted more elements than memory can hold.
@@ -35,11 +35,11 @@ pub enum RenderError {
          device with larger buffers"
     )]
     TooMany {
-        /// What there are too many of.
+        /// The elements that are too many.
         what: &'static str,
-        /// How many the frame needs (a saturating count).
+        /// Number that the frame needs (saturating).
         needed: u64,
-        /// How many fit.
+        /// Number that the device can hold.
         limit: u64,
     },
 }

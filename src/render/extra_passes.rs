@@ -1,5 +1,5 @@
-//! Passes that some views want of a picture besides its colours. They look at the same lists as the blend and are recorded behind
-//! it, into the same command buffer: a picture with them is submitted, and waited for, as one without.
+//! Optional passes over a picture besides its colours. They read the same lists as the blend and are recorded after it
+//! into the same command buffer, so a picture with them is submitted, and waited for, like one without.
 
 use crate::gpu::{GpuError, Grid, PipelineCache, Recorder};
 use crate::kernels::Variant;
@@ -15,17 +15,17 @@ use super::plan::FramePlan;
 use super::renderer::{EachSlab, FrameStats, RenderOptions, Renderer};
 use super::surfaces::Surfaces;
 
-/// What to find out about a picture; nothing by default.
+/// The optional passes of a frame; none by default.
 #[derive(Default)]
 pub struct ExtraPasses<'a> {
-    /// The Gaussian at the surface of every pixel.
+    /// Id buffer: the Gaussian at the surface of every pixel.
     pub surfaces: Option<&'a mut Surfaces>,
-    /// Marks on its splats, in this shape.
+    /// Marks on single splats, in this shape.
     pub marks: Option<(&'a mut Marks, MarkShape)>,
 }
 
 impl ExtraPasses<'_> {
-    /// Makes pipelines and buffers anew that do not fit the picture.
+    /// Recreates pipelines and buffers that do not fit the picture.
     pub(super) fn prepare(
         &mut self,
         cache: &PipelineCache,
@@ -38,7 +38,7 @@ impl ExtraPasses<'_> {
         self.surfaces.as_mut().map_or(Ok(()), |surfaces| surfaces.prepare(cache, variant, plan))
     }
 
-    /// Records the passes of a slab, behind its blend.
+    /// Records the passes of a slab, after its blend.
     pub(super) fn record(
         &mut self,
         recorder: &mut Recorder,
@@ -52,17 +52,17 @@ impl ExtraPasses<'_> {
     }
 }
 
-/// One subgroup per 8x8 block of every tile.
+/// Grid of one subgroup per 8x8 block of every tile.
 pub(super) fn block_grid(plan: &FramePlan, variant: &Variant) -> Grid {
     let blocks = plan.tile_count() * blocks_per_tile(variant.tile_size);
     Grid::groups(blocks.div_ceil(variant.blend_workgroup_size / variant.subgroup_size))
 }
 
 impl Renderer {
-    /// As [`Renderer::render`], with more passes.
+    /// The same as [`Renderer::render`], with optional passes.
     ///
     /// # Errors
-    /// As there.
+    /// The same errors as [`Renderer::render`].
     pub fn render_with(
         &mut self,
         scene: &DeviceScene,

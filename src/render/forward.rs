@@ -1,4 +1,4 @@
-//! The forward pass, in order. Read `record_visibility`, then `record_slab`: that is the whole frame.
+//! The forward pass, in order: `record_visibility`, then `record_slab`, make up the whole frame.
 
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
@@ -8,24 +8,24 @@ use crate::kernels::*;
 use super::device_scene::DeviceScene;
 use super::frame_buffers::FrameBuffers;
 use super::plan::radix_passes;
-use super::scan::{Blocks, plain, record_scan};
+use super::scan::{Blocks, ScanInput, plain, record_scan};
 use super::sort::{Sort, record_sort};
 
-/// What the passes of one frame need besides buffers.
+/// Inputs of the passes of a frame besides buffers.
 pub struct ForwardInputs<'a> {
-    /// The scene.
+    /// The scene on the device.
     pub scene: &'a DeviceScene,
-    /// Compiled kernels.
+    /// Compiled forward kernels.
     pub pipelines: &'a Pipelines,
-    /// Compiled scan and sort.
+    /// Compiled kernels of scan and sort.
     pub primitives: &'a Primitives,
     /// The camera as the kernels see it.
     pub view: types::View,
-    /// Colour behind everything.
+    /// Background colour, rgb in the encoding of the training images.
     pub background: [f32; 3],
-    /// Levels of detail whose cells are wider are not shown, pixels; 0 = everything in full.
+    /// Largest cell of a level of detail that is shown, pixels; 0 = everything at full detail.
     pub lod_error_px: f32,
-    /// Most splats in one slab (see `DeviceCaps::loop_iteration_limit`).
+    /// Largest number of splats in a slab (see `DeviceCaps::loop_iteration_limit`).
     pub max_slab_splats: u32,
 }
 
@@ -37,20 +37,20 @@ const fn args_u32(family: u32, kind: u32) -> u32 {
     family * ARGS_PER_COUNT + kind
 }
 
-/// Loads the counters that the host prepared.
+/// Records the copy of the counters that the host prepared.
 pub fn record_begin(recorder: &mut Recorder, frame: &mut FrameBuffers) -> Result<(), GpuError> {
     let bytes = frame.counters_start.bytes();
     recorder.copy(&frame.counters_start, &mut frame.scratch.counters, bytes)
 }
 
-/// Stores the counters for the host to read after the frame.
+/// Records the copy of the counters to host-visible memory after the frame.
 pub fn record_end(recorder: &mut Recorder, frame: &mut FrameBuffers) -> Result<(), GpuError> {
     let bytes = frame.counters_end.bytes();
     recorder.copy(&frame.scratch.counters, &mut frame.counters_end, bytes)
 }
 
-/// Instances -> chunks -> projected survivors -> order by depth. Rows of the instance table that an edit changed are written
-/// first.
+/// Records the passes from instances to chunks, splats and their order by depth. Rows of the instance table that an
+/// edit changed are written first.
 pub fn record_visibility(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
@@ -60,8 +60,8 @@ pub fn record_visibility(
     record_culling(recorder, inputs, frame)?;
     record_expansion(recorder, inputs, frame)?;
     let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes: radix_passes(u32::MAX) };
-    let histogram = (&mut frame.histogram, &mut frame.digit_offsets);
-    record_sort(recorder, inputs.primitives, &mut frame.scratch, histogram, sort, &mut frame.depth_sort)
+    let tables = &mut frame.digit_tables;
+    record_sort(recorder, inputs.primitives, &mut frame.scratch, tables, sort, &mut frame.depth_sort)
 }
 
 /// Two levels of culling, each followed by an ordered compaction.
@@ -85,7 +85,7 @@ fn record_culling(
     scan.capacity = capacities.candidates;
     scan.family = FAMILY_CANDIDATES;
     let blocks = Blocks::Direct(Grid::threads(instance_count, BLOCK_SIZE));
-    let input = (&frame.instance_chunks, None);
+    let input = ScanInput::in_order(&frame.instance_chunks);
     record_scan(
         recorder,
         &inputs.primitives.scan,
@@ -104,9 +104,10 @@ fn record_culling(
         candidate_visible: &mut frame.candidate_visible,
         candidates: &mut frame.candidates,
     };
-    let per_candidate = (&frame.scratch.args, args(FAMILY_CANDIDATES, ARGS_THREADS));
+    let per_candidate = args(FAMILY_CANDIDATES, ARGS_THREADS);
     recorder.dispatch_indirect(
         &p.cull_chunks,
+        &frame.scratch.args,
         per_candidate,
         &cull_chunks::Params { view, instance_count },
         bindings,
@@ -118,7 +119,7 @@ fn record_culling(
     scan.capacity = capacities.work_items;
     scan.family = FAMILY_WORK_ITEMS;
     let blocks = Blocks::Indirect(args_u32(FAMILY_CANDIDATES, ARGS_BLOCKS));
-    let input = (&frame.candidate_visible, None);
+    let input = ScanInput::in_order(&frame.candidate_visible);
     record_scan(recorder, &inputs.primitives.scan, &mut frame.scratch, blocks, scan, input, &mut frame.work_offsets)?;
 
     let bindings = emit_work_items::Bindings {
@@ -129,11 +130,12 @@ fn record_culling(
         work_items: &mut frame.work_items,
     };
     let params = emit_work_items::Params { capacity: capacities.work_items };
-    let per_candidate = (&frame.scratch.args, args(FAMILY_CANDIDATES, ARGS_THREADS));
-    recorder.dispatch_indirect(&p.emit_work_items, per_candidate, &params, bindings)
+    let per_candidate = args(FAMILY_CANDIDATES, ARGS_THREADS);
+    recorder.dispatch_indirect(&p.emit_work_items, &frame.scratch.args, per_candidate, &params, bindings)
 }
 
-/// Eq. 6 and projection per work item, then one dense list of survivors.
+/// Adds offsets, transforms and projects the Gaussians of each work item, then compacts the survivors into a dense
+/// list.
 fn record_expansion(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
@@ -171,13 +173,13 @@ fn record_expansion(
         posed_instances: scene.posed_instances(),
     };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
-    recorder.dispatch_indirect(&p.preprocess_instance_expand, (&frame.scratch.args, per_item), &params, bindings)?;
+    recorder.dispatch_indirect(&p.preprocess_instance_expand, &frame.scratch.args, per_item, &params, bindings)?;
 
     let mut scan = plain(COUNTER_WORK_ITEMS);
     scan.total_slot = COUNTER_VISIBLE;
     scan.family = FAMILY_VISIBLE;
     let blocks = Blocks::Indirect(args_u32(FAMILY_WORK_ITEMS, ARGS_BLOCKS));
-    let input = (&frame.survivor_counts, None);
+    let input = ScanInput::in_order(&frame.survivor_counts);
     record_scan(
         recorder,
         &inputs.primitives.scan,
@@ -196,7 +198,7 @@ fn record_expansion(
         depth_keys: &mut frame.depth_sort.keys,
         slots: &mut frame.depth_sort.values,
     };
-    recorder.dispatch_indirect(&p.compact_visible, (&frame.scratch.args, per_item), &(), bindings)
+    recorder.dispatch_indirect(&p.compact_visible, &frame.scratch.args, per_item, &(), bindings)
 }
 
 /// One depth slab: the next run of splats whose intersections fit, sorted by tile and blended onto the picture.
@@ -221,7 +223,7 @@ pub(super) fn record_lists(
     scan.begin_slot = COUNTER_SLAB_BEGIN;
     scan.needed_slot = COUNTER_INTERSECTIONS;
     let blocks = Blocks::Indirect(args_u32(FAMILY_VISIBLE, ARGS_BLOCKS));
-    let input = (&frame.tile_counts, Some(&frame.depth_sort.values));
+    let input = ScanInput { values: &frame.tile_counts, indices: Some(&frame.depth_sort.values) };
     record_scan(recorder, &inputs.primitives.scan, &mut frame.scratch, blocks, scan, input, &mut frame.isect_offsets)?;
 
     let scratch = &mut frame.scratch;
@@ -245,13 +247,13 @@ pub(super) fn record_lists(
         first_emission: &mut frame.first_emission,
     };
     let params = emit_intersections::Params { tiles: plan.tiles, capacity: plan.capacities.intersections };
-    let per_splat = (&frame.scratch.args, args(FAMILY_SLAB_SPLATS, ARGS_THREADS));
-    recorder.dispatch_indirect(&p.emit_intersections, per_splat, &params, bindings)?;
+    let per_splat = args(FAMILY_SLAB_SPLATS, ARGS_THREADS);
+    recorder.dispatch_indirect(&p.emit_intersections, &frame.scratch.args, per_splat, &params, bindings)?;
 
     let sort =
         Sort { count_slot: COUNTER_SLAB_INTERSECTIONS, family: FAMILY_INTERSECTIONS, passes: plan.tile_sort_passes() };
-    let histogram = (&mut frame.histogram, &mut frame.digit_offsets);
-    record_sort(recorder, inputs.primitives, &mut frame.scratch, histogram, sort, &mut frame.tile_sort)?;
+    let tables = &mut frame.digit_tables;
+    record_sort(recorder, inputs.primitives, &mut frame.scratch, tables, sort, &mut frame.tile_sort)?;
 
     recorder.fill(&mut frame.tile_ranges, 0)?;
     let bindings = tile_ranges::Bindings {
@@ -259,12 +261,12 @@ pub(super) fn record_lists(
         counters: &frame.scratch.counters,
         tile_ranges: &mut frame.tile_ranges,
     };
-    let per_isect = (&frame.scratch.args, args(FAMILY_INTERSECTIONS, ARGS_THREADS));
+    let per_isect = args(FAMILY_INTERSECTIONS, ARGS_THREADS);
     let params = tile_ranges::Params { tile_count: plan.tile_count() };
-    recorder.dispatch_indirect(&p.tile_ranges, per_isect, &params, bindings)
+    recorder.dispatch_indirect(&p.tile_ranges, &frame.scratch.args, per_isect, &params, bindings)
 }
 
-/// The second part: the lists, blended.
+/// The second part of [`record_slab`]: blends the lists.
 pub(super) fn record_blend(
     recorder: &mut Recorder,
     inputs: &ForwardInputs<'_>,
@@ -293,7 +295,7 @@ pub fn read_counters(frame: &FrameBuffers) -> [u32; COUNTER_COUNT as usize] {
     counters_of(&frame.counters_end)
 }
 
-/// The counters in a buffer that the host reads.
+/// The counters in a host-visible buffer.
 pub fn counters_of(buffer: &Buffer<u32>) -> [u32; COUNTER_COUNT as usize] {
     let mut out = [0; COUNTER_COUNT as usize];
     if let Some(bytes) = buffer.mapped() {

@@ -8,37 +8,37 @@ use crate::gpu::{Buffer, Gpu, GpuError};
 
 use super::plan::FramePlan;
 use super::scan::ScanScratch;
-use super::sort::SortBuffers;
+use super::sort::{DigitTables, SortBuffers};
 
 /// Intermediate and output buffers, sized by a [`FramePlan`].
 pub struct FrameBuffers {
-    /// The plan that sized them.
+    /// The plan that determined the sizes.
     pub plan: FramePlan,
     /// Initial counters of a frame, written by the host.
     pub counters_start: Buffer<u32>,
     /// Counters after the frame, read by the host.
     pub counters_end: Buffer<u32>,
-    /// `instance_chunks` of cull_instances and its scan.
+    /// Chunks to test per instance, 0 if culled (see `cull_instances`).
     pub instance_chunks: Buffer<u32>,
-    /// First candidate of each instance.
+    /// First candidate of each instance: exclusive scan of `instance_chunks`.
     pub candidate_offsets: Buffer<u32>,
-    /// What each candidate is.
+    /// Instance and chunk of each candidate.
     pub candidates: Buffer<types::WorkItem>,
     /// 1 if the candidate may be seen.
     pub candidate_visible: Buffer<u32>,
     /// Work item of each visible candidate.
     pub work_offsets: Buffer<u32>,
-    /// Visible chunks.
+    /// Visible (instance, chunk) pairs.
     pub work_items: Buffer<types::WorkItem>,
     /// Survivors per work item.
     pub survivor_counts: Buffer<u32>,
-    /// First place of each work item's survivors.
+    /// First survivor of each work item in the list by depth: exclusive scan of `survivor_counts`.
     pub survivor_offsets: Buffer<u32>,
     /// Projected splats by slot.
     pub splats: Buffer<types::Splat>,
-    /// Extents by slot.
+    /// Footprint of each splat, by slot.
     pub footprints: Buffer<types::Footprint>,
-    /// Tiles by slot.
+    /// Number of tiles of each splat, by slot.
     pub tile_counts: Buffer<u32>,
     /// Depth keys and slots, sorted by depth.
     pub depth_sort: SortBuffers,
@@ -50,25 +50,23 @@ pub struct FrameBuffers {
     pub slot_from_emission: Buffer<u32>,
     /// Training: first intersection of each slot before the sort; else one element.
     pub first_emission: Buffer<u32>,
-    /// Run of each tile.
+    /// First and end intersection of each tile.
     pub tile_ranges: Buffer<[u32; 2]>,
-    /// rgb over the background, and alpha.
+    /// rgb over the background, and alpha, by pixel.
     pub colors: Buffer<[f32; 4]>,
-    /// Expected view depth, and the transmittance of pixels that are still live.
+    /// Expected view depth and live transmittance, by pixel.
     pub depths: Buffer<[f32; 2]>,
     /// Scratch of scans and counters, shared by all passes.
     pub scratch: ScanScratch,
-    /// Digit counts of the radix sorts.
-    pub histogram: Buffer<u32>,
-    /// Scan of the digit counts.
-    pub digit_offsets: Buffer<u32>,
+    /// Digit counts of both sorts.
+    pub digit_tables: DigitTables,
 }
 
 impl FrameBuffers {
-    /// Allocates for a plan.
+    /// Allocates the buffers of a plan.
     ///
     /// # Errors
-    /// A buffer beyond the device's limits, by name.
+    /// A buffer exceeds the device's limits; the error names it.
     pub fn new(gpu: &Arc<Gpu>, plan: FramePlan) -> Result<Self, GpuError> {
         let slots = plan.slots as usize;
         let candidates = plan.capacities.candidates as usize;
@@ -104,8 +102,7 @@ impl FrameBuffers {
                 counters: Buffer::new(gpu, "counters", counters)?,
                 args: Buffer::new(gpu, "indirect args", (FAMILY_COUNT * ARGS_PER_COUNT) as usize)?,
             },
-            histogram: Buffer::new(gpu, "histogram", plan.histogram_len() as usize)?,
-            digit_offsets: Buffer::new(gpu, "digit_offsets", plan.histogram_len() as usize)?,
+            digit_tables: DigitTables::new(gpu, plan.histogram_len() as usize)?,
         })
     }
 }

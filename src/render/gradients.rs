@@ -1,4 +1,4 @@
-//! Buffers of the backward pass: gradients by parameter, and what leads there from a picture.
+//! Buffers of the backward pass: gradients by parameter, and the intermediate results on the way from the picture.
 
 use std::sync::Arc;
 
@@ -13,19 +13,19 @@ use super::device_scene::DeviceScene;
 use super::parameter_buffers::ParameterBuffers;
 use super::plan::FramePlan;
 
-/// One gradient per parameter of a scene, in the layout of the [`DeviceScene`].
+/// Gradients by all parameters of a scene, in the layout of the [`DeviceScene`].
 pub struct GradientBuffers {
-    /// By what the scene's buffer of the same name holds.
+    /// Gradients by the scene's buffers of the same names.
     pub parameters: ParameterBuffers,
-    /// By the places of instances besides the background.
+    /// Gradients by the poses of the instances besides the background.
     pub poses: Buffer<types::PoseGradient>,
-    /// Sums over steps, by source, for densification: length of the gradient by the screen mean in units of half the image,
-    /// views seen in, and the largest of three standard deviations on the screen, px.
+    /// Sums over steps for densification, by source: length of the gradient by the projected mean in units of half the
+    /// image, number of views that show it, and the largest value of three standard deviations on screen, px.
     pub screen_statistics: Buffer<[f32; 3]>,
 }
 
 impl GradientBuffers {
-    /// Room for the gradients of a scene.
+    /// Allocates the gradients of a scene.
     pub fn new(gpu: &Arc<Gpu>, scene: &DeviceScene) -> Result<Self, GpuError> {
         let statistics = vec![[0.0; 3]; scene.parameters.means.len()];
         Ok(Self {
@@ -35,7 +35,7 @@ impl GradientBuffers {
         })
     }
 
-    /// The least that stands for gradients: their memory is free until the next [`GradientBuffers::new`].
+    /// Buffers of one element, which free the memory of the gradients until the next [`GradientBuffers::new`].
     pub fn placeholder(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
         Ok(Self {
             parameters: ParameterBuffers::new(gpu, "no gradients, ", &ParameterSet::from_fn(|_| [0, 0]))?,
@@ -44,26 +44,27 @@ impl GradientBuffers {
         })
     }
 
-    /// Bytes of all buffers.
+    /// Size of all buffers, bytes.
     pub fn bytes(&self) -> u64 {
         self.parameters.bytes() + self.poses.bytes() + self.screen_statistics.bytes()
     }
 }
 
-/// Which instances show a chunk of source Gaussians: the way back from instances to templates.
+/// For each chunk of source Gaussians, the instances that show it.
 pub struct SourceTables {
     /// All chunks of the source pool, templates first.
     pub chunks: Buffer<types::SourceChunk>,
-    /// Instances, template by template, in file order; the background's own instance last.
+    /// Instances, template by template, in file order; the background's instance last.
     pub instance_from_template: Buffer<u32>,
-    /// Number of chunks.
+    /// Number of elements of `chunks`.
     pub chunk_count: u32,
 }
 
 impl SourceTables {
     /// The tables of a valid scene for kernels with `chunk_size` threads per work-group.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, GpuError> {
-        Self::upload(gpu, source_tables(scene, chunk_size))
+        let (chunks, instances) = source_tables(scene, chunk_size);
+        Self::upload(gpu, &chunks, &instances)
     }
 
     /// The tables of a plain cloud of `count` Gaussians.
@@ -75,13 +76,14 @@ impl SourceTables {
             sh_degree,
             ..Default::default()
         };
-        Self::upload(gpu, ((0..(count as u32).div_ceil(chunk_size)).map(chunk).collect(), vec![0]))
+        let chunks: Vec<_> = (0..(count as u32).div_ceil(chunk_size)).map(chunk).collect();
+        Self::upload(gpu, &chunks, &[0])
     }
 
-    fn upload(gpu: &Arc<Gpu>, (chunks, instances): (Vec<types::SourceChunk>, Vec<u32>)) -> Result<Self, GpuError> {
+    fn upload(gpu: &Arc<Gpu>, chunks: &[types::SourceChunk], instances: &[u32]) -> Result<Self, GpuError> {
         Ok(Self {
-            chunks: upload(gpu, "source chunks", &chunks)?,
-            instance_from_template: upload(gpu, "instance_from_template", &instances)?,
+            chunks: upload(gpu, "source chunks", chunks)?,
+            instance_from_template: upload(gpu, "instance_from_template", instances)?,
             chunk_count: chunks.len() as u32,
         })
     }
@@ -123,34 +125,32 @@ pub struct BackwardBuffers {
     pub cotangents: Buffer<[f32; 4]>,
     /// Moments along rows, by pixel.
     pub row_moments: Buffer<types::Moments>,
-    /// Derivatives of SSIM, by pixel.
+    /// Derivatives of SSIM by the windowed moments, by pixel.
     pub ssim_gradients: Buffer<types::SsimGradient>,
-    /// The same, windowed along rows.
+    /// Derivatives of SSIM, windowed along rows, by pixel.
     pub row_gradients: Buffer<types::SsimGradient>,
-    /// SSIM over strips of pixels.
+    /// Sum of SSIM over each strip of pixels.
     pub ssim_sums: Buffer<f32>,
-    /// Absolute and squared errors over strips of pixels.
+    /// Sums of absolute and squared errors over each strip of pixels.
     pub error_sums: Buffer<[f32; 2]>,
-    /// What blocks of pixels say about splats, by emission index.
+    /// Contribution of an 8x8 block of pixels to the gradient of a splat, by emission index and block.
     pub isect_moments: Buffer<types::SplatMoments>,
-    /// Gradients by Gaussians of instances, by work item and index in the chunk.
+    /// Gradients by the Gaussians of instances, by work item and index in the chunk.
     pub source_gradients: Buffer<types::SourceGradient>,
-    /// Gradients by colours after the instance's colour matrix, as `source_gradients`; one element without matrices.
-    pub color_cotangents: Buffer<[f32; 3]>,
-    /// Gradients by the places of instances, by work item and subgroup; one element without them.
+    /// Gradients by poses, by work item and subgroup; one element without pose refinement.
     pub pose_sums: Buffer<types::PoseGradient>,
 }
 
-/// 8x8 blocks of pixels in a tile.
+/// Number of 8x8 blocks of pixels in a tile.
 pub fn blocks_per_tile(tile_size: u32) -> u32 {
     (tile_size / 8) * (tile_size / 8)
 }
 
 impl BackwardBuffers {
-    /// Allocates for a plan.
+    /// Allocates the buffers of a plan.
     ///
     /// # Errors
-    /// A buffer beyond the device's limits, by name.
+    /// A buffer exceeds the device's limits; the error names it.
     pub fn new(gpu: &Arc<Gpu>, plan: &FramePlan, variant: &Variant) -> Result<Self, GpuError> {
         let pixels = plan.pixels() as usize;
         // Threads past the last strip of the last work-group write nothing.
@@ -172,7 +172,7 @@ impl BackwardBuffers {
         })
     }
 
-    /// Bytes of all buffers.
+    /// Size of all buffers, bytes.
     pub fn bytes(&self) -> u64 {
         self.cotangents.bytes()
             + self.row_moments.bytes()
@@ -187,28 +187,28 @@ impl BackwardBuffers {
     }
 }
 
-/// Strips of `STRIP` pixels in the columns of an image.
+/// Number of strips of `STRIP` pixels in the columns of an image.
 pub fn column_strips(size_px: [u32; 2]) -> u32 {
     size_px[0] * size_px[1].div_ceil(STRIP)
 }
 
-/// Strips of `STRIP` pixels in the rows of an image.
+/// Number of strips of `STRIP` pixels in the rows of an image.
 pub fn row_strips(size_px: [u32; 2]) -> u32 {
     size_px[0].div_ceil(STRIP) * size_px[1]
 }
 
-/// What a run of training steps shares with the host.
+/// Status and records of a run of training steps, which the host reads.
 pub struct StepLog {
     /// The sticky overflow flag, `STATUS_*`.
     pub status: Buffer<u32>,
     /// Ring of `LOG_STEPS` records.
     pub records: Buffer<types::StepRecord>,
-    /// Its copies for the host, one per step in flight.
+    /// Host-visible copies of `records`, one per step in flight.
     pub readback: Vec<Buffer<types::StepRecord>>,
 }
 
 impl StepLog {
-    /// A log for `in_flight` submitted steps; all zero.
+    /// A log for `in_flight` submitted steps, all zero.
     pub fn new(gpu: &Arc<Gpu>, in_flight: usize) -> Result<Self, GpuError> {
         let readback = |i| Buffer::for_readback(gpu, &format!("step records {i}"), LOG_STEPS as usize);
         Ok(Self {

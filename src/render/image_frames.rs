@@ -1,8 +1,9 @@
-//! Pictures that end in images of a caller with a renderer of its own: they are recorded into the caller's command buffer, and
+//! Frames that end in images of a caller with its own renderer: they are recorded into the caller's command buffer, and
 //! the host never waits.
 //!
-//! As with [`Ahead`](super::Ahead), a picture must be right with the buffers as they are, in one depth slab. Whether it was is
-//! known when it is over: [`ImageFrames::poll`] says so, and enlarges the buffers for the next one if it was not.
+//! As with [`Ahead`](super::Ahead), a frame must fit the buffers as they are, in one depth slab. Whether it did is
+//! known when it has finished: [`ImageFrames::poll`] returns that, and enlarges the buffers for the next frame if it
+//! did not.
 
 use std::collections::VecDeque;
 
@@ -19,42 +20,42 @@ use super::presenter::{Presenter, ShownPicture};
 use super::renderer::{RenderOptions, Renderer};
 use super::show::Show;
 
-/// Pictures on their way to images of the caller's. Used with one [`Renderer`].
+/// Frames in flight to images of the caller's. Used with one [`Renderer`].
 ///
-/// Dropping it frees what the device is done with; what it may still use is leaked, so a caller waits for the device first.
+/// Dropping this frees what the device has finished; what it may still use is leaked, so wait for the device first.
 pub struct ImageFrames {
     presenter: Presenter,
     free: Vec<Slot>,
-    /// Oldest first.
+    /// Frames in flight, oldest first.
     pending: VecDeque<Pending>,
 }
 
-/// What a picture needs for itself: what the device reads at its start and the host at its end.
+/// Resources of one frame: the counters that the device reads at its start and the host at its end.
 struct Slot {
     recorder: Recorder,
     counters_start: Buffer<u32>,
     counters_end: Buffer<u32>,
 }
 
-/// A picture on its way.
+/// A frame in flight and its limits.
 struct Pending {
     slot: Slot,
     needs: Needs,
 }
 
-/// What decides whether a picture was complete, and how large buffers may become if not.
+/// Determines whether a frame was complete, and how large buffers may become if it was not.
 #[derive(Clone, Copy)]
 pub(super) struct Needs {
-    /// What the buffers of the picture hold.
+    /// Capacities of the frame's buffers.
     pub(super) have: Capacities,
-    /// (instance, chunk) pairs of its scene.
+    /// (instance, chunk) pairs of the frame's scene.
     pub(super) chunk_pairs: u64,
-    /// [`RenderOptions::max_intersections`].
+    /// Value of [`RenderOptions::max_intersections`].
     pub(super) max_intersections: Option<u32>,
 }
 
 impl ImageFrames {
-    /// With none on its way, and at most `frames_in_flight` (1 or more) later.
+    /// Creates slots for at most `frames_in_flight` (1 or more) frames, none in flight.
     pub fn new(renderer: &Renderer, frames_in_flight: usize) -> Result<Self, RenderError> {
         let gpu = renderer.gpu();
         let slot = || -> Result<Slot, GpuError> {
@@ -68,8 +69,8 @@ impl ImageFrames {
         Ok(Self { presenter: Presenter::new(gpu, renderer)?, free, pending: VecDeque::new() })
     }
 
-    /// What became of the oldest picture; `None` if it is not over, or there is none. Never waits. Every picture is told of
-    /// once, in the order in which they were recorded, and makes room for another one.
+    /// The outcome of the oldest frame; `None` if it has not finished, or there is none. Never waits. Every frame is
+    /// reported once, in the order of recording, and then makes room for another one.
     ///
     /// [`Arrived::Incomplete`]: a buffer was too small. The image then holds the last picture of its size that was complete,
     /// or black. The buffers have been enlarged for pictures that are recorded from now on. That can happen three times in a
@@ -86,11 +87,11 @@ impl ImageFrames {
         }
     }
 
-    /// As [`ImageFrames::poll`], but waits for the oldest picture, whose submission must have been made: else it waits for ever.
-    /// `None` if there is no picture on its way.
+    /// The same as [`ImageFrames::poll`], but waits for the oldest frame. Its command buffer must have been submitted,
+    /// else this waits for ever. `None` if no frame is in flight.
     ///
     /// # Errors
-    /// As there.
+    /// The same errors as [`ImageFrames::poll`].
     pub fn wait(&mut self, renderer: &mut Renderer) -> Result<Option<Arrived>, RenderError> {
         if let Some(oldest) = self.pending.front() {
             oldest.slot.recorder.wait_for_callers()?;
@@ -109,21 +110,21 @@ impl ImageFrames {
         Ok(Some(arrived))
     }
 
-    /// How many are on their way.
+    /// Number of frames in flight.
     pub fn pending_len(&self) -> usize {
         self.pending.len()
     }
 
-    /// Forgets the picture that was recorded last: it is not told of by [`ImageFrames::poll`].
+    /// Discards the frame that was recorded last: [`ImageFrames::poll`] does not report it.
     ///
     /// # Errors
-    /// The device gives no semaphore; nothing is forgotten then.
+    /// A new semaphore could not be created; nothing is discarded then.
     ///
     /// # Safety
     /// The command buffer that it was recorded into has not been submitted since and never will be.
     pub unsafe fn forget_last(&mut self) -> Result<(), RenderError> {
         let Some(mut last) = self.pending.pop_back() else { return Ok(()) };
-        // SAFETY: the caller's promise.
+        // SAFETY: guaranteed by the caller.
         match unsafe { last.slot.recorder.forget_callers() } {
             Ok(()) => {
                 self.free.push(last.slot);
@@ -150,9 +151,9 @@ impl Renderer {
     /// the scene as it is when the commands are executed; colours are blended over `options.background`, and alpha is 1.
     ///
     /// # Errors
-    /// As [`Renderer::render`]; [`RenderError::Busy`] if as many pictures are on their way as `frames` takes; another format than
-    /// [`ImageTarget::format`] allows. After any error the command buffer holds part of the commands: it must be reset, and
-    /// must not be submitted.
+    /// The same errors as [`Renderer::render`]; [`RenderError::Busy`] if `frames` has no free slot; an image format
+    /// that [`ImageTarget::format`] does not allow. After any error the command buffer holds part of the commands:
+    /// reset it, and do not submit it.
     ///
     /// # Safety
     /// - `commands` is a primary command buffer of the device and of a pool of the [`Gpu`](crate::gpu::Gpu)'s queue family, is
@@ -176,16 +177,16 @@ impl Renderer {
         }
         self.prepare(scene, camera, options)?;
         let Some(mut slot) = frames.free.pop() else { return Err(RenderError::Busy { pending: 0 }) };
-        // SAFETY: the caller's promises.
+        // SAFETY: guaranteed by the caller.
         let recorded = unsafe { slot.recorder.begin_in(commands) }
             .map_err(RenderError::from)
             .and_then(|()| self.record_slot(&mut slot, scene, camera, options))
             .and_then(|have| {
                 let picture = ShownPicture { renderer: self, scene, surfaces: None, marks: None };
-                let window = (target.size_px, blue_first);
-                frames.presenter.record(&mut slot.recorder, Show::Color, picture, window)?;
-                // SAFETY: the caller's promises.
-                unsafe { slot.recorder.copy_to_image(frames.presenter.pixels(), target) }?;
+                let presenter = &mut frames.presenter;
+                presenter.record(&mut slot.recorder, Show::Color, picture, target.size_px, blue_first)?;
+                // SAFETY: guaranteed by the caller.
+                unsafe { slot.recorder.copy_to_image(presenter.pixels(), target) }?;
                 Ok((slot.recorder.end_in()?, have))
             });
         match recorded {

@@ -1,8 +1,9 @@
-//! The instance table on the host, for scenes that are drawn and edited: edits change it, and the next picture's command buffer
-//! writes the changed rows to the device before anything reads them. Nobody waits, and nothing is read back.
+//! The host copy of the instance table, for scenes that are drawn and edited: edits change it, and the next frame's
+//! command buffer writes the changed rows to the device before anything reads them. Nothing waits, and nothing is read
+//! back.
 //!
-//! Pictures in flight keep the rows they began with: command buffers run in the order in which they were submitted, and each
-//! begins with a barrier behind all that came before.
+//! Frames in flight keep the rows they began with: command buffers run in the order of submission, and each begins with
+//! a barrier after all earlier ones.
 
 use std::collections::BTreeSet;
 use std::ops::Range;
@@ -11,46 +12,46 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use crate::gpu::interface::types;
 use crate::gpu::{Buffer, GpuError, Recorder};
 
-/// Changed rows with at most so many unchanged ones between them are written by one command: 1 KiB costs less than a command.
+/// Largest gap of unchanged rows that one update command bridges: writing 1 KiB costs less than another command.
 const MOST_BETWEEN: usize = 8;
 
 /// The rows of a scene's instance table.
 pub(super) struct InstanceTable {
     rows: Vec<types::Instance>,
-    /// Source Gaussians of each row while its instance is shown.
+    /// Number of source Gaussians of each row while its instance is shown.
     source_counts: Vec<u32>,
     /// Rows that no submission has written yet. Behind a lock, since a scene is shared while it is drawn.
     changed: Mutex<BTreeSet<usize>>,
 }
 
 impl InstanceTable {
-    /// Of a table that the device has already.
+    /// The table of rows that the device already has.
     pub(super) fn new(rows: Vec<types::Instance>) -> Self {
         let source_counts = rows.iter().map(|row| row.source_count).collect();
         Self { rows, source_counts, changed: Mutex::default() }
     }
 
-    /// Changes a row; `change` is also told how many source Gaussians the row has while its instance is shown.
+    /// Changes a row; `change` also gets the number of source Gaussians that the row has while its instance is shown.
     ///
     /// # Panics
-    /// If there is no such row.
+    /// If `index` is out of range.
     pub(super) fn change(&mut self, index: usize, change: impl FnOnce(&mut types::Instance, u32)) {
         change(&mut self.rows[index], self.source_counts[index]);
         self.changed().insert(index);
     }
 
-    /// True if a row was changed that no submission has written.
+    /// True if a changed row has not been written by a submission yet.
     pub(super) fn has_changes(&self) -> bool {
         !self.changed().is_empty()
     }
 
-    /// Records the writes of all changed rows, which stay changed until [`InstanceTable::submitted`] says otherwise: what
-    /// was recorded may not come to be submitted.
+    /// Records the writes of all changed rows. They count as changed until [`InstanceTable::submitted`] is called: the
+    /// recording might never be submitted.
     pub(super) fn record(&self, recorder: &mut Recorder, on_device: &Buffer<types::Instance>) -> Result<(), GpuError> {
         recorder.update(on_device, &self.rows, &runs(&self.changed()))
     }
 
-    /// What was recorded since the last change has been submitted.
+    /// Notes that the writes recorded so far have been submitted.
     pub(super) fn submitted(&self) {
         self.changed().clear();
     }
@@ -60,7 +61,7 @@ impl InstanceTable {
     }
 }
 
-/// Ascending runs of rows that cover these and little else.
+/// Ascending runs that cover `rows` and gaps of at most [`MOST_BETWEEN`] rows.
 fn runs(rows: &BTreeSet<usize>) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     for &row in rows {

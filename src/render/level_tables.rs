@@ -1,4 +1,5 @@
-//! Instance and chunk tables of a scene with levels of detail: every level is an instance, with its owner and its cells.
+//! Instance and chunk tables of a scene with levels of detail: every level is an instance, with its owner and cell
+//! size.
 
 use std::collections::HashMap;
 
@@ -11,15 +12,15 @@ use super::scene_tables::{Bound, Placement, Source, Tables};
 /// The tables of a scene with levels for chunks of `chunk_size` Gaussians.
 ///
 /// # Errors
-/// More expanded Gaussians, levels included, than u32 counts.
+/// More expanded Gaussians, levels included, than a u32 can count.
 pub(super) fn build_level_tables(levels: &Levels, chunk_size: u32) -> Result<Tables, RenderError> {
     let mut tables = Tables::default();
     let mut known: HashMap<(Cloud, TemplateRange), (u32, Bound)> = HashMap::new();
     for part in &levels.parts {
-        let (_, full) = chunks_of(&mut tables, &mut known, levels, (part.cloud, part.full), chunk_size);
-        let (first_chunk, own) = chunks_of(&mut tables, &mut known, levels, (part.cloud, part.range), chunk_size);
-        // Merged means lie within the ball of those they are made of, so all levels can have the same ball, and with it the
-        // same distance from the camera.
+        let (_, full) = chunks_of(&mut tables, &mut known, levels, part.cloud, part.full, chunk_size);
+        let (first_chunk, own) = chunks_of(&mut tables, &mut known, levels, part.cloud, part.range, chunk_size);
+        // Merged means lie within the ball of the Gaussians they are made of, so all levels can have the same ball, and
+        // thus the same distance from the camera.
         let bound = Bound { sigma_max: own.sigma_max, ..full };
         let place = Placement::of(&part.world_from_template, &levels.offsets, part.first_offset, part.range.count);
         tables.push_instance(&place, &bound, source_of(levels, part), first_chunk, chunk_size)?;
@@ -37,12 +38,13 @@ fn source_of(levels: &Levels, part: &Part) -> Source {
     }
 }
 
-/// First chunk and bound of a range; instances of one template share them.
+/// First chunk and bound of a range; instances of one template share its chunks.
 fn chunks_of(
     tables: &mut Tables,
     known: &mut HashMap<(Cloud, TemplateRange), (u32, Bound)>,
     levels: &Levels,
-    (cloud, range): (Cloud, TemplateRange),
+    cloud: Cloud,
+    range: TemplateRange,
     chunk_size: u32,
 ) -> (u32, Bound) {
     *known.entry((cloud, range)).or_insert_with(|| {

@@ -1,4 +1,4 @@
-//! Single splats of a picture as marks, on the device: kernel `tile_marks` behind the blend of each depth slab.
+//! Single splats of a picture drawn as marks, on the device: kernel `tile_marks` after the blend of each depth slab.
 
 use std::sync::Arc;
 
@@ -17,34 +17,34 @@ use super::plan::FramePlan;
 use super::renderer::{FrameStats, RenderOptions, Renderer};
 use super::surfaces::Surfaces;
 
-/// What marks a splat.
+/// Shape of the mark of a splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MarkShape {
     /// A disc of 1.5 pixels around the centre.
     Points,
-    /// The ellipse of one standard deviation, as far as alpha is at least this.
+    /// The ellipse of one standard deviation, where alpha is at least this value.
     Ellipses(f32),
 }
 
-/// Splats are skipped, and left out of tiles, where their alpha is smaller.
+/// Alpha below which splats are skipped and not listed in tiles.
 const LEAST_ALPHA: f32 = 1.0 / 255.0;
 
 /// The nearest mark of each pixel.
 pub struct Marks {
     gpu: Arc<Gpu>,
     pipelines: Option<MarkPipelines>,
-    /// Red, green, blue and 255 from the lowest byte; 0 without a mark.
+    /// Packed by pixel: red, green, blue and 255 from the lowest byte; 0 without a mark.
     pub(super) by_pixel: Buffer<u32>,
     size_px: [u32; 2],
 }
 
 impl Marks {
-    /// Without a picture.
+    /// Creates marks of an empty picture.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
         Ok(Self { gpu: gpu.clone(), pipelines: None, by_pixel: Buffer::new(gpu, "marks", 1)?, size_px: [0; 2] })
     }
 
-    /// Red, green and blue by pixel, row by row; `None` without a mark.
+    /// Red, green and blue by pixel, row by row; `None` where there is no mark. Waits for the device.
     pub fn download(&self) -> Result<Vec<Option<[u8; 3]>>, RenderError> {
         let count = self.size_px[0] as usize * self.size_px[1] as usize;
         let rgb = |mark: u32| {
@@ -54,7 +54,7 @@ impl Marks {
         Ok(download(&self.gpu, &self.by_pixel, count)?.into_iter().map(rgb).collect())
     }
 
-    /// Makes buffer and pipeline anew if they do not fit the picture.
+    /// Recreates buffer and pipeline if they do not fit the picture.
     pub(super) fn prepare(
         &mut self,
         cache: &PipelineCache,
@@ -98,17 +98,17 @@ impl Marks {
 }
 
 impl Renderer {
-    /// As [`Renderer::render`], with marks on its splats, and with the Gaussian at the surface of every pixel where that is
-    /// asked for.
+    /// The same as [`Renderer::render`], with marks on its splats and, if asked for, the id buffer.
     ///
     /// # Errors
-    /// As there.
+    /// The same errors as [`Renderer::render`].
     pub fn render_with_marks(
         &mut self,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
-        (marks, shape): (&mut Marks, MarkShape),
+        marks: &mut Marks,
+        shape: MarkShape,
         surfaces: Option<&mut Surfaces>,
     ) -> Result<FrameStats, RenderError> {
         self.render_with(scene, camera, options, ExtraPasses { surfaces, marks: Some((marks, shape)) })

@@ -1,8 +1,8 @@
-//! L3: from a scene and a camera to a picture on the device.
+//! From a scene and a camera to a picture on the device.
 //!
-//! [`DeviceScene`] is the scene in device memory, of which only the instance table changes; [`plan`] the pure arithmetic of
-//! buffer sizes; [`FrameBuffers`] what one frame needs besides; [`Renderer`] records the passes in order and decides what to do
-//! when a buffer was too small: grow and redo, or go on with the next depth slab. Nothing is ever dropped.
+//! [`DeviceScene`] is the scene in device memory; only its instance table changes. [`plan`] computes buffer sizes.
+//! [`FrameBuffers`] are the buffers of one frame. [`Renderer`] records the passes in order and acts when a buffer was
+//! too small: it grows it and redoes the frame, or continues with the next depth slab. No splat is ever dropped.
 
 pub mod ahead;
 pub mod backward;
@@ -33,6 +33,7 @@ pub mod surfaces;
 pub mod train_frame;
 
 pub use ahead::{Ahead, Arrived, FRAMES_IN_FLIGHT};
+pub use backward::LossInputs;
 pub use contributions::{CONTRIBUTION_ONE, Contribution, ContributionRenderer};
 pub use device_scene::{DeviceScene, SceneCounts};
 pub use error::RenderError;

@@ -1,4 +1,4 @@
-//! One device buffer for every parameter of a scene, made from the list in `scene::parameters`.
+//! One device buffer for every parameter of a scene, generated from the list in `scene::parameters`.
 
 use std::sync::Arc;
 
@@ -16,10 +16,10 @@ macro_rules! parameter_buffers {
         }
 
         impl ParameterBuffers {
-            /// Buffers without contents for so many rows; their names start with `prefix`.
+            /// Allocates buffers of `rows` rows with undefined contents; their names start with `prefix`.
             ///
             /// # Errors
-            /// A buffer beyond the device's limits, by name.
+            /// A buffer exceeds the device's limits; the error names it.
             pub fn new(gpu: &Arc<Gpu>, prefix: &str, rows: &ParameterSet<Rows>) -> Result<Self, GpuError> {
                 let name = |parameter: Parameter| format!("{prefix}{}", parameter.name());
                 let elements = |parameter: Parameter| {
@@ -30,12 +30,12 @@ macro_rules! parameter_buffers {
                 })
             }
 
-            /// The buffers as plain f32, for what treats all parameters alike.
+            /// The buffers as flat f32, for code that treats all parameters alike.
             pub fn scalars(&self) -> ParameterSet<&Buffer<f32>> {
                 ParameterSet([$(self.$field.scalars()),*])
             }
 
-            /// As [`ParameterBuffers::scalars`], to be changed.
+            /// The same as [`ParameterBuffers::scalars`], writable.
             pub fn scalars_mut(&mut self) -> ParameterSet<&mut Buffer<f32>> {
                 ParameterSet([$(self.$field.scalars_mut()),*])
             }
@@ -45,10 +45,10 @@ macro_rules! parameter_buffers {
 for_parameters!(parameter_buffers);
 
 impl ParameterBuffers {
-    /// The parameters of a scene.
+    /// Uploads the parameters of a scene.
     ///
     /// # Errors
-    /// A buffer beyond the device's limits, by name.
+    /// A buffer exceeds the device's limits; the error names it.
     pub fn upload(gpu: &Arc<Gpu>, scene: &InstancedScene, rows: &ParameterSet<Rows>) -> Result<Self, GpuError> {
         let mut out = Self::new(gpu, "", rows)?;
         for (parameter, buffer) in out.scalars_mut() {
@@ -57,10 +57,10 @@ impl ParameterBuffers {
         Ok(out)
     }
 
-    /// Puts the parameters into a scene whose SH degrees are those of the device.
+    /// Downloads the parameters into a scene with the same SH degrees. Waits for the device.
     ///
     /// # Errors
-    /// The device failed.
+    /// A Vulkan call failed.
     pub fn download(
         &self,
         gpu: &Arc<Gpu>,
@@ -75,7 +75,7 @@ impl ParameterBuffers {
         Ok(())
     }
 
-    /// Bytes of all buffers.
+    /// Size of all buffers, bytes.
     pub fn bytes(&self) -> u64 {
         self.scalars().into_iter().map(|(_, buffer)| buffer.bytes()).sum()
     }
@@ -83,8 +83,8 @@ impl ParameterBuffers {
 
 /// Bytes of the parameters of a scene, without a device: of templates, background, offsets and instances, and of the single
 /// elements that stand for parameters without rows.
-pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> [u64; 5] {
-    let [mut templates, mut background, mut offsets, mut instances, mut unused] = [0; 5];
+pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> [u64; 4] {
+    let [mut templates, mut background, mut offsets, mut unused] = [0; 4];
     for (parameter, rows) in scene.parameter_rows() {
         let [first, second] = rows.map(|rows| 4 * (rows * parameter.width()) as u64);
         match parameter.owner() {

@@ -3,9 +3,9 @@
 /// Colour, alpha and depth of one view, row by row from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
-    /// Width in pixels.
+    /// Width of the picture, pixels.
     pub width: u32,
-    /// Height in pixels.
+    /// Height of the picture, pixels.
     pub height: u32,
     /// rgb blended over the background, and alpha = 1 - T. Same encoding as the training images (sRGB values).
     pub colors: Vec<[f32; 4]>,

@@ -1,8 +1,8 @@
-//! Pure arithmetic: from counts and capacities to buffer lengths. No Vulkan here.
+//! Computes buffer lengths from counts and capacities, without Vulkan.
 
 use crate::gpu::interface::constants::{BLOCK_SIZE, RADIX_BITS, RADIX_SIZE};
 
-/// How many elements the growing buffers hold.
+/// Capacities of the growing buffers, in elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capacities {
     /// (instance, chunk) pairs of visible instances.
@@ -13,8 +13,8 @@ pub struct Capacities {
     pub intersections: u32,
 }
 
-/// First sizes; frames grow them. 2^16 candidates take 1 MiB, 512 work items of 256 slots 12 MiB,
-/// 2^19 intersections 8 MiB.
+/// Initial capacities; frames grow them. 2^16 candidates take 1 MiB, 512 work items of 256 slots 12 MiB, 2^19
+/// intersections 8 MiB.
 pub const INITIAL: Capacities = Capacities { candidates: 1 << 16, work_items: 512, intersections: 1 << 19 };
 
 /// Lengths of a frame's buffers for one image size and scene.
@@ -22,27 +22,27 @@ pub const INITIAL: Capacities = Capacities { candidates: 1 << 16, work_items: 51
 pub struct FramePlan {
     /// Image width and height, pixels.
     pub size_px: [u32; 2],
-    /// Tile columns and rows.
+    /// Numbers of tile columns and rows.
     pub tiles: [u32; 2],
-    /// Instances, background included.
+    /// Number of instances, background included.
     pub instances: u32,
-    /// Growing buffers.
+    /// Capacities of the growing buffers.
     pub capacities: Capacities,
     /// Splat slots: work items times work-group size.
     pub slots: u32,
-    /// With the buffers that the backward pass reads.
+    /// True if the buffers that the backward pass reads are included.
     pub training: bool,
-    /// With those for gradients by the places of instances.
+    /// True if the buffers of pose gradients are included.
     pub poses: bool,
     /// With those for gradients by colour matrices of instances.
     pub color_matrices: bool,
 }
 
 impl FramePlan {
-    /// Lengths for an image of `size_px` with square tiles.
+    /// Plans an image of `size_px` with square tiles.
     pub fn new(size_px: [u32; 2], tile_size: u32, instances: u32, capacities: Capacities, workgroup_size: u32) -> Self {
         let tiles = size_px.map(|s| s.div_ceil(tile_size));
-        // A slab must at least hold one splat, which touches at most all tiles.
+        // A slab must hold at least one splat, which touches at most all tiles.
         let intersections = capacities.intersections.max(tiles[0] * tiles[1]);
         let capacities = Capacities { intersections, ..capacities };
         let slots = capacities.work_items * workgroup_size;
@@ -50,34 +50,34 @@ impl FramePlan {
         Self { size_px, tiles, instances, capacities, slots, training, poses, color_matrices }
     }
 
-    /// Pixels of the image.
+    /// Number of pixels of the image.
     pub fn pixels(&self) -> u32 {
         self.size_px[0] * self.size_px[1]
     }
 
-    /// Tiles of the image.
+    /// Number of tiles of the image.
     pub fn tile_count(&self) -> u32 {
         self.tiles[0] * self.tiles[1]
     }
 
-    /// Radix passes for tile keys 0..=tile_count (the last is the sentinel outside the image).
+    /// Radix passes for tile keys 0..=tile_count (the last is the sentinel for "outside the image").
     pub fn tile_sort_passes(&self) -> u32 {
         radix_passes(self.tile_count())
     }
 
-    /// Length of the radix histogram: enough for either sort.
+    /// Length of the radix histogram; sufficient for both sorts.
     pub fn histogram_len(&self) -> u32 {
         self.slots.max(self.capacities.intersections).div_ceil(BLOCK_SIZE) * RADIX_SIZE
     }
 
-    /// Length of the block sums: enough for every scan.
+    /// Length of the block sums; sufficient for every scan.
     pub fn block_sums_len(&self) -> u32 {
         let longest = [self.instances, self.capacities.candidates, self.slots, self.histogram_len()];
         longest.into_iter().max().unwrap_or(0).div_ceil(BLOCK_SIZE).max(1)
     }
 }
 
-/// Passes that sort keys of up to `max_key`.
+/// Number of radix passes for keys up to `max_key`.
 pub fn radix_passes(max_key: u32) -> u32 {
     (u32::BITS - max_key.leading_zeros()).div_ceil(RADIX_BITS).max(1)
 }

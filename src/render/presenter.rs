@@ -1,4 +1,4 @@
-//! The last picture of a [`Renderer`] as the pixels of a window, without a copy on the host.
+//! Shows the last picture of a [`Renderer`] as the pixels of a window, without a copy on the host.
 
 use std::sync::Arc;
 
@@ -14,31 +14,31 @@ use super::renderer::{Renderer, tile_size_for};
 use super::show::Show;
 use super::surfaces::Surfaces;
 
-/// A picture and what goes with it.
+/// A picture to show, with its scene and optional passes.
 #[derive(Clone, Copy)]
 pub struct ShownPicture<'a> {
-    /// Its last picture is meant.
+    /// The renderer, whose last picture is shown.
     pub renderer: &'a Renderer,
-    /// What that picture was made from.
+    /// The scene that the picture was made from.
     pub scene: &'a DeviceScene,
-    /// That picture's, for lines around what is chosen and for the views that need them.
+    /// Id buffer of that picture, for outlines of selected instances and for the views that need it.
     pub surfaces: Option<&'a Surfaces>,
-    /// That picture's, in the shape that the view asks for.
+    /// Marks of that picture, in the shape that the view needs.
     pub marks: Option<&'a Marks>,
 }
 
-/// What a window says of an instance.
+/// Look of an instance in a window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InstanceLook {
-    /// A line is drawn around it.
+    /// True if an outline is drawn around the instance.
     pub chosen: bool,
-    /// Its template's index.
+    /// Index of the instance's template.
     pub template: u32,
 }
 
 const BLACK: u32 = 0xFF00_0000;
 
-/// Makes pixels of pictures.
+/// Converts pictures to window pixels.
 pub struct Presenter {
     gpu: Arc<Gpu>,
     cache: PipelineCache,
@@ -46,14 +46,14 @@ pub struct Presenter {
     variant: Variant,
     pixels: Buffer<u32>,
     shown_px: [u32; 2],
-    /// By instance: 1 if it is chosen, plus twice its template; on the host as well.
+    /// By instance: 1 if it is selected, plus twice its template; on the device and on the host.
     looks: (Buffer<u32>, Vec<u32>),
     no_surfaces: Buffer<[u32; 2]>,
     no_marks: Buffer<u32>,
 }
 
 impl Presenter {
-    /// For pictures of a renderer.
+    /// Creates a presenter for the pictures of a renderer.
     pub fn new(gpu: &Arc<Gpu>, renderer: &Renderer) -> Result<Self, RenderError> {
         let cache = PipelineCache::new(gpu, user_cache_path(&gpu.caps().name).as_deref())?;
         Ok(Self {
@@ -69,7 +69,7 @@ impl Presenter {
         })
     }
 
-    /// Says what the instances are and which ones are chosen; the background has no entry.
+    /// Sets the template and selection of every instance; the background has no entry.
     pub fn set_instances(&mut self, looks: &[InstanceLook]) -> Result<(), RenderError> {
         let packed: Vec<u32> = looks.iter().map(|look| u32::from(look.chosen) | look.template << 1).collect();
         if packed != self.looks.1 {
@@ -78,18 +78,19 @@ impl Presenter {
         Ok(())
     }
 
-    /// Records the picture as pixels of a window of `shown_px`; black if there is none, or not what the view needs. A picture
-    /// on its way that will not be complete (see [`Ahead`](super::Ahead)) leaves the pixels as they are, or black if the window
-    /// has a new size.
+    /// Records the picture as pixels of a window of `shown_px`; black if there is none, or if the view's needs are
+    /// missing. A frame in flight that turns out incomplete (see [`Ahead`](super::Ahead)) leaves the pixels unchanged,
+    /// or black if the window has a new size.
     ///
     /// # Errors
-    /// A window larger than the device's buffers.
+    /// The window exceeds the device's buffer limit.
     pub fn record(
         &mut self,
         recorder: &mut Recorder,
         show: Show,
         picture: ShownPicture<'_>,
-        (shown_px, blue_first): ([u32; 2], bool),
+        shown_px: [u32; 2],
+        blue_first: bool,
     ) -> Result<(), RenderError> {
         if self.shown_px != shown_px {
             self.pixels = Buffer::new(&self.gpu, "pixels", shown_px[0] as usize * shown_px[1] as usize)?;
@@ -103,7 +104,7 @@ impl Presenter {
         let blue_first = u32::from(blue_first);
         let params = present::Params { shown_px, blue_first, capacities, ..self.params(show, picture) };
         let variant = self.present_variant(show, picture, params.size_px != shown_px);
-        let pipeline = self.pipelines.get((&self.gpu, &self.cache), &self.variant, variant)?;
+        let pipeline = self.pipelines.get(&self.gpu, &self.cache, &self.variant, variant)?;
         let bindings = present::Bindings {
             colors: &frame.colors,
             depths: &frame.depths,
@@ -120,7 +121,7 @@ impl Presenter {
         Ok(recorder.dispatch(pipeline, grid, &params, bindings)?)
     }
 
-    /// What the kernel is compiled for; nothing is shown of a view without what it needs.
+    /// The variant to compile the kernel for; a view without its inputs shows black.
     fn present_variant(&self, show: Show, picture: ShownPicture<'_>, scaled: bool) -> PresentVariant {
         let surfaces = picture.surfaces.is_some() || !show.needs_surfaces();
         let marks = picture.marks.is_some() || show.marks().is_none();
@@ -132,7 +133,7 @@ impl Presenter {
         }
     }
 
-    /// All but what concerns the window.
+    /// The push constants that do not depend on the window.
     fn params(&self, show: Show, picture: ShownPicture<'_>) -> present::Params {
         let size_px = picture.renderer.frame().map_or([1, 1], |frame| frame.plan.size_px);
         present::Params {
@@ -144,17 +145,17 @@ impl Presenter {
         }
     }
 
-    /// The next picture starts from black: what was recorded last is not submitted.
+    /// Makes the next recording start from black: the last one is not submitted.
     pub(super) fn forget_pixels(&mut self) {
         self.shown_px = [0; 2];
     }
 
-    /// The pixels recorded last: one u32 each, row by row from the top.
+    /// The pixels of the last recording: one u32 each, row by row from the top.
     pub fn pixels(&self) -> &Buffer<u32> {
         &self.pixels
     }
 
-    /// The pixels on the host, as bytes red, green, blue; they must have been recorded with red first, and submitted.
+    /// Downloads the pixels as bytes red, green, blue. They must have been recorded with red first, and submitted.
     pub fn rgb8(&self) -> Result<Vec<u8>, RenderError> {
         let count = self.shown_px[0] as usize * self.shown_px[1] as usize;
         let pixels = download(&self.gpu, &self.pixels, count)?;

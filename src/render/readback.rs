@@ -1,4 +1,4 @@
-//! A picture on its way to the host: the copy is submitted now, and its pixels are taken when it is over.
+//! Read-back of a picture without waiting: the copy is submitted now, and the pixels are taken when it has finished.
 
 use std::sync::Arc;
 
@@ -9,30 +9,31 @@ use super::error::RenderError;
 use super::picture::Picture;
 use super::renderer::Renderer;
 
-/// Host-visible memory for one picture. Several of them are on their way at once; each keeps its memory for the next picture.
+/// Host-visible memory for one picture. With several of these, several read-backs are in flight; each reuses its
+/// memory.
 pub struct Readback {
     gpu: Arc<Gpu>,
     recorder: Recorder,
     colors: Buffer<[f32; 4]>,
     depths: Buffer<[f32; 2]>,
-    /// The submission, and width and height of the picture.
+    /// Ticket of the submission, and width and height of the picture.
     pending: Option<(Ticket, [u32; 2])>,
 }
 
 impl Readback {
-    /// Without a picture.
+    /// Creates a read-back that holds no picture.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
         let colors = Buffer::for_readback(gpu, "colors on the host", 1)?;
         let depths = Buffer::for_readback(gpu, "depths on the host", 1)?;
         Ok(Self { gpu: gpu.clone(), recorder: Recorder::new(gpu)?, colors, depths, pending: None })
     }
 
-    /// True if a picture is on its way, or has not been taken.
+    /// True if a picture has been submitted and not taken yet.
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()
     }
 
-    /// Takes the picture if its copy is over; `None` if it is not, or none was submitted. Never waits.
+    /// Takes the picture if its copy has finished; `None` if it has not, or none was submitted. Never waits.
     ///
     /// # Errors
     /// The device is lost.
@@ -58,12 +59,12 @@ impl Readback {
 }
 
 impl Renderer {
-    /// Submits a copy of the last picture to the host, as [`Renderer::download`] gives it, and does not wait: pictures may be
-    /// rendered and submitted at once. False if there is no picture yet. A picture of [`Renderer::submit_ahead`] is copied
-    /// whether or not it turns out complete.
+    /// Submits a copy of the last picture to the host, like [`Renderer::download`], and does not wait: rendering may go
+    /// on at once. False if there is no picture yet. A picture of [`Renderer::submit_ahead`] is copied whether or not
+    /// it turns out complete.
     ///
     /// # Errors
-    /// [`RenderError::Busy`] if the last picture of `readback` has not been taken, or out of memory.
+    /// [`RenderError::Busy`] if the last picture of `readback` has not been taken, or memory is exhausted.
     pub fn submit_readback(&self, readback: &mut Readback) -> Result<bool, RenderError> {
         if readback.is_pending() {
             return Err(RenderError::Busy { pending: 1 });

@@ -1,4 +1,4 @@
-//! Renders frames: records, submits, and acts on the counters when a buffer was too small.
+//! Renders frames: records, submits, and grows buffers that the counters show to be too small.
 
 use std::sync::Arc;
 
@@ -23,27 +23,27 @@ use super::picture::Picture;
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::self_test::self_test;
 
-/// What the camera does not say about a picture.
+/// Settings of a picture besides the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderOptions {
     /// Splats with view depth <= near are not drawn; scene units.
     pub near: f32,
     /// Added to the projected variances, px^2.
     pub dilation_px2: f32,
-    /// Opacity compensation for the dilation.
+    /// Compensates opacity for the dilation.
     pub antialias: bool,
-    /// Colour behind everything, rgb in the encoding of the training images.
+    /// Background colour, rgb in the encoding of the training images.
     pub background: [f32; 3],
-    /// Levels of detail: instances and parts of the background are drawn merged where what is merged is at most so many
-    /// pixels wide ([`crate::scene::lod`]); 0 = everything in full. Above 0 it takes a scene that was uploaded with levels
-    /// ([`Renderer::upload_for`]).
+    /// Levels of detail: instances and parts of the background are drawn merged where the merged cells are at most this
+    /// wide, pixels ([`crate::scene::lod`]); 0 = everything at full detail. Above 0 it needs a scene that was uploaded
+    /// with levels ([`Renderer::upload_for`]).
     pub lod_error_px: f32,
-    /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = what the device holds.
+    /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = the device's limit.
     pub max_intersections: Option<u32>,
 }
 
 impl Default for RenderOptions {
-    /// The INRIA constants: near 0.2, dilation 0.3, black; everything in full.
+    /// The INRIA constants: near 0.2, dilation 0.3, black background; everything at full detail.
     fn default() -> Self {
         Self {
             near: 0.2,
@@ -56,10 +56,10 @@ impl Default for RenderOptions {
     }
 }
 
-/// What happened in a frame.
+/// Counts and times of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FrameStats {
-    /// Chunks that were expanded.
+    /// Visible (instance, chunk) pairs that were expanded.
     pub work_items: u64,
     /// Splats that touch at least one tile.
     pub visible: u64,
@@ -67,7 +67,7 @@ pub struct FrameStats {
     pub intersections: u64,
     /// Depth slabs that the frame took.
     pub slabs: u32,
-    /// Times the frame was started again because a buffer was too small.
+    /// Number of restarts of the frame because a buffer was too small.
     pub redone: u32,
     /// (pass, milliseconds) in order; empty without profiling. Redone attempts are not included.
     pub passes_ms: Vec<(&'static str, f64)>,
@@ -86,7 +86,7 @@ impl FrameStats {
         sums
     }
 
-    /// (pass, milliseconds): medians over frames; a frame without a pass counts as 0 of it.
+    /// (pass, milliseconds): medians over frames; a frame without a pass counts as 0 for that pass.
     pub fn median_ms_by_pass(frames: &[Self]) -> Vec<(&'static str, f64)> {
         let mut by_pass: Vec<(&'static str, Vec<f64>)> = Vec::new();
         for (k, frame) in frames.iter().enumerate() {
@@ -107,34 +107,34 @@ impl FrameStats {
     }
 }
 
-/// A depth slab that has just been blended, or only listed if it is the last, for [`Renderer::list_slabs`].
+/// A depth slab that has just been blended (or listed only, if it is the last), for [`Renderer::list_slabs`].
 pub(super) struct BlendedSlab<'a> {
-    /// The device.
+    /// The device of the renderer.
     pub(super) gpu: &'a Arc<Gpu>,
     /// The cache of the renderer's pipelines.
     pub(super) cache: &'a PipelineCache,
-    /// The variant of the lists, with the tile size of this picture.
+    /// The variant of the lists, with this picture's tile size.
     pub(super) variant: Variant,
     /// Lists and splats; its `depths` hold the transmittances behind the slab if it was blended.
     pub(super) frame: &'a FrameBuffers,
-    /// Nothing lies in front of the slab.
+    /// True for the frontmost slab.
     pub(super) first: bool,
-    /// Nothing lies behind it.
+    /// True for the rearmost slab.
     pub(super) last: bool,
 }
 
 /// Called after each depth slab of a frame that is not redone.
 pub(super) type AfterSlab<'a> = dyn FnMut(BlendedSlab<'_>) -> Result<(), RenderError> + 'a;
 
-/// What becomes of the lists of each depth slab.
+/// What to do with the lists of each depth slab.
 pub(super) enum EachSlab<'a> {
-    /// They are blended onto the picture, and these passes follow in the same command buffer.
+    /// Blend them onto the picture; the optional passes follow in the same command buffer.
     Blend(ExtraPasses<'a>),
-    /// The host is called when they are there. Those of the last slab are not blended: there is no picture.
+    /// Call the host when they are complete. The last slab is not blended, so there is no picture.
     List(&'a mut AfterSlab<'a>),
 }
 
-/// Renders one scene at a time; keeps its frame buffers between frames.
+/// Renders one scene at a time and keeps its frame buffers between frames.
 pub struct Renderer {
     gpu: Arc<Gpu>,
     cache: PipelineCache,
@@ -143,19 +143,19 @@ pub struct Renderer {
     pipelines: Option<Pipelines>,
     frame: Option<FrameBuffers>,
     capacities: Capacities,
-    /// The largest intersection buffer that memory had room for.
+    /// The largest intersection buffer that could be allocated.
     most_intersections: u32,
     recorder: Recorder,
 }
 
 impl Renderer {
-    /// A renderer with the variant picked for the device: the first subgroup size, the preferred one first, whose scan
-    /// and sort pass the self-test. Drivers exist that miscompile some sizes.
+    /// Creates a renderer with the variant for the device: the first subgroup size, in order of preference, whose scan
+    /// and sort pass the self-test. Some drivers miscompile some sizes.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
         Self::with_first_sound_variant(gpu, false)
     }
 
-    /// As [`Renderer::new`]; every pass is timed.
+    /// The same as [`Renderer::new`]; every pass is timed.
     pub fn profiled(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
         Self::with_first_sound_variant(gpu, true)
     }
@@ -172,7 +172,7 @@ impl Renderer {
         result
     }
 
-    /// A renderer for a chosen variant; `profile` times every pass.
+    /// Creates a renderer for a given variant; `profile` times every pass.
     ///
     /// # Errors
     /// The variant fails the self-test on this device.
@@ -193,7 +193,7 @@ impl Renderer {
         })
     }
 
-    /// The device.
+    /// The device of this renderer.
     pub(super) fn gpu(&self) -> &Arc<Gpu> {
         &self.gpu
     }
@@ -203,12 +203,12 @@ impl Renderer {
         &self.variant
     }
 
-    /// Sets the sizes that the growing buffers start from; frames grow them as needed.
+    /// Sets the initial capacities of the growing buffers; frames grow them as needed.
     pub fn set_capacities(&mut self, capacities: Capacities) {
         self.capacities = capacities;
     }
 
-    /// Gives back the memory of the last picture and forgets how much it took: the next one is of another scene.
+    /// Frees the memory of the last picture and resets its capacities, before a different scene is rendered.
     pub fn forget_picture(&mut self) {
         (self.frame, self.capacities, self.most_intersections) = (None, INITIAL, u32::MAX);
     }
@@ -218,8 +218,8 @@ impl Renderer {
         DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size)
     }
 
-    /// Uploads a scene with what `options` ask for: with levels of detail if `lod_error_px` is above 0. Such a scene can be
-    /// rendered in full too, and with any other error.
+    /// Uploads a scene with levels of detail if `lod_error_px` of `options` is above 0. Such a scene can also be
+    /// rendered at full detail or with any other error.
     pub fn upload_for(
         &self,
         scene: &crate::scene::InstancedScene,
@@ -232,7 +232,7 @@ impl Renderer {
     /// Renders a picture and leaves it on the device (see [`Renderer::download`]).
     ///
     /// # Errors
-    /// An invalid camera or option, or a scene beyond the device's limits. A buffer that is merely too small grows.
+    /// The camera or an option is invalid, or the scene exceeds the device's limits. A buffer that is too small grows.
     pub fn render(
         &mut self,
         scene: &DeviceScene,
@@ -242,8 +242,8 @@ impl Renderer {
         self.slabs(scene, camera, options, EachSlab::Blend(ExtraPasses::default()))
     }
 
-    /// As [`Renderer::render`], for whom lists are enough: the last slab is not blended, and there is no picture. Pass times
-    /// are those of the last slab.
+    /// The same as [`Renderer::render`], if lists suffice: the last slab is not blended, and there is no picture. Pass
+    /// times are those of the last slab.
     pub(super) fn list_slabs<'a>(
         &mut self,
         scene: &DeviceScene,
@@ -254,7 +254,7 @@ impl Renderer {
         self.slabs(scene, camera, options, EachSlab::List(after_slab))
     }
 
-    /// Renders a picture, or only its lists.
+    /// Renders a picture, or its lists only.
     pub(super) fn slabs(
         &mut self,
         scene: &DeviceScene,
@@ -270,7 +270,7 @@ impl Renderer {
         stats
     }
 
-    /// Checks what is asked for, and makes pipelines and buffers for it.
+    /// Checks the inputs, and creates pipelines and buffers for them.
     pub(super) fn prepare(
         &mut self,
         scene: &DeviceScene,
@@ -291,13 +291,13 @@ impl Renderer {
         self.prepare_frame(scene, camera, options)
     }
 
-    /// Makes what more passes need, after [`Renderer::prepare`].
+    /// Creates the resources of optional passes, after [`Renderer::prepare`].
     pub(super) fn prepare_extra(&self, extra: &mut ExtraPasses<'_>) -> Result<(), RenderError> {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
         extra.prepare(&self.cache, pipelines.variant, &frame.plan)
     }
 
-    /// What the passes need, after [`Renderer::prepare`].
+    /// The inputs and buffers of the passes, after [`Renderer::prepare`].
     pub(super) fn passes<'a>(
         &'a mut self,
         scene: &'a DeviceScene,
@@ -306,7 +306,7 @@ impl Renderer {
     ) -> (ForwardInputs<'a>, &'a mut FrameBuffers) {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
         let view = view_of(camera, options);
-        (Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options), frame)
+        (Self::inputs(pipelines, &self.primitives, &self.gpu, scene, view, options), frame)
     }
 
     fn render_prepared(
@@ -325,7 +325,7 @@ impl Renderer {
             }
             let mut counters = [0; COUNTER_COUNT as usize];
             counters[COUNTER_INSTANCES as usize] = scene.instance_count;
-            let counters = self.submit_slab(scene, view, options, each, (counters, true))?;
+            let counters = self.submit_slab(scene, view, options, each, counters, true)?;
             let Some(frame) = &self.frame else { unreachable_state() };
             if self.grow(scene.chunk_pairs, frame.plan.capacities, &counters)? {
                 stats.redone += 1;
@@ -333,12 +333,12 @@ impl Renderer {
             }
             stats.passes_ms = self.recorder.passes_ms()?;
             self.slab_done(each, true, &counters)?;
-            self.finish_slabs(scene, view, options, each, (counters, &mut stats))?;
+            self.finish_slabs(scene, view, options, each, counters, &mut stats)?;
             return Ok(stats);
         }
     }
 
-    /// Copies the last picture to the host.
+    /// Downloads the last picture. Waits for the device.
     pub fn download(&self) -> Result<Picture, RenderError> {
         let Some(frame) = &self.frame else { return Ok(Picture::default()) };
         let pixels = frame.plan.pixels() as usize;
@@ -350,7 +350,7 @@ impl Renderer {
         })
     }
 
-    /// The buffers of the last frame, for tests that look between passes.
+    /// The buffers of the last frame, for tests of single passes.
     pub fn frame(&self) -> Option<&FrameBuffers> {
         self.frame.as_ref()
     }
@@ -363,7 +363,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Makes sure that the frame buffers fit image, scene and capacities.
+    /// Makes the frame buffers fit image, scene and capacities.
     fn prepare_frame(
         &mut self,
         scene: &DeviceScene,
@@ -394,12 +394,12 @@ impl Renderer {
                     self.frame = Some(frame);
                     return Ok(());
                 }
-                // Slabs make do with fewer intersections, down to one splat's.
+                // Depth slabs work with fewer intersections, down to those of one splat.
                 Err(GpuError::OutOfMemory { .. }) if plan.capacities.intersections > plan.tile_count() => {
                     self.most_intersections = plan.capacities.intersections / 2;
                 }
                 Err(error) => {
-                    // What helped nothing is no limit for what may be tried instead.
+                    // The allocation failed anyway, so the reduced size must not limit later attempts.
                     self.most_intersections = most_before;
                     return Err(error.into());
                 }
@@ -408,7 +408,8 @@ impl Renderer {
     }
 
     fn inputs<'a>(
-        (pipelines, primitives): (&'a Pipelines, &'a Primitives),
+        pipelines: &'a Pipelines,
+        primitives: &'a Primitives,
         gpu: &Gpu,
         scene: &'a DeviceScene,
         view: types::View,
@@ -419,17 +420,18 @@ impl Renderer {
         ForwardInputs { scene, pipelines, primitives, view, background, lod_error_px, max_slab_splats }
     }
 
-    /// Does a slab, of which `counters` are those before it; the first one comes after culling. Returns those after it.
+    /// Draws a slab, starting from `counters`; the first one includes culling. Returns the counters after the slab.
     fn submit_slab(
         &mut self,
         scene: &DeviceScene,
         view: types::View,
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
-        (counters, first): (Counters, bool),
+        counters: Counters,
+        first: bool,
     ) -> Result<Counters, RenderError> {
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &mut self.frame) else { unreachable_state() };
-        let inputs = Self::inputs((pipelines, &self.primitives), &self.gpu, scene, view, options);
+        let inputs = Self::inputs(pipelines, &self.primitives, &self.gpu, scene, view, options);
         let recorder = &mut self.recorder;
         write_counters(&mut frame.counters_start, &counters);
         record_begin(recorder, frame)?;
@@ -454,7 +456,7 @@ impl Renderer {
         Ok(counters)
     }
 
-    /// Calls the host where it wants to be called.
+    /// Calls the host after a slab, if it asked for that.
     fn slab_done(&self, each: &mut EachSlab<'_>, first: bool, counters: &Counters) -> Result<(), RenderError> {
         let EachSlab::List(after_slab) = each else { return Ok(()) };
         let (Some(pipelines), Some(frame)) = (&self.pipelines, &self.frame) else { unreachable_state() };
@@ -462,7 +464,7 @@ impl Renderer {
         after_slab(BlendedSlab { gpu: &self.gpu, cache: &self.cache, variant, frame, first, last })
     }
 
-    /// Enlarges buffers that the frame overflowed, which had room for `have`; true if it must be done again.
+    /// Enlarges buffers, of capacities `have`, that the frame overflowed; true if the frame must be redone.
     fn grow(&mut self, chunk_pairs: u64, have: Capacities, counters: &Counters) -> Result<bool, RenderError> {
         let candidates = counters[COUNTER_CANDIDATES_NEEDED as usize];
         let work_items = counters[COUNTER_WORK_ITEMS_NEEDED as usize];
@@ -484,14 +486,14 @@ impl Renderer {
         Ok(false)
     }
 
-    /// Enlarges the buffers that an earlier picture overflowed, for those that are recorded from now on.
+    /// Enlarges the buffers that an earlier frame overflowed, for frames that are recorded from now on.
     ///
     /// # Errors
-    /// Larger buffers do not help: the picture takes more than one depth slab.
+    /// Larger buffers do not help: the frame takes more than one depth slab.
     pub(super) fn grow_for_next(&mut self, counters: &Counters, needs: Needs) -> Result<(), RenderError> {
         let before = self.capacities;
         if self.grow(needs.chunk_pairs, needs.have, counters)? {
-            // A later picture may have asked for more already.
+            // A later frame may have raised the capacities already.
             self.capacities.candidates = self.capacities.candidates.max(before.candidates);
             self.capacities.work_items = self.capacities.work_items.max(before.work_items);
             return Ok(());
@@ -521,7 +523,8 @@ impl Renderer {
         view: types::View,
         options: &RenderOptions,
         each: &mut EachSlab<'_>,
-        (mut counters, stats): (Counters, &mut FrameStats),
+        mut counters: Counters,
+        stats: &mut FrameStats,
     ) -> Result<(), RenderError> {
         let needed = counters[COUNTER_INTERSECTIONS as usize];
         stats.slabs = 1;
@@ -531,7 +534,7 @@ impl Renderer {
         while !is_last(&counters) {
             let begin = counters[COUNTER_SLAB_END as usize];
             counters[COUNTER_SLAB_BEGIN as usize] = begin;
-            counters = self.submit_slab(scene, view, options, each, (counters, false))?;
+            counters = self.submit_slab(scene, view, options, each, counters, false)?;
             if counters[COUNTER_SLAB_END as usize] <= begin {
                 let reason = format!("made no progress at splat {begin}");
                 return Err(GpuError::Kernel { kernel: "plan_slab".into(), reason }.into());
@@ -549,22 +552,22 @@ impl Renderer {
     }
 }
 
-/// Values of the counters' slots.
+/// Values of the counter slots, `COUNTER_*`.
 pub(super) type Counters = [u32; COUNTER_COUNT as usize];
 
-/// No visible splat is behind the slab that was done last.
+/// True if no visible splat lies behind the slab.
 fn is_last(counters: &Counters) -> bool {
     counters[COUNTER_SLAB_END as usize] >= counters[COUNTER_VISIBLE as usize]
 }
 
-/// Most splats of one slab: a tile's list is at most as long as its slab, and the blend loop takes one iteration per
-/// subgroup of it; one in 16 iterations is left to the other loops of the kernel.
+/// Largest number of splats in a slab: a tile's list is at most as long as its slab, and the blend loop takes one
+/// iteration per subgroup of splats; one in 16 iterations is reserved for the other loops of the kernel.
 pub(super) fn max_slab_splats(gpu: &Gpu, subgroup_size: u32) -> u32 {
     gpu.caps().loop_iteration_limit.map_or(u32::MAX, |most| (most - most / 16) * subgroup_size)
 }
 
-/// The variant's tile size, doubled while one splat over the whole image would take more loop iterations to emit than
-/// the driver grants: one per tile and one per row. The picture does not depend on it.
+/// The variant's tile size, doubled until a splat over the whole image can be emitted within the driver's loop limit
+/// (an iteration per tile and per row). The picture does not depend on it.
 pub(super) fn tile_size_for(gpu: &Gpu, variant: &Variant, size_px: [u32; 2]) -> u32 {
     let most = gpu.caps().loop_iteration_limit.map_or(u64::MAX, |most| u64::from(most - most / 16));
     let mut tile_size = variant.tile_size;

@@ -6,7 +6,7 @@ use crate::gpu::{Buffer, GpuError, Grid, Recorder};
 use crate::kernels::pipelines::ScanPipelines;
 use crate::kernels::{scan_downsweep, scan_reduce, scan_spine};
 
-/// What scans of a frame share.
+/// Buffers that the scans of a frame share.
 pub struct ScanScratch {
     /// One sum per block; long enough for the longest scan.
     pub block_sums: Buffer<u32>,
@@ -16,16 +16,32 @@ pub struct ScanScratch {
     pub args: Buffer<types::DispatchArgs>,
 }
 
-/// Where a scan's work-groups come from.
+/// Source of the number of work-groups of a scan.
 #[derive(Clone, Copy, Debug)]
 pub enum Blocks {
-    /// The host knows the number of elements.
+    /// The grid, if the host knows the number of elements.
     Direct(Grid),
-    /// Element of the indirect arguments.
+    /// Index into the indirect arguments.
     Indirect(u32),
 }
 
-/// A scan over `counters[count_slot]` elements that reports nothing.
+/// The values of a scan and their order.
+#[derive(Clone, Copy)]
+pub struct ScanInput<'a> {
+    /// The values that are summed.
+    pub values: &'a Buffer<u32>,
+    /// Their order: element i of the scan is `values[indices[i]]`. `None` = as they lie in the buffer.
+    pub indices: Option<&'a Buffer<u32>>,
+}
+
+impl<'a> ScanInput<'a> {
+    /// `values` in the order of the buffer.
+    pub fn in_order(values: &'a Buffer<u32>) -> Self {
+        Self { values, indices: None }
+    }
+}
+
+/// A scan over `counters[count_slot]` elements that writes no totals.
 pub fn plain(count_slot: u32) -> types::Scan {
     types::Scan {
         count_slot,
@@ -45,10 +61,10 @@ pub fn record_scan(
     scratch: &mut ScanScratch,
     blocks: Blocks,
     scan: types::Scan,
-    input: (&Buffer<u32>, Option<&Buffer<u32>>),
+    input: ScanInput<'_>,
     offsets: &mut Buffer<u32>,
 ) -> Result<(), GpuError> {
-    let (values, gather) = input;
+    let ScanInput { values, indices: gather } = input;
     let indices = gather.unwrap_or(values);
     let ScanScratch { block_sums, counters, args } = scratch;
     let (reduce, downsweep) = match gather {
@@ -59,7 +75,7 @@ pub fn record_scan(
     let bindings = scan_reduce::Bindings { values, indices, counters, block_sums };
     match blocks {
         Blocks::Direct(grid) => recorder.dispatch(reduce, grid, &params, bindings)?,
-        Blocks::Indirect(set) => recorder.dispatch_indirect(reduce, (args, set as usize), &params, bindings)?,
+        Blocks::Indirect(set) => recorder.dispatch_indirect(reduce, args, set as usize, &params, bindings)?,
     }
     let spine = scan_spine::Bindings { block_sums, counters, args };
     recorder.dispatch(&pipelines.spine, Grid::groups(1), &scan_spine::Params { scan }, spine)?;
@@ -67,6 +83,6 @@ pub fn record_scan(
     let bindings = scan_downsweep::Bindings { values, indices, counters, block_sums, offsets };
     match blocks {
         Blocks::Direct(grid) => recorder.dispatch(downsweep, grid, &params, bindings),
-        Blocks::Indirect(set) => recorder.dispatch_indirect(downsweep, (args, set as usize), &params, bindings),
+        Blocks::Indirect(set) => recorder.dispatch_indirect(downsweep, args, set as usize, &params, bindings),
     }
 }

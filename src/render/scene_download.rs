@@ -1,4 +1,4 @@
-//! Parameters back from the device.
+//! Downloads parameters and poses from the device.
 
 use std::sync::Arc;
 
@@ -13,12 +13,11 @@ use super::device_scene::DeviceScene;
 use super::error::RenderError;
 
 impl DeviceScene {
-    /// The scene as it is on the device; templates and offsets of instances, ranges, names and what else the device does
-    /// not hold are those of `like`, the scene that was uploaded. Counts and SH degrees are the device's: they may differ
-    /// from `like`'s.
+    /// Downloads the scene. Ranges, names and everything else that is not on the device come from `like`, the scene
+    /// that was uploaded. Counts and SH degrees are the device's and may differ from those of `like`.
     ///
     /// # Errors
-    /// The device failed, or an instance's transform is no similarity any more.
+    /// A Vulkan call failed, or an instance's transform is no longer a similarity.
     pub fn download(&self, gpu: &Arc<Gpu>, like: &InstancedScene) -> Result<InstancedScene, RenderError> {
         let counts = self.counts;
         let mut scene = InstancedScene { instances: self.download_instances(gpu, &like.instances)?, ..like.clone() };
@@ -28,7 +27,7 @@ impl DeviceScene {
         Ok(scene)
     }
 
-    /// `like`, with the transforms of the device.
+    /// The instances `like` with the transforms of the device.
     fn download_instances(&self, gpu: &Arc<Gpu>, like: &[Instance]) -> Result<Vec<Instance>, RenderError> {
         self.write_changes(gpu)?;
         let on_device = download(gpu, &self.instances, like.len())?;

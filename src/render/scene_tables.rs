@@ -1,4 +1,4 @@
-//! Instance and chunk tables of a scene: places, bounds for culling, where the Gaussians are.
+//! Instance and chunk tables of a scene: transforms, bounds for culling, and ranges of source Gaussians.
 
 use glam::DVec3;
 
@@ -10,10 +10,10 @@ use crate::scene::{Gaussians, InstancedScene, Offsets, TemplateRange};
 
 use super::error::RenderError;
 
-/// A radius that no frustum test excludes, and that stays finite in its products with focal lengths.
+/// A radius that passes every frustum test and stays finite in products with focal lengths.
 const RADIUS_EVERYWHERE: f32 = 1e25;
 
-/// A ball around means, with the largest standard deviation inside.
+/// A ball around means, with the largest standard deviation of its Gaussians.
 #[derive(Clone, Copy)]
 pub(super) struct Bound {
     pub(super) center: DVec3,
@@ -24,11 +24,11 @@ pub(super) struct Bound {
 /// Chunk and instance tables before upload.
 #[derive(Default)]
 pub(super) struct Tables {
-    /// Instances in file order, the background's own last.
+    /// Instances in file order, the background's instance last.
     pub(super) instances: Vec<types::Instance>,
-    /// Bounds of chunks.
+    /// Bounds of all chunks.
     pub(super) chunks: Vec<types::Chunk>,
-    /// (instance, chunk) pairs.
+    /// Total number of (instance, chunk) pairs.
     pub(super) chunk_pairs: u64,
     /// Gaussians after expanding all instances.
     pub(super) flat: u64,
@@ -37,7 +37,7 @@ pub(super) struct Tables {
 /// The tables of a valid scene for chunks of `chunk_size` Gaussians.
 ///
 /// # Errors
-/// More expanded Gaussians than u32 counts.
+/// More expanded Gaussians than a u32 can count.
 pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Tables, RenderError> {
     let mut tables = Tables::default();
     let mut template_bounds = Vec::new();
@@ -67,7 +67,7 @@ pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Ta
 /// The tables of a plain cloud of `count` Gaussians; nothing is culled by chunk.
 ///
 /// # Errors
-/// More Gaussians than u32 counts.
+/// More Gaussians than a u32 can count.
 pub(super) fn cloud_tables(count: usize, sh_degree: u32, chunk_size: u32) -> Result<Tables, RenderError> {
     let mut tables = Tables::default();
     let bound = Bound { center: DVec3::ZERO, radius: 0.0, sigma_max: 0.0 };
@@ -78,7 +78,7 @@ pub(super) fn cloud_tables(count: usize, sh_degree: u32, chunk_size: u32) -> Res
     Ok(tables)
 }
 
-/// Which source Gaussians an instance shows.
+/// The source Gaussians that an instance shows.
 pub(super) struct Source {
     first: u32,
     count: u32,
@@ -87,13 +87,13 @@ pub(super) struct Source {
 }
 
 impl Source {
-    /// Of a range of the templates.
+    /// The source of a range of the templates.
     pub(super) fn of_templates(templates: &Gaussians, range: TemplateRange) -> Self {
         let TemplateRange { first, count } = range;
         Self { first, count, sh_degree: templates.sh_degree, first_in_band: [first; 3] }
     }
 
-    /// Of a range of the background, which stands behind the templates where those have the band.
+    /// The source of a range of the background, which follows the templates in the bands that these have.
     pub(super) fn of_background(templates: &Gaussians, background: &Gaussians, range: TemplateRange) -> Self {
         let before = |l: u32| if templates.sh_degree >= l { templates.len() as u32 } else { 0 };
         Self {
@@ -105,21 +105,21 @@ impl Source {
     }
 }
 
-/// Where an instance stands and which offsets it has.
+/// Transform and offsets of an instance.
 pub(super) struct Placement<'a> {
     world_from_template: &'a Similarity,
     first_offset: u32,
     max_offset: f64,
-    /// Logarithm of the largest factor of its offsets on a standard deviation, at least 0.
+    /// Logarithm of the largest factor of the offsets on a standard deviation, at least 0.
     log_growth: f64,
 }
 
 impl<'a> Placement<'a> {
-    /// Of the background's own instance.
+    /// Placement of the background's instance.
     const BACKGROUND: Self =
         Self { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0, log_growth: 0.0 };
 
-    /// Of an instance with a run of `count` offsets, if it has any.
+    /// Placement of an instance with a run of `count` offsets, if it has any.
     pub(super) fn of(
         world_from_template: &'a Similarity,
         offsets: &Offsets,
@@ -138,13 +138,13 @@ impl<'a> Placement<'a> {
 }
 
 impl Tables {
-    /// Makes every bound hold whatever the means become.
+    /// Makes every bound hold for any means.
     pub(super) fn widen(&mut self) {
         self.chunks.iter_mut().for_each(|chunk| chunk.radius = RADIUS_EVERYWHERE);
         self.instances.iter_mut().for_each(|instance| instance.bound_radius = RADIUS_EVERYWHERE);
     }
 
-    /// Appends the chunks of one range and returns the bound of all of it.
+    /// Appends the chunks of a range and returns the bound of the whole range.
     pub(super) fn push_chunks(&mut self, cloud: &Gaussians, first: usize, count: usize, chunk_size: u32) -> Bound {
         for start in (0..count).step_by(chunk_size as usize) {
             let size = (count - start).min(chunk_size as usize);
@@ -158,10 +158,10 @@ impl Tables {
         bound_of(cloud, first, count)
     }
 
-    /// Appends an instance that is in full, and its own owner.
+    /// Appends an instance at full detail that is its own owner.
     ///
     /// # Errors
-    /// More expanded Gaussians than u32 counts.
+    /// More expanded Gaussians than a u32 can count.
     pub(super) fn push_instance(
         &mut self,
         place: &Placement<'_>,
@@ -202,12 +202,12 @@ fn dvec(v: [f32; 3]) -> DVec3 {
     glam::Vec3::from(v).as_dvec3()
 }
 
-/// The scale of a placement, for bounds.
+/// Largest factor of a transform on lengths, for bounds.
 pub(super) fn scale_bound(world_from_template: &Similarity) -> f32 {
     round_up(world_from_template.scale())
 }
 
-/// To f32 and a little more, so that a bound stays a bound.
+/// Rounds up to f32 with a margin, so that a bound stays a bound.
 fn round_up(value: f64) -> f32 {
     (value * (1.0 + 1e-6)) as f32
 }
@@ -219,7 +219,7 @@ fn bound_of(cloud: &Gaussians, first: usize, count: usize) -> Bound {
         low = low.min(dvec(*mean));
         high = high.max(dvec(*mean));
     }
-    // The centre is stored as f32: measure the radius from what is stored.
+    // The centre is stored as f32: measure the radius from the stored value.
     let center = if count == 0 { DVec3::ZERO } else { ((low + high) * 0.5).as_vec3().as_dvec3() };
     let radius = means.iter().map(|m| dvec(*m).distance(center)).fold(0.0, f64::max);
     let scales = &cloud.log_scales[first..first + count];

@@ -1,4 +1,4 @@
-//! The start-up test of scan and sort on the device that is about to rely on them.
+//! Start-up test of scan and sort on the current device.
 
 use std::sync::Arc;
 
@@ -9,17 +9,17 @@ use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::{Primitives, Variant};
 
 use super::scan::ScanScratch;
-use super::sort::{Sort, SortBuffers, record_sort};
+use super::sort::{DigitTables, Sort, SortBuffers, record_sort};
 
 /// Three blocks, the last one partly filled.
 const TEST_LEN: u32 = 2 * BLOCK_SIZE + 77;
 
-/// Sorts known pairs, which runs the scan too, and compares with the host.
+/// Sorts known pairs, which also runs the scan, and compares with the host.
 ///
 /// # Errors
 /// `GpuError::SelfTest` with the first difference.
 pub fn self_test(gpu: &Arc<Gpu>, primitives: &Primitives, variant: &Variant) -> Result<(), GpuError> {
-    // A multiplicative hash to 11 bits: every digit value, and many equal keys to tell an unstable sort.
+    // A multiplicative hash to 11 bits: every digit value, and enough equal keys to detect an unstable sort.
     let keys: Vec<u32> = (0..TEST_LEN).map(|i| i.wrapping_mul(2_654_435_761) >> 21).collect();
     let values: Vec<u32> = (0..TEST_LEN).collect();
     let (got_keys, got_values) = sort_on_device(gpu, primitives, &keys, &values, 2)?;
@@ -62,12 +62,10 @@ pub fn sort_on_device(
     let mut buffers = SortBuffers::new(gpu, "sort", keys.len())?;
     write(gpu, &mut buffers.keys, keys)?;
     write(gpu, &mut buffers.values, values)?;
-    let mut histogram = Buffer::new(gpu, "histogram", histogram_len)?;
-    let mut digit_offsets = Buffer::new(gpu, "digit_offsets", histogram_len)?;
+    let mut tables = DigitTables::new(gpu, histogram_len)?;
     let mut recorder = Recorder::new(gpu)?;
     let sort = Sort { count_slot: COUNTER_VISIBLE, family: FAMILY_VISIBLE, passes };
-    let tables = (&mut histogram, &mut digit_offsets);
-    record_sort(&mut recorder, primitives, &mut scratch, tables, sort, &mut buffers)?;
+    record_sort(&mut recorder, primitives, &mut scratch, &mut tables, sort, &mut buffers)?;
     let ticket = recorder.submit()?;
     recorder.wait(ticket)?;
     Ok((download(gpu, &buffers.keys, keys.len())?, download(gpu, &buffers.values, values.len())?))

@@ -1,5 +1,5 @@
-//! The Gaussian at the surface of every pixel of a picture, on the device: kernel `tile_surface` behind the blend of
-//! each depth slab.
+//! The id buffer of a picture, on the device: the Gaussian at the surface of every pixel, by kernel `tile_surface`
+//! after the blend of each depth slab.
 
 use std::sync::Arc;
 
@@ -20,29 +20,29 @@ use super::renderer::{FrameStats, RenderOptions, Renderer};
 /// The Gaussian at a pixel's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SurfacePoint {
-    /// The instance, by its index in the scene; the background's own is one more than the last.
+    /// Index of the instance in the scene; the background's is one more than the last.
     pub instance: u32,
     /// Index of the Gaussian in its template, or in the background.
     pub local: u32,
 }
 
-/// Whose surface each pixel shows.
+/// The id buffer: instance and Gaussian at the surface of each pixel.
 pub struct Surfaces {
     gpu: Arc<Gpu>,
     pipelines: Option<SurfacePipelines>,
-    /// Instance and local index; between slabs what the next one goes on from.
+    /// Instance and local index by pixel; between slabs the state that the next slab continues from.
     pub(super) by_pixel: Buffer<[u32; 2]>,
     size_px: [u32; 2],
 }
 
 impl Surfaces {
-    /// Without a picture.
+    /// Creates the id buffer of an empty picture.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
         Ok(Self { gpu: gpu.clone(), pipelines: None, by_pixel: Buffer::new(gpu, "surfaces", 1)?, size_px: [0; 2] })
     }
 
-    /// What a pixel shows; `None` where half of the light passes, and outside the picture. Waits for the device and reads one
-    /// element.
+    /// The Gaussian at the surface of a pixel; `None` where at least half of the light passes, and outside the picture.
+    /// Waits for the device and reads one element.
     pub fn at(&self, [x, y]: [u32; 2]) -> Result<Option<SurfacePoint>, RenderError> {
         if x >= self.size_px[0] || y >= self.size_px[1] {
             return Ok(None);
@@ -58,7 +58,7 @@ impl Surfaces {
         Ok(download(&self.gpu, &self.by_pixel, count)?.into_iter().map(point_of).collect())
     }
 
-    /// Makes buffer and pipeline anew if they do not fit the picture.
+    /// Recreates buffer and pipeline if they do not fit the picture.
     pub(super) fn prepare(
         &mut self,
         cache: &PipelineCache,
@@ -105,10 +105,10 @@ fn point_of([instance, local]: [u32; 2]) -> Option<SurfacePoint> {
 }
 
 impl Renderer {
-    /// As [`Renderer::render`], with the Gaussian at the surface of every pixel.
+    /// The same as [`Renderer::render`], with the id buffer.
     ///
     /// # Errors
-    /// As there.
+    /// The same errors as [`Renderer::render`].
     pub fn render_with_surfaces(
         &mut self,
         scene: &DeviceScene,

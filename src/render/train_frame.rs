@@ -1,15 +1,15 @@
-//! The passes of a training step with their pipelines and buffers: forward, loss, backward. It records; who submits,
-//! reads the records and decides what to do after an overflow is the trainer.
+//! The passes of a training step with their pipelines and buffers: forward, loss, backward. This module records; the
+//! trainer submits, reads the records and decides what to do after an overflow.
 
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
-use crate::gpu::{Buffer, Gpu, PipelineCache, Recorder, user_cache_path};
+use crate::gpu::{Gpu, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{BackwardPipelines, Pipelines, Primitives, Variant};
 use crate::scene::Camera;
 
-use super::backward::{BackwardInputs, record_gradients, record_image_loss, record_status};
+use super::backward::{BackwardInputs, LossInputs, record_gradients, record_image_loss, record_status};
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::forward::{ForwardInputs, record_begin, record_slab, record_visibility, write_counters};
@@ -19,7 +19,7 @@ use super::plan::{Capacities, FramePlan, INITIAL, grown};
 use super::renderer::{RenderOptions, check_fits, max_slab_splats, tile_size_for, view_of};
 use super::self_test::self_test;
 
-/// Pipelines and buffers of training steps, for pictures up to a largest size.
+/// Pipelines and buffers of training steps, for pictures up to a maximum size.
 pub struct TrainFrame {
     gpu: Arc<Gpu>,
     cache: PipelineCache,
@@ -27,25 +27,25 @@ pub struct TrainFrame {
     primitives: Primitives,
     pipelines: Option<(Pipelines, BackwardPipelines)>,
     buffers: Option<(FrameBuffers, BackwardBuffers)>,
-    /// The plan that sized the buffers: that of the largest picture.
+    /// The plan that determined the buffer sizes: that of the largest picture.
     plan: Option<FramePlan>,
     intersections: u32,
 }
 
-/// A view with the options it is rendered with.
+/// A training view and its render options.
 #[derive(Clone, Copy, Debug)]
 pub struct TrainView<'a> {
-    /// Where from.
+    /// The camera of the view.
     pub camera: &'a Camera,
-    /// How; `max_intersections` has no meaning here.
+    /// The render options; `max_intersections` is ignored.
     pub options: RenderOptions,
 }
 
 impl TrainFrame {
-    /// For a device, with the variant picked for it.
+    /// Creates a frame for a device and variant.
     ///
     /// # Errors
-    /// The device fails the self-test of scan and sort at this variant.
+    /// The device fails the self-test of scan and sort with this variant.
     pub fn new(gpu: &Arc<Gpu>, variant: Variant) -> Result<Self, RenderError> {
         let cache = PipelineCache::new(gpu, user_cache_path(&gpu.caps().name).as_deref())?;
         let primitives = Primitives::new(gpu, &cache, &variant)?;
@@ -62,7 +62,7 @@ impl TrainFrame {
         })
     }
 
-    /// The kernel variant; scenes have its `workgroup_size` as chunk size.
+    /// The kernel variant; its `workgroup_size` is the chunk size of scenes.
     pub fn variant(&self) -> &Variant {
         &self.variant
     }
@@ -72,17 +72,17 @@ impl TrainFrame {
         &self.cache
     }
 
-    /// Sets how many intersections the buffers start with.
+    /// Sets the initial capacity for intersections.
     pub fn set_intersections(&mut self, intersections: u32) {
         self.intersections = intersections;
     }
 
-    /// Makes sure that pipelines and buffers fit the scene, SH bands up to `sh_degree`, and pictures up to `largest_px`;
-    /// with `poses`, gradients by the places of instances are made as well (if the scene has any).
-    /// Nothing of this frame may be in flight if one of these has changed.
+    /// Makes pipelines and buffers fit the scene, SH bands up to `sh_degree`, and pictures up to `largest_px`; with
+    /// `poses`, gradients by the poses of instances are included if the scene has any. If any of these has changed, no
+    /// step of this frame may be in flight.
     ///
     /// # Errors
-    /// A buffer beyond the device's limits or memory, by name.
+    /// A buffer exceeds the device's limits or memory; the error names it.
     pub fn prepare(
         &mut self,
         scene: &DeviceScene,
@@ -124,7 +124,7 @@ impl TrainFrame {
         }
         let mut plan = FramePlan::new(largest_px, variant.tile_size, scene.instance_count, capacities, group);
         plan.training = true;
-        // Whether poses are refined may change while steps are on their way; buffers must not.
+        // Pose refinement may be switched on or off while steps are in flight; the buffers must not change then.
         plan.poses = has_places;
         plan.color_matrices = traits.color_matrices;
         if self.buffers.is_none() || self.plan != Some(plan) {
@@ -139,7 +139,7 @@ impl TrainFrame {
         Ok(())
     }
 
-    /// The counters that every step starts from: all zero but the number of instances.
+    /// Writes the counters that every step starts from: all zero but the number of instances.
     fn write_start(&mut self, scene: &DeviceScene) {
         let mut counters = [0; COUNTER_COUNT as usize];
         counters[COUNTER_INSTANCES as usize] = scene.instance_count;
@@ -158,12 +158,12 @@ impl TrainFrame {
         self.buffers.as_ref()
     }
 
-    /// As [`TrainFrame::buffers`], writable: tests put cotangents in.
+    /// The same as [`TrainFrame::buffers`], writable: tests write cotangents.
     pub fn buffers_mut(&mut self) -> Option<&mut (FrameBuffers, BackwardBuffers)> {
         self.buffers.as_mut()
     }
 
-    /// Records the forward pass of a view; its picture is left in `colors`.
+    /// Records the forward pass of a view; the picture is left in `colors`.
     pub fn record_forward(
         &mut self,
         recorder: &mut Recorder,
@@ -177,26 +177,28 @@ impl TrainFrame {
         Ok(())
     }
 
-    /// Records the loss against `targets` and its gradient by the picture, then the status of step `step`.
+    /// Records the loss and its gradient by the picture, then the status of step `step`.
     pub fn record_loss(
         &mut self,
         recorder: &mut Recorder,
         scene: &DeviceScene,
         view: &TrainView<'_>,
-        (targets, lambda_dssim): (&Buffer<u32>, f32),
-        (log, step): (&mut StepLog, u32),
+        loss: LossInputs<'_>,
+        log: &mut StepLog,
+        step: u32,
     ) -> Result<(), RenderError> {
         let Parts { forward, pipelines, frame, buffers } = self.parts(scene, view);
-        record_image_loss(recorder, &forward, pipelines, frame, buffers, (targets, lambda_dssim))?;
-        record_status(recorder, pipelines, frame, buffers, (log, step))?;
+        record_image_loss(recorder, &forward, pipelines, frame, buffers, loss)?;
+        record_status(recorder, pipelines, frame, buffers, log, step)?;
         Ok(())
     }
 
-    /// Records the way from the gradient by the picture to the gradients by all parameters.
+    /// Records the backward passes from the gradient by the picture to the gradients by all parameters.
     pub fn record_gradients(
         &mut self,
         recorder: &mut Recorder,
-        (scene, tables): (&DeviceScene, &SourceTables),
+        scene: &DeviceScene,
+        tables: &SourceTables,
         view: &TrainView<'_>,
         log: &StepLog,
         gradients: &mut GradientBuffers,
@@ -207,10 +209,10 @@ impl TrainFrame {
         Ok(())
     }
 
-    /// Enlarges what was too small for a step; true if the step must be done again.
+    /// Enlarges the buffers that were too small for a step; true if the step must be redone.
     ///
     /// # Errors
-    /// The view needs more than this device can take at once.
+    /// The view needs more than this device can hold at once.
     pub fn grow(&mut self, record: &types::StepRecord) -> Result<bool, RenderError> {
         if record.overflowed == 0 {
             return Ok(false);
@@ -234,7 +236,7 @@ impl TrainFrame {
         backward
     }
 
-    /// Pairs of splat and tile that the buffers hold.
+    /// Capacity of the buffers for (splat, tile) pairs.
     pub fn intersections(&self) -> u32 {
         self.intersections
     }
@@ -243,7 +245,7 @@ impl TrainFrame {
         self.pipelines.as_ref().map_or(self.variant.tile_size, |(forward, _)| forward.variant.tile_size)
     }
 
-    /// Everything a pass needs, with the plan set to the size of the view.
+    /// The inputs and buffers of the passes, with the plan set to the size of the view.
     fn parts<'a>(&'a mut self, scene: &'a DeviceScene, view: &TrainView<'_>) -> Parts<'a> {
         let tile_size = self.tile_size();
         let max_slab_splats = max_slab_splats(&self.gpu, self.variant.subgroup_size);
@@ -259,7 +261,7 @@ impl TrainFrame {
             primitives: &self.primitives,
             view: view_of(view.camera, &view.options),
             background: view.options.background,
-            // Training sees everything in full.
+            // Training always uses full detail.
             lod_error_px: 0.0,
             max_slab_splats,
         };

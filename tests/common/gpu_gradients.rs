@@ -7,8 +7,8 @@ use instgs_vk::gpu::interface::types::{self, StepRecord};
 use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
-use instgs_vk::render::{DeviceScene, GradientBuffers, SourceTables, StepLog, TrainFrame, TrainView};
-use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet};
+use instgs_vk::render::{DeviceScene, GradientBuffers, LossInputs, SourceTables, StepLog, TrainFrame, TrainView};
+use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter};
 
 use super::gpu::device_options;
 
@@ -62,8 +62,8 @@ impl GradientRunner {
             self.frame.prepare(&device_scene, [camera.width, camera.height], scene.sh_degree(), true).unwrap();
             let recorder = &mut self.recorder;
             self.frame.record_forward(recorder, &device_scene, &view).unwrap();
-            let loss = (&targets, 0.2);
-            self.frame.record_loss(recorder, &device_scene, &view, loss, (&mut log, 7)).unwrap();
+            let loss = LossInputs { targets: &targets, lambda_dssim: 0.2 };
+            self.frame.record_loss(recorder, &device_scene, &view, loss, &mut log, 7).unwrap();
             let ticket = recorder.submit().unwrap();
             recorder.wait(ticket).unwrap();
             let record: StepRecord = download(&gpu, &log.records, 8).unwrap()[7];
@@ -71,7 +71,7 @@ impl GradientRunner {
             // The loss's own gradient is replaced by the one asked for.
             let (_, backward) = self.frame.buffers_mut().unwrap();
             write(&gpu, &mut backward.cotangents, &cotangents).unwrap();
-            self.frame.record_gradients(recorder, (&device_scene, &tables), &view, &log, &mut gradients).unwrap();
+            self.frame.record_gradients(recorder, &device_scene, &tables, &view, &log, &mut gradients).unwrap();
             let ticket = recorder.submit().unwrap();
             recorder.wait(ticket).unwrap();
             if !self.frame.grow(&record).unwrap() {

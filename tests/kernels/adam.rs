@@ -7,7 +7,7 @@ use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Buffer, Gpu, PipelineCache, Recorder};
 use instgs_vk::kernels::{BackwardPipelines, SceneTraits, Variant};
 use instgs_vk::math::rng::Rng;
-use instgs_vk::optim::{Adam, MomentBuffer, ValueGroups, zero_moments};
+use instgs_vk::optim::{Adam, AdamBuffers, MomentBuffer, ValueGroups, zero_moments};
 
 use crate::common::gpu::{assert_silent, gpu};
 
@@ -53,9 +53,10 @@ impl DeviceAdam {
         let gradients = upload(&self.gpu, "gradients", &padded).unwrap();
         let AdamOptions { beta1, beta2, epsilon } = AdamOptions::default();
         let adam = Adam { beta1, beta2, epsilon, step };
-        let pipeline = (&self.pipelines.adam, self.workgroup_size);
-        let buffers = (&gradients, &mut self.parameters, &mut self.moments);
-        adam.record(&mut self.recorder, pipeline, &self.status, buffers, groups).unwrap();
+        let (pipeline, size) = (&self.pipelines.adam, self.workgroup_size);
+        let (parameters, moments) = (&mut self.parameters, &mut self.moments);
+        let buffers = AdamBuffers { gradients: &gradients, parameters, moments };
+        adam.record(&mut self.recorder, pipeline, size, &self.status, buffers, groups).unwrap();
         let ticket = self.recorder.submit().unwrap();
         self.recorder.wait(ticket).unwrap();
     }

@@ -23,7 +23,7 @@ fn window(
     let mut recorder = Recorder::new(gpu).unwrap();
     let size = [camera.width, camera.height];
     let picture = ShownPicture { renderer, scene, surfaces: None, marks: None };
-    presenter.record(&mut recorder, Show::Color, picture, (size, false)).unwrap();
+    presenter.record(&mut recorder, Show::Color, picture, size, false).unwrap();
     let ticket = recorder.submit().unwrap();
     recorder.wait(ticket).unwrap();
     presenter.rgb8().unwrap()

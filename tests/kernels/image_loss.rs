@@ -8,7 +8,7 @@ use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::render::{DeviceScene, RenderOptions, StepLog, TrainFrame, TrainView};
+use instgs_vk::render::{DeviceScene, LossInputs, RenderOptions, StepLog, TrainFrame, TrainView};
 use instgs_vk::scene::{Camera, InstancedScene};
 
 use crate::common::golden::golden_losses;
@@ -161,8 +161,8 @@ impl LossRunner {
         recorder.wait(ticket).unwrap();
         let (frame, _) = self.frame.buffers_mut().unwrap();
         write(gpu, &mut frame.colors, &case.picture).unwrap();
-        let loss = (&targets, case.lambda_dssim);
-        self.frame.record_loss(recorder, &self.scene, &view, loss, (&mut log, STEP)).unwrap();
+        let loss = LossInputs { targets: &targets, lambda_dssim: case.lambda_dssim };
+        self.frame.record_loss(recorder, &self.scene, &view, loss, &mut log, STEP).unwrap();
         let ticket = recorder.submit().unwrap();
         recorder.wait(ticket).unwrap();
         let record = download(gpu, &log.records, 64).unwrap()[STEP as usize % 64];

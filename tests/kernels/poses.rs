@@ -18,7 +18,7 @@ use instgs_vk::kernels::{BackwardPipelines, SceneTraits, Variant};
 use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::optim::{Adam, MomentBuffer, POSE_VALUES, zero_moments};
+use instgs_vk::optim::{Adam, MomentBuffer, POSE_VALUES, PoseBuffers, zero_moments};
 use instgs_vk::scene::{Gaussians, Instance, InstancedScene, TemplateRange};
 
 use crate::backward::cotangents;
@@ -124,9 +124,10 @@ impl DevicePoses {
     fn record(&mut self, gradients: &Buffer<types::PoseGradient>, step: u64) {
         let AdamOptions { beta1, beta2, epsilon } = AdamOptions::default();
         let adam = Adam { beta1, beta2, epsilon, step };
-        let pipeline = (&self.pipelines.refine_poses, self.workgroup_size);
-        let buffers = (gradients, &mut self.instances, &mut self.moments);
-        adam.record_poses(&mut self.recorder, pipeline, &self.status, buffers, RATES, self.count as u32).unwrap();
+        let (pipeline, size) = (&self.pipelines.refine_poses, self.workgroup_size);
+        let (instances, moments) = (&mut self.instances, &mut self.moments);
+        let buffers = PoseBuffers { gradients, instances, moments, count: self.count as u32 };
+        adam.record_poses(&mut self.recorder, pipeline, size, &self.status, buffers, RATES).unwrap();
     }
 
     fn submit(&mut self) {

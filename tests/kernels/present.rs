@@ -44,8 +44,8 @@ impl Bench {
 
     /// Draws a picture with all that views need; the depth slabs it took.
     fn draw(&mut self, scene: &DeviceScene, camera: &Camera, options: &RenderOptions) -> u32 {
-        let (marks, surfaces) = ((&mut self.marks, MarkShape::Ellipses(0.1)), Some(&mut self.surfaces));
-        self.renderer.render_with_marks(scene, camera, options, marks, surfaces).unwrap().slabs
+        let (marks, shape, surfaces) = (&mut self.marks, MarkShape::Ellipses(0.1), Some(&mut self.surfaces));
+        self.renderer.render_with_marks(scene, camera, options, marks, shape, surfaces).unwrap().slabs
     }
 
     /// Bytes red, green, blue of a window, whatever their order in it; `known` = with all that views need.
@@ -61,7 +61,7 @@ impl Bench {
             surfaces: known.then_some(&self.surfaces),
             marks: known.then_some(&self.marks),
         };
-        self.presenter.record(&mut self.recorder, show, picture, (shown_px, blue_first)).unwrap();
+        self.presenter.record(&mut self.recorder, show, picture, shown_px, blue_first).unwrap();
         let ticket = self.recorder.submit().unwrap();
         self.recorder.wait(ticket).unwrap();
         let mut pixels = self.presenter.rgb8().unwrap();

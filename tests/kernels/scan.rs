@@ -9,7 +9,7 @@ use instgs_vk::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::kernels::pipelines::ScanPipelines;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::render::scan::{Blocks, ScanScratch, plain, record_scan};
+use instgs_vk::render::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
 
 use crate::common::gpu::{assert_silent, gpu};
 
@@ -40,10 +40,10 @@ fn device_scan(
     scan.needed_slot = COUNTER_WORK_ITEMS_NEEDED;
     scan.capacity = capacity;
     scan.family = FAMILY_VISIBLE;
+    let input = ScanInput { values: &values, indices: indices.as_ref() };
     let mut recorder = Recorder::new(gpu).unwrap();
     let blocks = Blocks::Direct(Grid::threads(n as u32, BLOCK_SIZE));
-    record_scan(&mut recorder, pipelines, &mut scratch, blocks, scan, (&values, indices.as_ref()), &mut offsets)
-        .unwrap();
+    record_scan(&mut recorder, pipelines, &mut scratch, blocks, scan, input, &mut offsets).unwrap();
     let ticket = recorder.submit().unwrap();
     recorder.wait(ticket).unwrap();
     let counters = download(gpu, &scratch.counters, COUNTER_COUNT as usize).unwrap();

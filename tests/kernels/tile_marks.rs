@@ -61,14 +61,12 @@ fn marks_are_what_the_twin_says_and_slabs_change_nothing() {
         let options = device_options(&case.options);
         let few = RenderOptions { max_intersections: Some(1), ..options };
         for (shape, twin_shape) in SHAPES {
-            let marks = (&mut on_device, shape);
-            renderer.render_with_marks(&device, &case.camera, &options, marks, None).unwrap();
+            renderer.render_with_marks(&device, &case.camera, &options, &mut on_device, shape, None).unwrap();
             let got = on_device.download().unwrap();
             let want = want(&case.scene, &case.camera, &case.options, twin_shape);
             let new = compare(&got, &want, &format!("seed {seed}, {shape:?}"));
             counts.iter_mut().zip(new).for_each(|(sum, n)| *sum += n);
-            let marks = (&mut on_device, shape);
-            let stats = renderer.render_with_marks(&device, &case.camera, &few, marks, None).unwrap();
+            let stats = renderer.render_with_marks(&device, &case.camera, &few, &mut on_device, shape, None).unwrap();
             assert!(on_device.download().unwrap() == got, "seed {seed}, {shape:?}: {} slabs", stats.slabs);
             slabs = slabs.max(stats.slabs);
         }
@@ -87,8 +85,10 @@ fn poison_marks_nothing() {
     let mut on_device = Marks::new(&gpu).unwrap();
     let case = random_case(4);
     let device = renderer.upload(&InstancedScene::default()).unwrap();
-    let marks = (&mut on_device, MarkShape::Ellipses(0.0));
-    renderer.render_with_marks(&device, &case.camera, &device_options(&case.options), marks, None).unwrap();
+    let shape = MarkShape::Ellipses(0.0);
+    renderer
+        .render_with_marks(&device, &case.camera, &device_options(&case.options), &mut on_device, shape, None)
+        .unwrap();
     assert!(on_device.download().unwrap().iter().all(Option::is_none));
     for (p, value) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX].into_iter().enumerate() {
         let mut scene = case.scene.clone();
@@ -105,8 +105,9 @@ fn poison_marks_nothing() {
         }
         let device = renderer.upload(&scene).unwrap();
         for (shape, twin_shape) in SHAPES {
-            let marks = (&mut on_device, shape);
-            renderer.render_with_marks(&device, &case.camera, &device_options(&case.options), marks, None).unwrap();
+            renderer
+                .render_with_marks(&device, &case.camera, &device_options(&case.options), &mut on_device, shape, None)
+                .unwrap();
             let want = want(&scene, &case.camera, &case.options, twin_shape);
             let counts = compare(&on_device.download().unwrap(), &want, &format!("{value}, {shape:?}"));
             assert!(counts[0] > 100, "{value}, {shape:?}: {counts:?}");

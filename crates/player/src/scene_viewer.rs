@@ -330,7 +330,7 @@ impl SceneViewer {
             surfaces: self.has_surfaces.then_some(&self.surfaces),
             marks: show.marks().filter(|_| self.has_marks == show.marks()).map(|_| &self.marks),
         };
-        self.presenter.record(recorder, show, picture, (shown_px, blue_first))?;
+        self.presenter.record(recorder, show, picture, shown_px, blue_first)?;
         Ok((recorder, self.presenter.pixels()))
     }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use instgs_vk::gpu::interface::types::SourceGradient;
 use instgs_vk::gpu::{Gpu, GpuError, Recorder};
 use instgs_vk::kernels::BackwardPipelines;
-use instgs_vk::optim::{MomentBuffer, POSE_VALUES, ValueGroups, zero_moments};
+use instgs_vk::optim::{Adam, AdamBuffers, MomentBuffer, POSE_VALUES, PoseBuffers, ValueGroups, zero_moments};
 use instgs_vk::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
@@ -109,19 +109,17 @@ impl DeviceState {
                 counts: scene.counts.rows[parameter].map(|rows| rows * parameter.width()),
                 rates: rates_of(parameter, rates),
             };
-            let kernel = (&pipelines.adam, workgroup_size);
-            adam.record(recorder, kernel, &log.status, (by, values, moments), groups)?;
+            let buffers = AdamBuffers { gradients: by, parameters: values, moments };
+            adam.record(recorder, &pipelines.adam, workgroup_size, &log.status, buffers, groups)?;
         }
         let posed = scene.posed_instances();
-        let poses = (&gradients.poses, &mut scene.instances, &mut moments.poses);
-        adam.record_poses(
-            recorder,
-            (&pipelines.refine_poses, workgroup_size),
-            &log.status,
-            poses,
-            rates.poses.values(),
-            posed,
-        )
+        let poses = PoseBuffers {
+            gradients: &gradients.poses,
+            instances: &mut scene.instances,
+            moments: &mut moments.poses,
+            count: posed,
+        };
+        adam.record_poses(recorder, &pipelines.refine_poses, workgroup_size, &log.status, poses, rates.poses.values())
     }
 }
 

@@ -14,7 +14,7 @@ use instgs_vk::gpu::staging::write;
 use instgs_vk::gpu::{Buffer, Gpu, Recorder, Ticket};
 use instgs_vk::kernels::{McmcStepPipelines, Variant};
 use instgs_vk::optim::Adam;
-use instgs_vk::render::{RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
+use instgs_vk::render::{LossInputs, RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
 
 use super::config::Rates;
 use super::device_state::DeviceState;
@@ -251,10 +251,10 @@ impl StepRunner {
         let waited = if self.gpu.caps().is_llvmpipe { begin.elapsed() } else { Duration::ZERO };
         let recorder = &mut self.recorders[slot];
         self.frame.record_forward(recorder, &state.scene, &train_view)?;
-        let loss = (&view.targets, plan.lambda_dssim);
-        self.frame.record_loss(recorder, &state.scene, &train_view, loss, (&mut self.log, step))?;
-        let scene = (&state.scene, &state.tables);
-        self.frame.record_gradients(recorder, scene, &train_view, &self.log, &mut state.gradients)?;
+        let loss = LossInputs { targets: &view.targets, lambda_dssim: plan.lambda_dssim };
+        self.frame.record_loss(recorder, &state.scene, &train_view, loss, &mut self.log, step)?;
+        let (scene, gradients) = (&state.scene, &mut state.gradients);
+        self.frame.record_gradients(recorder, scene, &state.tables, &train_view, &self.log, gradients)?;
         let workgroup_size = self.frame.variant().workgroup_size;
         if let Some(extra) = &plan.mcmc {
             extra.record_regularisation(recorder, &self.mcmc, workgroup_size, &self.log, state)?;

@@ -6,6 +6,7 @@ use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::{Buffer, GpuError};
 use instgs_vk::kernels::{densify_mark, densify_place, densify_select, densify_split, reset_opacity as reset_kernel};
 use instgs_vk::render::RenderError;
+use instgs_vk::render::scan::ScanInput;
 use instgs_vk::render::sort::SortBuffers;
 use instgs_vk::scene::Parameter;
 
@@ -94,11 +95,11 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let mut sort = SortBuffers::new(&tools.gpu, "gradient", count as usize)?;
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
-    record_mark(tools, state, limits, &mut sort, &mut gains, &mut fates)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), (&fates.counts, None), &mut fates.firsts)?;
+    record_mark(tools, state, limits, (&mut sort, &mut gains, &mut fates))?;
+    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), ScanInput::in_order(&fates.counts), &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
-    // In the order of gradients; the sorted list is no longer needed.
-    let order = (&gains, Some(&sort.values));
+    // In the order of gradients; the list of the sort has served.
+    let order = ScanInput { values: &gains, indices: Some(&sort.values) };
     tools.record_scan(&mut scratch, None, order, &mut sort.keys)?;
     let bindings = densify_select::Bindings {
         order: &sort.values,
@@ -111,7 +112,7 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let params = densify_select::Params { count, max_gaussians: limits.max_gaussians };
     let grid = tools.threads(count);
     tools.recorder.dispatch(&tools.pipelines.densify_select, grid, &params, bindings)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), (&fates.counts, None), &mut fates.firsts)?;
+    tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), ScanInput::in_order(&fates.counts), &mut fates.firsts)?;
     tools.run()?;
     let counters = tools.counters(&scratch)?;
     Ok((fates, counters))

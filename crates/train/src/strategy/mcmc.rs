@@ -8,6 +8,7 @@ use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::{Buffer, GpuError};
 use instgs_vk::kernels::{mcmc_gather_copies, mcmc_pick, mcmc_share, mcmc_weigh};
 use instgs_vk::render::RenderError;
+use instgs_vk::render::scan::ScanInput;
 
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};
@@ -60,8 +61,8 @@ fn pick(
     let (mut weights, mut sums, mut copies) = (list("weights")?, list("weights before")?, list("copies")?);
     let mut moves = Moves::new(&tools.gpu, after)?;
     let mut scratch = tools.scratch(count)?;
-    record_weigh(tools, state, logit_min, &mut weights, &mut copies)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), (&weights, None), &mut sums)?;
+    record_weigh(tools, state, logit_min, (&mut weights, &mut copies))?;
+    tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), ScanInput::in_order(&weights), &mut sums)?;
     let bindings = mcmc_pick::Bindings {
         weights: &weights,
         before: &sums,

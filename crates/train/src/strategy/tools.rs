@@ -8,8 +8,8 @@ use instgs_vk::gpu::interface::types::DispatchArgs;
 use instgs_vk::gpu::staging::{download, upload};
 use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
-use instgs_vk::render::scan::{Blocks, ScanScratch, plain, record_scan};
-use instgs_vk::render::sort::{Sort, SortBuffers, record_sort};
+use instgs_vk::render::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
+use instgs_vk::render::sort::{DigitTables, Sort, SortBuffers, record_sort};
 use instgs_vk::render::{GradientBuffers, RenderError, SourceTables};
 
 /// Pipelines and a recorder shared by the strategies.
@@ -102,18 +102,16 @@ impl Tools {
     pub(super) fn record_sort(
         &mut self,
         scratch: &mut ScanScratch,
-        tables: &mut [Buffer<u32>; 2],
+        tables: &mut DigitTables,
         buffers: &mut SortBuffers,
     ) -> Result<(), GpuError> {
         let sort = Sort { count_slot: COUNTER_GAUSSIANS, family: FAMILY_VISIBLE, passes: u32::BITS / RADIX_BITS };
-        let [histogram, offsets] = tables;
-        record_sort(&mut self.recorder, &self.primitives, scratch, (histogram, offsets), sort, buffers)
+        record_sort(&mut self.recorder, &self.primitives, scratch, tables, sort, buffers)
     }
 
     /// Histogram and digit offsets for a sort of `count` pairs.
-    pub(super) fn sort_tables(&self, count: u32) -> Result<[Buffer<u32>; 2], GpuError> {
-        let table = |name| Buffer::new(&self.gpu, name, (count.div_ceil(BLOCK_SIZE) * RADIX_SIZE) as usize);
-        Ok([table("histogram")?, table("digit_offsets")?])
+    pub(super) fn sort_tables(&self, count: u32) -> Result<DigitTables, GpuError> {
+        DigitTables::new(&self.gpu, (count.div_ceil(BLOCK_SIZE) * RADIX_SIZE) as usize)
     }
 
     /// Reorders parameters and moments, one array at a time. Gradients and tables are empty until [`Tools::finish`].
@@ -157,12 +155,12 @@ impl Tools {
         Ok(())
     }
 
-    /// Records a scan of `COUNTER_GAUSSIANS` elements, in the order of `input.1` if there is one.
+    /// Records a scan of `COUNTER_GAUSSIANS` elements, in the order of `input.indices` if there is one.
     pub(super) fn record_scan(
         &mut self,
         scratch: &mut ScanScratch,
         total_slot: Option<u32>,
-        input: (&Buffer<u32>, Option<&Buffer<u32>>),
+        input: ScanInput<'_>,
         offsets: &mut Buffer<u32>,
     ) -> Result<(), GpuError> {
         let mut scan = plain(COUNTER_GAUSSIANS);

@@ -1,0 +1,122 @@
+//! Transfer commands of a [`Recorder`]: fill, copy and update.
+
+use std::ops::Range;
+
+use ash::vk;
+
+use super::barrier::Access;
+use super::buffer::Buffer;
+use super::error::GpuError;
+use super::recorder::Recorder;
+
+/// Largest size of one update command, bytes: Vulkan's limit.
+const MAX_UPDATE_BYTES: usize = 65536;
+
+impl Recorder {
+    /// Fills a whole buffer with one 32-bit value.
+    pub fn fill<T: bytemuck::NoUninit>(&mut self, buffer: &mut Buffer<T>, value: u32) -> Result<(), GpuError> {
+        self.begin()?;
+        self.keep(buffer.inner(), "fill")?;
+        self.accesses.clear();
+        self.accesses.push((buffer.handle(), Access::COPY_WRITE));
+        self.order();
+        // SAFETY: the command buffer is recording, and the buffer has transfer usage and is kept.
+        unsafe { self.gpu.device.cmd_fill_buffer(self.commands, buffer.handle(), 0, vk::WHOLE_SIZE, value) };
+        Ok(())
+    }
+
+    /// Copies the first `bytes` bytes of one buffer to the start of another.
+    ///
+    /// # Panics
+    /// If either buffer is shorter than `bytes`.
+    pub fn copy<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+        target: &mut Buffer<T>,
+        bytes: u64,
+    ) -> Result<(), GpuError> {
+        let fits = bytes <= source.bytes() && bytes <= target.bytes();
+        assert!(fits, "{} to {}: {bytes} bytes", source.name(), target.name());
+        self.begin()?;
+        self.keep(source.inner(), "copy")?;
+        self.keep(target.inner(), "copy")?;
+        self.accesses.clear();
+        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
+        self.order();
+        let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
+        // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted) and are kept.
+        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
+        Ok(())
+    }
+
+    /// Fills the target with the elements of the source from element `first` on.
+    ///
+    /// # Panics
+    /// If the source has too few elements.
+    pub fn copy_from<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+        first: usize,
+        target: &mut Buffer<T>,
+    ) -> Result<(), GpuError> {
+        let (offset, bytes) = ((first * size_of::<T>()) as u64, target.bytes());
+        assert!(offset + bytes <= source.bytes(), "{}: {bytes} bytes from element {first}", source.name());
+        self.begin()?;
+        self.keep(source.inner(), "copy")?;
+        self.keep(target.inner(), "copy")?;
+        self.accesses.clear();
+        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
+        self.order();
+        let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
+        // SAFETY: recording; the source holds the region (asserted), which is as long as the target, and both are kept.
+        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
+        Ok(())
+    }
+
+    /// Writes runs of `elements` (ranges of indices) to the same indices of a buffer. The values travel in the command
+    /// buffer: there is no staging buffer, and `elements` may change as soon as this returns. Takes a shared reference,
+    /// since a scene is shared while it is drawn; barriers are those of any other write.
+    ///
+    /// # Panics
+    /// If a run exceeds the elements or the buffer.
+    pub fn update<T: bytemuck::NoUninit>(
+        &mut self,
+        target: &Buffer<T>,
+        elements: &[T],
+        runs: &[Range<usize>],
+    ) -> Result<(), GpuError> {
+        const { assert!(size_of::<T>().is_multiple_of(4), "updates are of whole 32-bit words") };
+        if runs.is_empty() {
+            return Ok(());
+        }
+        self.begin()?;
+        self.keep(target.inner(), "update")?;
+        self.accesses.clear();
+        self.accesses.push((target.handle(), Access::COPY_WRITE));
+        self.order();
+        for run in runs {
+            assert!(run.end <= target.len(), "{}: elements {run:?} of {}", target.name(), target.len());
+            let bytes: &[u8] = bytemuck::cast_slice(&elements[run.clone()]);
+            let first = (run.start * size_of::<T>()) as u64;
+            for (k, part) in bytes.chunks(MAX_UPDATE_BYTES).enumerate() {
+                let offset = first + (k * MAX_UPDATE_BYTES) as u64;
+                // SAFETY: recording; the part lies in the buffer (asserted), is at most 65536 bytes, and offset and
+                // length are multiples of 4, like the element's size.
+                unsafe { self.gpu.device.cmd_update_buffer(self.commands, target.handle(), offset, part) };
+            }
+        }
+        Ok(())
+    }
+
+    /// Prepares a command that the caller records by hand and that reads the whole of `source` by a copy, such as one
+    /// into an image. Record it into the returned command buffer before any other command of this recorder; barriers
+    /// for other resources that it uses are up to the caller.
+    pub fn raw_copy<T: bytemuck::NoUninit>(&mut self, source: &Buffer<T>) -> Result<vk::CommandBuffer, GpuError> {
+        self.begin()?;
+        self.keep(source.inner(), "copy")?;
+        self.accesses.clear();
+        self.accesses.push((source.handle(), Access::COPY_READ));
+        self.order();
+        Ok(self.commands)
+    }
+}
