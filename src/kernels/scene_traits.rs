@@ -11,6 +11,8 @@ pub struct SceneTraits {
     pub offset_log_scales: bool,
     /// True if quaternions have offsets.
     pub offset_quats: bool,
+    /// True if instances have colour matrices.
+    pub color_matrices: bool,
     /// True if the scene has levels of detail.
     pub levels: bool,
 }

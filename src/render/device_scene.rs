@@ -118,9 +118,10 @@ impl DeviceScene {
         let levels = Levels::of(scene);
         check_limit(gpu, levels.templates.len() + levels.background.len(), scene.sh_degree())?;
         let tables = build_level_tables(&levels, chunk_size)?;
-        let Levels { templates, background, offsets, coarser, .. } = levels;
-        let pool =
-            InstancedScene { templates, background, offsets, antialias: scene.antialias, ..InstancedScene::default() };
+        let Levels { templates, background, offsets, color_from_template, coarser, .. } = levels;
+        let antialias = scene.antialias;
+        let clouds = InstancedScene { templates, background, antialias, ..InstancedScene::default() };
+        let pool = InstancedScene { offsets, color_from_template, ..clouds };
         let mut out = Self::with_tables(gpu, &pool, tables, chunk_size, scene.instances.len() as u32)?;
         out.expanded_len = scene.expanded_len();
         out.coarser = Some(coarser);

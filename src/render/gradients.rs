@@ -137,6 +137,8 @@ pub struct BackwardBuffers {
     pub isect_moments: Buffer<types::SplatMoments>,
     /// Gradients by the Gaussians of instances, by work item and index in the chunk.
     pub source_gradients: Buffer<types::SourceGradient>,
+    /// Gradients by colours after the instance's colour matrix, as `source_gradients`; one element without matrices.
+    pub color_cotangents: Buffer<[f32; 3]>,
     /// Gradients by poses, by work item and subgroup; one element without pose refinement.
     pub pose_sums: Buffer<types::PoseGradient>,
 }

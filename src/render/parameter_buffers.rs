@@ -83,8 +83,8 @@ impl ParameterBuffers {
 
 /// Bytes of the parameters of a scene, without a device: of templates, background, offsets and instances, and of the single
 /// elements that stand for parameters without rows.
-pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> [u64; 4] {
-    let [mut templates, mut background, mut offsets, mut unused] = [0; 4];
+pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> [u64; 5] {
+    let [mut templates, mut background, mut offsets, mut instances, mut unused] = [0; 5];
     for (parameter, rows) in scene.parameter_rows() {
         let [first, second] = rows.map(|rows| 4 * (rows * parameter.width()) as u64);
         match parameter.owner() {

@@ -8,7 +8,7 @@ use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::render::{DeviceScene, GradientBuffers, LossInputs, SourceTables, StepLog, TrainFrame, TrainView};
-use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter};
+use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::gpu::device_options;
 

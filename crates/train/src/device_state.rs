@@ -5,7 +5,7 @@ use std::sync::Arc;
 use instgs_vk::gpu::interface::types::SourceGradient;
 use instgs_vk::gpu::{Gpu, GpuError, Recorder};
 use instgs_vk::kernels::BackwardPipelines;
-use instgs_vk::optim::{Adam, AdamBuffers, MomentBuffer, POSE_VALUES, PoseBuffers, ValueGroups, zero_moments};
+use instgs_vk::optim::{AdamBuffers, MomentBuffer, POSE_VALUES, PoseBuffers, ValueGroups, zero_moments};
 use instgs_vk::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};

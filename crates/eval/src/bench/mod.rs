@@ -5,5 +5,5 @@ mod measure;
 mod report;
 
 pub use lod::{LodCamera, LodError, LodReport, LodRow, LodView, run_lod};
-pub use measure::{BenchError, Stage, Subject, run};
+pub use measure::{BenchError, MeasurePhase, Subject, run};
 pub use report::{CameraReport, DrawnCounts, Ratio, Report, SceneReport};

@@ -95,7 +95,7 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let mut sort = SortBuffers::new(&tools.gpu, "gradient", count as usize)?;
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
-    record_mark(tools, state, limits, (&mut sort, &mut gains, &mut fates))?;
+    record_mark(tools, state, limits, &mut sort, &mut gains, &mut fates)?;
     tools.record_scan(&mut scratch, Some(COUNTER_KEPT), ScanInput::in_order(&fates.counts), &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
     // In the order of gradients; the list of the sort has served.

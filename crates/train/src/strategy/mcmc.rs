@@ -61,7 +61,7 @@ fn pick(
     let (mut weights, mut sums, mut copies) = (list("weights")?, list("weights before")?, list("copies")?);
     let mut moves = Moves::new(&tools.gpu, after)?;
     let mut scratch = tools.scratch(count)?;
-    record_weigh(tools, state, logit_min, (&mut weights, &mut copies))?;
+    record_weigh(tools, state, logit_min, &mut weights, &mut copies)?;
     tools.record_scan(&mut scratch, Some(COUNTER_WEIGHTS), ScanInput::in_order(&weights), &mut sums)?;
     let bindings = mcmc_pick::Bindings {
         weights: &weights,
