@@ -156,7 +156,7 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
     args.check_folder()?;
     // Checked before anything is written: a folder without cameras should not leave an empty run.
     instgs_io::read_views(&args.data)?;
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c()?;
     let gpu = device::open(device_args.choice())?;
     let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
     let report = train_job(&Session { gpu: &gpu, interrupt: &interrupt, printer }, &job)?;

@@ -197,7 +197,7 @@ pub fn train(
         steps_per_second: if train_seconds > 0.0 { steps / train_seconds } else { 0.0 },
         stages,
         passes_ms: times.passes_ms.iter().map(|(pass, ms)| ((*pass).into(), per_step(*ms))).collect(),
-        eval: eval.as_ref().map(|report| report.mean.into()),
+        eval: eval.as_ref().map(|report| report.mean),
         gaussians: Counts::of(&scene),
         bytes: Bytes { file: file_bytes, host: scene.tensor_bytes(), device_scene: parameters, device_peak },
         device: gpu.caps().name.clone(),

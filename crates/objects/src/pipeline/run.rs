@@ -210,7 +210,7 @@ impl Pipeline<'_> {
         let options = eval_options(config);
         let tell = |_: instgs_eval::Evaluated<'_>| Ok::<(), EvalError>(());
         let report = instgs_eval::evaluate(&mut renderer, &device_scene, &test, width, &options, None, tell)?;
-        Ok(Some(report.mean.into()))
+        Ok(Some(report.mean))
     }
 }
 
