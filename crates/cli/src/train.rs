@@ -189,7 +189,7 @@ fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
         row("test views", format!("PSNR {:.2} dB, SSIM {:.4}{lpips}", eval.psnr, eval.ssim));
     }
     row("file", format!("{} bytes", grouped(report.bytes.file)));
-    row("device, most at a time", format!("{} bytes", grouped(report.bytes.device_peak)));
+    row("device, peak", format!("{} bytes", grouped(report.bytes.device_peak)));
     printer.line(table);
     printer.line(format_args!("everything is in {}; report.html shows it", out.display()));
 }
