@@ -1,4 +1,4 @@
-//! L4: masks of objects that a text prompt names, found in photos by two ONNX models: a detector that reads text
+//! Masks of objects that a text prompt names, found in photos by two ONNX models: a detector that reads text
 //! (Grounding DINO) and a segmenter that takes boxes (Segment Anything).
 //!
 //! ```text

@@ -1,4 +1,4 @@
-//! L4: picture quality: PSNR, SSIM, LPIPS.
+//! Picture quality: PSNR, SSIM, LPIPS.
 //!
 //! A [`PicturePair`] is a rendered picture and its photo, checked, clamped and masked once, so that every metric sees
 //! the same pixels: [`psnr`], [`ssim`], and [`Lpips::distance`] if the user has the network's weights. [`evaluate`]

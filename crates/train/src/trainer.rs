@@ -89,7 +89,7 @@ struct Run<'a> {
     times: StepTimes,
     clock: Clock,
     /// Whether the event that the cloud cannot grow further was sent.
-    said_full: bool,
+    full_reported: bool,
 }
 
 /// Wall time of the steps alone, without evaluations and checkpoints.
@@ -109,12 +109,12 @@ impl Clock {
 }
 
 /// The run's log and its observer, as one receiver of events.
-struct Told<'a> {
+struct LogAndObserver<'a> {
     log: EventLog,
     observer: &'a mut dyn TrainObserver,
 }
 
-impl EventSink for Told<'_> {
+impl EventSink for LogAndObserver<'_> {
     fn event(&mut self, event: &Event) -> Result<(), IoError> {
         self.log.event(event)?;
         self.observer.notify(TrainMessage::Event(event))
@@ -147,7 +147,7 @@ pub fn train(
     let job = &TrainJob { config: job.config.own_phase(), ..job.clone() };
     let first_step = start.step;
     let log = open_log(job, first_step, observer)?;
-    let mut told = Told { log, observer };
+    let mut told = LogAndObserver { log, observer };
     let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
     let mut stages = vec![StageTime::since("load", load)];
     run.clock.reported.0 = first_step;
@@ -323,7 +323,7 @@ impl<'a> Run<'a> {
             state,
             times: StepTimes::default(),
             clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses: Vec::new() },
-            said_full: false,
+            full_reported: false,
         })
     }
 
@@ -515,7 +515,7 @@ impl<'a> Run<'a> {
                 gaussians: u64::from(outcome.gaussians),
             })?;
         }
-        if outcome.device_full && !std::mem::replace(&mut self.said_full, true) {
+        if outcome.device_full && !std::mem::replace(&mut self.full_reported, true) {
             sink.event(&Event::DeviceFull { step: done, gaussians: u64::from(outcome.gaussians) })?;
         }
         if outcome.opacity_reset {
