@@ -231,9 +231,7 @@ impl<'a> Words<'a> {
     /// Returns an error if a word was not used.
     fn end(&self) -> Result<(), String> {
         match (self.plain.first(), self.named.first()) {
-            (Some(word), _) => {
-                Err(format!("does not know what to do with \"{word}\" (the scene comes before the operations)"))
-            }
+            (Some(word), _) => Err(format!("unexpected word \"{word}\" (the scene comes before the operations)")),
             (None, Some((name, _))) => Err(format!("has no {name}")),
             (None, None) => Ok(()),
         }

@@ -44,7 +44,7 @@ fn run(args: &[OsString], name: &str) -> Result<ExitCode, CliError> {
     if !program.is_file() {
         let place = program.display();
         return Err(CliError::msg(format!(
-            "{name} is a command of instgs-evidence, which is not there ({place}): cargo build --release makes it"
+            "{name} is a command of instgs-evidence, which does not exist ({place}): cargo build --release makes it"
         )));
     }
     let mut command = Command::new(&program);

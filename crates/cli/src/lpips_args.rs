@@ -59,7 +59,7 @@ impl LpipsArgs {
             .ok_or_else(|| CliError::msg("the system names no user's data folder; see --lpips-weights"))?;
         if !path.exists() {
             let command = conversion_command(net, &path);
-            return Err(CliError::msg(format!("{} is not there; make it with: {command}", path.display())));
+            return Err(CliError::msg(format!("{} does not exist; make it with: {command}", path.display())));
         }
         Ok(path)
     }

@@ -156,7 +156,7 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
     args.check_folder()?;
     // Checked before anything is written: a folder without cameras should not leave an empty run.
     instgs_io::read_views(&args.data)?;
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c()?;
     let gpu = device::open(device_args.choice())?;
     let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
     let report = train_job(&Session { gpu: &gpu, interrupt: &interrupt, printer }, &job)?;
@@ -189,7 +189,7 @@ fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
         row("test views", format!("PSNR {:.2} dB, SSIM {:.4}{lpips}", eval.psnr, eval.ssim));
     }
     row("file", format!("{} bytes", grouped(report.bytes.file)));
-    row("device, most at a time", format!("{} bytes", grouped(report.bytes.device_peak)));
+    row("device, peak", format!("{} bytes", grouped(report.bytes.device_peak)));
     printer.line(table);
     printer.line(format_args!("everything is in {}; report.html shows it", out.display()));
 }

@@ -66,7 +66,7 @@ impl Observer for Watcher<'_> {
         match message {
             Message::PhaseStarted(phase) => printer.line(match phase {
                 Phase::PlainCloud => "1 of 3: a plain cloud of Gaussians",
-                Phase::Objects => "2 of 3: which Gaussian belongs to which object, and one template per group",
+                Phase::Objects => "2 of 3: the object of each Gaussian, and one template per group",
                 Phase::Joint => "3 of 3: templates, offsets, background and poses together",
             }),
             Message::Warning(text) => printer.warning(text),
@@ -103,7 +103,7 @@ impl Watcher<'_> {
             Ok(()) => {
                 printer.line(format_args!("masks and objects of every view: {}", folder.review().display()));
             }
-            Err(error) => printer.warning(format_args!("the sheet of masks is missing: {error}")),
+            Err(error) => printer.warning(format_args!("the contact sheet of masks is missing: {error}")),
         }
     }
 }
@@ -123,7 +123,7 @@ impl TrainProgress<'_> {
         match message {
             TrainMessage::Warning(text) => self.printer.warning(text),
             TrainMessage::Rewound { step } => {
-                self.printer.line(format_args!("going on from step {step}; what came after it is done again"));
+                self.printer.line(format_args!("continuing from step {step}; later steps are repeated"));
             }
             TrainMessage::Event(event) => self.event(event),
             TrainMessage::TestView(_) => {}

@@ -54,7 +54,7 @@ impl fmt::Display for Provider {
 
 /// A name that is none of a [`Provider`].
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{name:?} is not one of {names}", name = .0, names = Provider::names())]
+#[error("{0:?} is not one of {names}", names = Provider::names())]
 pub struct UnknownProvider(String);
 
 impl FromStr for Provider {

@@ -25,8 +25,8 @@ pub enum PictureError {
     #[error("is too large")]
     TooLarge,
     /// Photo and rendering of a view differ in size; each is width and height in pixels.
-    #[error("the photograph has {}x{} pixels, the rendering {}x{}", .0.0, .0.1, .1.0, .1.1)]
-    SizesDiffer((u32, u32), (u32, u32)),
+    #[error("the photograph has {}x{} pixels, the rendering {}x{}", .0[0], .0[1], .1[0], .1[1])]
+    SizesDiffer([u32; 2], [u32; 2]),
     /// The encoder of the file format failed.
     #[error(transparent)]
     Encoder(#[from] ImageError),

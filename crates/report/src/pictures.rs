@@ -77,7 +77,7 @@ pub fn choose(views: &[ViewMetrics], most: usize) -> Vec<usize> {
 pub(super) fn addresses(ground_truth: &Rgb8, render: &Rgb8) -> Result<[String; 3], PictureError> {
     let (truth, render) = (image_of(ground_truth)?, image_of(render)?);
     if truth.dimensions() != render.dimensions() {
-        return Err(PictureError::SizesDiffer(truth.dimensions(), render.dimensions()));
+        return Err(PictureError::SizesDiffer(truth.dimensions().into(), render.dimensions().into()));
     }
     // The difference is taken at full size: averaging first would hide differences of single pixels.
     let mut difference = truth.clone();

@@ -194,7 +194,7 @@ fn picture_of(view: &Evaluated<'_>) -> ViewPicture {
     };
     ViewPicture {
         name: view.name.into(),
-        metrics: view.metrics.into(),
+        metrics: view.metrics,
         ground_truth: rgb8(view.pair.target()),
         render: rgb8(view.pair.render()),
     }

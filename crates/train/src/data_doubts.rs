@@ -23,8 +23,8 @@ pub(super) fn doubts(cameras: &[Camera], points: &PointCloud, extent: f64, near:
     if farthest > FAR_EXTENTS * extent {
         let step = farthest * f64::from(f32::EPSILON);
         doubts.push(format!(
-            "cameras have coordinates up to {farthest:.0}, and the scene is about {extent:.3} wide: places are rounded to \
-             {step:.1e}; move the model to its own middle first"
+            "cameras have coordinates up to {farthest:.0}, and the scene is about {extent:.3} wide: positions are rounded to \
+             {step:.1e}; move the model to the origin first"
         ));
     }
     let every = points.len().div_ceil(SAMPLE).max(1);
@@ -33,7 +33,7 @@ pub(super) fn doubts(cameras: &[Camera], points: &PointCloud, extent: f64, near:
     let (seen, depths) = seen_by(cameras, &sample);
     if !sample.is_empty() && (seen as f64) < LEAST_SEEN * sample.len() as f64 {
         doubts.push(format!(
-            "only {:.0} % of the points to start from are in any training photo: points and cameras may be of different frames",
+            "only {:.0} % of the points to start from are in any training photo: points and cameras may be in different frames",
             100.0 * seen as f64 / sample.len() as f64
         ));
     }
@@ -43,7 +43,7 @@ pub(super) fn doubts(cameras: &[Camera], points: &PointCloud, extent: f64, near:
         sorted.sort_by(f64::total_cmp);
         let wanted = 0.5 * sorted[(MOST_NEAR * depths.len() as f64) as usize];
         doubts.push(format!(
-            "{:.0} % of the points that photos show are nearer than near = {near}, and nearer things are not drawn; \
+            "{:.0} % of the points that photos show are nearer than near = {near} and are not drawn; \
              --set near={wanted:.1e} draws them",
             100.0 * too_near as f64 / depths.len() as f64
         ));

@@ -45,7 +45,7 @@ pub enum TrainError {
     #[error("view {0} was not read ahead")]
     NotPrefetched(usize),
     /// Every Gaussian became non-finite.
-    #[error("after {steps} steps no Gaussian is left that is finite")]
+    #[error("after {steps} steps no finite Gaussian is left")]
     NothingLeft {
         /// Number of finished steps.
         steps: u64,

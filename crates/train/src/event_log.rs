@@ -88,7 +88,8 @@ pub fn read_events(path: &Path) -> Result<Vec<Event>, IoError> {
     let whole = lines(&bytes).filter(|line| line.whole).enumerate();
     whole
         .map(|(i, line)| {
-            let error = || IoError::new(path, "is no event of this version of instgs-vk").at(Place::Line(i as u64 + 1));
+            let error =
+                || IoError::new(path, "is not an event of this version of instgs-vk").at(Place::Line(i as u64 + 1));
             line.event().ok_or_else(error)
         })
         .collect()

@@ -116,7 +116,7 @@ pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, 
     let points = match read_points(folder) {
         Err(error) if needs_points => return Err(error.into()),
         Err(error) => {
-            warnings.push(format!("{error}; going on without points"));
+            warnings.push(format!("{error}; continuing without points"));
             PointCloud::default()
         }
         Ok(Some(loaded)) => {

@@ -89,7 +89,7 @@ struct Run<'a> {
     times: StepTimes,
     clock: Clock,
     /// Whether the event that the cloud cannot grow further was sent.
-    said_full: bool,
+    full_reported: bool,
 }
 
 /// Wall time of the steps alone, without evaluations and checkpoints.
@@ -147,7 +147,7 @@ pub fn train(
     let job = &TrainJob { config: job.config.own_phase(), ..job.clone() };
     let first_step = start.step;
     let log = open_log(job, first_step, observer)?;
-    let mut sink = LogAndObserver { log, observer };
+    let mut told = LogAndObserver { log, observer };
     let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
     let mut stages = vec![StageTime::since("load", load)];
     run.clock.reported.0 = first_step;
@@ -197,7 +197,7 @@ pub fn train(
         steps_per_second: if train_seconds > 0.0 { steps / train_seconds } else { 0.0 },
         stages,
         passes_ms: times.passes_ms.iter().map(|(pass, ms)| ((*pass).into(), per_step(*ms))).collect(),
-        eval: eval.as_ref().map(|report| report.mean.into()),
+        eval: eval.as_ref().map(|report| report.mean),
         gaussians: Counts::of(&scene),
         bytes: Bytes { file: file_bytes, host: scene.tensor_bytes(), device_scene: parameters, device_peak },
         device: gpu.caps().name.clone(),
@@ -323,7 +323,7 @@ impl<'a> Run<'a> {
             state,
             times: StepTimes::default(),
             clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses: Vec::new() },
-            said_full: false,
+            full_reported: false,
         })
     }
 
@@ -515,7 +515,7 @@ impl<'a> Run<'a> {
                 gaussians: u64::from(outcome.gaussians),
             })?;
         }
-        if outcome.device_full && !std::mem::replace(&mut self.said_full, true) {
+        if outcome.device_full && !std::mem::replace(&mut self.full_reported, true) {
             sink.event(&Event::DeviceFull { step: done, gaussians: u64::from(outcome.gaussians) })?;
         }
         if outcome.opacity_reset {

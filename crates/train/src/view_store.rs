@@ -241,7 +241,7 @@ impl Shared {
     fn decode(&self, view: usize) -> Result<Arc<LoadedView>, IoError> {
         let view = &self.views[view];
         catch_unwind(AssertUnwindSafe(|| load_view(view, self.width)))
-            .unwrap_or_else(|_| Err(IoError::new(&view.image_path, "cannot decode the image: its decoder gave up")))
+            .unwrap_or_else(|_| Err(IoError::new(&view.image_path, "cannot decode the image: its decoder panicked")))
             .map(Arc::new)
     }
 

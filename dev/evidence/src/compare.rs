@@ -67,7 +67,7 @@ pub(super) struct CompareArgs {
 
 pub(super) fn run(args: &CompareArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let comparison = args.comparison()?;
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c()?;
     let gpu = device::open(device_args.choice())?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
     let results = compare(&session, &comparison, &mut |_, _| ())?;

@@ -60,7 +60,7 @@ pub(super) struct DemoReport {
 
 pub(super) fn run_command(args: &DemoArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let started = Instant::now();
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c()?;
     let gpu = device::open(device_args.choice())?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
     create_folder(&args.out)?;

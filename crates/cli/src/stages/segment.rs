@@ -159,5 +159,5 @@ fn print(report: &Report<'_>, printer: &Printer) {
     let out = report.out.display();
     printer.line(format_args!("masks and objects of every view: {}", RunFolder::new(report.out).review().display()));
     printer
-        .line(format_args!("{out}: {gaussians} Gaussians, {background} of no object; next: register --segments {out}"));
+        .line(format_args!("{out}: {gaussians} Gaussians, {background} in no object; next: register --segments {out}"));
 }

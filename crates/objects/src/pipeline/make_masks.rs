@@ -97,7 +97,7 @@ pub(super) fn training_boxes(job: &PipelineJob, path: &Path) -> Result<Boxes, Io
     let is_of_training = |name: &String| dataset.split(Split::Train).any(|view| view.camera.name == *name);
     if boxes.objects.is_empty() && !boxes.views.keys().any(is_of_training) {
         let error = IoError::new(path, "has no box in the world and none in a photo of a training view");
-        return Err(error.advise("a view is called like its photo, without the ending"));
+        return Err(error.advise("a view has the name of its photo without the file extension"));
     }
     Ok(without_test_views(boxes, &dataset))
 }

@@ -36,7 +36,7 @@ impl MaskSource {
             (None, None, Some(prompt)) => match &config.models {
                 Some(models) => Ok(Self::Prompt { prompt: prompt.clone(), models: models.clone() }),
                 None => fail(
-                    format!("\"{prompt}\" cannot be looked for without models"),
+                    format!("\"{prompt}\" cannot be detected without models"),
                     "give their folder with --models; tools/models/README.md says how to make it",
                 ),
             },

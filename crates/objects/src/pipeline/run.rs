@@ -210,7 +210,7 @@ impl Pipeline<'_> {
         let options = eval_options(config);
         let tell = |_: instgs_eval::Evaluated<'_>| Ok::<(), EvalError>(());
         let report = instgs_eval::evaluate(&mut renderer, &device_scene, &test, width, &options, None, tell)?;
-        Ok(Some(report.mean.into()))
+        Ok(Some(report.mean))
     }
 }
 
@@ -237,6 +237,6 @@ fn check_same_stages(job: &PipelineJob) -> Result<(), PipelineError> {
     let is_free = |key: &str| OF_JOINT_PHASE.iter().any(|free| key.starts_with(free));
     let changed = earlier.differences(&job.config)?.into_iter().find(|(key, ..)| !is_free(key));
     let Some((key, was, now)) = changed else { return Ok(()) };
-    let what = format!("its objects were found with {key} = {was}, and it cannot go on with {now}");
+    let what = format!("its objects were found with {key} = {was}, and it cannot continue with {now}");
     Err(IoError::new(&job.out, what).advise("leave that value, or train into another folder").into())
 }

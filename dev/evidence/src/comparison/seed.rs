@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::runs::{Runs, work_seconds};
 use super::timing::time;
 use super::{Comparison, Rival};
-use crate::protocol::{Measure, MeasureError, Row, SeedResult, names};
+use crate::protocol::{Measure, Row, SeedResult, names};
 use instgs_cli::training::Session;
 use instgs_console::CliError;
 use instgs_eval::Evaluated;
@@ -175,7 +175,7 @@ fn measure(
     let (masks, lpips) = (masks.as_ref(), comparison.lpips.as_ref());
     let measure = Measure { gpu: runs.session.gpu, views, width, options, masks, lpips };
     for Subject { name, file, seconds, steps } in subjects {
-        let row = measure.row(name, file, &mut |view| on_picture(name, view)).map_err(measure_failed)?;
+        let row = measure.row(name, file, &mut |view| on_picture(name, view))?;
         result.rows.push(Row { seconds: *seconds, steps: *steps, ..row });
     }
     if comparison.frames > 0 {
@@ -187,8 +187,4 @@ fn measure(
 
 fn file_bytes(path: &Path) -> Result<u64, CliError> {
     Ok(std::fs::metadata(path).map_err(|e| IoError::new(path, format!("cannot be read: {e}")))?.len())
-}
-
-fn measure_failed(error: MeasureError) -> CliError {
-    CliError::msg(error.to_string())
 }

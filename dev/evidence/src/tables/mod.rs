@@ -68,7 +68,7 @@ pub(super) struct TablesArgs {
 }
 
 pub(super) fn run(args: &TablesArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let list = SceneList::read(&args.list).map_err(|e| CliError::msg(e.to_string()))?;
+    let list = SceneList::read(&args.list)?;
     let size = list.size(&args.size).map_err(|what| CliError::msg(format!("--size: {what}")))?;
     let folder = args.list.parent().unwrap_or(Path::new(""));
     let mut jobs = chosen(list.jobs(folder, size), &args.only)?;
@@ -79,7 +79,7 @@ pub(super) fn run(args: &TablesArgs, device_args: &DeviceArgs, printer: &Printer
         printer.line(format_args!("without LPIPS: {reason}"));
     }
     let lpips = weights.ok().map(|path| args.lpips.load(&path)).transpose()?;
-    let interrupt = Interrupt::on_ctrl_c().map_err(|e| CliError::msg(e.to_string()))?;
+    let interrupt = Interrupt::on_ctrl_c()?;
     let gpu = device::open(device_args.choice())?;
     create_folder(&args.out)?;
     let session = Session { gpu: &gpu, interrupt: &interrupt, printer };

@@ -211,7 +211,7 @@ fn ablations(
         let folder = if is_itself { "instgs".into() } else { folder_of(&table, &name) };
         let report = if is_itself { runs.train(&folder, config)? } else { runs.variant(&folder, config)? };
         let scene = runs.folder(&folder).scene();
-        let row = measure.row(&name, &scene, &mut |_| ()).map_err(|e| CliError::msg(e.to_string()))?;
+        let row = measure.row(&name, &scene, &mut |_| ())?;
         let steps = runs.config.train.steps + report.steps;
         out.push(Ablation { table, name, row: Row { seconds: work_seconds(&report), steps, ..row } });
     }
