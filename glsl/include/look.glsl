@@ -1,5 +1,5 @@
-// Centre and SH bands 1 to 3 of a Gaussian of an instance: its template's, plus the instance's offset. The including file
-// declares the buffers. Scenes without offsets of these bands, which are nearly all, have kernels without their code.
+// Mean and SH bands 1 to 3 of a Gaussian of an instance: the template's plus the instance's offset. The including file
+// declares the buffers. Kernels for scenes without offsets of these bands, which are nearly all, omit the code.
 layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // 1 = the scene has offsets of SH coefficients above 0
 
 vec3 mean_of(Instance instance, uint local) {
