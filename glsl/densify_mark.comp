@@ -4,8 +4,7 @@
 //
 // - Reads the parameters (by Gaussian; all SH bands, to check that they are finite) and `screen_statistics`.
 // - Writes `keys` (bits of the mean screen gradient, inverted: the radix sort ascends) and `values` (the index) for the
-//   sort, `counts` (1 if it stays without growth), `gains` (additional Gaussians with growth) and `growths`
-//   (`GROWTH_*`).
+//   sort, `counts` (1 if it stays without growth), `gains` (Gaussians added by growth) and `growths` (`GROWTH_*`).
 // - Removed are Gaussians that are not finite or whose opacity is below the limit and, while there are limits for large
 //   Gaussians, those that are wider than `radius_max_px` on screen or have a scale above `log_scale_max`. The copy of a
 //   clone and the children of a split have not been on screen, and children are tested by their own scale.

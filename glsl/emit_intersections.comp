@@ -36,8 +36,7 @@ layout(scalar, push_constant) uniform EmitParams {
     uint capacity;  // elements of tile_keys
 };
 
-// 1 = the sort carries emission indices, so that the backward pass can write the contribution of each intersection to
-// its splat.
+// 1 = the sort carries emission indices, so that the backward pass finds where each intersection adds to its splat.
 layout(constant_id = 3) const uint TRAINING = 0;
 
 void put(uint emission, uint tile, uint slot) {
@@ -63,7 +62,6 @@ void main() {
         uint key = row * tiles.x + columns.x;
         for (; next < stop; ++next, ++key) put(next, key, slot);
     }
-    // Count and emit agree bit for bit; if they ever differed, the remaining pairs would go to a tile outside the
-    // image.
+    // Count and emit agree bit for bit; if they ever differed, remaining pairs would get a tile outside the image.
     for (; next < end; ++next) put(next, tiles.x * tiles.y, slot);
 }

@@ -125,14 +125,12 @@ void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms,
                               w * (d[2].x - d[0].z) + x * (d[0].y + d[1].x) + z * (d[1].z + d[2].y) - 2.0 * y * (d[0].x + d[2].z),
                               w * (d[0].y - d[1].x) + x * (d[0].z + d[2].x) + y * (d[1].z + d[2].y) - 2.0 * z * (d[0].x + d[1].y));
     by_quat = (by_unit - q * dot(q, by_unit)) / (len * largest);
-    // This also runs for splats that are never drawn: a zero gradient times an infinite scale, or by a zero quaternion,
-    // would be NaN.
+    // Splats that are never drawn get here: 0 times an infinite scale, or by a zero quaternion, would be NaN.
     by_quat = all(is_below(by_quat, GRADIENT_MAX)) ? by_quat : vec4(0.0);
     by_log_scales = all(is_below(by_log_scales, GRADIENT_MAX)) ? by_log_scales : vec3(0.0);
 }
 
-// Adds the gradient by an instance's own shape, and writes the gradient by its offsets, which belong to this instance
-// alone.
+// Adds the gradient by an instance's own shape, and writes the gradient by its offsets (no other instance has them).
 void add_shape(inout Sums sums, Instance instance, uint local, SourceGradient g) {
     vec4 by_quat;
     vec3 by_log_scales;

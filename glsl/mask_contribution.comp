@@ -1,7 +1,6 @@
 #version 460
-// Contribution of every Gaussian to the pixels of every mask of a view: `A[i, m] = sum over pixels with mask m of
-// alpha_i T_i`, the derivative of those pixels' colours by the Gaussian's colour, for all masks at once (paper, Eq.
-// 2-3).
+// Contribution of every Gaussian to every mask of a view: `A[i, m] = sum over pixels with mask m of alpha_i T_i`, the
+// derivative of those pixels' colours by the Gaussian's colour, for all masks at once (paper, Eq. 2-3).
 //
 // It replays `tile_blend` for the pixels of one *unit*: an 8x8 block and one of the mask ids in it. Most blocks have
 // one or two ids. A unit has one entry for each element of its tile's list, and each entry has one writer: no atomics,

@@ -5,8 +5,7 @@
 //   over m of C(n, m) (-1)^(m-1) p^m / sqrt(m)` (Kheradmand et al. 2024, eq. 9). n is limited to 51, as in the authors'
 //   code; p is not below the opacity limit of dead Gaussians.
 // - Reads `made` (n - 1; 0 = nothing to do); updates `opacity_logits` and `log_scales`.
-// - The sum alternates; the kernel evaluates an equivalent integral of positive values, the twin sums the paper's
-//   terms.
+// - The sum alternates; the kernel evaluates an equivalent integral of positive values, the twin the paper's sum.
 // - Grid: one thread per Gaussian. 4 bytes read, 32 more where n > 1.
 //
 // Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.

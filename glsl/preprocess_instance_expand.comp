@@ -6,9 +6,8 @@
 // extent of alpha >= 1/255, and the number of tiles it touches. Second half, survivors only: SH in direction
 // `R^T (mean_world - camera)`, normalised.
 //
-// In scenes with levels of detail (LEVELS), a level that is blended with another has opacity `1 - (1 -
-// opacity)^weight`: the weights of the two levels add up to 1, so together they absorb as much light as one
-// (`lod.glsl`).
+// With levels of detail (LEVELS), a level that is blended with another has opacity `1 - (1 - opacity)^weight`: the
+// weights of the two levels add up to 1, so together they absorb as much light as one (`lod.glsl`).
 //
 // Offsets of SH bands above 0 and of shape exist for ablations; kernels for scenes without them omit the code.
 //

@@ -1,9 +1,8 @@
 #version 460
 // One step of Adam on the poses of instances.
 //
-// - The seven values of an instance are a step in the template's frame: A' = A e^s exp([w]x), t' = t + A v for
-//   translation v, rotation vector w, log scale s. They start from 0 at every step, so no parametrisation can
-//   degenerate.
+// - The seven values of an instance are a step in the template's frame: A' = A e^s exp(w×), t' = t + A v for
+//   translation v, rotation vector w, log scale s. They start from 0 at every step and cannot degenerate.
 // - Reads `pose_gradients`, reads and writes 7 pairs of moments and the transform (and the scale derived from it) of
 //   each instance. A is projected back to a rotation times a scale at every step.
 // - Grid: one thread per instance besides the background. Does nothing after an overflow (see `train_status`).

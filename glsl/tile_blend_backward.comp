@@ -135,8 +135,7 @@ void main() {
             }
         }
         if (transpose != 0) {
-            // One loop per step, each with constant bounds: drivers do not unroll a loop whose step depends on an outer
-            // loop.
+            // One loop per step with constant bounds: drivers do not unroll a loop whose step depends on an outer loop.
             uint size = SUBGROUP_SIZE;
             [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 2) sums[j] = merged(sums[j], sums[j + 1], 1);
             [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 4) sums[j] = merged(sums[j], sums[j + 2], 2);

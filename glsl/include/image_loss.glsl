@@ -10,8 +10,7 @@ const float WINDOW[6] = float[6](0.2660117248617943, 0.21300553771125366, 0.1093
 const float SSIM_C1 = 0.0001;  // 0.01^2
 const float SSIM_C2 = 0.0009;  // 0.03^2
 
-// Moments are of colours minus this value: variances, as differences, then lose fewer digits. Outside the image, colour
-// is 0.
+// Moments are of colours minus this value: variances, as differences, lose fewer digits. Outside the image it is 0.
 const float SHIFT = 0.5;
 
 // Upper limit of a picture's colour, also used for NaN: its square must not spread over the window.

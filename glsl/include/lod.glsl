@@ -2,12 +2,10 @@
 // point of the instance. The next finer level fades in gradually; the weights of the two add up to 1.
 layout(constant_id = 8) const uint LEVELS = 0;  // 1 = the scene has levels of detail
 
-// A level fades in while its cells shrink from the error to this number of octaves below it: a quarter, 16 % of the
-// distance.
+// A level fades in while its cells shrink from the error to this many octaves below: a quarter, 16 % of the distance.
 const float FADE_OCTAVES = 0.25;
 
-// Width of a template unit in pixels at the nearest point of the instance. All levels of an instance have the same
-// ball.
+// Pixels per template unit at the nearest point of the instance. All levels of an instance have the same ball.
 float pixels_per_unit(View view, Instance instance) {
     vec3 center = transform_point(view.view_from_world, transform_point(instance.world_from_template, instance.bound_center));
     float z = max(center.z - instance.scale * instance.bound_radius, view.near);

@@ -4,8 +4,7 @@
 // whose cost does not grow with the subgroup.
 layout(constant_id = 2) const uint MATCH_BY_BALLOT = 1;
 
-// Among the lanes with `in_list` set: the number of lower lanes with the same digit, and the number of all lanes with
-// it.
+// Among the lanes with `in_list` set: the number of lower lanes with the same digit, and of all lanes with it.
 uvec2 match_digit(uint digit, bool in_list) {
     uvec2 rank_and_count = uvec2(0);
     uint tagged = in_list ? digit : 0xFFFFFFFF;

@@ -163,7 +163,7 @@ impl<T> IndexMut<Parameter> for ParameterSet<T> {
     }
 }
 
-/// Numbers of rows of an array in two consecutive groups: [of templates, of background], or [all, 0].
+/// Numbers of rows of an array in two consecutive groups: `[of templates, of background]`, or `[all, 0]`.
 pub type Rows = [usize; 2];
 
 /// A row of an array on the host: one or several f32.
