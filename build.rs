@@ -89,9 +89,8 @@ impl ShaderSource {
     fn compile(&self, compiler: &Compiler, level: OptimizationLevel) -> Vec<u8> {
         let mut options = CompileOptions::new().expect("shaderc gives options");
         options.set_target_env(TargetEnv::Vulkan, EnvVersion::Vulkan1_3 as u32);
-        // The first version with subgroup operations; the shaders use no feature of a later one. From 1.4 on, entry
-        // points list storage buffers, which make spirv-reflect 0.2.3 (second opinion in tests/suite/interface.rs)
-        // abort.
+        // The first version with subgroup operations; no later feature is used. From 1.4 on, entry points list storage
+        // buffers, at which spirv-reflect 0.2.3 (a second opinion in tests/suite/interface.rs) aborts.
         options.set_target_spirv(SpirvVersion::V1_3);
         options.set_optimization_level(level);
         options.set_warnings_as_errors();

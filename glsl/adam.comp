@@ -3,9 +3,8 @@
 // with a learning rate each.
 //
 // - Reads `gradients`; reads and writes `parameters` and `moments` (first and second, side by side). 28 bytes a value.
-// - Grid: one thread per four values: on a CPU driver every access to a buffer is a loop over lanes, whatever its
-//   width.
-// - Bias corrections come from the host, so that a step that is done again gets the same numbers. Does nothing after an
+// - Grid: one thread per four values: on a CPU driver every buffer access is a loop over lanes, whatever its width.
+// - Bias corrections come from the host, so that a step that is redone gets the same numbers. Does nothing after an
 //   overflow (see `train_status`).
 //
 // Twin: `instgs_reference::adam`. Test: `tests/kernels/adam.rs`.
@@ -17,8 +16,8 @@
 
 layout(scalar, binding = 0) readonly buffer Gradients { vec4 gradients[]; };  // gradient of the loss
 layout(scalar, binding = 1) readonly buffer Status { uint status[]; };         // STATUS_*
-layout(scalar, binding = 2) buffer Parameters { vec4 parameters[]; };         // what is optimised
-layout(scalar, binding = 3) buffer Moments { vec4 moments[]; };         // running means of gradient and gradient squared, value by value
+layout(scalar, binding = 2) buffer Parameters { vec4 parameters[]; };         // values to optimise
+layout(scalar, binding = 3) buffer Moments { vec4 moments[]; };         // first and second moment (running means of gradient and gradient squared), value by value
 layout(scalar, push_constant) uniform AdamParams {
     uint count;            // values
     uint split;            // values of the first group
@@ -26,16 +25,16 @@ layout(scalar, push_constant) uniform AdamParams {
     float beta1;           // decay of the first moment
     float beta2;           // decay of the second moment
     float second_scale;    // one over the bias correction of the second moment
-    float epsilon;         // added to the root of the second moment
+    float epsilon;         // added to the square root of the second moment
 };
 
 void main() {
     uint i = thread_index();
     if (4 * i >= count || status[STATUS_OVERFLOW] != 0) return;
     vec4 g = gradients[i];
-    // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
+    // A gradient that is not finite, or whose square is not, counts as 0: it would stay in the moments for ever.
     g = mix(vec4(0.0), g, is_below(g, GRADIENT_LIMIT));
-    // Nor is what lies beyond the last value, where there are no moments either.
+    // Nor is there a gradient, or a moment, beyond the last value.
     uvec4 value = 4 * i + uvec4(0, 1, 2, 3);
     g = mix(vec4(0.0), g, lessThan(value, uvec4(count)));
     vec4 low = moments[2 * i], high = moments[2 * i + 1];

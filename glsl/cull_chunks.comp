@@ -27,8 +27,8 @@ layout(scalar, binding = 0) readonly buffer Instances { Instance instances[]; };
 layout(scalar, binding = 1) readonly buffer Chunks { Chunk chunks[]; };                     // bounds of template chunks
 layout(scalar, binding = 2) readonly buffer CandidateOffsets { uint candidate_offsets[]; };  // exclusive scan of instance_chunks
 layout(scalar, binding = 3) readonly buffer Counters { uint counters[]; };                  // COUNTER_*
-layout(scalar, binding = 4) writeonly buffer CandidateVisible { uint candidate_visible[]; };  // 1 if the candidate may be seen
-layout(scalar, binding = 5) writeonly buffer Candidates { WorkItem candidates[]; };         // what each candidate is
+layout(scalar, binding = 4) writeonly buffer CandidateVisible { uint candidate_visible[]; };  // 1 if the candidate may be visible
+layout(scalar, binding = 5) writeonly buffer Candidates { WorkItem candidates[]; };         // instance and chunk of the candidate
 layout(scalar, push_constant) uniform CullChunksParams {
     View view;            // the camera
     uint instance_count;  // instances, background included

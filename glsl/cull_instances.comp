@@ -1,14 +1,14 @@
 #version 460
-// Tests the bounding ball of every instance against the view and writes how many chunks of it are worth testing.
-// In scenes with levels of detail, each level is an instance of its own, and those that are not shown have none.
+// Tests the bounding ball of every instance against the view and writes how many of its chunks to test. In scenes with
+// levels of detail, each level is an instance of its own, and hidden levels have no chunks to test.
 //
 // The ball in the world is `T_k c` with radius `s (r + max |d_mean|)` and largest standard deviation `s sigma_max`.
 // The background is the last instance, with the identity as its transform.
 //
 // - Reads `instances` (by instance). Writes `instance_chunks` (by instance): `ceil(source_count / WORKGROUP_SIZE)`, or
 //   0.
-// - Grid: one thread per instance; the host knows their number. It is the only pass whose work grows with all
-//   instances, together with the scan that follows and makes candidates of the counts.
+// - Grid: one thread per instance; the host knows their number. Together with the following scan, which turns the
+//   counts into candidates, it is the only pass whose work grows with all instances.
 // - Bytes per instance: 124 read (92 of them used), 4 written.
 // - LEVELS: a level is shown if its weight is above 0: its cells are at most `lod_error_px` pixels wide at the nearest
 //   point of the instance's ball, and the next level's are not, or are still fading in (`lod.glsl`; over a quarter of
@@ -36,7 +36,7 @@ layout(scalar, binding = 1) writeonly buffer InstanceChunks { uint instance_chun
 layout(scalar, push_constant) uniform CullInstancesParams {
     View view;            // the camera
     uint instance_count;  // instances, background included
-    float lod_error_px;   // levels of detail whose cells are wider are not shown; 0 = everything in full
+    float lod_error_px;   // largest cell of a level of detail that is shown, pixels; 0 = everything at full detail
 };
 
 void main() {

@@ -1,13 +1,13 @@
 #version 460
-// Says for every Gaussian whether it stays, and what becomes of it if it may grow: a copy beside it (clone) or smaller
-// ones in its place (split). First pass of the strategy `densify`.
+// Decides for every Gaussian whether it stays, and what it may grow into: a copy beside it (clone) or smaller Gaussians
+// in its place (split). First pass of the strategy `densify`.
 //
-// - Reads the parameters (by Gaussian; all SH bands, to see whether they are numbers) and `screen_statistics`.
+// - Reads the parameters (by Gaussian; all SH bands, to check that they are finite) and `screen_statistics`.
 // - Writes `keys` (bits of the mean screen gradient, inverted: the radix sort ascends) and `values` (the index) for the
-//   sort, `counts` (1 if it stays without growth), `gains` (how many more with growth) and `growths` (`GROWTH_*`).
+//   sort, `counts` (1 if it stays without growth), `gains` (Gaussians added by growth) and `growths` (`GROWTH_*`).
 // - Removed are Gaussians that are not finite or whose opacity is below the limit and, while there are limits for large
-//   ones, those that are wider than `radius_max_px` on screen or have a scale above `log_scale_max`. The copy of a
-//   clone and the children of a split Gaussian have not been on screen, and children are measured by their own scale.
+//   Gaussians, those that are wider than `radius_max_px` on screen or have a scale above `log_scale_max`. The copy of a
+//   clone and the children of a split have not been on screen, and children are tested by their own scale.
 // - Grid: one thread per Gaussian. Bytes per Gaussian: 56 + 12 (degree + 1)^2 read, 20 written.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
@@ -17,21 +17,21 @@
 #include "strategy.glsl"
 #include "finite.glsl"
 
-layout(scalar, binding = 8) readonly buffer ScreenStatistics { vec3 screen_statistics[]; };  // sum of screen gradients, views seen in, largest radius_px
-layout(scalar, binding = 9) writeonly buffer Keys { uint keys[]; };                          // ascending where the mean screen gradient descends; all ones where nothing grows
+layout(scalar, binding = 8) readonly buffer ScreenStatistics { vec3 screen_statistics[]; };  // sum of screen gradients, number of views that show it, largest radius_px
+layout(scalar, binding = 9) writeonly buffer Keys { uint keys[]; };                          // ascending where the mean screen gradient descends; all ones where there is no growth
 layout(scalar, binding = 10) writeonly buffer Values { uint values[]; };                     // index of the Gaussian
 layout(scalar, binding = 11) writeonly buffer Counts { uint counts[]; };                     // 1 if it stays without growth, else 0
-layout(scalar, binding = 12) writeonly buffer Gains { uint gains[]; };                       // how many more there are with growth
+layout(scalar, binding = 12) writeonly buffer Gains { uint gains[]; };                       // additional Gaussians with growth
 layout(scalar, binding = 13) writeonly buffer Growths { uint growths[]; };                   // GROWTH_*
 layout(scalar, push_constant) uniform DensifyMarkParams {
     uint count;                // Gaussians
-    uint split_count;          // how many replace a split one
+    uint split_count;          // children of a split Gaussian
     float gradient_threshold;  // mean screen gradient from which Gaussians grow
-    float log_scale_split;     // log of the largest scale above which they are split
-    float log_shrink;          // log of what the scales of split ones are divided by
-    float logit_min;           // opacity logit below which Gaussians go
-    float log_scale_max;       // log of the largest scale above which they go
-    float radius_max_px;       // radius on screen above which they go, clones and split ones excepted
+    float log_scale_split;     // log of the largest scale above which Gaussians are split instead of cloned
+    float log_shrink;          // log of the divisor of the scales of children
+    float logit_min;           // opacity logit below which Gaussians are removed
+    float log_scale_max;       // log of the largest scale above which Gaussians are removed
+    float radius_max_px;       // radius on screen above which Gaussians are removed, pixels; clones and children excepted
 };
 
 void main() {
@@ -44,7 +44,7 @@ void main() {
     bool fits = largest <= log_scale_max;
     uint kept = lives && fits && statistics.z <= radius_max_px ? 1 : 0;
     float views = max(statistics.y, 1.0);
-    // By product, not quotient: GLSL rounds products as IEEE does.
+    // A product, not a quotient: GLSL rounds products as IEEE does, but not quotients.
     bool grows = lives && is_finite(statistics.x) && statistics.x >= gradient_threshold * views;
     bool splits = largest > log_scale_split;
     uint grown = splits ? (largest - log_shrink <= log_scale_max ? split_count : 0) : kept + (fits ? 1 : 0);

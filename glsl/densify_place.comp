@@ -1,8 +1,8 @@
 #version 460
-// Lists the new Gaussians: `origins` (which old one each comes from) and `made` (how, `MADE_*`).
+// Lists the new Gaussians: `origins` (the old Gaussian that each comes from) and `made` (its kind, `MADE_*`).
 //
 // - Reads `counts`, their exclusive scan `firsts`, and `growths`, all by old Gaussian.
-// - The old order is kept. A copy comes right after its original; children stand where their parent stood.
+// - The old order is kept. A copy comes right after its original; children take the place of their parent.
 // - Grid: one thread per old Gaussian. Bytes: 12 read per old Gaussian, 8 written per new one.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
@@ -10,7 +10,7 @@
 #include "common.glsl"
 #include "strategy.glsl"
 
-layout(scalar, binding = 0) readonly buffer Counts { uint counts[]; };    // how many the Gaussian becomes
+layout(scalar, binding = 0) readonly buffer Counts { uint counts[]; };    // number of Gaussians that the old one becomes
 layout(scalar, binding = 1) readonly buffer Growths { uint growths[]; };  // GROWTH_*
 layout(scalar, binding = 2) readonly buffer Firsts { uint firsts[]; };    // exclusive scan of the counts
 layout(scalar, binding = 3) writeonly buffer Origins { uint origins[]; };  // old Gaussian of each new one
@@ -25,7 +25,7 @@ void main() {
     uint becomes = counts[i];
     uint growth = growths[i];
     for (uint k = 0; k < becomes; ++k) {
-        // The copy of a clone comes after it, or alone if the original goes.
+        // The copy of a clone comes after it, or alone if the original is removed.
         uint clone = k + 1 == becomes ? MADE_CLONE : MADE_KEPT;
         uint how = growth == GROWTH_SPLIT ? MADE_CHILD + k : growth == GROWTH_CLONE ? clone : MADE_KEPT;
         origins[firsts[i] + k] = i;

@@ -3,9 +3,9 @@
 //
 // - Reads `order` (Gaussians by descending gradient, ties by index), `gains` and their exclusive scan in that order,
 //   and `counters[COUNTER_KEPT]`. A Gaussian grows if it and all before it fit.
-// - Updates `counts` (how many the Gaussian becomes) and `growths`; adds to `COUNTER_CLONED` and `COUNTER_SPLIT`
+// - Updates `counts` (number of Gaussians that it becomes) and `growths`; adds to `COUNTER_CLONED` and `COUNTER_SPLIT`
 //   (integer atomics: the order does not matter).
-// - Grid: one thread per place in the order. Bytes per Gaussian: 20 read, 8 written.
+// - Grid: one thread per index in the order. Bytes per Gaussian: 20 read, 8 written.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -14,14 +14,14 @@
 #include "strategy.glsl"
 
 layout(scalar, binding = 0) readonly buffer Order { uint order[]; };          // Gaussians by descending gradient, ties by index
-layout(scalar, binding = 1) readonly buffer Gains { uint gains[]; };          // how many more there are with growth
+layout(scalar, binding = 1) readonly buffer Gains { uint gains[]; };          // additional Gaussians with growth
 layout(scalar, binding = 2) readonly buffer GainsBefore { uint gains_before[]; };  // exclusive scan of the gains in that order
-layout(scalar, binding = 3) buffer Counts { uint counts[]; };                 // in: 1 if it stays; out: how many it becomes
-layout(scalar, binding = 4) buffer Growths { uint growths[]; };               // GROWTH_*, NONE for those that do not fit
+layout(scalar, binding = 3) buffer Counts { uint counts[]; };                 // in: 1 if it stays; out: number of Gaussians that it becomes
+layout(scalar, binding = 4) buffer Growths { uint growths[]; };               // GROWTH_*, NONE for Gaussians that do not fit
 layout(scalar, binding = 5) buffer Counters { uint counters[]; };             // COUNTER_*
 layout(scalar, push_constant) uniform DensifySelectParams {
     uint count;          // Gaussians
-    uint max_gaussians;  // how many there may be afterwards
+    uint max_gaussians;  // largest number of Gaussians afterwards
 };
 
 void main() {
@@ -29,7 +29,7 @@ void main() {
     bool in_list = place < count;
     uint i = order[in_list ? place : 0];
     uint gain = gains[i];
-    // Both sums saturate, so what does not fit 32 bits does not fit.
+    // Both sums saturate, so a sum that exceeds 32 bits counts as too large.
     uint after = add_saturating(add_saturating(counters[COUNTER_KEPT], gains_before[in_list ? place : 0]), gain);
     uint growth = gain > 0 && after <= max_gaussians ? growths[i] : GROWTH_NONE;
     if (in_list) {

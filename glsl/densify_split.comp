@@ -2,8 +2,8 @@
 // Shrinks the children of split Gaussians and places them at random inside the Gaussian they come from.
 //
 // - Reads `origins`, `made` and `quats`; updates `means` and `log_scales` of children, which hold the parent's before.
-// - The place is `mean + R diag(scale) n` with standard normals n from a hash of (seed, steps done, old index, number
-//   of the child): see `instgs_reference::random`.
+// - The position is `mean + R diag(scale) n` with standard normals n from a hash of (seed, steps done, old index,
+//   number of the child): see `instgs_reference::random`.
 // - Grid: one thread per new Gaussian. Bytes: 4 read per Gaussian, 68 more per child.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
@@ -20,8 +20,8 @@ layout(scalar, binding = 3) buffer Means { vec3 means[]; };                   //
 layout(scalar, binding = 4) buffer LogScales { vec3 log_scales[]; };          // log standard deviations: the parent's in, the child's out
 layout(scalar, push_constant) uniform DensifySplitParams {
     uint count;        // new Gaussians
-    float log_shrink;  // log of what scales are divided by
-    uvec2 seed;        // of the run, low word first
+    float log_shrink;  // log of the divisor of the scales of children
+    uvec2 seed;        // seed of the run, low word first
     uint time;         // steps done
 };
 

@@ -1,7 +1,7 @@
 #version 460
 // Writes one (tile, slot) pair per tile that a splat of the slab touches, in depth order.
 //
-// - Reads `slot_from_order` and `isect_offsets` (by place in depth order), `footprints` and `tile_counts` (by slot),
+// - Reads `slot_from_order` and `isect_offsets` (by index in depth order), `footprints` and `tile_counts` (by slot),
 //   and `counters` for the slab's begin and end.
 // - Writes `tile_keys` (row-major tile index) and `slot_from_isect`, both by intersection,
 //   `0..COUNTER_SLAB_INTERSECTIONS`.
@@ -36,7 +36,7 @@ layout(scalar, push_constant) uniform EmitParams {
     uint capacity;  // elements of tile_keys
 };
 
-// 1 = the sort carries emission indices, so that the backward pass can write what each intersection adds to its splat.
+// 1 = the sort carries emission indices, so that the backward pass finds where each intersection adds to its splat.
 layout(constant_id = 3) const uint TRAINING = 0;
 
 void put(uint emission, uint tile, uint slot) {
@@ -62,6 +62,6 @@ void main() {
         uint key = row * tiles.x + columns.x;
         for (; next < stop; ++next, ++key) put(next, key, slot);
     }
-    // Count and emit agree bit for bit; were they ever to differ, the rest goes to a tile outside the image.
+    // Count and emit agree bit for bit; if they ever differed, remaining pairs would get a tile outside the image.
     for (; next < end; ++next) put(next, tiles.x * tiles.y, slot);
 }

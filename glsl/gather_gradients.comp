@@ -5,9 +5,9 @@
 //   it was not culled (`instance_chunks`, `candidate_offsets`, `candidate_visible`, `work_offsets`), and there 72 bytes
 //   per Gaussian. Background Gaussians have one instance.
 // - Writes gradients by mean, quaternion (not normalised), log scales, logit and the active SH bands: 44 + 12 (degree +
-//   1)^2 bytes; adds to `screen_statistics` (what densification decides by).
-// - If the scene has offsets of shape or of SH bands above 0 (ablations), writes their gradients, and those by shape
-//   are made per instance; records that are not drawn must hold zeros before.
+//   1)^2 bytes; adds to `screen_statistics` (the input of densification).
+// - If the scene has offsets of shape or of SH bands above 0 (ablations), writes their gradients, and computes those by
+//   shape per instance; records that are not drawn must hold zeros before.
 // - Grid: one work-group per chunk. The order of the sum is that of the instances: no atomics.
 // - Does nothing after an overflow (see `train_status`).
 //
@@ -25,7 +25,7 @@ layout(constant_id = 3) const uint SH_DEGREE = 3;
 
 layout(scalar, binding = 0) readonly buffer SourceChunks { SourceChunk source_chunks[]; };             // all chunks of the source pool
 layout(scalar, binding = 1) readonly buffer InstanceLists { uint instance_from_template[]; };          // instances, template by template
-layout(scalar, binding = 2) readonly buffer InstanceChunks { uint instance_chunks[]; };                // chunks worth testing per instance, 0 if out of sight
+layout(scalar, binding = 2) readonly buffer InstanceChunks { uint instance_chunks[]; };                // chunks to test per instance, 0 if culled
 layout(scalar, binding = 3) readonly buffer CandidateOffsets { uint candidate_offsets[]; };            // first candidate per instance
 layout(scalar, binding = 4) readonly buffer CandidateVisible { uint candidate_visible[]; };            // 1 if the candidate became a work item
 layout(scalar, binding = 5) readonly buffer WorkOffsets { uint work_offsets[]; };                      // work item of the candidate
@@ -41,7 +41,7 @@ layout(scalar, binding = 14) writeonly buffer Sh0Gradients { vec3 sh0_gradients[
 layout(scalar, binding = 15) writeonly buffer Sh1Gradients { vec3 sh1_gradients[]; };                  // SH band 1, as the band
 layout(scalar, binding = 16) writeonly buffer Sh2Gradients { vec3 sh2_gradients[]; };                  // SH band 2, as the band
 layout(scalar, binding = 17) writeonly buffer Sh3Gradients { vec3 sh3_gradients[]; };                  // SH band 3, as the band
-layout(scalar, binding = 18) buffer ScreenStatistics { vec3 screen_statistics[]; };                    // sum of mean_ndc, views seen in, largest radius_px; by source
+layout(scalar, binding = 18) buffer ScreenStatistics { vec3 screen_statistics[]; };                    // sum of mean_ndc, number of views that show it, largest radius_px; by source
 
 layout(scalar, binding = 19) readonly buffer Status { uint status[]; };                                // STATUS_*
 
@@ -60,13 +60,13 @@ layout(scalar, push_constant) uniform GatherGradientsParams {
 
 layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // 1 = the scene has offsets of SH coefficients above 0
 
-// True if instances of a template have shapes of their own.
+// True if instances of a template differ in shape.
 bool own_shapes() {
     if (OFFSET_LOG_SCALES != 0) return true;
     return OFFSET_QUATS != 0;
 }
 
-// Sums over instances. Those by shape are by the covariance, which is the template's own, unless there are own_shapes().
+// Sums over instances. Gradients by shape are by the template's covariance, unless there are own_shapes().
 struct Sums {
     vec3 mean;
     vec3 covariance;
@@ -125,12 +125,12 @@ void shape_gradient(vec4 quat, vec3 log_scales, vec3 diagonal, vec3 cross_terms,
                               w * (d[2].x - d[0].z) + x * (d[0].y + d[1].x) + z * (d[1].z + d[2].y) - 2.0 * y * (d[0].x + d[2].z),
                               w * (d[0].y - d[1].x) + x * (d[0].z + d[2].x) + y * (d[1].z + d[2].y) - 2.0 * z * (d[0].x + d[1].y));
     by_quat = (by_unit - q * dot(q, by_unit)) / (len * largest);
-    // Also runs for what is never drawn: no gradient times an infinite scale, or by a quaternion of zero, is not a number.
+    // Splats that are never drawn get here: 0 times an infinite scale, or by a zero quaternion, would be NaN.
     by_quat = all(is_below(by_quat, GRADIENT_MAX)) ? by_quat : vec4(0.0);
     by_log_scales = all(is_below(by_log_scales, GRADIENT_MAX)) ? by_log_scales : vec3(0.0);
 }
 
-// Adds the gradient by an instance's own shape, and writes that by its offsets, whose only owner it is.
+// Adds the gradient by an instance's own shape, and writes the gradient by its offsets (no other instance has them).
 void add_shape(inout Sums sums, Instance instance, uint local, SourceGradient g) {
     vec4 by_quat;
     vec3 by_log_scales;
@@ -160,7 +160,7 @@ void main() {
     if (c >= chunk_count) return;
     SourceChunk chunk = source_chunks[c];
     uint local = chunk.chunk * WORKGROUP_SIZE + lane;
-    // A step that did not fit is done again: its statistics must not count twice.
+    // An overflowing step is redone: its statistics must not count twice.
     if (local >= chunk.source_count || status[STATUS_OVERFLOW] != 0) return;
     uint source = chunk.first_source + local;
     uint degree = min(SH_DEGREE, chunk.sh_degree);

@@ -1,11 +1,11 @@
 #version 460
-// Sums the gradients by the places of instances.
+// Sums the gradients by the poses of instances.
 //
 // - Reads, per instance, the work items of its chunks that were not culled (as `gather_gradients`), and there one
 //   record of 28 bytes per subgroup of `preprocess_instance_expand_backward`.
-// - Writes `pose_gradients`, 28 bytes per instance; 0 for one that is out of sight.
-// - Grid: one work-group per instance besides the background. Threads sum records of their own, one thread sums the
-//   threads: the order is always the same.
+// - Writes `pose_gradients`, 28 bytes per instance; 0 if it is culled.
+// - Grid: one work-group per instance besides the background. Each thread sums a fixed set of records, then one thread
+//   sums over threads: the order is fixed.
 //
 // Twin: `instgs_reference::poses`. Test: `tests/kernels/poses.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -13,7 +13,7 @@
 #include "counters.glsl"
 #include "gradients.glsl"
 
-layout(scalar, binding = 0) readonly buffer InstanceChunks { uint instance_chunks[]; };      // chunks per instance, 0 if out of sight
+layout(scalar, binding = 0) readonly buffer InstanceChunks { uint instance_chunks[]; };      // chunks per instance, 0 if culled
 layout(scalar, binding = 1) readonly buffer CandidateOffsets { uint candidate_offsets[]; };  // first candidate per instance
 layout(scalar, binding = 2) readonly buffer CandidateVisible { uint candidate_visible[]; };  // 1 if the candidate became a work item
 layout(scalar, binding = 3) readonly buffer WorkOffsets { uint work_offsets[]; };            // work item of the candidate
@@ -36,7 +36,7 @@ void main() {
     uint k = group_index();
     uint lane = gl_LocalInvocationID.x;
     if (k >= posed_instances) return;
-    // Every thread sums records of its own, thread 0 sums the threads.
+    // Each thread sums a fixed set of records, thread 0 sums over threads.
     const uint per_item = WORKGROUP_SIZE / SUBGROUP_SIZE;
     PoseGradient sum = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
     uint records = instance_chunks[k] * per_item;

@@ -20,7 +20,7 @@ layout(scalar, binding = 4) writeonly buffer ErrorSums { vec2 error_sums[]; };  
 layout(scalar, push_constant) uniform ImageLossBackwardColumnsParams {
     vec3 background;      // colour behind the target
     uvec2 size_px;        // image width and height
-    float lambda_dssim;   // weight of 1 - SSIM; L1 has the rest
+    float lambda_dssim;   // weight of 1 - SSIM; L1 has weight 1 - lambda_dssim
 };
 
 void main() {

@@ -13,7 +13,7 @@
 #include "image_loss.glsl"
 
 layout(scalar, binding = 0) readonly buffer SsimGradients { SsimGradient ssim_gradients[]; };          // derivatives of SSIM, by pixel
-layout(scalar, binding = 1) writeonly buffer RowGradients { SsimGradient row_gradients[]; };  // the same, windowed along the row
+layout(scalar, binding = 1) writeonly buffer RowGradients { SsimGradient row_gradients[]; };  // derivatives of SSIM, windowed along the row
 layout(scalar, push_constant) uniform ImageLossBackwardRowsParams {
     uvec2 size_px;  // image width and height
 };

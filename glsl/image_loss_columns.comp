@@ -30,7 +30,7 @@ void main() {
         int y = int(first) + tap;
         bool inside = y >= 0 && y < int(size_px.y);
         Moments m = row_moments[uint(clamp(y, 0, int(size_px.y) - 1)) * size_px.x + x];
-        // Rows outside are of colour 0.
+        // Rows outside the image have colour 0.
         m.x = inside ? m.x : vec3(-SHIFT);
         m.y = inside ? m.y : vec3(-SHIFT);
         m.xx = inside ? m.xx : vec3(SHIFT * SHIFT);
@@ -50,7 +50,7 @@ void main() {
     vec3 total = vec3(0.0);
     [[unroll]] for (uint k = 0; k < STRIP; ++k) {
         Moments m = sums[k];
-        // SSIM = a1 a2 / (b1 b2); the derivatives take xx and xy as variables of their own.
+        // SSIM = a1 a2 / (b1 b2); the derivatives treat xx and xy as independent variables.
         vec3 mean_x = m.x + SHIFT, mean_y = m.y + SHIFT;
         vec3 a1 = 2.0 * mean_x * mean_y + SSIM_C1;
         vec3 a2 = 2.0 * (m.xy - m.x * m.y) + SSIM_C2;

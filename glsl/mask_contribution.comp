@@ -1,15 +1,15 @@
 #version 460
-// What every Gaussian adds to the pixels of every mask of a view: `A[i, m] = sum over pixels with mask m of alpha_i
-// T_i`, the derivative of those pixels' colours by the Gaussian's colour, for all masks at once (paper, Eq. 2-3).
+// Contribution of every Gaussian to every mask of a view: `A[i, m] = sum over pixels with mask m of alpha_i T_i`, the
+// derivative of those pixels' colours by the Gaussian's colour, for all masks at once (paper, Eq. 2-3).
 //
 // It replays `tile_blend` for the pixels of one *unit*: an 8x8 block and one of the mask ids in it. Most blocks have
 // one or two ids. A unit has one entry for each element of its tile's list, and each entry has one writer: no atomics,
-// no table that could be full. The host lists the units (`render::contributions`) and adds up the entries of a
+// and no table that could overflow. The host lists the units (`render::contributions`) and sums the entries of a
 // Gaussian.
 //
 // - Reads per unit: 40 bytes a splat, 28 of its footprint and 4 a list entry; ids and, after the first depth slab,
 //   transmittances of its pixels.
-// - Writes `contributions`: 8 bytes an entry, the source Gaussian and its sum; (0, 0) behind the end of all pixels.
+// - Writes `contributions`: 8 bytes an entry, the source Gaussian and its sum; (0, 0) once all pixels have ended.
 // - Grid: one subgroup per unit.
 // - Sums are fixed point, 2^-24 of a pixel: an entry is below 64 * 2^24 = 2^30, and the least weight that is blended,
 //   1e-4 / 255, is 6 units, so a Gaussian that is drawn never sums to 0. Integers add up to the same in any order:
@@ -29,7 +29,7 @@ layout(scalar, binding = 2) readonly buffer IsectValues { uint isect_values[]; }
 layout(scalar, binding = 3) readonly buffer TileRanges { uvec2 tile_ranges[]; };             // first and end intersection per tile
 layout(scalar, binding = 4) readonly buffer LiveDepths { vec2 live_depths[]; };              // y: live T after the previous depth slab
 layout(scalar, binding = 5) readonly buffer PixelIds { uint pixel_ids[]; };                  // mask id by pixel
-layout(scalar, binding = 6) readonly buffer MaskUnits { MaskUnit units[]; };                 // what each subgroup does
+layout(scalar, binding = 6) readonly buffer MaskUnits { MaskUnit units[]; };                 // block and mask id of each subgroup
 layout(scalar, binding = 7) writeonly buffer Contributions { uvec2 contributions[]; };       // source Gaussian, sum in CONTRIBUTION_ONE
 layout(scalar, push_constant) uniform MaskContributionParams {
     uvec2 size_px;    // image width and height
@@ -52,7 +52,7 @@ void main() {
         uvec2 at = corner + pixel_step(p);
         uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
         bool inside = all(bvec2(all(lessThan(at, size_px)), pixel_ids[i] == unit.id));
-        // Pixels of other ids are none of this subgroup's business: it ends when its own have ended.
+        // Pixels with other ids are ignored: the subgroup ends when the pixels of its id have ended.
         t[p] = float(inside);
         if (first_slab == 0) t[p] *= live_depths[i].y;
     }
@@ -82,7 +82,7 @@ void main() {
                 sum += uint(mix(0.0, alpha * t[p], blended) * float(CONTRIBUTION_ONE));
                 t[p] = mix(t[p], mix(0.0, t_next, blended), hit);
             }
-            // Integers: the same sum in any order.
+            // Integers: the sum does not depend on the order.
             [[unroll]] for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) sum += subgroupShuffleXor(sum, mask);
             if (lane == j) own = sum;
         }
@@ -91,7 +91,7 @@ void main() {
         [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live = max(live, t[p]);
         if (!subgroupAny(live > 0.0)) break;
     }
-    // What the finished pixels did not reach.
+    // Entries that no live pixel has reached.
     for (uint i = base + SUBGROUP_SIZE + lane; i < range.y; i += SUBGROUP_SIZE) {
         contributions[unit.first_entry + i - range.x] = uvec2(0);
     }

@@ -1,5 +1,5 @@
 #version 460
-// `made[j] = copies[origins[j]]`: how many others share the place of a Gaussian after a relocation.
+// `made[j] = copies[origins[j]]`: the number of other Gaussians at the same place after a relocation.
 //
 // - Grid: one thread per Gaussian afterwards. 8 bytes read, 4 written.
 //
@@ -8,8 +8,8 @@
 #include "common.glsl"
 
 layout(scalar, binding = 0) readonly buffer Origins { uint origins[]; };  // itself, or the Gaussian it joins
-layout(scalar, binding = 1) readonly buffer Copies { uint copies[]; };    // how many join, by old Gaussian
-layout(scalar, binding = 2) writeonly buffer Made { uint made[]; };       // how many others share its place; 0 = as it was
+layout(scalar, binding = 1) readonly buffer Copies { uint copies[]; };    // number of Gaussians that join, by old Gaussian
+layout(scalar, binding = 2) writeonly buffer Made { uint made[]; };       // number of others at the same place; 0 = unchanged
 layout(scalar, push_constant) uniform McmcGatherCopiesParams {
     uint after;  // Gaussians afterwards
 };

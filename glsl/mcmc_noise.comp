@@ -1,10 +1,10 @@
 #version 460
 // Moves centres at random after a step: `mean += strength gate(opacity) covariance n`, n standard normals.
 //
-// - `gate` is a steep sigmoid of 1 - opacity around 0.995: what is opaque stays.
+// - `gate` is a steep sigmoid of 1 - opacity around 0.995: opaque Gaussians hardly move.
 // - Reads quaternions, log scales, logits and the status; updates `means`. 36 bytes read, 24 for the means.
-// - Random numbers are a hash of (seed, step, index), so that a step done again moves as before. Does nothing after an
-//   overflow (see `train_status`).
+// - Random numbers are a hash of (seed, step, index), so that a redone step moves centres as before. Does nothing after
+//   an overflow (see `train_status`).
 // - Grid: one thread per Gaussian.
 //
 // Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
@@ -22,7 +22,7 @@ layout(scalar, binding = 4) buffer Means { vec3 means[]; };                     
 layout(scalar, push_constant) uniform McmcNoiseParams {
     uint count;      // Gaussians
     float strength;  // learning rate of the centres times the strength of the noise
-    uvec2 seed;      // of the run, low word first
+    uvec2 seed;      // seed of the run, low word first
     uint time;       // index of the step
 };
 

@@ -1,10 +1,10 @@
 #version 460
-// Draws a living Gaussian for every dead and every new one, with probability proportional to its weight.
+// Draws a live Gaussian for every dead and every new Gaussian, with probability proportional to its weight.
 //
 // - Reads `weights`, their exclusive scan `before` (by a binary search per draw) and `counters[COUNTER_WEIGHTS]`;
 //   random bits are a hash of (seed, steps done, index).
 // - Writes `origins`; counts in `copies` and `COUNTER_RELOCATED` (integer atomics: the order does not matter). If all
-//   are dead, every Gaussian stays what it is.
+//   are dead, every Gaussian stays unchanged.
 // - Grid: one thread per Gaussian afterwards.
 //
 // Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
@@ -17,12 +17,12 @@
 layout(scalar, binding = 0) readonly buffer Weights { uint weights[]; };    // fixed-point opacities, 0 = dead
 layout(scalar, binding = 1) readonly buffer Before { uint before[]; };      // exclusive scan of the weights
 layout(scalar, binding = 2) writeonly buffer Origins { uint origins[]; };   // itself, or the Gaussian it joins
-layout(scalar, binding = 3) buffer Copies { uint copies[]; };               // how many join, by old Gaussian
+layout(scalar, binding = 3) buffer Copies { uint copies[]; };               // number of Gaussians that join, by old Gaussian
 layout(scalar, binding = 4) buffer Counters { uint counters[]; };           // COUNTER_*
 layout(scalar, push_constant) uniform McmcPickParams {
     uint count;  // Gaussians before
     uint after;  // Gaussians afterwards
-    uvec2 seed;  // of the run, low word first
+    uvec2 seed;  // seed of the run, low word first
     uint time;   // steps done
 };
 
@@ -33,7 +33,7 @@ void main() {
     uint total = counters[COUNTER_WEIGHTS];
     uint high, unused;
     umulExtended(random_bits(seed, time, RANDOM_PICK, j, 0), total, high, unused);
-    // The last one that begins at or before the draw; those without weight end where they begin.
+    // The last Gaussian that begins at or before the draw; Gaussians of weight 0 end where they begin.
     uint first = 0;
     uint end = count;
     while (end - first > 1) {

@@ -1,5 +1,5 @@
 #version 460
-// Adds the gradients of two terms of the loss, mean opacity and mean scale, between backward pass and Adam.
+// Adds the gradients of two regularisation terms, mean opacity and mean scale, between backward pass and Adam.
 //
 // - Reads log scales, logits and the status; updates their gradients. Does nothing after an overflow.
 // - Grid: one thread per Gaussian. 32 bytes read, 16 written.
@@ -12,8 +12,8 @@
 layout(scalar, binding = 0) readonly buffer Status { uint status[]; };                            // STATUS_*
 layout(scalar, binding = 1) readonly buffer LogScales { vec3 log_scales[]; };                     // log standard deviations
 layout(scalar, binding = 2) readonly buffer OpacityLogits { float opacity_logits[]; };            // opacity logits
-layout(scalar, binding = 3) buffer LogScaleGradients { vec3 log_scale_gradients[]; };             // gradients by them
-layout(scalar, binding = 4) buffer LogitGradients { float opacity_logit_gradients[]; };           // gradients by them
+layout(scalar, binding = 3) buffer LogScaleGradients { vec3 log_scale_gradients[]; };             // gradients by log scales
+layout(scalar, binding = 4) buffer LogitGradients { float opacity_logit_gradients[]; };           // gradients by opacity logits
 layout(scalar, push_constant) uniform McmcRegulariseParams {
     uint count;            // Gaussians
     float opacity_weight;  // weight of the mean opacity in the loss, divided by the count

@@ -1,23 +1,23 @@
 #version 460
-// Opacity and scales of Gaussians that share a place, such that together they look like the one before.
+// Sets opacity and scales of Gaussians that share a place, such that together they look like the single one before.
 //
-// - With n of them, the old opacity o and the new p: `1 - (1 - p)^n = o`, and scales change by the factor
-//   `o / sum over m of C(n, m) (-1)^(m-1) p^m / sqrt(m)` (Kheradmand et al. 2024, eq. 9). n counts up to 51, as in the
-//   authors' code; p is not below the limit of death.
+// - For n of them, with old opacity o and new opacity p: `1 - (1 - p)^n = o`, and scales change by the factor `o / sum
+//   over m of C(n, m) (-1)^(m-1) p^m / sqrt(m)` (Kheradmand et al. 2024, eq. 9). n is limited to 51, as in the authors'
+//   code; p is not below the opacity limit of dead Gaussians.
 // - Reads `made` (n - 1; 0 = nothing to do); updates `opacity_logits` and `log_scales`.
-// - The sum alternates; the kernel integrates an equal integral of positive values, the twin adds the paper's terms.
+// - The sum alternates; the kernel evaluates an equivalent integral of positive values, the twin the paper's sum.
 // - Grid: one thread per Gaussian. 4 bytes read, 32 more where n > 1.
 //
 // Twin: `instgs_reference::mcmc`. Test: `tests/kernels/mcmc.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 
-layout(scalar, binding = 0) readonly buffer Made { uint made[]; };             // how many others share its place
+layout(scalar, binding = 0) readonly buffer Made { uint made[]; };             // number of others at the same place; 0 = unchanged
 layout(scalar, binding = 1) buffer OpacityLogits { float opacity_logits[]; };  // opacity logits
 layout(scalar, binding = 2) buffer LogScales { vec3 log_scales[]; };           // log standard deviations
 layout(scalar, push_constant) uniform McmcShareParams {
     uint count;       // Gaussians
-    float logit_min;  // the least that is left of an opacity
+    float logit_min;  // lower limit of the new opacity logit
 };
 
 const uint SHARERS_MAX = 51;

@@ -1,8 +1,8 @@
 #version 460
-// Fixed-point opacities of living Gaussians, for exact draws: first pass of a relocation.
+// Fixed-point opacities of live Gaussians, for exact draws: first pass of a relocation.
 //
-// - Reads all parameters (by Gaussian; SH to see whether they are numbers). Writes `weights` (0 for dead ones: opacity
-//   up to the limit, or not finite) and zeros to `copies`.
+// - Reads all parameters (by Gaussian; SH to check that they are finite). Writes `weights` (0 for dead Gaussians:
+//   opacity up to the limit, or not finite) and zeros to `copies`.
 // - Grid: one thread per Gaussian. Bytes per Gaussian: 44 + 12 (degree + 1)^2 read, 8 written.
 // - The host picks `one` so that the sum fits 32 bits: opacities are multiples of 2^-20 up to 4096 Gaussians, of
 //   2^-12 for a million.
@@ -15,7 +15,7 @@
 #include "finite.glsl"
 
 layout(scalar, binding = 8) writeonly buffer Weights { uint weights[]; };  // opacity times `one`, at least 1; 0 = dead
-layout(scalar, binding = 9) writeonly buffer Copies { uint copies[]; };    // zeros
+layout(scalar, binding = 9) writeonly buffer Copies { uint copies[]; };    // zeros, to count in later
 layout(scalar, push_constant) uniform McmcWeighParams {
     uint count;       // Gaussians
     uint one;         // weight of opacity 1; times the count it fits 32 bits

@@ -2,7 +2,7 @@
 // Moves one array of f32, parameters or moments, to a new order of Gaussians.
 //
 // - `after[j] = before[origins[j]]`, `width` f32 each; zeros instead where `zero_made` is set and `made[j]` is not 0
-//   (moments of Gaussians that are not as they were).
+//   (moments of Gaussians that have changed).
 // - Grid: one thread per f32 of the new array. 8 bytes each, and 8 of the tables.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
@@ -11,13 +11,13 @@
 #include "strategy.glsl"
 
 layout(scalar, binding = 0) readonly buffer Origins { uint origins[]; };      // old Gaussian of each new one
-layout(scalar, binding = 1) readonly buffer Made { uint made[]; };            // 0 = as it was
+layout(scalar, binding = 1) readonly buffer Made { uint made[]; };            // 0 = unchanged Gaussian
 layout(scalar, binding = 2) readonly buffer Before { float before[]; };       // the old array
 layout(scalar, binding = 3) writeonly buffer After { float after[]; };        // the new array
 layout(scalar, push_constant) uniform MoveGaussiansParams {
     uint count;      // f32 of the new array
     uint width;      // f32 of one Gaussian
-    uint zero_made;  // 1 = zeros for Gaussians that are not as they were
+    uint zero_made;  // 1 = zeros for Gaussians that have changed
 };
 
 void main() {

@@ -5,14 +5,14 @@
 // The offset of splat e is the number of intersections of splats `begin..e`. They ascend, so the end is found by
 // bisection: the largest e whose offset is at most `capacity`, then at most `begin + max_splats`.
 //
-// - Reads `isect_offsets` (by place in depth order, counted from the slab's begin) and `counters`.
+// - Reads `isect_offsets` (by index in depth order, counted from the slab's begin) and `counters`.
 // - Writes `COUNTER_SLAB_END`, `COUNTER_SLAB_INTERSECTIONS`, and the indirect arguments of `FAMILY_SLAB_SPLATS` and
 //   `FAMILY_INTERSECTIONS`.
 // - Grid: one work-group, of which one thread works.
 // - Bytes: 4 read per step, about log2(visible) steps if not all fits; 8 written to counters, 96 to arguments.
-// - Guarantees: `FramePlan` makes `capacity` at least the number of tiles, so a slab takes at least one splat and the
-//   slabs end. Every splat is in exactly one slab. Offsets saturate at 2^32 - 1, which is more than any capacity: a
-//   count that overflows reads as "does not fit", never as a small number.
+// - Guarantees: `FramePlan` makes `capacity` at least the number of tiles, so every slab takes at least one splat and
+//   the loop over slabs ends. Every splat is in exactly one slab. Offsets saturate at 2^32 - 1, which is more than any
+//   capacity: an overflowed count reads as "does not fit", never as a small number.
 // - `max_splats` keeps each tile's list within a driver's loop limit: 15/16 of the limit times the subgroup size where
 //   there is one (lavapipe: 65535 iterations), since `tile_blend` takes one iteration per subgroup of splats; else
 //   2^32 - 1.
@@ -27,7 +27,7 @@ layout(scalar, binding = 1) buffer Counters { uint counters[]; };               
 layout(scalar, binding = 2) writeonly buffer Args { DispatchArgs args[]; };          // indirect arguments, by family
 layout(scalar, push_constant) uniform PlanSlabParams {
     uint capacity;    // intersections that fit
-    uint max_splats;  // most splats in a slab
+    uint max_splats;  // largest number of splats in a slab
 };
 #include "write_args.glsl"
 

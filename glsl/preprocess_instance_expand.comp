@@ -6,12 +6,12 @@
 // extent of alpha >= 1/255, and the number of tiles it touches. Second half, survivors only: SH in direction
 // `R^T (mean_world - camera)`, normalised.
 //
-// In scenes with levels of detail (LEVELS), a level that is not alone has opacity `1 - (1 - opacity)^weight`: the
-// weights of the two that are shown add up to 1, so together they take the light that one would (`lod.glsl`).
+// With levels of detail (LEVELS), a level that is blended with another has opacity `1 - (1 - opacity)^weight`: the
+// weights of the two levels add up to 1, so together they absorb as much light as one (`lod.glsl`).
 //
 // With COLOR_MATRICES the colour of an instance is `M rgb + b` of the template's, offsets included, before the clamp at 0.
 //
-// Offsets of SH bands above 0 and of shape exist for ablations; scenes without have kernels without their code.
+// Offsets of SH bands above 0 and of shape exist for ablations; kernels for scenes without them omit the code.
 //
 // - Reads `work_items` (by work item), `instances` (by instance), source arrays `means` .. `sh0` (by `first_source` +
 //   local index), SH bands `sh1` .. `sh3` (by `first_in_band` + local index; 3, 5, 7 coefficients), offsets (by
@@ -66,7 +66,7 @@ layout(scalar, binding = 20) readonly buffer OffsetQuats { vec4 offset_quats[]; 
 layout(scalar, binding = 21) readonly buffer ColorMatrices { vec4 color_from_template[]; };      // rows of (M | b) by instance, if any
 layout(scalar, push_constant) uniform ExpandParams {
     View view;             // the camera
-    float lod_error_px;    // as in cull_instances
+    float lod_error_px;    // largest cell of a level of detail that is shown, pixels; 0 = everything at full detail
     uint posed_instances;  // instances besides the background
 };
 
@@ -126,15 +126,15 @@ Projection project(vec3 mean_view, mat3 axes, float opacity) {
     p.conic_yy = xx / det;
     p.opacity = opacity;
     p.depth = z;
-    // sigma up to which alpha >= 1/255, enlarged: log is good to 1e-4 at worst on the drivers seen, and a little more
-    // only costs time.
+    // Distance in standard deviations at which alpha falls to 1/255, enlarged: the log of the drivers tested is good to
+    // 1e-4 at worst, and a larger extent only costs time.
     float tau = log(255.0 * opacity) * 1.001 + 0.01;
     p.footprint.mean_px = p.a.xy;
     p.footprint.half_px = sqrt(2.0 * tau * vec2(xx, yy));
     p.footprint.slope = xy / yy;
     p.footprint.chord_px = sqrt(2.0 * tau * det / yy);
     p.footprint.extreme_dy = p.footprint.half_px.x * xy / xx;
-    // Products of two of these stay finite.
+    // Products of two of these stay finite in f32.
     bool in_range = is_below(z, 1e15) && all(is_below(vec4(p.a.xy, xx, yy), 1e15)) && is_below(det, 1e30) && is_below(opacity, 2.0);
     p.visible = z > view.near && opacity >= 1.0 / 255.0 && det > 0.0 && in_range;
     p.tiles = p.visible ? count_tiles(p.footprint) : 0;
@@ -160,7 +160,7 @@ Projection expand(Instance instance, uint local) {
 vec3 splat_color(Instance instance, uint local) {
     vec3 mean_world = transform_point(instance.world_from_template, mean_of(instance, local));
     vec3 dir_world = mean_world - view.position_world;
-    // R^T dir, with R = A / scale: the same side of an instance looks the same however it is turned.
+    // R^T dir, with R = A / scale: the view direction in the template's frame, so that SH turn with the instance.
     vec3 dir = transpose(linear_part(instance.world_from_template)) * dir_world;
     float len = sqrt(dot(dir, dir));
     vec3 dc_offset = vec3(0.0);
@@ -202,8 +202,8 @@ void main() {
     if (lane < survivors) {
         vec3 color = splat_color(instance, shared_source[lane]);
         vec4 b = shared_b[lane];
-        // A colour that is not finite (poisoned SH) must not spread: such a splat blends nothing. Nor does an absurd one,
-        // which would leave nothing but infinities of the gradients of all that is blended with it.
+        // A colour that is not finite (poisoned SH) must not spread: such a splat gets opacity 0. So does one with an
+        // absurd colour, which would turn the gradients of all splats blended with it infinite.
         bool finite = all(is_below(color, 3.4e38)) && all(lessThan(color, vec3(COLOR_LIMIT)));
         b.y = finite ? b.y : 0.0;
         color = finite ? max(color, 0.0) : vec3(0.0);

@@ -3,16 +3,16 @@
 //
 // - Reads, per survivor: its `isect_moments` (36 bytes for each tile and block, a contiguous run), splat, footprint,
 //   mean, rotation, scales, offsets, SH bands 1-3 (they turn with the view direction, which depends on the mean).
-// - Writes `source_gradients` (72 bytes), at work item times work-group size plus index in the chunk, which
-//   `gather_gradients` finds without a search; the rest of the buffer must hold zeros. Writes the gradients of the
-//   offsets, whose only owner is this thread.
-// - With POSES, writes the gradient by the instance's place, summed over each subgroup: 28 bytes per subgroup of a work
-//   item, but for the background.
+// - Writes `source_gradients` (72 bytes), at work item times work-group size plus index in the chunk, where
+//   `gather_gradients` finds them without a search; the rest of the buffer must hold zeros. Writes the gradients of the
+//   offsets, each of which belongs to one thread.
+// - With POSES, writes the gradient by the instance's pose, summed over each subgroup: 28 bytes per subgroup of a work
+//   item, except for the background.
 // - Grid: one work-group per work item, indirect; threads beyond the survivors idle.
 // - Exact derivatives of the forward pass: conic by -P G P, antialias compensation with its floor, the slope clamp (no
 //   gradient to x where clamped; z keeps its own), the colour clamp at 0, SH direction into the mean.
-// - Gradients by shape stay gradients by the template's covariance here, 6 numbers: their sum over instances is turned
-//   into quaternion and scales once.
+// - Gradients by shape remain gradients by the template's covariance here, 6 numbers: their sum over instances is
+//   converted to quaternion and scales once.
 //
 // Twin: `instgs_reference::preprocess_instance_expand_backward`. Test: `tests/kernels/backward.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -25,7 +25,7 @@
 #include "rotation.glsl"
 
 layout(constant_id = 3) const uint SH_DEGREE = 3;
-layout(constant_id = 4) const uint POSES = 0;  // 1 = sums the gradients by the places of instances
+layout(constant_id = 4) const uint POSES = 0;  // 1 = sums the gradients by the poses of instances
 
 layout(scalar, binding = 0) readonly buffer Instances { Instance instances[]; };                    // instances, background last
 layout(scalar, binding = 1) readonly buffer WorkItems { WorkItem work_items[]; };                   // visible chunks
@@ -147,7 +147,7 @@ vec3 mean_view_gradient(Geometry g, vec2 by_mean_px, vec3 by_cov, Instance insta
     return vec3(by_slope / z, by_z);
 }
 
-// The gradient by the direction, not normalised to it, of what the SH bands above 0 add.
+// The gradient by the unnormalised view direction, through the SH bands above 0.
 vec3 direction_gradient(Instance instance, uint local, vec3 dir, vec3 by_color) {
     float x = dir.x, y = dir.y, z = dir.z;
     float xx = x * x, yy = y * y, zz = z * z;
@@ -219,15 +219,15 @@ SourceGradient source_gradient(Instance instance, uint local, uint slot, out vec
     return out_gradient;
 }
 
-// A splat that blends nothing still gets here, and no gradient times an infinite parameter is not a number.
+// This also runs for splats that blend nothing: a zero gradient times an infinite parameter would be NaN.
 bool is_finite(SourceGradient g) {
     bool shape = all(is_below(g.mean, GRADIENT_MAX)) && all(is_below(g.covariance, GRADIENT_MAX)) && all(is_below(g.covariance_cross, GRADIENT_MAX));
     bool look = all(is_below(g.color, GRADIENT_MAX)) && all(is_below(g.direction, GRADIENT_MAX));
     return shape && look && all(is_below(vec3(g.opacity_logit, g.mean_ndc, g.radius_px), GRADIENT_MAX));
 }
 
-// What one Gaussian adds to the gradient by its instance's place. Turning it by w moves the mean by w x mean, the
-// covariance C by [w]x C - C [w]x, and the direction of view, seen from the template, by -w x direction.
+// Contribution of one Gaussian to the gradient by its instance's pose. A rotation by w moves the mean by w x mean, the
+// covariance C by [w]x C - C [w]x, and the view direction in the template's frame by -w x direction.
 PoseGradient pose_gradient(Instance instance, uint local, SourceGradient g, vec3 by_dir) {
     mat3 rotation = rotation_from_quat(quat_of(instance, local));
     vec3 variances = exp(2.0 * log_scales_of(instance, local));
@@ -244,7 +244,7 @@ PoseGradient pose_gradient(Instance instance, uint local, SourceGradient g, vec3
     return finite ? p : PoseGradient(vec3(0.0), vec3(0.0), 0.0);
 }
 
-// Sums over the lanes of the subgroup, in an order that is always the same, and writes the sum.
+// Sums over the lanes of the subgroup in a fixed order, and writes the sum.
 void write_pose_sum(uint w, PoseGradient p) {
     for (uint mask = 1; mask < SUBGROUP_SIZE; mask *= 2) {
         uint other = gl_SubgroupInvocationID ^ mask;
@@ -255,7 +255,7 @@ void write_pose_sum(uint w, PoseGradient p) {
     if (gl_SubgroupInvocationID == 0) pose_sums[w * (WORKGROUP_SIZE / SUBGROUP_SIZE) + gl_SubgroupID] = p;
 }
 
-// Writes the gradients of survivor `lane`; returns what it adds to its instance's place.
+// Writes the gradients of survivor `lane`; returns its contribution to the gradient by its instance's pose.
 PoseGradient write_gradients(uint w, uint lane) {
     PoseGradient none = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
     WorkItem item = work_items[w];
@@ -264,7 +264,7 @@ PoseGradient write_gradients(uint w, uint lane) {
     uint local = footprints[slot].local;
     vec3 by_dir, by_color;
     SourceGradient g = source_gradient(instance, local, slot, by_dir, by_color);
-    // The buffer is 0 where nothing is written.
+    // The buffer holds 0 wherever nothing is written.
     if (!is_finite(g)) return none;
     uint place = w * WORKGROUP_SIZE + local - item.chunk * WORKGROUP_SIZE;
     source_gradients[place] = g;

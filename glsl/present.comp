@@ -3,13 +3,13 @@
 // centres of pixels if the sizes differ.
 //
 // - Reads by pixel of the picture, for the view that is shown: `colors`, `depths`, `tile_ranges`, `marks`, or
-//   `surfaces` and what they point into. If something is chosen, also `surfaces` of the pixel and its 24 neighbours.
-// - Reads `counters`: a picture that a buffer was too small for, or that lacks a depth slab, is not shown, and
-//   the window's pixels stay as they are: the host may learn of that only later.
+//   `surfaces` and what they index. If an instance is selected, also `surfaces` of the pixel and its 24 neighbours.
+// - Reads `counters`: a picture for which a buffer was too small, or that lacks a depth slab, is not shown, and the
+//   window's pixels stay unchanged: the host may learn of that only later.
 // - Writes `pixels`, by pixel of the window.
 // - Grid: one thread per pixel of the window. Bytes per pixel at equal sizes: 16 (depth: 8) read, 4 written.
-// - SHOW, OUTLINE and SCALED are constants: a driver without jumps around code that is not needed (lavapipe) did the
-//   outline's 125 reads for every pixel, which took half as long as blending.
+// - SHOW, OUTLINE and SCALED are spec constants: lavapipe executes both sides of a branch, so every pixel would do the
+//   outline's 125 reads, which took half as long as blending.
 //
 // Twin: `instgs_reference::present`. Test: `tests/kernels/present.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -19,15 +19,15 @@
 #include "show.glsl"
 #include "surface.glsl"
 
-// One pipeline for each: a driver without jumps around code that is not needed would do all of it for every pixel.
+// One pipeline per view: a driver that executes both sides of a branch would run all of them for every pixel.
 layout(constant_id = 2) const uint SHOW = 0;     // SHOW_*
-layout(constant_id = 3) const uint OUTLINE = 0;  // 1 = something is chosen, and surfaces are known
+layout(constant_id = 3) const uint OUTLINE = 0;  // 1 = an instance is selected, and the id buffer is available
 layout(constant_id = 4) const uint SCALED = 0;   // 1 = picture and window have different sizes
 
 layout(scalar, binding = 0) readonly buffer Colors { vec4 colors[]; };       // rgb over the background, and alpha, by pixel of the picture
 layout(scalar, binding = 1) readonly buffer Depths { vec2 depths[]; };       // expected view depth, and T, by pixel of the picture
 layout(scalar, binding = 2) readonly buffer Surfaces { uvec2 surfaces[]; };  // instance and local index at the surface, by pixel of the picture; read for an outline and the views that need it
-layout(scalar, binding = 3) readonly buffer Looks { uint looks[]; };         // by instance: 1 if it is chosen, plus twice its template
+layout(scalar, binding = 3) readonly buffer Looks { uint looks[]; };         // by instance: 1 if it is selected, plus twice its template
 layout(scalar, binding = 4) writeonly buffer Pixels { uint pixels[]; };      // bytes red, green, blue (or the reverse), 255, by pixel of the window
 layout(scalar, binding = 5) readonly buffer Counters { uint counters[]; };   // COUNTER_* of the picture
 layout(scalar, binding = 6) readonly buffer TileRanges { uvec2 tile_ranges[]; };  // first and end intersection per tile
@@ -38,7 +38,7 @@ layout(scalar, push_constant) uniform PresentParams {
     uvec2 size_px;        // width and height of the picture
     uvec2 shown_px;       // width and height of the window
     uint blue_first;      // 1 = blue in the lowest byte
-    vec2 range;           // SHOW_DEPTH: view depths that are white and black, scene units; heat: y is the hottest value
+    vec2 range;           // SHOW_DEPTH: view depths that are white and black, scene units; heat: y is the top of the scale
     uint instance_count;  // elements of looks; instances from here on are the background's own
     uint tile_size;       // side of a tile of the picture, pixels
     uvec2 capacities;     // candidates and work items that the picture's buffers held
@@ -48,7 +48,7 @@ const vec3 LINE_COLOR = vec3(1.0, 0.72, 0.0);
 const uint LINE_LEAST = 8, LINE_MOST = 17;  // of 25
 const vec3 BACKGROUND_GREY = vec3(0.2);
 
-// Neighbours in number far apart in hue: steps of the golden angle around the colour circle.
+// Consecutive numbers get hues far apart: steps of the golden angle around the colour circle.
 vec3 color_of(uint number) {
     float turn = fract(float(number) * 0.618034);
     return 0.15 + 0.85 * clamp(abs(fract(turn + vec3(0.0, 2.0 / 3.0, 1.0 / 3.0)) * 6.0 - 3.0) - 1.0, 0.0, 1.0);
@@ -63,8 +63,8 @@ bool is_chosen(ivec2 at) {
     return instance < instance_count && (looks[instance] & 1) != 0;
 }
 
-// On the outline of what is chosen: of the 5x5 pixels around, a third to two thirds are. That is two pixels wide on a straight
-// edge, and single pixels of soft edges, which are often another's, leave no speckles.
+// True on the outline of a selected instance: a third to two thirds of the 5x5 pixels around belong to it. That is two
+// pixels wide on a straight edge, and single stray pixels at soft edges leave no speckles.
 bool is_line(ivec2 at) {
     uint count = 0;
     for (int y = -2; y <= 2; ++y) {
@@ -90,12 +90,12 @@ vec3 surface_color(uint instance) {
     return templates && instance != NO_INSTANCE ? BACKGROUND_GREY : vec3(0.0);
 }
 
-// Of the offset's length over the radius of the ball around the template's centres.
+// Heat of the offset's length relative to the radius of the ball around the template's means.
 vec3 offset_heat(uvec2 point) {
     if (point.x >= instance_count) return vec3(0.0);
     Instance instance = instances[point.x];
     if (instance.first_offset == NO_OFFSET) return vec3(0.0);
-    // Surfaces may be of the scene before an edit.
+    // The id buffer may be of the scene before an edit.
     vec3 offset = offset_means[min(instance.first_offset + point.y, uint(offset_means.length()) - 1)];
     float moved = length(offset), hottest = range.y * instance.bound_radius;
     return heat(moved < hottest ? moved / hottest : moved > 0.0 ? 1.0 : 0.0);
@@ -115,7 +115,7 @@ vec3 shown_at(uvec2 at) {
     return vec3(0.0);
 }
 
-// Between the centres of four pixels; exact where the sizes are the same.
+// Interpolates between the centres of four pixels; exact if the sizes are equal.
 vec3 sampled(vec2 position) {
     vec2 place = clamp(position - 0.5, vec2(0.0), vec2(size_px - 1));
     uvec2 low = uvec2(place), high = min(low + 1, size_px - 1);
@@ -137,7 +137,7 @@ void main() {
     vec3 value;
     if (SCALED != 0) value = sampled((vec2(at) + 0.5) * vec2(size_px) / vec2(shown_px));
     else value = shown_at(at);
-    // To the nearest of 256 levels.
+    // Rounds to the nearest of 256 levels.
     uvec3 level = uvec3(clamp(value, 0.0, 1.0) * 255.0 + 0.5);
     if (blue_first != 0) level = level.bgr;
     pixels[i] = level.r | level.g << 8 | level.b << 16 | 0xFF000000;

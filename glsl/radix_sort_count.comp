@@ -5,7 +5,7 @@
 // this kernel, a scan of the histogram, and `radix_sort_scatter`. Depth keys take 4 steps; tile keys 1 up to 255
 // tiles, 2 up to 65535, then 3.
 //
-// - Reads `keys` (by place in the list) and `counters`.
+// - Reads `keys` (by index in the list) and `counters`.
 // - Writes `histogram`, digit-major: `digit * blocks + block`. In that order its exclusive scan is, for each digit and
 //   block, where the block's first key with that digit goes.
 // - Grid: one work-group per block, indirect (`ARGS_BLOCKS` of the keys' family).
@@ -45,7 +45,7 @@ void main() {
         bool in_list = i < n;
         uint digit = in_list ? (keys[i] >> shift) & (RADIX_SIZE - 1) : 0;
         if (subgroups == 1) {
-            // One subgroup alone needs no atomics, which are locked one by one on a CPU driver.
+            // A single subgroup needs no atomics, which a CPU driver locks one by one.
             uvec2 rank_and_count = match_digit(digit, in_list);
             uint before = digit_counts[digit];
             bool last_of_digit = in_list && rank_and_count.x + 1 == rank_and_count.y;

@@ -5,9 +5,9 @@
 // shared memory holds the next free place per subgroup and digit; within a round, a lane's rank is the number of lower
 // lanes with the same digit (by shuffles or ballots: `Variant::match_by_ballot`).
 //
-// - Reads `keys_in` and `values_in` (by place before), `digit_offsets` (`digit * blocks + block`: the scanned
-//   histogram), `counters`.
-// - Writes `keys_out` and `values_out` (by place after).
+// - Reads `keys_in` and `values_in` (by old index), `digit_offsets` (`digit * blocks + block`: the scanned histogram),
+//   `counters`.
+// - Writes `keys_out` and `values_out` (by new index).
 // - Grid: one work-group per block, indirect (`ARGS_BLOCKS` of the keys' family).
 // - Bytes per key: 8 read (12 with more than one subgroup, which count their own digits first) and 0.5 of offsets; 8
 //   written. Shared memory: 1 KiB per subgroup.

@@ -1,10 +1,10 @@
 #version 460
-// One step of Adam on the places of instances.
+// One step of Adam on the poses of instances.
 //
-// - The seven values of an instance are a step in the template's frame: A' = A e^s exp(w×), t' = t + A v for shift v,
-//   rotation vector w, logarithm of scale s. They start from 0 at every step, so no parametrisation can degenerate.
-// - Reads `pose_gradients`, reads and writes 7 moments and the transform (and the scale derived from it) of each
-//   instance. A is made a rotation times a scale again at every step.
+// - The seven values of an instance are a step in the template's frame: A' = A e^s exp(w×), t' = t + A v for
+//   translation v, rotation vector w, log scale s. They start from 0 at every step and cannot degenerate.
+// - Reads `pose_gradients`, reads and writes 7 pairs of moments and the transform (and the scale derived from it) of
+//   each instance. A is projected back to a rotation times a scale at every step.
 // - Grid: one thread per instance besides the background. Does nothing after an overflow (see `train_status`).
 //
 // Twin: `instgs_reference::poses`. Test: `tests/kernels/poses.rs`.
@@ -19,7 +19,7 @@
 layout(scalar, binding = 0) readonly buffer PoseGradients { PoseGradient pose_gradients[]; };  // by instance
 layout(scalar, binding = 1) readonly buffer Status { uint status[]; };                         // STATUS_*
 layout(scalar, binding = 2) buffer Instances { Instance instances[]; };                        // instances, background last
-layout(scalar, binding = 3) buffer PoseMoments { vec2 pose_moments[]; };                       // running means of gradient and gradient squared, 7 per instance
+layout(scalar, binding = 3) buffer PoseMoments { vec2 pose_moments[]; };                       // first and second moment (running means of gradient and gradient squared), 7 per instance
 layout(scalar, push_constant) uniform RefinePosesParams {
     uint posed_instances;    // instances besides the background
     float translation_rate;  // learning rates divided by the bias correction of the first moment: template units
@@ -28,12 +28,12 @@ layout(scalar, push_constant) uniform RefinePosesParams {
     float beta1;             // decay of the first moment
     float beta2;             // decay of the second moment
     float second_scale;      // one over the bias correction of the second moment
-    float epsilon;           // added to the root of the second moment
+    float epsilon;           // added to the square root of the second moment
 };
 
-// As `adam`: updates moment `i` and returns how far its value moves.
+// The same update as in `adam`: changes moment `i` and returns the step of its value.
 float adam_step(uint i, float gradient, float rate) {
-    // What is no number, or whose square is none, is no gradient: it would stay in the moments for good.
+    // A gradient that is not finite, or whose square is not, counts as 0: it would stay in the moments for ever.
     float g = is_below(gradient, GRADIENT_LIMIT) ? gradient : 0.0;
     vec2 moments = pose_moments[i];
     moments = vec2(beta1 * moments.x + (1.0 - beta1) * g, beta2 * moments.y + (1.0 - beta2) * g * g);
@@ -45,11 +45,11 @@ vec3 adam_step(uint i, vec3 gradient, float rate) {
     return vec3(adam_step(i, gradient.x, rate), adam_step(i + 1, gradient.y, rate), adam_step(i + 2, gradient.z, rate));
 }
 
-// The rotation by |w| about w (Rodrigues), applied to the columns of `a` from the right: a exp([w]x).
+// Applies the rotation by |w| about w (Rodrigues) to `a` from the right: a exp([w]x).
 mat3 turned(mat3 a, vec3 w) {
     float t = dot(w, w);
     float angle = sqrt(t);
-    // sin(x) / x and (1 - cos x) / x^2. Series up to half a radian: drivers may have as few as 11 bits of a sine.
+    // sin(x) / x and (1 - cos x) / x^2. Series up to half a radian: a driver's sine may be accurate to 11 bits only.
     bool small = t < 0.25;
     float s = small ? 1.0 - t / 6.0 * (1.0 - t / 20.0 * (1.0 - t / 42.0)) : sin(angle) / angle;
     float c = small ? 0.5 - t / 24.0 * (1.0 - t / 30.0 * (1.0 - t / 56.0)) : (1.0 - cos(angle)) / t;
@@ -68,13 +68,13 @@ void main() {
     mat3 before = linear_part(rows);
     vec3 moved = vec3(rows[0].w, rows[1].w, rows[2].w) + before * translation;
     mat3 a = turned(before, rotation);
-    // Made a rotation times a scale again, so that rounding does not add up over steps.
+    // Projected back to a rotation times a scale, so that rounding does not accumulate over steps.
     float scale = sqrt((dot(a[0], a[0]) + dot(a[1], a[1]) + dot(a[2], a[2])) / 3.0) * exp(log_scale);
     vec3 x = a[0] / sqrt(dot(a[0], a[0]));
     vec3 y = a[1] - dot(a[1], x) * x;
     y /= sqrt(dot(y, y));
     mat3 linear = transpose(scale * mat3(x, y, cross(x, y)));
     instances[k].world_from_template = vec4[3](vec4(linear[0], moved.x), vec4(linear[1], moved.y), vec4(linear[2], moved.z));
-    // Rounded up, as bounds are multiplied by it.
+    // Rounded up, since bounds are multiplied by it.
     instances[k].scale = scale * 1.000001;
 }

@@ -8,10 +8,10 @@
 #include "common.glsl"
 
 layout(scalar, binding = 0) buffer OpacityLogits { float opacity_logits[]; };  // opacity logits
-layout(scalar, binding = 1) writeonly buffer Moments { vec2 moments[]; };      // Adam's moments of them
+layout(scalar, binding = 1) writeonly buffer Moments { vec2 moments[]; };      // Adam's moments of the logits
 layout(scalar, push_constant) uniform ResetOpacityParams {
     uint count;       // Gaussians
-    float logit_max;  // the limit
+    float logit_max;  // upper limit of the logits
 };
 
 void main() {

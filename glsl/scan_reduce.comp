@@ -1,8 +1,8 @@
 #version 460
 // First of the three passes of an exclusive scan (reduce, then scan): sums blocks of `BLOCK_SIZE` values.
 //
-// The elements are `values[i]`, or `values[indices[i]]` with the spec constant `GATHER` = 1. Their number is a
-// counter, or, with `scan.histogram`, the length of the radix histogram over that many keys. Elements before
+// The elements are `values[i]`, or `values[indices[i]]` with the spec constant `GATHER` = 1. Their number is a counter,
+// or, with `scan.histogram`, the length of the radix histogram of that number of keys. Elements before
 // `scan.begin_slot` add 0.
 //
 // - Reads `values` (by element, or by index with `GATHER`), `indices` (by element, only with `GATHER`), `counters`.

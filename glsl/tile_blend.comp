@@ -57,7 +57,7 @@ void main() {
         pixels[p] = Pixel(vec3(0.0), 0.0, 0.0, 1.0);
         uvec2 at = corner + pixel_step(p);
         if (!first_slab) {
-            // Lanes outside the image look at its border, which they never write.
+            // Lanes outside the image load pixels of its border, which they never write.
             uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
             pixels[p] = Pixel(colors[i].rgb, colors[i].a, depths[i].x, depths[i].y);
         }
@@ -89,7 +89,7 @@ void main() {
                 float t_next = pixels[p].t * (1.0 - alpha);
                 bool blended = all(bvec2(hit, t_next >= T_STOP));
                 float weight = mix(0.0, alpha * pixels[p].t, blended);
-                // A hit that would bring T below the limit ends the pixel and is not blended.
+                // A splat that would bring T below the limit ends the pixel and is not blended.
                 pixels[p].t = mix(pixels[p].t, mix(0.0, t_next, blended), hit);
                 pixels[p].color += weight * color;
                 pixels[p].alpha += weight;

@@ -1,5 +1,5 @@
 #version 460
-// Backward pass of the blend: replays each tile front to back and sums what its pixels say about each splat.
+// Backward pass of the blend: replays each tile front to back and sums the contributions of its pixels to each splat.
 //
 // One subgroup owns an 8x8 block, as in `tile_blend`, and walks the same list by the same rules. A pixel keeps T and
 // the sum over the splats still to come of weight times value, where value = (colour, 1) . g with g the cotangent by
@@ -8,8 +8,8 @@
 // - Reads `splats` (40 bytes), `emission_from_isect` and `slot_from_emission` (8) per list entry; `colors` and
 //   `cotangents` (32 bytes a pixel).
 // - Writes `isect_moments`: 36 bytes per list entry and 8x8 block of its tile, at the emission index: entries of one
-//   splat are neighbours there, and each has one writer. No atomics, so the result is the same bits each time. Entries
-//   behind the end of all pixels get zeros.
+//   splat are adjacent there, and each has one writer. No atomics, so results are reproducible bit for bit. Entries
+//   that no live pixel has reached get zeros.
 // - Grid: one subgroup per 8x8 block.
 // - Sums over lanes: with `TRANSPOSE`, `SUBGROUP_SIZE` splats at once in log2 steps: of two splats, lanes without the
 //   step's bit keep the first and get the partner's share of it, the others the second. At the end lane j holds
@@ -35,8 +35,8 @@ layout(scalar, push_constant) uniform TileBlendBackwardParams {
     uvec2 tiles;      // tile columns and rows
 };
 
-// 1 = sums over lanes by a transposition of SUBGROUP_SIZE splats at once, which takes log2 steps for all of them; 0 = one
-// butterfly per splat, for subgroups whose registers do not hold so many sums.
+// 1 = sums over lanes by a transposition of SUBGROUP_SIZE splats at once, which takes log2 steps in all; 0 = one
+// butterfly per splat, for subgroups too large to hold the sums of the transposition in registers.
 layout(constant_id = 4) const uint TRANSPOSE = 1;
 
 struct Pixel {
@@ -63,7 +63,7 @@ vec3 merged(vec3 low, vec3 high, uint mask) {
     return vec3(merged(low.x, high.x, mask), merged(low.y, high.y, mask), merged(low.z, high.z, mask));
 }
 
-// Lanes without `mask` keep and complete `low`, the others `high`.
+// Lanes without `mask` keep and complete `low`, the other lanes `high`.
 SplatMoments merged(SplatMoments low, SplatMoments high, uint mask) {
     return SplatMoments(merged(low.color, high.color, mask), merged(low.first, high.first, mask), merged(low.second, high.second, mask));
 }
@@ -117,7 +117,7 @@ void main() {
                 float weight = mix(0.0, alpha * t, blended);
                 float value = dot(color, pixels[p].g.rgb) + pixels[p].g.a;
                 float rest = pixels[p].rest - weight * value;
-                // dL/dalpha; a clamped alpha passes nothing on to opacity and shape.
+                // dL/dalpha; a clamped alpha has no gradient by opacity and shape.
                 float by_alpha = t * value - rest / (1.0 - alpha);
                 float s = mix(0.0, by_alpha * alpha, all(bvec2(blended, alpha_raw <= ALPHA_MAX)));
                 pixels[p].rest = rest;
@@ -135,7 +135,7 @@ void main() {
             }
         }
         if (transpose != 0) {
-            // One loop per step, each with constant bounds: drivers do not unroll a loop whose step is the outer one's.
+            // One loop per step with constant bounds: drivers do not unroll a loop whose step depends on an outer loop.
             uint size = SUBGROUP_SIZE;
             [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 2) sums[j] = merged(sums[j], sums[j + 1], 1);
             [[unroll]] for (uint j = 0; j < SUBGROUP_SIZE; j += 4) sums[j] = merged(sums[j], sums[j + 2], 2);
@@ -156,7 +156,7 @@ void main() {
         [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) live = max(live, pixels[p].t);
         if (!subgroupAny(live > 0.0)) break;
     }
-    // What the finished pixels did not reach.
+    // Entries that no live pixel has reached.
     for (uint i = base + SUBGROUP_SIZE + lane; i < range.y; i += SUBGROUP_SIZE) {
         isect_moments[emission_from_isect[i] * BLOCKS_PER_TILE + block.in_tile] = SplatMoments(vec3(0.0), vec3(0.0), vec3(0.0));
     }

@@ -1,6 +1,6 @@
 #version 460
-// Single splats as marks: every pixel gets the colour of the nearest splat whose mark covers it, darker towards the
-// mark's rim. For looking at Gaussians one by one; only pictures that show it pay for it.
+// Draws single splats as marks: every pixel gets the colour of the nearest splat whose mark covers it, darker towards
+// the mark's rim. For inspecting Gaussians one by one; runs only if marks are shown.
 //
 // A mark is the ellipse of one standard deviation of the projected Gaussian, dilation included: within it the splat has
 // at least 61 % of its opacity, and ellipses of neighbours on a surface hardly overlap, whereas the whole footprint
@@ -9,7 +9,7 @@
 // hide all else; the least bound is 1/255, where the tiles' lists end.
 //
 // - Reads per 8x8 block: 40 bytes a splat and 4 a list entry, until all pixels of the block have a mark.
-// - Writes `marks`, 4 bytes a pixel, which the next slab goes on from.
+// - Writes `marks`, 4 bytes a pixel, from which the next slab continues.
 // - Grid: one subgroup per 8x8 block of every tile.
 //
 // Twin: `instgs_reference::tile_marks`. Test: `tests/kernels/tile_marks.rs`.
@@ -51,7 +51,7 @@ void main() {
 
     bool open[PIXELS_PER_LANE];   // inside the image and without a mark
     uint found[PIXELS_PER_LANE];  // slot of the mark
-    float part[PIXELS_PER_LANE];  // square of the distance from its centre; 1 at the rim
+    float part[PIXELS_PER_LANE];  // squared distance from its centre; 1 at the rim
     [[unroll]] for (uint p = 0; p < PIXELS_PER_LANE; ++p) {
         uvec2 at = corner + pixel_step(p);
         bool inside = all(lessThan(at, size_px));

@@ -1,16 +1,16 @@
 #version 460
-// The Gaussian at the surface of every pixel: whose splat brings the transmittance below one half. For picking, for
-// lines around what is chosen, and for views of instances, templates and offsets; only pictures that need it pay for
-// it.
+// The id buffer: for every pixel, the Gaussian whose splat brings the transmittance below one half. For picking, for
+// outlines of selected instances, and for views of instances, templates and offsets; runs only if one of these is
+// needed.
 //
-// It replays `tile_blend` without colours, and ends where all pixels of a block have their surface.
+// It replays `tile_blend` without colours, and ends when all pixels of a block have their surface.
 //
-// - Reads per 8x8 block: 40 bytes a splat and 4 a list entry, as far as it gets; after the first depth slab, the
-//   pixels' state.
+// - Reads per 8x8 block: 40 bytes a splat and 4 a list entry, up to the last surface; after the first depth slab, the
+//   state of the pixels.
 // - Writes `surfaces`, 8 bytes a pixel: the instance and the index in its template. Before the last slab, the slot and
-//   the transmittance so far, which the next slab goes on from.
+//   the transmittance so far, from which the next slab continues.
 // - Grid: one subgroup per 8x8 block of every tile.
-// - The background's own instance is one more than the last; of a level of detail, its `owner` is written.
+// - The background's instance is one more than the last; for a level of detail, its `owner` is written.
 //
 // Twin: `instgs_reference::tile_surface`. Test: `tests/kernels/tile_surface.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -28,18 +28,18 @@ layout(scalar, binding = 3) readonly buffer WorkItems { WorkItem work_items[]; }
 layout(scalar, binding = 4) buffer Surfaces { uvec2 surfaces[]; };                   // by pixel: instance or NO_INSTANCE, and local index; between slabs slot and bits of T
 layout(scalar, binding = 5) readonly buffer Footprints { Footprint footprints[]; };  // extents by slot, for local indices
 layout(scalar, binding = 6) readonly buffer Counters { uint counters[]; };           // COUNTER_*
-layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };      // levels of detail, and whose they are
+layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };      // instances, whose `owner` is written for levels of detail
 layout(scalar, push_constant) uniform TileSurfaceParams {
     uvec2 size_px;    // image width and height
     uvec2 tiles;      // tile columns and rows
     uint chunk_size;  // slots of a work item
 };
 
-// A pixel's surface is where its transmittance falls below this.
+// Transmittance below which a pixel has found its surface.
 const float T_SURFACE = 0.5;
 const uint NO_SLOT = 0xFFFFFFFF;
 
-// Instance, and local index in the level of it that is shown.
+// Instance, and local index in its level that is shown.
 uvec2 point_of(uint slot) {
     if (slot == NO_SLOT) return uvec2(NO_INSTANCE, 0);
     return uvec2(instances[work_items[slot / chunk_size].instance].owner, footprints[slot].local);
@@ -60,7 +60,7 @@ void main() {
         uvec2 at = corner + pixel_step(p);
         bool inside = all(lessThan(at, size_px));
         uint i = min(at.y, size_px.y - 1) * size_px.x + min(at.x, size_px.x - 1);
-        // Pixels outside the image are done.
+        // Pixels outside the image need no surface.
         t[p] = float(inside);
         found[p] = NO_SLOT;
         if (!first_slab) {
@@ -73,7 +73,7 @@ void main() {
     for (uint base = range.x; base < range.y; base += SUBGROUP_SIZE) {
         uint slot = isect_values[min(base + lane, range.y - 1)];
         Splat mine = splats[slot];
-        // As in tile_blend, bit for bit.
+        // The same arithmetic as in tile_blend, bit for bit.
         mine.a.zw *= vec2(-0.5 * LOG2_E, -LOG2_E);
         mine.b.x *= -0.5 * LOG2_E;
         mine.b.y = mix(0.0, mine.b.y, base + lane < range.y);

@@ -3,7 +3,7 @@
 //
 // - Reads `counters`, `ssim_sums`, `error_sums`; reads and writes `status`; writes one entry of `step_records`, a ring
 //   that the host reads some steps later.
-// - Grid: one work-group. Sums have a fixed order: thread by thread, then over threads.
+// - Grid: one work-group. Sums have a fixed order: within each thread, then over threads.
 // - A step overflows if candidates, work items or intersections did not fit. From then on `adam` and
 //   `gather_gradients` do nothing, in this and all later steps, until the host has enlarged the buffers and reset the
 //   flag; it then submits the same steps again.
@@ -24,14 +24,14 @@ layout(scalar, push_constant) uniform TrainStatusParams {
     uint candidate_capacity;  // candidates that fit
     uint work_item_capacity;  // work items that fit
     uint strips;              // entries of the sums
-    float values;             // pixels times channels
+    float values;             // number of pixels times channels
 };
 
 shared vec3 partial_sums[WORKGROUP_SIZE];
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
-    // Every thread sums a run of its own, thread 0 sums the threads: the order never changes.
+    // Each thread sums a fixed run, thread 0 sums over threads: the order is fixed.
     uint per_thread = divide_up(strips, WORKGROUP_SIZE);
     uint end = min((lane + 1) * per_thread, strips);
     vec3 sum = vec3(0.0);

@@ -36,7 +36,7 @@ uvec2 block_corner(Block block, uint columns) {
     return origin + uvec2((lane % LANES_PER_ROW) * COLUMNS_PER_LANE, lane / LANES_PER_ROW);
 }
 
-// From a lane's first pixel to its pixel `p`.
+// Offset from a lane's first pixel to its pixel `p`.
 uvec2 pixel_step(uint p) {
     return uvec2(p % COLUMNS_PER_LANE, (p / COLUMNS_PER_LANE) * ROW_STEP);
 }

@@ -1,4 +1,4 @@
-// What every kernel shares: extensions, the subgroup variant, work-group indexing.
+// Common to all kernels: extensions, the subgroup variant, work-group indexing.
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_KHR_shader_subgroup_basic : require

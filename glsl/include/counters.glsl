@@ -37,7 +37,7 @@ struct DispatchArgs {
     uint z;  // work-groups along z
 };
 
-// Grid::groups on the device.
+// The same folding as `Grid::groups` on the host.
 DispatchArgs fold_groups(uint groups) {
     const uint row = 65535;
     return DispatchArgs(min(groups, row), groups == 0 ? 0 : (groups + row - 1) / row, 1);

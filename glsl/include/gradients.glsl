@@ -1,7 +1,7 @@
-// What the backward passes hand to each other.
+// Records that the backward passes pass to each other.
 
-// What the pixels of one block add to a splat: with s = -dL/dsigma per pixel and d = pixel - centre, sums of s times the
-// monomials of d up to degree 2. Every derivative by centre, conic and opacity is linear in them.
+// Contribution of the pixels of one block to a splat: with s = -dL/dsigma per pixel and d = pixel - centre, sums of s
+// times the monomials of d up to degree 2. Every derivative by centre, conic and opacity is linear in them.
 struct SplatMoments {
     vec3 color;   // dL/dcolour
     vec3 first;   // sums of s, s dx, s dy
@@ -14,21 +14,21 @@ struct SourceGradient {
     vec3 covariance;         // by the covariance's xx, yy, zz
     vec3 covariance_cross;   // by xy, xz, yz, each of the two equal entries
     vec3 color;              // by the template's colour, 0 where that of the instance is clamped
-    vec3 direction;          // unit vector of view, where SH is evaluated
+    vec3 direction;          // unit view direction, where SH are evaluated
     float opacity_logit;     // by the logit plus offset
     float mean_ndc;          // length of the gradient by the centre, in units of half the image
     float radius_px;         // three standard deviations on the screen
 };
 
-// The gradient by the place of an instance: it is turned, scaled and moved before its own transform, in the template's
-// frame: A' = A exp(log_scale) exp([rotation]x), t' = t + A translation.
+// The gradient by the pose of an instance, for a step applied before its transform, in the template's frame: A' = A
+// exp(log_scale) exp([rotation]x), t' = t + A translation.
 struct PoseGradient {
-    vec3 translation;  // by the shift, template units
+    vec3 translation;  // by the translation, template units
     vec3 rotation;     // by the rotation vector, radians
     float log_scale;   // by the logarithm of the scale
 };
 
-// Gradients from here on are dropped; sums of smaller ones over instances stay finite.
+// Gradients that reach this limit are dropped, so that sums over instances stay finite.
 const float GRADIENT_MAX = 1e30;
 
 // A chunk of source Gaussians, with the instances that show it.

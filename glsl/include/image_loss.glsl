@@ -1,6 +1,6 @@
-// What the four passes of the image loss share: the target picture, the SSIM window, strips of pixels.
+// Common to the four passes of the image loss: the target picture, the SSIM window, strips of pixels.
 
-const uint STRIP = 8;          // pixels that one thread of an image-loss pass makes, in a row or a column
+const uint STRIP = 8;          // pixels that one thread of an image-loss pass computes, in a row or a column
 const uint WINDOW_RADIUS = 5;  // half width of the 11x11 SSIM window
 
 // exp(-k^2 / (2 1.5^2)) for k = 0..5, divided by the sum over -5..5.
@@ -10,13 +10,13 @@ const float WINDOW[6] = float[6](0.2660117248617943, 0.21300553771125366, 0.1093
 const float SSIM_C1 = 0.0001;  // 0.01^2
 const float SSIM_C2 = 0.0009;  // 0.03^2
 
-// Moments are of colours minus this: the differences that variances are lose fewer digits. What lies outside is 0.
+// Moments are of colours minus this value: variances, as differences, lose fewer digits. Outside the image it is 0.
 const float SHIFT = 0.5;
 
-// A colour of the picture counts as this if it is larger or no number: its square must not spread over the window.
+// Upper limit of a picture's colour, also used for NaN: its square must not spread over the window.
 const float LARGEST_COLOR = 100.0;
 
-// Of colours minus SHIFT.
+// Moments of colours minus SHIFT.
 struct Moments {
     vec3 x;   // mean of the picture
     vec3 y;   // mean of the target
@@ -35,11 +35,11 @@ float window_weight(int distance) {
     return WINDOW[abs(distance)];
 }
 
-// Picture and target of a pixel. The target's last byte is 0 for a pixel that does not count, else 1 + 254 times its
-// coverage of the background; a pixel that does not count shows the target in both, whatever was rendered there.
+// Picture and target of a pixel. The target's alpha is 0 for an ignored pixel, else 1 + 254 times its coverage of the
+// background; an ignored pixel has the target's colour in both, whatever was rendered there.
 struct ColorPair {
-    vec3 picture;  // what was rendered
-    vec3 target;   // what it should be
+    vec3 picture;  // rendered colour
+    vec3 target;   // colour of the photo
 };
 
 ColorPair color_pair(vec4 rendered, uint rgba, vec3 background) {

@@ -1,10 +1,10 @@
 // Ranks of equal digits within a subgroup.
 
-// 0 = one shuffle per lane: a single instruction each on lavapipe, where ballots are loops. 1 = one ballot per bit, which
-// does not grow with the subgroup.
+// 0 = one shuffle per lane: a single instruction each on lavapipe, where ballots are loops. 1 = one ballot per bit,
+// whose cost does not grow with the subgroup.
 layout(constant_id = 2) const uint MATCH_BY_BALLOT = 1;
 
-// Among the lanes with `in_list` set: how many lower lanes hold the same digit, and how many lanes do in all.
+// Among the lanes with `in_list` set: the number of lower lanes with the same digit, and of all lanes with it.
 uvec2 match_digit(uint digit, bool in_list) {
     uvec2 rank_and_count = uvec2(0);
     uint tagged = in_list ? digit : 0xFFFFFFFF;

@@ -1,7 +1,7 @@
-// Whether values are numbers, by their bits: compilers may assume that neither infinities nor NaN occur, and Vulkan does not
-// say what comparisons make of NaN.
+// Tests for finite values by their bits: compilers may assume that neither infinities nor NaN occur, and Vulkan does
+// not define comparisons with NaN.
 
-// True for all numbers but infinities and NaN.
+// True for all values but infinities and NaN.
 bool is_finite(float x) {
     return (floatBitsToUint(x) & 0x7F800000) != 0x7F800000;
 }

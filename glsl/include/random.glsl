@@ -1,4 +1,4 @@
-// Random numbers from counters: a draw depends on what it is for and on nothing that ran before.
+// Counter-based random numbers: a draw depends on its purpose and counters, not on earlier draws.
 
 // A bijection of 32-bit words that mixes every bit into every other: the finaliser of MurmurHash3 (Appleby 2011).
 uint mix_bits(uint x) {
@@ -9,9 +9,9 @@ uint mix_bits(uint x) {
     return x ^ (x >> 16);
 }
 
-// What draws are for.
-const uint RANDOM_SPLIT = 1;  // places of split Gaussians
-const uint RANDOM_PICK = 2;   // which Gaussian a relocated one joins
+// Purposes of draws.
+const uint RANDOM_SPLIT = 1;  // positions of the children of split Gaussians
+const uint RANDOM_PICK = 2;   // the Gaussian that a relocated one joins
 const uint RANDOM_NOISE = 3;  // noise on centres
 
 // 32 uniform bits by seed, time (steps), purpose, Gaussian and number of the draw.
@@ -31,7 +31,7 @@ float uniform_from_bits(uint bits) {
 
 // Two independent standard normals from two uniforms (Box and Muller 1958); at most 5.77.
 vec2 normal_pair(uint a, uint b) {
-    // Logarithms near 1 may come out on the wrong side of 0.
+    // Drivers may return a positive logarithm of a number just below 1.
     float radius = sqrt(max(0.0, -2.0 * log(uniform_from_bits(a))));
     float angle = 6.283185307179586 * (uniform_from_bits(b) - 0.5);
     return radius * vec2(cos(angle), sin(angle));

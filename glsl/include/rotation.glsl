@@ -1,8 +1,8 @@
-// Rotations of Gaussians.
+// Rotation matrices of Gaussians.
 
 // Columns of the rotation of a quaternion of any length but zero.
 mat3 rotation_from_quat(vec4 wxyz) {
-    // Scaled first, so that squares of huge or tiny components stay in range.
+    // Normalised in two steps, so that squares of huge or tiny components stay in range.
     vec4 q = wxyz / max(max(abs(wxyz.x), abs(wxyz.y)), max(abs(wxyz.z), abs(wxyz.w)));
     q /= sqrt(dot(q, q));
     float w = q.x, x = q.y, y = q.z, z = q.w;

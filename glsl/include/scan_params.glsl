@@ -1,9 +1,9 @@
-// What a scan runs over. The including file declares `counters` before.
+// Parameters of a scan. The including file declares `counters` before.
 
 struct Scan {
     uint count_slot;   // counter that holds the number of elements
-    uint histogram;    // 1 = scan the radix histogram of that many elements instead: RADIX_SIZE values per block
-    uint begin_slot;   // counter that holds the first element that counts, earlier ones add 0; COUNTER_COUNT = none
+    uint histogram;    // 1 = scan the radix histogram of that number of elements instead: RADIX_SIZE values per block
+    uint begin_slot;   // counter that holds the first element to count, earlier ones add 0; COUNTER_COUNT = none
     uint total_slot;   // counter that gets the total, limited to the capacity; COUNTER_COUNT = none
     uint needed_slot;  // counter that gets the unlimited total; COUNTER_COUNT = none
     uint capacity;     // limit of the total
@@ -11,7 +11,7 @@ struct Scan {
 };
 
 layout(scalar, push_constant) uniform ScanParams {
-    Scan scan;  // what to scan
+    Scan scan;  // the scan to do
 };
 
 uint scan_length() {

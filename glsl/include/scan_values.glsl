@@ -2,7 +2,7 @@
 
 layout(constant_id = 3) const uint GATHER = 0;
 
-layout(scalar, binding = 0) readonly buffer Values { uint values[]; };      // what is summed
+layout(scalar, binding = 0) readonly buffer Values { uint values[]; };      // values to sum
 layout(scalar, binding = 1) readonly buffer Indices { uint indices[]; };    // order of the values, with GATHER
 layout(scalar, binding = 2) readonly buffer Counters { uint counters[]; };  // COUNTER_*
 #include "scan_params.glsl"

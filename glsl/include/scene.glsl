@@ -1,4 +1,4 @@
-// The scene as the kernels see it: source Gaussians, instances, chunks, and the view.
+// The scene in the layout of the kernels: source Gaussians, instances, chunks, and the view.
 
 struct Instance {
     vec4 world_from_template[3];  // rows of the 3x4 similarity
@@ -6,17 +6,17 @@ struct Instance {
     float bound_radius;           // radius of that sphere, template units
     float sigma_max;              // largest standard deviation of the template's Gaussians, template units
     float max_offset;             // largest length of the instance's mean offsets, template units
-    float sigma_growth;           // largest factor of the instance's offsets on a standard deviation, at least 1
+    float sigma_growth;           // largest factor by which the instance's offsets enlarge a standard deviation, at least 1
     float scale;                  // uniform scale of world_from_template
     uint first_source;            // index of the template's first Gaussian in the source pool
     uint source_count;            // Gaussians of the template
     uint first_offset;            // first offset record, NO_OFFSET if none
     uint first_chunk;             // index of the template's first chunk
-    uint sh_degree;               // SH degree of the template; higher bands hold nothing of it
+    uint sh_degree;               // SH degree of the template; higher bands have no elements for it
     uvec3 first_in_band;          // index of the template's first Gaussian in SH bands 1, 2, 3
-    float cell;                   // side of the cells that were merged to this level, template units; 0 = in full
-    float next_cell;              // that of the next coarser level, 1e30 if there is none
-    uint owner;                   // the instance that this is a level of; its own index in scenes without levels
+    float cell;                   // side of the cells that were merged to this level, template units; 0 = full detail
+    float next_cell;              // cell of the next coarser level, 1e30 if there is none
+    uint owner;                   // instance that this is a level of; its own index in scenes without levels
 };
 
 struct Chunk {
@@ -49,7 +49,7 @@ mat3 linear_part(vec4 rows[3]) {
     return transpose(mat3(rows[0].xyz, rows[1].xyz, rows[2].xyz));
 }
 
-// How far beyond the image the Jacobian's x/z and y/z may go: 15 % of the image on each side.
+// Limit of x/z and y/z in the Jacobian beyond the image: 15 % of the image on each side.
 vec2 limit_min(View view) {
     return -(view.principal_px + 0.15 * vec2(view.size_px)) / view.focal_px;
 }
@@ -58,14 +58,14 @@ vec2 limit_max(View view) {
     return (1.15 * vec2(view.size_px) - view.principal_px) / view.focal_px;
 }
 
-// sqrt(2 ln 255) = 3.3290: an opaque splat falls to alpha 1/255 there. Rounded up for f32.
+// sqrt(2 ln 255) = 3.3290, where the alpha of an opaque splat falls to 1/255. Rounded up for f32.
 const float EXTENT_SIGMAS = 3.34;
 
-// Transforms are validated to be rigid, or a rotation times a scale, within 1e-3 of A^T A: lengths may grow by half of that
-// and, for the scale taken from the determinant, by as much again. Doubled.
+// Transforms are validated to be rigid, or a rotation times a scale, within 1e-3 of A^T A: lengths may grow by half of
+// that and, because the scale is taken from the determinant, by as much again. Doubled for safety.
 const float LENGTH_SLACK = 1.002;
 
-// What rounding can add to a transformed point: some ulps (6e-8) of the terms before they cancel, for the centre and for a
+// Rounding error of a transformed point: a few ulps (6e-8) of the terms before they cancel, for the centre and for a
 // mean in the ball, whose terms the radius covers.
 float rounding_of(vec4 rows[3], vec3 p) {
     vec3 terms = vec3(dot(abs(rows[0].xyz), abs(p)) + abs(rows[0].w), dot(abs(rows[1].xyz), abs(p)) + abs(rows[1].w),

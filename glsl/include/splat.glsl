@@ -1,4 +1,4 @@
-// A projected Gaussian, and which tiles it touches. Counting and emitting use the same function on the same stored bits.
+// A projected Gaussian, and the tiles it touches. Counting and emitting use the same function on the same stored bits.
 
 struct Splat {
     vec4 a;  // mean x, mean y (pixels), conic xx, conic xy (1/px^2)

@@ -1,3 +1,3 @@
-// Whose surface a pixel shows.
+// Values of the id buffer.
 
-const uint NO_INSTANCE = 0xFFFFFFFF;  // nobody's: the pixel lets half of the light through
+const uint NO_INSTANCE = 0xFFFFFFFF;  // no surface: the pixel transmits at least half of the light

@@ -1,11 +1,11 @@
-// What a training step leaves for the host and for the steps after it.
+// Records of training steps, for the host and for later steps.
 
 const uint STATUS_OVERFLOW = 0;       // sticky: not 0 once a step did not fit its buffers, until the host resets it
 const uint STATUS_COUNT = 4;          // length of the status buffer
 
 const uint LOG_STEPS = 64;            // entries of the ring of step records
 
-// What a step did, for the host to read later.
+// Record of a step, for the host to read later.
 struct StepRecord {
     uint step;               // the step's number, low 32 bits
     uint overflowed;         // 1 = this step changed nothing

@@ -1,5 +1,5 @@
-// From an instance's chunk to its work item. The including file declares the buffers.
-const uint NO_WORK_ITEM = 0xFFFFFFFF;  // what was culled
+// Finds the work item of an instance's chunk. The including file declares the buffers.
+const uint NO_WORK_ITEM = 0xFFFFFFFF;  // the chunk was culled
 
 // The work item of chunk `chunk` of an instance, or NO_WORK_ITEM if it was culled.
 uint work_item_of(uint instance, uint chunk) {

@@ -2,7 +2,7 @@
 
 shared uint subgroup_totals[64];
 
-// The thread's place in the order of the sums. Vulkan does not say that gl_LocalInvocationID has the same.
+// Index of the thread in the order of the sums. Vulkan does not guarantee that gl_LocalInvocationID has the same order.
 uint subgroup_thread() {
     return gl_SubgroupID * SUBGROUP_SIZE + gl_SubgroupInvocationID;
 }
@@ -22,7 +22,7 @@ uint subgroup_exclusive_sum(uint value) {
 // Exclusive prefix of `value` within the work-group, and the group's total. Every thread calls it.
 uint workgroup_exclusive_sum(uint value, out uint total) {
     uint exclusive = subgroup_exclusive_sum(value);
-    barrier();  // the previous call's readers are done with subgroup_totals
+    barrier();  // earlier calls have finished reading subgroup_totals
     if (gl_SubgroupInvocationID == SUBGROUP_SIZE - 1) subgroup_totals[gl_SubgroupID] = add_saturating(exclusive, value);
     barrier();
     uint before = 0;

@@ -93,8 +93,7 @@ impl HazardTracker {
             barrier.dst_stage |= access.stage;
             barrier.dst_access |= access.access;
         }
-        // The pending list is now empty, so later commands rely on this barrier too: make it cover every access they
-        // can make.
+        // The pending list is now empty: this barrier must cover every access that later commands can make.
         barrier.dst_stage |= vk::PipelineStageFlags2::COMPUTE_SHADER
             | vk::PipelineStageFlags2::DRAW_INDIRECT
             | vk::PipelineStageFlags2::ALL_TRANSFER;

@@ -22,8 +22,7 @@ pub struct Buffer<T> {
     marker: PhantomData<T>,
 }
 
-/// The Vulkan buffer behind a [`Buffer`]: shared with the recordings and submissions that use it, freed with the last
-/// of them.
+/// The Vulkan buffer behind a [`Buffer`]: shared by the recordings and submissions that use it, freed with the last.
 pub(crate) struct BufferMemory {
     gpu: Arc<Gpu>,
     handle: vk::Buffer,
@@ -179,9 +178,8 @@ impl<T: bytemuck::NoUninit> Buffer<T> {
     pub(crate) fn mapped(&self) -> Option<&[u8]> {
         let first = self.inner.mapped_when_idle()?;
         // SAFETY: the allocation is mapped, has at least `bytes` bytes and lives as long as `self`. The device is done
-        // with them: a command buffer of the caller's is checked for that before the bytes are read. It stays so while
-        // the slice lives: callers, all of this crate, do not submit in between. The host writes only through `&mut
-        // self`.
+        // with them (command buffers of the caller's are checked before the bytes are read) and stays so while the
+        // slice lives: callers, all of this crate, do not submit in between. The host writes only through `&mut self`.
         Some(unsafe { std::slice::from_raw_parts(first.as_ptr(), self.bytes() as usize) })
     }
 

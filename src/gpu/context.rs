@@ -65,8 +65,7 @@ struct InFlight {
 
 /// The open device, shared by everything that allocates or submits.
 ///
-/// [`Gpu::open`] creates an instance and a device, which are destroyed with this; [`Gpu::from_raw`] uses those of the
-/// caller.
+/// [`Gpu::open`] creates an instance and a device and destroys them; [`Gpu::from_raw`] uses those of the caller.
 // Fields are dropped in this order: objects of the device before the device, and the device before its instance.
 pub struct Gpu {
     pub(super) pipelines: PipelineStore,
@@ -130,8 +129,7 @@ impl Gpu {
     /// Uses a device of the caller's. Nothing of it is destroyed here.
     ///
     /// # Errors
-    /// The device does not offer something that this crate needs (whether it was enabled cannot be checked), or memory
-    /// is exhausted.
+    /// The device does not offer what this crate needs (what was enabled cannot be checked), or memory is exhausted.
     ///
     /// # Safety
     /// - The handles belong together: `physical` is of `instance`, `device` was made from `physical`, `queue` is of `device`
@@ -189,7 +187,7 @@ impl Gpu {
         }))
     }
 
-    /// What all devices of this machine offer, in the order of `DeviceChoice::Index`.
+    /// Limits and features of all devices of this machine, in the order of `DeviceChoice::Index`.
     pub fn list() -> Result<Vec<DeviceCaps>, GpuError> {
         let owned = OwnedInstance::new(&GpuOptions::default(), &ValidationMessages::default())?;
         Ok(enumerate(&owned.instance)?.into_iter().map(|(_, caps)| caps).collect())
@@ -327,8 +325,7 @@ impl Gpu {
         over.into_iter().for_each(|submission| drop(submission.buffers));
     }
 
-    /// Allocates device memory. If there is not enough, waits for finished submissions to release theirs and tries
-    /// again.
+    /// Allocates device memory. If there is not enough, waits until submissions release theirs and tries again.
     pub(super) fn allocate(
         &self,
         name: &str,

@@ -73,8 +73,7 @@ fn create_instance(
     if options.validation {
         extensions.push(ext::debug_utils::NAME.as_ptr());
     }
-    // Without this extension, loaders hide devices that lack parts of Vulkan, such as MoltenVK's; none of those parts
-    // is needed.
+    // Without it, loaders hide devices that lack parts of Vulkan, such as MoltenVK's; none of these parts is needed.
     // SAFETY: the entry is loaded.
     let offered = unsafe { entry.enumerate_instance_extension_properties(None) };
     let offered = offered.map_err(GpuError::vulkan("listing instance extensions"))?;

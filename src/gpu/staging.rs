@@ -42,7 +42,7 @@ pub fn download<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     download_from(gpu, buffer, 0, len)
 }
 
-/// As [`download`], but `len` elements from element `first` on; only these are copied.
+/// The same as [`download`] for `len` elements from element `first` on; only these are copied.
 pub fn download_from<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     gpu: &Arc<Gpu>,
     buffer: &Buffer<T>,

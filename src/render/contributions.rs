@@ -58,7 +58,7 @@ impl ContributionRenderer {
         Self::with_renderer(gpu, Renderer::new(gpu)?, cloud)
     }
 
-    /// As [`ContributionRenderer::new`], with the renderer's variant and capacities.
+    /// The same as [`ContributionRenderer::new`], with the renderer's variant and capacities.
     ///
     /// # Errors
     /// The same errors as [`ContributionRenderer::new`].

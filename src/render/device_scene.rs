@@ -30,7 +30,7 @@ pub struct SceneCounts {
     pub background: usize,
     /// SH degree of the background.
     pub background_sh_degree: u32,
-    /// Rows of every parameter: [of templates, of the background], or [of offsets, 0].
+    /// Rows of every parameter: `[of templates, of the background]`, or `[of offsets, 0]`.
     pub rows: ParameterSet<Rows>,
 }
 
@@ -82,9 +82,8 @@ impl DeviceScene {
         Self::with_bounds(gpu, scene, chunk_size, Bounds::Tight)
     }
 
-    /// The same as [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move every step.
-    /// Only the device moves its instances, so [`DeviceScene::place_instances`] and [`DeviceScene::show_instances`] are
-    /// errors.
+    /// The same as [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move at every step.
+    /// Only the device moves its instances: [`DeviceScene::place_instances`] and [`DeviceScene::show_instances`] fail.
     pub fn unbounded(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         Self::with_bounds(gpu, scene, chunk_size, Bounds::Everywhere)
     }

@@ -9,8 +9,7 @@ use super::error::RenderError;
 use super::picture::Picture;
 use super::renderer::Renderer;
 
-/// Host-visible memory for one picture. With several of these, several read-backs are in flight; each reuses its
-/// memory.
+/// Host-visible memory for one picture, reused for the next; several of these allow several read-backs in flight.
 pub struct Readback {
     gpu: Arc<Gpu>,
     recorder: Recorder,

@@ -33,7 +33,7 @@ pub enum CameraError {
     /// A side of the image is 0 or too long.
     #[error("camera {name}: size {width}x{height} is not within 1..={MAX_IMAGE_SIDE}")]
     Size {
-        /// The camera's name.
+        /// Name of the camera at fault.
         name: String,
         /// Image width in pixels.
         width: u32,
@@ -43,13 +43,13 @@ pub enum CameraError {
     /// A focal length is not positive, or an intrinsic parameter is too large or not finite.
     #[error("camera {name}: fx and fy must be positive, and all of fx, fy, cx, cy below 1e9")]
     Intrinsics {
-        /// The camera's name.
+        /// Name of the camera at fault.
         name: String,
     },
     /// The pose is not a finite rotation and translation.
     #[error("camera {name}: view_from_world is not a rigid transform")]
     Pose {
-        /// The camera's name.
+        /// Name of the camera at fault.
         name: String,
     },
 }

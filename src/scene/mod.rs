@@ -1,4 +1,4 @@
-//! L1: plain CPU data, independent of file formats and of the GPU.
+//! The scene as plain CPU data, independent of file formats and of the GPU.
 
 pub mod camera;
 pub mod edit;

@@ -1,7 +1,7 @@
-//! The one list of the arrays that training may change. Upload, download, gradients, Adam's moments, Adam, checkpoints,
-//! densification and sizes in bytes go through it, so that a new array is one more line here, its values on the host
-//! ([`Offsets::arrays`] for one of offsets), and the kernels that use it. `render::ParameterBuffers` has a typed buffer for
-//! every line.
+//! The list of the arrays that training may change. Upload, download, gradients, Adam's moments, Adam, checkpoints,
+//! densification and sizes in bytes are generated from it: a new array is one line here, its values on the host
+//! ([`Offsets::arrays`] if it is one of offsets), and the kernels that use it. `render::ParameterBuffers` has a typed
+//! buffer for every line.
 
 use std::borrow::Cow;
 use std::ops::{Index, IndexMut};
@@ -9,10 +9,10 @@ use std::ops::{Index, IndexMut};
 use super::gaussians::{Gaussians, sh_coefficients};
 use super::instanced_scene::InstancedScene;
 
-/// Whose values an array holds: what has a row of it.
+/// The elements that an array has rows for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
-    /// Every source Gaussian: those of the templates, then those of the background.
+    /// Every source Gaussian: first those of the templates, then those of the background.
     Source,
     /// Every source Gaussian of the clouds whose SH degree is at least this band.
     ShBand(u32),
@@ -27,24 +27,24 @@ pub enum Owner {
 macro_rules! for_parameters {
     ($callback:ident) => {
         $callback! {
-            /// Source means.
+            /// Means of source Gaussians, scene units.
             Means means: [f32; 3], "means", Owner::Source, 3;
             /// Source quaternions wxyz, not normalised.
             Quats quats: [f32; 4], "quats", Owner::Source, 4;
-            /// Source log standard deviations.
+            /// Logarithms of the standard deviations of source Gaussians.
             LogScales log_scales: [f32; 3], "log_scales", Owner::Source, 3;
-            /// Source opacity logits.
+            /// Opacity logits of source Gaussians.
             OpacityLogits opacity_logits: f32, "opacity_logits", Owner::Source, 1;
             /// SH band 0: one coefficient per source Gaussian.
             Sh0 sh0: [f32; 3], "sh_band_0", Owner::ShBand(0), 3;
             /// SH band 1: three coefficients per source Gaussian of the clouds that have it (`Instance::first_in_band`).
-            /// Bands are apart because one binding is at most 128 MiB on some drivers.
+            /// Bands are separate because some drivers limit a binding to 128 MiB.
             Sh1 sh1: [f32; 3], "sh_band_1", Owner::ShBand(1), 9;
             /// SH band 2: five coefficients per source Gaussian of the clouds that have it.
             Sh2 sh2: [f32; 3], "sh_band_2", Owner::ShBand(2), 15;
             /// SH band 3: seven coefficients per source Gaussian of the clouds that have it.
             Sh3 sh3: [f32; 3], "sh_band_3", Owner::ShBand(3), 21;
-            /// Offsets of means, in the template's frame.
+            /// Offsets of means, template frame, template units.
             OffsetMeans offset_means: [f32; 3], "offset_means", Owner::Offset, 3;
             /// Offsets of SH coefficient 0.
             OffsetShDc offset_sh_dc: [f32; 3], "offset_sh_dc", Owner::Offset, 3;
@@ -75,12 +75,12 @@ macro_rules! parameter_enum {
             /// Every array once, in the order of checkpoints.
             pub const ALL: [Self; [$($width),*].len()] = [$(Self::$variant),*];
 
-            /// The name of its tensor in checkpoints, after `parameter.` or `moment.`.
+            /// Name of its tensor in checkpoints, after `parameter.` or `moment.`.
             pub const fn name(self) -> &'static str {
                 match self { $(Self::$variant => $name,)* }
             }
 
-            /// What has a row of it.
+            /// The elements that have a row of it.
             pub const fn owner(self) -> Owner {
                 match self { $(Self::$variant => $owner,)* }
             }
@@ -104,38 +104,38 @@ for_parameters!(parameter_enum);
 pub struct ParameterSet<T>(pub [T; Parameter::ALL.len()]);
 
 impl<T> ParameterSet<T> {
-    /// The values that `of` gives.
+    /// Calls `of` for every parameter.
     pub fn from_fn(of: impl FnMut(Parameter) -> T) -> Self {
         Self(Parameter::ALL.map(of))
     }
 
-    /// The values that `of` gives.
+    /// Calls `of` for every parameter.
     ///
     /// # Errors
-    /// The first one that it returns.
+    /// The first error that `of` returns.
     pub fn try_from_fn<E>(of: impl FnMut(Parameter) -> Result<T, E>) -> Result<Self, E> {
         let values = Parameter::ALL.into_iter().map(of).collect::<Result<Vec<T>, E>>()?;
         let values: Result<[T; Parameter::ALL.len()], _> = values.try_into();
         Ok(Self(values.unwrap_or_else(|_| unreachable!("one value per parameter"))))
     }
 
-    /// References to the values.
+    /// Every parameter with a reference to its value.
     pub fn iter(&self) -> impl Iterator<Item = (Parameter, &T)> {
         Parameter::ALL.into_iter().zip(&self.0)
     }
 
-    /// Mutable references to the values.
+    /// Every parameter with a mutable reference to its value.
     pub fn iter_mut(&mut self) -> impl Iterator<Item = (Parameter, &mut T)> {
         Parameter::ALL.into_iter().zip(&mut self.0)
     }
 
-    /// Each value with that of the same parameter in `others`.
+    /// Every parameter with its value in each of two sets.
     pub fn zip<U>(self, others: ParameterSet<U>) -> impl Iterator<Item = (Parameter, T, U)> {
         let values = self.0.into_iter().zip(others.0);
         Parameter::ALL.into_iter().zip(values).map(|(parameter, (value, other))| (parameter, value, other))
     }
 
-    /// References to the values as a set, for [`ParameterSet::zip`].
+    /// A set of mutable references to the values, for [`ParameterSet::zip`].
     pub fn each_mut(&mut self) -> ParameterSet<&mut T> {
         ParameterSet(self.0.each_mut())
     }
@@ -167,7 +167,7 @@ impl<T> IndexMut<Parameter> for ParameterSet<T> {
     }
 }
 
-/// Rows of an array in two groups, one after the other: of templates and background, or all in the first.
+/// Numbers of rows of an array in two consecutive groups: `[of templates, of background]`, or `[all, 0]`.
 pub type Rows = [usize; 2];
 
 /// A row of an array on the host: one or several f32.
@@ -175,21 +175,21 @@ pub trait FloatRow: bytemuck::Pod {}
 impl FloatRow for f32 {}
 impl<const N: usize> FloatRow for [f32; N] where [f32; N]: bytemuck::Pod {}
 
-/// An array on the host as plain numbers, whatever the width of its rows.
+/// An array on the host as flat f32, whatever the width of its rows.
 pub trait FloatArray {
-    /// All numbers, row by row.
+    /// The numbers of all rows.
     fn flat(&self) -> &[f32];
 
-    /// Appends whole rows; an incomplete last one is left out.
+    /// Appends whole rows; an incomplete last row is dropped.
     fn extend_flat(&mut self, values: &[f32]);
 
-    /// Appends a copy of rows that it has, or so many rows of zeros.
+    /// Appends `rows` rows: copies of its rows from `source` on, or zeros.
     fn append_rows(&mut self, source: Option<usize>, rows: usize);
 
-    /// Makes room for so many more rows, or says that there is none.
+    /// Reserves memory for `rows` more rows, or fails if there is not enough.
     fn try_reserve_rows(&mut self, rows: usize) -> Result<(), std::collections::TryReserveError>;
 
-    /// Removes all rows.
+    /// Removes all rows of the array.
     fn clear_rows(&mut self);
 }
 
@@ -220,7 +220,7 @@ impl<R: FloatRow> FloatArray for Vec<R> {
 }
 
 impl Gaussians {
-    /// The numbers of a parameter of source Gaussians, row by row; none of a band above the cloud's degree.
+    /// The numbers of a parameter of source Gaussians, row by row; empty for a band above the cloud's degree.
     pub fn parameter(&self, parameter: Parameter) -> Cow<'_, [f32]> {
         match parameter {
             Parameter::Means => self.means.flat().into(),
@@ -268,7 +268,7 @@ fn band_of(l: u32) -> std::ops::Range<usize> {
 }
 
 impl InstancedScene {
-    /// Rows of every parameter.
+    /// Numbers of rows of every parameter.
     pub fn parameter_rows(&self) -> ParameterSet<Rows> {
         let clouds = [&self.templates, &self.background];
         ParameterSet::from_fn(|parameter| match parameter.owner() {
@@ -296,7 +296,7 @@ impl InstancedScene {
         }
     }
 
-    /// Replaces the numbers of a parameter by those of so many rows; SH degrees stay as they are.
+    /// Replaces the numbers of a parameter, of which there are `rows` rows; SH degrees stay unchanged.
     pub fn set_parameter(&mut self, parameter: Parameter, rows: Rows, values: &[f32]) {
         match parameter.owner() {
             Owner::Source | Owner::ShBand(_) => {
@@ -319,7 +319,7 @@ impl InstancedScene {
 mod tests {
     use super::*;
 
-    /// Two clouds of different degrees, and offsets of which some are absent; every number is another one.
+    /// Two clouds of different degrees, and offsets of which some are absent; all numbers are distinct.
     fn scene() -> InstancedScene {
         let mut next = 0.0;
         let mut numbers = |count: usize| -> Vec<f32> {

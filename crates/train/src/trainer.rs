@@ -147,7 +147,7 @@ pub fn train(
     let job = &TrainJob { config: job.config.own_phase(), ..job.clone() };
     let first_step = start.step;
     let log = open_log(job, first_step, observer)?;
-    let mut told = LogAndObserver { log, observer };
+    let mut sink = LogAndObserver { log, observer };
     let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
     let mut stages = vec![StageTime::since("load", load)];
     run.clock.reported.0 = first_step;

@@ -156,41 +156,41 @@ pub enum EditReason {
     /// The edit is for one instance, and the selector names several.
     #[error("{which} is {count} instances, and this is for one")]
     Several {
-        /// What was given.
+        /// The selector that was given.
         which: Selector,
-        /// Instances that it names.
+        /// Number of instances that it selects.
         count: usize,
     },
     /// The scene has no such template.
     #[error("there is no template {template}: {}", templates_text(.count))]
     NoTemplate {
-        /// What was given.
+        /// The template that was given.
         template: u32,
-        /// Templates of the scene.
+        /// Number of templates of the scene.
         count: usize,
     },
-    /// Another template has some of the same Gaussians, and would change too.
+    /// Another template shares some of the Gaussians, and would change too.
     #[error("template {other} has some of the same Gaussians as template {template}")]
     SharedTemplate {
-        /// What was given.
+        /// The template that was given.
         template: u32,
-        /// The other one.
+        /// The template that shares Gaussians with it.
         other: usize,
     },
-    /// Nothing would be left of a template.
+    /// The edit would leave no Gaussian in a template.
     #[error("all {count} Gaussians of template {template} would go; delete its instances instead")]
     EmptyTemplate {
-        /// What was given.
+        /// The template that was given.
         template: u32,
-        /// Its Gaussians.
+        /// Number of its Gaussians.
         count: usize,
     },
-    /// An instance's new transform cannot be held by files and the device.
+    /// An instance's new transform cannot be stored in files or on the device.
     #[error("the transform of instance {instance} {error} then")]
     Transform {
         /// Index of the instance.
         instance: usize,
-        /// What is wrong with it.
+        /// The reason why the transform is invalid.
         error: SimilarityError,
     },
     /// The scene would have more offset records than it can have, or than memory holds.
@@ -202,15 +202,15 @@ pub enum EditReason {
     /// The instance whose offsets are asked for has none.
     #[error("instance {which} has no offsets")]
     NoOffsets {
-        /// The instance.
+        /// The selector of the instance.
         which: Selector,
     },
     /// The offsets that are asked for belong to another template's Gaussians.
     #[error("offsets of instance {which} are for template {has}, not {wanted}")]
     OtherOffsets {
-        /// The instance.
+        /// The selector of the instance.
         which: Selector,
-        /// Its template.
+        /// Template of that instance.
         has: u32,
         /// The template of the new instances.
         wanted: u32,
@@ -226,13 +226,13 @@ pub enum EditReason {
 }
 
 impl EditReason {
-    /// A value of the edit that is not usable, and what is wanted.
+    /// An error about a value of the edit, with what is allowed.
     fn value(what: impl Into<String>) -> Self {
         Self::Value(what.into())
     }
 }
 
-/// Which templates a scene of so many has.
+/// The valid template indices of a scene with `count` templates.
 fn templates_text(count: &usize) -> String {
     match *count {
         0 => "the scene has none".into(),

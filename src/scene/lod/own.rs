@@ -49,7 +49,7 @@ impl OwnCloud {
     /// The offsets of one level, which is `range` of `templates`: from the template's merged Gaussians to the
     /// instance's, so that their sum equals merging the instance itself. If shapes have no offsets (or only scales or
     /// only rotations do, which cannot express a merged shape), the template's shapes are used, and opacities refer to
-    /// those.
+    /// those shapes.
     pub(super) fn level(
         &self,
         scene: &InstancedScene,
