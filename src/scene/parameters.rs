@@ -1,6 +1,6 @@
 //! The list of the arrays that training may change. Upload, download, gradients, Adam's moments, Adam, checkpoints,
 //! densification and sizes in bytes are generated from it: a new array is one line here, its values on the host
-//! ([`Offsets::arrays`] if it is one of offsets), and the kernels that use it. `render::ParameterBuffers` has a typed
+//! (`Offsets::arrays` if it is one of offsets), and the kernels that use it. `render::ParameterBuffers` has a typed
 //! buffer for every line.
 
 use std::borrow::Cow;
