@@ -3,6 +3,7 @@
 use instgs_io::IoError;
 use instgs_vk::gpu::GpuError;
 use instgs_vk::render::RenderError;
+use instgs_vk::scene::edit::EditError;
 
 /// Why the player stopped or a command failed.
 #[derive(Debug, thiserror::Error)]
@@ -44,6 +45,35 @@ impl PlayerError {
         match self {
             Self::Gpu(gpu) | Self::Render(RenderError::Gpu(gpu)) => Some(gpu),
             _ => None,
+        }
+    }
+}
+
+/// Why an edit, an undo or a redo was not carried out. After [`ChangeError::Rejected`] and [`ChangeError::Reverted`]
+/// the viewer goes on with the scene as it was; after [`ChangeError::Failed`] it cannot.
+#[derive(Debug, thiserror::Error)]
+pub enum ChangeError {
+    /// The edit is not possible in this scene.
+    #[error(transparent)]
+    Rejected(EditError),
+    /// The device refused the changed scene, for instance for lack of memory, and the change was reverted.
+    #[error(transparent)]
+    Reverted(PlayerError),
+    /// The device is lost, or refused the reverted scene as well.
+    #[error(transparent)]
+    Failed(#[from] PlayerError),
+}
+
+impl ChangeError {
+    /// The text for the user if the viewer goes on.
+    ///
+    /// # Errors
+    /// The error in [`ChangeError::Failed`].
+    pub fn notice(self) -> Result<String, PlayerError> {
+        match self {
+            Self::Rejected(error) => Ok(error.to_string()),
+            Self::Reverted(error) => Ok(error.to_string()),
+            Self::Failed(error) => Err(error),
         }
     }
 }

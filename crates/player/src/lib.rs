@@ -53,5 +53,5 @@ pub mod ui_painter;
 pub mod views;
 pub mod window;
 
-pub use error::PlayerError;
+pub use error::{ChangeError, PlayerError};
 pub use scene_viewer::{SceneViewer, ViewerOptions};

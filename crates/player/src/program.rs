@@ -17,7 +17,7 @@ use instgs_console::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, exit_code, parse};
 use instgs_io::json::as_map;
-use instgs_io::{IoError, LoadedScene, load_scene, read_boxes, read_views};
+use instgs_io::{IoError, LoadedScene, Place, load_scene, read_boxes, read_views};
 use instgs_vk::math::statistics::{Percentiles, median};
 use instgs_vk::render::FrameStats;
 use instgs_vk::scene::trajectory::Orbit;
@@ -136,7 +136,8 @@ fn parse_budget(text: &str) -> Result<f64, String> {
 fn script(path: Option<&Path>) -> Result<VecDeque<Step>, CliError> {
     let Some(path) = path else { return Ok(VecDeque::new()) };
     let text = std::fs::read_to_string(path).map_err(|e| IoError::new(path, e.to_string()))?;
-    script::parse(&text, path.parent().unwrap_or(Path::new(""))).map_err(|e| IoError::new(path, e).into())
+    script::parse(&text, path.parent().unwrap_or(Path::new("")))
+        .map_err(|e| IoError::new(path, e.reason.to_string()).at(Place::Line(e.line)).into())
 }
 
 #[derive(serde::Serialize)]
@@ -248,7 +249,7 @@ fn window_job(
     let (options, path_cameras) = (stage_options(args, scene)?, path_cameras(args, scene, cameras));
     Ok(WindowJob {
         path: args.scene.clone(),
-        scene: loaded.map(|loaded| (loaded.scene, loaded.file_bytes)).map_err(|error| error.to_string()),
+        scene: loaded.map(|loaded| (loaded.scene, loaded.file_bytes)),
         options,
         antialias: args.look.antialias(),
         cameras: cameras.to_vec(),

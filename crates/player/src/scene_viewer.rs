@@ -18,7 +18,7 @@ use instgs_vk::scene::edit::{Edit, EditOutcome};
 use instgs_vk::scene::{Camera, Instance, InstancedScene};
 
 use super::editor::{Changed, Editor};
-use super::error::PlayerError;
+use super::error::{ChangeError, PlayerError};
 
 /// How frames are rendered.
 #[derive(Clone, Copy, Debug, Default)]
@@ -426,24 +426,25 @@ impl SceneViewer {
         done.map_or(Ok(false), |changed| self.follow(&changed).map(|()| true))
     }
 
-    /// Applies an edit to the scene and the device. The inner error says why it cannot be applied; the scene is then
-    /// unchanged.
-    pub fn edit(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
+    /// Applies an edit to the scene and the device.
+    ///
+    /// # Errors
+    /// The edit is not possible, or the device refuses the changed scene; see [`ChangeError`].
+    pub fn edit(&mut self, edit: &Edit) -> Result<EditOutcome, ChangeError> {
         let unsaved = self.editor.is_unsaved();
-        match self.editor.apply(&mut self.scene, edit) {
-            Ok((outcome, changed)) => {
-                let refused = self.follow_or(&changed, |editor, scene| editor.refuse(scene, unsaved))?;
-                Ok(refused.map_or(Ok(outcome), Err))
-            }
-            Err(error) => Ok(Err(error.to_string())),
-        }
+        let (outcome, changed) = self.editor.apply(&mut self.scene, edit).map_err(ChangeError::Rejected)?;
+        self.follow_or(&changed, |editor, scene| editor.refuse(scene, unsaved))?;
+        Ok(outcome)
     }
 
     /// Applies an edit in place of the previous one of a drag; see [`Editor::apply_live`].
-    pub fn edit_live(&mut self, edit: &Edit) -> Result<Result<EditOutcome, String>, PlayerError> {
+    ///
+    /// # Errors
+    /// The same errors as [`SceneViewer::edit`]; the previous edit of the drag is reverted as well.
+    pub fn edit_live(&mut self, edit: &Edit) -> Result<EditOutcome, ChangeError> {
         let (outcome, changed) = self.editor.apply_live(&mut self.scene, edit);
-        let refused = self.follow_or(&changed, |editor, scene| drop(editor.cancel(scene)))?;
-        Ok(refused.map_or(outcome.map_err(|error| error.to_string()), Err))
+        self.follow_or(&changed, |editor, scene| drop(editor.cancel(scene)))?;
+        outcome.map_err(ChangeError::Rejected)
     }
 
     /// Reverts the change in progress, in the scene and on the device.
@@ -452,23 +453,28 @@ impl SceneViewer {
         self.follow(&changed)
     }
 
-    /// Undoes the last edit; false if there is none. The inner error says why the device refuses it; nothing changes
-    /// then.
-    pub fn undo(&mut self) -> Result<Result<bool, String>, PlayerError> {
+    /// Undoes the last edit; false if there is none.
+    ///
+    /// # Errors
+    /// The device refuses the changed scene: [`ChangeError::Reverted`] or [`ChangeError::Failed`].
+    pub fn undo(&mut self) -> Result<bool, ChangeError> {
         self.step(false)
     }
 
-    /// Redoes the edit that was undone last; false if there is none. The inner error is that of [`SceneViewer::undo`].
-    pub fn redo(&mut self) -> Result<Result<bool, String>, PlayerError> {
+    /// Redoes the edit that was undone last; false if there is none.
+    ///
+    /// # Errors
+    /// The same errors as [`SceneViewer::undo`].
+    pub fn redo(&mut self) -> Result<bool, ChangeError> {
         self.step(true)
     }
 
-    fn step(&mut self, redo: bool) -> Result<Result<bool, String>, PlayerError> {
+    fn step(&mut self, redo: bool) -> Result<bool, ChangeError> {
         let unsaved = self.editor.is_unsaved();
         let done = if redo { self.editor.redo(&mut self.scene) } else { self.editor.undo(&mut self.scene) };
-        let Some(changed) = done else { return Ok(Ok(false)) };
-        let refused = self.follow_or(&changed, |editor, scene| editor.refuse_step(scene, redo, unsaved))?;
-        Ok(refused.map_or(Ok(true), Err))
+        let Some(changed) = done else { return Ok(false) };
+        self.follow_or(&changed, |editor, scene| editor.refuse_step(scene, redo, unsaved))?;
+        Ok(true)
     }
 
     /// Saves the scene as `.instgs`.
@@ -489,20 +495,20 @@ impl SceneViewer {
         Ok(())
     }
 
-    /// Like [`SceneViewer::follow`], but a change that the device has no memory for is reverted with `take_back`, and a
-    /// notice says why.
+    /// Like [`SceneViewer::follow`], but a change that the device refuses without being lost is reverted with
+    /// `take_back`.
     fn follow_or(
         &mut self,
         changed: &Changed,
         take_back: impl FnOnce(&mut Editor, &mut InstancedScene),
-    ) -> Result<Option<String>, PlayerError> {
+    ) -> Result<(), ChangeError> {
         match self.follow(changed) {
             Err(error) if !error.is_lost() => {
                 take_back(&mut self.editor, &mut self.scene);
                 self.upload()?;
-                Ok(Some(error.to_string()))
+                Err(ChangeError::Reverted(error))
             }
-            done => done.map(|()| None),
+            done => Ok(done?),
         }
     }
 

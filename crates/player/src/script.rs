@@ -80,22 +80,58 @@ pub enum Step {
     Quit,
 }
 
+/// Why a script cannot be played.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("line {line}: {reason}")]
+pub struct ScriptError {
+    /// The number of the bad line, counted from 1.
+    pub line: u64,
+    /// What is wrong with the line.
+    pub reason: ScriptReason,
+}
+
+/// What is wrong with a line of a script. Each variant holds the bad words.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ScriptReason {
+    /// The line's first word is unknown, or the number of words after it is wrong.
+    #[error("{0:?} is not a script step")]
+    Step(String),
+    /// A modifier before a key is unknown.
+    #[error("{0:?} is neither ctrl nor shift")]
+    Modifier(String),
+    /// The name of a key is unknown.
+    #[error("{0:?} is not a key; examples: KeyW, Digit1, ArrowLeft, F12")]
+    Key(String),
+    /// The name of a mouse button is unknown.
+    #[error("{0:?} is not a button: left, right or middle")]
+    Button(String),
+    /// A position or a number of wheel steps is not a finite number.
+    #[error("{0:?} is not a number")]
+    Number(String),
+    /// A number of frames is not a whole number or too large.
+    #[error("{0:?} is not a number from 0 to 1000000")]
+    Count(String),
+    /// A side length of the window is not a whole number or out of range.
+    #[error("{0:?} is not a size from 1 to 16384")]
+    Size(String),
+}
+
 /// Parses a script; relative paths in it are relative to `folder`.
 ///
 /// # Errors
-/// A message of one line: the number of the bad line and what is wrong with it.
-pub fn parse(text: &str, folder: &Path) -> Result<VecDeque<Step>, String> {
+/// The first line that is not a step.
+pub fn parse(text: &str, folder: &Path) -> Result<VecDeque<Step>, ScriptError> {
     let mut steps = VecDeque::new();
-    for (k, line) in text.lines().enumerate() {
-        let words: Vec<&str> = line.split('#').next().unwrap_or_default().split_whitespace().collect();
+    for (line, words) in (1..).zip(text.lines()) {
+        let words: Vec<&str> = words.split('#').next().unwrap_or_default().split_whitespace().collect();
         let Some((&what, rest)) = words.split_first() else { continue };
-        let of_line = of_line(what, rest, folder).map_err(|reason| format!("line {}: {reason}", k + 1))?;
+        let of_line = of_line(what, rest, folder).map_err(|reason| ScriptError { line, reason })?;
         steps.extend(of_line);
     }
     Ok(steps)
 }
 
-fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, String> {
+fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, ScriptReason> {
     Ok(match (what, rest) {
         ("size", [width, height]) => vec![Step::Size([side(width)?, side(height)?])],
         ("pointer", [x, y]) => vec![Step::Pointer([number(x)?, number(y)?])],
@@ -127,7 +163,7 @@ fn of_line(what: &str, rest: &[&str], folder: &Path) -> Result<Vec<Step>, String
         ("drop", [path]) => vec![Step::Drop(folder.join(path))],
         ("close", []) => vec![Step::Close],
         ("quit", []) => vec![Step::Quit],
-        _ => return Err(format!("{:?} is not a script step", [&[what], rest].concat().join(" "))),
+        _ => return Err(ScriptReason::Step([&[what], rest].concat().join(" "))),
     })
 }
 
@@ -141,45 +177,41 @@ fn drag(button: Button, from: [f64; 2], to: [f64; 2]) -> Vec<Step> {
     steps
 }
 
-fn key(keys: &str) -> Result<Step, String> {
+fn key(keys: &str) -> Result<Step, ScriptReason> {
     let mut held: Vec<&str> = keys.split('+').collect();
     let code = key_code(held.pop().unwrap_or_default())?;
     if let Some(other) = held.iter().find(|&&h| h != "ctrl" && h != "shift") {
-        return Err(format!("{other:?} is neither ctrl nor shift"));
+        return Err(ScriptReason::Modifier((*other).to_owned()));
     }
     Ok(Step::Key { code, control: held.contains(&"ctrl"), shift: held.contains(&"shift") })
 }
 
-fn key_code(name: &str) -> Result<KeyCode, String> {
+fn key_code(name: &str) -> Result<KeyCode, ScriptReason> {
     let name_only: StrDeserializer<'_, Error> = name.into_deserializer();
-    KeyCode::deserialize(name_only)
-        .map_err(|_| format!("{name:?} is not a key; examples: KeyW, Digit1, ArrowLeft, F12"))
+    KeyCode::deserialize(name_only).map_err(|_| ScriptReason::Key(name.to_owned()))
 }
 
-fn button_of(name: &str) -> Result<Button, String> {
+fn button_of(name: &str) -> Result<Button, ScriptReason> {
     Ok(match name {
         "left" => Button::Left,
         "right" => Button::Right,
         "middle" => Button::Middle,
-        _ => return Err(format!("{name:?} is not a button: left, right or middle")),
+        _ => return Err(ScriptReason::Button(name.to_owned())),
     })
 }
 
-fn number(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| format!("{text:?} is not a number"))
+fn number(text: &str) -> Result<f64, ScriptReason> {
+    text.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| ScriptReason::Number(text.to_owned()))
 }
 
 /// A number of frames, at most a million as for `--frames`.
-fn count(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|n| *n <= 1_000_000).ok_or_else(|| format!("{text:?} is not a number from 0 to 1000000"))
+fn count(text: &str) -> Result<usize, ScriptReason> {
+    text.parse().ok().filter(|n| *n <= 1_000_000).ok_or_else(|| ScriptReason::Count(text.to_owned()))
 }
 
 /// A side length in pixels, at most 16384, which every device can draw.
-fn side(text: &str) -> Result<u32, String> {
-    text.parse()
-        .ok()
-        .filter(|n| (1..=16384).contains(n))
-        .ok_or_else(|| format!("{text:?} is not a size from 1 to 16384"))
+fn side(text: &str) -> Result<u32, ScriptReason> {
+    text.parse().ok().filter(|n| (1..=16384).contains(n)).ok_or_else(|| ScriptReason::Size(text.to_owned()))
 }
 
 #[cfg(test)]
@@ -228,8 +260,10 @@ mod tests {
             ("frames -1", ["line 1", "-1"]),
             ("size 0 4", ["line 1", "\"0\""]),
         ] {
-            let error = parse(text, Path::new("")).unwrap_err();
+            let error = parse(text, Path::new("")).unwrap_err().to_string();
             assert!(words.iter().all(|word| error.contains(word)), "{error}");
         }
+        let error = parse("frames 2\nhold Foo 3", Path::new("")).unwrap_err();
+        assert_eq!(error, ScriptError { line: 2, reason: ScriptReason::Key("Foo".into()) });
     }
 }

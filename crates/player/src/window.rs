@@ -11,6 +11,7 @@ use winit::window::WindowId;
 
 use crate::swapchain::{PresentMode, Target};
 use crate::ui_painter::UiFrame;
+use instgs_io::IoError;
 use instgs_vk::gpu::DeviceChoice;
 use instgs_vk::scene::{Boxes, Camera, InstancedScene};
 
@@ -46,7 +47,7 @@ pub struct WindowJob {
     /// Path of the scene's file.
     pub path: PathBuf,
     /// The scene and its file size in bytes; else the error that the window displays.
-    pub scene: Result<(InstancedScene, u64), String>,
+    pub scene: Result<(InstancedScene, u64), IoError>,
     /// How frames are rendered.
     pub options: ViewerOptions,
     /// Opacity compensation for small splats; `None` = the scene's own setting.

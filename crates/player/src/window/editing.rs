@@ -6,7 +6,7 @@ use glam::DVec3;
 use winit::keyboard::KeyCode;
 
 use super::Live;
-use crate::error::PlayerError;
+use crate::error::{ChangeError, PlayerError};
 use crate::gizmo::{Drag, Gizmo, GizmoMode, Handle};
 use crate::hud_edit::{Action, EditFacts, EditPanel};
 use instgs_vk::scene::Camera;
@@ -165,8 +165,8 @@ impl Live {
                 let moves = !self.input.controls.holds_still();
                 let motion = moves.then(|| drag.motion(&self.handle_camera(), self.pointer_points())).flatten();
                 if let (Some(motion), Some(which)) = (motion, self.session.viewer.editor().selector()) {
-                    let done = self.session.viewer.edit_live(&motion.edit(which))?;
-                    self.said(done);
+                    let done = self.session.viewer.edit_live(&motion.edit(which));
+                    self.show_outcome(done)?;
                 }
                 self.input.editing.grip = Some(Grip::Handle(drag));
             }
@@ -197,16 +197,15 @@ impl Live {
         }
         let (template, radius) = (stroke.template, self.input.editing.panel.brush.radius);
         let erase = |centres: &[DVec3]| Edit::Erase { template, centres: centres.to_vec(), radius };
-        let done = self.session.viewer.edit_live(&erase(&stroke.centres))?;
-        if done.is_err() {
+        let done = self.session.viewer.edit_live(&erase(&stroke.centres));
+        if let Err(ChangeError::Rejected(_) | ChangeError::Reverted(_)) = done {
             // The template would be empty: keeps what was erased before.
             stroke.centres.truncate(before);
             if before > 0 {
-                self.session.viewer.edit_live(&erase(&stroke.centres))?.ok();
+                notice_of(self.session.viewer.edit_live(&erase(&stroke.centres)))?;
             }
         }
-        self.said(done);
-        Ok(())
+        self.show_outcome(done)
     }
 
     /// Completes the drag as one change; false if there was none.
@@ -233,17 +232,17 @@ impl Live {
         for action in actions {
             match action {
                 Action::Edit(edit) => {
-                    let done = self.session.viewer.edit(&edit)?;
-                    self.said(done);
+                    let done = self.session.viewer.edit(&edit);
+                    self.show_outcome(done)?;
                 }
                 Action::Live(edit) => {
-                    let done = self.session.viewer.edit_live(&edit)?;
-                    self.said(done);
+                    let done = self.session.viewer.edit_live(&edit);
+                    self.show_outcome(done)?;
                 }
                 Action::Finish => self.session.viewer.editor_mut().finish(),
                 Action::Cancel => self.session.viewer.cancel_live()?,
-                Action::Undo => self.hud.message = self.session.viewer.undo()?.err(),
-                Action::Redo => self.hud.message = self.session.viewer.redo()?.err(),
+                Action::Undo => self.hud.message = notice_of(self.session.viewer.undo())?,
+                Action::Redo => self.hud.message = notice_of(self.session.viewer.redo())?,
                 Action::Hide => drop(self.session.viewer.hide_chosen()?),
                 Action::ShowAll => drop(self.session.viewer.show_all()?),
                 Action::ChooseAlike => {
@@ -293,13 +292,14 @@ impl Live {
         });
     }
 
-    /// Displays the error or the warnings of an edit.
-    fn said(&mut self, done: Result<EditOutcome, String>) {
-        match done {
-            Ok(outcome) => self.hud.message = outcome.warnings.into_iter().next(),
-            Err(reason) => self.hud.message = Some(reason),
-        }
+    /// Displays why an edit was not carried out, or its first warning.
+    fn show_outcome(&mut self, done: Result<EditOutcome, ChangeError>) -> Result<(), PlayerError> {
+        self.hud.message = match done {
+            Ok(outcome) => outcome.warnings.into_iter().next(),
+            Err(error) => Some(error.notice()?),
+        };
         self.input.warned = None;
+        Ok(())
     }
 
     /// Handles keys that change the scene; false for other keys.
@@ -312,9 +312,9 @@ impl Live {
                 self.let_go()?;
             }
             let done = match code {
-                KeyCode::KeyZ if self.input.controls.shift => self.session.viewer.redo()?,
-                KeyCode::KeyZ => self.session.viewer.undo()?,
-                KeyCode::KeyY => self.session.viewer.redo()?,
+                KeyCode::KeyZ if self.input.controls.shift => self.session.viewer.redo(),
+                KeyCode::KeyZ => self.session.viewer.undo(),
+                KeyCode::KeyY => self.session.viewer.redo(),
                 KeyCode::KeyS => {
                     self.save(&self.session.save_path());
                     Ok(true)
@@ -336,7 +336,7 @@ impl Live {
                     let nothing = if code == KeyCode::KeyH { "hide or show" } else { "undo or redo" };
                     self.hud.message = Some(format!("there is nothing to {nothing}"));
                 }
-                Err(reason) => self.hud.message = Some(reason),
+                Err(error) => self.hud.message = Some(error.notice()?),
             }
             if code != KeyCode::KeyD {
                 return Ok(true);
@@ -364,8 +364,8 @@ impl Live {
             },
         };
         self.let_go()?;
-        let done = self.session.viewer.edit(&edit)?;
-        self.said(done);
+        let done = self.session.viewer.edit(&edit);
+        self.show_outcome(done)?;
         Ok(true)
     }
 
@@ -384,4 +384,9 @@ impl Live {
             Err(error) => error.to_string(),
         });
     }
+}
+
+/// The notice about a change that was not carried out; `None` if it was.
+fn notice_of<T>(done: Result<T, ChangeError>) -> Result<Option<String>, PlayerError> {
+    done.err().map(ChangeError::notice).transpose()
 }

@@ -21,7 +21,7 @@ use crate::scene_viewer::SceneViewer;
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
 use crate::views::View;
-use instgs_io::load_scene;
+use instgs_io::{IoError, load_scene};
 use instgs_vk::gpu::{Gpu, GpuOptions};
 use instgs_vk::render::Show;
 use instgs_vk::scene::InstancedScene;
@@ -62,7 +62,7 @@ impl Live {
             playback: Playback { script: std::mem::take(&mut job.script), waited: 0 },
         };
         live.input.controls.per_point = live.screen.window.scale_factor();
-        let scene = std::mem::replace(&mut job.scene, Err(String::new()));
+        let scene = std::mem::replace(&mut job.scene, Ok((InstancedScene::default(), 0)));
         live.take_scene(scene, job)?;
         live.check_mode(job.mode);
         if let Some((path, boxes)) = job.boxes.take() {
@@ -94,13 +94,13 @@ impl Live {
     /// Shows a scene, or displays why there is none.
     pub(super) fn take_scene(
         &mut self,
-        scene: Result<(InstancedScene, u64), String>,
+        scene: Result<(InstancedScene, u64), IoError>,
         job: &WindowJob,
     ) -> Result<(), PlayerError> {
         let (scene, bytes) = match scene {
             Ok(scene) => scene,
-            Err(reason) => {
-                self.hud.message = Some(reason);
+            Err(error) => {
+                self.hud.message = Some(error.to_string());
                 return Ok(());
             }
         };
@@ -134,7 +134,7 @@ impl Live {
 
     /// Opens a file that was dropped on the window; errors are displayed in the window.
     pub(super) fn open_file(&mut self, path: &Path, job: &WindowJob) -> Result<(), PlayerError> {
-        let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes)).map_err(|e| e.to_string());
+        let loaded = load_scene(path).map(|loaded| (loaded.scene, loaded.file_bytes));
         if loaded.is_ok() {
             self.session.title = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
             self.session.path = path.to_path_buf();
