@@ -11,7 +11,7 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 use crate::error::{IoError, Place};
 use crate::read_bytes;
 use crate::scene_pack::{CHANNELS, OffsetRanges, segments};
-use crate::scene_small::{SUFFIX, small_shape, small_values};
+use crate::scene_small::{SUFFIX, TableError, small_shape, small_values};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, TemplateRange};
@@ -135,12 +135,13 @@ impl<'a> Reader<'a> {
 
     fn floats(&mut self, name: &str, inner: &[usize], rows: Option<usize>) -> Result<Vec<f32>, IoError> {
         if let Some((coded, view)) = self.take_small(name)? {
-            let fail = |what: String| self.error(&coded, what);
+            let fail = |error: TableError| self.error(&coded, error.to_string());
             let (has_rows, width) = small_shape(view.data()).map_err(fail)?;
             let want = inner.iter().product::<usize>();
             if width != want || rows.is_some_and(|rows| rows != has_rows) {
                 let rows = rows.map_or("N".into(), |rows| rows.to_string());
-                return Err(fail(format!("has {has_rows} rows of {width} numbers, not {rows} of {want}")));
+                let what = format!("has {has_rows} rows of {width} numbers, not {rows} of {want}");
+                return Err(self.error(&coded, what));
             }
             return small_values(view.data(), name.ends_with(".quats")).map_err(fail);
         }
@@ -192,7 +193,8 @@ impl<'a> Reader<'a> {
         let n = Some(means.len());
         let coefficients = match self.left.get(&coded[4]) {
             Some(view) => {
-                let (rows, width) = small_shape(view.data()).map_err(|what| self.error(&coded[4], what))?;
+                let (rows, width) =
+                    small_shape(view.data()).map_err(|error| self.error(&coded[4], error.to_string()))?;
                 Some(vec![rows, width / 3, if width % 3 == 0 { 3 } else { 0 }])
             }
             None => self.left.get(&sh).map(|t| t.shape().to_vec()),

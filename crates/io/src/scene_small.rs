@@ -14,6 +14,7 @@
 //! against 124 as f16. Finer SH steps (0.01) gain 0.02 dB for 6 more bytes, coarser ones (0.04) lose 0.1 dB.
 
 use crate::scene_pack::floats;
+pub use crate::step_columns::TableError;
 use crate::step_columns::{Shape, decode, encode};
 use instgs_vk::math::morton::morton_order;
 use instgs_vk::scene::gaussians::Gaussians;
@@ -69,22 +70,22 @@ pub fn small_tensors(cloud: &Gaussians) -> std::io::Result<Vec<(String, ForeignT
 /// The number of rows of a coded tensor, and of values per row.
 ///
 /// # Errors
-/// The text says what is wrong with the table.
-pub fn small_shape(coded: &[u8]) -> Result<(usize, usize), String> {
+/// There is no header, or its counts are impossible.
+pub fn small_shape(coded: &[u8]) -> Result<(usize, usize), TableError> {
     Shape::of(coded).map(|shape| (shape.rows, shape.width))
 }
 
 /// The values of a coded tensor, row by row; if `is_quats`, they are decoded to quaternions.
 ///
 /// # Errors
-/// The text says what is wrong with the table.
-pub fn small_values(coded: &[u8], is_quats: bool) -> Result<Vec<f32>, String> {
+/// The bytes are not a whole table, a rotation is invalid, or the values do not fit host memory.
+pub fn small_values(coded: &[u8], is_quats: bool) -> Result<Vec<f32>, TableError> {
     let values = decode(coded)?;
     if !is_quats {
         return Ok(values);
     }
     let quats: Option<Vec<[f32; 4]>> = values.as_chunks::<4>().0.iter().map(whole_quat).collect();
-    quats.map(|quats| quats.as_flattened().to_vec()).ok_or_else(|| "has an invalid rotation".into())
+    quats.map(|quats| quats.as_flattened().to_vec()).ok_or(TableError::Rotation)
 }
 
 /// The cloud in Morton order: neighbours in the file are neighbours in space, as small blocks of positions require.

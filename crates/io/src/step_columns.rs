@@ -29,6 +29,61 @@ const MOST_ROWS_PER_BYTE: u64 = 1 << 16;
 /// Bytes per block: lowest value and step.
 const BLOCK_BYTES: u64 = 12;
 
+/// Why the bytes of a coded table cannot be decoded.
+#[derive(Debug, thiserror::Error)]
+pub enum TableError {
+    /// There are fewer bytes than a header has.
+    #[error("has {bytes} bytes, too few for a header")]
+    NoHeader {
+        /// The number of bytes.
+        bytes: usize,
+    },
+    /// The header has a count that is zero, or too large for the bytes after it.
+    #[error("claims {rows} rows of {width} numbers in blocks of {block_rows}")]
+    Counts {
+        /// The number of rows.
+        rows: u64,
+        /// The number of values per row.
+        width: u32,
+        /// The number of rows per block.
+        block_rows: u32,
+    },
+    /// zstd cannot decompress the bytes.
+    #[error("is damaged: {0}")]
+    Damaged(std::io::Error),
+    /// There are fewer values than the header claims.
+    #[error("ends too early")]
+    TooShort,
+    /// There are bytes after the last value.
+    #[error("has bytes beyond its end")]
+    TooLong,
+    /// A step is not finite.
+    #[error("has a step of {0}")]
+    Step(f32),
+    /// A column has more than two bytes per value.
+    #[error("has {bytes} bytes per value in column {column}")]
+    ValueBytes {
+        /// The number of bytes per value.
+        bytes: u8,
+        /// Index of the column.
+        column: usize,
+    },
+    /// The values would take more host memory than is available.
+    #[error("claims values of {} MiB, but {} MiB of memory are available", need >> 20, have >> 20)]
+    NoMemory {
+        /// Memory of the values, bytes.
+        need: u64,
+        /// Available memory, bytes.
+        have: u64,
+    },
+    /// Allocating the values failed.
+    #[error("takes too much memory: {0}")]
+    Allocation(std::collections::TryReserveError),
+    /// A row of a table of rotations is not a coded quaternion.
+    #[error("has an invalid rotation")]
+    Rotation,
+}
+
 /// The header of a coded table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Shape {
@@ -41,10 +96,10 @@ impl Shape {
     /// Parses the header of a coded table.
     ///
     /// # Errors
-    /// The text says what is wrong with it.
-    pub(super) fn of(coded: &[u8]) -> Result<Self, String> {
+    /// There is no header, or its counts are impossible.
+    pub(super) fn of(coded: &[u8]) -> Result<Self, TableError> {
         let Some((header, packed)) = coded.split_first_chunk::<HEADER_BYTES>() else {
-            return Err(format!("has {} bytes, too few for a header", coded.len()));
+            return Err(TableError::NoHeader { bytes: coded.len() });
         };
         let word = |at: usize| header[at..].first_chunk::<4>().map_or(0, |b| u32::from_le_bytes(*b));
         let rows = u64::from(word(0)) | u64::from(word(4)) << 32;
@@ -54,7 +109,7 @@ impl Shape {
             || block_rows == 0
             || width > u32::from(u16::MAX)
         {
-            return Err(format!("claims {rows} rows of {width} numbers in blocks of {block_rows}"));
+            return Err(TableError::Counts { rows, width, block_rows });
         }
         Ok(Self { rows: rows as usize, width: width as usize, block_rows: block_rows as usize })
     }
@@ -100,33 +155,32 @@ pub(super) fn encode(
 /// Decodes the output of [`encode`] to values, row by row.
 ///
 /// # Errors
-/// The text says what is wrong with the bytes.
-pub(super) fn decode(coded: &[u8]) -> Result<Vec<f32>, String> {
+/// The bytes are not a whole table, or its values do not fit host memory.
+pub(super) fn decode(coded: &[u8]) -> Result<Vec<f32>, TableError> {
     let shape = Shape::of(coded)?;
-    let mut stream =
-        zstd::stream::read::Decoder::with_buffer(&coded[HEADER_BYTES..]).map_err(|e| format!("is damaged: {e}"))?;
+    let mut stream = zstd::stream::read::Decoder::with_buffer(&coded[HEADER_BYTES..]).map_err(TableError::Damaged)?;
     // Buffers grow with the actual output, whatever the header claims.
     let mut read = |bytes: u64| {
         let mut out = Vec::new();
-        let read = stream.by_ref().take(bytes).read_to_end(&mut out).map_err(|e| format!("is damaged: {e}"))?;
-        if read as u64 == bytes { Ok(out) } else { Err("ends too early".to_owned()) }
+        let read = stream.by_ref().take(bytes).read_to_end(&mut out).map_err(TableError::Damaged)?;
+        if read as u64 == bytes { Ok(out) } else { Err(TableError::TooShort) }
     };
     let table = read(shape.table_bytes())?;
     let (blocks, bytes) = table.split_at(table.len() - shape.width);
     let blocks: Vec<Block> = blocks.chunks_exact(BLOCK_BYTES as usize).map(Block::read).collect();
     if let Some(block) = blocks.iter().find(|block| !block.step.is_finite()) {
-        return Err(format!("has a step of {}", block.step));
+        return Err(TableError::Step(block.step));
     }
     let need = shape.rows as u64 * shape.width as u64 * size_of::<f32>() as u64;
     if let Some(have) = available_bytes().filter(|&have| need > have) {
-        return Err(format!("claims values of {} MiB, but {} MiB of memory are available", need >> 20, have >> 20));
+        return Err(TableError::NoMemory { need, have });
     }
     let mut values = Vec::new();
-    values.try_reserve_exact(shape.rows * shape.width).map_err(|e| format!("takes too much memory: {e}"))?;
+    values.try_reserve_exact(shape.rows * shape.width).map_err(TableError::Allocation)?;
     values.resize(shape.rows * shape.width, 0.0);
     for (c, &bytes) in bytes.iter().enumerate() {
         if bytes > 2 {
-            return Err(format!("has {bytes} bytes per value in column {c}"));
+            return Err(TableError::ValueBytes { bytes, column: c });
         }
         let planes = read(u64::from(bytes) * shape.rows as u64)?;
         let (low, high) = planes.split_at(if bytes == 0 { 0 } else { shape.rows });
@@ -141,8 +195,8 @@ pub(super) fn decode(coded: &[u8]) -> Result<Vec<f32>, String> {
     let mut more = [0];
     match stream.read(&mut more) {
         Ok(0) => Ok(values),
-        Ok(_) => Err("has bytes beyond its end".into()),
-        Err(e) => Err(format!("is damaged: {e}")),
+        Ok(_) => Err(TableError::TooLong),
+        Err(e) => Err(TableError::Damaged(e)),
     }
 }
 

@@ -10,10 +10,23 @@ use instgs_synth::dataset::{ObjectCount, RECIPES};
 
 /// Why a list cannot be used; one line for the user.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: {what}", path = path.display())]
-pub struct ListError {
-    path: PathBuf,
-    what: String,
+pub enum ListError {
+    /// The list's file cannot be read, or what it says cannot be run.
+    #[error("{path}: {what}", path = path.display())]
+    File {
+        /// Path of the list.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// The list has no size with this name.
+    #[error("the list has no size {name}; it has {}", sizes.join(", "))]
+    Size {
+        /// The name that was asked for.
+        name: String,
+        /// The names of the list's sizes.
+        sizes: Vec<String>,
+    },
 }
 
 /// A list of scenes, with the sizes at which it can be run.
@@ -153,7 +166,7 @@ impl SceneList {
     /// # Errors
     /// A file that cannot be read, is not TOML or has unknown keys; impossible scenes; scenes with the same name.
     pub fn read(path: &Path) -> Result<Self, ListError> {
-        let fail = |what: String| ListError { path: path.into(), what };
+        let fail = |what: String| ListError::File { path: path.into(), what };
         let bytes = read_bytes(path).map_err(|e| fail(format!("cannot be read: {e}")))?;
         let text = String::from_utf8(bytes).map_err(|_| fail("is not UTF-8 text".into()))?;
         let list: Self = toml::from_str(&text).map_err(|e| {
@@ -200,12 +213,10 @@ impl SceneList {
     /// The size with the given name.
     ///
     /// # Errors
-    /// There is none; the text is one line for the user.
-    pub fn size(&self, name: &str) -> Result<&Size, String> {
-        self.sizes.get(name).ok_or_else(|| {
-            let names: Vec<&str> = self.sizes.keys().map(String::as_str).collect();
-            format!("the list has no size {name}; it has {}", names.join(", "))
-        })
+    /// The list has none of this name.
+    pub fn size(&self, name: &str) -> Result<&Size, ListError> {
+        let missing = || ListError::Size { name: name.into(), sizes: self.sizes.keys().cloned().collect() };
+        self.sizes.get(name).ok_or_else(missing)
     }
 
     /// All scenes as single jobs; `folder` is that of the list.
@@ -302,7 +313,7 @@ name = "none"
         assert_eq!(jobs.iter().map(|j| j.more_steps).collect::<Vec<_>>(), [Some(5), Some(5), Some(7), Some(5)]);
         assert_eq!((&jobs[3].source, jobs[2].part), (&Source::Folder("at/../room".into()), Part::Scaling));
         assert_eq!(jobs[3].set, ["steps=10", "width=64", "steps=20"]);
-        assert!(list.size("large").is_err_and(|e| e.contains("small")));
+        assert!(list.size("large").is_err_and(|e| e.to_string() == "the list has no size large; it has small"));
         Ok(())
     }
 
