@@ -1,7 +1,7 @@
 //! Masks from a prompt against PyTorch and transformers, on tiny models with random weights
 //! (`tools/models/make_mask_model_fixtures.py`).
 
-use instgs_detect::boxes::{DetectOptions, Detection, Detections, RawDetections, decode};
+use instgs_detect::boxes::{DecodeError, DetectOptions, Detection, Detections, RawDetections, decode};
 use instgs_detect::image_input::{ModelImage, detector_image, segmenter_image};
 use instgs_detect::mask_logits::best_of;
 use instgs_detect::models::DetectorModel;
@@ -153,7 +153,7 @@ fn check_labels(
     case: &Case,
     order: &[usize],
     prompt: &Prompt,
-    decode: impl Fn(&DetectOptions) -> Result<Detections, String>,
+    decode: impl Fn(&DetectOptions) -> Result<Detections, DecodeError>,
     all: &[Detection],
 ) -> Outcome {
     let pieces = |label: &str| label.replace("##", "").replace(['.', ' '], "");
