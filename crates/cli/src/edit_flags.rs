@@ -367,7 +367,7 @@ mod tests {
             ("--move 3 by=1,2,3 to=1,2,3", "want either by"),
             ("--move 3 by=1,2,3 by=1,2,3", "by is given twice"),
             ("--move 3 up=1", "want either by"),
-            ("--delete 3 scene.instgs", "does not know what to do with \"scene.instgs\""),
+            ("--delete 3 scene.instgs", "unexpected word \"scene.instgs\""),
             ("--delete 3 by=1", "--delete: has no by"),
             ("--delete chair", "names no instance"),
             ("--scale 3", "by=... is missing"),

@@ -154,7 +154,7 @@ pub enum EditReason {
     #[error("{0}")]
     NoInstance(String),
     /// The edit is for one instance, and the selector names several.
-    #[error("{which} is {count} instances, and this is for one")]
+    #[error("{which} selects {count} instances, but this edit takes one")]
     Several {
         /// The selector that was given.
         which: Selector,
@@ -170,7 +170,7 @@ pub enum EditReason {
         count: usize,
     },
     /// Another template shares some of the Gaussians, and would change too.
-    #[error("template {other} has some of the same Gaussians as template {template}")]
+    #[error("template {other} shares Gaussians with template {template}")]
     SharedTemplate {
         /// The template that was given.
         template: u32,
@@ -178,7 +178,7 @@ pub enum EditReason {
         other: usize,
     },
     /// The edit would leave no Gaussian in a template.
-    #[error("all {count} Gaussians of template {template} would go; delete its instances instead")]
+    #[error("all {count} Gaussians of template {template} would be removed; delete its instances instead")]
     EmptyTemplate {
         /// The template that was given.
         template: u32,
@@ -186,7 +186,7 @@ pub enum EditReason {
         count: usize,
     },
     /// An instance's new transform cannot be stored in files or on the device.
-    #[error("the transform of instance {instance} {error} then")]
+    #[error("the new transform of instance {instance} {error}")]
     Transform {
         /// Index of the instance.
         instance: usize,

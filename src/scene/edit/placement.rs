@@ -92,7 +92,7 @@ pub(super) fn rotate(scene: &mut InstancedScene, which: &Selector, turn: Turn) -
 
 pub(super) fn scale(scene: &mut InstancedScene, which: &Selector, by: f64) -> Result<EditOutcome, EditReason> {
     if !(by.is_finite() && by > 0.0) {
-        return Err(EditReason::value(format!("{by} is no scale: want a number above 0")));
+        return Err(EditReason::value(format!("{by} is not a scale: want a number above 0")));
     }
     place(scene, which, |placement, centre| mapped_about(placement, centre, DMat3::from_diagonal(DVec3::splat(by))))
 }

@@ -13,7 +13,7 @@ const LARGEST_SHIFT: f32 = 1e6;
 pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 3]) -> Result<EditOutcome, EditReason> {
     if !rgb.iter().all(|v| v.abs() <= LARGEST_SHIFT) {
         return Err(EditReason::value(format!(
-            "{rgb:?} is no colour shift: want three numbers, of which 1 is from black to white"
+            "{rgb:?} is not a colour shift: want three numbers, 1 being the difference of black and white"
         )));
     }
     // Colour is SH_C0 times the coefficient plus a constant.

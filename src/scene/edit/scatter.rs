@@ -94,7 +94,7 @@ pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<E
     existing_template(scene, scatter.template)?;
     let total = scene.instances.len() as u64 + scatter.count as u64;
     if scatter.count == 0 || total > MOST_INSTANCES {
-        return Err(EditReason::value(format!("{} is no count of instances", scatter.count)));
+        return Err(EditReason::value(format!("{} is not a valid number of instances", scatter.count)));
     }
     let source = offset_source(scene, scatter)?;
     let placements = placements(scene, scatter)?;

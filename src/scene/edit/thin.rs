@@ -40,7 +40,7 @@ pub(super) fn erase(
     radius: f64,
 ) -> Result<EditOutcome, EditReason> {
     if !(radius.is_finite() && radius > 0.0) {
-        return Err(EditReason::value(format!("{radius} is no radius: want a number above 0")));
+        return Err(EditReason::value(format!("{radius} is not a radius: want a number above 0")));
     }
     if centres.is_empty() || !centres.iter().all(|centre| centre.is_finite()) {
         return Err(EditReason::value("want one or more points of finite numbers"));
