@@ -109,7 +109,7 @@ mod tests {
             options.check().err().map(|e| e.to_string()).unwrap_or_default()
         };
         assert_eq!(with(&|_| {}), "");
-        assert_eq!(with(&|o| o.box_threshold = 1.5), "--box-threshold: is 1.5, and must be from 0 to 1");
+        assert_eq!(with(&|o| o.box_threshold = 1.5), "--box-threshold: is 1.5, but must be from 0 to 1");
         assert!(with(&|o| o.text_threshold = -0.1).starts_with("--text-threshold"));
         assert!(with(&|o| o.overlap = f64::NAN).starts_with("--overlap"));
     }

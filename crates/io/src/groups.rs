@@ -295,7 +295,8 @@ mod tests {
         score[0].score = Some(f64::NAN);
         let mut flat = sample();
         flat[1].instances[0].world_from_template = pose(0.0, 0.0, 1.0);
-        for (groups, want) in [(twice, "template_id 0 too"), (score, "score NaN"), (flat, "(id 2) world_from_template")]
+        for (groups, want) in
+            [(twice, "same template_id 0"), (score, "score NaN"), (flat, "(id 2) world_from_template")]
         {
             let text = write_groups(&folder, &groups).err().map(|e| e.to_string()).unwrap_or_default();
             assert!(text.contains(want), "{text}");

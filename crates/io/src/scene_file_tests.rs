@@ -63,7 +63,7 @@ fn errors_name_the_tensor_and_the_reason() {
         bytes: vec![3; shape.iter().product()],
     };
     let lone = text(changed(|t, _| drop(t.insert("offset.range".into(), floats(&[3, 7, 2], &[0.0; 42])))));
-    assert!(lone.contains("offset.range: is there, but no"), "{lone}");
+    assert!(lone.contains("offset.range: is present, but no"), "{lone}");
     let bare = text(changed(|t, _| drop(t.insert("offset.sh_dc".into(), bytes(&[8, 3])))));
     assert!(bare.contains("offset.range: is missing"), "{bare}");
     let ranges = text(changed(|t, _| {

@@ -103,7 +103,7 @@ mod tests {
     #[test]
     fn ctrl_c_asks_first_and_kills_then() -> std::io::Result<()> {
         let output = std::process::Command::new(std::env::current_exe()?)
-            .args(["--exact", "train::interrupt::tests::interrupted_child", "--nocapture"])
+            .args(["--exact", "interrupt::tests::interrupted_child", "--nocapture"])
             .env(CHILD, "1")
             .output()?;
         assert_eq!(output.status.code(), Some(EXIT_CODE), "{}", String::from_utf8_lossy(&output.stderr));

@@ -69,7 +69,7 @@ fn buttons_and_rows_ask_for_what_they_say() {
         ("find the rest (F)", BoxAction::Find),
         ("other sizes too (O)", BoxAction::OtherSizes(true)),
         ("x", BoxAction::Remove(2)),
-        ("2: no name, like 1", BoxAction::Choose(1)),
+        ("2: no category, like 1", BoxAction::Choose(1)),
         ("turn", BoxAction::Mode(GizmoMode::Turn)),
         ("save", BoxAction::Save("x.boxes.json".into())),
     ] {

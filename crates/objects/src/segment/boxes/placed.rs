@@ -166,7 +166,7 @@ mod tests {
         assert_eq!(bounds, [[0.0, 5.0, 25.0, 25.0], [49.5, 24.5, 50.0, 25.0]]);
         assert_eq!((placed.by_view[1].len(), placed.by_object().len()), (0, 1));
         assert!(notes[0].contains("view a") && notes[0].contains("object 9"), "{notes:?}");
-        assert!(notes[1].contains("1 boxes are of 1 views") && notes[1].contains("none"), "{notes:?}");
+        assert!(notes[1].contains("1 boxes belong to 1 views") && notes[1].contains("none"), "{notes:?}");
     }
 
     /// What the lens draws inwards moves outwards again.

@@ -110,7 +110,7 @@ fn objects_are_found_in_the_masks_of_a_bad_segmenter() {
         assert_eq!(sorted, (0..8).map(|object| vec![object]).collect::<Vec<_>>(), "seed {seed}: {truth:?}");
         assert!(found.report.undersegmented > 5, "{:?}", found.report);
         let told = found.report.warning().unwrap();
-        assert!(told.contains("joined to 8 objects") && told.contains("masks of several"), "{told}");
+        assert!(told.contains("merged into 8 objects") && told.contains("masks of several"), "{told}");
         assert_eq!(table.consensus(&ConsensusOptions::default()), found, "repeated");
     }
 }
