@@ -1,6 +1,6 @@
 //! `--pack small`: stores a cloud in about a fifth of the bytes of f16.
 //!
-//! Each tensor `NAME` of a cloud becomes the U8 tensor `NAME.small`, a coded table ([`super::step_columns`]):
+//! Each tensor `NAME` of a cloud becomes the U8 tensor `NAME.small`, a coded table (`step_columns.rs`):
 //!
 //! - positions in blocks of 256 Gaussians that are neighbours in space; the step is 1/16 of the 10th percentile of the
 //!   block's Gaussian sizes (geometric mean of the three standard deviations);

@@ -152,7 +152,7 @@ fn segment_px(a: DVec3, b: DVec3, camera: &Camera) -> Option<[[f64; 2]; 2]> {
     Some([camera.pixel_of(clipped(a, b))?, camera.pixel_of(clipped(b, a))?])
 }
 
-/// The box with the edge nearest to the pointer, within [`REACH_PX`].
+/// The box with the edge nearest to the pointer, within `REACH_PX`.
 pub fn box_at_edge<'a>(boxes: impl Iterator<Item = &'a ObjectBox>, camera: &Camera, at_px: [f64; 2]) -> Option<usize> {
     let far = |object: &ObjectBox| {
         let of = edges_px(object, camera).into_iter().map(|edge| distance_to_line(at_px, &edge));

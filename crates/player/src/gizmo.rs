@@ -141,7 +141,7 @@ impl Gizmo {
         self.handles().into_iter().filter_map(of).collect()
     }
 
-    /// The nearest handle within [`REACH_PX`] of the pointer.
+    /// The nearest handle within `REACH_PX` of the pointer.
     pub fn handle_at(&self, at_px: [f64; 2]) -> Option<Handle> {
         let inside = (0..2).all(|k| (at_px[k] - self.centre_px[k]).abs() <= SQUARE_PX);
         if self.mode == GizmoMode::Move && inside {

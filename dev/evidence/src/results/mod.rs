@@ -1,4 +1,4 @@
-//! Evidence for the method: the comparison of [`super::comparison`] over a list of scenes, as tables and plots. The
+//! Evidence for the method: the comparison of [`crate::protocol`] over a list of scenes, as tables and plots. The
 //! command `instgs-vk tables` runs it; this module has the list, the results of a scene, and the tables and plots.
 
 pub mod label_truth;

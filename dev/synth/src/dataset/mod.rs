@@ -68,7 +68,7 @@ impl Default for Options {
     }
 }
 
-/// Result of [`write`].
+/// Result of [`write()`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Truth {
     /// All cameras in order of their names.
