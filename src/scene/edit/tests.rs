@@ -131,7 +131,7 @@ fn selectors_name_instances_and_errors_what_exists() {
         assert!(bad.parse::<Selector>().is_err(), "{bad}");
     }
     let to = Edit::MoveTo { which: which("group:chair"), to: DVec3::ZERO };
-    assert!(apply(&mut scene.clone(), &to).unwrap_err().to_string().contains("is 4 instances"));
+    assert!(apply(&mut scene.clone(), &to).unwrap_err().to_string().contains("selects 4 instances"));
 }
 
 #[test]
