@@ -63,12 +63,15 @@ impl BufferMemory {
         self.last_ticket.fetch_max(ticket.0, Ordering::SeqCst);
     }
 
-    /// Host address of the first byte, once no submission uses the buffer any more; `None` if it is not host-visible.
+    /// Host address of the first byte, once no submission uses the buffer any more; `None` if it is not
+    /// host-visible, or the wait failed.
     fn mapped_when_idle(&self) -> Option<NonNull<u8>> {
         let mapped = self.allocation.as_ref()?.mapped_ptr()?;
-        // A lost device returns an error here; it no longer touches the memory either.
-        let _ = self.gpu.wait(Ticket(self.last_ticket.load(Ordering::SeqCst)));
-        Some(mapped.cast())
+        match self.gpu.wait_for(Ticket(self.last_ticket.load(Ordering::SeqCst))) {
+            // A lost device no longer touches the memory either.
+            Ok(()) | Err(vk::Result::ERROR_DEVICE_LOST) => Some(mapped.cast()),
+            Err(_) => None,
+        }
     }
 }
 

@@ -83,7 +83,8 @@ impl DeviceCaps {
             shared_memory_bytes: core.limits.max_compute_shared_memory_size,
             // Buffers are padded to multiples of 32 bytes and bound as a whole.
             max_storage_bytes: u64::from(core.limits.max_storage_buffer_range) / 32 * 32,
-            max_workgroup_count: core.limits.max_compute_work_group_count[0],
+            max_workgroup_count: core.limits.max_compute_work_group_count[0]
+                .min(core.limits.max_compute_work_group_count[1]),
             max_storage_buffers: core.limits.max_per_stage_descriptor_storage_buffers,
             timestamp_period_ns: core.limits.timestamp_period,
             is_llvmpipe,

@@ -113,6 +113,16 @@ impl Recorder {
         }
     }
 
+    /// Releases the buffers of a recording in a command buffer of the caller's, if it has finished.
+    pub(crate) fn release_callers(&mut self) {
+        if let (Some(Submitted::Callers(ticket)), Some(callers)) = (self.submitted, &self.callers)
+            && callers.is_over(ticket)
+        {
+            self.kept.clear();
+            self.submitted = None;
+        }
+    }
+
     /// Releases the buffers of a recording in a command buffer of the caller's.
     ///
     /// # Safety

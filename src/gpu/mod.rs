@@ -12,6 +12,7 @@ pub mod barrier;
 pub mod buffer;
 pub mod caps;
 pub mod context;
+mod descriptors;
 pub mod device;
 pub mod error;
 pub mod external;

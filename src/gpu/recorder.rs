@@ -8,6 +8,7 @@ use ash::vk;
 use super::barrier::{Access, Barrier, HazardTracker};
 use super::buffer::{Buffer, BufferMemory};
 use super::context::Gpu;
+use super::descriptors::DescriptorSets;
 use super::error::GpuError;
 use super::interface::{BindingSet as _, Kernel, MOST_BINDINGS};
 use super::pipeline::Pipeline;
@@ -59,9 +60,7 @@ pub struct Recorder {
     pub(super) own: vk::CommandBuffer,
     /// The command buffer in use: `own`, or one of the caller's.
     pub(super) commands: vk::CommandBuffer,
-    descriptor_pools: Vec<vk::DescriptorPool>,
-    /// Index of the pool in use, and the number of sets taken from it.
-    descriptor_cursor: (usize, u32),
+    descriptors: DescriptorSets,
     hazards: HazardTracker,
     profiler: Option<Profiler>,
     /// Slot i is set before pass i begins. After a device loss the last set slot names the culprit, or a pass soon
@@ -73,18 +72,13 @@ pub struct Recorder {
     number: u64,
     /// Buffers that commands of this recording use, each once. Those of a recording in a command buffer of the caller's
     /// stay until it has finished.
-    kept: Vec<Arc<BufferMemory>>,
+    pub(super) kept: Vec<Arc<BufferMemory>>,
     /// Accesses of the coming command; a field to reuse its memory.
     pub(super) accesses: Vec<(vk::Buffer, Access)>,
     pub(super) submitted: Option<Submitted>,
     /// Timeline that submissions of the caller's signal.
     pub(super) callers: Option<Timeline>,
 }
-
-/// Descriptor sets per pool; a frame uses about 60.
-const SETS_PER_POOL: u32 = 128;
-/// Storage buffers of all sets of a pool, each set being of the kernel with the most bindings.
-const POOL_BUFFERS: u32 = SETS_PER_POOL * MOST_BINDINGS as u32;
 
 impl Recorder {
     /// A recorder without timestamps.
@@ -98,8 +92,7 @@ impl Recorder {
             pool,
             own: vk::CommandBuffer::null(),
             commands: vk::CommandBuffer::null(),
-            descriptor_pools: Vec::new(),
-            descriptor_cursor: (0, 0),
+            descriptors: DescriptorSets::default(),
             hazards: HazardTracker::default(),
             profiler: None,
             markers,
@@ -158,12 +151,8 @@ impl Recorder {
     pub(super) fn start(&mut self) -> Result<(), GpuError> {
         self.submitted = None;
         self.kept.clear();
-        for &pool in &self.descriptor_pools {
-            // SAFETY: no submission uses sets of the pool any more.
-            unsafe { self.gpu.device.reset_descriptor_pool(pool, vk::DescriptorPoolResetFlags::empty()) }
-                .map_err(GpuError::vulkan("descriptor pool"))?;
-        }
-        self.descriptor_cursor = (0, 0);
+        // SAFETY: no submission uses the sets any more.
+        unsafe { self.descriptors.reset(&self.gpu.device) }?;
         self.marked.clear();
         if let Some(markers) = self.markers.mapped_mut() {
             markers.fill(0);
@@ -293,7 +282,7 @@ impl Recorder {
             self.keep(args, name)?;
         }
         self.order();
-        let set = self.descriptor_set(pipeline.set_layout)?;
+        let set = self.descriptors.allocate(&self.gpu.device, pipeline.set_layout)?;
         let mut writes = [vk::WriteDescriptorSet::default(); MOST_BINDINGS];
         for (write, (binding, info)) in writes.iter_mut().zip(&bound[..count]) {
             *write = vk::WriteDescriptorSet::default()
@@ -471,30 +460,6 @@ impl Recorder {
         // SAFETY: the command buffer is recording and the array lives through the call.
         unsafe { self.gpu.device.cmd_pipeline_barrier2(self.commands, &info) };
     }
-
-    fn descriptor_set(&mut self, layout: vk::DescriptorSetLayout) -> Result<vk::DescriptorSet, GpuError> {
-        let (pool_index, used) = self.descriptor_cursor;
-        let pool_index = if used == SETS_PER_POOL { pool_index + 1 } else { pool_index };
-        let used = if used == SETS_PER_POOL { 0 } else { used };
-        if pool_index == self.descriptor_pools.len() {
-            self.descriptor_pools.push(create_descriptor_pool(&self.gpu)?);
-        }
-        self.descriptor_cursor = (pool_index, used + 1);
-        let layouts = [layout];
-        let info = vk::DescriptorSetAllocateInfo::default()
-            .descriptor_pool(self.descriptor_pools[pool_index])
-            .set_layouts(&layouts);
-        // SAFETY: the pool has room for SETS_PER_POOL sets of up to MOST_BINDINGS buffers, which no kernel exceeds.
-        let sets = unsafe { self.gpu.device.allocate_descriptor_sets(&info) };
-        Ok(sets.map_err(GpuError::vulkan("descriptor set"))?[0])
-    }
-}
-
-fn create_descriptor_pool(gpu: &Gpu) -> Result<vk::DescriptorPool, GpuError> {
-    let sizes = [vk::DescriptorPoolSize { ty: vk::DescriptorType::STORAGE_BUFFER, descriptor_count: POOL_BUFFERS }];
-    let info = vk::DescriptorPoolCreateInfo::default().max_sets(SETS_PER_POOL).pool_sizes(&sizes);
-    // SAFETY: the sizes live through the call.
-    unsafe { gpu.device.create_descriptor_pool(&info, None) }.map_err(GpuError::vulkan("descriptor pool"))
 }
 
 /// Makes device writes visible to the host after the wait.
@@ -521,11 +486,11 @@ impl Drop for Recorder {
             mem::forget((self.profiler.take(), self.callers.take(), self.gpu.clone()));
             return;
         }
+        // Before the device, of which `self.gpu` may hold the last reference.
+        drop(self.callers.take());
         // SAFETY: the device has finished everything recorded here.
         unsafe {
-            for &pool in &self.descriptor_pools {
-                self.gpu.device.destroy_descriptor_pool(pool, None);
-            }
+            self.descriptors.destroy(&self.gpu.device);
             self.gpu.device.destroy_command_pool(self.pool, None);
         }
     }
@@ -583,13 +548,6 @@ mod tests {
         let mut recorder = Recorder::new(&gpu).unwrap();
         let refused = recorder.fill(&mut buffer, 1);
         assert!(matches!(refused, Err(GpuError::Recording { .. })), "{refused:?}");
-    }
-
-    /// The allocation of descriptor sets relies on this.
-    #[test]
-    fn a_pool_has_room_for_its_sets_of_any_kernel() {
-        let most = crate::gpu::interface::ALL_SHADERS.iter().map(|shader| shader.bindings.len()).max();
-        assert!(POOL_BUFFERS as usize >= SETS_PER_POOL as usize * most.unwrap());
     }
 
     /// The tests' check for silence can fail: a write after a write without a barrier is reported.

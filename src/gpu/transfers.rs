@@ -37,16 +37,7 @@ impl Recorder {
     ) -> Result<(), GpuError> {
         let fits = bytes <= source.bytes() && bytes <= target.bytes();
         assert!(fits, "{} to {}: {bytes} bytes", source.name(), target.name());
-        self.begin()?;
-        self.keep(source.inner(), "copy")?;
-        self.keep(target.inner(), "copy")?;
-        self.accesses.clear();
-        self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
-        self.order();
-        let regions = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
-        // SAFETY: recording; both buffers hold at least `bytes` bytes (asserted) and are kept.
-        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
-        Ok(())
+        self.copy_region(source, target, vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes })
     }
 
     /// Fills the target with the elements of the source from element `first` on.
@@ -61,15 +52,24 @@ impl Recorder {
     ) -> Result<(), GpuError> {
         let (offset, bytes) = ((first * size_of::<T>()) as u64, target.bytes());
         assert!(offset + bytes <= source.bytes(), "{}: {bytes} bytes from element {first}", source.name());
+        self.copy_region(source, target, vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes })
+    }
+
+    /// Copies a region that both buffers hold.
+    fn copy_region<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+        target: &mut Buffer<T>,
+        region: vk::BufferCopy,
+    ) -> Result<(), GpuError> {
         self.begin()?;
         self.keep(source.inner(), "copy")?;
         self.keep(target.inner(), "copy")?;
         self.accesses.clear();
         self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
         self.order();
-        let regions = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
-        // SAFETY: recording; the source holds the region (asserted), which is as long as the target, and both are kept.
-        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &regions) };
+        // SAFETY: recording; both buffers hold the region (the callers assert it) and are kept.
+        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &[region]) };
         Ok(())
     }
 

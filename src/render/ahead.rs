@@ -9,15 +9,17 @@ use std::sync::Arc;
 
 use crate::gpu::interface::constants::*;
 use crate::gpu::timeline::Ticket;
-use crate::gpu::{Buffer, Gpu, Recorder};
+use crate::gpu::{Gpu, Recorder};
 use crate::scene::Camera;
 
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::extra_passes::ExtraPasses;
-use super::forward::{counters_of, record_slab, record_visibility, write_counters};
+use super::frame_slot::FrameSlot;
+use super::frame_stats::FrameStats;
 use super::plan::Capacities;
-use super::renderer::{Counters, FrameStats, RenderOptions, Renderer};
+use super::render_options::RenderOptions;
+use super::renderer::{Counters, Renderer};
 
 /// Largest number of frames in flight: one that the device draws and one that the host prepares. More would only add
 /// latency.
@@ -25,16 +27,9 @@ pub const FRAMES_IN_FLIGHT: usize = 2;
 
 /// The frames in flight of one [`Renderer`].
 pub struct Ahead {
-    free: Vec<Slot>,
+    free: Vec<FrameSlot>,
     /// Frames in flight, oldest first.
-    pending: VecDeque<(Slot, Ticket, Capacities)>,
-}
-
-/// Resources of one frame: the counters that the device reads at its start and the host at its end.
-struct Slot {
-    recorder: Recorder,
-    counters_start: Buffer<u32>,
-    counters_end: Buffer<u32>,
+    pending: VecDeque<(FrameSlot, Ticket, Capacities)>,
 }
 
 /// The outcome of a frame that has finished.
@@ -50,13 +45,7 @@ pub enum Arrived {
 impl Ahead {
     /// Creates the slots of all frames, none in flight; every pass is timed.
     pub fn new(gpu: &Arc<Gpu>) -> Result<Self, RenderError> {
-        let slot = || -> Result<Slot, RenderError> {
-            Ok(Slot {
-                recorder: Recorder::with_profiler(gpu)?,
-                counters_start: Buffer::for_upload(gpu, "counters start", COUNTER_COUNT as usize)?,
-                counters_end: Buffer::for_readback(gpu, "counters end", COUNTER_COUNT as usize)?,
-            })
-        };
+        let slot = || FrameSlot::new(gpu, Recorder::with_profiler(gpu)?);
         let free = (0..FRAMES_IN_FLIGHT).map(|_| slot()).collect::<Result<_, _>>()?;
         Ok(Self { free, pending: VecDeque::new() })
     }
@@ -75,7 +64,7 @@ impl Ahead {
     pub fn arrive(&mut self) -> Result<Option<Arrived>, RenderError> {
         let Some((slot, ticket, capacities)) = self.pending.pop_front() else { return Ok(None) };
         slot.recorder.wait(ticket)?;
-        let mut arrived = arrived_of(&counters_of(&slot.counters_end), capacities);
+        let mut arrived = arrived_of(&slot.counters(), capacities);
         if let Arrived::Complete(stats) = &mut arrived {
             stats.passes_ms = slot.recorder.passes_ms()?;
         }
@@ -136,7 +125,7 @@ impl Renderer {
 
     fn submit_slot(
         &mut self,
-        slot: &mut Slot,
+        slot: &mut FrameSlot,
         scene: &DeviceScene,
         camera: &Camera,
         options: &RenderOptions,
@@ -144,17 +133,9 @@ impl Renderer {
     ) -> Result<(Ticket, Capacities), RenderError> {
         self.prepare_extra(&mut extra)?;
         let (inputs, frame) = self.passes(scene, camera, options);
-        let mut counters = [0; COUNTER_COUNT as usize];
-        counters[COUNTER_INSTANCES as usize] = scene.instance_count;
-        write_counters(&mut slot.counters_start, &counters);
-        let bytes = slot.counters_start.bytes();
-        slot.recorder.copy(&slot.counters_start, &mut frame.scratch.counters, bytes)?;
-        record_visibility(&mut slot.recorder, &inputs, frame)?;
-        record_slab(&mut slot.recorder, &inputs, frame)?;
-        extra.record(&mut slot.recorder, &inputs, frame)?;
-        slot.recorder.copy(&frame.scratch.counters, &mut slot.counters_end, bytes)?;
+        let capacities = slot.record(&inputs, frame, &mut extra)?;
         let ticket = slot.recorder.submit()?;
         scene.changes_submitted();
-        Ok((ticket, frame.plan.capacities))
+        Ok((ticket, capacities))
     }
 }

@@ -13,8 +13,10 @@ use crate::scene::{Camera, InstancedScene};
 
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
+use super::frame_stats::FrameStats;
 use super::gradients::blocks_per_tile;
-use super::renderer::{BlendedSlab, FrameStats, RenderOptions, Renderer};
+use super::render_options::RenderOptions;
+use super::renderer::{BlendedSlab, Renderer};
 
 pub use crate::gpu::interface::constants::CONTRIBUTION_ONE;
 

@@ -14,7 +14,7 @@ use crate::scene::parameters::Rows;
 use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet};
 
 use super::error::RenderError;
-use super::instance_table::InstanceTable;
+use super::instance_table::{InstanceTable, RecordedChanges};
 use super::level_tables::build_level_tables;
 use super::parameter_buffers::{ParameterBuffers, planned_parameter_bytes};
 use super::scene_tables::{Tables, build_tables, cloud_tables, scale_bound};
@@ -238,6 +238,11 @@ impl DeviceScene {
     /// Records the writes of rows that changed since the last frame. The passes of a frame begin with this.
     pub(super) fn record_changes(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
         self.table.as_ref().map_or(Ok(()), |table| table.record(recorder, &self.instances))
+    }
+
+    /// Takes the rows whose writes have just been recorded for a later submission.
+    pub(super) fn take_changes(&self) -> RecordedChanges {
+        self.table.as_ref().map_or_else(RecordedChanges::default, InstanceTable::take_recorded)
     }
 
     /// Notes that the writes recorded so far have been submitted.

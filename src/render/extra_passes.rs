@@ -9,10 +9,12 @@ use super::device_scene::DeviceScene;
 use super::error::RenderError;
 use super::forward::ForwardInputs;
 use super::frame_buffers::FrameBuffers;
+use super::frame_stats::FrameStats;
 use super::gradients::blocks_per_tile;
 use super::marks::{MarkShape, Marks};
 use super::plan::FramePlan;
-use super::renderer::{EachSlab, FrameStats, RenderOptions, Renderer};
+use super::render_options::RenderOptions;
+use super::renderer::{EachSlab, Renderer};
 use super::surfaces::Surfaces;
 
 /// The optional passes of a frame; none by default.

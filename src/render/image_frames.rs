@@ -7,17 +7,19 @@
 
 use std::collections::VecDeque;
 
-use crate::gpu::interface::constants::*;
-use crate::gpu::{Buffer, GpuError, ImageTarget, Recorder, Signal, vk};
+use crate::gpu::{ImageTarget, Recorder, Signal, vk};
 use crate::scene::Camera;
 
 use super::ahead::{Arrived, arrived_of};
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
-use super::forward::{counters_of, record_slab, record_visibility, write_counters};
+use super::extra_passes::ExtraPasses;
+use super::frame_slot::FrameSlot;
+use super::instance_table::RecordedChanges;
 use super::plan::Capacities;
 use super::presenter::{Presenter, ShownPicture};
-use super::renderer::{RenderOptions, Renderer};
+use super::render_options::RenderOptions;
+use super::renderer::Renderer;
 use super::show::Show;
 
 /// Frames in flight to images of the caller's. Used with one [`Renderer`].
@@ -25,22 +27,17 @@ use super::show::Show;
 /// Dropping this frees what the device has finished; what it may still use is leaked, so wait for the device first.
 pub struct ImageFrames {
     presenter: Presenter,
-    free: Vec<Slot>,
+    free: Vec<FrameSlot>,
     /// Frames in flight, oldest first.
     pending: VecDeque<Pending>,
 }
 
-/// Resources of one frame: the counters that the device reads at its start and the host at its end.
-struct Slot {
-    recorder: Recorder,
-    counters_start: Buffer<u32>,
-    counters_end: Buffer<u32>,
-}
-
 /// A frame in flight and its limits.
 struct Pending {
-    slot: Slot,
+    slot: FrameSlot,
     needs: Needs,
+    /// Rows of the scene's instance table that it writes.
+    changes: RecordedChanges,
 }
 
 /// Determines whether a frame was complete, and how large buffers may become if it was not.
@@ -58,13 +55,7 @@ impl ImageFrames {
     /// Creates slots for at most `frames_in_flight` (1 or more) frames, none in flight.
     pub fn new(renderer: &Renderer, frames_in_flight: usize) -> Result<Self, RenderError> {
         let gpu = renderer.gpu();
-        let slot = || -> Result<Slot, GpuError> {
-            Ok(Slot {
-                recorder: Recorder::for_callers(gpu)?,
-                counters_start: Buffer::for_upload(gpu, "counters start", COUNTER_COUNT as usize)?,
-                counters_end: Buffer::for_readback(gpu, "counters end", COUNTER_COUNT as usize)?,
-            })
-        };
+        let slot = || FrameSlot::new(gpu, Recorder::for_callers(gpu)?);
         let free = (0..frames_in_flight.max(1)).map(|_| slot()).collect::<Result<_, _>>()?;
         Ok(Self { presenter: Presenter::new(gpu, renderer)?, free, pending: VecDeque::new() })
     }
@@ -100,8 +91,10 @@ impl ImageFrames {
     }
 
     fn take_oldest(&mut self, renderer: &mut Renderer) -> Result<Option<Arrived>, RenderError> {
-        let Some(Pending { slot, needs }) = self.pending.pop_front() else { return Ok(None) };
-        let counters = counters_of(&slot.counters_end);
+        let Some(Pending { mut slot, needs, .. }) = self.pending.pop_front() else { return Ok(None) };
+        let counters = slot.counters();
+        // What the frame used may be dropped already; larger buffers may need its memory.
+        slot.recorder.release_callers();
         self.free.push(slot);
         let arrived = arrived_of(&counters, needs.have);
         if arrived == Arrived::Incomplete {
@@ -129,6 +122,7 @@ impl ImageFrames {
             Ok(()) => {
                 self.free.push(last.slot);
                 self.presenter.forget_pixels();
+                last.changes.restore();
                 Ok(())
             }
             Err(error) => {
@@ -162,6 +156,8 @@ impl Renderer {
     /// - The command buffer is submitted at most once, to the queue of the `Gpu`, and that submission signals the returned
     ///   [`Signal`] at stage `ALL_COMMANDS`. Command buffers with pictures of one renderer are submitted in the order in which
     ///   they were recorded. If it is not submitted, [`ImageFrames::forget_last`] says so.
+    /// - After instances were moved or hidden since the recording, the command buffer is submitted before this renderer submits
+    ///   a picture of the scene by itself, which would write the newer rows first.
     pub unsafe fn record_into_image(
         &mut self,
         frames: &mut ImageFrames,
@@ -178,22 +174,21 @@ impl Renderer {
         self.prepare(scene, camera, options)?;
         let Some(mut slot) = frames.free.pop() else { return Err(RenderError::Busy { pending: 0 }) };
         // SAFETY: guaranteed by the caller.
-        let recorded = unsafe { slot.recorder.begin_in(commands) }
-            .map_err(RenderError::from)
-            .and_then(|()| self.record_slot(&mut slot, scene, camera, options))
-            .and_then(|have| {
-                let picture = ShownPicture { renderer: self, scene, surfaces: None, marks: None };
-                let presenter = &mut frames.presenter;
-                presenter.record(&mut slot.recorder, Show::Color, picture, target.size_px, blue_first)?;
-                // SAFETY: guaranteed by the caller.
-                unsafe { slot.recorder.copy_to_image(presenter.pixels(), target) }?;
-                Ok((slot.recorder.end_in()?, have))
-            });
+        let recorded = unsafe { slot.recorder.begin_in(commands) }.map_err(RenderError::from).and_then(|()| {
+            let (inputs, frame) = self.passes(scene, camera, options);
+            let have = slot.record(&inputs, frame, &mut ExtraPasses::default())?;
+            let picture = ShownPicture { renderer: self, scene, surfaces: None, marks: None };
+            let presenter = &mut frames.presenter;
+            presenter.record(&mut slot.recorder, Show::Color, picture, target.size_px, blue_first)?;
+            // SAFETY: guaranteed by the caller.
+            unsafe { slot.recorder.copy_to_image(presenter.pixels(), target) }?;
+            Ok((slot.recorder.end_in()?, have))
+        });
         match recorded {
             Ok((signal, have)) => {
                 let max_intersections = options.max_intersections;
                 let needs = Needs { have, chunk_pairs: scene.chunk_pairs, max_intersections };
-                frames.pending.push_back(Pending { slot, needs });
+                frames.pending.push_back(Pending { slot, needs, changes: scene.take_changes() });
                 Ok(signal)
             }
             Err(error) => {
@@ -203,24 +198,5 @@ impl Renderer {
                 Err(error)
             }
         }
-    }
-
-    fn record_slot(
-        &mut self,
-        slot: &mut Slot,
-        scene: &DeviceScene,
-        camera: &Camera,
-        options: &RenderOptions,
-    ) -> Result<Capacities, RenderError> {
-        let (inputs, frame) = self.passes(scene, camera, options);
-        let mut counters = [0; COUNTER_COUNT as usize];
-        counters[COUNTER_INSTANCES as usize] = scene.instance_count;
-        write_counters(&mut slot.counters_start, &counters);
-        let bytes = slot.counters_start.bytes();
-        slot.recorder.copy(&slot.counters_start, &mut frame.scratch.counters, bytes)?;
-        record_visibility(&mut slot.recorder, &inputs, frame)?;
-        record_slab(&mut slot.recorder, &inputs, frame)?;
-        slot.recorder.copy(&frame.scratch.counters, &mut slot.counters_end, bytes)?;
-        Ok(frame.plan.capacities)
     }
 }

@@ -7,7 +7,7 @@
 
 use std::collections::BTreeSet;
 use std::ops::Range;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use crate::gpu::interface::types;
 use crate::gpu::{Buffer, GpuError, Recorder};
@@ -21,14 +21,28 @@ pub(super) struct InstanceTable {
     /// Number of source Gaussians of each row while its instance is shown.
     source_counts: Vec<u32>,
     /// Rows that no submission has written yet. Behind a lock, since a scene is shared while it is drawn.
-    changed: Mutex<BTreeSet<usize>>,
+    changed: Arc<Mutex<BTreeSet<usize>>>,
+}
+
+/// Rows that a recording writes that is not submitted yet. They do not count as changed meanwhile.
+#[derive(Default)]
+pub(super) struct RecordedChanges {
+    rows: BTreeSet<usize>,
+    of: Arc<Mutex<BTreeSet<usize>>>,
+}
+
+impl RecordedChanges {
+    /// The recording will not be submitted: the rows count as changed again.
+    pub(super) fn restore(self) {
+        self.of.lock().unwrap_or_else(PoisonError::into_inner).extend(self.rows);
+    }
 }
 
 impl InstanceTable {
     /// The table of rows that the device already has.
     pub(super) fn new(rows: Vec<types::Instance>) -> Self {
         let source_counts = rows.iter().map(|row| row.source_count).collect();
-        Self { rows, source_counts, changed: Mutex::default() }
+        Self { rows, source_counts, changed: Arc::default() }
     }
 
     /// Changes a row; `change` also gets the number of source Gaussians that the row has while its instance is shown.
@@ -49,6 +63,11 @@ impl InstanceTable {
     /// recording might never be submitted.
     pub(super) fn record(&self, recorder: &mut Recorder, on_device: &Buffer<types::Instance>) -> Result<(), GpuError> {
         recorder.update(on_device, &self.rows, &runs(&self.changed()))
+    }
+
+    /// Takes the rows whose writes have just been recorded for a later submission.
+    pub(super) fn take_recorded(&self) -> RecordedChanges {
+        RecordedChanges { rows: std::mem::take(&mut *self.changed()), of: self.changed.clone() }
     }
 
     /// Notes that the writes recorded so far have been submitted.

@@ -13,8 +13,10 @@ use super::error::RenderError;
 use super::extra_passes::{ExtraPasses, block_grid};
 use super::forward::ForwardInputs;
 use super::frame_buffers::FrameBuffers;
+use super::frame_stats::FrameStats;
 use super::plan::FramePlan;
-use super::renderer::{FrameStats, RenderOptions, Renderer};
+use super::render_options::RenderOptions;
+use super::renderer::Renderer;
 use super::surfaces::Surfaces;
 
 /// Shape of the mark of a splat.

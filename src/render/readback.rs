@@ -70,8 +70,10 @@ impl Renderer {
         }
         let Some(frame) = self.frame() else { return Ok(false) };
         if readback.colors.len() != frame.colors.len() {
-            readback.colors = Buffer::for_readback(&readback.gpu, "colors on the host", frame.colors.len())?;
-            readback.depths = Buffer::for_readback(&readback.gpu, "depths on the host", frame.depths.len())?;
+            let colors = Buffer::for_readback(&readback.gpu, "colors on the host", frame.colors.len())?;
+            let depths = Buffer::for_readback(&readback.gpu, "depths on the host", frame.depths.len())?;
+            // Both or neither: a second attempt compares the length of one.
+            (readback.colors, readback.depths) = (colors, depths);
         }
         let recorder = &mut readback.recorder;
         let copied = recorder

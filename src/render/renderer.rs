@@ -7,7 +7,6 @@ use crate::gpu::interface::types;
 use crate::gpu::staging::download;
 use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{Pipelines, Primitives, SceneTraits, Variant};
-use crate::math::statistics::median;
 use crate::scene::Camera;
 
 use super::device_scene::DeviceScene;
@@ -18,94 +17,12 @@ use super::forward::{
     write_counters,
 };
 use super::frame_buffers::FrameBuffers;
+use super::frame_stats::FrameStats;
 use super::image_frames::Needs;
 use super::picture::Picture;
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
+use super::render_options::{RenderOptions, view_of};
 use super::self_test::self_test;
-
-/// Settings of a picture besides the camera.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RenderOptions {
-    /// Splats with view depth <= near are not drawn; scene units.
-    pub near: f32,
-    /// Added to the projected variances, px^2.
-    pub dilation_px2: f32,
-    /// Compensates opacity for the dilation.
-    pub antialias: bool,
-    /// Background colour, rgb in the encoding of the training images.
-    pub background: [f32; 3],
-    /// Levels of detail: instances and parts of the background are drawn merged where the merged cells are at most this
-    /// wide, pixels ([`crate::scene::lod`]); 0 = everything at full detail. Above 0 it needs a scene that was uploaded
-    /// with levels ([`Renderer::upload_for`]).
-    pub lod_error_px: f32,
-    /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = the device's limit.
-    pub max_intersections: Option<u32>,
-}
-
-impl Default for RenderOptions {
-    /// The INRIA constants: near 0.2, dilation 0.3, black background; everything at full detail.
-    fn default() -> Self {
-        Self {
-            near: 0.2,
-            dilation_px2: 0.3,
-            antialias: false,
-            background: [0.0; 3],
-            lod_error_px: 0.0,
-            max_intersections: None,
-        }
-    }
-}
-
-/// Counts and times of a frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct FrameStats {
-    /// Visible (instance, chunk) pairs that were expanded.
-    pub work_items: u64,
-    /// Splats that touch at least one tile.
-    pub visible: u64,
-    /// (splat, tile) pairs of all slabs.
-    pub intersections: u64,
-    /// Depth slabs that the frame took.
-    pub slabs: u32,
-    /// Number of restarts of the frame because a buffer was too small.
-    pub redone: u32,
-    /// (pass, milliseconds) in order; empty without profiling. Redone attempts are not included.
-    pub passes_ms: Vec<(&'static str, f64)>,
-}
-
-impl FrameStats {
-    /// (pass, milliseconds): sums over the frame's dispatches of the same pass, in the order of the first of each.
-    pub fn ms_by_pass(&self) -> Vec<(&'static str, f64)> {
-        let mut sums: Vec<(&'static str, f64)> = Vec::new();
-        for &(pass, ms) in &self.passes_ms {
-            match sums.iter_mut().find(|(name, _)| *name == pass) {
-                Some((_, sum)) => *sum += ms,
-                None => sums.push((pass, ms)),
-            }
-        }
-        sums
-    }
-
-    /// (pass, milliseconds): medians over frames; a frame without a pass counts as 0 for that pass.
-    pub fn median_ms_by_pass(frames: &[Self]) -> Vec<(&'static str, f64)> {
-        let mut by_pass: Vec<(&'static str, Vec<f64>)> = Vec::new();
-        for (k, frame) in frames.iter().enumerate() {
-            for (pass, ms) in frame.ms_by_pass() {
-                let index = by_pass.iter().position(|(name, _)| *name == pass).unwrap_or_else(|| {
-                    by_pass.push((pass, vec![0.0; frames.len()]));
-                    by_pass.len() - 1
-                });
-                by_pass[index].1[k] = ms;
-            }
-        }
-        by_pass.into_iter().map(|(pass, values)| (pass, median(&values))).collect()
-    }
-
-    /// Milliseconds of all passes; `None` without profiling.
-    pub fn total_ms(&self) -> Option<f64> {
-        (!self.passes_ms.is_empty()).then(|| self.passes_ms.iter().map(|(_, ms)| ms).sum())
-    }
-}
 
 /// A depth slab that has just been blended (or listed only, if it is the last), for [`Renderer::list_slabs`].
 pub(super) struct BlendedSlab<'a> {
@@ -278,7 +195,7 @@ impl Renderer {
         options: &RenderOptions,
     ) -> Result<(), RenderError> {
         camera.validate().map_err(RenderError::Camera)?;
-        check_options(options)?;
+        options.check()?;
         if scene.chunk_size != self.variant.workgroup_size {
             let reason = format!("{} Gaussians, this renderer has {}", scene.chunk_size, self.variant.workgroup_size);
             return Err(RenderError::Option { option: "the scene's chunks", reason });
@@ -593,54 +510,4 @@ pub(super) fn check_fits(what: &'static str, needed: u32, limit: u32) -> Result<
         return Err(RenderError::TooMany { what, needed: u64::from(needed), limit: u64::from(limit) });
     }
     Ok(())
-}
-
-fn check_options(options: &RenderOptions) -> Result<(), RenderError> {
-    let fail = |option, reason: String| Err(RenderError::Option { option, reason });
-    if !(options.near.is_finite() && options.near >= 0.0) {
-        return fail("near", format!("{} is not a finite number >= 0", options.near));
-    }
-    // The projected variance must not vanish: 1e-6 px^2 is a thousandth of a pixel.
-    if !(options.dilation_px2.is_finite() && (1e-6..=1e6).contains(&options.dilation_px2)) {
-        return fail("dilation", format!("{} is not within 1e-6..=1e6", options.dilation_px2));
-    }
-    if !(options.lod_error_px.is_finite() && options.lod_error_px >= 0.0) {
-        return fail("lod", format!("{} is not a finite number of pixels >= 0", options.lod_error_px));
-    }
-    if !options.background.iter().all(|c| c.is_finite()) {
-        return fail("background", "is not finite".into());
-    }
-    Ok(())
-}
-
-/// The camera as the kernels see it, rounded to f32.
-pub fn view_of(camera: &Camera, options: &RenderOptions) -> types::View {
-    let m = &camera.view_from_world;
-    let row = |i: usize| m[i].map(|v| v as f32);
-    types::View {
-        view_from_world: [row(0), row(1), row(2)],
-        position_world: camera.position_world().as_vec3().to_array(),
-        near: options.near,
-        focal_px: [camera.fx as f32, camera.fy as f32],
-        principal_px: [camera.cx as f32, camera.cy as f32],
-        size_px: [camera.width, camera.height],
-        dilation_px2: options.dilation_px2,
-        antialias: u32::from(options.antialias),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn passes_are_summed_in_a_frame_and_medians_over_frames() {
-        let frame =
-            |passes_ms: &[(&'static str, f64)]| FrameStats { passes_ms: passes_ms.to_vec(), ..Default::default() };
-        let frames =
-            [frame(&[("scan", 1.0), ("sort", 5.0), ("scan", 2.0)]), frame(&[("sort", 7.0)]), frame(&[("scan", 9.0)])];
-        assert_eq!(frames[0].ms_by_pass(), [("scan", 3.0), ("sort", 5.0)]);
-        assert_eq!(FrameStats::median_ms_by_pass(&frames), [("scan", 3.0), ("sort", 5.0)]);
-        assert!(FrameStats::median_ms_by_pass(&[]).is_empty());
-    }
 }

@@ -14,8 +14,10 @@ use super::error::RenderError;
 use super::extra_passes::{ExtraPasses, block_grid};
 use super::forward::ForwardInputs;
 use super::frame_buffers::FrameBuffers;
+use super::frame_stats::FrameStats;
 use super::plan::FramePlan;
-use super::renderer::{FrameStats, RenderOptions, Renderer};
+use super::render_options::RenderOptions;
+use super::renderer::Renderer;
 
 /// The Gaussian at a pixel's surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,7 +16,8 @@ use super::forward::{ForwardInputs, record_begin, record_slab, record_visibility
 use super::frame_buffers::FrameBuffers;
 use super::gradients::{BackwardBuffers, GradientBuffers, SourceTables, StepLog, blocks_per_tile};
 use super::plan::{Capacities, FramePlan, INITIAL, grown};
-use super::renderer::{RenderOptions, check_fits, max_slab_splats, tile_size_for, view_of};
+use super::render_options::{RenderOptions, view_of};
+use super::renderer::{check_fits, max_slab_splats, tile_size_for};
 use super::self_test::self_test;
 
 /// Pipelines and buffers of training steps, for pictures up to a maximum size.

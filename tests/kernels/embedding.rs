@@ -7,13 +7,15 @@ mod headless;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use glam::DVec3;
 use instgs_vk::gpu::{DeviceChoice, Gpu, GpuError, GpuOptions, ImageTarget, Pipeline, PipelineCache, vk};
 use instgs_vk::kernels::gather_gradients::GatherGradients;
+use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{
     Arrived, Capacities, DeviceScene, ImageFrames, Readback, RenderError, RenderOptions, Renderer,
 };
-use instgs_vk::scene::Camera;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{Camera, InstancedScene};
 
 use self::headless::Headless;
 use crate::common::gpu::{assert_silent, gpu};
@@ -68,9 +70,9 @@ fn rgba(caller: &Headless) -> Vec<[u8; 4]> {
 }
 
 /// What `Renderer::render` makes of it, as bytes.
-fn wanted(gpu: &Arc<Gpu>, seed: u64, camera: &Camera, options: &RenderOptions) -> (u64, Vec<[u8; 4]>) {
+fn wanted(gpu: &Arc<Gpu>, scene: &InstancedScene, camera: &Camera, options: &RenderOptions) -> (u64, Vec<[u8; 4]>) {
     let mut renderer = Renderer::new(gpu).unwrap();
-    let scene = renderer.upload(&random_case(seed).scene).unwrap();
+    let scene = renderer.upload(scene).unwrap();
     let stats = renderer.render(&scene, camera, options).unwrap();
     let rgb = renderer.download().unwrap().rgb8();
     (stats.visible, rgb.chunks_exact(3).map(|p| [p[0], p[1], p[2], 255]).collect())
@@ -85,7 +87,7 @@ fn a_callers_image_gets_the_picture_of_render() {
     let Some(gpu) = gpu() else { return };
     for (seed, format) in [(4, vk::Format::R8G8B8A8_UNORM), (8, vk::Format::B8G8R8A8_UNORM)] {
         let (camera, options) = (camera_of(seed), RenderOptions { background: [0.2, 0.4, 0.9], ..Default::default() });
-        let (visible, want) = wanted(&gpu, seed, &camera, &options);
+        let (visible, want) = wanted(&gpu, &random_case(seed).scene, &camera, &options);
         assert!(visible > 0);
         let mut caller = callers(&gpu, format);
         let locked = Arc::new(AtomicU32::new(0));
@@ -122,7 +124,7 @@ fn a_callers_image_gets_the_picture_of_render() {
 fn incomplete_pictures_are_told_of_and_the_next_ones_grow() {
     let Some(gpu) = gpu() else { return };
     let (camera, options) = (camera_of(8), RenderOptions::default());
-    let (_, want) = wanted(&gpu, 8, &camera, &options);
+    let (_, want) = wanted(&gpu, &random_case(8).scene, &camera, &options);
     let caller = callers(&gpu, vk::Format::R8G8B8A8_UNORM);
     let mut embedded = Embedded::new(&caller, 8);
     embedded.renderer.set_capacities(Capacities { candidates: 1, work_items: 1, intersections: 1 });
@@ -161,6 +163,12 @@ fn what_is_not_submitted_is_forgotten_and_too_many_are_refused() {
     let caller = callers(&gpu, vk::Format::R8G8B8A8_UNORM);
     let mut embedded = Embedded::new(&caller, 4);
     let Embedded { renderer, frames, scene } = &mut embedded;
+    // What is not submitted does not move the instance on the device either; the next picture does.
+    let mut moved = random_case(4).scene;
+    let place = &mut moved.instances[0].world_from_template;
+    let shifted = place.translation() + 0.1 * DVec3::X;
+    *place = Similarity::from_parts(place.rotation(), place.scale(), shifted);
+    scene.place_instances(&[(0, *place)]).unwrap();
     // SAFETY: nothing of this is submitted.
     unsafe {
         let commands = caller.begin().unwrap();
@@ -179,7 +187,8 @@ fn what_is_not_submitted_is_forgotten_and_too_many_are_refused() {
     }
     assert_eq!(frames.pending_len(), 0);
     assert!(matches!(embedded.picture(&caller, &camera, &options), Ok(Arrived::Complete(_))));
-    assert_eq!(rgba(&caller), wanted(&gpu, 4, &camera, &options).1);
+    assert_eq!(rgba(&caller), wanted(&gpu, &moved, &camera, &options).1);
+    assert_ne!(rgba(&caller), wanted(&gpu, &random_case(4).scene, &camera, &options).1, "it is seen to move");
     drop(embedded);
     // SAFETY: everything that was made from the device is gone.
     unsafe { caller.destroy() };
