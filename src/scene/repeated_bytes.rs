@@ -4,8 +4,13 @@ use serde::{Deserialize, Serialize};
 
 use super::InstancedScene;
 
-/// Bytes per instance: a 3x4 transform as f32, template and first offset.
-const INSTANCE: u64 = 56;
+impl InstancedScene {
+    /// Bytes of an instance besides its offsets: a 3x4 transform as f32, template and first offset, and its colour matrix
+    /// (3x4 as f32) if the scene has matrices.
+    pub fn instance_bytes(&self) -> u64 {
+        56 + if self.color_from_template.is_empty() { 0 } else { 48 }
+    }
+}
 
 /// Bytes of the repeated part of a scene, and of separate copies of it: the analytic bound, without a file's header and
 /// index.
@@ -28,7 +33,7 @@ impl RepeatedBytes {
         let coefficients = 3 * scene.templates.sh_coefficients() as u64;
         let templates = scene.templates.len() as u64;
         let offsets = scene.offsets.len() as u64;
-        let instances = INSTANCE * scene.instances.len() as u64;
+        let instances = scene.instance_bytes() * scene.instances.len() as u64;
         // Quaternion, scales, opacity and SH.
         let beside_means = 4 + 3 + 1 + coefficients;
         // A .ply also stores three unused normals.

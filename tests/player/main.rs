@@ -5,6 +5,6 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod scene_viewer;
 mod scripts;
 mod scripts_boxes;
-mod stage;

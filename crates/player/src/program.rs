@@ -218,7 +218,7 @@ fn run(args: &PlayerArgs, printer: &Printer) -> Result<(), CliError> {
     }
 }
 
-fn stage_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOptions, CliError> {
+fn viewer_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOptions, CliError> {
     let distance = Orbit::around(scene, args.up.map(Triple::direction)).distance;
     let view = args.show;
     let show = match args.level {
@@ -246,7 +246,7 @@ fn window_job(
 ) -> Result<WindowJob, CliError> {
     let empty = InstancedScene::default();
     let scene = loaded.as_ref().map_or(&empty, |loaded| &loaded.scene);
-    let (options, path_cameras) = (stage_options(args, scene)?, path_cameras(args, scene, cameras));
+    let (options, path_cameras) = (viewer_options(args, scene)?, path_cameras(args, scene, cameras));
     Ok(WindowJob {
         path: args.scene.clone(),
         scene: loaded.map(|loaded| (loaded.scene, loaded.file_bytes)),
@@ -272,7 +272,7 @@ fn window_job(
 }
 
 fn headless(args: &PlayerArgs, loaded: LoadedScene, cameras: &[Camera], printer: &Printer) -> Result<(), CliError> {
-    let options = stage_options(args, &loaded.scene)?;
+    let options = viewer_options(args, &loaded.scene)?;
     let gpu = device::open(args.device.choice())?;
     let mut viewer = SceneViewer::new(&gpu, loaded.scene, options)?;
     let path_cameras = path_cameras(args, viewer.scene(), cameras);

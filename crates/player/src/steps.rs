@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::edit::Edit;
-use instgs_vk::scene::instanced_scene::ForeignTensor;
+use instgs_vk::scene::instanced_scene::{ColorMatrix, ForeignTensor};
 use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
 
 /// The part of a scene that must be uploaded again.
@@ -37,6 +37,7 @@ pub(super) struct Parts {
     instances: Option<Vec<Instance>>,
     groups: Option<Vec<Group>>,
     offsets: Option<Offsets>,
+    color_from_template: Option<Vec<ColorMatrix>>,
     template_sh: Option<Vec<[f32; 3]>>,
     /// The whole source pool with its colours: present only if Gaussians were removed from it.
     templates: Option<(Gaussians, Vec<TemplateRange>)>,
@@ -58,6 +59,7 @@ impl Parts {
         let lists = |parts: Self| Self {
             groups: Some(scene.groups.clone()),
             offsets: Some(scene.offsets.clone()),
+            color_from_template: Some(scene.color_from_template.clone()),
             foreign_tensors: Some(scene.foreign_tensors.clone()),
             ..parts
         };
@@ -77,6 +79,7 @@ impl Parts {
             instances: self.instances.filter(|was| *was != scene.instances),
             groups: self.groups.filter(|was| *was != scene.groups),
             offsets: self.offsets.filter(|was| *was != scene.offsets),
+            color_from_template: self.color_from_template.filter(|was| *was != scene.color_from_template),
             template_sh: self.template_sh.filter(|was| *was != scene.templates.sh),
             templates: self.templates.filter(|was| was.0 != scene.templates || was.1 != scene.template_ranges),
             foreign_tensors: self.foreign_tensors.filter(|was| *was != scene.foreign_tensors),
@@ -90,8 +93,8 @@ impl Parts {
 
     /// True if no part of the scene is stored.
     pub(super) fn is_empty(&self) -> bool {
-        let Self { instances, groups, offsets, template_sh, templates, foreign_tensors } = self;
-        let lists = groups.is_none() && offsets.is_none() && foreign_tensors.is_none();
+        let Self { instances, groups, offsets, color_from_template, template_sh, templates, foreign_tensors } = self;
+        let lists = groups.is_none() && offsets.is_none() && color_from_template.is_none() && foreign_tensors.is_none();
         lists && instances.is_none() && template_sh.is_none() && templates.is_none()
     }
 
@@ -99,16 +102,20 @@ impl Parts {
     pub(super) fn bytes(&self) -> u64 {
         let instances = self.instances.as_ref().map_or(0, |instances| 56 * instances.len() as u64);
         let offsets = self.offsets.as_ref().map_or(0, Offsets::tensor_bytes);
+        let colors = self.color_from_template.as_ref().map_or(0, |matrices| 48 * matrices.len() as u64);
         let sh = self.template_sh.as_ref().map_or(0, |sh| 12 * sh.len() as u64);
         let templates = self.templates.as_ref().map_or(0, |(templates, _)| templates.tensor_bytes());
         let foreign = self.foreign_tensors.as_ref();
         let foreign = foreign.map_or(0, |all| all.values().map(|tensor| tensor.bytes.len() as u64).sum());
-        instances + offsets + sh + templates + foreign
+        instances + offsets + colors + sh + templates + foreign
     }
 
     /// What must be uploaded when the scene's parts and these are swapped.
     pub(super) fn changed(&self, scene: &InstancedScene) -> Changed {
-        let pools = self.offsets.is_some() || self.template_sh.is_some() || self.templates.is_some();
+        let pools = self.offsets.is_some()
+            || self.color_from_template.is_some()
+            || self.template_sh.is_some()
+            || self.templates.is_some();
         let none = Vec::new();
         let (was, is) = match &self.instances {
             Some(instances) => (instances, &scene.instances),
@@ -127,6 +134,7 @@ impl Parts {
         swap(&mut self.instances, &mut scene.instances);
         swap(&mut self.groups, &mut scene.groups);
         swap(&mut self.offsets, &mut scene.offsets);
+        swap(&mut self.color_from_template, &mut scene.color_from_template);
         swap(&mut self.template_sh, &mut scene.templates.sh);
         if let Some((templates, ranges)) = &mut self.templates {
             std::mem::swap(templates, &mut scene.templates);

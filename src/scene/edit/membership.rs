@@ -30,11 +30,15 @@ pub(super) fn duplicate(
     let copies = originals.iter().map(copy).collect::<Result<Vec<_>, EditReason>>()?;
     let mut outcome = EditOutcome::default();
     add(scene, copies, &mut outcome);
-    if !scene.color_from_template.is_empty() {
-        let copied = originals.iter().zip(&outcome.added);
-        copied.for_each(|(&from, &to)| scene.color_from_template[to] = scene.color_from_template[from]);
-    }
+    originals.iter().zip(&outcome.added).for_each(|(&from, to)| copy_color(scene, from, std::slice::from_ref(to)));
     Ok(outcome)
+}
+
+/// Gives instances the colour matrix of instance `from`, if the scene has matrices.
+pub(super) fn copy_color(scene: &mut InstancedScene, from: usize, to: &[usize]) {
+    if let Some(&matrix) = scene.color_from_template.get(from) {
+        to.iter().for_each(|&k| scene.color_from_template[k] = matrix);
+    }
 }
 
 /// Appends instances, each with a mask id if its template has a group.
@@ -87,6 +91,10 @@ pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) 
         let rank = rank_of(scene, k);
         let id = remove_id(&mut scene.groups, old.template, rank);
         scene.instances[k] = Instance { template, first_offset: None, ..old };
+        // Like offsets, a matrix is fitted to its template.
+        if let Some(matrix) = scene.color_from_template.get_mut(k) {
+            *matrix = SAME_COLOR;
+        }
         let rank = rank_of(scene, k);
         if let Some(id) = free_id(&scene.groups, id) {
             insert_id(&mut scene.groups, template, rank, id);

@@ -1,4 +1,5 @@
-//! Shifting base colours: in the template if all of its instances are selected, otherwise in offsets.
+//! Shifting base colours: in the colour matrices of instances if the scene has them, else in the template if all of its
+//! instances are selected, otherwise in offsets.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,9 +17,16 @@ pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 
             "{rgb:?} is not a colour shift: want three numbers, 1 being the difference of black and white"
         )));
     }
+    let mut outcome = EditOutcome { changed: which.resolve(scene)?, ..EditOutcome::default() };
+    // Coefficients and offsets are before the matrix, which would change the shift too.
+    if !scene.color_from_template.is_empty() {
+        for &k in &outcome.changed {
+            scene.color_from_template[k].iter_mut().zip(rgb).for_each(|(row, by)| row[3] += by);
+        }
+        return Ok(outcome);
+    }
     // Colour is SH_C0 times the coefficient plus a constant.
     let d_sh_dc = rgb.map(|v| (f64::from(v) / SH_C0) as f32);
-    let mut outcome = EditOutcome { changed: which.resolve(scene)?, ..EditOutcome::default() };
     let whole = if which.is_collective() { whole_templates(scene, &outcome.changed) } else { BTreeSet::new() };
     let mut members_of_run: BTreeMap<(u32, Option<u32>), Vec<usize>> = BTreeMap::new();
     for &k in &outcome.changed {

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 use crate::math::rng::Rng;
 use crate::math::sh::widened;
 use crate::math::similarity::Similarity;
-use crate::scene::edit::membership::{MOST_INSTANCES, add, drop_foreign};
+use crate::scene::edit::membership::{MOST_INSTANCES, add, copy_color, drop_foreign};
 use crate::scene::edit::placement::template_centres;
 use crate::scene::edit::{EditOutcome, EditReason, Selector, checked, existing_template, offset_runs};
 use crate::scene::instanced_scene::{Instance, InstancedScene};
@@ -96,7 +96,8 @@ pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<E
     if scatter.count == 0 || total > MOST_INSTANCES {
         return Err(EditReason::value(format!("{} is not a valid number of instances", scatter.count)));
     }
-    let source = offset_source(scene, scatter)?;
+    let source_instance = offset_source(scene, scatter)?;
+    let source = source_instance.and_then(|k| scene.instances[k].first_offset);
     let placements = placements(scene, scatter)?;
     let mut outcome = EditOutcome::default();
     let copies = matches!(scatter.offsets, OffsetSource::Copied(_));
@@ -111,21 +112,25 @@ pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<E
     };
     let instances: Vec<Instance> = placements.into_iter().map(&mut instance).collect();
     add(scene, instances, &mut outcome);
+    if let Some(k) = source_instance {
+        copy_color(scene, k, &outcome.added);
+    }
     Ok(outcome)
 }
 
-/// Index of the first offset record of the instance that new ones take their offsets from; `None` for no offsets.
-fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<u32>, EditReason> {
+/// Index of the instance that new ones take their offsets from; `None` for no offsets.
+fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<usize>, EditReason> {
     let which = match &scatter.offsets {
         OffsetSource::None => return Ok(None),
         OffsetSource::Shared(which) | OffsetSource::Copied(which) => which,
     };
-    let source = &scene.instances[which.resolve_one(scene)?];
+    let k = which.resolve_one(scene)?;
+    let source = &scene.instances[k];
     if source.template != scatter.template {
         let (has, wanted) = (source.template, scatter.template);
         return Err(EditReason::OtherOffsets { which: which.clone(), has, wanted });
     }
-    source.first_offset.map(Some).ok_or_else(|| EditReason::NoOffsets { which: which.clone() })
+    source.first_offset.map(|_| Some(k)).ok_or_else(|| EditReason::NoOffsets { which: which.clone() })
 }
 
 fn placements(scene: &InstancedScene, scatter: &Scatter) -> Result<Vec<Similarity>, EditReason> {

@@ -7,7 +7,7 @@ mod thin;
 use super::*;
 use crate::math::sh::{SH_C0, widened};
 use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, TemplateRange};
+use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, SAME_COLOR, TemplateRange};
 use crate::scene::offsets::Offsets;
 
 /// `count` Gaussians in a row along x from -0.5, SH degree 1, all different.
@@ -264,6 +264,33 @@ fn colour_matrices_follow_their_instances() {
     run(&mut scene, Edit::Delete { which: which("1") });
     run(&mut scene, Edit::Duplicate { which: which("2"), by: DVec3::X, turn: None });
     assert_eq!(scene.color_from_template, [0, 2, 3, 4, 3].map(matrix));
+    let shared = Scatter {
+        template: 0,
+        count: 2,
+        over: ScatterOver::Path { points: vec![DVec3::ZERO, DVec3::X], up: DVec3::Y, yaw: 0.0 },
+        offsets: OffsetSource::Shared(which("2")),
+    };
+    run(&mut scene, Edit::Scatter(shared));
+    assert_eq!(scene.color_from_template[5..], [matrix(3), matrix(3)]);
+    run(&mut scene, Edit::Swap { which: which("0"), template: 1 });
+    assert_eq!((scene.color_from_template[0], scene.color_from_template[1]), (SAME_COLOR, matrix(2)));
+}
+
+/// The shift is that of the colour that is seen, whatever the matrix makes of the template's.
+#[test]
+fn recolouring_shifts_what_is_seen() {
+    let mut before = scene();
+    let fifth = [[0.2, 0.0, 0.0, 0.1], [0.0, 0.2, 0.0, 0.1], [0.0, 0.0, 0.2, 0.1]];
+    before.color_from_template = vec![fifth; 5];
+    let mut after = before.clone();
+    run(&mut after, Edit::Recolour { which: which("1"), rgb: [0.5, 0.0, -0.25] });
+    let (was, is) = (before.flatten(), after.flatten());
+    // Instance 1 has the Gaussians 2 to 4 of the flat order.
+    for i in 0..was.len() {
+        let shift = [0, 1, 2].map(|c| SH_C0 as f32 * (is.sh_of(i)[0][c] - was.sh_of(i)[0][c]));
+        let want = if (2..5).contains(&i) { [0.5, 0.0, -0.25] } else { [0.0; 3] };
+        assert!(shift.iter().zip(want).all(|(a, b)| (a - b).abs() < 1e-5), "{i}: {shift:?}");
+    }
 }
 
 #[test]

@@ -34,7 +34,13 @@ fn clicks_choose_one_or_more_and_alike_all_of_a_kind() {
 /// Every kind of change is undone and redone; the scenes are the same, bit for bit, at every step.
 #[test]
 fn changes_are_taken_back_and_done_again() {
-    let mut scene = sample_scene();
+    let plain = sample_scene();
+    let matrix = |k: usize| [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| 0.1 * (k + row + column) as f32));
+    let colored = InstancedScene { color_from_template: (0..4).map(matrix).collect(), ..plain.clone() };
+    [plain, colored].into_iter().for_each(takes_back_and_does_again);
+}
+
+fn takes_back_and_does_again(mut scene: InstancedScene) {
     let mut editor = Editor::default();
     let which = || Selector::Indices(vec![0, 1]);
     // Between the two Gaussians of template 1.
@@ -45,6 +51,7 @@ fn changes_are_taken_back_and_done_again() {
         Edit::Recolour { which: Selector::Index(0), rgb: [0.1, 0.0, 0.0] },
         Edit::Recolour { which: Selector::Template(0), rgb: [0.0, 0.1, 0.0] },
         Edit::Scale { which: Selector::Index(1), by: 1.5 },
+        Edit::Swap { which: Selector::Index(0), template: 1 },
         Edit::Crop {
             template: 1,
             corners: [DVec3::splat(f64::NEG_INFINITY), DVec3::new(middle, f64::INFINITY, f64::INFINITY)],

@@ -20,7 +20,7 @@ use crate::scene_viewer::{PixelTimes, SceneViewer};
 use crate::script::Step;
 use crate::swapchain::{PresentMode, Swapchain};
 use crate::ui_painter::UiPainter;
-use instgs_io::IoError;
+use instgs_io::json::write_json;
 use instgs_vk::gpu::{Gpu, GpuError};
 use instgs_vk::render::FrameStats;
 
@@ -64,10 +64,10 @@ impl Session {
     /// Writes the device's [`SubmissionCounts`](instgs_vk::gpu::SubmissionCounts) as JSON.
     pub(super) fn write_counts(&self, path: &Path) -> Result<(), PlayerError> {
         let counts = self.gpu.submission_counts();
-        let json = serde_json::json!({
+        let record = serde_json::json!({
             "submissions": counts.submissions, "waits": counts.waits, "drains": counts.drains,
         });
-        Ok(std::fs::write(path, json.to_string()).map_err(|error| IoError::new(path, error.to_string()))?)
+        Ok(write_json(path, &record)?)
     }
 }
 
