@@ -5,18 +5,16 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::bench_report::print_report;
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::{JsonArgs, LookArgs, ViewArgs, open_scene, parse_lod};
 use instgs_console::device::{self, DeviceArgs};
+use instgs_console::{CliError, Printer};
 use instgs_eval::bench::{self, MeasurePhase, Subject};
 use instgs_io::LoadedScene;
 
 /// Measures frame time and memory of a scene, alone or side by side with another one.
 ///
 /// Frames are timed from recording to their end on the device, without read-back, after warm-up frames; with --against
-/// the two scenes take turns frame by frame. Ratios above 1 mean that the scene is better than the one it is compared
-/// with.
+/// the two scenes take turns frame by frame. Ratios above 1 mean that the scene is better than the other.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk bench --scene garden.ply --camera cameras.json --frames 30\n  \

@@ -1,10 +1,8 @@
 //! `instgs-vk bench --lod`: cost and savings of levels of detail, as a table.
 
 use super::bench::{BenchArgs, subject};
-use instgs_console::CliError;
-use instgs_console::Printer;
-use instgs_console::device;
 use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer, device};
 use instgs_eval::bench::{LodReport, LodRow, LodView, run_lod};
 use instgs_io::LoadedScene;
 use instgs_io::view_image::load_view;

@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::edit_flags::Operations;
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::{Triple, open_scene, parse_up};
 use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer};
 use instgs_io::{IoError, save_scene};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::edit::{EditOutcome, apply, template_centres};

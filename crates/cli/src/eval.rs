@@ -6,11 +6,10 @@ use clap::Args;
 
 use super::lpips_args::LpipsArgs;
 use super::picture_files;
-use instgs_console::Printer;
 use instgs_console::args::{JsonArgs, LookArgs, SplitArg, create_folder, open_scene};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
-use instgs_console::{CliError, failed_to_render};
+use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_eval::{EvalReport, Metrics, PicturePair, evaluate};
 use instgs_io::picture_png::write_png;
 use instgs_vk::render::Renderer;
@@ -23,8 +22,7 @@ const DIFFERENCE_GAIN: f32 = 4.0;
 ///
 /// Rendered pictures are clamped to 0..1 but not rounded to 8 bits. PSNR is in dB, over all channels, at most 100. SSIM
 /// has an 11x11 Gaussian window of sigma 1.5, zero padding, and is the mean over all pixels and channels. Pixels where
-/// a photo is not valid are left out of PSNR; for the other two they count as equal. The last row is the mean over the
-/// views.
+/// a photo is not valid are left out of PSNR; for the other two they count as equal. The last row is the mean of the views.
 ///
 /// LPIPS (0.1) needs trained weights, which are not part of this program: tools/models/convert_lpips.py makes them.
 /// Without them LPIPS is not computed (null in JSON).

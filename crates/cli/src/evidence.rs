@@ -4,6 +4,7 @@
 
 use std::env::consts::EXE_SUFFIX;
 use std::ffi::OsString;
+use std::path::Path;
 use std::process::{Command, ExitCode};
 
 use instgs_console::CliError;
@@ -26,13 +27,13 @@ pub(crate) fn run_if_asked(args: impl Iterator<Item = OsString>) -> Option<Resul
     COMMANDS.contains(&name).then(|| run(&args, name))
 }
 
-/// The first argument that is no flag and not the value of `--device`, which may come before a subcommand.
+/// The first argument that is no flag, not the value of `--device` (which may come before a subcommand), and not `help`.
 fn subcommand(args: &[OsString]) -> Option<&str> {
     let mut args = args.iter();
     while let Some(arg) = args.next() {
         match arg.to_str()? {
             "--device" => args.next(),
-            flag if flag.starts_with('-') => None,
+            flag if flag.starts_with('-') || flag == "help" => None,
             name => return Some(name),
         };
     }
@@ -51,12 +52,17 @@ fn run(args: &[OsString], name: &str) -> Result<ExitCode, CliError> {
     command.args(args);
     // Replaces this process, so that signals reach the program.
     #[cfg(unix)]
-    return Err(std::os::unix::process::CommandExt::exec(&mut command).into());
+    return Err(not_started(&program, &std::os::unix::process::CommandExt::exec(&mut command)));
     #[cfg(not(unix))]
     {
-        let code = command.status()?.code().and_then(|code| u8::try_from(code).ok());
+        let status = command.status().map_err(|error| not_started(&program, &error))?;
+        let code = status.code().and_then(|code| u8::try_from(code).ok());
         Ok(ExitCode::from(code.unwrap_or(instgs_console::FAILURE)))
     }
+}
+
+fn not_started(program: &Path, error: &std::io::Error) -> CliError {
+    CliError::msg(format!("{}: cannot be started: {error}", program.display()))
 }
 
 #[cfg(test)]
@@ -72,6 +78,7 @@ mod tests {
         assert_eq!(of("demo --out x").as_deref(), Some("demo"));
         assert_eq!(of("--device llvm synth cars").as_deref(), Some("synth"));
         assert_eq!(of("--device=0 tables a").as_deref(), Some("tables"));
+        assert_eq!(of("help demo").as_deref(), Some("demo"));
         assert_eq!(of("train --out demo").as_deref(), Some("train"));
         assert_eq!((of("--version"), of("")), (None, None));
     }

@@ -4,10 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::{Triple, open_scene, parse_up};
 use instgs_console::table::grouped;
+use instgs_console::{CliError, Printer};
 use instgs_io::{ExportFormat, Pack, export_scene};
 use instgs_vk::scene::trajectory::Orbit;
 

@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::{SplitArg, create_folder, open_scene};
 use instgs_console::table::Table;
+use instgs_console::{CliError, Printer};
 use instgs_io::{IoError, read_boxes, read_groups, write_boxes};
 use instgs_objects::register::find::Against;
 use instgs_objects::register::{FindInput, FindOptions, Found, FoundObject, find_alike};

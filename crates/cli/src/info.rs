@@ -2,10 +2,9 @@
 
 use clap::Args;
 
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer};
 use instgs_vk::gpu::{DeviceCaps, Gpu, GpuError};
 use instgs_vk::kernels::Variant;
 

@@ -5,11 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::inspect_file::{FilePart, FileSums, file_parts};
-use super::inspect_groups::{GroupReport, INSTANCE_BYTES, RANGE_BYTES, groups, groups_table, ratio};
-use instgs_console::CliError;
-use instgs_console::Printer;
+use super::inspect_groups::{GroupReport, RANGE_BYTES, groups, groups_table, ratio};
 use instgs_console::args::open_scene;
 use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer};
 use instgs_eval::Counts;
 use instgs_io::ply;
 use instgs_vk::render::device_scene::{PlannedBytes, planned_bytes};
@@ -92,7 +91,7 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
             templates: scene.templates.tensor_bytes(),
             background: scene.background.tensor_bytes(),
             offsets: scene.offsets.tensor_bytes(),
-            instances: INSTANCE_BYTES * scene.instances.len() as u64,
+            instances: scene.instance_bytes() * scene.instances.len() as u64,
             template_ranges: RANGE_BYTES * scene.template_ranges.len() as u64,
         },
         device_parts,

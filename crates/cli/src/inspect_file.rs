@@ -124,7 +124,7 @@ fn rows_of(name: &str, info: &TensorInfo, data: &[u8]) -> u64 {
 fn purpose_of(tensor: &str) -> Purpose {
     const CLOUD: [&str; 5] = ["means", "quats", "log_scales", "opacity_logits", "sh"];
     const OFFSETS: [&str; 7] = ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", "range"];
-    const INSTANCES: [&str; 3] = ["template", "world_from_template", "first_offset"];
+    const INSTANCES: [&str; 4] = ["template", "world_from_template", "first_offset", "color_from_template"];
     match tensor.strip_suffix(SUFFIX).unwrap_or(tensor).split_once('.') {
         Some(("template", "ranges")) => Purpose::TemplateRanges,
         Some(("template", field)) if CLOUD.contains(&field) => Purpose::Templates,

@@ -9,8 +9,6 @@ use instgs_io::scene_pack::segments;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{InstancedScene, TemplateRange};
 
-/// A 3x4 transform, template index and first offset, all of 4 bytes each.
-pub(super) const INSTANCE_BYTES: u64 = 56;
 /// First Gaussian and count of a template.
 pub(super) const RANGE_BYTES: u64 = 8;
 
@@ -87,7 +85,7 @@ fn group(
     let stored_bytes = bytes_of(gaussians, Purpose::Templates, false)
         + bytes_of(records, Purpose::Offsets, false)
         + bytes_of(own.count() as u64, Purpose::Offsets, true)
-        + INSTANCE_BYTES * instances
+        + scene.instance_bytes() * instances
         + RANGE_BYTES;
     let flattened_ply_bytes = gaussians * instances * ply::row_bytes(scene.sh_degree());
     let bound_bytes = bound_bytes(gaussians, instances, scene.templates.sh_degree);

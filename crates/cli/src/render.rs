@@ -6,10 +6,9 @@ use std::time::Instant;
 use clap::Args;
 
 use super::picture_files::{self, Format};
-use instgs_console::Printer;
 use instgs_console::args::{LodArgs, LookArgs, ViewArgs, create_folder, open_scene};
 use instgs_console::device::{self, DeviceArgs};
-use instgs_console::{CliError, failed_to_render};
+use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_vk::render::Renderer;
 
 /// Renders a scene from cameras, a dataset's views, or a circle around it.

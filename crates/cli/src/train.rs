@@ -6,11 +6,10 @@ use clap::Args;
 
 use super::mask_args::MaskArgs;
 use super::training::{Session, train_job};
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::absolute;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer};
 use instgs_io::{IoError, RunFolder};
 use instgs_objects::pipeline::PipelineJob;
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};

@@ -3,10 +3,8 @@
 use std::sync::Arc;
 
 use super::progress_lines::{LabelLines, NamingLines, group_lines, warn_of_names};
-use instgs_console::CliError;
-use instgs_console::device;
 use instgs_console::table::grouped;
-use instgs_console::{Printer, Progress};
+use instgs_console::{CliError, Printer, Progress, device};
 use instgs_io::IoError;
 use instgs_objects::pipeline::{Message, Observer, Phase, Pipeline, PipelineJob, Prepared, Stage};
 use instgs_report::{ReportError, ReportWriter, RunReport};
@@ -78,7 +76,7 @@ impl Observer for Watcher<'_> {
             Message::Labelling(at) => self.labels.at(at),
             Message::Prepared(prepared) => self.prepared(prepared),
             Message::Training { message, .. } => self.training.tell(message),
-            Message::Trained { .. } => self.training.bar = None,
+            Message::Trained { .. } | Message::Reused { .. } => self.training.bar = None,
             // The progress of labelling continues that of the consensus.
             Message::StageStarted(Stage::Segment) | Message::StageFinished(_) => {}
             Message::StageStarted(_) => self.labels.end(),
@@ -121,7 +119,11 @@ struct TrainProgress<'a> {
 impl TrainProgress<'_> {
     fn tell(&mut self, message: TrainMessage<'_>) {
         match message {
-            TrainMessage::Warning(text) => self.printer.warning(text),
+            TrainMessage::Warning(text) => {
+                // The only one after the first step is about the result: the bar has nothing more to show.
+                self.bar = None;
+                self.printer.warning(text);
+            }
             TrainMessage::Rewound { step } => {
                 self.printer.line(format_args!("continuing from step {step}; later steps are repeated"));
             }

@@ -231,7 +231,7 @@ pub fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
 
 /// Creates a folder and its parents.
 pub fn create_folder(path: &Path) -> Result<(), CliError> {
-    std::fs::create_dir_all(path).map_err(|e| IoError::new(path, format!("cannot create the folder: {e}")).into())
+    Ok(instgs_io::run_folder::create(path)?)
 }
 
 /// Parses a picture size `WxH`, pixels.

@@ -60,11 +60,11 @@ pub fn masks_from_prompt(
     done: &mut dyn FnMut(&str, &ViewMasks),
 ) -> Result<PromptReport, DetectError> {
     use instgs_io::masks::CATEGORIES;
-    use instgs_io::{IoError, write_boxes, write_categories, write_mask};
+    use instgs_io::{write_boxes, write_categories, write_mask};
     use instgs_vk::scene::Boxes;
 
     let mut finder = super::find::Finder::open(models, prompt, options)?;
-    std::fs::create_dir_all(out).map_err(|e| IoError::new(out, format!("cannot be made: {e}")))?;
+    instgs_io::run_folder::create(out)?;
     let mut report = PromptReport::new(prompt.phrases());
     let mut boxes = Boxes::default();
     for view in views {

@@ -98,6 +98,15 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut dyn Write) -> std::io::
     Ok(())
 }
 
+/// Copies a file of moderate size, so that readers of the target see its old content or all of the new.
+///
+/// # Errors
+/// The source cannot be read, or the target cannot be written.
+pub fn copy_file(from: &Path, to: &Path) -> Result<(), IoError> {
+    let bytes = read_bytes(from)?;
+    atomic_write(to, |out| out.write_all(&bytes))
+}
+
 /// Reads the whole file into memory.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
     if path.is_dir() {

@@ -30,7 +30,7 @@ pub struct RunReport {
     pub steps_per_second: f64,
     /// Wall time of each stage, in order.
     pub stages: Vec<StageTime>,
-    /// Milliseconds per step for each pass, in the order of a step, from timestamps on the device.
+    /// Milliseconds per step for each pass, by name, from timestamps on the device.
     #[serde(serialize_with = "as_map", deserialize_with = "from_map")]
     pub passes_ms: Vec<(String, f64)>,
     /// Means over the test views; `None` if there are none.

@@ -27,6 +27,8 @@ pub struct ReportWriter {
     test_views: Vec<ViewPicture>,
     /// Report of the last finished training.
     last: ReportData,
+    /// Report and log of the plain cloud that the run trained or reused.
+    cloud: Option<(RunReport, Vec<Event>)>,
     pictures: StagePictures,
     /// Time spent on the pictures of the stages, seconds.
     drawing_seconds: f64,
@@ -38,7 +40,8 @@ impl ReportWriter {
         Self::default()
     }
 
-    /// Receives a message of the pipeline. The report of a plain cloud and the rendered test views are written at once.
+    /// Receives a message of the pipeline. The report of a plain cloud and the rendered test views are written at once; that of
+    /// a reused cloud is read before the next phase, and written if the process that trained it did not get to it.
     ///
     /// # Errors
     /// A log that cannot be read, or a file that cannot be written.
@@ -54,8 +57,10 @@ impl ReportWriter {
                 self.last = ReportData { report, events, pictures: shown.collect(), ..ReportData::default() };
                 if *phase == Phase::PlainCloud {
                     write(folder, &self.last)?;
+                    self.cloud = Some((self.last.report.clone(), self.last.events.clone()));
                 }
             }
+            Message::Reused { folder, config, facts } => self.cloud = Some(report_of_reused(folder, config, facts)?),
             _ => {}
         }
         Ok(())
@@ -101,19 +106,19 @@ impl ReportWriter {
     /// Writes the report of the whole run; with templates and instances it covers both phases.
     ///
     /// # Errors
-    /// A file of the plain cloud that is damaged, or one that cannot be written.
+    /// A file that cannot be written.
     pub fn finish(mut self, job: &PipelineJob, finished: Finished) -> Result<RunReport, IoError> {
         if let Some(objects) = finished.objects {
-            self.complete(job, objects)?;
+            self.complete(job, objects);
             write(&job.folder(), &self.last)?;
         }
         Ok(self.last.report)
     }
 
     /// Extends the joint phase's report to the whole run.
-    fn complete(&mut self, job: &PipelineJob, objects: ObjectPhases) -> Result<(), IoError> {
+    fn complete(&mut self, job: &PipelineJob, objects: ObjectPhases) {
         let ObjectPhases { plain_cloud, prepared } = objects;
-        let (vanilla, vanilla_events) = report_of_cloud(job, &plain_cloud)?;
+        let (vanilla, vanilla_events) = self.cloud.take().unwrap_or_else(|| report_of_given(job, &plain_cloud));
         let of_phase = |phase: &str, stages: &[StageTime]| -> Vec<StageTime> {
             stages.iter().map(|s| StageTime { name: format!("{phase}: {}", s.name), ..s.clone() }).collect()
         };
@@ -130,26 +135,33 @@ impl ReportWriter {
         report.vanilla = Some(Box::new(vanilla));
         data.vanilla_events = vanilla_events;
         data.stages = std::mem::take(&mut self.pictures);
-        Ok(())
     }
 }
 
-/// The report of the plain cloud that a run started from, and its log, which is empty if the cloud was given.
-fn report_of_cloud(job: &PipelineJob, facts: &TrainFacts) -> Result<(RunReport, Vec<Event>), IoError> {
-    let phase = job.cloud_phase();
-    if job.config.train.init_scene.is_some() {
-        let mut config = phase.config;
-        config.train.steps = 1;
-        return Ok((report_of(facts, &[], &config), Vec::new()));
-    }
-    let run = phase.folder();
-    // The log of a reused cloud may have been removed; only the page needs it.
+/// The report of a given plain cloud, which has no log.
+fn report_of_given(job: &PipelineJob, facts: &TrainFacts) -> (RunReport, Vec<Event>) {
+    let mut config = job.cloud_phase().config;
+    config.train.steps = 1;
+    (report_of(facts, &[], &config), Vec::new())
+}
+
+/// Report and log of a plain cloud that was trained before.
+fn report_of_reused(
+    run: &RunFolder,
+    config: &RunConfig,
+    facts: &TrainFacts,
+) -> Result<(RunReport, Vec<Event>), IoError> {
+    // The log may have been removed; only the page needs it.
     let events = if run.events().is_file() { read_events(&run.events())? } else { Vec::new() };
-    let report = match run.report().is_file() {
-        true => read_json(&run.report())?,
-        false => report_of(facts, &events, &phase.config),
-    };
-    Ok((report, events))
+    if run.report().is_file() {
+        let report: RunReport = read_json(&run.report())?;
+        if report.steps == facts.steps {
+            return Ok((report, events));
+        }
+    }
+    let data = ReportData { report: report_of(facts, &events, config), events, ..ReportData::default() };
+    write(run, &data)?;
+    Ok((data.report, data.events))
 }
 
 /// The report of one training. The facts of a resumed run cover the time since it was resumed; the log covers all.

@@ -8,8 +8,8 @@ use super::events::{Event, EventSink};
 use instgs_io::{IoError, Place, atomic_write, read_bytes};
 
 /// Appends events to a file. A checkpoint relies on the events before it, and they are in the file only once
-/// [`Self::flush`] was called: flush before a checkpoint is written. Events other than steps and densifications flush
-/// by themselves.
+/// [`Self::flush`] was called: flush before a checkpoint is written. Events other than steps and overflows flush by
+/// themselves.
 #[derive(Debug)]
 pub struct EventLog {
     path: PathBuf,

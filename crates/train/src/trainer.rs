@@ -5,9 +5,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use instgs_eval::{EvalReport, Evaluated, evaluate};
-use instgs_io::checkpoint;
 use instgs_io::json::write_json;
-use instgs_io::{IoError, RunFolder, View, atomic_write, write_ply, write_scene_file};
+use instgs_io::{IoError, RunFolder, View, atomic_write, checkpoint, write_ply, write_scene_file};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
@@ -143,10 +142,9 @@ pub fn train(
         mb => u64::from(mb) << 20,
     });
     let load = Instant::now();
-    let Loaded { data, variant, start, views } = load_for(gpu, job, observer)?;
-    let job = &TrainJob { config: job.config.own_phase(), ..job.clone() };
-    let first_step = start.step;
-    let log = open_log(job, first_step, observer)?;
+    let phase = TrainJob { config: job.config.own_phase(), ..job.clone() };
+    let (Loaded { data, variant, start, views }, log) = load_for(gpu, job, &phase, observer)?;
+    let (job, first_step) = (&phase, start.step);
     let mut sink = LogAndObserver { log, observer };
     let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
     let mut stages = vec![StageTime::since("load", load)];
@@ -214,8 +212,14 @@ pub fn train(
     Ok(Trained { scene, dropped_non_finite, pruned, interrupted, facts })
 }
 
-/// Writes the configuration and loads everything that training needs. If that fails the folder is left as it was.
-fn load_for(gpu: &Arc<Gpu>, job: &TrainJob, observer: &mut dyn TrainObserver) -> Result<Loaded, TrainError> {
+/// Writes the configuration of `job`, loads everything that the training of `phase` needs, and opens its log. If that fails
+/// the folder keeps the configuration that it had.
+fn load_for(
+    gpu: &Arc<Gpu>,
+    job: &TrainJob,
+    phase: &TrainJob,
+    observer: &mut dyn TrainObserver,
+) -> Result<(Loaded, EventLog), TrainError> {
     let folder = job.folder();
     folder.create()?;
     let path = folder.config();
@@ -226,9 +230,12 @@ fn load_for(gpu: &Arc<Gpu>, job: &TrainJob, observer: &mut dyn TrainObserver) ->
     };
     // Written before pictures are read, which may take minutes, so that a run killed then can be resumed.
     atomic_write(&path, |out| out.write_all(text.as_bytes()))?;
-    let phase = TrainJob { config: job.config.own_phase(), ..job.clone() };
-    let loaded = load_all(gpu, &phase, &mut |text| observer.notify(TrainMessage::Warning(text)));
-    if loaded.is_err() {
+    let loaded = load_all(gpu, phase, &mut |text| observer.notify(TrainMessage::Warning(text)));
+    let opened = loaded.and_then(|loaded| {
+        let log = open_log(phase, loaded.start.step, observer)?;
+        Ok((loaded, log))
+    });
+    if opened.is_err() {
         // Nothing began: remove the file, or restore that of the run that was there. If this fails as well, the first
         // error is the one to report.
         let _ = match before {
@@ -236,7 +243,7 @@ fn load_for(gpu: &Arc<Gpu>, job: &TrainJob, observer: &mut dyn TrainObserver) ->
             Some(bytes) => atomic_write(&path, |out| out.write_all(&bytes)).ok(),
         };
     }
-    loaded
+    opened
 }
 
 /// Opens the log of a run that continues after `step` finished steps.

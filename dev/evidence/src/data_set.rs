@@ -2,8 +2,7 @@
 
 use std::path::Path;
 
-use instgs_console::CliError;
-use instgs_console::Printer;
+use instgs_console::{CliError, Printer};
 use instgs_synth::dataset;
 
 /// Renders a data set unless it exists.

@@ -5,9 +5,8 @@ use std::time::Instant;
 
 use clap::Args;
 
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::parse_size;
+use instgs_console::{CliError, Printer};
 use instgs_synth::dataset::{self, ObjectCount, Options, PoseNoise, RECIPES, Truth};
 
 /// Renders photos of a procedural scene with repeated objects, with their masks, depths, poses and cameras.

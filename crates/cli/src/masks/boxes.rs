@@ -5,11 +5,10 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use crate::progress_lines::LabelLines;
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::open_scene;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer};
 use instgs_io::{View, read_boxes};
 use instgs_objects::pipeline::write_masks_from_boxes;
 use instgs_objects::segment::boxes::{BoxOptions, BoxReport};

@@ -9,10 +9,9 @@ use clap::Args;
 
 use self::boxes::BoxArgs;
 use self::prompt::PromptArgs;
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::create_folder;
 use instgs_console::device::DeviceArgs;
+use instgs_console::{CliError, Printer};
 use instgs_io::{IoError, MaskFolder, RunFolder, View, read_views};
 use instgs_report::stage_pictures::review;
 

@@ -6,9 +6,8 @@ use std::time::Instant;
 use clap::Args;
 
 use crate::progress_lines::{NamingLines, warn_of_names};
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer};
 use instgs_detect::{DetectOptions, Prompt, PromptOptions, PromptReport, Provider, RuntimeOptions, ViewMasks};
 use instgs_io::View;
 use instgs_objects::pipeline::PipelineError;

@@ -6,9 +6,8 @@ use clap::Args;
 
 use super::{SegmentsArgs, create_folder_of};
 use crate::progress_lines::group_lines;
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::table::grouped;
+use instgs_console::{CliError, Printer};
 use instgs_io::{read_groups, save_scene};
 use instgs_objects::pipeline::build_templates;
 use instgs_objects::pipeline::build_templates::warnings;

@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::{SegmentsArgs, create_folder_of};
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
+use instgs_console::{CliError, Printer};
 use instgs_io::write_groups;
 use instgs_objects::pipeline::register_objects::warnings;
 use instgs_objects::pipeline::{Message, register_objects};

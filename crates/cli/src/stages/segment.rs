@@ -6,11 +6,10 @@ use clap::Args;
 
 use super::with_sets;
 use crate::progress_lines::LabelLines;
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::{absolute, create_folder};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
+use instgs_console::{CliError, Printer};
 use instgs_io::{IoError, RunFolder, atomic_write, write_ply};
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_objects::pipeline::label_gaussians::read_cloud;

@@ -1,7 +1,6 @@
 //! Masks that a run makes itself: from words before the plain cloud is trained, from boxes after it.
 
 use std::collections::BTreeSet;
-use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -12,7 +11,7 @@ use super::mask_source::{MaskSource, made_masks};
 use super::observer::{Message, Observer};
 use super::stage_kinds::Stage;
 use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw};
-use instgs_detect::{self, Prompt, ViewMasks};
+use instgs_detect::{Prompt, ViewMasks};
 use instgs_io::masks::CATEGORIES;
 use instgs_io::{Dataset, IoError, Split, View, read_boxes, read_views, write_categories, write_mask};
 use instgs_train::eval_options;
@@ -26,7 +25,6 @@ use instgs_vk::scene::{Boxes, InstancedScene};
 ///
 /// # Errors
 /// Models or the runtime library that are missing; a photo that cannot be read; no detection in any photo.
-/// Models or the runtime library that are missing; a photo that cannot be read; nothing found at all.
 pub fn masks_from_prompt(job: &PipelineJob, observer: &mut dyn Observer) -> Result<Option<StageTime>, PipelineError> {
     let MaskSource::Prompt { prompt, models } = MaskSource::of(job)? else { return Ok(None) };
     let out = made_masks(job);
@@ -123,7 +121,7 @@ pub fn write_masks_from_boxes(
     out: &Path,
     observer: &mut dyn Observer,
 ) -> Result<BoxReport, PipelineError> {
-    fs::create_dir_all(out).map_err(|e| IoError::new(out, format!("cannot be made: {e}")))?;
+    instgs_io::run_folder::create(out)?;
     let found = draw::<PipelineError>(
         gpu,
         cloud,

@@ -1,5 +1,5 @@
 //! From photos and masks to an instanced scene. [`Pipeline::run`] runs all stages and reports to one [`Observer`]: the
-//! plain cloud ([`instgs_train::train`]), masks ([`make_masks`], [`mask_check`]), the object of every Gaussian
+//! plain cloud ([`instgs_train::train`]), masks ([`masks_from_prompt`], [`check_masks`]), the object of every Gaussian
 //! ([`mod@label_gaussians`]), groups of objects that are alike with their poses ([`mod@register_objects`]), templates
 //! with instances ([`mod@build_templates`]), and the joint phase. Each stage is also a function of its own.
 
@@ -8,9 +8,9 @@ pub mod config;
 mod error;
 mod job;
 pub mod label_gaussians;
-pub mod make_masks;
-pub mod mask_check;
-pub mod mask_source;
+mod make_masks;
+mod mask_check;
+mod mask_source;
 mod observer;
 pub mod prepare;
 pub mod register_objects;

@@ -23,7 +23,7 @@ pub enum Phase {
 /// One message of a pipeline run.
 #[derive(Clone, Copy, Debug)]
 pub enum Message<'a> {
-    /// A phase of a run with templates and instances begins; phases whose results exist are not reported.
+    /// A phase of a run with templates and instances begins. Not sent for a plain cloud that is reused or given.
     PhaseStarted(Phase),
     /// A warning for the user, one line.
     Warning(&'a str),
@@ -53,7 +53,16 @@ pub enum Message<'a> {
         /// The trainer's message.
         message: TrainMessage<'a>,
     },
-    /// The training of a phase is done, or a given plain cloud was evaluated.
+    /// The plain cloud of an earlier, finished training is used again.
+    Reused {
+        /// Run folder of the plain cloud.
+        folder: &'a RunFolder,
+        /// Configuration of the plain cloud's training.
+        config: &'a RunConfig,
+        /// Results of that training.
+        facts: &'a TrainFacts,
+    },
+    /// The training of a phase is done.
     Trained {
         /// The phase that is done.
         phase: Phase,

@@ -16,7 +16,7 @@ use super::observer::{Message, Observer, Phase};
 use super::prepare::{Prepared, prepare};
 use instgs_eval::EvalError;
 use instgs_io::json::read_json;
-use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, read_views, write_ply};
+use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, read_views, write_ply};
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
 use instgs_train::given::{GivenCloud, given_cloud};
@@ -155,17 +155,18 @@ impl Pipeline<'_> {
     fn train_cloud(&self, job: &PipelineJob, observer: &mut dyn Observer) -> Result<TrainFacts, PipelineError> {
         let phase = job.cloud_phase();
         let run = phase.folder();
-        let done = if job.resume { finished_training(&run) } else { None };
+        let done = if job.resume { finished_training(&run)? } else { None };
         let facts = match done {
-            Some(facts) if facts.steps == phase.config.train.steps => facts,
+            Some(facts) if facts.steps == phase.config.train.steps => {
+                observer.notify(Message::Reused { folder: &run, config: &phase.config, facts: &facts })?;
+                facts
+            }
             _ => {
                 observer.notify(Message::PhaseStarted(Phase::PlainCloud))?;
                 self.train(&phase, &job.out, Phase::PlainCloud, observer)?.facts
             }
         };
-        let (from, to) = (run.point_cloud(), job.folder().point_cloud());
-        let bytes = std::fs::read(&from).map_err(|e| IoError::new(&from, format!("cannot read: {e}")))?;
-        atomic_write(&to, |file| file.write_all(&bytes))?;
+        copy_file(&run.point_cloud(), &job.folder().point_cloud())?;
         Ok(facts)
     }
 
@@ -214,10 +215,10 @@ impl Pipeline<'_> {
     }
 }
 
-/// The facts of a finished training; for versions that wrote none, from its report.
-fn finished_training(run: &RunFolder) -> Option<TrainFacts> {
-    let path: PathBuf = [run.facts(), run.report()].into_iter().find(|path| path.is_file())?;
-    read_json(&path).ok()
+/// The facts of a finished training, if there is one; for versions that wrote none, from its report.
+fn finished_training(run: &RunFolder) -> Result<Option<TrainFacts>, IoError> {
+    let path: Option<PathBuf> = [run.facts(), run.report()].into_iter().find(|path| path.is_file());
+    path.map(|path| read_json(&path)).transpose()
 }
 
 /// Checks the masks before the run begins; sends the warnings to `observer` and returns them.

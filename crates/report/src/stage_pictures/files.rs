@@ -1,7 +1,5 @@
 //! The pictures as PNG files in `RUN/stages/`, numbered by stage, so that listings are in the order of the stages.
 
-use std::fs;
-
 use rayon::prelude::*;
 
 use crate::{Rgb8, StagePictures};
@@ -11,7 +9,7 @@ use instgs_objects::pipeline::PipelineJob;
 /// Writes all pictures; files of the same name are replaced.
 pub(super) fn write(job: &PipelineJob, pictures: &StagePictures) -> Result<(), IoError> {
     let folder = job.folder().stage_pictures();
-    fs::create_dir_all(&folder).map_err(|e| IoError::new(&folder, format!("cannot create: {e}")))?;
+    instgs_io::run_folder::create(&folder)?;
     named(pictures).par_iter().try_for_each(|(name, picture)| {
         let path = folder.join(format!("{name}.png"));
         let bytes = picture.png().map_err(|error| IoError::new(&path, error.to_string()))?;

@@ -6,7 +6,7 @@ use instgs_cli::training::{Session, train_job};
 use instgs_console::CliError;
 use instgs_console::args::create_folder;
 use instgs_io::json::read_json;
-use instgs_io::{IoError, RunFolder};
+use instgs_io::{IoError, RunFolder, copy_file};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::pipeline::{PipelineJob, makes_scene};
 use instgs_report::RunReport;
@@ -60,8 +60,10 @@ impl Runs<'_> {
         copy_file(&from.point_cloud(), &to.point_cloud())?;
         copy_file(&from.events(), &to.events())?;
         copy_file(&from.report(), &to.report())?;
-        // Copied last: with this file the cloud counts as trained.
-        copy_file(&from.facts(), &to.facts())?;
+        // Copied last: with this file the cloud counts as trained. Older versions wrote none.
+        if from.facts().is_file() {
+            copy_file(&from.facts(), &to.facts())?;
+        }
         self.train(name, config)
     }
 }
@@ -76,12 +78,7 @@ fn copy_run(from: &RunFolder, to: &RunFolder) -> Result<(), CliError> {
     copy_file(path, &to.checkpoints().join(name))?;
     copy_file(&from.events(), &to.events())?;
     // Copied last: with this file the run counts as copied.
-    copy_file(&from.config(), &to.config())
-}
-
-fn copy_file(from: &Path, to: &Path) -> Result<(), CliError> {
-    std::fs::copy(from, to).map_err(|e| IoError::new(from, format!("cannot be copied: {e}")))?;
-    Ok(())
+    Ok(copy_file(&from.config(), &to.config())?)
 }
 
 /// Seconds of training, of making masks, and of the stages between the phases.

@@ -3,9 +3,8 @@
 use std::path::Path;
 
 use crate::results::{SceneResult, plots, tables};
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::create_folder;
+use instgs_console::{CliError, Printer};
 use instgs_io::atomic_write;
 
 /// Writes tables.md, tables.json, a .csv for each table, and plots.

@@ -14,11 +14,10 @@ use crate::results::scene_list::Source;
 use crate::results::{SceneJob, SceneList, SceneResult, plots, tables};
 use instgs_cli::lpips_args::LpipsArgs;
 use instgs_cli::training::Session;
-use instgs_console::CliError;
-use instgs_console::Printer;
 use instgs_console::args::create_folder;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
+use instgs_console::{CliError, Printer};
 use instgs_train::interrupt::Interrupt;
 
 /// Measures a list of scenes and writes the tables that claims are based on.

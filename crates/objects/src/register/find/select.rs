@@ -162,8 +162,7 @@ fn support(ground: &[DVec3], object: &ObjectBox, up: DVec3) -> Option<f64> {
     is_support.then(|| bottom + layer[layer.len() / 2].0 + ABOVE * height)
 }
 
-/// Points of the whole scene on Gaussians within the limits of opacity and size that the object's points were drawn
-/// with.
+/// Points of the whole scene, on Gaussians within the same limits of opacity and size as the object's points.
 fn scene_surface(
     input: &FindInput<'_>,
     own: &[u32],
