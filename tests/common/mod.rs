@@ -13,11 +13,7 @@ pub(crate) mod scale;
 pub(crate) mod scramble;
 pub(crate) mod tensor;
 
-/// The folder of the repository: tests of several packages share this code.
-pub(crate) fn repository() -> &'static std::path::Path {
-    let package = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    package.ancestors().find(|folder| folder.join("glsl").is_dir()).unwrap()
-}
+pub(crate) use program::repository;
 
 /// At most this fraction of an image's pixels may be excluded as not robust (docs/design.md).
 pub(crate) const MAX_EXCLUDED_FRACTION: f64 = 0.02;

@@ -1,7 +1,7 @@
 //! The program as tests run it.
 
 use std::env::consts::EXE_SUFFIX;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use assert_cmd::Command;
 
@@ -13,9 +13,17 @@ pub(crate) fn built(name: &str) -> PathBuf {
     path
 }
 
-/// The program `instgs-vk`.
+/// The folder of the repository: tests of several packages share this code.
+pub(crate) fn repository() -> &'static Path {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
+    package.ancestors().find(|folder| folder.join("glsl").is_dir()).unwrap()
+}
+
+/// The program `instgs-vk`, in the repository's folder, where it finds the library that `tools/setup_onnxruntime` fetched.
 pub(crate) fn program() -> Command {
-    Command::new(built("instgs-vk"))
+    let mut command = Command::new(built("instgs-vk"));
+    command.current_dir(repository());
+    command
 }
 
 /// Runs, wants exit code 1 and exactly one line on stderr, which it returns.

@@ -332,7 +332,7 @@ fn dropped_gaussians_are_counted_aloud() {
     assert!(text.starts_with("warning: ") && text.contains("nan.ply: dropped 1 Gaussians"), "{text}");
 }
 
-/// The fields that DESIGN section 6 promises.
+/// The fields that `bench --json` promises.
 fn check_bench_fields(report: &Value) {
     for (group, fields) in [
         ("ms", vec!["median", "p10", "p90"]),

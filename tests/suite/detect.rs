@@ -6,10 +6,10 @@ use instgs_detect::image_input::{ModelImage, detector_image, segmenter_image};
 use instgs_detect::mask_logits::best_of;
 use instgs_detect::models::DetectorModel;
 use instgs_detect::tokens::PromptTokenizer;
-use instgs_detect::{Detector, Prompt, RuntimeOptions, Segmenter};
+use instgs_detect::{Detector, Prompt, Segmenter};
 use serde::Deserialize;
 
-use crate::onnx::{Tensors, has_onnxruntime, models, models_folder};
+use crate::onnx::{Tensors, has_onnxruntime, models, models_folder, runtime};
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
@@ -118,7 +118,7 @@ fn boxes_are_those_of_transformers() -> Outcome {
     let size = (photo.width, photo.height);
     for (k, case) in expected.prompts.iter().enumerate() {
         let prompt = Prompt::parse(&case.text)?;
-        let mut detector = Detector::open(&models, &prompt, &RuntimeOptions::default())?;
+        let mut detector = Detector::open(&models, &prompt, &runtime())?;
         let output = detector.run(&detector_image(&photo, &models.detector))?;
         let named = |what: &str| format!("detector.{k}.{what}");
         check(&named("logits"), difference(&output.logits, &tensors.floats(&named("logits"))), TOLERANCE);
@@ -180,7 +180,7 @@ fn masks_are_those_of_transformers() -> Outcome {
     }
     let (tensors, models) = (Tensors::read()?, models());
     let photo = tensors.photo();
-    let mut segmenter = Segmenter::open(&models, &RuntimeOptions::default())?;
+    let mut segmenter = Segmenter::open(&models, &runtime())?;
     let embedding = segmenter.encode(&photo)?;
     check("embeddings", difference(embedding.values(), &tensors.floats("segmenter.embeddings")), TOLERANCE);
     let boxes: Vec<[f64; 4]> =

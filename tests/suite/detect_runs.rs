@@ -13,7 +13,7 @@ use instgs_io::{MaskFolder, Split, View, read_boxes, read_mask};
 use instgs_vk::math::distortion::Distortion;
 use instgs_vk::scene::Camera;
 
-use crate::onnx::{Tensors, has_onnxruntime, models, models_folder};
+use crate::onnx::{Tensors, has_onnxruntime, models, models_folder, runtime};
 
 type Outcome = Result<(), Box<dyn std::error::Error>>;
 
@@ -36,7 +36,7 @@ fn views(folder: &Path) -> Result<Vec<View>, Box<dyn std::error::Error>> {
 /// Masks of both views in OUT; thresholds below the fixture's, so that there are some for each phrase.
 fn masks_in(out: &Path, views: &[View], prompt: &str) -> Result<PromptReport, Box<dyn std::error::Error>> {
     let detect = DetectOptions { box_threshold: 0.3, text_threshold: 0.3, overlap: 0.8 };
-    let options = PromptOptions { detect, ..PromptOptions::default() };
+    let options = PromptOptions { detect, runtime: runtime() };
     let mut told = Vec::new();
     let views: Vec<&View> = views.iter().collect();
     let report =
@@ -119,7 +119,7 @@ fn views_and_models_that_cannot_be_used_are_named() -> Outcome {
     // Other models than the list says: other bytes, then the wrong graph under the right checksum.
     let own = copied_models(folder.path())?;
     let open = |own: &Path| {
-        let opened = Detector::open(&ModelsFolder::open(own)?, &Prompt::parse("car")?, &RuntimeOptions::default());
+        let opened = Detector::open(&ModelsFolder::open(own)?, &Prompt::parse("car")?, &runtime());
         opened.map(|_| ()).map_err(Box::<dyn std::error::Error>::from)
     };
     open(&own)?;
@@ -151,16 +151,16 @@ fn other_shapes_than_the_list_says_are_named() -> Outcome {
     let mut models = models();
     models.detector.max_tokens = 40;
     models.segmenter.mask_px = 8;
-    let mut detector = Detector::open(&models, &Prompt::parse("car")?, &RuntimeOptions::default())?;
+    let mut detector = Detector::open(&models, &Prompt::parse("car")?, &runtime())?;
     let text = detector.detect(&tensors.photo(), &DetectOptions::default()).unwrap_err().to_string();
     assert!(text.contains("gave logits the shape [1, 12, 48]") && text.contains("models.json"), "{text}");
-    let mut segmenter = Segmenter::open(&models, &RuntimeOptions::default())?;
+    let mut segmenter = Segmenter::open(&models, &runtime())?;
     let embedding = segmenter.encode(&tensors.photo())?;
     let text = segmenter.masks(&embedding, &[[0.0, 0.0, 9.0, 9.0]]).unwrap_err().to_string();
     assert!(text.contains("gave mask_logits the shape [1, 3, 16, 16]"), "{text}");
     // A canvas that the graph was not made for.
     models.segmenter.side_px = 48;
-    let text = Segmenter::open(&models, &RuntimeOptions::default())?.encode(&tensors.photo()).err();
+    let text = Segmenter::open(&models, &runtime())?.encode(&tensors.photo()).err();
     let text = text.map(|e| e.to_string()).unwrap_or_default();
     assert!(text.contains("sam_encoder.onnx: cannot be run") && !text.contains('\n'), "{text}");
     Ok(())
@@ -173,7 +173,7 @@ fn devices_that_the_library_lacks_are_named() {
     }
     // No build has both of these.
     let open = |provider| {
-        let options = RuntimeOptions { provider, ..RuntimeOptions::default() };
+        let options = RuntimeOptions { provider, ..runtime() };
         Segmenter::open(&models(), &options).err().map(|e| e.to_string()).unwrap_or_default()
     };
     let texts = [open(Provider::CoreMl), open(Provider::DirectMl)];

@@ -1,5 +1,5 @@
-//! Everything but the kernels' own tests (`tests/kernels/`, which run once per subgroup size). One program, since each would
-//! link the whole library: 23 of them took 2.4 GB and a minute of linking.
+//! The command line and the libraries; the kernels, the player and the data sets have tests of their own. One program, since each
+//! would link all libraries: 23 of them took 2.4 GB and a minute of linking.
 
 #![allow(
     clippy::print_stdout,

@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::sync::OnceLock;
 
+use instgs_detect::library::library_name;
 use instgs_detect::{ModelsFolder, Photo, RuntimeOptions, Segmenter};
 use safetensors::SafeTensors;
 
@@ -17,13 +18,21 @@ pub(crate) fn models_folder() -> PathBuf {
 pub(crate) fn has_onnxruntime() -> bool {
     static HAS: OnceLock<bool> = OnceLock::new();
     *HAS.get_or_init(|| {
-        let Err(error) = Segmenter::open(&models(), &RuntimeOptions::default()) else { return true };
+        let Err(error) = Segmenter::open(&models(), &runtime()) else { return true };
         let needed = std::env::var("INSTGS_NEED_ONNXRUNTIME").as_deref() == Ok("1");
         let named = std::env::var_os("ORT_DYLIB_PATH").is_some_and(|v| !v.is_empty());
         assert!(!needed && !named && error.to_string().contains("tools/setup_onnxruntime"), "{error}");
         let _ = writeln!(std::io::stderr(), "TESTS THAT RUN MODELS DID NOT RUN: {error}");
         false
     })
+}
+
+/// The library that `tools/setup_onnxruntime` fetched, unless the user names another: tests run in their package's folder, from
+/// where it is not found by itself.
+pub(crate) fn runtime() -> RuntimeOptions {
+    let fetched = crate::common::repository().join(".cache/onnxruntime").join(library_name());
+    let named = std::env::var_os("ORT_DYLIB_PATH").is_some_and(|v| !v.is_empty());
+    RuntimeOptions { library: (!named && fetched.is_file()).then_some(fetched), ..RuntimeOptions::default() }
 }
 
 /// The fixture's models.

@@ -4,7 +4,7 @@
     python3 tools/models/make_lpips_fixture.py [--out tests/fixtures/lpips.json]
 
 Needs torch, torchvision and lpips (0.1.4); downloads nothing and uses no trained weights. The same formulas stand in
-src/eval/lpips/fixture.rs, so the repository holds neither weights nor pictures. Everything is computed in f64, of
+crates/eval/src/lpips/fixture.rs, so the repository holds neither weights nor pictures. Everything is computed in f64, of
 weights and pixels rounded to f32.
 
 Formulas, on unsigned 64-bit integers that wrap:
