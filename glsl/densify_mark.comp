@@ -3,12 +3,14 @@
 // in its place (split). First pass of the strategy `densify`.
 //
 // - Reads the parameters (by Gaussian; all SH bands, to check that they are finite) and `screen_statistics`.
+// - Reads `uses` and `highest_logits` (see `source_use`): a Gaussian of a template counts once per instance.
 // - Writes `keys` (bits of the mean screen gradient, inverted: the radix sort ascends) and `values` (the index) for the
-//   sort, `counts` (1 if it stays without growth), `gains` (Gaussians added by growth) and `growths` (`GROWTH_*`).
-// - Removed are Gaussians that are not finite or whose opacity is below the limit and, while there are limits for large
+//   sort, `counts` (1 if it stays without growth), `gains` (Gaussians added by growth), both once more as numbers of
+//   expanded Gaussians (`kept_expanded`, `gains_expanded`), and `growths` (`GROWTH_*`).
+// - Removed are Gaussians that are not finite or whose opacity is below the limit in every instance and, while there are limits for large
 //   Gaussians, those that are wider than `radius_max_px` on screen or have a scale above `log_scale_max`. The copy of a
 //   clone and the children of a split have not been on screen, and children are tested by their own scale.
-// - Grid: one thread per Gaussian. Bytes per Gaussian: 56 + 12 (degree + 1)^2 read, 20 written.
+// - Grid: one thread per Gaussian. Bytes per Gaussian: 64 + 12 (degree + 1)^2 read, 28 written.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -23,6 +25,10 @@ layout(scalar, binding = 10) writeonly buffer Values { uint values[]; };        
 layout(scalar, binding = 11) writeonly buffer Counts { uint counts[]; };                     // 1 if it stays without growth, else 0
 layout(scalar, binding = 12) writeonly buffer Gains { uint gains[]; };                       // additional Gaussians with growth
 layout(scalar, binding = 13) writeonly buffer Growths { uint growths[]; };                   // GROWTH_*
+layout(scalar, binding = 14) readonly buffer Uses { uint uses[]; };                          // number of instances that have it
+layout(scalar, binding = 15) readonly buffer HighestLogits { float highest_logits[]; };      // largest opacity logit in any instance
+layout(scalar, binding = 16) writeonly buffer KeptExpanded { uint kept_expanded[]; };        // `counts` times `uses`
+layout(scalar, binding = 17) writeonly buffer GainsExpanded { uint gains_expanded[]; };      // `gains` times `uses`
 layout(scalar, push_constant) uniform DensifyMarkParams {
     uint count;                // Gaussians
     uint split_count;          // children of a split Gaussian
@@ -40,7 +46,7 @@ void main() {
     vec3 statistics = screen_statistics[i];
     vec3 scales = log_scales[i];
     float largest = max(max(scales.x, scales.y), scales.z);
-    bool lives = all_finite(i) && opacity_logits[i] >= logit_min;
+    bool lives = all_finite(i) && highest_logits[i] >= logit_min;
     bool fits = largest <= log_scale_max;
     uint kept = lives && fits && statistics.z <= radius_max_px ? 1 : 0;
     float views = max(statistics.y, 1.0);
@@ -53,5 +59,7 @@ void main() {
     values[i] = i;
     counts[i] = kept;
     gains[i] = gain;
+    kept_expanded[i] = kept * uses[i];
+    gains_expanded[i] = gain * uses[i];
     growths[i] = gain == 0 ? GROWTH_NONE : splits ? GROWTH_SPLIT : GROWTH_CLONE;
 }

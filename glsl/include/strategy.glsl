@@ -1,7 +1,7 @@
 // Codes and counters of the strategies that change the number of Gaussians between steps.
 
 const uint COUNTER_GAUSSIANS = 10;    // Gaussians before: written by the host
-const uint COUNTER_KEPT = 11;         // Gaussians that stay if nothing grows
+const uint COUNTER_KEPT = 11;         // expanded Gaussians that stay if nothing grows
 const uint COUNTER_DENSIFIED = 12;    // Gaussians after
 const uint COUNTER_CLONED = 13;       // Gaussians that got a copy
 const uint COUNTER_SPLIT = 14;        // Gaussians that were replaced by children

@@ -51,9 +51,11 @@ pub struct BackwardPipelines {
 /// The kernels that change the number of Gaussians between steps.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct DensifyPipelines {
+    pub source_use: Pipeline<source_use::SourceUse>,
     pub densify_mark: Pipeline<densify_mark::DensifyMark>,
     pub densify_select: Pipeline<densify_select::DensifySelect>,
     pub densify_place: Pipeline<densify_place::DensifyPlace>,
+    pub densify_place_offsets: Pipeline<densify_place_offsets::DensifyPlaceOffsets>,
     pub densify_split: Pipeline<densify_split::DensifySplit>,
     pub mcmc_weigh: Pipeline<mcmc_weigh::McmcWeigh>,
     pub mcmc_pick: Pipeline<mcmc_pick::McmcPick>,
@@ -269,9 +271,11 @@ impl DensifyPipelines {
         let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
         let size = variant.workgroup_size;
         Ok(Self {
+            source_use: compiler.compile(size, &[])?,
             densify_mark: compiler.compile(size, &[("SH_DEGREE", sh_degree)])?,
             densify_select: compiler.compile(size, &[])?,
             densify_place: compiler.compile(size, &[])?,
+            densify_place_offsets: compiler.compile(size, &[])?,
             densify_split: compiler.compile(size, &[])?,
             mcmc_weigh: compiler.compile(size, &[("SH_DEGREE", sh_degree)])?,
             mcmc_pick: compiler.compile(size, &[])?,

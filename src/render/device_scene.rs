@@ -5,19 +5,19 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use crate::gpu::interface::types;
-use crate::gpu::staging::upload;
+use crate::gpu::staging::{download, upload};
 use crate::gpu::{Buffer, Gpu, GpuError, Recorder};
 use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::Levels;
 use crate::scene::parameters::Rows;
-use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet};
+use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
 
 use super::error::RenderError;
 use super::instance_table::{InstanceTable, RecordedChanges};
 use super::level_tables::build_level_tables;
 use super::parameter_buffers::{ParameterBuffers, planned_parameter_bytes};
-use super::scene_tables::{Tables, build_tables, cloud_tables, scale_bound};
+use super::scene_tables::{Tables, build_tables, scale_bound, unbounded_tables};
 
 /// Numbers of Gaussians, SH degrees and offset records of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -160,32 +160,28 @@ impl DeviceScene {
         })
     }
 
-    /// Resizes the tables of a scene that is only a background to `count` Gaussians. The caller replaces the parameter
-    /// buffers. As with [`DeviceScene::unbounded`], nothing is culled by chunk.
+    /// Makes the tables of a scene in training fit another layout with the same instances and SH degrees; their poses stay
+    /// those of the device. The caller replaces the parameter buffers. As with [`DeviceScene::unbounded`], nothing is
+    /// culled by chunk. The device must be idle.
     ///
     /// # Errors
     /// More Gaussians than the device can hold.
-    ///
-    /// # Panics
-    /// If the scene has templates.
-    pub fn resize_background(&mut self, gpu: &Arc<Gpu>, count: usize) -> Result<(), RenderError> {
-        assert_eq!(self.counts.templates, 0, "only plain clouds change their number of Gaussians");
-        check_limit(gpu, count, self.sh_degree)?;
-        let tables = cloud_tables(count, self.counts.background_sh_degree, self.chunk_size)?;
+    pub fn relayout(&mut self, gpu: &Arc<Gpu>, layout: &SourceLayout) -> Result<(), RenderError> {
+        check_limit(gpu, layout.source_count(), self.sh_degree)?;
+        let before = download(gpu, &self.instances, self.posed_instances as usize)?;
+        let mut tables = unbounded_tables(layout, self.chunk_size)?;
+        for (row, before) in tables.instances.iter_mut().zip(before) {
+            (row.world_from_template, row.scale) = (before.world_from_template, before.scale);
+        }
         self.instances = upload(gpu, "instances", &tables.instances)?;
         self.chunks = upload(gpu, "chunks", &tables.chunks)?;
         self.instance_count = tables.instances.len() as u32;
         self.chunk_pairs = tables.chunk_pairs;
         self.expanded_len = tables.flat;
-        self.counts.background = count;
+        self.counts.templates = layout.templates.len;
+        self.counts.background = layout.background.len;
+        self.counts.rows = rows_of(layout, &self.counts.rows);
         self.table = self.table.take().map(|_| InstanceTable::new(tables.instances));
-        for (parameter, rows) in self.counts.rows.iter_mut() {
-            rows[1] = match parameter.owner() {
-                Owner::Source => count,
-                Owner::ShBand(l) if l <= self.counts.background_sh_degree => count,
-                _ => 0,
-            };
-        }
         Ok(())
     }
 
@@ -338,6 +334,19 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
         chunks: chunks * chunk_bytes,
         unused: unused + placeholder(instances, instance_bytes) + placeholder(chunks, chunk_bytes),
     }
+}
+
+/// Numbers of rows of every parameter in a layout, for the kinds of offsets that `before` has.
+fn rows_of(layout: &SourceLayout, before: &ParameterSet<Rows>) -> ParameterSet<Rows> {
+    let clouds = [layout.templates, layout.background];
+    let records = before[Parameter::OffsetMeans][0].max(1);
+    ParameterSet::from_fn(|parameter| match parameter.owner() {
+        Owner::Source => clouds.map(|cloud| cloud.len),
+        Owner::ShBand(l) => clouds.map(|cloud| if cloud.sh_degree >= l { cloud.len } else { 0 }),
+        // Coefficients above 0 have several rows per record.
+        Owner::Offset => [before[parameter][0] / records * layout.offsets, 0],
+        Owner::Instance => before[parameter],
+    })
 }
 
 /// Checks the number of Gaussians before anything is built: the largest array has a quaternion (16 bytes) or the

@@ -7,7 +7,7 @@ use crate::gpu::interface::types;
 use crate::gpu::staging::upload;
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::kernels::Variant;
-use crate::scene::{InstancedScene, ParameterSet};
+use crate::scene::{ParameterSet, SourceLayout};
 
 use super::device_scene::DeviceScene;
 use super::parameter_buffers::ParameterBuffers;
@@ -61,35 +61,18 @@ pub struct SourceTables {
 }
 
 impl SourceTables {
-    /// The tables of a valid scene for kernels with `chunk_size` threads per work-group.
-    pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, GpuError> {
-        let (chunks, instances) = source_tables(scene, chunk_size);
-        Self::upload(gpu, &chunks, &instances)
-    }
-
-    /// The tables of a plain cloud of `count` Gaussians.
-    pub fn background_only(gpu: &Arc<Gpu>, count: usize, sh_degree: u32, chunk_size: u32) -> Result<Self, GpuError> {
-        let chunk = |chunk: u32| types::SourceChunk {
-            source_count: count as u32,
-            chunk,
-            instance_count: 1,
-            sh_degree,
-            ..Default::default()
-        };
-        let chunks: Vec<_> = (0..(count as u32).div_ceil(chunk_size)).map(chunk).collect();
-        Self::upload(gpu, &chunks, &[0])
-    }
-
-    fn upload(gpu: &Arc<Gpu>, chunks: &[types::SourceChunk], instances: &[u32]) -> Result<Self, GpuError> {
+    /// The tables of a layout for kernels with `chunk_size` threads per work-group.
+    pub fn new(gpu: &Arc<Gpu>, layout: &SourceLayout, chunk_size: u32) -> Result<Self, GpuError> {
+        let (chunks, instances) = source_tables(layout, chunk_size);
         Ok(Self {
-            chunks: upload(gpu, "source chunks", chunks)?,
-            instance_from_template: upload(gpu, "instance_from_template", instances)?,
+            chunks: upload(gpu, "source chunks", &chunks)?,
+            instance_from_template: upload(gpu, "instance_from_template", &instances)?,
             chunk_count: chunks.len() as u32,
         })
     }
 }
 
-fn source_tables(scene: &InstancedScene, chunk_size: u32) -> (Vec<types::SourceChunk>, Vec<u32>) {
+fn source_tables(layout: &SourceLayout, chunk_size: u32) -> (Vec<types::SourceChunk>, Vec<u32>) {
     let (mut chunks, mut instances) = (Vec::new(), Vec::new());
     let mut push = |first_source: u32, count: u32, of_template: &[u32], sh_degree: u32, first_in_band: [u32; 3]| {
         for chunk in 0..count.div_ceil(chunk_size) {
@@ -105,17 +88,17 @@ fn source_tables(scene: &InstancedScene, chunk_size: u32) -> (Vec<types::SourceC
         }
         instances.extend_from_slice(of_template);
     };
-    for (t, range) in scene.template_ranges.iter().enumerate() {
-        let of_template: Vec<u32> = (0..scene.instances.len())
-            .filter(|&k| scene.instances[k].template as usize == t)
+    for (t, range) in layout.template_ranges.iter().enumerate() {
+        let of_template: Vec<u32> = (0..layout.instances.len())
+            .filter(|&k| layout.instances[k].template as usize == t)
             .map(|k| k as u32)
             .collect();
-        push(range.first, range.count, &of_template, scene.templates.sh_degree, [range.first; 3]);
+        push(range.first, range.count, &of_template, layout.templates.sh_degree, [range.first; 3]);
     }
-    let templates = scene.templates.len() as u32;
-    let first_in_band = [1, 2, 3].map(|l| if scene.templates.sh_degree >= l { templates } else { 0 });
-    let background = [scene.instances.len() as u32];
-    push(templates, scene.background.len() as u32, &background, scene.background.sh_degree, first_in_band);
+    let templates = layout.templates.len as u32;
+    let first_in_band = [1, 2, 3].map(|l| if layout.templates.sh_degree >= l { templates } else { 0 });
+    let background = [layout.instances.len() as u32];
+    push(templates, layout.background.len as u32, &background, layout.background.sh_degree, first_in_band);
     (chunks, instances)
 }
 

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 
 use crate::scene::TemplateRange;
 use crate::scene::lod::{Cloud, Levels, Part};
+use crate::scene::source_layout::CloudSize;
 
 use super::error::RenderError;
 use super::scene_tables::{Bound, Placement, Source, Tables};
@@ -32,9 +33,10 @@ pub(super) fn build_level_tables(levels: &Levels, chunk_size: u32) -> Result<Tab
 }
 
 fn source_of(levels: &Levels, part: &Part) -> Source {
+    let [templates, background] = [&levels.templates, &levels.background].map(CloudSize::of);
     match part.cloud {
-        Cloud::Templates => Source::of_templates(&levels.templates, part.range),
-        Cloud::Background => Source::of_background(&levels.templates, &levels.background, part.range),
+        Cloud::Templates => Source::of_templates(templates, part.range),
+        Cloud::Background => Source::of_background(templates, background, part.range),
     }
 }
 

@@ -6,7 +6,8 @@ use crate::gpu::interface::constants::NO_OFFSET;
 use crate::gpu::interface::types;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::NO_NEXT_CELL;
-use crate::scene::{Gaussians, InstancedScene, Offsets, TemplateRange};
+use crate::scene::source_layout::CloudSize;
+use crate::scene::{Gaussians, InstancedScene, Offsets, SourceLayout, TemplateRange};
 
 use super::error::RenderError;
 
@@ -39,6 +40,7 @@ pub(super) struct Tables {
 /// # Errors
 /// More expanded Gaussians than a u32 can count.
 pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Tables, RenderError> {
+    let layout = SourceLayout::of(scene);
     let mut tables = Tables::default();
     let mut template_bounds = Vec::new();
     for range in &scene.template_ranges {
@@ -51,29 +53,44 @@ pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Ta
         let (first_chunk, bound) = &template_bounds[instance.template as usize];
         let first_offset = instance.first_offset;
         let place = Placement::of(&instance.world_from_template, &scene.offsets, first_offset, range.count);
-        let source = Source::of_templates(&scene.templates, range);
+        let source = Source::of_templates(layout.templates, range);
         tables.push_instance(&place, bound, source, *first_chunk, chunk_size)?;
     }
     if !scene.background.is_empty() {
         let first_chunk = tables.chunks.len() as u32;
         let range = TemplateRange { first: 0, count: scene.background.len() as u32 };
         let bound = tables.push_chunks(&scene.background, 0, range.count as usize, chunk_size);
-        let source = Source::of_background(&scene.templates, &scene.background, range);
-        tables.push_instance(&Placement::BACKGROUND, &bound, source, first_chunk, chunk_size)?;
+        let source = Source::of_background(layout.templates, layout.background, range);
+        tables.push_instance(&Placement::unbounded(None), &bound, source, first_chunk, chunk_size)?;
     }
     Ok(tables)
 }
 
-/// The tables of a plain cloud of `count` Gaussians; nothing is culled by chunk.
+/// The tables of a layout for Gaussians that move: nothing is culled by chunk, and every transform is the identity.
 ///
 /// # Errors
-/// More Gaussians than a u32 can count.
-pub(super) fn cloud_tables(count: usize, sh_degree: u32, chunk_size: u32) -> Result<Tables, RenderError> {
+/// More expanded Gaussians than a u32 can count.
+pub(super) fn unbounded_tables(layout: &SourceLayout, chunk_size: u32) -> Result<Tables, RenderError> {
     let mut tables = Tables::default();
     let bound = Bound { center: DVec3::ZERO, radius: 0.0, sigma_max: 0.0 };
-    let source = Source { first: 0, count: count as u32, sh_degree, first_in_band: [0; 3] };
-    tables.push_instance(&Placement::BACKGROUND, &bound, source, 0, chunk_size)?;
-    tables.chunks = vec![types::Chunk::default(); count.div_ceil(chunk_size as usize)];
+    let mut push_chunks = |count: u32| {
+        let first = tables.chunks.len() as u32;
+        tables.chunks.resize(tables.chunks.len() + count.div_ceil(chunk_size) as usize, types::Chunk::default());
+        first
+    };
+    let first_chunks: Vec<u32> = layout.template_ranges.iter().map(|range| push_chunks(range.count)).collect();
+    let background = TemplateRange { first: 0, count: layout.background.len as u32 };
+    let first_of_background = push_chunks(background.count);
+    for instance in &layout.instances {
+        let template = instance.template as usize;
+        let source = Source::of_templates(layout.templates, layout.template_ranges[template]);
+        let place = Placement::unbounded(instance.first_offset);
+        tables.push_instance(&place, &bound, source, first_chunks[template], chunk_size)?;
+    }
+    if background.count > 0 {
+        let source = Source::of_background(layout.templates, layout.background, background);
+        tables.push_instance(&Placement::unbounded(None), &bound, source, first_of_background, chunk_size)?;
+    }
     tables.widen();
     Ok(tables)
 }
@@ -88,16 +105,16 @@ pub(super) struct Source {
 
 impl Source {
     /// The source of a range of the templates.
-    pub(super) fn of_templates(templates: &Gaussians, range: TemplateRange) -> Self {
+    pub(super) fn of_templates(templates: CloudSize, range: TemplateRange) -> Self {
         let TemplateRange { first, count } = range;
         Self { first, count, sh_degree: templates.sh_degree, first_in_band: [first; 3] }
     }
 
     /// The source of a range of the background, which follows the templates in the bands that these have.
-    pub(super) fn of_background(templates: &Gaussians, background: &Gaussians, range: TemplateRange) -> Self {
-        let before = |l: u32| if templates.sh_degree >= l { templates.len() as u32 } else { 0 };
+    pub(super) fn of_background(templates: CloudSize, background: CloudSize, range: TemplateRange) -> Self {
+        let before = |l: u32| if templates.sh_degree >= l { templates.len as u32 } else { 0 };
         Self {
-            first: templates.len() as u32 + range.first,
+            first: templates.len as u32 + range.first,
             count: range.count,
             sh_degree: background.sh_degree,
             first_in_band: [1, 2, 3].map(|l| before(l) + range.first),
@@ -115,9 +132,15 @@ pub(super) struct Placement<'a> {
 }
 
 impl<'a> Placement<'a> {
-    /// Placement of the background's instance.
-    const BACKGROUND: Self =
-        Self { world_from_template: &Similarity::IDENTITY, first_offset: NO_OFFSET, max_offset: 0.0, log_growth: 0.0 };
+    /// Placement of the background's instance, or of one whose bounds hold everything.
+    fn unbounded(first_offset: Option<u32>) -> Self {
+        Self {
+            world_from_template: &Similarity::IDENTITY,
+            first_offset: first_offset.unwrap_or(NO_OFFSET),
+            max_offset: 0.0,
+            log_growth: 0.0,
+        }
+    }
 
     /// Placement of an instance with a run of `count` offsets, if it has any.
     pub(super) fn of(

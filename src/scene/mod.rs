@@ -15,6 +15,7 @@ pub mod posed_group;
 pub mod prune;
 pub mod recentre;
 pub mod repeated_bytes;
+pub mod source_layout;
 pub mod trajectory;
 pub mod up;
 
@@ -28,4 +29,5 @@ pub use parameters::{Owner, Parameter, ParameterSet};
 pub use point_cloud::PointCloud;
 pub use posed_group::{PosedGroup, PosedInstance};
 pub use repeated_bytes::RepeatedBytes;
+pub use source_layout::SourceLayout;
 pub use up::up_direction;

@@ -8,7 +8,7 @@ use instgs_vk::gpu::staging::{download, upload, write};
 use instgs_vk::gpu::{Gpu, Recorder};
 use instgs_vk::kernels::Variant;
 use instgs_vk::render::{DeviceScene, GradientBuffers, LossInputs, SourceTables, StepLog, TrainFrame, TrainView};
-use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet};
+use instgs_vk::scene::{Camera, InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
 
 use super::gpu::device_options;
 
@@ -51,7 +51,7 @@ impl GradientRunner {
         let gpu = self.gpu.clone();
         let chunk_size = self.frame.variant().workgroup_size;
         let device_scene = DeviceScene::unbounded(&gpu, scene, chunk_size).unwrap();
-        let tables = SourceTables::new(&gpu, scene, chunk_size).unwrap();
+        let tables = SourceTables::new(&gpu, &SourceLayout::of(scene), chunk_size).unwrap();
         let mut gradients = GradientBuffers::new(&gpu, &device_scene).unwrap();
         let view = TrainView { camera, options: device_options(options) };
         let targets = upload(&gpu, "targets", &vec![0u32; (camera.width * camera.height) as usize]).unwrap();

@@ -2,17 +2,22 @@
 
 use std::sync::Arc;
 
-use instgs_reference::densify::{Densified, Limits, Made, densify, reset_opacity, shape};
+use instgs_reference::densify::{
+    Densified, Limits, Made, densify, densify_sources, reset_opacity, shape, use_of_sources,
+};
 use instgs_train::config::{ConfigBuilder, TrainConfig};
 use instgs_train::device_state::DeviceState;
+use instgs_train::state_file::{restore, to_checkpoint};
 use instgs_train::strategy::{DensifyOutcome, Strategy};
 use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::gpu::{Buffer, DeviceChoice, Gpu, GpuOptions};
 use instgs_vk::kernels::Variant;
+use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
+use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::TrainFrame;
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{Gaussians, InstancedScene, Owner};
+use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, Owner, Parameter, TemplateRange};
 
 use crate::common::gpu::{assert_silent, gpu};
 
@@ -93,7 +98,7 @@ fn limits(config: &TrainConfig, done: u64) -> Limits {
         opacity_min: d.opacity_min,
         scale_max: if large { d.world_size_max * EXTENT } else { f64::INFINITY },
         radius_max_px: if large { d.screen_size_max_px } else { f64::INFINITY },
-        max_gaussians: config.max_gaussians,
+        max_expanded: config.max_gaussians,
         seed: config.seed,
         time: done as u32,
     }
@@ -125,7 +130,7 @@ pub(crate) struct After {
 }
 
 pub(crate) fn download_state(gpu: &Arc<Gpu>, state: &mut DeviceState) -> After {
-    let count = state.source_count;
+    let count = state.source_count();
     let bands = state.scene.counts.background_sh_degree as usize + 5;
     let cloud = state.scene.download(gpu, &InstancedScene::default()).unwrap().background;
     let statistics = download(gpu, &state.gradients.screen_statistics, count).unwrap();
@@ -222,6 +227,114 @@ fn random_clouds_become_what_the_twin_says() {
     assert_silent(&gpu);
 }
 
+/// A scene of two templates, five instances and a background: all cases are cut from one random cloud. Two instances share
+/// their offsets, one has none, and one shows a Gaussian that its template alone would lose.
+fn instanced_case(seed: u64, sh_degree: u32) -> (InstancedScene, Case) {
+    let case = random_case(seed, 900, sh_degree);
+    let mut rng = Rng::new(seed + 1);
+    let of = |range: std::ops::Range<usize>| case.cloud.filtered(|i| range.contains(&i));
+    let template_ranges = vec![TemplateRange { first: 0, count: 300 }, TemplateRange { first: 300, count: 150 }];
+    let mut offsets = Offsets::default();
+    for _ in 0..300 + 150 + 300 {
+        offsets.means.push([(); 3].map(|()| rng.normal() as f32));
+        offsets.sh_dc.push([(); 3].map(|()| rng.normal() as f32));
+        offsets.opacity_logits.push(if rng.chance(0.2) { 4.0 } else { rng.range(-0.1, 0.1) as f32 });
+        offsets.sh_rest.extend((1..sh_coefficients(sh_degree)).map(|_| [(); 3].map(|()| rng.normal() as f32)));
+        offsets.log_scales.push([(); 3].map(|()| rng.normal() as f32));
+    }
+    let instances = [(0, Some(450)), (1, Some(300)), (0, None), (0, Some(0)), (0, Some(0))];
+    let instance = |(template, first_offset)| Instance {
+        template,
+        first_offset,
+        world_from_template: Similarity::from_parts(
+            rotation_from_quat(rng.rotation_quat()),
+            rng.range(0.5, 2.0),
+            rng.normal_vector(),
+        ),
+    };
+    let scene = InstancedScene {
+        templates: of(0..450),
+        template_ranges,
+        instances: instances.map(instance).into(),
+        offsets,
+        background: of(450..900),
+        ..InstancedScene::default()
+    };
+    scene.validate().unwrap();
+    (scene, case)
+}
+
+/// Templates and background of a scene in training change as the twin says, and offsets follow their Gaussians. A
+/// checkpoint of the result is restored into a state of the scene before.
+#[test]
+fn templates_grow_and_offsets_follow() {
+    let Some(gpu) = gpu() else { return };
+    let chunk_size = Variant::for_device(gpu.caps()).workgroup_size;
+    let mut seen = [0u32; 3];
+    for (seed, sh_degree, cap) in [(1, 0, 5000u32), (2, 2, 5000), (3, 3, 2150), (4, 1, 1)] {
+        let (scene, case) = instanced_case(seed, sh_degree);
+        let config = config(&[&format!("max_gaussians={cap}")]);
+        let limits = limits(&config, 400);
+        let want = densify_sources(&case.cloud, &use_of_sources(&scene), &case.statistics, &limits);
+        let mut state = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
+        write(&gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
+        let mark = |_: usize, moments: &mut Buffer<[f32; 2]>| {
+            let values: Vec<[f32; 2]> = (0..moments.len()).map(|i| [i as f32 + 1.0, 2.0]).collect();
+            write(&gpu, moments, &values).unwrap();
+        };
+        state.moments.parameters.iter_mut().enumerate().for_each(|(k, (_, moments))| mark(k, moments));
+        let outcome = strategy(&gpu, sh_degree).after_step(&mut state, &config, 400, EXTENT).unwrap().unwrap();
+        let got = state.download(&gpu).unwrap();
+        got.validate().unwrap();
+        // The whole pool is in one cloud, as the twin has it.
+        let old = &case.cloud;
+        let mut pool = got.templates.clone();
+        pool.append(&got.background);
+        assert_eq!(pool.len(), want.origins.len());
+        for (j, &(i, made)) in want.origins.iter().enumerate() {
+            let (mean, _) = shape(old, (i, made), &limits);
+            let error = (0..3).map(|a| (f64::from(pool.means[j][a]) - mean[a]).abs()).fold(0.0, f64::max);
+            assert!(error <= if made == Made::Kept { 0.0 } else { 1e-5 }, "mean {j} from {i}, {made:?}: {error:.2e}");
+            assert_eq!(bits(pool.sh_of(j)), bits(old.sh_of(i)));
+        }
+        let templates = want.origins.iter().take_while(|(i, _)| *i < 450).count();
+        assert_eq!((got.templates.len(), got.background.len()), (templates, want.origins.len() - templates));
+        let records = |scene: &InstancedScene, k: usize, local: usize| {
+            let first = scene.instances[k].first_offset? as usize + local;
+            let rest = scene.templates.sh_coefficients() - 1;
+            let o = &scene.offsets;
+            let shape = (o.log_scales[first], o.sh_rest[rest * first..rest * (first + 1)].to_vec());
+            Some((o.means[first], o.sh_dc[first], o.opacity_logits[first], shape))
+        };
+        let moments = download(&gpu, &state.moments.parameters[Parameter::OffsetMeans], 3 * got.offsets.len()).unwrap();
+        for k in 0..5 {
+            assert_eq!(got.instances[k].world_from_template.rows(), scene.instances[k].world_from_template.rows());
+            let range = got.template_ranges[got.instances[k].template as usize];
+            let first = scene.template_ranges[scene.instances[k].template as usize].first as usize;
+            for local in 0..range.count as usize {
+                let (i, made) = want.origins[range.first as usize + local];
+                assert_eq!(records(&got, k, local), records(&scene, k, i - first), "{k} {local}");
+                if let (Some(now), Some(before)) = (got.instances[k].first_offset, scene.instances[k].first_offset) {
+                    let before = 3 * (before as usize + i - first);
+                    let want = if made == Made::Kept { [before as f32 + 1.0, 2.0] } else { [0.0; 2] };
+                    assert_eq!(moments[3 * (now as usize + local)], want, "{k} {local}");
+                }
+            }
+        }
+        assert_eq!(got.instances[3].first_offset, got.instances[4].first_offset);
+        assert!(got.expanded_len() <= u64::from(cap) || outcome.cloned + outcome.split == 0);
+        let checkpoint = to_checkpoint(&gpu, &mut state, 400, false).unwrap();
+        let mut restored = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
+        restore(&gpu, &mut restored, checkpoint.clone(), "test".as_ref()).unwrap();
+        assert!(restored.download(&gpu).unwrap() == got && restored.layout == state.layout);
+        assert!(to_checkpoint(&gpu, &mut restored, 400, false).unwrap() == checkpoint);
+        [outcome.cloned, outcome.split, outcome.pruned].iter().zip(&mut seen).for_each(|(n, sum)| *sum += n);
+    }
+    println!("clones, splits, pruned: {seen:?}");
+    assert!(seen.iter().all(|&n| n > 50), "{seen:?}");
+    assert_silent(&gpu);
+}
+
 /// Caps at every interesting place: no room, room for some, for all but one, for all. Ties go to the first.
 #[test]
 fn caps_hold_exactly_and_the_largest_gradients_win() {
@@ -229,7 +342,7 @@ fn caps_hold_exactly_and_the_largest_gradients_win() {
     let case = random_case(31, 4000, 0);
     let free = limits(&config(&[]), 400);
     let most = densify(&case.cloud, &case.statistics, &free).origins.len();
-    let none = Limits { max_gaussians: 0, ..free };
+    let none = Limits { max_expanded: 0, ..free };
     let least = densify(&case.cloud, &case.statistics, &none).origins.len();
     assert!(most > least + 500, "{least} {most}");
     for cap in [1, least, least + 1, least + 2, (least + most) / 2, (least + most) / 2 + 1, most - 1, most] {
@@ -254,7 +367,7 @@ fn a_device_of_small_bindings_is_filled_and_no_more() {
     let options = GpuOptions { device, validation: true, most_binding_bytes: Some(72 * most), ..Default::default() };
     let small = Gpu::open(&options).unwrap();
     let case = random_case(77, 1800, 0);
-    let limits = Limits { max_gaussians: most as u32, ..limits(&config(&[]), 200) };
+    let limits = Limits { max_expanded: most as u32, ..limits(&config(&[]), 200) };
     let want = densify(&case.cloud, &case.statistics, &limits);
     let (outcome, got) = run(&small, &case, &config(&[]), 200);
     check(&case, &limits, &want, &got);

@@ -29,12 +29,13 @@ pub(crate) const HELD: Rates = {
     let source = GaussianRates { means: 0.0, sh_dc: 0.0, sh_rest: 0.0, opacity: 0.0, log_scales: 0.0, quats: 0.0 };
     let offsets = GaussianRates { means: 0.0, sh_dc: 0.0, opacity: 0.0, sh_rest: 0.0, log_scales: 0.0, quats: 0.0 };
     let poses = PoseRates { translation: 0.0, rotation: 0.0, log_scale: 0.0 };
-    Rates { template: source, background: source, offsets, poses }
+    Rates { template: source, background: source, offsets, color_matrices: 0.0, poses }
 };
 const RATES: Rates = Rates {
     template: SOURCE_RATES,
     background: SOURCE_RATES,
     offsets: GaussianRates { means: 2e-3, sh_dc: 5e-3, opacity: 2e-2, sh_rest: 2e-3, log_scales: 5e-3, quats: 2e-3 },
+    color_matrices: 2e-3,
     poses: PoseRates { translation: 1e-3, rotation: 1e-3, log_scale: 1e-3 },
 };
 

@@ -6,9 +6,9 @@ use instgs_vk::gpu::interface::types::SourceGradient;
 use instgs_vk::gpu::{Gpu, GpuError, Recorder};
 use instgs_vk::kernels::BackwardPipelines;
 use instgs_vk::optim::{AdamBuffers, MomentBuffer, POSE_VALUES, PoseBuffers, ValueGroups, zero_moments};
-use instgs_vk::render::{DeviceScene, GradientBuffers, RenderError, SourceTables, StepLog};
+use instgs_vk::render::{DeviceScene, GradientBuffers, ParameterBuffers, RenderError, SourceTables, StepLog};
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet};
+use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
 
 use super::config::{GaussianRates, Rates};
 use super::step_runner::StepPlan;
@@ -48,8 +48,10 @@ pub struct DeviceState {
     pub gradients: GradientBuffers,
     /// Adam's moments of all parameters.
     pub moments: Moments,
-    /// Number of source Gaussians: templates and background.
-    pub source_count: usize,
+    /// How the source Gaussians and offset records are divided.
+    pub layout: SourceLayout,
+    /// What the device does not hold, such as the names of groups; without Gaussians and offsets.
+    names: InstancedScene,
 }
 
 /// The largest number of source Gaussians of SH degree `sh_degree` that can be trained where a binding has at most
@@ -75,18 +77,63 @@ impl DeviceState {
             return Err(RenderError::TooMany { what: "Gaussians in training", needed, limit });
         }
         let device_scene = DeviceScene::unbounded(gpu, scene, chunk_size)?;
+        let layout = SourceLayout::of(scene);
+        let names = InstancedScene {
+            template_ranges: scene.template_ranges.clone(),
+            instances: scene.instances.clone(),
+            antialias: scene.antialias,
+            groups: scene.groups.clone(),
+            source: scene.source.clone(),
+            foreign_tensors: scene.foreign_tensors.clone(),
+            foreign_metadata: scene.foreign_metadata.clone(),
+            ..InstancedScene::default()
+        };
         Ok(Self {
-            tables: SourceTables::new(gpu, scene, chunk_size)?,
+            tables: SourceTables::new(gpu, &layout, chunk_size)?,
             gradients: GradientBuffers::new(gpu, &device_scene)?,
             moments: Moments::new(gpu, &device_scene)?,
-            source_count: scene.templates.len() + scene.background.len(),
+            layout,
+            names,
             scene: device_scene,
         })
     }
 
-    /// The scene as it is on the device, with the names and ranges of `names`. The device must be idle.
-    pub fn download(&self, gpu: &Arc<Gpu>, names: &InstancedScene) -> Result<InstancedScene, RenderError> {
-        self.scene.download(gpu, names)
+    /// Number of source Gaussians: templates and background.
+    pub fn source_count(&self) -> usize {
+        self.layout.source_count()
+    }
+
+    /// Makes everything but parameters and moments fit another layout: the caller has replaced those. Gradients are
+    /// undefined, and statistics zero. The device must be idle.
+    ///
+    /// # Errors
+    /// More Gaussians than the device can hold.
+    pub fn relayout(&mut self, gpu: &Arc<Gpu>, layout: SourceLayout) -> Result<(), RenderError> {
+        self.scene.relayout(gpu, &layout)?;
+        self.tables = SourceTables::new(gpu, &layout, self.scene.chunk_size)?;
+        self.gradients = GradientBuffers::new(gpu, &self.scene)?;
+        self.names.template_ranges.clone_from(&layout.template_ranges);
+        for (instance, source) in self.names.instances.iter_mut().zip(&layout.instances) {
+            instance.first_offset = source.first_offset;
+        }
+        self.layout = layout;
+        Ok(())
+    }
+
+    /// The same as [`DeviceState::relayout`] with parameters and moments of undefined values, to be overwritten.
+    ///
+    /// # Errors
+    /// The same errors.
+    pub fn relayout_undefined(&mut self, gpu: &Arc<Gpu>, layout: SourceLayout) -> Result<(), RenderError> {
+        self.relayout(gpu, layout)?;
+        self.scene.parameters = ParameterBuffers::new(gpu, "", &self.scene.counts.rows)?;
+        self.moments = Moments::new(gpu, &self.scene)?;
+        Ok(())
+    }
+
+    /// The scene as it is on the device. The device must be idle.
+    pub fn download(&self, gpu: &Arc<Gpu>) -> Result<InstancedScene, RenderError> {
+        self.scene.download(gpu, &self.names)
     }
 
     /// Records Adam for every parameter with a learning rate in `plan`, poses included, up to its SH degree.
@@ -140,8 +187,7 @@ fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
         Parameter::OffsetShRest => [offsets.sh_rest, 0.0],
         Parameter::OffsetLogScales => [offsets.log_scales, 0.0],
         Parameter::OffsetQuats => [offsets.quats, 0.0],
-        // No phase of training refines them yet.
-        Parameter::ColorFromTemplate => [0.0, 0.0],
+        Parameter::ColorFromTemplate => [rates.color_matrices, 0.0],
     }
 }
 

@@ -8,7 +8,7 @@ use instgs_vk::gpu::interface::types;
 
 /// The uses that make up nearly all of the device's memory; each is `count` times `bytes_each`.
 pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews) -> Vec<MemoryUse> {
-    let gaussians = state.source_count as u64;
+    let gaussians = state.source_count() as u64;
     let mut out = Vec::new();
     let mut push = |name: &str, per: &str, bytes: u64, count: u64| {
         let bytes_each = if count > 0 { bytes as f64 / count as f64 } else { 0.0 };

@@ -10,7 +10,8 @@ use instgs_io::view_image::IGNORED;
 use instgs_io::{IoError, View, load_scene};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
-use instgs_vk::scene::{Camera, Gaussians, InstancedScene, Offsets, PointCloud};
+use instgs_vk::scene::instanced_scene::SAME_COLOR;
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PointCloud};
 
 use super::config::{Init, Method, Strategy, TrainConfig};
 use super::data_doubts::doubts;
@@ -215,8 +216,6 @@ pub fn leave_out_masked(views: &mut Vec<View>, width: Option<u32>) -> Result<Opt
 /// The state before the first step of a run.
 pub(super) struct Start {
     pub(super) state: DeviceState,
-    /// Everything that the device does not hold: ranges, instances, names. It has no Gaussians.
-    pub(super) names: InstancedScene,
     /// Number of finished steps.
     pub(super) step: u64,
     /// Whether the work between the last finished step and the next one is still to be done.
@@ -235,7 +234,7 @@ pub(super) fn first_state(
     if let Some((path, found)) = resumed.found {
         let (step, due) = (found.step, densification_is_due(&found));
         let state = from_checkpoint(gpu, found, &path, chunk_size)?;
-        return Ok(Start { state, names: InstancedScene::default(), step, due });
+        return Ok(Start { state, step, due });
     }
     let (degree, shape) = (config.sh_degree, InitialShape::new(config));
     let cloud = match (&config.init_scene, config.init) {
@@ -253,7 +252,7 @@ pub(super) fn first_state(
     };
     let cloud = capped(cloud, most_at_first(config), &mut data.warnings);
     let state = DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?;
-    Ok(Start { state, names: InstancedScene::default(), step: 0, due: false })
+    Ok(Start { state, step: 0, due: false })
 }
 
 /// The merged scene that the joint phase starts from, with the checkpoint's values if there is one.
@@ -274,16 +273,16 @@ fn first_instanced(
         let advice = format!("train with --set sh_degree={}", templates.max(background));
         return Err(IoError::new(&path, what).advise(advice).into());
     }
+    if job.config.joint.color_matrix_rate > 0.0 && scene.color_from_template.is_empty() {
+        scene.color_from_template = vec![SAME_COLOR; scene.instances.len()];
+    }
     let mut state = DeviceState::new(gpu, &scene, chunk_size)?;
-    let mut step = 0;
+    let (mut step, mut due) = (0, false);
     if let Some((path, found)) = resumed.found {
-        step = found.step;
+        (step, due) = (found.step, densification_is_due(&found));
         restore(gpu, &mut state, found, &path)?;
     }
-    scene.templates = Gaussians::default();
-    scene.background = Gaussians::default();
-    scene.offsets = Offsets::default();
-    Ok(Start { state, names: scene, step, due: false })
+    Ok(Start { state, step, due })
 }
 
 /// The largest number of Gaussians that training may start from. If the strategy adds Gaussians, points give at most

@@ -5,10 +5,12 @@ use std::sync::Arc;
 
 use instgs_io::IoError;
 use instgs_io::checkpoint::Checkpoint;
+use instgs_vk::gpu::interface::constants::NO_OFFSET;
 use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::gpu::{Buffer, Gpu};
 use instgs_vk::optim::POSE_VALUES;
-use instgs_vk::scene::{InstancedScene, Owner};
+use instgs_vk::scene::source_layout::{CloudSize, InstanceSource};
+use instgs_vk::scene::{InstancedScene, Owner, SourceLayout, TemplateRange};
 
 use super::device_state::{DeviceState, zeros};
 use super::error::TrainError;
@@ -16,11 +18,19 @@ use super::error::TrainError;
 /// Metadata key of the SH degree.
 const SH_DEGREE: &str = "sh_degree";
 
+/// Metadata key of the number of template Gaussians, which growth changes.
+const TEMPLATE_GAUSSIANS: &str = "template_gaussians";
+
 /// Metadata key: densification after the last step is still to be done.
 const DUE: &str = "densification_due";
 
 /// Tensor of the transforms of instances.
 const POSES: &str = "parameter.world_from_template";
+
+/// Tensors of the layout, which growth changes: first Gaussian and number of each template, and the first offset record of
+/// each instance, `NO_OFFSET` if it has none.
+const TEMPLATE_RANGES: &str = "layout.template_ranges";
+const FIRST_OFFSETS: &str = "layout.first_offset";
 
 /// Numbers of a transform: 3 rows of 4 columns.
 const POSE_NUMBERS: usize = 12;
@@ -30,7 +40,7 @@ type Flat<'a, B> = (String, [usize; 2], B);
 
 /// Every buffer that training changes, writable: the same list serves writing and reading.
 fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
-    let (sources, posed) = (state.source_count, state.scene.posed_instances() as usize);
+    let (sources, posed) = (state.source_count(), state.scene.posed_instances() as usize);
     let (scene, moments) = (&mut state.scene, &mut state.moments);
     let mut out: Vec<Flat<'_, &mut Buffer<f32>>> = Vec::new();
     for (parameter, values, moment) in scene.parameters.scalars_mut().zip(moments.parameters.each_mut()) {
@@ -69,6 +79,11 @@ pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &mut DeviceState, step: u64, due: bo
         let instances = download(gpu, &state.scene.instances, posed)?;
         let transforms = instances.iter().flat_map(|i| i.world_from_template.as_flattened().to_vec()).collect();
         out.put::<f32>(POSES, &[posed, POSE_NUMBERS], transforms);
+        let ranges: Vec<u32> = state.layout.template_ranges.iter().flat_map(|r| [r.first, r.count]).collect();
+        out.put(TEMPLATE_RANGES, &[ranges.len() / 2, 2], ranges);
+        let firsts: Vec<u32> = state.layout.instances.iter().map(|i| i.first_offset.unwrap_or(NO_OFFSET)).collect();
+        out.put(FIRST_OFFSETS, &[posed], firsts);
+        out.metadata.insert(TEMPLATE_GAUSSIANS.into(), state.layout.templates.len.to_string());
     }
     Ok(out)
 }
@@ -104,7 +119,53 @@ pub fn from_checkpoint(
     Ok(state)
 }
 
-/// Puts a checkpoint's values into a state of the same scene; `path` is for messages.
+/// The layout of the scene in a checkpoint. `start` is that of the scene that training started from: versions that did
+/// not change it wrote none.
+///
+/// # Errors
+/// The tensors of the layout do not fit each other or the instances of `start`.
+fn layout_of(checkpoint: &mut Checkpoint, start: &SourceLayout, path: &Path) -> Result<SourceLayout, IoError> {
+    if !checkpoint.tensors.contains_key(TEMPLATE_RANGES) {
+        return Ok(start.clone());
+    }
+    let rows = |name: &str| checkpoint.tensors.get(name).and_then(|t| t.shape.first().copied()).unwrap_or(0);
+    let (sources, offsets) = (rows("parameter.opacity_logits"), rows("parameter.offset_means"));
+    let templates = checkpoint.metadata.get(TEMPLATE_GAUSSIANS).and_then(|text| text.parse().ok());
+    let templates: Option<usize> = templates.filter(|&templates| templates <= sources);
+    let ranges: Vec<u32> = checkpoint.take(TEMPLATE_RANGES, &[2], path)?;
+    let firsts: Vec<u32> = checkpoint.take(FIRST_OFFSETS, &[], path)?;
+    let fail = |name: &str| Err(IoError::new(path, format!("tensor {name} does not fit the scene")));
+    let Some(templates) = templates else { return fail(TEMPLATE_GAUSSIANS) };
+    let template_ranges: Vec<TemplateRange> =
+        ranges.as_chunks().0.iter().map(|&[first, count]| TemplateRange { first, count }).collect();
+    let ends_within = |first: u32, count: u32, end: usize| u64::from(first) + u64::from(count) <= end as u64;
+    let fit = template_ranges.iter().all(|range| ends_within(range.first, range.count, templates));
+    if !fit || template_ranges.len() != start.template_ranges.len() {
+        return fail(TEMPLATE_RANGES);
+    }
+    let source = |(instance, &first): (&InstanceSource, &u32)| InstanceSource {
+        first_offset: (first != NO_OFFSET).then_some(first),
+        ..*instance
+    };
+    let instances: Vec<InstanceSource> = start.instances.iter().zip(&firsts).map(source).collect();
+    let count_of = |instance: &InstanceSource| template_ranges[instance.template as usize].count;
+    let fits = |instance: &InstanceSource| {
+        instance.first_offset.is_none_or(|first| ends_within(first, count_of(instance), offsets))
+    };
+    if firsts.len() != start.instances.len() || !instances.iter().all(fits) {
+        return fail(FIRST_OFFSETS);
+    }
+    Ok(SourceLayout {
+        templates: CloudSize { len: templates, ..start.templates },
+        background: CloudSize { len: sources - templates, ..start.background },
+        template_ranges,
+        instances,
+        offsets,
+    })
+}
+
+/// Puts a checkpoint's values into a state of the same instances, and changes its layout to the checkpoint's; `path` is
+/// for messages.
 ///
 /// # Errors
 /// A tensor that is missing or has another shape.
@@ -114,6 +175,10 @@ pub fn restore(
     mut checkpoint: Checkpoint,
     path: &Path,
 ) -> Result<(), TrainError> {
+    let layout = layout_of(&mut checkpoint, &state.layout, path)?;
+    if layout != state.layout {
+        state.relayout_undefined(gpu, layout)?;
+    }
     for (name, [count, width], buffer) in buffers(state) {
         let values: Vec<f32> = checkpoint.take(&name, &[width], path)?;
         if values.len() != count * width {

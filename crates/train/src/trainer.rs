@@ -161,7 +161,7 @@ pub fn train(
     let memory_explained = memory_uses(&run.state, &run.runner, &run.views);
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
-    let mut scene = run.state.download(gpu, &start.names)?;
+    let mut scene = run.state.download(gpu)?;
     scene.antialias = job.config.antialias;
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
@@ -173,7 +173,7 @@ pub fn train(
     }
 
     let interrupted = done < job.config.steps;
-    let gaussians = run.state.source_count as u64;
+    let gaussians = run.state.source_count() as u64;
     let (dataset, times) = (run.facts(&data), run.times);
     // Free the memory of training first: the pictures of the test views and a second copy of the scene may need it.
     drop((run.runner, run.views, run.state));
@@ -341,7 +341,7 @@ impl<'a> Run<'a> {
             resumed: step > 0,
             method: self.job.config.method.name().into(),
             device: self.gpu.caps().name.clone(),
-            gaussians: self.state.source_count as u64,
+            gaussians: self.state.source_count() as u64,
             views: data.train.len() as u64,
             test_views: data.test.len() as u64,
         })?;
@@ -486,7 +486,7 @@ impl<'a> Run<'a> {
             l1: outcome.l1,
             ssim: outcome.ssim,
             psnr: -10.0 * outcome.mse.max(1e-10).log10(),
-            gaussians: self.state.source_count as u64,
+            gaussians: self.state.source_count() as u64,
             steps_per_second: (step - last_step) as f64 / (seconds - last_seconds).max(1e-9),
             seconds,
         })?;

@@ -1,7 +1,8 @@
-//! Twin of `densify_mark`, `densify_select`, `densify_place`, `densify_split` and `move_gaussians`, on plain lists.
+//! Twin of `source_use`, `densify_mark`, `densify_select`, `densify_place`, `densify_place_offsets`, `densify_split` and
+//! `move_gaussians`, on plain lists.
 
 use instgs_vk::math::covariance::rotation_from_quat;
-use instgs_vk::scene::Gaussians;
+use instgs_vk::scene::{Gaussians, InstancedScene};
 
 use super::random::{RANDOM_SPLIT, Stream};
 
@@ -22,8 +23,8 @@ pub struct Limits {
     pub scale_max: f64,
     /// Gaussians of a larger screen radius are pruned, px.
     pub radius_max_px: f64,
-    /// Upper limit on the number of Gaussians afterwards.
-    pub max_gaussians: u32,
+    /// Upper limit on the number of expanded Gaussians afterwards.
+    pub max_expanded: u32,
     /// Random seed of the run.
     pub seed: u64,
     /// Number of steps done.
@@ -59,6 +60,36 @@ pub struct Densified {
     pub split: u32,
 }
 
+/// How much a source Gaussian is used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SourceUse {
+    /// Number of instances that have it.
+    pub instances: u32,
+    /// Its largest opacity logit in any of them.
+    pub highest_logit: f32,
+}
+
+/// The use of each Gaussian of a plain cloud.
+pub fn use_of_cloud(cloud: &Gaussians) -> Vec<SourceUse> {
+    cloud.opacity_logits.iter().map(|&highest_logit| SourceUse { instances: 1, highest_logit }).collect()
+}
+
+/// The use of each source Gaussian of a scene in which every one belongs to a template or the background.
+pub fn use_of_sources(scene: &InstancedScene) -> Vec<SourceUse> {
+    let mut out = vec![SourceUse { instances: 0, highest_logit: f32::NEG_INFINITY }; scene.templates.len()];
+    for instance in &scene.instances {
+        let range = scene.template_ranges[instance.template as usize];
+        for local in 0..range.count {
+            let source = (range.first + local) as usize;
+            let own = instance.first_offset.map_or(0.0, |first| scene.offsets.opacity_logits[(first + local) as usize]);
+            out[source].instances += 1;
+            out[source].highest_logit = out[source].highest_logit.max(scene.templates.opacity_logits[source] + own);
+        }
+    }
+    out.extend(use_of_cloud(&scene.background));
+    out
+}
+
 /// True if all parameters of Gaussian `i` are finite.
 pub fn is_finite(cloud: &Gaussians, i: usize) -> bool {
     let mut values = cloud.means[i].iter().chain(&cloud.quats[i]).chain(&cloud.log_scales[i]);
@@ -69,8 +100,14 @@ pub fn is_finite(cloud: &Gaussians, i: usize) -> bool {
 
 /// Number of Gaussians (0 or 1) that remain without growth; and the growth the Gaussian qualifies for, with the number
 /// that remain after it.
-fn fate(cloud: &Gaussians, statistics: [f32; 3], i: usize, limits: &Limits) -> (u32, Option<(Growth, u32)>) {
-    let opacity = 1.0 / (1.0 + (-f64::from(cloud.opacity_logits[i])).exp());
+fn fate(
+    cloud: &Gaussians,
+    used: SourceUse,
+    statistics: [f32; 3],
+    i: usize,
+    limits: &Limits,
+) -> (u32, Option<(Growth, u32)>) {
+    let opacity = 1.0 / (1.0 + (-f64::from(used.highest_logit)).exp());
     if !is_finite(cloud, i) || opacity < limits.opacity_min {
         return (0, None);
     }
@@ -90,18 +127,23 @@ fn mean_gradient([sum, views, _]: [f32; 3]) -> f64 {
     f64::from(sum) / f64::from(views).max(1.0)
 }
 
-/// Densifies a cloud. `statistics` are those that the device accumulates per Gaussian.
+/// Densifies a plain cloud. `statistics` are those that the device accumulates per Gaussian.
 pub fn densify(cloud: &Gaussians, statistics: &[[f32; 3]], limits: &Limits) -> Densified {
-    let fates: Vec<_> = (0..cloud.len()).map(|i| fate(cloud, statistics[i], i, limits)).collect();
-    let mut total: u32 = fates.iter().map(|(kept, _)| kept).sum();
+    densify_sources(cloud, &use_of_cloud(cloud), statistics, limits)
+}
+
+/// Densifies the source Gaussians of a scene: those of its templates, then those of its background.
+pub fn densify_sources(cloud: &Gaussians, uses: &[SourceUse], statistics: &[[f32; 3]], limits: &Limits) -> Densified {
+    let fates: Vec<_> = (0..cloud.len()).map(|i| fate(cloud, uses[i], statistics[i], i, limits)).collect();
+    let mut total: u32 = fates.iter().zip(uses).map(|((kept, _), used)| kept * used.instances).sum();
     let mut order: Vec<usize> = (0..cloud.len()).filter(|&i| fates[i].1.is_some()).collect();
     // The sort is stable, so that the index breaks ties.
     order.sort_by(|&a, &b| mean_gradient(statistics[b]).total_cmp(&mean_gradient(statistics[a])));
     let mut grows = vec![false; cloud.len()];
     for i in order {
         let (kept, growth) = fates[i];
-        total += growth.map_or(0, |(_, becomes)| becomes - kept);
-        if total > limits.max_gaussians {
+        total += uses[i].instances * growth.map_or(0, |(_, becomes)| becomes - kept);
+        if total > limits.max_expanded {
             break;
         }
         grows[i] = true;

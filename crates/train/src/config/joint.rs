@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::schedule::{GaussianRates, PoseRates, Rates, late_decay, log_linear};
-use super::{Method, Strategy, TrainConfig};
+use super::{DensifyConfig, Method, Strategy, TrainConfig};
 
 /// The properties in which instances may differ from their template.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,6 +37,12 @@ pub struct JointConfig {
     pub decay_start: f64,
     /// Opacity below which Gaussians are removed at the end; 0 = none are removed.
     pub prune_opacity: f64,
+    /// Fraction of the steps before which templates and background are densified; 0 = their numbers stay.
+    pub grow_fraction: f64,
+    /// Upper bound of the number of expanded Gaussians in growth, times `max_gaussians`.
+    pub max_expanded: f64,
+    /// Learning rate of the colour matrices of instances; 0 = they have none.
+    pub color_matrix_rate: f64,
 }
 
 /// Learning rates of the joint phase for one kind of Gaussians, parameter units per step.
@@ -121,12 +127,22 @@ impl TrainConfig {
         config
     }
 
-    /// The configuration of the joint phase: its steps, all SH coefficients from the start, no densification.
+    /// The configuration of the joint phase: its steps, all SH coefficients from the start, and densification for a part of
+    /// the steps, whatever strategy the plain cloud had.
     pub fn joint_phase(&self) -> Self {
+        let JointConfig { steps, grow_fraction, max_expanded, .. } = self.joint;
+        let grows = grow_fraction > 0.0 && self.strategy != Strategy::None;
         Self {
             method: Method::Instanced,
-            steps: self.joint.steps,
-            strategy: Strategy::None,
+            steps,
+            strategy: if grows { Strategy::Densify } else { Strategy::None },
+            densify: DensifyConfig {
+                stop: steps,
+                stop_fraction: grow_fraction,
+                opacity_reset_every: 0,
+                ..self.densify.clone()
+            },
+            max_gaussians: (f64::from(self.max_gaussians) * max_expanded) as u32,
             sh_every: 0,
             ..self.clone()
         }
@@ -143,6 +159,7 @@ impl TrainConfig {
             template: at(&self.template_rates),
             background: at(&self.background_rates),
             offsets: self.offsets.rates(&at(&self.offset_rates)),
+            color_matrices: self.joint.color_matrix_rate * factor,
             poses: PoseRates {
                 translation: refined(refine_poses, poses.translation * extent),
                 rotation: refined(refine_poses, poses.rotation),

@@ -15,6 +15,8 @@ pub struct Rates {
     pub background: GaussianRates,
     /// Offsets of instances, each in the unit of the parameter that it is added to.
     pub offsets: GaussianRates,
+    /// Colour matrices of instances.
+    pub color_matrices: f64,
     /// Learning rates of instance poses.
     pub poses: PoseRates,
 }
@@ -77,7 +79,7 @@ impl TrainConfig {
             quats: rates.quats * factor,
         };
         let (offsets, poses) = (GaussianRates::default(), PoseRates::default());
-        Rates { template: source, background: source, offsets, poses }
+        Rates { template: source, background: source, offsets, color_matrices: 0.0, poses }
     }
 
     /// SH degree that step index `step` uses, 0..=`sh_degree`.

@@ -1,14 +1,23 @@
-//! INRIA's densification: clones and splits where gradients are large, prunes useless Gaussians, resets opacities.
+//! INRIA's densification: clones and splits where gradients are large, prunes useless Gaussians, resets opacities. In
+//! scenes with templates the statistics are sums over instances, a copy inherits the offsets of its origin in every
+//! instance, and a Gaussian is too transparent only if it is so in all of them.
+
+use std::collections::BTreeMap;
 
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
 use instgs_vk::gpu::interface::constants::*;
-use instgs_vk::gpu::{Buffer, GpuError};
-use instgs_vk::kernels::{densify_mark, densify_place, densify_select, densify_split, reset_opacity as reset_kernel};
+use instgs_vk::gpu::staging::{download, upload};
+use instgs_vk::gpu::{Buffer, GpuError, Grid};
+use instgs_vk::kernels::{
+    densify_mark, densify_place, densify_place_offsets, densify_select, densify_split, reset_opacity as reset_kernel,
+    source_use,
+};
 use instgs_vk::render::RenderError;
 use instgs_vk::render::scan::ScanInput;
 use instgs_vk::render::sort::SortBuffers;
-use instgs_vk::scene::Parameter;
+use instgs_vk::scene::source_layout::MovedRun;
+use instgs_vk::scene::{Parameter, SourceLayout};
 
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};
@@ -17,7 +26,8 @@ use super::{DensifyOutcome, logit, seed_words};
 #[derive(Clone, Debug)]
 pub(super) struct Limits {
     mark: densify_mark::Params,
-    max_gaussians: u32,
+    /// Upper bound of the number of expanded Gaussians.
+    max_expanded: u32,
     seed: [u32; 2],
     done: u64,
 }
@@ -41,7 +51,7 @@ impl Limits {
                 log_scale_max: finite((limit(densify.world_size_max) * extent).ln()),
                 radius_max_px: finite(limit(densify.screen_size_max_px)),
             },
-            max_gaussians: config.max_gaussians,
+            max_expanded: config.max_gaussians,
             seed: seed_words(config.seed),
             done,
         }
@@ -64,8 +74,7 @@ pub(super) fn densify(
     state: &mut DeviceState,
     limits: &Limits,
 ) -> Result<DensifyOutcome, RenderError> {
-    assert_eq!(state.scene.counts.templates, 0, "only plain clouds change their number of Gaussians");
-    let before = state.source_count as u32;
+    let before = state.source_count() as u32;
     let (fates, counters) = decide(tools, state, limits)?;
     let [cloned, split, after] = [COUNTER_CLONED, COUNTER_SPLIT, COUNTER_DENSIFIED].map(|slot| counters[slot as usize]);
     if after == 0 {
@@ -77,39 +86,56 @@ pub(super) fn densify(
         return Err(RenderError::Option { option: "densify", reason });
     }
     let moves = place(tools, &fates, before, after)?;
+    let boundaries = moved_boundaries(tools, state, &fates, after)?;
     drop(fates);
-    tools.move_arrays(state, &moves)?;
+    let (layout, runs) = state.layout.after_moves(|i| boundaries[&i]);
+    let offset_moves = if runs.is_empty() { None } else { Some(place_offsets(tools, state, &moves, &layout, &runs)?) };
+    tools.move_arrays(state, &moves, offset_moves.as_ref())?;
     split_children(tools, state, &moves, limits)?;
-    tools.finish(state, after)?;
+    state.relayout(&tools.gpu, layout)?;
     let grown = u64::from(before) + u64::from(cloned) + u64::from(split) * u64::from(limits.mark.split_count - 1);
     let pruned = (grown - u64::from(after)) as u32;
     Ok(DensifyOutcome { cloned, split, pruned, gaussians: after, ..Default::default() })
 }
 
+/// What `densify_mark` and `densify_select` share besides the fates, by old Gaussian.
+struct Gains {
+    /// Gaussians added by growth.
+    gains: Buffer<u32>,
+    /// The same, once per instance.
+    gains_expanded: Buffer<u32>,
+    /// Number of expanded Gaussians that stay without growth.
+    kept_expanded: Buffer<u32>,
+}
+
 /// Decides the fate of each Gaussian; returns the fates and the counters.
 fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fates, Vec<u32>), GpuError> {
-    let count = state.source_count as u32;
-    let list = |name: &str| Buffer::<u32>::new(&tools.gpu, name, count as usize);
+    let count = state.source_count() as u32;
+    let gpu = tools.gpu.clone();
+    let list = |name: &str| Buffer::<u32>::new(&gpu, name, count as usize);
     let mut fates = Fates { counts: list("counts")?, growths: list("growths")?, firsts: list("firsts")? };
-    let mut gains = list("gains")?;
+    let (gains, gains_expanded, kept_expanded) = (list("gains")?, list("gains_expanded")?, list("kept_expanded")?);
+    let mut gains = Gains { gains, gains_expanded, kept_expanded };
     let mut sort = SortBuffers::new(&tools.gpu, "gradient", count as usize)?;
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
     record_mark(tools, state, limits, &mut sort, &mut gains, &mut fates)?;
-    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), ScanInput::in_order(&fates.counts), &mut fates.firsts)?;
+    let kept = ScanInput::in_order(&gains.kept_expanded);
+    tools.record_scan(&mut scratch, Some(COUNTER_KEPT), kept, &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
     // In the order of gradients; the list of the sort has served.
-    let order = ScanInput { values: &gains, indices: Some(&sort.values) };
+    let order = ScanInput { values: &gains.gains_expanded, indices: Some(&sort.values) };
     tools.record_scan(&mut scratch, None, order, &mut sort.keys)?;
     let bindings = densify_select::Bindings {
         order: &sort.values,
-        gains: &gains,
+        gains: &gains.gains,
+        gains_expanded: &gains.gains_expanded,
         gains_before: &sort.keys,
         counts: &mut fates.counts,
         growths: &mut fates.growths,
         counters: &mut scratch.counters,
     };
-    let params = densify_select::Params { count, max_gaussians: limits.max_gaussians };
+    let params = densify_select::Params { count, max_expanded: limits.max_expanded };
     let grid = tools.threads(count);
     tools.recorder.dispatch(&tools.pipelines.densify_select, grid, &params, bindings)?;
     tools.record_scan(&mut scratch, Some(COUNTER_DENSIFIED), ScanInput::in_order(&fates.counts), &mut fates.firsts)?;
@@ -123,11 +149,26 @@ fn record_mark(
     state: &DeviceState,
     limits: &Limits,
     sort: &mut SortBuffers,
-    gains: &mut Buffer<u32>,
+    gains: &mut Gains,
     fates: &mut Fates,
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
-    let count = state.source_count as u32;
+    let count = state.source_count() as u32;
+    // A Gaussian of no template is used by no instance, and shown by none.
+    let mut uses = upload(&tools.gpu, "uses", &vec![0; count as usize])?;
+    let mut highest_logits = upload(&tools.gpu, "highest_logits", &vec![f32::MIN; count as usize])?;
+    let bindings = source_use::Bindings {
+        source_chunks: &state.tables.chunks,
+        instance_from_template: &state.tables.instance_from_template,
+        instances: &state.scene.instances,
+        opacity_logits: &parameters.opacity_logits,
+        offset_opacity_logits: &parameters.offset_opacity_logits,
+        uses: &mut uses,
+        highest_logits: &mut highest_logits,
+    };
+    let params = source_use::Params { chunk_count: state.tables.chunk_count };
+    let grid = Grid::groups(state.tables.chunk_count);
+    tools.recorder.dispatch(&tools.pipelines.source_use, grid, &params, bindings)?;
     let bindings = densify_mark::Bindings {
         means: &parameters.means,
         quats: &parameters.quats,
@@ -138,15 +179,66 @@ fn record_mark(
         sh2: &parameters.sh2,
         sh3: &parameters.sh3,
         screen_statistics: &state.gradients.screen_statistics,
+        uses: &uses,
+        highest_logits: &highest_logits,
         keys: &mut sort.keys,
         values: &mut sort.values,
         counts: &mut fates.counts,
-        gains,
+        gains: &mut gains.gains,
         growths: &mut fates.growths,
+        kept_expanded: &mut gains.kept_expanded,
+        gains_expanded: &mut gains.gains_expanded,
     };
     let params = densify_mark::Params { count, ..limits.mark };
     let grid = tools.threads(count);
     tools.recorder.dispatch(&tools.pipelines.densify_mark, grid, &params, bindings)
+}
+
+/// Index afterwards of the first Gaussian that comes from each boundary of the layout or from a later Gaussian.
+fn moved_boundaries(
+    tools: &Tools,
+    state: &DeviceState,
+    fates: &Fates,
+    after: u32,
+) -> Result<BTreeMap<u32, u32>, GpuError> {
+    let boundaries = state.layout.boundaries();
+    // Only the end, or only the beginning and the end: nothing to read.
+    let end = state.source_count() as u32;
+    let inner = boundaries.iter().any(|&i| 0 < i && i < end);
+    let firsts = if inner { download(&tools.gpu, &fates.firsts, end as usize)? } else { Vec::new() };
+    let moved = |i: u32| if i == end { after } else { firsts.get(i as usize).copied().unwrap_or(0) };
+    Ok(boundaries.into_iter().map(|i| (i, moved(i))).collect())
+}
+
+/// The origins of the offset records in the layout `after`, to which `runs` move.
+fn place_offsets(
+    tools: &mut Tools,
+    state: &DeviceState,
+    moves: &Moves,
+    after: &SourceLayout,
+    runs: &[MovedRun],
+) -> Result<Moves, GpuError> {
+    let mut out = Moves::new(&tools.gpu, after.offsets as u32)?;
+    for run in runs {
+        let [before, now] = [&state.layout, after].map(|layout| layout.template_ranges[run.template as usize]);
+        let bindings = densify_place_offsets::Bindings {
+            origins: &moves.origins,
+            made: &moves.made,
+            offset_origins: &mut out.origins,
+            offset_made: &mut out.made,
+        };
+        let params = densify_place_offsets::Params {
+            count: now.count,
+            first_source: now.first,
+            first_source_before: before.first,
+            first_offset: run.after,
+            first_offset_before: run.before,
+        };
+        let grid = tools.threads(now.count);
+        tools.recorder.dispatch(&tools.pipelines.densify_place_offsets, grid, &params, bindings)?;
+    }
+    tools.run()?;
+    Ok(out)
 }
 
 /// Lists the new Gaussians with their origins.
@@ -188,7 +280,7 @@ fn split_children(tools: &mut Tools, state: &mut DeviceState, moves: &Moves, lim
 
 /// Lowers all opacities to at most `opacity`.
 pub(super) fn reset_opacity(tools: &mut Tools, state: &mut DeviceState, opacity: f64) -> Result<(), GpuError> {
-    let count = state.source_count as u32;
+    let count = state.source_count() as u32;
     let bindings = reset_kernel::Bindings {
         opacity_logits: &mut state.scene.parameters.opacity_logits,
         moments: &mut state.moments.parameters[Parameter::OpacityLogits],

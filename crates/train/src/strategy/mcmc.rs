@@ -24,7 +24,7 @@ pub(super) fn relocate(
     done: u64,
 ) -> Result<DensifyOutcome, RenderError> {
     assert_eq!(state.scene.counts.templates, 0, "only plain clouds change their number of Gaussians");
-    let before = state.source_count as u32;
+    let before = state.source_count() as u32;
     let grown = (config.mcmc.growth * f64::from(before)) as u32;
     let after = grown.min(config.max_gaussians).max(before);
     let logit_min = logit(config.mcmc.opacity_min);
@@ -42,10 +42,12 @@ pub(super) fn relocate(
         return Err(RenderError::Option { option: "mcmc", reason });
     }
     if relocated > 0 || after > before {
-        tools.move_arrays(state, &moves)?;
+        tools.move_arrays(state, &moves, None)?;
         share(tools, state, &moves, logit_min)?;
     }
-    tools.finish(state, after)?;
+    let mut layout = state.layout.clone();
+    layout.background.len = after as usize;
+    state.relayout(&tools.gpu, layout)?;
     Ok(DensifyOutcome { relocated, added: after - before, gaussians: after, ..Default::default() })
 }
 
@@ -88,7 +90,7 @@ fn record_weigh(
     copies: &mut Buffer<u32>,
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
-    let count = state.source_count as u32;
+    let count = state.source_count() as u32;
     let bindings = mcmc_weigh::Bindings {
         means: &parameters.means,
         quats: &parameters.quats,

@@ -41,7 +41,7 @@ impl McmcStep {
         log: &StepLog,
         state: &mut DeviceState,
     ) -> Result<(), GpuError> {
-        let count = state.source_count;
+        let count = state.source_count();
         if count == 0 {
             return Ok(());
         }
@@ -70,7 +70,7 @@ impl McmcStep {
         state: &mut DeviceState,
         step: u32,
     ) -> Result<(), GpuError> {
-        let count = state.source_count as u32;
+        let count = state.source_count() as u32;
         if count == 0 {
             return Ok(());
         }

@@ -99,7 +99,7 @@ impl Strategy {
         }
         if config.resets_opacity_at(done) {
             densify::reset_opacity(&mut self.tools, state, config.densify.opacity_reset_to)?;
-            let gaussians = state.source_count as u32;
+            let gaussians = state.source_count() as u32;
             outcome.get_or_insert(DensifyOutcome { gaussians, ..Default::default() }).opacity_reset = true;
         }
         Ok(outcome)

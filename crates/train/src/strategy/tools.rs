@@ -10,7 +10,8 @@ use instgs_vk::gpu::{Buffer, Gpu, GpuError, Grid, PipelineCache, Recorder};
 use instgs_vk::kernels::{DensifyPipelines, Primitives, Variant, move_gaussians};
 use instgs_vk::render::scan::{Blocks, ScanInput, ScanScratch, plain, record_scan};
 use instgs_vk::render::sort::{DigitTables, Sort, SortBuffers, record_sort};
-use instgs_vk::render::{GradientBuffers, RenderError, SourceTables};
+use instgs_vk::render::{GradientBuffers, RenderError};
+use instgs_vk::scene::Owner;
 
 /// Pipelines and a recorder shared by the strategies.
 pub(super) struct Tools {
@@ -114,17 +115,29 @@ impl Tools {
         DigitTables::new(&self.gpu, (count.div_ceil(BLOCK_SIZE) * RADIX_SIZE) as usize)
     }
 
-    /// Reorders parameters and moments, one array at a time. Gradients and tables are empty until [`Tools::finish`].
-    pub(super) fn move_arrays(&mut self, state: &mut DeviceState, moves: &Moves) -> Result<(), RenderError> {
+    /// Reorders parameters and moments, one array at a time: source Gaussians by `sources`, offset records by `offsets`,
+    /// which scenes without offsets do not need. Gradients and tables are empty until [`DeviceState::relayout`].
+    pub(super) fn move_arrays(
+        &mut self,
+        state: &mut DeviceState,
+        sources: &Moves,
+        offsets: Option<&Moves>,
+    ) -> Result<(), RenderError> {
         state.gradients = GradientBuffers::placeholder(&self.gpu)?;
-        let rows = state.scene.counts.rows;
+        let (rows, records) = (state.scene.counts.rows, state.layout.offsets.max(1));
         let parameters = state.scene.parameters.scalars_mut();
-        for (parameter, values, moments) in parameters.zip(state.moments.parameters.each_mut()) {
-            // SH bands above the cloud's degree have none, nor has anything of instances.
-            if rows[parameter] != [0, 0] {
-                let width = parameter.width() as u32;
+        for (parameter, values, of_values) in parameters.zip(state.moments.parameters.each_mut()) {
+            // SH bands above the cloud's degree have no rows; offsets of coefficients above 0 have several per record.
+            let (moves, rows_each) = match parameter.owner() {
+                _ if rows[parameter] == [0, 0] => continue,
+                Owner::Source | Owner::ShBand(_) => (Some(sources), 1),
+                Owner::Offset => (offsets, rows[parameter][0] / records),
+                Owner::Instance => continue,
+            };
+            if let Some(moves) = moves {
+                let width = (rows_each * parameter.width()) as u32;
                 self.move_array(values, width, moves, Made::Inherits)?;
-                self.move_array(moments.scalars_mut(), 2 * width, moves, Made::IsZero)?;
+                self.move_array(of_values.scalars_mut(), 2 * width, moves, Made::IsZero)?;
             }
         }
         Ok(())
@@ -141,17 +154,6 @@ impl Tools {
         self.recorder.dispatch(&self.pipelines.move_gaussians, grid, &params, bindings)?;
         self.run()?;
         *array = after;
-        Ok(())
-    }
-
-    /// Allocates tables and gradients that fit the reordered arrays; statistics are zero.
-    pub(super) fn finish(&self, state: &mut DeviceState, count: u32) -> Result<(), RenderError> {
-        let count = count as usize;
-        let (sh_degree, chunk_size) = (state.scene.counts.background_sh_degree, state.scene.chunk_size);
-        state.scene.resize_background(&self.gpu, count)?;
-        state.tables = SourceTables::background_only(&self.gpu, count, sh_degree, chunk_size)?;
-        state.gradients = GradientBuffers::new(&self.gpu, &state.scene)?;
-        state.source_count = count;
         Ok(())
     }
 
