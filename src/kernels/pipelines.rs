@@ -63,6 +63,7 @@ pub struct DensifyPipelines {
     pub mcmc_share: Pipeline<mcmc_share::McmcShare>,
     pub move_gaussians: Pipeline<move_gaussians::MoveGaussians>,
     pub reset_opacity: Pipeline<reset_opacity::ResetOpacity>,
+    pub decay_opacity: Pipeline<decay_opacity::DecayOpacity>,
 }
 
 /// The kernels that strategy `mcmc` adds to every step.
@@ -283,6 +284,7 @@ impl DensifyPipelines {
             mcmc_share: compiler.compile(size, &[])?,
             move_gaussians: compiler.compile(size, &[])?,
             reset_opacity: compiler.compile(size, &[])?,
+            decay_opacity: compiler.compile(size, &[])?,
         })
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use instgs_reference::densify::{
-    Densified, Limits, Made, densify, densify_sources, reset_opacity, shape, use_of_sources,
+    Densified, Limits, Made, decay_opacity, densify, densify_sources, reset_opacity, shape, use_of_sources,
 };
 use instgs_train::config::{ConfigBuilder, TrainConfig};
 use instgs_train::device_state::DeviceState;
@@ -407,6 +407,29 @@ fn repeats_give_the_same_bytes() {
         let differ = moved.cloud.means.iter().zip(&first.cloud.means).filter(|(a, b)| a != b).count();
         assert_eq!(differ as u32, 2 * outcome.split, "{sets:?} {done}");
     }
+    assert_silent(&gpu);
+}
+
+/// After a densification every opacity is lowered a little, moments stay, and what is very transparent stays as it is.
+#[test]
+fn opacities_decay_after_each_densification() {
+    let Some(gpu) = gpu() else { return };
+    let mut case = random_case(13, 2000, 0);
+    case.cloud.opacity_logits.iter_mut().step_by(7).for_each(|logit| *logit = 17.0);
+    let sets = ["densify.opacity_decay=0.02", "densify.opacity_min=0", "densify.gradient_threshold=1"];
+    let (outcome, after) = run(&gpu, &case, &config(&sets), 200);
+    assert_eq!(outcome.gaussians, 2000);
+    let (mut worst, mut lowest) = (0.0f64, 0);
+    let opacity = |logit: f64| 1.0 / (1.0 + (-logit).exp());
+    let want = decay_opacity(&case.cloud.opacity_logits, 0.02, 1e-4);
+    for (&got, want) in after.cloud.opacity_logits.iter().zip(want) {
+        worst = worst.max((opacity(f64::from(got)) - opacity(want)).abs());
+        lowest += u32::from(opacity(want) < 1.1e-4);
+    }
+    println!("opacities within {worst:.2e}, {lowest} at the floor");
+    assert!(worst < 1e-6 && lowest > 50);
+    assert!(after.moments.iter().zip(&case.moments).all(|(a, b)| a == b));
+    assert!(run(&gpu, &case, &config(&sets[1..]), 200).1.cloud == case.cloud, "off by default");
     assert_silent(&gpu);
 }
 

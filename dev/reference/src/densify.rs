@@ -182,3 +182,13 @@ pub fn reset_opacity(logits: &[f32], opacity: f64) -> Vec<f64> {
     let limit = (opacity / (1.0 - opacity)).ln();
     logits.iter().map(|&l| f64::from(l).min(limit)).collect()
 }
+
+/// Opacity logits after every opacity was lowered by `decay`, down to `floor`.
+pub fn decay_opacity(logits: &[f32], decay: f64, floor: f64) -> Vec<f64> {
+    let lowered = |&logit: &f32| {
+        let opacity = 1.0 / (1.0 + (-f64::from(logit)).exp());
+        let lowered = (opacity - decay).max(floor);
+        if lowered < opacity { (lowered / (1.0 - lowered)).ln() } else { f64::from(logit) }
+    };
+    logits.iter().map(lowered).collect()
+}

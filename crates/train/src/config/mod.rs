@@ -205,6 +205,8 @@ pub struct DensifyConfig {
     pub opacity_reset_every: u64,
     /// Upper bound of all opacities after a reset.
     pub opacity_reset_to: f64,
+    /// What is subtracted from every opacity after each densification; 0 = nothing.
+    pub opacity_decay: f64,
     /// Screen radius above which Gaussians are removed after the first reset, pixels; 0 = no limit.
     pub screen_size_max_px: f64,
     /// Largest standard deviation above which Gaussians are removed after the first reset, as a fraction of the scene

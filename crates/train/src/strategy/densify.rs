@@ -10,8 +10,8 @@ use instgs_vk::gpu::interface::constants::*;
 use instgs_vk::gpu::staging::{download, upload};
 use instgs_vk::gpu::{Buffer, GpuError, Grid};
 use instgs_vk::kernels::{
-    densify_mark, densify_place, densify_place_offsets, densify_select, densify_split, reset_opacity as reset_kernel,
-    source_use,
+    decay_opacity as decay_kernel, densify_mark, densify_place, densify_place_offsets, densify_select, densify_split,
+    reset_opacity as reset_kernel, source_use,
 };
 use instgs_vk::render::RenderError;
 use instgs_vk::render::scan::ScanInput;
@@ -21,6 +21,9 @@ use instgs_vk::scene::{Parameter, SourceLayout};
 
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, seed_words};
+
+/// Opacity below which a decay lowers none: such a Gaussian shows nothing, and its logit must stay finite.
+const LOWEST_DECAYED: f64 = 1e-4;
 
 /// The thresholds of one densification.
 #[derive(Clone, Debug)]
@@ -288,5 +291,15 @@ pub(super) fn reset_opacity(tools: &mut Tools, state: &mut DeviceState, opacity:
     let grid = tools.threads(count);
     let params = reset_kernel::Params { count, logit_max: logit(opacity) };
     tools.recorder.dispatch(&tools.pipelines.reset_opacity, grid, &params, bindings)?;
+    tools.run()
+}
+
+/// Lowers every opacity by `decay`.
+pub(super) fn decay_opacity(tools: &mut Tools, state: &mut DeviceState, decay: f64) -> Result<(), GpuError> {
+    let count = state.source_count() as u32;
+    let bindings = decay_kernel::Bindings { opacity_logits: &mut state.scene.parameters.opacity_logits };
+    let grid = tools.threads(count);
+    let params = decay_kernel::Params { count, decay: decay as f32, opacity_floor: LOWEST_DECAYED as f32 };
+    tools.recorder.dispatch(&tools.pipelines.decay_opacity, grid, &params, bindings)?;
     tools.run()
 }

@@ -94,6 +94,9 @@ impl Strategy {
         if config.densifies_at(done) && config.strategy == config::Strategy::Densify {
             outcome = Some(densify::densify(&mut self.tools, state, &densify::Limits::new(config, done, extent))?);
         }
+        if outcome.is_some() && config.densify.opacity_decay > 0.0 {
+            densify::decay_opacity(&mut self.tools, state, config.densify.opacity_decay)?;
+        }
         if config.densifies_at(done) && config.strategy == config::Strategy::Mcmc {
             outcome = Some(mcmc::relocate(&mut self.tools, state, config, done)?);
         }
