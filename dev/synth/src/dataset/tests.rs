@@ -105,6 +105,29 @@ fn masks_groups_and_split_agree() {
     assert!(instgs_io::read_points(out).unwrap().unwrap().points.len() > 1000);
 }
 
+/// Objects of a sparse scene are in at most six training photos, and in one at least.
+#[test]
+fn sparse_scenes_show_an_object_in_few_photos() {
+    let options = Options { size: (64, 36), ..Options::default() };
+    for name in ["lot_sparse", "seats_sparse", "shelf_sparse"] {
+        let scene = build(name, &options).unwrap();
+        let cameras = scene.rig.cameras(options.views, options.size, options.seed);
+        let mut photos: BTreeMap<u32, u32> =
+            scene.world.bodies().iter().filter(|b| b.id > 0).map(|b| (b.id, 0)).collect();
+        for (_, camera) in cameras.iter().enumerate().filter(|(i, _)| i % 8 != 0) {
+            let lens = frame::Lens::new(camera);
+            let pixels = (0..64 * 36).map(|i| lens.ray(f64::from(i % 64) + 0.5, f64::from(i / 64) + 0.5));
+            let seen: BTreeSet<u32> =
+                pixels.filter_map(|ray| scene.world.closest(&ray).map(|hit| scene.world.id_of(&hit))).collect();
+            seen.iter().filter(|&&id| id > 0).for_each(|id| *photos.entry(*id).or_default() += 1);
+        }
+        let most = photos.values().max().copied().unwrap_or_default();
+        let unseen = photos.values().filter(|&&n| n == 0).count();
+        println!("{name}: at most {most} photos of one, {unseen} of {} in none", photos.len());
+        assert!(most <= 6 && unseen == 0, "{name}: {photos:?}");
+    }
+}
+
 /// The ray towards the posed centre of a window hits that window at that depth.
 #[test]
 fn the_mask_shows_the_instance_where_its_pose_says() {

@@ -28,7 +28,22 @@ pub struct Ring {
     pub height: f64,
 }
 
-/// Rings of cameras that look inwards: a dome, or a part of one.
+/// Cameras that fly over a rectangle, line by line and back and forth, and all look in about the same direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sweep {
+    /// Where the flight begins, world frame, metres.
+    pub corner: DVec3,
+    /// One line, metres.
+    pub along: DVec3,
+    /// From the first line's side of the rectangle to the last one's, metres.
+    pub across: DVec3,
+    /// Number of lines.
+    pub lines: u32,
+    /// From a camera to what it looks at, metres.
+    pub look: DVec3,
+}
+
+/// Rings of cameras that look inwards: a dome, or a part of one; or a sweep.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rig {
     /// Point that cameras look at, world frame.
@@ -40,6 +55,8 @@ pub struct Rig {
     pub rings: Vec<Ring>,
     /// Centre and width of the azimuths, radians; a width of TAU is all around.
     pub azimuths: (f64, f64),
+    /// Cameras sweep over the scene instead of standing on the rings.
+    pub sweep: Option<Sweep>,
 }
 
 impl Rig {
@@ -57,12 +74,16 @@ impl Rig {
         (0..count).map(camera).collect()
     }
 
-    /// `count` cameras on the rings, named `view_000`, `view_001` and so on.
+    /// `count` cameras on the rings or on the sweep, named `view_000`, `view_001` and so on.
     pub fn cameras(&self, count: u32, size: (u32, u32), seed: u64) -> Vec<Camera> {
         let rng = Rng::new(seed).fork(STREAM);
         let fov_y = field_of_view(size);
         let camera = |i: u32| {
             let mut rng = rng.fork(u64::from(i));
+            if let Some(sweep) = &self.sweep {
+                let (eye, target) = sweep.camera(f64::from(i) / f64::from(count), &mut rng);
+                return Camera::look_at(&name(i, count), eye, target, DVec3::Z, fov_y, size);
+            }
             let ring = self.rings[i as usize % self.rings.len()];
             // The golden ratio spreads any number of cameras evenly.
             let share = (f64::from(i) * 0.618_033_988_75 + rng.range(0.0, 0.02)).fract() - 0.5;
@@ -75,6 +96,20 @@ impl Rig {
             Camera::look_at(&name(i, count), eye, target, DVec3::Z, fov_y, size)
         };
         (0..count).map(camera).collect()
+    }
+}
+
+impl Sweep {
+    /// Position of the camera after the part `share` of the flight, 0..1, and the point that it looks at.
+    fn camera(&self, share: f64, rng: &mut Rng) -> (DVec3, DVec3) {
+        let flown = share * f64::from(self.lines);
+        let line = flown.floor();
+        let back = line as u32 % 2 == 1;
+        let on_line = if back { 1.0 - flown.fract() } else { flown.fract() };
+        let between = (line + 0.5) / f64::from(self.lines);
+        let jitter = |rng: &mut Rng| rng.unit_vector() * (JITTER * self.look.length());
+        let eye = self.corner + self.along * on_line + self.across * between + jitter(rng);
+        (eye, eye + self.look + 2.0 * jitter(rng))
     }
 }
 
@@ -98,7 +133,7 @@ mod tests {
     #[test]
     fn cameras_are_valid_and_look_at_the_target_from_all_sides() {
         let rings = vec![Ring { distance: 10.0, height: 2.0 }, Ring { distance: 8.0, height: 6.0 }];
-        let rig = Rig { target: DVec3::new(1.0, 2.0, 0.5), stray: 0.5, rings, azimuths: (0.0, TAU) };
+        let rig = Rig { target: DVec3::new(1.0, 2.0, 0.5), stray: 0.5, rings, azimuths: (0.0, TAU), sweep: None };
         let cameras = rig.cameras(48, (320, 180), 3);
         let mut sectors = [0; 8];
         for camera in &cameras {

@@ -3,6 +3,8 @@
 
 pub mod car;
 pub mod furniture;
+pub mod goods;
 pub mod props;
+pub mod seat;
 pub mod tree;
 pub mod window;

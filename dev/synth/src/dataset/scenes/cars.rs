@@ -39,7 +39,7 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
     surroundings(&mut builder, &mut rng, extent);
     let ring = |distance: f64, height: f64| Ring { distance: extent * distance, height: extent * height };
     let rings = vec![ring(1.28, 0.20), ring(1.15, 0.48), ring(1.5, 0.34), ring(1.3, 0.75), ring(0.95, 0.95)];
-    let rig = Rig { target: DVec3::Z * 0.4, stray: 0.14 * extent, rings, azimuths: (0.0, TAU) };
+    let rig = Rig { target: DVec3::Z * 0.4, stray: 0.14 * extent, rings, azimuths: (0.0, TAU), sweep: None };
     builder.finish(Daylight::afternoon(-52.0, 42.0), rig, 0.011 * extent as f32, 2.2 * extent as f32)
 }
 

@@ -54,7 +54,13 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
         ring(1.45, 1.05 * top),
         ring(1.8, 0.5 * top),
     ];
-    let rig = Rig { target: DVec3::new(0.0, 0.0, 0.52 * top), stray: 0.12 * reach, rings, azimuths: (-0.5 * PI, 2.0) };
+    let rig = Rig {
+        target: DVec3::new(0.0, 0.0, 0.52 * top),
+        stray: 0.12 * reach,
+        rings,
+        azimuths: (-0.5 * PI, 2.0),
+        sweep: None,
+    };
     builder.finish(Daylight::afternoon(-125.0, 44.0), rig, 0.0105 * reach as f32, (1.9 * reach + 4.0) as f32)
 }
 

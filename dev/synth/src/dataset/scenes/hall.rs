@@ -45,7 +45,7 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
     room(&mut builder, half);
     let ring = |inset: f64, height: f64| Ring { distance: half - inset, height };
     let rings = vec![ring(0.75, 1.7), ring(1.1, 2.6), ring(0.6, 3.2), ring(1.6, 2.2), ring(0.9, 2.9)];
-    let rig = Rig { target: DVec3::Z * 0.55, stray: 0.35, rings, azimuths: (0.0, TAU) };
+    let rig = Rig { target: DVec3::Z * 0.55, stray: 0.35, rings, azimuths: (0.0, TAU), sweep: None };
     let light = Daylight {
         ambient: Vec3::new(0.26, 0.24, 0.21),
         sun: Vec3::new(2.3, 1.95, 1.5),

@@ -3,7 +3,10 @@
 mod cars;
 mod facade;
 mod hall;
+mod lot;
 mod orchard;
+mod seats;
+mod shelf;
 mod unrelated;
 
 use super::scene_builder::Scene;
@@ -43,10 +46,26 @@ const fn recipe(
 }
 
 /// All scenes that can be made by name.
-pub const RECIPES: [Recipe; 5] = [
+pub const RECIPES: [Recipe; 11] = [
     recipe("cars", "racing cars on a car park: liveries, wings, roof racks", [8, 2, 64], cars::build),
     recipe("hall", "chairs, tables and vases in a hall, three groups", [18, 6, 60], hall::build),
     recipe("orchard", "fruit trees of all sizes", [12, 2, 64], orchard::build),
     recipe("facade", "windows of a house: blinds, curtains, flower boxes", [15, 2, 64], facade::build),
     recipe("unrelated", "a car and a chair in one group, where sharing must fail", [2, 2, 2], unrelated::build),
+    recipe("lot", "a full car park from above; most of it is cars", [24, 2, 60], lot::build),
+    recipe(
+        "lot_sparse",
+        "a full car park from low above: a car is in six photos at most",
+        [60, 2, 60],
+        lot::build_sparse,
+    ),
+    recipe("seats", "rows of theatre seats, some folded up or worn", [108, 4, 200], seats::build),
+    recipe("seats_sparse", "the seats from close by: one is in six photos at most", [200, 4, 200], seats::build_sparse),
+    recipe("shelf", "cartons, bottles and cans on a shelf; labels differ", [60, 12, 120], shelf::build),
+    recipe(
+        "shelf_sparse",
+        "the shelf from close by: a package is in six photos at most",
+        [120, 12, 120],
+        shelf::build_sparse,
+    ),
 ];

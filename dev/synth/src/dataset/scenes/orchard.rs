@@ -39,7 +39,7 @@ pub(super) fn build(seed: u64, count: u32) -> Scene {
     let ring = |distance: f64, height: f64| Ring { distance: extent * distance + 3.0, height };
     let rings =
         vec![ring(0.9, 1.9), ring(1.05, 4.2), ring(0.8, 0.9 * extent), ring(1.15, 3.0), ring(0.55, 1.25 * extent)];
-    let rig = Rig { target: DVec3::Z * 1.3, stray: 0.15 * extent, rings, azimuths: (0.0, TAU) };
+    let rig = Rig { target: DVec3::Z * 1.3, stray: 0.15 * extent, rings, azimuths: (0.0, TAU), sweep: None };
     builder.finish(Daylight::afternoon(-35.0, 38.0), rig, 0.013 * extent as f32, (1.3 * extent + 4.0) as f32)
 }
 

@@ -32,6 +32,6 @@ pub(super) fn build(seed: u64, _count: u32) -> Scene {
     surroundings(&mut builder, &mut rng, EXTENT);
     let ring = |distance: f64, height: f64| Ring { distance: EXTENT * distance, height: EXTENT * height };
     let rings = vec![ring(1.35, 0.25), ring(1.2, 0.55), ring(1.5, 0.4), ring(1.25, 0.85), ring(0.95, 1.05)];
-    let rig = Rig { target: DVec3::Z * 0.6, stray: 0.5, rings, azimuths: (0.0, TAU) };
+    let rig = Rig { target: DVec3::Z * 0.6, stray: 0.5, rings, azimuths: (0.0, TAU), sweep: None };
     builder.finish(Daylight::afternoon(-52.0, 42.0), rig, 0.07, 2.2 * EXTENT as f32)
 }
