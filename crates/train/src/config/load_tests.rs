@@ -143,7 +143,12 @@ fn values_that_do_not_go_together_are_refused() -> Test {
     let text = text_of(ConfigBuilder::new().set("densify.start=20000")?.finish());
     assert_eq!(text, "densify.start = 20000 (--set) must be at most densify.stop = 15000 (preset default)");
     assert!(!text_of(ConfigBuilder::new().set("mcmc.stop=1")?.finish()).is_empty());
-    assert!(!text_of(ConfigBuilder::new().set("densify.opacity_reset_to=0.005")?.finish()).is_empty());
+    assert!(
+        !text_of(
+            ConfigBuilder::new().set("densify.opacity_reset_every=9")?.set("densify.opacity_reset_to=0.005")?.finish()
+        )
+        .is_empty()
+    );
     ConfigBuilder::new().set("densify.opacity_reset_to=0.005")?.set("densify.opacity_reset_every=0")?.finish()?;
     assert!(!text_of(ConfigBuilder::new().set("init=random")?.set("max_gaussians=9")?.finish()).is_empty());
     ConfigBuilder::new().set("max_gaussians=9")?.finish()?;

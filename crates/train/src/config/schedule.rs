@@ -206,6 +206,9 @@ mod tests {
         Ok(())
     }
 
+    /// Resets as in INRIA's code.
+    const RESETS: &str = "densify.opacity_reset_every=3000";
+
     /// All values of `done` in 1..=steps for which `f` holds.
     fn times(config: &TrainConfig, f: impl Fn(&TrainConfig, u64) -> bool) -> Vec<u64> {
         (1..=config.steps).filter(|&done| f(config, done)).collect()
@@ -259,7 +262,7 @@ mod tests {
     #[test]
     fn before_white_opacities_are_reset_once_more() -> Result<(), ConfigError> {
         let resets = |more: &[&str]| {
-            let config = with(&[&["steps=7000"], more].concat())?;
+            let config = with(&[&["steps=7000", RESETS], more].concat())?;
             Ok::<_, ConfigError>(times(&config, TrainConfig::resets_opacity_at))
         };
         assert_eq!(resets(&["background=white"])?, [500, 3000, 6000]);
@@ -269,24 +272,25 @@ mod tests {
         for off in ["densify.opacity_reset_every=0", "strategy=mcmc", "densify.stop=500", "steps=500"] {
             assert!(resets(&["background=white", off])?.is_empty(), "{off}");
         }
-        let white = with(&["background=white"])?;
-        assert_eq!(times(&white, TrainConfig::prunes_large_at), times(&with(&[])?, TrainConfig::prunes_large_at));
+        let white = with(&["background=white", RESETS])?;
+        assert_eq!(times(&white, TrainConfig::prunes_large_at), times(&with(&[RESETS])?, TrainConfig::prunes_large_at));
         Ok(())
     }
 
     #[test]
     fn opacity_resets_and_the_pruning_that_follows() -> Result<(), ConfigError> {
-        let config = with(&["steps=7000"])?;
+        let config = with(&["steps=7000", RESETS])?;
         assert_eq!(times(&config, TrainConfig::resets_opacity_at), [3000, 6000]);
         let large = times(&config, TrainConfig::prunes_large_at);
         assert_eq!((large.first(), large.last()), (Some(&3100), Some(&6900)));
-        assert_eq!(times(&with(&[])?, TrainConfig::resets_opacity_at), [3000, 6000, 9000, 12_000]);
+        assert_eq!(times(&with(&[RESETS])?, TrainConfig::resets_opacity_at), [3000, 6000, 9000, 12_000]);
+        assert!(times(&with(&[])?, TrainConfig::resets_opacity_at).is_empty(), "off by default");
         for set in ["strategy=mcmc", "strategy=none", "densify.opacity_reset_every=0"] {
-            let config = with(&[set])?;
+            let config = with(&[RESETS, set])?;
             assert!(times(&config, TrainConfig::resets_opacity_at).is_empty(), "{set}");
             assert!(times(&config, TrainConfig::prunes_large_at).is_empty(), "{set}");
         }
-        assert!(!with(&[])?.resets_opacity_at(0));
+        assert!(!with(&[RESETS])?.resets_opacity_at(0));
         Ok(())
     }
 
