@@ -14,6 +14,9 @@ const STREAM: u64 = 0xCA_3E_8A;
 /// Relative jitter of distance and height.
 const JITTER: f64 = 0.05;
 
+/// Part of a line of a sweep at each end where no camera stands: half of its photo would show what no other does.
+const SWEEP_INSET: f64 = 0.06;
+
 /// Elevation of a flight, radians: above hedges and fences, like the view of a person or a low drone.
 const FLIGHT_ELEVATION: f64 = 14.0 * std::f64::consts::PI / 180.0;
 /// Azimuth of a flight from the centre of the rig's azimuths, so that rows of objects are not seen end on.
@@ -105,7 +108,8 @@ impl Sweep {
         let flown = share * f64::from(self.lines);
         let line = flown.floor();
         let back = line as u32 % 2 == 1;
-        let on_line = if back { 1.0 - flown.fract() } else { flown.fract() };
+        let along = SWEEP_INSET + (1.0 - 2.0 * SWEEP_INSET) * flown.fract();
+        let on_line = if back { 1.0 - along } else { along };
         let between = (line + 0.5) / f64::from(self.lines);
         let jitter = |rng: &mut Rng| rng.unit_vector() * (JITTER * self.look.length());
         let eye = self.corner + self.along * on_line + self.across * between + jitter(rng);

@@ -66,7 +66,8 @@ fn lot(seed: u64, count: u32, sweep: Option<(f64, DVec3)>) -> Scene {
         corner: (-half).extend(height) - DVec3::Y * look.y,
         along: DVec3::X * 2.0 * half.x,
         across: DVec3::Y * 2.0 * half.y,
-        lines: rows,
+        // One more than rows, so that test views, which are every eighth, do not all begin a line.
+        lines: rows + 1,
         look,
     });
     let rig = Rig { target: DVec3::Z * 0.5, stray: 0.3 * extent, rings, azimuths: (0.0, TAU), sweep };

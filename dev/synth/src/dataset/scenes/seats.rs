@@ -60,12 +60,13 @@ fn stand(seed: u64, count: u32, sparse: bool) -> Scene {
     let reach = width.max(depth);
     let ring = |distance: f64, height: f64| Ring { distance: reach * distance, height: middle.z + reach * height };
     let rings = vec![ring(0.7, 0.55), ring(0.95, 0.75), ring(0.6, 0.9), ring(0.85, 0.5), ring(0.45, 0.8)];
-    let look = DVec3::new(0.9, 0.0, -1.2);
+    let look = DVec3::new(0.8, 0.0, -1.2);
     let sweep = sparse.then(|| Sweep {
-        corner: DVec3::new(FIRST_RADIUS - look.x - 0.75, -0.5 * width, 1.65),
-        along: DVec3::Y * width,
+        corner: DVec3::new(FIRST_RADIUS - look.x - 0.95, -0.54 * width, 1.65),
+        along: DVec3::Y * 1.08 * width,
         across: DVec3::new(depth, 0.0, RISE * f64::from(rows)),
-        lines: rows.div_ceil(2),
+        // Test views are every eighth: with one more line they do not all begin one.
+        lines: rows.div_ceil(2) + 1,
         look,
     });
     let rig = Rig { target: middle, stray: 0.2 * reach, rings, azimuths: (PI, 2.6), sweep };
