@@ -3,14 +3,15 @@
 // in its place (split). First pass of the strategy `densify`.
 //
 // - Reads the parameters (by Gaussian; all SH bands, to check that they are finite) and `screen_statistics`.
-// - Reads `uses` and `highest_logits` (see `source_use`): a Gaussian of a template counts once per instance.
+// - Reads `uses`, `highest_logits` and `log_world_scales` (see `source_use`): a Gaussian of a template counts once per
+//   instance, and its scales are those in the world.
 // - Writes `keys` (bits of the mean screen gradient, inverted: the radix sort ascends) and `values` (the index) for the
 //   sort, `counts` (1 if it stays without growth), `gains` (Gaussians added by growth), both once more as numbers of
 //   expanded Gaussians (`kept_expanded`, `gains_expanded`), and `growths` (`GROWTH_*`).
 // - Removed are Gaussians that are not finite or whose opacity is below the limit in every instance and, while there are limits for large
 //   Gaussians, those that are wider than `radius_max_px` on screen or have a scale above `log_scale_max`. The copy of a
 //   clone and the children of a split have not been on screen, and children are tested by their own scale.
-// - Grid: one thread per Gaussian. Bytes per Gaussian: 64 + 12 (degree + 1)^2 read, 28 written.
+// - Grid: one thread per Gaussian. Bytes per Gaussian: 68 + 12 (degree + 1)^2 read, 28 written.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -27,6 +28,7 @@ layout(scalar, binding = 12) writeonly buffer Gains { uint gains[]; };          
 layout(scalar, binding = 13) writeonly buffer Growths { uint growths[]; };                   // GROWTH_*
 layout(scalar, binding = 14) readonly buffer Uses { uint uses[]; };                          // number of instances that have it
 layout(scalar, binding = 15) readonly buffer HighestLogits { float highest_logits[]; };      // largest opacity logit in any instance
+layout(scalar, binding = 18) readonly buffer LogWorldScales { float log_world_scales[]; };   // log of the largest scale of an instance
 layout(scalar, binding = 16) writeonly buffer KeptExpanded { uint kept_expanded[]; };        // `counts` times `uses`
 layout(scalar, binding = 17) writeonly buffer GainsExpanded { uint gains_expanded[]; };      // `gains` times `uses`
 layout(scalar, push_constant) uniform DensifyMarkParams {
@@ -45,7 +47,7 @@ void main() {
     if (i >= count) return;
     vec3 statistics = screen_statistics[i];
     vec3 scales = log_scales[i];
-    float largest = max(max(scales.x, scales.y), scales.z);
+    float largest = max(max(scales.x, scales.y), scales.z) + log_world_scales[i];
     bool lives = all_finite(i) && highest_logits[i] >= logit_min;
     bool fits = largest <= log_scale_max;
     uint kept = lives && fits && statistics.z <= radius_max_px ? 1 : 0;

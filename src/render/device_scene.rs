@@ -181,7 +181,6 @@ impl DeviceScene {
         self.counts.templates = layout.templates.len;
         self.counts.background = layout.background.len;
         self.counts.rows = rows_of(layout, &self.counts.rows);
-        self.table = self.table.take().map(|_| InstanceTable::new(tables.instances));
         Ok(())
     }
 

@@ -7,7 +7,7 @@ use crate::gpu::interface::types;
 use crate::gpu::staging::upload;
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::kernels::Variant;
-use crate::scene::{ParameterSet, SourceLayout};
+use crate::scene::{Parameter, ParameterSet, SourceLayout};
 
 use super::device_scene::DeviceScene;
 use super::parameter_buffers::ParameterBuffers;
@@ -27,7 +27,7 @@ pub struct GradientBuffers {
 impl GradientBuffers {
     /// Allocates the gradients of a scene.
     pub fn new(gpu: &Arc<Gpu>, scene: &DeviceScene) -> Result<Self, GpuError> {
-        let statistics = vec![[0.0; 3]; scene.parameters.means.len()];
+        let statistics = vec![[0.0; 3]; scene.counts.rows[Parameter::Means].iter().sum()];
         Ok(Self {
             parameters: ParameterBuffers::new(gpu, "gradients, ", &scene.counts.rows)?,
             poses: Buffer::new(gpu, "gradients, poses", scene.posed_instances() as usize)?,

@@ -61,7 +61,7 @@ pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Ta
         let range = TemplateRange { first: 0, count: scene.background.len() as u32 };
         let bound = tables.push_chunks(&scene.background, 0, range.count as usize, chunk_size);
         let source = Source::of_background(layout.templates, layout.background, range);
-        tables.push_instance(&Placement::unbounded(None), &bound, source, first_chunk, chunk_size)?;
+        tables.push_instance(&Placement::at_origin(None), &bound, source, first_chunk, chunk_size)?;
     }
     Ok(tables)
 }
@@ -84,12 +84,12 @@ pub(super) fn unbounded_tables(layout: &SourceLayout, chunk_size: u32) -> Result
     for instance in &layout.instances {
         let template = instance.template as usize;
         let source = Source::of_templates(layout.templates, layout.template_ranges[template]);
-        let place = Placement::unbounded(instance.first_offset);
+        let place = Placement::at_origin(instance.first_offset);
         tables.push_instance(&place, &bound, source, first_chunks[template], chunk_size)?;
     }
     if background.count > 0 {
         let source = Source::of_background(layout.templates, layout.background, background);
-        tables.push_instance(&Placement::unbounded(None), &bound, source, first_of_background, chunk_size)?;
+        tables.push_instance(&Placement::at_origin(None), &bound, source, first_of_background, chunk_size)?;
     }
     tables.widen();
     Ok(tables)
@@ -132,8 +132,8 @@ pub(super) struct Placement<'a> {
 }
 
 impl<'a> Placement<'a> {
-    /// Placement of the background's instance, or of one whose bounds hold everything.
-    fn unbounded(first_offset: Option<u32>) -> Self {
+    /// Placement by the identity: of the background's instance, or of one whose transform is written later.
+    fn at_origin(first_offset: Option<u32>) -> Self {
         Self {
             world_from_template: &Similarity::IDENTITY,
             first_offset: first_offset.unwrap_or(NO_OFFSET),

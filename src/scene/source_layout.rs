@@ -1,7 +1,7 @@
 //! How the arrays of a scene are divided: which source Gaussians a template has, and which template and offset records an
 //! instance has. Training changes it when it adds or removes Gaussians.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::gaussians::Gaussians;
 use super::instanced_scene::{Instance, InstancedScene, TemplateRange};
@@ -113,10 +113,10 @@ impl SourceLayout {
             after += out.template_ranges[template as usize].count;
         }
         out.offsets = after as usize;
-        for instance in &mut out.instances {
-            let is_run =
-                |run: &&MovedRun| Some(run.before) == instance.first_offset && run.template == instance.template;
-            instance.first_offset = moves.iter().find(is_run).map(|run| run.after);
+        let placed: BTreeMap<(u32, u32), u32> =
+            moves.iter().map(|moved| ((moved.before, moved.template), moved.after)).collect();
+        for (instance, before) in out.instances.iter_mut().zip(&self.instances) {
+            instance.first_offset = run(before).and_then(|run| placed.get(&run).copied());
         }
         (out, moves)
     }

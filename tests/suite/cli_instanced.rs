@@ -9,6 +9,7 @@ use assert_cmd::Command;
 use instgs_io::checkpoint::{self, Checkpoint};
 use instgs_io::{load_scene, read_groups, write_groups};
 use instgs_vk::scene::PosedGroup;
+use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use serde_json::Value;
 
 /// A folder with `data`: three cars in 16 small photos, and poses that are off.
@@ -93,15 +94,31 @@ fn all_stages_leave_their_files_and_lose_no_quality() {
 /// The joint phase goes on from a trained cloud. Measured: it gains 1.3 dB (16.7 to 18.0).
 const MOST_LOSS_DB: f64 = 0.5;
 
-/// Twice the same bytes; and a run whose joint phase was killed ends in them too, without repeating the stages before.
+/// Twice the same bytes; and a run whose joint phase was killed ends in them too, without repeating the stages before. The
+/// joint phase has everything: all kinds of offsets, colour matrices, and growth before and after the kill.
 #[test]
 fn runs_repeat_bit_by_bit_after_a_kill_too() {
     if skips_gpu() {
         return;
     }
     let (_folder, at) = folder();
-    let every = ["--set", "checkpoint_every=10", "--set", "offsets.sh_rest=true", "--set", "offsets.covariance=true"];
+    let sets = [
+        "checkpoint_every=10",
+        "offsets.sh_rest=true",
+        "offsets.covariance=true",
+        "densify.start=15",
+        "densify.every=10",
+        "joint.grow_fraction=0.8",
+        "joint.max_expanded=1.5",
+        "joint.color_matrix_rate=1e-3",
+    ];
+    let every: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
     train(&at, "a", &every).assert().success();
+    let [initial, grown] =
+        ["initial.instgs", "scene.instgs"].map(|file| load_scene(&at.join("a").join(file)).unwrap().scene);
+    assert!(grown.templates.len() > initial.templates.len(), "{} {}", grown.templates.len(), initial.templates.len());
+    assert_eq!(grown.offsets.len(), 3 * grown.templates.len());
+    assert!(grown.color_from_template.len() == 3 && grown.color_from_template.iter().any(|m| *m != SAME_COLOR));
     let mut child = std::process::Command::new(built("instgs-vk"))
         .args(["train", "--data"])
         .arg(at.join("data"))
@@ -109,7 +126,7 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         .arg(at.join("b"))
         .args(["--config", "instgs_quick", "--steps", "120", "--joint-steps", "60", "--groups"])
         .arg(at.join("data/groups_noisy.json"))
-        .args(every)
+        .args(&every)
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
         .spawn()
@@ -146,7 +163,14 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
     // Poses and offsets are in the checkpoint.
     let (path, _) = checkpoint::latest(&at.join("a/checkpoints")).unwrap().found.unwrap();
     let state = Checkpoint::read(&path).unwrap();
-    for name in ["parameter.world_from_template", "moment.poses", "parameter.offset_quats", "moment.offset_means"] {
+    for name in [
+        "parameter.world_from_template",
+        "moment.poses",
+        "parameter.offset_quats",
+        "moment.offset_means",
+        "moment.color_from_template",
+        "layout.template_ranges",
+    ] {
         assert!(state.tensors.contains_key(name), "{name}");
     }
 }

@@ -32,6 +32,12 @@ impl Moments {
         })
     }
 
+    /// Buffers of one element, which free the memory of the moments until the next [`Moments::new`].
+    fn none(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
+        let none = || zero_moments(gpu, "no moments", 1);
+        Ok(Self { parameters: ParameterSet::try_from_fn(|_| none())?, poses: none()? })
+    }
+
     /// Bytes of all buffers.
     pub fn bytes(&self) -> u64 {
         self.parameters.iter().map(|(_, buffer)| buffer.bytes()).sum::<u64>() + self.poses.bytes()
@@ -112,10 +118,6 @@ impl DeviceState {
         self.scene.relayout(gpu, &layout)?;
         self.tables = SourceTables::new(gpu, &layout, self.scene.chunk_size)?;
         self.gradients = GradientBuffers::new(gpu, &self.scene)?;
-        self.names.template_ranges.clone_from(&layout.template_ranges);
-        for (instance, source) in self.names.instances.iter_mut().zip(&layout.instances) {
-            instance.first_offset = source.first_offset;
-        }
         self.layout = layout;
         Ok(())
     }
@@ -125,6 +127,10 @@ impl DeviceState {
     /// # Errors
     /// The same errors.
     pub fn relayout_undefined(&mut self, gpu: &Arc<Gpu>, layout: SourceLayout) -> Result<(), RenderError> {
+        // Free first: there need not be room for both.
+        self.gradients = GradientBuffers::placeholder(gpu)?;
+        self.moments = Moments::none(gpu)?;
+        self.scene.parameters = ParameterBuffers::new(gpu, "", &ParameterSet::from_fn(|_| [0, 0]))?;
         self.relayout(gpu, layout)?;
         self.scene.parameters = ParameterBuffers::new(gpu, "", &self.scene.counts.rows)?;
         self.moments = Moments::new(gpu, &self.scene)?;
@@ -133,7 +139,17 @@ impl DeviceState {
 
     /// The scene as it is on the device. The device must be idle.
     pub fn download(&self, gpu: &Arc<Gpu>) -> Result<InstancedScene, RenderError> {
-        self.scene.download(gpu, &self.names)
+        let mut names = self.names.clone();
+        if names.template_ranges != self.layout.template_ranges {
+            // Unknown tensors follow Gaussians that have moved.
+            let follows = |name: &str| ["template.", "offset.", "background."].iter().any(|p| name.starts_with(p));
+            names.foreign_tensors.retain(|name, _| !follows(name));
+        }
+        names.template_ranges.clone_from(&self.layout.template_ranges);
+        for (instance, source) in names.instances.iter_mut().zip(&self.layout.instances) {
+            instance.first_offset = source.first_offset;
+        }
+        self.scene.download(gpu, &names)
     }
 
     /// Records Adam for every parameter with a learning rate in `plan`, poses included, up to its SH degree.

@@ -125,16 +125,20 @@ pub fn from_checkpoint(
 /// # Errors
 /// The tensors of the layout do not fit each other or the instances of `start`.
 fn layout_of(checkpoint: &mut Checkpoint, start: &SourceLayout, path: &Path) -> Result<SourceLayout, IoError> {
+    let values = |name: &str| checkpoint.tensors.get(name).map_or(0, |t| t.values.len());
+    let (sources, offsets) = (values("parameter.opacity_logits"), values("parameter.offset_means") / 3);
+    let fail = |name: &str| Err(IoError::new(path, format!("{name} does not fit the scene")));
+    if start.instances.is_empty() {
+        let Some(background) = sources.checked_sub(start.templates.len) else { return fail("opacity_logits") };
+        return Ok(SourceLayout { background: CloudSize { len: background, ..start.background }, ..start.clone() });
+    }
     if !checkpoint.tensors.contains_key(TEMPLATE_RANGES) {
         return Ok(start.clone());
     }
-    let rows = |name: &str| checkpoint.tensors.get(name).and_then(|t| t.shape.first().copied()).unwrap_or(0);
-    let (sources, offsets) = (rows("parameter.opacity_logits"), rows("parameter.offset_means"));
     let templates = checkpoint.metadata.get(TEMPLATE_GAUSSIANS).and_then(|text| text.parse().ok());
     let templates: Option<usize> = templates.filter(|&templates| templates <= sources);
     let ranges: Vec<u32> = checkpoint.take(TEMPLATE_RANGES, &[2], path)?;
     let firsts: Vec<u32> = checkpoint.take(FIRST_OFFSETS, &[], path)?;
-    let fail = |name: &str| Err(IoError::new(path, format!("tensor {name} does not fit the scene")));
     let Some(templates) = templates else { return fail(TEMPLATE_GAUSSIANS) };
     let template_ranges: Vec<TemplateRange> =
         ranges.as_chunks().0.iter().map(|&[first, count]| TemplateRange { first, count }).collect();
@@ -152,7 +156,8 @@ fn layout_of(checkpoint: &mut Checkpoint, start: &SourceLayout, path: &Path) -> 
     let fits = |instance: &InstanceSource| {
         instance.first_offset.is_none_or(|first| ends_within(first, count_of(instance), offsets))
     };
-    if firsts.len() != start.instances.len() || !instances.iter().all(fits) {
+    let same_kind = (offsets == 0) == (start.offsets == 0);
+    if firsts.len() != start.instances.len() || !same_kind || !instances.iter().all(fits) {
         return fail(FIRST_OFFSETS);
     }
     Ok(SourceLayout {

@@ -1,5 +1,5 @@
-//! Twin of `source_use`, `densify_mark`, `densify_select`, `densify_place`, `densify_place_offsets`, `densify_split` and
-//! `move_gaussians`, on plain lists.
+//! Twin of `source_use`, `densify_mark`, `densify_select`, `densify_place`, `densify_place_offsets`, `densify_split`,
+//! `move_gaussians`, `reset_opacity` and `decay_opacity`, on plain lists.
 
 use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::scene::{Gaussians, InstancedScene};
@@ -67,23 +67,31 @@ pub struct SourceUse {
     pub instances: u32,
     /// Its largest opacity logit in any of them.
     pub highest_logit: f32,
+    /// Largest scale of any of them.
+    pub world_scale: f64,
 }
 
 /// The use of each Gaussian of a plain cloud.
 pub fn use_of_cloud(cloud: &Gaussians) -> Vec<SourceUse> {
-    cloud.opacity_logits.iter().map(|&highest_logit| SourceUse { instances: 1, highest_logit }).collect()
+    let used = |&highest_logit: &f32| SourceUse { instances: 1, highest_logit, world_scale: 1.0 };
+    cloud.opacity_logits.iter().map(used).collect()
 }
 
 /// The use of each source Gaussian of a scene in which every one belongs to a template or the background.
 pub fn use_of_sources(scene: &InstancedScene) -> Vec<SourceUse> {
-    let mut out = vec![SourceUse { instances: 0, highest_logit: f32::NEG_INFINITY }; scene.templates.len()];
+    let unused = SourceUse { instances: 0, highest_logit: f32::NEG_INFINITY, world_scale: 0.0 };
+    let mut out = vec![unused; scene.templates.len()];
     for instance in &scene.instances {
         let range = scene.template_ranges[instance.template as usize];
         for local in 0..range.count {
             let source = (range.first + local) as usize;
             let own = instance.first_offset.map_or(0.0, |first| scene.offsets.opacity_logits[(first + local) as usize]);
             out[source].instances += 1;
-            out[source].highest_logit = out[source].highest_logit.max(scene.templates.opacity_logits[source] + own);
+            out[source].world_scale = out[source].world_scale.max(instance.world_from_template.scale());
+            let logit = scene.templates.opacity_logits[source] + own;
+            if logit.is_finite() {
+                out[source].highest_logit = out[source].highest_logit.max(logit);
+            }
         }
     }
     out.extend(use_of_cloud(&scene.background));
@@ -111,7 +119,7 @@ fn fate(
     if !is_finite(cloud, i) || opacity < limits.opacity_min {
         return (0, None);
     }
-    let scale = cloud.log_scales[i].map(|s| f64::from(s).exp()).into_iter().fold(0.0, f64::max);
+    let scale = cloud.log_scales[i].map(|s| f64::from(s).exp()).into_iter().fold(0.0, f64::max) * used.world_scale;
     let kept = u32::from(scale <= limits.scale_max && f64::from(statistics[2]) <= limits.radius_max_px);
     if !statistics[0].is_finite() || mean_gradient(statistics) < limits.gradient_threshold {
         return (kept, None);

@@ -128,7 +128,7 @@ impl TrainConfig {
     }
 
     /// The configuration of the joint phase: its steps, all SH coefficients from the start, and densification for a part of
-    /// the steps, whatever strategy the plain cloud had.
+    /// the steps, whether the plain cloud's strategy is `densify` or `mcmc`; with `none` nothing grows.
     pub fn joint_phase(&self) -> Self {
         let JointConfig { steps, grow_fraction, max_expanded, .. } = self.joint;
         let grows = grow_fraction > 0.0 && self.strategy != Strategy::None;
@@ -137,6 +137,8 @@ impl TrainConfig {
             steps,
             strategy: if grows { Strategy::Densify } else { Strategy::None },
             densify: DensifyConfig {
+                // A short phase has no time to wait.
+                start: self.densify.start.min(steps / 10),
                 stop: steps,
                 stop_fraction: grow_fraction,
                 opacity_reset_every: 0,

@@ -72,7 +72,8 @@ pub struct TrainConfig {
     pub antialias: bool,
     /// View depth below which Gaussians are not drawn, scene units.
     pub near: f64,
-    /// Upper bound of the number of Gaussians in densification.
+    /// Upper bound of the number of Gaussians in densification; in the joint phase, of expanded ones, times
+    /// `joint.max_expanded`.
     pub max_gaussians: u32,
     /// How the number of Gaussians changes.
     pub strategy: Strategy,

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
 use instgs_vk::gpu::interface::constants::*;
-use instgs_vk::gpu::staging::{download, upload};
+use instgs_vk::gpu::staging::download_from;
 use instgs_vk::gpu::{Buffer, GpuError, Grid};
 use instgs_vk::kernels::{
     decay_opacity as decay_kernel, densify_mark, densify_place, densify_place_offsets, densify_select, densify_split,
@@ -157,9 +157,13 @@ fn record_mark(
 ) -> Result<(), GpuError> {
     let parameters = &state.scene.parameters;
     let count = state.source_count() as u32;
+    let mut uses = Buffer::new(&tools.gpu, "uses", count as usize)?;
+    let mut highest_logits = Buffer::new(&tools.gpu, "highest_logits", count as usize)?;
+    let mut log_world_scales = Buffer::new(&tools.gpu, "log_world_scales", count as usize)?;
     // A Gaussian of no template is used by no instance, and shown by none.
-    let mut uses = upload(&tools.gpu, "uses", &vec![0; count as usize])?;
-    let mut highest_logits = upload(&tools.gpu, "highest_logits", &vec![f32::MIN; count as usize])?;
+    tools.recorder.fill(&mut uses, 0)?;
+    tools.recorder.fill(&mut highest_logits, f32::MIN.to_bits())?;
+    tools.recorder.fill(&mut log_world_scales, 0)?;
     let bindings = source_use::Bindings {
         source_chunks: &state.tables.chunks,
         instance_from_template: &state.tables.instance_from_template,
@@ -168,6 +172,7 @@ fn record_mark(
         offset_opacity_logits: &parameters.offset_opacity_logits,
         uses: &mut uses,
         highest_logits: &mut highest_logits,
+        log_world_scales: &mut log_world_scales,
     };
     let params = source_use::Params { chunk_count: state.tables.chunk_count };
     let grid = Grid::groups(state.tables.chunk_count);
@@ -184,6 +189,7 @@ fn record_mark(
         screen_statistics: &state.gradients.screen_statistics,
         uses: &uses,
         highest_logits: &highest_logits,
+        log_world_scales: &log_world_scales,
         keys: &mut sort.keys,
         values: &mut sort.values,
         counts: &mut fates.counts,
@@ -204,13 +210,13 @@ fn moved_boundaries(
     fates: &Fates,
     after: u32,
 ) -> Result<BTreeMap<u32, u32>, GpuError> {
-    let boundaries = state.layout.boundaries();
-    // Only the end, or only the beginning and the end: nothing to read.
     let end = state.source_count() as u32;
-    let inner = boundaries.iter().any(|&i| 0 < i && i < end);
-    let firsts = if inner { download(&tools.gpu, &fates.firsts, end as usize)? } else { Vec::new() };
-    let moved = |i: u32| if i == end { after } else { firsts.get(i as usize).copied().unwrap_or(0) };
-    Ok(boundaries.into_iter().map(|i| (i, moved(i))).collect())
+    let moved = |i: u32| match i {
+        0 => Ok((i, 0)),
+        _ if i == end => Ok((i, after)),
+        _ => Ok((i, download_from(&tools.gpu, &fates.firsts, i as usize, 1)?.first().copied().unwrap_or(after))),
+    };
+    state.layout.boundaries().into_iter().map(moved).collect()
 }
 
 /// The origins of the offset records in the layout `after`, to which `runs` move.

@@ -1,6 +1,6 @@
-//! How the number of Gaussians of a plain cloud changes, between steps and on the device.
+//! How the number of Gaussians changes, between steps and on the device: of a plain cloud, or of templates and background.
 //!
-//! The host reads a few counters at each change, and nothing per Gaussian. Arrays are reordered one at a time: besides
+//! The host reads a few counters at each change and where templates begin, and nothing per Gaussian. Arrays are reordered one at a time: besides
 //! the state there is one copy of the largest array, and no gradients. Decisions are integers or comparisons of f32,
 //! sums are scans, random numbers are hashes of (seed, finished steps, Gaussian): the same seed gives the same bytes.
 
@@ -64,7 +64,7 @@ impl Strategy {
     /// lost, since arrays are replaced one at a time.
     ///
     /// # Panics
-    /// If the Gaussians are to change and the scene has templates.
+    /// If the strategy is `mcmc` and the scene has templates.
     pub fn after_step(
         &mut self,
         state: &mut DeviceState,
@@ -73,12 +73,15 @@ impl Strategy {
         extent: f64,
     ) -> Result<Option<DensifyOutcome>, RenderError> {
         let most = most_in_training(self.tools.gpu.caps().max_storage_bytes, state.scene.counts.background_sh_degree);
+        // Every instance begins a chunk of its own.
+        let most = most.saturating_sub(state.scene.posed_instances().saturating_mul(state.scene.chunk_size));
         let limited = TrainConfig { max_gaussians: config.max_gaussians.min(most), ..config.clone() };
         let mut outcome = self.change(state, &limited, done, extent)?;
         if let Some(outcome) = &mut outcome {
             // A split Gaussian is replaced by its children in the room that is left, or stays as it is.
             let room = config.densify.split_count.saturating_sub(2);
-            outcome.device_full = most < config.max_gaussians && outcome.gaussians.saturating_add(room) >= most;
+            let expanded = state.layout.expanded_len().saturating_add(u64::from(room));
+            outcome.device_full = most < config.max_gaussians && expanded >= u64::from(most);
         }
         Ok(outcome)
     }

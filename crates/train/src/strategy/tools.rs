@@ -22,7 +22,7 @@ pub(super) struct Tools {
     pub(super) recorder: Recorder,
 }
 
-/// The origins of the new Gaussians.
+/// The origins of new Gaussians, or of new offset records.
 pub(super) struct Moves {
     /// Index of the old Gaussian, for each new one.
     pub(super) origins: Buffer<u32>,

@@ -19,13 +19,14 @@ use instgs_train::config::{
 };
 
 /// Name and text of each preset that `--config` knows; the first two hold the defaults.
-pub const PRESETS: [(&str, &str); 6] = [
+pub const PRESETS: [(&str, &str); 7] = [
     TRAINER_PRESETS[0],
     ("instgs", include_str!("../../../../../configs/instgs.toml")),
     TRAINER_PRESETS[1],
     TRAINER_PRESETS[2],
     TRAINER_PRESETS[3],
     ("instgs_quick", include_str!("../../../../../configs/instgs_quick.toml")),
+    ("instgs_sparse", include_str!("../../../../../configs/instgs_sparse.toml")),
 ];
 
 /// The layers of the configuration of a whole run.

@@ -81,7 +81,10 @@ impl Look for Label {
         let inked = number_ink(1.6 * at, self.number, 1.6 * fine);
         let pattern = match self.pattern {
             0 => grid_line(at.y, 0.5, 0.14, fine),
-            1 => (grid_line(at.x, 0.5, 0.25, fine) + grid_line(at.y, 0.5, 0.25, fine)).rem_euclid(2.0).min(1.0),
+            1 => {
+                let (a, b) = (grid_line(at.x, 0.5, 0.25, fine), grid_line(at.y, 0.5, 0.25, fine));
+                a + b - 2.0 * a * b
+            }
             _ => 1.0 - smooth_step(-0.5 * fine - 0.01, 0.5 * fine + 0.01, at.length() - 0.85),
         };
         let printed = self.paper.lerp(self.print, 0.75 * pattern);
