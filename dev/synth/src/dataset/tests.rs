@@ -123,7 +123,6 @@ fn sparse_scenes_show_an_object_in_few_photos() {
         }
         let most = photos.values().max().copied().unwrap_or_default();
         let unseen = photos.values().filter(|&&n| n == 0).count();
-        println!("{name}: at most {most} photos of one, {unseen} of {} in none", photos.len());
         assert!(most <= 6 && 100 * unseen <= photos.len(), "{name}: {photos:?}");
     }
 }
