@@ -339,12 +339,12 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
 fn rows_of(layout: &SourceLayout, before: &ParameterSet<Rows>) -> ParameterSet<Rows> {
     let clouds = [layout.templates, layout.background];
     let records = before[Parameter::OffsetMeans][0].max(1);
-    ParameterSet::from_fn(|parameter| match parameter.owner() {
-        Owner::Source => clouds.map(|cloud| cloud.len),
-        Owner::ShBand(l) => clouds.map(|cloud| if cloud.sh_degree >= l { cloud.len } else { 0 }),
-        // Coefficients above 0 have several rows per record.
-        Owner::Offset => [before[parameter][0] / records * layout.offsets, 0],
-        Owner::Instance => before[parameter],
+    ParameterSet::from_fn(|parameter| {
+        parameter.source_rows(clouds).unwrap_or_else(|| match parameter.owner() {
+            // Coefficients above 0 have several rows per record.
+            Owner::Offset => [before[parameter][0] / records * layout.offsets, 0],
+            _ => before[parameter],
+        })
     })
 }
 

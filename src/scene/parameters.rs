@@ -8,6 +8,7 @@ use std::ops::{Index, IndexMut};
 
 use super::gaussians::{Gaussians, sh_coefficients};
 use super::instanced_scene::InstancedScene;
+use super::source_layout::CloudSize;
 
 /// The elements that an array has rows for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -270,11 +271,10 @@ fn band_of(l: u32) -> std::ops::Range<usize> {
 impl InstancedScene {
     /// Numbers of rows of every parameter.
     pub fn parameter_rows(&self) -> ParameterSet<Rows> {
-        let clouds = [&self.templates, &self.background];
-        ParameterSet::from_fn(|parameter| match parameter.owner() {
-            Owner::Source => clouds.map(Gaussians::len),
-            Owner::ShBand(l) => clouds.map(|cloud| if cloud.sh_degree >= l { cloud.len() } else { 0 }),
-            Owner::Offset | Owner::Instance => [self.parameter(parameter).len() / parameter.width(), 0],
+        let clouds = [&self.templates, &self.background].map(CloudSize::of);
+        ParameterSet::from_fn(|parameter| {
+            let own = || [self.parameter(parameter).len() / parameter.width(), 0];
+            parameter.source_rows(clouds).unwrap_or_else(own)
         })
     }
 

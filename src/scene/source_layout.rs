@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::gaussians::Gaussians;
 use super::instanced_scene::{Instance, InstancedScene, TemplateRange};
+use super::parameters::{Owner, Parameter, Rows};
 
 /// Number of Gaussians and SH degree of a cloud.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -13,6 +14,17 @@ pub struct CloudSize {
     pub len: usize,
     /// SH degree.
     pub sh_degree: u32,
+}
+
+impl Parameter {
+    /// Rows of templates and background, if source Gaussians own this parameter.
+    pub fn source_rows(self, clouds: [CloudSize; 2]) -> Option<Rows> {
+        match self.owner() {
+            Owner::Source => Some(clouds.map(|cloud| cloud.len)),
+            Owner::ShBand(l) => Some(clouds.map(|cloud| if cloud.sh_degree >= l { cloud.len } else { 0 })),
+            Owner::Offset | Owner::Instance => None,
+        }
+    }
 }
 
 impl CloudSize {

@@ -122,10 +122,10 @@ impl DeviceState {
         Ok(())
     }
 
-    /// The same as [`DeviceState::relayout`] with parameters and moments of undefined values, to be overwritten.
+    /// The same as [`DeviceState::relayout`], and replaces parameters and moments by undefined values, to be overwritten.
     ///
     /// # Errors
-    /// The same errors.
+    /// More Gaussians than the device can hold; then the state is lost.
     pub fn relayout_undefined(&mut self, gpu: &Arc<Gpu>, layout: SourceLayout) -> Result<(), RenderError> {
         // Free first: there need not be room for both.
         self.gradients = GradientBuffers::placeholder(gpu)?;

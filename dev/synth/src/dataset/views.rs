@@ -36,11 +36,11 @@ pub struct Ring {
 pub struct Sweep {
     /// Where the flight begins, world frame, metres.
     pub corner: DVec3,
-    /// One line, metres.
+    /// From the first to the last camera of a line, metres, world frame.
     pub along: DVec3,
     /// From the first line's side of the rectangle to the last one's, metres.
     pub across: DVec3,
-    /// Number of lines.
+    /// Number of lines, flown back and forth in turn.
     pub lines: u32,
     /// From a camera to what it looks at, metres.
     pub look: DVec3,

@@ -27,7 +27,7 @@ pub fn bottle() -> MeshBuilder {
     b
 }
 
-/// A can, 0.12 m high.
+/// A can, 0.12 m high and 0.08 m wide, with a recessed lid.
 pub fn can() -> MeshBuilder {
     let mut b = MeshBuilder::new();
     let side = [(0.036, 0.0), (0.04, 0.006), (0.04, 0.114), (0.037, 0.12)];
@@ -51,7 +51,7 @@ pub struct LabelPlace {
 /// Colours and print of one package.
 #[derive(Clone, Copy, Debug)]
 pub struct Label {
-    /// Where the label is.
+    /// Where on the package the label is.
     pub place: LabelPlace,
     /// Colour of the body around the label, linear.
     pub body: Vec3,

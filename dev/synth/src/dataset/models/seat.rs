@@ -63,7 +63,7 @@ pub struct SeatLook {
     pub cloth: Vec3,
     /// Number on the plate, 0..=99.
     pub number: u32,
-    /// Seed of its wear.
+    /// Seed of the pattern of worn cloth.
     pub seed: u32,
 }
 
