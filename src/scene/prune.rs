@@ -59,10 +59,15 @@ impl InstancedScene {
             self.compact_templates(keep);
         }
         if dropped + dropped_background > 0 {
-            let follows = |name: &str| ["offset.", "template.", "background."].iter().any(|p| name.starts_with(p));
-            self.foreign_tensors.retain(|name, _| !follows(name));
+            self.drop_parallel_tensors();
         }
         dropped + dropped_background
+    }
+
+    /// Drops unknown tensors that are parallel to Gaussians or offset records, for when those have changed their places.
+    pub fn drop_parallel_tensors(&mut self) {
+        let follows = |name: &str| ["offset.", "template.", "background."].iter().any(|p| name.starts_with(p));
+        self.foreign_tensors.retain(|name, _| !follows(name));
     }
 
     /// Removes the template Gaussians that are not marked, with their offset records.

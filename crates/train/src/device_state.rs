@@ -118,6 +118,7 @@ impl DeviceState {
         self.scene.relayout(gpu, &layout)?;
         self.tables = SourceTables::new(gpu, &layout, self.scene.chunk_size)?;
         self.gradients = GradientBuffers::new(gpu, &self.scene)?;
+        self.names.drop_parallel_tensors();
         self.layout = layout;
         Ok(())
     }
@@ -140,11 +141,6 @@ impl DeviceState {
     /// The scene as it is on the device. The device must be idle.
     pub fn download(&self, gpu: &Arc<Gpu>) -> Result<InstancedScene, RenderError> {
         let mut names = self.names.clone();
-        if names.template_ranges != self.layout.template_ranges {
-            // Unknown tensors follow Gaussians that have moved.
-            let follows = |name: &str| ["template.", "offset.", "background."].iter().any(|p| name.starts_with(p));
-            names.foreign_tensors.retain(|name, _| !follows(name));
-        }
         names.template_ranges.clone_from(&self.layout.template_ranges);
         for (instance, source) in names.instances.iter_mut().zip(&self.layout.instances) {
             instance.first_offset = source.first_offset;
