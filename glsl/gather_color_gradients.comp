@@ -4,7 +4,7 @@
 // - Reads, per instance, the work items of its chunks that were not culled (as `gather_gradients` does), and there the gradient with
 //   respect to each Gaussian's colour (12 bytes) and its view direction, in which SH is evaluated again.
 // - Writes `color_from_template_gradients`, 48 bytes per instance; 0 for an instance out of sight.
-// - Grid: one work-group per instance besides the background. Each thread sums Gaussians of its own; three threads then sum the
+// - Grid: one work-group per row of an instance besides the background; those of own Gaussians have no matrix. Each thread sums Gaussians of its own; three threads then sum the
 //   threads, one for each row, so that the order is always the same.
 //
 // Twin: `instgs_reference::gather_gradients`. Test: `tests/kernels/backward.rs`.
@@ -33,7 +33,7 @@ layout(scalar, binding = 12) readonly buffer OffsetShDc { vec3 offset_sh_dc[]; }
 layout(scalar, binding = 13) readonly buffer OffsetShRest { vec3 offset_sh_rest[]; };                // offsets of the other SH coefficients, if any
 layout(scalar, binding = 14) writeonly buffer ColorMatrixGradients { vec4 color_from_template_gradients[]; };  // rows of (M | b) by instance
 layout(scalar, push_constant) uniform GatherColorGradientsParams {
-    uint posed_instances;  // instances besides the background
+    uint posed_rows;  // rows of instances besides the background
 };
 
 #include "sh_bands.glsl"
@@ -45,8 +45,9 @@ shared vec4 partial_sums[3 * WORKGROUP_SIZE];
 void main() {
     uint k = group_index();
     uint lane = gl_LocalInvocationID.x;
-    if (k >= posed_instances) return;
+    if (k >= posed_rows) return;
     Instance instance = instances[k];
+    if (instance.color == NO_COLOR) return;
     vec4 rows[3];
     [[unroll]] for (uint r = 0; r < 3; ++r) rows[r] = vec4(0.0);
     for (uint chunk = 0; chunk < instance_chunks[k]; ++chunk) {
@@ -69,5 +70,5 @@ void main() {
     if (lane >= 3) return;
     vec4 sum = vec4(0.0);
     for (uint t = 0; t < WORKGROUP_SIZE; ++t) sum += partial_sums[3 * t + lane];
-    color_from_template_gradients[3 * k + lane] = sum;
+    color_from_template_gradients[3 * instance.color + lane] = sum;
 }

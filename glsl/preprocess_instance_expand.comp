@@ -67,7 +67,6 @@ layout(scalar, binding = 21) readonly buffer ColorMatrices { vec4 color_from_tem
 layout(scalar, push_constant) uniform ExpandParams {
     View view;             // the camera
     float lod_error_px;    // largest cell of a level of detail that is shown, pixels; 0 = everything at full detail
-    uint posed_instances;  // instances besides the background
 };
 
 #include "shape.glsl"

@@ -57,7 +57,7 @@ layout(scalar, push_constant) uniform ExpandBackwardParams {
     View view;             // the camera
     uint capacity;         // emissions that fit the buffers
     uint blocks_per_tile;  // 8x8 blocks of a tile
-    uint posed_instances;  // instances besides the background
+    uint posed_rows;       // rows of instances besides the background
 };
 
 #include "shape.glsl"
@@ -275,7 +275,7 @@ PoseGradient write_gradients(uint w, uint lane) {
         offset_sh_dc_gradients[k] = 0.28209479177387814 * g.color;
         offset_logit_gradients[k] = g.opacity_logit;
     }
-    return POSES != 0 && item.instance < posed_instances ? pose_gradient(instance, local, g, by_dir) : none;
+    return POSES != 0 && item.instance < posed_rows ? pose_gradient(instance, local, g, by_dir) : none;
 }
 
 void main() {
@@ -284,5 +284,5 @@ void main() {
     if (w >= counters[COUNTER_WORK_ITEMS]) return;
     PoseGradient pose = PoseGradient(vec3(0.0), vec3(0.0), 0.0);
     if (lane < survivor_counts[w]) pose = write_gradients(w, lane);
-    if (POSES != 0 && work_items[w].instance < posed_instances) write_pose_sum(w, pose);
+    if (POSES != 0 && work_items[w].instance < posed_rows) write_pose_sum(w, pose);
 }

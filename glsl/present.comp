@@ -31,7 +31,7 @@ layout(scalar, binding = 3) readonly buffer Looks { uint looks[]; };         // 
 layout(scalar, binding = 4) writeonly buffer Pixels { uint pixels[]; };      // bytes red, green, blue (or the reverse), 255, by pixel of the window
 layout(scalar, binding = 5) readonly buffer Counters { uint counters[]; };   // COUNTER_* of the picture
 layout(scalar, binding = 6) readonly buffer TileRanges { uvec2 tile_ranges[]; };  // first and end intersection per tile
-layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };  // instances, background last
+layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };  // rows of instances, background last
 layout(scalar, binding = 8) readonly buffer OffsetMeans { vec3 offset_means[]; };  // mean offsets, template frame
 layout(scalar, binding = 9) readonly buffer Marks { uint marks[]; };              // red, green and blue from the lowest byte, by pixel of the picture
 layout(scalar, push_constant) uniform PresentParams {
@@ -40,6 +40,7 @@ layout(scalar, push_constant) uniform PresentParams {
     uint blue_first;      // 1 = blue in the lowest byte
     vec2 range;           // SHOW_DEPTH: view depths that are white and black, scene units; heat: y is the top of the scale
     uint instance_count;  // elements of looks; instances from here on are the background's own
+    uint posed_rows;      // rows of instances besides the background
     uint tile_size;       // side of a tile of the picture, pixels
     uvec2 capacities;     // candidates and work items that the picture's buffers held
 };
@@ -90,11 +91,22 @@ vec3 surface_color(uint instance) {
     return templates && instance != NO_INSTANCE ? BACKGROUND_GREY : vec3(0.0);
 }
 
-// Heat of the offset's length relative to the radius of the ball around the template's means.
+// The first row of an instance, by bisection: there are one or two rows for every instance before.
+uint first_row_of(uint instance) {
+    uint low = min(instance, posed_rows - 1), high = min(2 * instance, posed_rows - 1);
+    while (low < high) {
+        uint middle = (low + high) / 2;
+        if (instances[middle].owner < instance) low = middle + 1;
+        else high = middle;
+    }
+    return low;
+}
+
+// Heat of the offset's length relative to the radius of the ball around the template's means. Own Gaussians have no offsets.
 vec3 offset_heat(uvec2 point) {
     if (point.x >= instance_count) return vec3(0.0);
-    Instance instance = instances[point.x];
-    if (instance.first_offset == NO_OFFSET) return vec3(0.0);
+    Instance instance = instances[first_row_of(point.x)];
+    if (instance.first_offset == NO_OFFSET || point.y >= instance.source_count) return vec3(0.0);
     // The id buffer may be of the scene before an edit.
     vec3 offset = offset_means[min(instance.first_offset + point.y, uint(offset_means.length()) - 1)];
     float moved = length(offset), hottest = range.y * instance.bound_radius;

@@ -5,7 +5,9 @@
 //   translation v, rotation vector w, log scale s. They start from 0 at every step and cannot degenerate.
 // - Reads `pose_gradients`, reads and writes 7 pairs of moments and the transform (and the scale derived from it) of
 //   each instance. A is projected back to a rotation times a scale at every step.
-// - Grid: one thread per instance besides the background. Does nothing after an overflow (see `train_status`).
+//   An instance with own Gaussians has two rows, which keep the same transform.
+// - Grid: one thread per row of an instance besides the background; that of an instance's first row works. Does nothing after
+//   an overflow (see `train_status`).
 //
 // Twin: `instgs_reference::poses`. Test: `tests/kernels/poses.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -18,10 +20,10 @@
 
 layout(scalar, binding = 0) readonly buffer PoseGradients { PoseGradient pose_gradients[]; };  // by instance
 layout(scalar, binding = 1) readonly buffer Status { uint status[]; };                         // STATUS_*
-layout(scalar, binding = 2) buffer Instances { Instance instances[]; };                        // instances, background last
+layout(scalar, binding = 2) buffer Instances { Instance instances[]; };                        // rows of instances, background last
 layout(scalar, binding = 3) buffer PoseMoments { vec2 pose_moments[]; };                       // first and second moment (running means of gradient and gradient squared), 7 per instance
 layout(scalar, push_constant) uniform RefinePosesParams {
-    uint posed_instances;    // instances besides the background
+    uint posed_rows;         // rows of instances besides the background
     float translation_rate;  // learning rates divided by the bias correction of the first moment: template units
     float rotation_rate;     // radians
     float log_scale_rate;    // of the logarithm of the scale
@@ -59,11 +61,13 @@ mat3 turned(mat3 a, vec3 w) {
 
 void main() {
     uint k = thread_index();
-    if (k >= posed_instances || status[STATUS_OVERFLOW] != 0) return;
-    PoseGradient g = pose_gradients[k];
-    vec3 translation = adam_step(7 * k, g.translation, translation_rate);
-    vec3 rotation = adam_step(7 * k + 3, g.rotation, rotation_rate);
-    float log_scale = adam_step(7 * k + 6, g.log_scale, log_scale_rate);
+    if (k >= posed_rows || status[STATUS_OVERFLOW] != 0) return;
+    uint owner = instances[k].owner;
+    if (k > 0 && instances[k - 1].owner == owner) return;
+    PoseGradient g = pose_gradients[owner];
+    vec3 translation = adam_step(7 * owner, g.translation, translation_rate);
+    vec3 rotation = adam_step(7 * owner + 3, g.rotation, rotation_rate);
+    float log_scale = adam_step(7 * owner + 6, g.log_scale, log_scale_rate);
     vec4 rows[3] = instances[k].world_from_template;
     mat3 before = linear_part(rows);
     vec3 moved = vec3(rows[0].w, rows[1].w, rows[2].w) + before * translation;
@@ -74,7 +78,9 @@ void main() {
     vec3 y = a[1] - dot(a[1], x) * x;
     y /= sqrt(dot(y, y));
     mat3 linear = transpose(scale * mat3(x, y, cross(x, y)));
-    instances[k].world_from_template = vec4[3](vec4(linear[0], moved.x), vec4(linear[1], moved.y), vec4(linear[2], moved.z));
-    // Rounded up, since bounds are multiplied by it.
-    instances[k].scale = scale * 1.000001;
+    for (uint row = k; row < posed_rows && instances[row].owner == owner; ++row) {
+        instances[row].world_from_template = vec4[3](vec4(linear[0], moved.x), vec4(linear[1], moved.y), vec4(linear[2], moved.z));
+        // Rounded up, since bounds are multiplied by it.
+        instances[row].scale = scale * 1.000001;
+    }
 }

@@ -10,7 +10,7 @@
 // - Writes `surfaces`, 8 bytes a pixel: the instance and the index in its template. Before the last slab, the slot and
 //   the transmittance so far, from which the next slab continues.
 // - Grid: one subgroup per 8x8 block of every tile.
-// - The background's instance is one more than the last; for a level of detail, its `owner` is written.
+// - The background's instance is one more than the last. Local indices count an instance's Gaussians in the rows before.
 //
 // Twin: `instgs_reference::tile_surface`. Test: `tests/kernels/tile_surface.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -28,7 +28,7 @@ layout(scalar, binding = 3) readonly buffer WorkItems { WorkItem work_items[]; }
 layout(scalar, binding = 4) buffer Surfaces { uvec2 surfaces[]; };                   // by pixel: instance or NO_INSTANCE, and local index; between slabs slot and bits of T
 layout(scalar, binding = 5) readonly buffer Footprints { Footprint footprints[]; };  // extents by slot, for local indices
 layout(scalar, binding = 6) readonly buffer Counters { uint counters[]; };           // COUNTER_*
-layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };      // instances, whose `owner` is written for levels of detail
+layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };      // rows of instances
 layout(scalar, push_constant) uniform TileSurfaceParams {
     uvec2 size_px;    // image width and height
     uvec2 tiles;      // tile columns and rows
@@ -39,10 +39,11 @@ layout(scalar, push_constant) uniform TileSurfaceParams {
 const float T_SURFACE = 0.5;
 const uint NO_SLOT = 0xFFFFFFFF;
 
-// Instance, and local index in its level that is shown.
+// Instance, and local index in its level that is shown; own Gaussians come after those of the template.
 uvec2 point_of(uint slot) {
     if (slot == NO_SLOT) return uvec2(NO_INSTANCE, 0);
-    return uvec2(instances[work_items[slot / chunk_size].instance].owner, footprints[slot].local);
+    Instance row = instances[work_items[slot / chunk_size].instance];
+    return uvec2(row.owner, row.local_before + footprints[slot].local);
 }
 
 void main() {

@@ -43,7 +43,7 @@
 //! These names stay as they are within a minor version. Everything else that is public serves the crates of this workspace (the
 //! trainer, the twins, the player) and may change.
 //!
-//! - Scenes: [`scene::InstancedScene`], [`scene::Gaussians`], [`scene::Offsets`], [`scene::Instance`], [`scene::TemplateRange`],
+//! - Scenes: [`scene::InstancedScene`], [`scene::Gaussians`], [`scene::Offsets`], [`scene::Instance`], [`scene::SourceRange`],
 //!   [`scene::Group`], [`scene::Camera`], [`scene::instanced_scene::SceneError`], [`math::similarity::Similarity`], [`scene::trajectory::Orbit`];
 //!   changes: [`scene::edit::Edit`], [`scene::edit::Selector`], [`scene::edit::EditError`], [`scene::edit::apply`].
 //! - Device: [`gpu::Gpu`] (`open`, `from_raw`, `list`, `caps`, `wait`), [`gpu::GpuOptions`], [`gpu::DeviceChoice`],

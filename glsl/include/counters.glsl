@@ -30,6 +30,7 @@ const uint RADIX_BITS = 8;        // bits per radix digit
 const uint RADIX_SIZE = 256;      // values of a radix digit
 const uint BLOCK_SIZE = 2048;     // elements that one work-group scans or sorts
 const uint NO_OFFSET = 0xFFFFFFFF; // Instance.first_offset of an instance without offsets
+const uint NO_COLOR = 0xFFFFFFFF;  // Instance.color of what no colour matrix changes
 
 struct DispatchArgs {
     uint x;  // work-groups along x

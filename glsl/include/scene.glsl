@@ -1,22 +1,26 @@
 // The scene in the layout of the kernels: source Gaussians, instances, chunks, and the view.
 
+// What an instance shows of one range of source Gaussians: its template, its own Gaussians (with rows of the same instance
+// side by side), or a level of detail.
 struct Instance {
     vec4 world_from_template[3];  // rows of the 3x4 similarity
-    vec3 bound_center;            // centre of the sphere around the template's means, template frame
+    vec3 bound_center;            // centre of the sphere around the means, template frame
     float bound_radius;           // radius of that sphere, template units
-    float sigma_max;              // largest standard deviation of the template's Gaussians, template units
+    float sigma_max;              // largest standard deviation of the Gaussians, template units
     float max_offset;             // largest length of the instance's mean offsets, template units
     float sigma_growth;           // largest factor by which the instance's offsets enlarge a standard deviation, at least 1
     float scale;                  // uniform scale of world_from_template
-    uint first_source;            // index of the template's first Gaussian in the source pool
-    uint source_count;            // Gaussians of the template
+    uint first_source;            // index of the first Gaussian in the source pool
+    uint source_count;            // number of Gaussians
     uint first_offset;            // first offset record, NO_OFFSET if none
-    uint first_chunk;             // index of the template's first chunk
-    uint sh_degree;               // SH degree of the template; higher bands have no elements for it
-    uvec3 first_in_band;          // index of the template's first Gaussian in SH bands 1, 2, 3
+    uint first_chunk;             // index of the first chunk
+    uint sh_degree;               // SH degree of the Gaussians; higher bands have no elements for them
+    uvec3 first_in_band;          // index of the first Gaussian in SH bands 1, 2, 3
     float cell;                   // side of the cells that were merged to this level, template units; 0 = full detail
     float next_cell;              // cell of the next coarser level, 1e30 if there is none
-    uint owner;                   // instance that this is a level of; its own index in scenes without levels
+    uint owner;                   // index of the instance in the scene; the number of instances for the background
+    uint color;                   // index of its colour matrix, NO_COLOR if it has none
+    uint local_before;            // number of the instance's Gaussians in rows before this one
 };
 
 struct Chunk {

@@ -17,12 +17,12 @@ pub struct PoseBuffers<'a> {
     pub instances: &'a mut Buffer<types::Instance>,
     /// Moments of the gradients, [`POSE_VALUES`] per instance; the step changes them.
     pub moments: &'a mut MomentBuffer,
-    /// Number of instances to refine, from the first one on.
-    pub count: u32,
+    /// Number of rows of the instances to refine, from the first one on.
+    pub posed_rows: u32,
 }
 
 impl Adam {
-    /// Records a step on the poses of the first `count` instances, with the learning `rates` of translation, rotation
+    /// Records a step on the poses of the instances of the first rows, with the learning `rates` of translation, rotation
     /// and log scale. Records nothing if all are 0. The device skips the step if `status` holds an overflow.
     pub fn record_poses(
         &self,
@@ -33,13 +33,13 @@ impl Adam {
         buffers: PoseBuffers<'_>,
         rates: [f64; 3],
     ) -> Result<(), GpuError> {
-        let PoseBuffers { gradients, instances, moments, count } = buffers;
-        if count == 0 || rates == [0.0; 3] {
+        let PoseBuffers { gradients, instances, moments, posed_rows } = buffers;
+        if posed_rows == 0 || rates == [0.0; 3] {
             return Ok(());
         }
         let [translation_rate, rotation_rate, log_scale_rate] = rates.map(|rate| self.corrected(rate));
         let params = refine_poses::Params {
-            posed_instances: count,
+            posed_rows,
             translation_rate,
             rotation_rate,
             log_scale_rate,
@@ -49,6 +49,6 @@ impl Adam {
             epsilon: self.epsilon as f32,
         };
         let bindings = refine_poses::Bindings { pose_gradients: gradients, status, instances, pose_moments: moments };
-        recorder.dispatch(pipeline, Grid::threads(count, workgroup_size), &params, bindings)
+        recorder.dispatch(pipeline, Grid::threads(posed_rows, workgroup_size), &params, bindings)
     }
 }

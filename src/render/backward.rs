@@ -190,7 +190,7 @@ fn record_expand_backward(
         view: inputs.forward.view,
         capacity: frame.plan.capacities.intersections,
         blocks_per_tile: blocks_per_tile(inputs.forward.pipelines.variant.tile_size),
-        posed_instances: scene.posed_instances(),
+        posed_rows: scene.posed_rows(),
     };
     let per_item = (FAMILY_WORK_ITEMS * ARGS_PER_COUNT + ARGS_ITEMS) as usize;
     let pipeline = &inputs.pipelines.preprocess_instance_expand_backward;
@@ -268,9 +268,9 @@ fn record_gather_colors(
         offset_sh_rest: &parameters.offset_sh_rest,
         color_from_template_gradients: &mut gradients.parameters.color_from_template,
     };
-    let posed_instances = scene.posed_instances();
-    let params = gather_color_gradients::Params { posed_instances };
-    recorder.dispatch(pipeline, Grid::groups(posed_instances), &params, bindings)
+    let posed_rows = scene.posed_rows();
+    let params = gather_color_gradients::Params { posed_rows };
+    recorder.dispatch(pipeline, Grid::groups(posed_rows), &params, bindings)
 }
 
 fn record_gather_poses(
@@ -287,9 +287,10 @@ fn record_gather_poses(
         work_offsets: &frame.work_offsets,
         counters: &frame.scratch.counters,
         pose_sums: &buffers.pose_sums,
+        instances: &inputs.forward.scene.instances,
         pose_gradients: &mut gradients.poses,
     };
-    let posed_instances = inputs.forward.scene.posed_instances();
-    let params = gather_pose_gradients::Params { posed_instances };
-    recorder.dispatch(&inputs.pipelines.gather_pose_gradients, Grid::groups(posed_instances), &params, bindings)
+    let posed_rows = inputs.forward.scene.posed_rows();
+    let params = gather_pose_gradients::Params { posed_rows };
+    recorder.dispatch(&inputs.pipelines.gather_pose_gradients, Grid::groups(posed_rows), &params, bindings)
 }

@@ -1,5 +1,8 @@
-//! The scene in device memory: source Gaussians (templates, then background) as structure of arrays, instances, chunk
-//! bounds, offsets. All instances share their template's arrays; edits change only rows of the instance table.
+//! The scene in device memory: source Gaussians (templates, instances' own, background) as structure of arrays, instances,
+//! chunk bounds, offsets. All instances share their template's arrays; edits change only rows of the instance table.
+//!
+//! A row of the instance table shows one range of source Gaussians. An instance has a row for its template, after it one for
+//! its own Gaussians if it has any, and more for levels of detail.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -24,25 +27,27 @@ use super::scene_tables::{Tables, build_tables, scale_bound, unbounded_tables};
 pub struct SceneCounts {
     /// Gaussians of the templates.
     pub templates: usize,
-    /// SH degree of the templates.
+    /// SH degree of the templates and of instances' own Gaussians.
     pub template_sh_degree: u32,
+    /// Gaussians that instances have of their own.
+    pub own: usize,
     /// Gaussians of the background.
     pub background: usize,
     /// SH degree of the background.
     pub background_sh_degree: u32,
-    /// Rows of every parameter: `[of templates, of the background]`, or `[of offsets, 0]`.
+    /// Rows of every parameter: `[of templates and instances' own Gaussians, of the background]`, or `[of offsets, 0]`.
     pub rows: ParameterSet<Rows>,
 }
 
 /// A scene in device memory.
 pub struct DeviceScene {
-    /// Instances in file order; the background is the last one if the scene has background Gaussians.
+    /// Rows of instances in file order; that of the background is the last if the scene has background Gaussians.
     pub instances: Buffer<types::Instance>,
     /// Bounds of chunks of `chunk_size` source Gaussians, template by template, background last.
     pub chunks: Buffer<types::Chunk>,
     /// The parameters that training may change, except poses: source Gaussians and offsets.
     pub parameters: ParameterBuffers,
-    /// Number of instances, background included.
+    /// Number of rows, background included.
     pub instance_count: u32,
     /// Largest SH degree of templates and background.
     pub sh_degree: u32,
@@ -56,8 +61,8 @@ pub struct DeviceScene {
     pub antialias: bool,
     /// Numbers of Gaussians and offsets, levels of detail included.
     pub counts: SceneCounts,
-    /// Number of instances besides the background: the first ones of `instances`.
-    posed_instances: u32,
+    /// First row of every instance at full detail, and after the last one the number of these rows.
+    first_rows: Vec<u32>,
     /// For each instance, the rows of its coarser levels in `instances`; `None` without levels of detail.
     coarser: Option<Vec<Range<u32>>>,
     /// Host copy of `instances`, which edits change. `None` for scenes in training, where the device changes the rows.
@@ -95,12 +100,12 @@ impl DeviceScene {
         bounds: Bounds,
     ) -> Result<Self, RenderError> {
         scene.validate()?;
-        check_limit(gpu, scene.templates.len() + scene.background.len(), scene.sh_degree())?;
+        check_limit(gpu, scene.source_len(), scene.sh_degree())?;
         let mut tables = build_tables(scene, chunk_size)?;
         if bounds == Bounds::Everywhere {
             tables.widen();
         }
-        let mut out = Self::with_tables(gpu, scene, tables, chunk_size, scene.instances.len() as u32)?;
+        let mut out = Self::with_tables(gpu, scene, &SourceLayout::of(scene), tables, chunk_size)?;
         if bounds == Bounds::Everywhere {
             out.table = None;
         }
@@ -115,29 +120,30 @@ impl DeviceScene {
     pub fn with_levels(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         scene.validate()?;
         let levels = Levels::of(scene);
-        check_limit(gpu, levels.templates.len() + levels.background.len(), scene.sh_degree())?;
+        check_limit(gpu, levels.templates.len() + levels.own.len() + levels.background.len(), scene.sh_degree())?;
         let tables = build_level_tables(&levels, chunk_size)?;
-        let Levels { templates, background, offsets, color_from_template, coarser, .. } = levels;
+        let Levels { templates, own, background, offsets, color_from_template, coarser, .. } = levels;
         let antialias = scene.antialias;
-        let clouds = InstancedScene { templates, background, antialias, ..InstancedScene::default() };
+        let clouds = InstancedScene { templates, own, background, antialias, ..InstancedScene::default() };
         let pool = InstancedScene { offsets, color_from_template, ..clouds };
-        let mut out = Self::with_tables(gpu, &pool, tables, chunk_size, scene.instances.len() as u32)?;
+        let mut out = Self::with_tables(gpu, &pool, &SourceLayout::of(scene), tables, chunk_size)?;
         out.expanded_len = scene.expanded_len();
         out.coarser = Some(coarser);
         Ok(out)
     }
 
-    /// Uploads the clouds and offsets of `scene` with tables that index them.
+    /// Uploads the clouds and offsets of `scene` with tables that index them; `layout` has the instances.
     fn with_tables(
         gpu: &Arc<Gpu>,
         scene: &InstancedScene,
+        layout: &SourceLayout,
         tables: Tables,
         chunk_size: u32,
-        posed_instances: u32,
     ) -> Result<Self, RenderError> {
         let sh_degree = scene.sh_degree();
         let rows = scene.parameter_rows();
         Ok(Self {
+            first_rows: layout.first_rows(),
             instances: upload(gpu, "instances", &tables.instances)?,
             chunks: upload(gpu, "chunks", &tables.chunks)?,
             parameters: ParameterBuffers::upload(gpu, scene, &rows)?,
@@ -150,11 +156,11 @@ impl DeviceScene {
             counts: SceneCounts {
                 templates: scene.templates.len(),
                 template_sh_degree: scene.templates.sh_degree,
+                own: scene.own.len(),
                 background: scene.background.len(),
                 background_sh_degree: scene.background.sh_degree,
                 rows,
             },
-            posed_instances,
             coarser: None,
             table: Some(InstanceTable::new(tables.instances)),
         })
@@ -168,24 +174,29 @@ impl DeviceScene {
     /// More Gaussians than the device can hold.
     pub fn relayout(&mut self, gpu: &Arc<Gpu>, layout: &SourceLayout) -> Result<(), RenderError> {
         check_limit(gpu, layout.source_count(), self.sh_degree)?;
-        let before = download(gpu, &self.instances, self.posed_instances as usize)?;
-        let mut tables = unbounded_tables(layout, self.chunk_size)?;
-        for (row, before) in tables.instances.iter_mut().zip(before) {
+        let before = download(gpu, &self.instances, self.posed_rows() as usize)?;
+        let mut tables = unbounded_tables(layout, self.has(Parameter::ColorFromTemplate), self.chunk_size)?;
+        let first_rows = layout.first_rows();
+        for row in &mut tables.instances[..first_rows[layout.instances.len()] as usize] {
+            let before = &before[self.rows_of(row.owner as usize).start];
             (row.world_from_template, row.scale) = (before.world_from_template, before.scale);
         }
+        self.first_rows = first_rows;
         self.instances = upload(gpu, "instances", &tables.instances)?;
         self.chunks = upload(gpu, "chunks", &tables.chunks)?;
         self.instance_count = tables.instances.len() as u32;
         self.chunk_pairs = tables.chunk_pairs;
         self.expanded_len = tables.flat;
         self.counts.templates = layout.templates.len;
+        self.counts.own = layout.own;
         self.counts.background = layout.background.len;
-        self.counts.rows = rows_of(layout, &self.counts.rows);
+        self.counts.rows = parameter_rows(layout, &self.counts.rows);
         Ok(())
     }
 
     /// Moves instances: the next frame's command buffer writes their rows of the instance table, and those of their
-    /// levels. For one instance without levels that is 128 bytes. Frames in flight keep the poses they began with.
+    /// levels. For one instance without levels that is 140 bytes, twice if it has own Gaussians. Frames in flight keep the
+    /// poses they began with.
     ///
     /// # Errors
     /// An index is out of range, or the scene is in training; nothing is moved.
@@ -217,14 +228,14 @@ impl DeviceScene {
         let Some(table) = &mut self.table else {
             return refused("are those of a scene in training, which the device moves".into());
         };
-        let posed = self.posed_instances as usize;
+        let posed = self.first_rows.len() - 1;
         if let Some((k, _)) = instances.iter().find(|(k, _)| *k >= posed) {
             return refused(format!("there are {posed}, and none has the index {k}"));
         }
         for (k, to) in instances {
             let levels = self.coarser.as_ref().map_or(0..0, |coarser| coarser[*k].clone());
-            for row in std::iter::once(*k).chain(levels.map(|row| row as usize)) {
-                table.change(row, |row, source_count| change(to, row, source_count));
+            for row in (self.first_rows[*k]..self.first_rows[*k + 1]).chain(levels) {
+                table.change(row as usize, |row, source_count| change(to, row, source_count));
             }
         }
         Ok(())
@@ -276,7 +287,17 @@ impl DeviceScene {
 
     /// Number of instances besides the background, which has no pose.
     pub fn posed_instances(&self) -> u32 {
-        self.posed_instances
+        self.first_rows.len() as u32 - 1
+    }
+
+    /// Number of rows of these instances at full detail, the first ones of `instances`.
+    pub fn posed_rows(&self) -> u32 {
+        self.first_rows.last().copied().unwrap_or(0)
+    }
+
+    /// The rows of instance `k` at full detail: of its template, then of its own Gaussians if it has any.
+    pub fn rows_of(&self, k: usize) -> Range<usize> {
+        self.first_rows[k] as usize..self.first_rows[k + 1] as usize
     }
 
     /// True if the scene has levels of detail.
@@ -291,15 +312,17 @@ impl DeviceScene {
 }
 
 /// Size of a [`DeviceScene`] by content, bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct PlannedBytes {
     /// Gaussians of the templates.
     pub templates: u64,
+    /// Gaussians that instances have of their own.
+    pub own: u64,
     /// Gaussians of the background.
     pub background: u64,
     /// Offset records of instances.
     pub offsets: u64,
-    /// The instance table, with one entry for the background, and what instances have of their own.
+    /// The instance table, with one row for the background, and the colour matrices.
     pub instances: u64,
     /// Bounds of all chunks.
     pub chunks: u64,
@@ -310,7 +333,7 @@ pub struct PlannedBytes {
 impl PlannedBytes {
     /// The sum, equal to [`DeviceScene::bytes`].
     pub fn total(&self) -> u64 {
-        self.templates + self.background + self.offsets + self.instances + self.chunks + self.unused
+        self.templates + self.own + self.background + self.offsets + self.instances + self.chunks + self.unused
     }
 }
 
@@ -318,26 +341,25 @@ impl PlannedBytes {
 pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     let background = scene.background.len() as u64;
     let chunks_of = |count: u32| u64::from(count.div_ceil(chunk_size));
-    let chunks: u64 =
-        scene.template_ranges.iter().map(|r| chunks_of(r.count)).sum::<u64>() + chunks_of(background as u32);
-    let instances = scene.instances.len() as u64 + u64::from(background > 0);
+    let ranges = scene.template_ranges.iter().chain(&scene.own_ranges);
+    let chunks: u64 = ranges.map(|r| chunks_of(r.count)).sum::<u64>() + chunks_of(background as u32);
+    let own_rows = scene.own_ranges.iter().filter(|range| range.count > 0).count() as u64;
+    let instances = scene.instances.len() as u64 + own_rows + u64::from(background > 0);
     let chunk_bytes = size_of::<types::Chunk>() as u64;
     let instance_bytes = size_of::<types::Instance>() as u64;
     let placeholder = |len: u64, bytes: u64| if len == 0 { bytes } else { 0 };
-    let [template_bytes, background_bytes, offset_bytes, own_bytes, unused] = planned_parameter_bytes(scene);
+    let parameters = planned_parameter_bytes(scene);
     PlannedBytes {
-        templates: template_bytes,
-        background: background_bytes,
-        offsets: offset_bytes,
-        instances: instances * instance_bytes + own_bytes,
+        instances: instances * instance_bytes + parameters.instances,
         chunks: chunks * chunk_bytes,
-        unused: unused + placeholder(instances, instance_bytes) + placeholder(chunks, chunk_bytes),
+        unused: parameters.unused + placeholder(instances, instance_bytes) + placeholder(chunks, chunk_bytes),
+        ..parameters
     }
 }
 
 /// Numbers of rows of every parameter in a layout, for the kinds of offsets that `before` has.
-fn rows_of(layout: &SourceLayout, before: &ParameterSet<Rows>) -> ParameterSet<Rows> {
-    let clouds = [layout.templates, layout.background];
+fn parameter_rows(layout: &SourceLayout, before: &ParameterSet<Rows>) -> ParameterSet<Rows> {
+    let clouds = [layout.posed(), layout.background];
     let records = before[Parameter::OffsetMeans][0].max(1);
     ParameterSet::from_fn(|parameter| {
         parameter.source_rows(clouds).unwrap_or_else(|| match parameter.owner() {

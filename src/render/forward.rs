@@ -167,11 +167,7 @@ fn record_expansion(
         tile_counts: &mut frame.tile_counts,
         survivor_counts: &mut frame.survivor_counts,
     };
-    let params = preprocess_instance_expand::Params {
-        view: inputs.view,
-        lod_error_px: inputs.lod_error_px,
-        posed_instances: scene.posed_instances(),
-    };
+    let params = preprocess_instance_expand::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
     recorder.dispatch_indirect(&p.preprocess_instance_expand, &frame.scratch.args, per_item, &params, bindings)?;
 

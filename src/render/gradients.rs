@@ -1,5 +1,6 @@
 //! Buffers of the backward pass: gradients by parameter, and the intermediate results on the way from the picture.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use crate::gpu::interface::constants::{LOG_STEPS, STATUS_COUNT, STRIP};
@@ -7,7 +8,7 @@ use crate::gpu::interface::types;
 use crate::gpu::staging::upload;
 use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::kernels::Variant;
-use crate::scene::{Parameter, ParameterSet, SourceLayout};
+use crate::scene::{Parameter, ParameterSet, SourceLayout, SourceRange};
 
 use super::device_scene::DeviceScene;
 use super::parameter_buffers::ParameterBuffers;
@@ -50,11 +51,11 @@ impl GradientBuffers {
     }
 }
 
-/// For each chunk of source Gaussians, the instances that show it.
+/// For each chunk of source Gaussians, the rows of the instance table that show it.
 pub struct SourceTables {
     /// All chunks of the source pool, templates first.
     pub chunks: Buffer<types::SourceChunk>,
-    /// Instances, template by template, in file order; the background's instance last.
+    /// Rows, template by template, in file order; then those of instances' own Gaussians, and the background's.
     pub instance_from_template: Buffer<u32>,
     /// Number of elements of `chunks`.
     pub chunk_count: u32,
@@ -88,17 +89,23 @@ fn source_tables(layout: &SourceLayout, chunk_size: u32) -> (Vec<types::SourceCh
         }
         instances.extend_from_slice(of_template);
     };
+    let rows = layout.first_rows();
     for (t, range) in layout.template_ranges.iter().enumerate() {
-        let of_template: Vec<u32> = (0..layout.instances.len())
-            .filter(|&k| layout.instances[k].template as usize == t)
-            .map(|k| k as u32)
-            .collect();
+        let uses = |k: &usize| layout.instances[*k].template as usize == t;
+        let of_template: Vec<u32> = (0..layout.instances.len()).filter(uses).map(|k| rows[k]).collect();
         push(range.first, range.count, &of_template, layout.templates.sh_degree, [range.first; 3]);
     }
-    let templates = layout.templates.len as u32;
-    let first_in_band = [1, 2, 3].map(|l| if layout.templates.sh_degree >= l { templates } else { 0 });
-    let background = [layout.instances.len() as u32];
-    push(templates, layout.background.len as u32, &background, layout.background.sh_degree, first_in_band);
+    let mut rows_of_own: BTreeMap<SourceRange, Vec<u32>> = BTreeMap::new();
+    for k in (0..layout.instances.len()).filter(|&k| layout.own_sources(k).count > 0) {
+        rows_of_own.entry(layout.own_sources(k)).or_default().push(rows[k] + 1);
+    }
+    for (own, rows) in rows_of_own {
+        push(own.first, own.count, &rows, layout.templates.sh_degree, [own.first; 3]);
+    }
+    let posed = layout.posed();
+    let first_in_band = [1, 2, 3].map(|l| if posed.sh_degree >= l { posed.len as u32 } else { 0 });
+    let background = [rows[layout.instances.len()]];
+    push(posed.len as u32, layout.background.len as u32, &background, layout.background.sh_degree, first_in_band);
     (chunks, instances)
 }
 

@@ -7,6 +7,8 @@ use crate::gpu::{Buffer, Gpu, GpuError};
 use crate::scene::parameters::{Parameter, ParameterSet, Rows, for_parameters};
 use crate::scene::{InstancedScene, Owner};
 
+use super::device_scene::PlannedBytes;
+
 macro_rules! parameter_buffers {
     ($($(#[$doc:meta])* $variant:ident $field:ident: $element:ty, $name:literal, $owner:expr, $width:literal;)*) => {
         /// A buffer for every parameter, typed for the kernels: the parameters themselves, or their gradients. A parameter
@@ -81,18 +83,23 @@ impl ParameterBuffers {
     }
 }
 
-/// Bytes of the parameters of a scene, without a device: of templates, background, offsets and instances, and of the single
-/// elements that stand for parameters without rows.
-pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> [u64; 5] {
-    let [mut templates, mut background, mut offsets, mut instances, mut unused] = [0; 5];
+/// Bytes of the parameters of a scene, without a device and without tables.
+pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> PlannedBytes {
+    let mut out = PlannedBytes::default();
     for (parameter, rows) in scene.parameter_rows() {
-        let [first, second] = rows.map(|rows| 4 * (rows * parameter.width()) as u64);
+        let row_bytes = 4 * parameter.width() as u64;
+        let [first, background] = rows.map(|rows| rows as u64 * row_bytes);
         match parameter.owner() {
-            _ if first + second == 0 => unused += 4 * parameter.element() as u64,
-            Owner::Source | Owner::ShBand(_) => (templates, background) = (templates + first, background + second),
-            Owner::Offset => offsets += first,
-            Owner::Instance => instances += first,
+            _ if first + background == 0 => out.unused += 4 * parameter.element() as u64,
+            Owner::Source | Owner::ShBand(_) => {
+                let own = if first == 0 { 0 } else { scene.own.len() as u64 * row_bytes };
+                out.templates += first - own;
+                out.own += own;
+                out.background += background;
+            }
+            Owner::Offset => out.offsets += first,
+            Owner::Instance => out.instances += first,
         }
     }
-    [templates, background, offsets, instances, unused]
+    out
 }

@@ -140,6 +140,7 @@ impl Presenter {
             size_px,
             range: show.code().1,
             instance_count: (self.looks.1.len() as u32).min(picture.scene.posed_instances()),
+            posed_rows: picture.scene.posed_rows(),
             tile_size: tile_size_for(&self.gpu, picture.renderer.variant(), size_px),
             ..present::Params::default()
         }

@@ -2,12 +2,12 @@
 
 use glam::DVec3;
 
-use crate::gpu::interface::constants::NO_OFFSET;
+use crate::gpu::interface::constants::{NO_COLOR, NO_OFFSET};
 use crate::gpu::interface::types;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::NO_NEXT_CELL;
 use crate::scene::source_layout::CloudSize;
-use crate::scene::{Gaussians, InstancedScene, Offsets, SourceLayout, TemplateRange};
+use crate::scene::{Gaussians, InstancedScene, Offsets, SourceLayout, SourceRange};
 
 use super::error::RenderError;
 
@@ -25,7 +25,8 @@ pub(super) struct Bound {
 /// Chunk and instance tables before upload.
 #[derive(Default)]
 pub(super) struct Tables {
-    /// Instances in file order, the background's instance last.
+    /// Rows of instances in file order: what each has of its template, then what it has of its own, if anything. The
+    /// background's row is the last.
     pub(super) instances: Vec<types::Instance>,
     /// Bounds of all chunks.
     pub(super) chunks: Vec<types::Chunk>,
@@ -44,24 +45,30 @@ pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Ta
     let mut tables = Tables::default();
     let mut template_bounds = Vec::new();
     for range in &scene.template_ranges {
-        let first_chunk = tables.chunks.len() as u32;
-        let bound = tables.push_chunks(&scene.templates, range.first as usize, range.count as usize, chunk_size);
-        template_bounds.push((first_chunk, bound));
+        template_bounds.push(tables.push_chunks(&scene.templates, *range, chunk_size));
     }
-    for instance in &scene.instances {
+    let colored = !scene.color_from_template.is_empty();
+    for (k, instance) in scene.instances.iter().enumerate() {
         let range = scene.template_ranges[instance.template as usize];
-        let (first_chunk, bound) = &template_bounds[instance.template as usize];
         let first_offset = instance.first_offset;
         let place = Placement::of(&instance.world_from_template, &scene.offsets, first_offset, range.count);
-        let source = Source::of_templates(layout.templates, range);
-        tables.push_instance(&place, bound, source, *first_chunk, chunk_size)?;
+        let source = Source::of_posed(layout.templates, range, 0);
+        let owner = Owner::of_template(k as u32, colored);
+        tables.push_instance(&place, template_bounds[instance.template as usize], source, owner, chunk_size)?;
+        let own = scene.own_range(k);
+        if own.count > 0 {
+            let place = Placement::of(&instance.world_from_template, &scene.offsets, None, own.count);
+            let bound = tables.push_chunks(&scene.own, own, chunk_size);
+            let source = Source::of_posed(layout.templates, layout.own_sources(k), range.count);
+            tables.push_instance(&place, bound, source, Owner::without_color(k as u32), chunk_size)?;
+        }
     }
     if !scene.background.is_empty() {
-        let first_chunk = tables.chunks.len() as u32;
-        let range = TemplateRange { first: 0, count: scene.background.len() as u32 };
-        let bound = tables.push_chunks(&scene.background, 0, range.count as usize, chunk_size);
-        let source = Source::of_background(layout.templates, layout.background, range);
-        tables.push_instance(&Placement::at_origin(None), &bound, source, first_chunk, chunk_size)?;
+        let range = SourceRange { first: 0, count: scene.background.len() as u32 };
+        let bound = tables.push_chunks(&scene.background, range, chunk_size);
+        let source = Source::of_background(layout.posed(), layout.background, range);
+        let owner = Owner::without_color(scene.instances.len() as u32);
+        tables.push_instance(&Placement::at_origin(None), bound, source, owner, chunk_size)?;
     }
     Ok(tables)
 }
@@ -70,33 +77,67 @@ pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Ta
 ///
 /// # Errors
 /// More expanded Gaussians than a u32 can count.
-pub(super) fn unbounded_tables(layout: &SourceLayout, chunk_size: u32) -> Result<Tables, RenderError> {
+pub(super) fn unbounded_tables(layout: &SourceLayout, colored: bool, chunk_size: u32) -> Result<Tables, RenderError> {
     let mut tables = Tables::default();
-    let bound = Bound { center: DVec3::ZERO, radius: 0.0, sigma_max: 0.0 };
-    let mut push_chunks = |count: u32| {
-        let first = tables.chunks.len() as u32;
-        tables.chunks.resize(tables.chunks.len() + count.div_ceil(chunk_size) as usize, types::Chunk::default());
-        first
-    };
-    let first_chunks: Vec<u32> = layout.template_ranges.iter().map(|range| push_chunks(range.count)).collect();
-    let background = TemplateRange { first: 0, count: layout.background.len as u32 };
-    let first_of_background = push_chunks(background.count);
-    for instance in &layout.instances {
-        let template = instance.template as usize;
-        let source = Source::of_templates(layout.templates, layout.template_ranges[template]);
+    let of_templates: Vec<Bounded> =
+        layout.template_ranges.iter().map(|range| tables.push_unbounded(range.count, chunk_size)).collect();
+    for (k, instance) in layout.instances.iter().enumerate() {
+        let range = layout.template_ranges[instance.template as usize];
+        let source = Source::of_posed(layout.templates, range, 0);
+        let owner = Owner::of_template(k as u32, colored);
         let place = Placement::at_origin(instance.first_offset);
-        tables.push_instance(&place, &bound, source, first_chunks[template], chunk_size)?;
+        tables.push_instance(&place, of_templates[instance.template as usize], source, owner, chunk_size)?;
+        let own = layout.own_sources(k);
+        if own.count > 0 {
+            let bound = tables.push_unbounded(own.count, chunk_size);
+            let source = Source::of_posed(layout.templates, own, range.count);
+            let owner = Owner::without_color(k as u32);
+            tables.push_instance(&Placement::at_origin(None), bound, source, owner, chunk_size)?;
+        }
     }
+    let background = SourceRange { first: 0, count: layout.background.len as u32 };
     if background.count > 0 {
-        let source = Source::of_background(layout.templates, layout.background, background);
-        tables.push_instance(&Placement::at_origin(None), &bound, source, first_of_background, chunk_size)?;
+        let bound = tables.push_unbounded(background.count, chunk_size);
+        let source = Source::of_background(layout.posed(), layout.background, background);
+        let owner = Owner::without_color(layout.instances.len() as u32);
+        tables.push_instance(&Placement::at_origin(None), bound, source, owner, chunk_size)?;
     }
     tables.widen();
     Ok(tables)
 }
 
-/// The source Gaussians that an instance shows.
+/// The chunks of a range of Gaussians, with a bound around all of it.
+#[derive(Clone, Copy)]
+pub(super) struct Bounded {
+    /// Index of the first chunk.
+    pub(super) first_chunk: u32,
+    /// Bound of the range.
+    pub(super) bound: Bound,
+}
+
+/// The instance that a row belongs to.
+#[derive(Clone, Copy)]
+pub(super) struct Owner {
+    instance: u32,
+    color: u32,
+}
+
+impl Owner {
+    /// Owner of a row that shows a template; `colored` = instances have colour matrices.
+    pub(super) fn of_template(instance: u32, colored: bool) -> Self {
+        Self { instance, color: if colored { instance } else { NO_COLOR } }
+    }
+
+    /// Owner of a row whose colours no matrix changes: own Gaussians, or the background.
+    pub(super) fn without_color(instance: u32) -> Self {
+        Self { instance, color: NO_COLOR }
+    }
+}
+
+/// The source Gaussians that a row shows.
 pub(super) struct Source {
+    /// Number of the instance's Gaussians in rows before this one.
+    local_before: u32,
     first: u32,
     count: u32,
     sh_degree: u32,
@@ -104,17 +145,18 @@ pub(super) struct Source {
 }
 
 impl Source {
-    /// The source of a range of the templates.
-    pub(super) fn of_templates(templates: CloudSize, range: TemplateRange) -> Self {
-        let TemplateRange { first, count } = range;
-        Self { first, count, sh_degree: templates.sh_degree, first_in_band: [first; 3] }
+    /// The source of a range of the templates or of instances' own Gaussians, by index in the source pool.
+    pub(super) fn of_posed(templates: CloudSize, range: SourceRange, local_before: u32) -> Self {
+        let SourceRange { first, count } = range;
+        Self { local_before, first, count, sh_degree: templates.sh_degree, first_in_band: [first; 3] }
     }
 
-    /// The source of a range of the background, which follows the templates in the bands that these have.
-    pub(super) fn of_background(templates: CloudSize, background: CloudSize, range: TemplateRange) -> Self {
-        let before = |l: u32| if templates.sh_degree >= l { templates.len as u32 } else { 0 };
+    /// The source of a range of the background, which follows the posed Gaussians in the bands that these have.
+    pub(super) fn of_background(posed: CloudSize, background: CloudSize, range: SourceRange) -> Self {
+        let before = |l: u32| if posed.sh_degree >= l { posed.len as u32 } else { 0 };
         Self {
-            first: templates.len as u32 + range.first,
+            local_before: 0,
+            first: posed.len as u32 + range.first,
             count: range.count,
             sh_degree: background.sh_degree,
             first_in_band: [1, 2, 3].map(|l| before(l) + range.first),
@@ -167,8 +209,10 @@ impl Tables {
         self.instances.iter_mut().for_each(|instance| instance.bound_radius = RADIUS_EVERYWHERE);
     }
 
-    /// Appends the chunks of a range and returns the bound of the whole range.
-    pub(super) fn push_chunks(&mut self, cloud: &Gaussians, first: usize, count: usize, chunk_size: u32) -> Bound {
+    /// Appends the chunks of a range.
+    pub(super) fn push_chunks(&mut self, cloud: &Gaussians, range: SourceRange, chunk_size: u32) -> Bounded {
+        let first_chunk = self.chunks.len() as u32;
+        let (first, count) = (range.first as usize, range.count as usize);
         for start in (0..count).step_by(chunk_size as usize) {
             let size = (count - start).min(chunk_size as usize);
             let bound = bound_of(cloud, first + start, size);
@@ -178,19 +222,27 @@ impl Tables {
                 sigma_max: round_up(bound.sigma_max),
             });
         }
-        bound_of(cloud, first, count)
+        Bounded { first_chunk, bound: bound_of(cloud, first, count) }
     }
 
-    /// Appends an instance at full detail that is its own owner.
+    /// Appends chunks for `count` Gaussians whose bounds are not known.
+    fn push_unbounded(&mut self, count: u32, chunk_size: u32) -> Bounded {
+        let first_chunk = self.chunks.len() as u32;
+        let chunks = self.chunks.len() + count.div_ceil(chunk_size) as usize;
+        self.chunks.resize(chunks, types::Chunk::default());
+        Bounded { first_chunk, bound: Bound { center: DVec3::ZERO, radius: 0.0, sigma_max: 0.0 } }
+    }
+
+    /// Appends a row at full detail.
     ///
     /// # Errors
     /// More expanded Gaussians than a u32 can count.
     pub(super) fn push_instance(
         &mut self,
         place: &Placement<'_>,
-        bound: &Bound,
+        Bounded { first_chunk, bound }: Bounded,
         source: Source,
-        first_chunk: u32,
+        owner: Owner,
         chunk_size: u32,
     ) -> Result<(), RenderError> {
         self.instances.push(types::Instance {
@@ -209,7 +261,9 @@ impl Tables {
             first_in_band: source.first_in_band,
             cell: 0.0,
             next_cell: NO_NEXT_CELL,
-            owner: self.instances.len() as u32,
+            owner: owner.instance,
+            color: owner.color,
+            local_before: source.local_before,
         });
         self.chunk_pairs += u64::from(source.count.div_ceil(chunk_size));
         self.flat += u64::from(source.count);

@@ -6,13 +6,14 @@ use glam::DVec3;
 
 use crate::math::covariance::{normalised_quat, quat_from_rotation, quat_multiply};
 use crate::math::sh::{SH_C0, ShRotation, widened};
+use crate::math::similarity::Similarity;
 use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{ColorMatrix, Instance, InstancedScene};
+use crate::scene::instanced_scene::{ColorMatrix, Instance, InstancedScene, SourceRange};
 use crate::scene::offsets::Offsets;
 
 impl InstancedScene {
-    /// Every instance's Gaussians in the world frame, in flat order: instances in file order, each in template order,
-    /// then the background. The SH degree is the scene's; SH is rotated exactly. Computed in f64 and rounded once to
+    /// Every instance's Gaussians in the world frame, in flat order: instances in file order, each in template order and
+    /// then its own, then the background. The SH degree is the scene's; SH is rotated exactly. Computed in f64 and rounded once to
     /// f32.
     ///
     /// The scene must be valid (`validate`), so that an instance's linear part is a similarity s R. Quaternions of
@@ -22,6 +23,7 @@ impl InstancedScene {
         let mut world = Gaussians::with_capacity(self.sh_degree(), capacity);
         for (k, instance) in self.instances.iter().enumerate() {
             self.flatten_instance(instance, self.color_matrix(k), &mut world);
+            self.flatten_own(instance, self.own_range(k), &mut world);
         }
         world.append(&self.background);
         world
@@ -64,43 +66,83 @@ impl InstancedScene {
         Cow::Owned(InstancedScene { instances, offsets, color_from_template: Vec::new(), ..self.clone() })
     }
 
-    /// Appends one instance's Gaussians to `world`.
+    /// Appends the Gaussians that an instance has of its template to `world`.
     fn flatten_instance(&self, instance: &Instance, color_matrix: Option<&ColorMatrix>, world: &mut Gaussians) {
+        let to_world = ToWorld::new(&instance.world_from_template);
         let range = self.template_ranges[instance.template as usize];
-        let placement = &instance.world_from_template;
-        let ln_scale = placement.scale().ln();
-        let world_from_template_quat = quat_from_rotation(placement.rotation());
-        let sh_rotation = ShRotation::new(placement.rotation());
-        for local in 0..range.count as usize {
-            let i = range.first as usize + local;
-            let offset = instance.first_offset.map(|first| first as usize + local);
-            let d_mean = offset.map_or(DVec3::ZERO, |o| widened(self.offsets.means[o]));
-            let d_sh_dc = offset.map_or(DVec3::ZERO, |o| widened(self.offsets.sh_dc[o]));
-            let d_logit = offset.map_or(0.0, |o| f64::from(self.offsets.opacity_logits[o]));
-
-            let mean_world = placement.transform_point(widened(self.templates.means[i]) + d_mean);
-            let d_quat = offset.and_then(|o| self.offsets.quats.get(o)).copied().unwrap_or_default();
-            let d_log_scales = offset.and_then(|o| self.offsets.log_scales.get(o)).copied().unwrap_or_default();
-            let own_quat = self.templates.quats[i];
-            let quat_template = normalised_quat(std::array::from_fn(|k| f64::from(own_quat[k]) + f64::from(d_quat[k])));
-            let quat_world = quat_multiply(world_from_template_quat, quat_template);
-            let mut sh_template: Vec<DVec3> = self.templates.sh_of(i).iter().map(|&c| widened(c)).collect();
-            sh_template[0] += d_sh_dc;
-            let d_sh_rest = offset.map_or(&[][..], |o| self.offsets.rest_of(o));
-            sh_template[1..].iter_mut().zip(d_sh_rest).for_each(|(sh, &d)| *sh += widened(d));
-            if let Some(matrix) = color_matrix {
-                recolour(matrix, &mut sh_template);
+        for (local, i) in range.indices().enumerate() {
+            let mut one = Local::of(&self.templates, i);
+            if let Some(o) = instance.first_offset.map(|first| first as usize + local) {
+                one.mean += widened(self.offsets.means[o]);
+                one.logit += f64::from(self.offsets.opacity_logits[o]);
+                one.sh[0] += widened(self.offsets.sh_dc[o]);
+                one.sh[1..].iter_mut().zip(self.offsets.rest_of(o)).for_each(|(sh, &d)| *sh += widened(d));
+                one.log_scales += self.offsets.log_scales.get(o).map_or(DVec3::ZERO, |&d| widened(d));
+                let d_quat = self.offsets.quats.get(o).copied().unwrap_or_default();
+                one.quat.iter_mut().zip(d_quat).for_each(|(q, d)| *q += f64::from(d));
             }
-
-            world.means.push(narrowed(mean_world));
-            world.quats.push(quat_world.map(|c| c as f32));
-            let log_scales = widened(self.templates.log_scales[i]) + widened(d_log_scales) + ln_scale;
-            world.log_scales.push(narrowed(log_scales));
-            world.opacity_logits.push((f64::from(self.templates.opacity_logits[i]) + d_logit) as f32);
-            let missing = world.sh_coefficients() - sh_template.len();
-            world.sh.extend(sh_rotation.rotate(&sh_template).into_iter().map(narrowed));
-            world.sh.extend(std::iter::repeat_n([0.0; 3], missing));
+            if let Some(matrix) = color_matrix {
+                recolour(matrix, &mut one.sh);
+            }
+            to_world.push(one, world);
         }
+    }
+
+    /// Appends the Gaussians that an instance has of its own to `world`.
+    fn flatten_own(&self, instance: &Instance, range: SourceRange, world: &mut Gaussians) {
+        let to_world = ToWorld::new(&instance.world_from_template);
+        range.indices().for_each(|i| to_world.push(Local::of(&self.own, i), world));
+    }
+}
+
+/// A Gaussian in the frame of a template, in f64.
+struct Local {
+    mean: DVec3,
+    quat: [f64; 4],
+    log_scales: DVec3,
+    logit: f64,
+    sh: Vec<DVec3>,
+}
+
+impl Local {
+    fn of(cloud: &Gaussians, i: usize) -> Self {
+        Self {
+            mean: widened(cloud.means[i]),
+            quat: cloud.quats[i].map(f64::from),
+            log_scales: widened(cloud.log_scales[i]),
+            logit: f64::from(cloud.opacity_logits[i]),
+            sh: cloud.sh_of(i).iter().map(|&c| widened(c)).collect(),
+        }
+    }
+}
+
+/// The placement of an instance, with what it does to rotations, scales and SH.
+struct ToWorld<'a> {
+    placement: &'a Similarity,
+    quat: [f64; 4],
+    ln_scale: f64,
+    sh_rotation: ShRotation,
+}
+
+impl<'a> ToWorld<'a> {
+    fn new(placement: &'a Similarity) -> Self {
+        Self {
+            placement,
+            quat: quat_from_rotation(placement.rotation()),
+            ln_scale: placement.scale().ln(),
+            sh_rotation: ShRotation::new(placement.rotation()),
+        }
+    }
+
+    fn push(&self, one: Local, world: &mut Gaussians) {
+        world.means.push(narrowed(self.placement.transform_point(one.mean)));
+        let quat = quat_multiply(self.quat, normalised_quat(one.quat));
+        world.quats.push(quat.map(|c| c as f32));
+        world.log_scales.push(narrowed(one.log_scales + self.ln_scale));
+        world.opacity_logits.push(one.logit as f32);
+        let missing = world.sh_coefficients() - one.sh.len();
+        world.sh.extend(self.sh_rotation.rotate(&one.sh).into_iter().map(narrowed));
+        world.sh.extend(std::iter::repeat_n([0.0; 3], missing));
     }
 }
 
@@ -125,7 +167,7 @@ mod tests {
     use super::*;
     use crate::math::sh::eval_sh;
     use crate::math::similarity::Similarity;
-    use crate::scene::instanced_scene::TemplateRange;
+    use crate::scene::instanced_scene::SourceRange;
 
     fn one(sh_degree: u32) -> Gaussians {
         let mut out = Gaussians::with_capacity(sh_degree, 1);
@@ -143,7 +185,7 @@ mod tests {
         let quarter = DMat3::from_cols(DVec3::Y, -DVec3::X, DVec3::Z);
         let scene = InstancedScene {
             templates: one(1),
-            template_ranges: vec![TemplateRange { first: 0, count: 1 }],
+            template_ranges: vec![SourceRange { first: 0, count: 1 }],
             instances: vec![Instance {
                 template: 0,
                 world_from_template: Similarity::from_parts(quarter, 2.0, DVec3::new(0.0, 0.0, 5.0)),
@@ -186,7 +228,7 @@ mod tests {
         let matrix = [[0.5, 0.25, 0.0, 0.1], [0.0, 1.5, -0.5, 0.0], [0.25, 0.0, 0.75, -0.2]];
         let scene = InstancedScene {
             templates,
-            template_ranges: vec![TemplateRange { first: 0, count: 1 }],
+            template_ranges: vec![SourceRange { first: 0, count: 1 }],
             instances: vec![instance(None), instance(Some(0))],
             color_from_template: vec![matrix; 2],
             offsets: Offsets {

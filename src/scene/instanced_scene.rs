@@ -1,18 +1,26 @@
 //! The only scene type: templates, instances with offsets, and a background. A plain cloud has only a background.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::Gaussians;
 use crate::scene::offsets::Offsets;
 
-/// One template: a range of the template pool.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct TemplateRange {
-    /// Index of the template's first Gaussian in `InstancedScene::templates`.
+/// A range of a pool of Gaussians: a template, or what an instance has of its own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SourceRange {
+    /// Index of its first Gaussian in the pool.
     pub first: u32,
-    /// Number of Gaussians of the template.
+    /// Number of its Gaussians.
     pub count: u32,
+}
+
+impl SourceRange {
+    /// Indices into the pool.
+    pub fn indices(self) -> std::ops::Range<usize> {
+        self.first as usize..self.first as usize + self.count as usize
+    }
 }
 
 /// One placed copy of a template.
@@ -57,17 +65,22 @@ pub struct ForeignTensor {
 }
 
 /// All that is rendered, trained or stored. The flat order of Gaussians, which breaks ties in depth, is: instances in
-/// file order, each in template order, then the background.
+/// file order, each in template order and then its own Gaussians, then the background.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct InstancedScene {
     /// All templates' Gaussians, concatenated, each in its own template's frame.
     pub templates: Gaussians,
     /// One range of `templates` for each template.
-    pub template_ranges: Vec<TemplateRange>,
+    pub template_ranges: Vec<SourceRange>,
     /// The placed copies of templates.
     pub instances: Vec<Instance>,
     /// How each instance's colours follow from its template's, offsets included; empty if they are the same in all.
     pub color_from_template: Vec<ColorMatrix>,
+    /// Gaussians that only some instances have, each in the frame of its instance's template, of the templates' SH degree.
+    /// Offsets and colour matrices do not change them.
+    pub own: Gaussians,
+    /// By instance, its own Gaussians in `own`; empty if no instance has any. Instances may share a range.
+    pub own_ranges: Vec<SourceRange>,
     /// Offset records; instances hold the index of their first one.
     pub offsets: Offsets,
     /// World-frame Gaussians that belong to no instance.
@@ -105,21 +118,32 @@ impl InstancedScene {
         self.templates.sh_degree.max(self.background.sh_degree)
     }
 
+    /// Number of stored Gaussians: of templates, instances' own, and background.
+    pub fn source_len(&self) -> usize {
+        self.templates.len() + self.own.len() + self.background.len()
+    }
+
+    /// The own Gaussians of instance `k`.
+    pub fn own_range(&self, k: usize) -> SourceRange {
+        self.own_ranges.get(k).copied().unwrap_or_default()
+    }
+
     /// Number of Gaussians after expanding every instance, the background included.
     pub fn expanded_len(&self) -> u64 {
         let instanced: u64 =
             self.instances.iter().map(|i| u64::from(self.template_ranges[i.template as usize].count)).sum();
-        instanced + self.background.len() as u64
+        let own: u64 = self.own_ranges.iter().map(|range| u64::from(range.count)).sum();
+        instanced + own + self.background.len() as u64
     }
 
     /// Size of the scene tensors as f32, bytes: what `bench` reports as `bytes.host`.
     pub fn tensor_bytes(&self) -> u64 {
-        // A 3x4 transform, template index and first offset per instance; first and count per range.
+        // First and count per range.
         self.templates.tensor_bytes()
+            + self.own.tensor_bytes()
             + self.background.tensor_bytes()
             + self.offsets.tensor_bytes()
-            + 56 * self.instances.len() as u64
-            + 48 * self.color_from_template.len() as u64
+            + self.instance_bytes() * self.instances.len() as u64
             + 8 * self.template_ranges.len() as u64
     }
 
@@ -134,7 +158,7 @@ impl InstancedScene {
     /// Names the first inconsistent tensor.
     pub fn validate(&self) -> Result<(), SceneError> {
         let fail = |tensor: &str, reason: String| Err(SceneError { tensor: tensor.into(), reason });
-        for (name, cloud) in [("template", &self.templates), ("background", &self.background)] {
+        for (name, cloud) in [("template", &self.templates), ("own", &self.own), ("background", &self.background)] {
             if let Some((field, len, want)) = cloud.wrong_length() {
                 return fail(&format!("{name}.{field}"), format!("{len} entries, but {name}.means requires {want}"));
             }
@@ -171,6 +195,7 @@ impl InstancedScene {
             let reason = format!("{matrices} entries where {instances}, or none, fit");
             return fail("instance.color_from_template", reason);
         }
+        self.validate_own()?;
         let finite = |matrix: &ColorMatrix| matrix.as_flattened().iter().all(|v| v.is_finite());
         if let Some(k) = self.color_from_template.iter().position(|matrix| !finite(matrix)) {
             return fail("instance.color_from_template", format!("that of instance {k} is not finite"));
@@ -192,6 +217,46 @@ impl InstancedScene {
                     );
                 }
             }
+        }
+        Ok(())
+    }
+
+    /// The same scene with own Gaussians in the order of instances, shared by none, and without unused ones.
+    pub fn with_packed_own(&self) -> Cow<'_, Self> {
+        let mut end = 0;
+        let packed = self.own_ranges.iter().all(|range| {
+            end += range.count;
+            range.first == end - range.count
+        });
+        if packed && end as usize == self.own.len() {
+            return Cow::Borrowed(self);
+        }
+        let mut own = Gaussians { sh_degree: self.own.sh_degree, ..Gaussians::default() };
+        let mut pack = |range: &SourceRange| {
+            let first = own.len() as u32;
+            range.indices().for_each(|i| own.push_from(&self.own, i));
+            SourceRange { first, ..*range }
+        };
+        let own_ranges = self.own_ranges.iter().map(&mut pack).collect();
+        Cow::Owned(Self { own, own_ranges, ..self.clone() })
+    }
+
+    /// Checks the ranges of instances' own Gaussians.
+    fn validate_own(&self) -> Result<(), SceneError> {
+        let fail = |tensor: &str, reason: String| Err(SceneError { tensor: tensor.into(), reason });
+        let (ranges, instances) = (self.own_ranges.len(), self.instances.len());
+        if ranges != 0 && ranges != instances {
+            return fail("instance.own", format!("{ranges} entries where {instances}, or none, fit"));
+        }
+        let count = self.own.len();
+        if let Some(k) = self.own_ranges.iter().position(|r| u64::from(r.first) + u64::from(r.count) > count as u64) {
+            let SourceRange { first, count: own } = self.own_ranges[k];
+            let end = u64::from(first) + u64::from(own);
+            return fail("instance.own", format!("those of instance {k} end at {end}, but there are {count}"));
+        }
+        let [own, template] = [self.own.sh_degree, self.templates.sh_degree];
+        if count > 0 && own != template {
+            return fail("own.sh", format!("has degree {own} where template.sh has {template}"));
         }
         Ok(())
     }

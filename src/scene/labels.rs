@@ -91,7 +91,7 @@ pub(crate) fn insert_id(groups: &mut [Group], template: u32, rank: usize, id: u3
 mod tests {
     use super::*;
     use crate::math::similarity::Similarity;
-    use crate::scene::instanced_scene::{Instance, TemplateRange};
+    use crate::scene::instanced_scene::{Instance, SourceRange};
 
     fn group(template_id: u32, instance_ids: &[u32]) -> Group {
         Group { template_id, name: None, instance_ids: instance_ids.into() }
@@ -101,7 +101,7 @@ mod tests {
     fn ids_follow_the_instances_of_their_template() {
         let instance = |template| Instance { template, world_from_template: Similarity::IDENTITY, first_offset: None };
         let mut scene = InstancedScene {
-            template_ranges: vec![TemplateRange { first: 0, count: 0 }; 3],
+            template_ranges: vec![SourceRange { first: 0, count: 0 }; 3],
             instances: [0, 1, 0, 0, 1, 2, 0].map(instance).into(),
             groups: vec![group(0, &[5, 6]), group(1, &[9]), group(0, &[7])],
             ..InstancedScene::default()

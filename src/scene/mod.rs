@@ -21,7 +21,7 @@ pub mod up;
 
 pub use camera::{Camera, CameraError};
 pub use gaussians::Gaussians;
-pub use instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
+pub use instanced_scene::{Group, Instance, InstancedScene, SourceRange};
 pub use labels::InstanceLabel;
 pub use object_box::{Boxes, ObjectBox, ViewBox};
 pub use offsets::Offsets;

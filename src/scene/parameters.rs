@@ -13,7 +13,7 @@ use super::source_layout::CloudSize;
 /// The elements that an array has rows for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Owner {
-    /// Every source Gaussian: first those of the templates, then those of the background.
+    /// Every source Gaussian: first those of the templates, then instances' own, then those of the background.
     Source,
     /// Every source Gaussian of the clouds whose SH degree is at least this band.
     ShBand(u32),
@@ -168,7 +168,7 @@ impl<T> IndexMut<Parameter> for ParameterSet<T> {
     }
 }
 
-/// Numbers of rows of an array in two consecutive groups: `[of templates, of background]`, or `[all, 0]`.
+/// Numbers of rows of an array in two consecutive groups: `[of templates and instances, of background]`, or `[all, 0]`.
 pub type Rows = [usize; 2];
 
 /// A row of an array on the host: one or several f32.
@@ -271,10 +271,11 @@ fn band_of(l: u32) -> std::ops::Range<usize> {
 impl InstancedScene {
     /// Numbers of rows of every parameter.
     pub fn parameter_rows(&self) -> ParameterSet<Rows> {
-        let clouds = [&self.templates, &self.background].map(CloudSize::of);
+        let posed = CloudSize { len: self.templates.len() + self.own.len(), ..CloudSize::of(&self.templates) };
+        let clouds = [posed, CloudSize::of(&self.background)];
         ParameterSet::from_fn(|parameter| {
-            let own = || [self.parameter(parameter).len() / parameter.width(), 0];
-            parameter.source_rows(clouds).unwrap_or_else(own)
+            let all = || [self.parameter(parameter).len() / parameter.width(), 0];
+            parameter.source_rows(clouds).unwrap_or_else(all)
         })
     }
 
@@ -282,13 +283,11 @@ impl InstancedScene {
     pub fn parameter(&self, parameter: Parameter) -> Cow<'_, [f32]> {
         match parameter.owner() {
             Owner::Source | Owner::ShBand(_) => {
-                let [a, b] = [&self.templates, &self.background].map(|cloud| cloud.parameter(parameter));
-                if a.is_empty() {
-                    b
-                } else if b.is_empty() {
-                    a
-                } else {
-                    [a, b].concat().into()
+                let parts = [&self.templates, &self.own, &self.background].map(|cloud| cloud.parameter(parameter));
+                let mut filled = parts.iter().filter(|part| !part.is_empty());
+                match (filled.next(), filled.next()) {
+                    (Some(only), None) => only.clone(),
+                    _ => parts.concat().into(),
                 }
             }
             Owner::Offset => self.offsets.array(parameter).map_or(&[][..], FloatArray::flat).into(),
@@ -296,12 +295,16 @@ impl InstancedScene {
         }
     }
 
-    /// Replaces the numbers of a parameter, of which there are `rows` rows; SH degrees stay unchanged.
+    /// Replaces the numbers of a parameter, of which there are `rows` rows; SH degrees, and the number of instances' own
+    /// Gaussians, stay unchanged.
     pub fn set_parameter(&mut self, parameter: Parameter, rows: Rows, values: &[f32]) {
         match parameter.owner() {
             Owner::Source | Owner::ShBand(_) => {
-                let (of_templates, of_background) = values.split_at((rows[0] * parameter.width()).min(values.len()));
+                let (posed, of_background) = values.split_at((rows[0] * parameter.width()).min(values.len()));
+                let of_own = if rows[0] == 0 { 0 } else { self.own.len() * parameter.width() };
+                let (of_templates, of_own) = posed.split_at(posed.len().saturating_sub(of_own));
                 self.templates.set_parameter(parameter, of_templates);
+                self.own.set_parameter(parameter, of_own);
                 self.background.set_parameter(parameter, of_background);
             }
             Owner::Offset => {

@@ -3,15 +3,16 @@
 use std::collections::BTreeMap;
 
 use crate::math::covariance::sigmoid;
-use crate::scene::instanced_scene::{InstancedScene, TemplateRange};
+use crate::scene::gaussians::Gaussians;
+use crate::scene::instanced_scene::{InstancedScene, SourceRange};
 use crate::scene::offsets::Offsets;
 
 impl InstancedScene {
-    /// Removes non-finite Gaussians from a consistent scene; returns the number of removed Gaussians of templates and
-    /// background. A template Gaussian is removed from all instances if it or its offset record in any instance is not
+    /// Removes non-finite Gaussians from a consistent scene; returns the number of removed Gaussians of templates, instances'
+    /// own, and background. A template Gaussian is removed from all instances if it or its offset record in any instance is not
     /// finite. A finite scene is not changed.
     pub fn drop_non_finite(&mut self) -> usize {
-        let dropped_background = self.background.drop_non_finite();
+        let dropped = self.background.drop_non_finite() + self.keep_own(|own, i| own.is_finite(i));
         let mut keep: Vec<bool> = (0..self.templates.len()).map(|i| self.templates.is_finite(i)).collect();
         for instance in &self.instances {
             let range = self.template_ranges[instance.template as usize];
@@ -21,11 +22,11 @@ impl InstancedScene {
                 }
             }
         }
-        self.keep_templates(&keep, dropped_background)
+        self.keep_templates(&keep, dropped)
     }
 
     /// Removes template Gaussians whose opacity, offset included, is below `opacity_min` in every instance, and
-    /// background Gaussians of lower opacity; returns their number. Up to 1/255 no picture changes: blending skips
+    /// own and background Gaussians of lower opacity; returns their number. Up to 1/255 no picture changes: blending skips
     /// them. Templates without instances are not changed.
     pub fn prune_transparent(&mut self, opacity_min: f64) -> usize {
         // Written as >=, so that NaN counts as transparent.
@@ -47,43 +48,50 @@ impl InstancedScene {
         if !self.background.opacity_logits.iter().all(|&logit| seen(logit)) {
             self.background = self.background.filtered(|i| seen(self.background.opacity_logits[i]));
         }
-        self.keep_templates(&keep, before - self.background.len())
+        let of_own = self.keep_own(|own, i| seen(own.opacity_logits[i]));
+        self.keep_templates(&keep, of_own + before - self.background.len())
     }
 
-    /// Keeps the marked template Gaussians with their offset records; returns the number removed, including those of
-    /// the background. If any was removed, unknown tensors parallel to these arrays are dropped: they would no longer
+    /// Keeps the own Gaussians of instances that satisfy a condition; returns the number removed.
+    pub(super) fn keep_own(&mut self, stays: impl Fn(&Gaussians, usize) -> bool) -> usize {
+        let kept_before = counts_before((0..self.own.len()).map(|i| stays(&self.own, i)));
+        let left = kept_before[self.own.len()];
+        let dropped = self.own.len() - left as usize;
+        if dropped > 0 {
+            self.own = self.own.filtered(|i| kept_before[i] < kept_before[i + 1]);
+            self.own_ranges.iter_mut().for_each(|range| *range = range.compacted(&kept_before));
+        }
+        dropped
+    }
+
+    /// Keeps the marked template Gaussians with their offset records; returns the number removed, including those that
+    /// were removed elsewhere. If there are any, unknown tensors parallel to these arrays are dropped: they would no longer
     /// be aligned.
-    fn keep_templates(&mut self, keep: &[bool], dropped_background: usize) -> usize {
+    fn keep_templates(&mut self, keep: &[bool], dropped_elsewhere: usize) -> usize {
         let dropped = keep.iter().filter(|&&k| !k).count();
         if dropped > 0 {
             self.compact_templates(keep);
         }
-        if dropped + dropped_background > 0 {
+        if dropped + dropped_elsewhere > 0 {
             self.drop_parallel_tensors();
         }
-        dropped + dropped_background
+        dropped + dropped_elsewhere
     }
 
     /// Drops unknown tensors that are parallel to Gaussians or offset records, for when those have changed their places.
     pub fn drop_parallel_tensors(&mut self) {
-        let follows = |name: &str| ["offset.", "template.", "background."].iter().any(|p| name.starts_with(p));
+        let follows = |name: &str| ["offset.", "template.", "own.", "background."].iter().any(|p| name.starts_with(p));
         self.foreign_tensors.retain(|name, _| !follows(name));
     }
 
     /// Removes the template Gaussians that are not marked, with their offset records.
     pub(super) fn compact_templates(&mut self, keep: &[bool]) {
-        let mut kept_before = Vec::with_capacity(keep.len() + 1);
-        let mut count = 0u32;
-        for &k in keep {
-            kept_before.push(count);
-            count += u32::from(k);
-        }
-        kept_before.push(count);
+        let kept_before = counts_before(keep.iter().copied());
         let mut offsets = Offsets::default();
         // Instances may share a run of records, which moves once.
         let mut moved = BTreeMap::new();
         for instance in &mut self.instances {
-            let TemplateRange { first: range_first, count } = self.template_ranges[instance.template as usize];
+            let SourceRange { first: range_first, count } = self.template_ranges[instance.template as usize];
             let Some(first) = instance.first_offset else { continue };
             let new_first = *moved.entry((first, range_first, count)).or_insert_with(|| {
                 let new_first = offsets.len() as u32;
@@ -94,11 +102,27 @@ impl InstancedScene {
             instance.first_offset = Some(new_first);
         }
         self.offsets = offsets;
-        for range in &mut self.template_ranges {
-            let (first, end) = (range.first as usize, (range.first + range.count) as usize);
-            *range = TemplateRange { first: kept_before[first], count: kept_before[end] - kept_before[first] };
-        }
+        self.template_ranges.iter_mut().for_each(|range| *range = range.compacted(&kept_before));
         self.templates = self.templates.filtered(|i| keep[i]);
+    }
+}
+
+/// For every element, the number of marked ones before it; and the number of all marked ones.
+fn counts_before(marks: impl Iterator<Item = bool>) -> Vec<u32> {
+    let mut out = vec![0];
+    let mut count = 0;
+    marks.for_each(|marked| {
+        count += u32::from(marked);
+        out.push(count);
+    });
+    out
+}
+
+impl SourceRange {
+    /// The same range after only some elements were kept, of which `kept_before` has the number before each.
+    fn compacted(self, kept_before: &[u32]) -> Self {
+        let (first, end) = (kept_before[self.first as usize], kept_before[(self.first + self.count) as usize]);
+        Self { first, count: end - first }
     }
 }
 
@@ -128,7 +152,7 @@ mod tests {
         let offsets = cloud(&[0.0, 0.0, -9.0, 0.0, 0.0, -9.0, 0.0, 9.0]);
         InstancedScene {
             templates: cloud(&[1.0, -9.0, 0.0, 1.0, -9.0]),
-            template_ranges: vec![TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }],
+            template_ranges: vec![SourceRange { first: 0, count: 3 }, SourceRange { first: 3, count: 2 }],
             instances: vec![instance(0, Some(0)), instance(1, None), instance(0, Some(3)), instance(1, Some(6))],
             offsets: Offsets {
                 means: offsets.means,
@@ -153,7 +177,7 @@ mod tests {
         scene.background.log_scales[1][0] = f32::NAN;
         assert_eq!(scene.drop_non_finite(), 3);
         scene.validate()?;
-        assert_eq!(scene.template_ranges, [TemplateRange { first: 0, count: 1 }, TemplateRange { first: 1, count: 2 }]);
+        assert_eq!(scene.template_ranges, [SourceRange { first: 0, count: 1 }, SourceRange { first: 1, count: 2 }]);
         assert_eq!(scene.templates.means, sample().templates.means[2..]);
         let firsts: Vec<_> = scene.instances.iter().map(|i| i.first_offset).collect();
         assert_eq!(firsts, [Some(0), None, Some(1), Some(2)]);

@@ -75,7 +75,7 @@ fn share<const N: usize>(value: &mut [f32; N], offsets: &mut [[f32; N]], records
 mod tests {
     use super::*;
     use crate::math::similarity::Similarity;
-    use crate::scene::{Gaussians, Offsets, TemplateRange};
+    use crate::scene::{Gaussians, Offsets, SourceRange};
 
     /// `n` Gaussians of degree 1; every parameter has another value.
     fn cloud(n: usize) -> Gaussians {
@@ -98,7 +98,7 @@ mod tests {
         let offsets = cloud(8);
         InstancedScene {
             templates: cloud(5),
-            template_ranges: vec![TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }],
+            template_ranges: vec![SourceRange { first: 0, count: 3 }, SourceRange { first: 3, count: 2 }],
             instances: vec![
                 placed(0, Some(0)),
                 placed(1, None),

@@ -5,10 +5,11 @@ use serde::{Deserialize, Serialize};
 use super::InstancedScene;
 
 impl InstancedScene {
-    /// Bytes of an instance besides its offsets: a 3x4 transform as f32, template and first offset, and its colour matrix
-    /// (3x4 as f32) if the scene has matrices.
+    /// Bytes of an instance besides its offsets and own Gaussians: a 3x4 transform as f32, template and first offset, its
+    /// colour matrix (3x4 as f32) if the scene has matrices, and the range of its own Gaussians if any instance has some.
     pub fn instance_bytes(&self) -> u64 {
-        56 + if self.color_from_template.is_empty() { 0 } else { 48 }
+        let [color, own] = [self.color_from_template.is_empty(), self.own_ranges.is_empty()];
+        56 + if color { 0 } else { 48 } + if own { 0 } else { 8 }
     }
 }
 
@@ -19,7 +20,7 @@ impl InstancedScene {
 pub struct RepeatedBytes {
     /// As a .ply with separate copies: 62 f32 at degree 3 for each Gaussian of each instance.
     pub ply: u64,
-    /// Templates, offsets and instances with `--pack f32`.
+    /// Templates, offsets, instances and their own Gaussians with `--pack f32`.
     pub f32: u64,
     /// The same with `--pack f16`: means of templates, and transforms, stay f32.
     pub f16: u64,
@@ -31,17 +32,17 @@ impl RepeatedBytes {
     /// Offset records have 7 values (position, base colour, opacity) and ablation offsets, which stay f16 in q8.
     pub fn of(scene: &InstancedScene) -> Self {
         let coefficients = 3 * scene.templates.sh_coefficients() as u64;
-        let templates = scene.templates.len() as u64;
+        let gaussians = (scene.templates.len() + scene.own.len()) as u64;
         let offsets = scene.offsets.len() as u64;
         let instances = scene.instance_bytes() * scene.instances.len() as u64;
         // Quaternion, scales, opacity and SH.
         let beside_means = 4 + 3 + 1 + coefficients;
         // A .ply also stores three unused normals.
         let ply = 4 * (3 + 3 + beside_means);
-        let half = templates * (12 + 2 * beside_means) + instances;
+        let half = gaussians * (12 + 2 * beside_means) + instances;
         Self {
             ply: ply * (scene.expanded_len() - scene.background.len() as u64),
-            f32: scene.templates.tensor_bytes() + scene.offsets.tensor_bytes() + instances,
+            f32: scene.templates.tensor_bytes() + scene.own.tensor_bytes() + scene.offsets.tensor_bytes() + instances,
             f16: half + scene.offsets.tensor_bytes() / 2,
             q8: half + (scene.offsets.tensor_bytes() - 28 * offsets) / 2 + 7 * offsets,
         }
@@ -52,7 +53,7 @@ impl RepeatedBytes {
 mod tests {
     use super::*;
     use crate::math::similarity::Similarity;
-    use crate::scene::{Gaussians, Instance, Offsets, TemplateRange};
+    use crate::scene::{Gaussians, Instance, Offsets, SourceRange};
 
     /// The analytic bound, 248 K N bytes against 124 N + 14 K N, plus the instances.
     #[test]
@@ -64,7 +65,7 @@ mod tests {
             |i| Instance { template: 0, world_from_template: Similarity::IDENTITY, first_offset: Some(i * n) };
         let scene = InstancedScene {
             templates,
-            template_ranges: vec![TemplateRange { first: 0, count: n }],
+            template_ranges: vec![SourceRange { first: 0, count: n }],
             instances: (0..k).map(instance).collect(),
             offsets: Offsets { means: vec![[0.0; 3]; (k * n) as usize], ..Offsets::default() },
             background: Gaussians { means: vec![[0.0; 3]; 11], ..Gaussians::default() },

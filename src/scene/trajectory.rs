@@ -134,7 +134,7 @@ mod tests {
     use super::*;
     use crate::math::similarity::Similarity;
     use crate::scene::gaussians::Gaussians;
-    use crate::scene::instanced_scene::{Instance, TemplateRange};
+    use crate::scene::instanced_scene::{Instance, SourceRange};
 
     fn cloud(means: &[[f32; 3]]) -> Gaussians {
         let mut out = Gaussians::with_capacity(0, means.len());
@@ -180,7 +180,7 @@ mod tests {
         let instance = |k: u32| Instance { template: 0, world_from_template: pose(f64::from(k)), first_offset: None };
         let scene = InstancedScene {
             templates: template,
-            template_ranges: vec![TemplateRange { first: 0, count: 1000 }],
+            template_ranges: vec![SourceRange { first: 0, count: 1000 }],
             instances: (0..201).map(instance).collect(),
             background: cloud(&[[101.0, 0.0, 7.0]; 5]),
             ..InstancedScene::default()

@@ -3,7 +3,7 @@
 use glam::{DMat3, DVec3};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 
 /// Three chairs in a row along x, two with offsets, and a floor of one Gaussian; y is down.
 pub(crate) fn chairs() -> InstancedScene {
@@ -23,7 +23,7 @@ pub(crate) fn chairs() -> InstancedScene {
     InstancedScene {
         background: chair.filtered(|i| i == 0),
         templates: chair,
-        template_ranges: vec![TemplateRange { first: 0, count: 4 }],
+        template_ranges: vec![SourceRange { first: 0, count: 4 }],
         instances: (0..3).map(instance).collect(),
         offsets: Offsets {
             means: vec![[0.0, 0.01, 0.0]; 8],

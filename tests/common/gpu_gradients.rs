@@ -95,7 +95,8 @@ fn scene_gradient(gpu: &Arc<Gpu>, scene: &InstancedScene, buffers: &GradientBuff
     let mut out = SceneGradient {
         templates: CloudGradient::zeros(&scene.templates),
         background: CloudGradient::zeros(&scene.background),
-        own: ParameterSet::from_fn(|parameter| match parameter.owner() {
+        own: CloudGradient::zeros(&scene.own),
+        per_instance: ParameterSet::from_fn(|parameter| match parameter.owner() {
             Owner::Source | Owner::ShBand(_) => Vec::new(),
             Owner::Offset | Owner::Instance => values(parameter),
         }),
@@ -104,8 +105,11 @@ fn scene_gradient(gpu: &Arc<Gpu>, scene: &InstancedScene, buffers: &GradientBuff
     };
     for parameter in Parameter::ALL {
         let all = values(parameter);
-        let (of_templates, of_background) = all.split_at(rows[parameter][0] * parameter.width());
+        let (posed, of_background) = all.split_at(rows[parameter][0] * parameter.width());
+        let of_own = if rows[parameter][0] == 0 { 0 } else { scene.own.len() * parameter.width() };
+        let (of_templates, of_own) = posed.split_at(posed.len() - of_own.min(posed.len()));
         set_cloud_gradient(&mut out.templates, parameter, of_templates);
+        set_cloud_gradient(&mut out.own, parameter, of_own);
         set_cloud_gradient(&mut out.background, parameter, of_background);
     }
     out

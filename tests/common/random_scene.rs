@@ -6,7 +6,7 @@ use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
-use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 use super::MAX_EXCLUDED_FRACTION;
 
@@ -41,13 +41,16 @@ fn is_calm(case: &RandomCase) -> bool {
 }
 
 /// As [`random_case`], with offsets of SH coefficients above 0, of scales and of quaternions; one kind is left out in three
-/// of four seeds. Every other one has colour matrices.
+/// of four seeds. Every other one has colour matrices, and two of three have own Gaussians.
 pub(crate) fn rare_case(seed: u64) -> RandomCase {
     let with_offsets = |attempt| {
         let mut case = drawn_case(seed, attempt);
         add_rare_offsets(&mut Rng::new(seed).fork(attempt).fork(3), &mut case.scene, seed % 4);
         if seed % 2 == 1 {
             add_color_matrices(&mut Rng::new(seed).fork(attempt).fork(4), &mut case.scene);
+        }
+        if seed % 3 != 0 {
+            add_own_gaussians(&mut Rng::new(seed).fork(attempt).fork(5), &mut case);
         }
         case.scene.validate().unwrap();
         case
@@ -59,6 +62,25 @@ pub(crate) fn rare_case(seed: u64) -> RandomCase {
 pub(crate) fn add_color_matrices(rng: &mut Rng, scene: &mut InstancedScene) {
     let matrix = |_| SAME_COLOR.map(|row| row.map(|v| v + (0.2 * rng.normal()) as f32));
     scene.color_from_template = (0..scene.instances.len()).map(matrix).collect();
+}
+
+/// Gives half of the instances up to 20 Gaussians of their own; the last instance shares those of the first.
+pub(crate) fn add_own_gaussians(rng: &mut Rng, case: &mut RandomCase) {
+    let scene = &mut case.scene;
+    let mut own = Gaussians::with_capacity(scene.templates.sh_degree, 0);
+    let instances = scene.instances.len();
+    let mut range = |k: usize| {
+        let has_own = k == 0 || k + 1 < instances && rng.chance(0.5);
+        let count = if has_own { 1 + rng.index(20) } else { 0 };
+        let first = own.len() as u32;
+        push_cloud(rng, &mut own, count, 0.5, 0.01, f64::from(case.camera.width));
+        SourceRange { first, count: count as u32 }
+    };
+    let mut ranges: Vec<SourceRange> = (0..instances).map(&mut range).collect();
+    if let [first, .., last] = ranges.as_mut_slice() {
+        *last = *first;
+    }
+    (scene.own, scene.own_ranges) = (own, ranges);
 }
 
 /// Adds offsets of SH coefficients above 0, of scales and of quaternions to all records; of these three the kind `left_out`,
@@ -123,7 +145,7 @@ fn random_scene(rng: &mut Rng, pixel_world: f64, width_px: f64) -> InstancedScen
     for t in 0..template_count {
         let left = source_count - background_count - templates.len();
         let count = if t + 1 == template_count { left } else { 1 + rng.index(left - (template_count - t - 1)) };
-        template_ranges.push(TemplateRange { first: templates.len() as u32, count: count as u32 });
+        template_ranges.push(SourceRange { first: templates.len() as u32, count: count as u32 });
         push_cloud(rng, &mut templates, count, 0.5, pixel_world, width_px);
     }
     let mut background = Gaussians::with_capacity(rng.index(4) as u32, background_count);

@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 /// Instances per side of the square field; neighbours stand `SPACING` apart.
 const SIDE: usize = 100;
@@ -15,7 +15,7 @@ const SPACING: f64 = 3.0;
 pub(crate) fn field(template_len: usize) -> InstancedScene {
     InstancedScene {
         templates: template(template_len),
-        template_ranges: vec![TemplateRange { first: 0, count: template_len as u32 }],
+        template_ranges: vec![SourceRange { first: 0, count: template_len as u32 }],
         instances: grid_instances(),
         source: "scale test".into(),
         ..InstancedScene::default()

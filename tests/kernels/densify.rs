@@ -17,7 +17,7 @@ use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::TrainFrame;
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, Owner, Parameter, TemplateRange};
+use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, Owner, Parameter, SourceRange};
 
 use crate::common::gpu::{assert_silent, gpu};
 
@@ -233,7 +233,7 @@ fn instanced_case(seed: u64, sh_degree: u32) -> (InstancedScene, Case) {
     let case = random_case(seed, 900, sh_degree);
     let mut rng = Rng::new(seed + 1);
     let of = |range: std::ops::Range<usize>| case.cloud.filtered(|i| range.contains(&i));
-    let template_ranges = vec![TemplateRange { first: 0, count: 300 }, TemplateRange { first: 300, count: 150 }];
+    let template_ranges = vec![SourceRange { first: 0, count: 300 }, SourceRange { first: 300, count: 150 }];
     let mut offsets = Offsets::default();
     for _ in 0..300 + 150 + 300 {
         offsets.means.push([(); 3].map(|()| rng.normal() as f32));

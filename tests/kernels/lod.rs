@@ -7,7 +7,7 @@ use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{DeviceScene, Picture, RenderOptions, Renderer, Surfaces};
 use instgs_vk::scene::lod::Levels;
-use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, SourceRange};
 
 use crate::common::gpu::{alpha, assert_silent, device_options, gpu, rgb};
 use crate::common::random_scene::{random_case, rare_case};
@@ -99,7 +99,7 @@ fn row_of_balls() -> InstancedScene {
     let place = |k: u32| Similarity::from_parts(glam::DMat3::IDENTITY, 1.0, DVec3::new(0.0, 0.0, 3.0 * f64::from(k)));
     InstancedScene {
         templates: ball(2000, 1.0, -3.2),
-        template_ranges: vec![TemplateRange { first: 0, count: 2000 }],
+        template_ranges: vec![SourceRange { first: 0, count: 2000 }],
         instances: (0..4)
             .map(|k| Instance { template: 0, world_from_template: place(k), first_offset: None })
             .collect(),

@@ -19,7 +19,7 @@ use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::optim::{Adam, MomentBuffer, POSE_VALUES, PoseBuffers, zero_moments};
-use instgs_vk::scene::{Gaussians, Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::{Gaussians, Instance, InstancedScene, SourceRange};
 
 use crate::backward::cotangents;
 use crate::common::gpu::{assert_silent, gpu};
@@ -79,7 +79,8 @@ fn gradients_of_many_instances_agree_with_the_twin() {
     assert_silent(&gpu);
 }
 
-/// Places on the device, with an instance behind them that is none.
+/// Places on the device, with an instance behind them that is none. Every third instance has a second row, for own
+/// Gaussians.
 struct DevicePoses {
     gpu: Arc<Gpu>,
     pipelines: BackwardPipelines,
@@ -88,7 +89,7 @@ struct DevicePoses {
     status: Buffer<u32>,
     instances: Buffer<types::Instance>,
     moments: MomentBuffer,
-    count: usize,
+    posed_rows: usize,
 }
 
 const RATES: [f64; 3] = [3e-3, 2e-3, 1e-3];
@@ -97,8 +98,16 @@ impl DevicePoses {
     fn new(gpu: &Arc<Gpu>, places: &[Similarity]) -> Self {
         let variant = Variant::for_device(gpu.caps());
         let cache = PipelineCache::new(gpu, None).unwrap();
-        let instance = |place: &Similarity| types::Instance { world_from_template: place.rows(), ..Default::default() };
-        let table: Vec<types::Instance> = places.iter().chain([&Similarity::IDENTITY]).map(instance).collect();
+        let rows = |(owner, place): (usize, &Similarity)| {
+            let (world_from_template, owner) = (place.rows(), owner as u32);
+            let row = types::Instance { world_from_template, owner, ..Default::default() };
+            vec![row; if owner % 3 == 1 { 2 } else { 1 }]
+        };
+        let mut table: Vec<types::Instance> = places.iter().enumerate().flat_map(rows).collect();
+        let posed_rows = table.len();
+        let world_from_template = Similarity::IDENTITY.rows();
+        let owner = places.len() as u32;
+        table.push(types::Instance { world_from_template, owner, ..Default::default() });
         Self {
             gpu: gpu.clone(),
             pipelines: BackwardPipelines::new(gpu, &cache, variant, SceneTraits::plain(0), true).unwrap(),
@@ -107,7 +116,7 @@ impl DevicePoses {
             status: upload(gpu, "status", &[0; 4]).unwrap(),
             instances: upload(gpu, "instances", &table).unwrap(),
             moments: zero_moments(gpu, "moments", POSE_VALUES * places.len()).unwrap(),
-            count: places.len(),
+            posed_rows,
         }
     }
 
@@ -126,7 +135,7 @@ impl DevicePoses {
         let adam = Adam { beta1, beta2, epsilon, step };
         let (pipeline, size) = (&self.pipelines.refine_poses, self.workgroup_size);
         let (instances, moments) = (&mut self.instances, &mut self.moments);
-        let buffers = PoseBuffers { gradients, instances, moments, count: self.count as u32 };
+        let buffers = PoseBuffers { gradients, instances, moments, posed_rows: self.posed_rows as u32 };
         adam.record_poses(&mut self.recorder, pipeline, size, &self.status, buffers, RATES).unwrap();
     }
 
@@ -141,11 +150,15 @@ impl DevicePoses {
         self.submit();
     }
 
-    /// The places; the last instance must be as it was.
+    /// The places; rows of an instance must agree, and the last instance must be as it was.
     fn places(&self) -> Vec<types::Instance> {
-        let mut all = download(&self.gpu, &self.instances, self.count + 1).unwrap();
+        let mut all = download(&self.gpu, &self.instances, self.posed_rows + 1).unwrap();
         let last = all.pop().unwrap();
         assert!(last.world_from_template == Similarity::IDENTITY.rows() && last.scale == 0.0);
+        all.dedup_by(|a, b| {
+            assert!(a.owner != b.owner || (a.world_from_template, a.scale) == (b.world_from_template, b.scale));
+            a.owner == b.owner
+        });
         all
     }
 }
@@ -267,7 +280,7 @@ fn furnished() -> InstancedScene {
     };
     let out = InstancedScene {
         templates,
-        template_ranges: vec![TemplateRange { first: 0, count: 30 }, TemplateRange { first: 30, count: 30 }],
+        template_ranges: vec![SourceRange { first: 0, count: 30 }, SourceRange { first: 30, count: 30 }],
         instances: (0..5).map(instance).collect(),
         background: good_cloud(6, 6),
         ..InstancedScene::default()

@@ -291,7 +291,7 @@ fn the_first_step_follows_the_twin() {
         let logits = disagreement(
             &start.offsets.opacity_logits,
             &got.offsets.opacity_logits,
-            &want.own[Parameter::OffsetOpacityLogits],
+            &want.per_instance[Parameter::OffsetOpacityLogits],
             RATES.offsets.opacity,
         );
         // Offsets of one instance alone do not lead the template.

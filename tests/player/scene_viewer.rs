@@ -11,7 +11,7 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::edit::{Edit, Keep, OffsetSource, Scatter, ScatterOver, Selector, Turn, apply};
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 use crate::common::chairs::chairs;
 use crate::common::gpu::{assert_silent, gpu};
@@ -319,7 +319,7 @@ fn bushes() -> InstancedScene {
         opacity_logits: leaves.iter().map(|l| l.3).collect(),
         sh: leaves.iter().map(|l| l.4).collect(),
     };
-    scene.template_ranges = vec![TemplateRange { first: 0, count: 200 }];
+    scene.template_ranges = vec![SourceRange { first: 0, count: 200 }];
     scene.offsets = Offsets::default();
     scene.foreign_tensors.clear();
     for instance in &mut scene.instances {

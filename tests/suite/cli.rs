@@ -9,7 +9,7 @@ use instgs_io::ktx2::{FloatImage, read_ktx2};
 use instgs_io::{load_scene, save_scene, write_cameras, write_ply};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 use serde_json::Value;
 
 use crate::common::dataset::{shared_data, transforms};
@@ -69,7 +69,7 @@ fn instanced_scene() -> InstancedScene {
     let cloud = three_gaussians();
     InstancedScene {
         templates: cloud.clone(),
-        template_ranges: vec![TemplateRange { first: 0, count: 3 }],
+        template_ranges: vec![SourceRange { first: 0, count: 3 }],
         instances: (0..4).map(instance).collect(),
         offsets: Offsets {
             means: vec![[0.01, 0.0, 0.02]; 6],

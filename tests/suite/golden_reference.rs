@@ -318,7 +318,7 @@ fn visible_chunks_are_those_that_draw_alone() {
         let all = sources(&case.scene);
         let mut want = Vec::new();
         for source in &all {
-            let item = ChunkItem { instance: source.instance, chunk: source.local_index / CHUNK_SIZE };
+            let item = ChunkItem { row: source.instance, chunk: source.local_index / CHUNK_SIZE };
             let alone = render_sources(std::slice::from_ref(source), &view);
             if want.last() != Some(&item) && alone.n_contrib.iter().any(|&n| n > 0) {
                 want.push(item);
@@ -326,7 +326,7 @@ fn visible_chunks_are_those_that_draw_alone() {
         }
         assert_eq!(visible_chunks(&case.scene, &case.camera, &case.options), want, "seed {seed}");
         let mut chunks: Vec<ChunkItem> =
-            all.iter().map(|s| ChunkItem { instance: s.instance, chunk: s.local_index / CHUNK_SIZE }).collect();
+            all.iter().map(|s| ChunkItem { row: s.instance, chunk: s.local_index / CHUNK_SIZE }).collect();
         chunks.dedup();
         visible += want.len();
         hidden += chunks.len() - want.len();

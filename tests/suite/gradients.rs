@@ -153,7 +153,7 @@ fn offsets_in_the_world_frame(setup: &Setup) -> SceneGradient {
         let range = scene.template_ranges[instance.template as usize];
         let back = instance.world_from_template.linear().transpose().inverse();
         for i in instance.first_offset.map_or(0..0, |first| first..first + range.count) {
-            let gradient = &mut out.own[Parameter::OffsetMeans].as_chunks_mut::<3>().0[i as usize];
+            let gradient = &mut out.per_instance[Parameter::OffsetMeans].as_chunks_mut::<3>().0[i as usize];
             *gradient = (back * DVec3::from_array(*gradient)).to_array();
         }
     }
@@ -183,7 +183,7 @@ fn transposed_transforms(setup: &Setup) -> SceneGradient {
 /// Offsets that are not trained.
 fn no_offset_logits(setup: &Setup) -> SceneGradient {
     let mut out = true_gradient(setup);
-    out.own[Parameter::OffsetOpacityLogits].fill(0.0);
+    out.per_instance[Parameter::OffsetOpacityLogits].fill(0.0);
     out
 }
 
@@ -220,9 +220,9 @@ fn the_comparison_fails_on_planted_errors() {
     let plants: [Plant; 9] = [
         ("nothing", &Tensor::ALL, true_gradient),
         ("average", &[Tensor::Means(CLOUD), Tensor::OpacityLogits(CLOUD)], averaged_over_instances),
-        ("world frame", &[Tensor::Own(Parameter::OffsetMeans)], offsets_in_the_world_frame),
+        ("world frame", &[Tensor::PerInstance(Parameter::OffsetMeans)], offsets_in_the_world_frame),
         ("transposed", &[Tensor::WorldFromTemplate], transposed_transforms),
-        ("offset logits", &[Tensor::Own(Parameter::OffsetOpacityLogits)], no_offset_logits),
+        ("offset logits", &[Tensor::PerInstance(Parameter::OffsetOpacityLogits)], no_offset_logits),
         ("slopes", &[Tensor::LogScales(CLOUD)], slopes_not_clamped),
         ("compensation", &[Tensor::LogScales(CLOUD)], compensation_switched),
         ("quaternion", &[Tensor::Quats(CLOUD)], unit_quaternions),

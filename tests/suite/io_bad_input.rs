@@ -10,7 +10,7 @@ use instgs_io::{
 };
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 
 /// `true` = a value, `false` = an error.
 type Reader = fn(&[u8]) -> bool;
@@ -47,7 +47,7 @@ fn scene() -> InstancedScene {
     let instance = |first_offset| Instance { template: 0, world_from_template: Similarity::IDENTITY, first_offset };
     InstancedScene {
         templates: cloud(1, 3),
-        template_ranges: vec![TemplateRange { first: 0, count: 3 }],
+        template_ranges: vec![SourceRange { first: 0, count: 3 }],
         instances: vec![instance(Some(0)), instance(None)],
         offsets: Offsets {
             means: vec![[0.1; 3]; 3],

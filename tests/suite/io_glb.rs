@@ -10,7 +10,7 @@ use instgs_io::write_glb;
 use instgs_vk::math::covariance::covariance;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 const PREFIX: &str = "KHR_gaussian_splatting:";
 
@@ -132,7 +132,7 @@ fn scene() -> InstancedScene {
     };
     InstancedScene {
         templates: cloud(3, 12, 1.0),
-        template_ranges: vec![TemplateRange { first: 0, count: 7 }, TemplateRange { first: 7, count: 5 }],
+        template_ranges: vec![SourceRange { first: 0, count: 7 }, SourceRange { first: 7, count: 5 }],
         instances: vec![
             instance(0, 0, Some(0)),
             instance(1, 1, None),
@@ -149,6 +149,13 @@ fn scene() -> InstancedScene {
         background: cloud(1, 9, 3.0),
         ..InstancedScene::default()
     }
+}
+
+/// The scene with own Gaussians, of which the third and fourth instance have the same.
+fn with_own(scene: InstancedScene) -> InstancedScene {
+    let range = |first, count| SourceRange { first, count };
+    let own_ranges = vec![range(0, 3), range(0, 0), range(3, 2), range(3, 2), range(5, 1)];
+    InstancedScene { own: cloud(3, 6, 0.5), own_ranges, ..scene }
 }
 
 /// The largest differences of means, covariances, opacities and colours from the flattened scene, seen from one side.
@@ -185,7 +192,7 @@ fn written(scene: &InstancedScene, up: DVec3) -> Vec<u8> {
 /// covariances 1e-8, opacities 3e-8, colours 5.4e-7.
 #[test]
 fn another_reader_rebuilds_the_flattened_scene() {
-    let scene = scene();
+    let scene = with_own(scene());
     let bytes = written(&scene, DVec3::NEG_Y);
     assert_eq!(written(&scene, DVec3::NEG_Y), bytes, "the same bytes each time");
     let (root, splats) = read_world(&bytes);
@@ -205,7 +212,12 @@ fn an_instance_with_offsets_costs_28_bytes_a_gaussian() {
     let bytes = written(&scene(), DVec3::Z);
     let container = gltf::Glb::from_slice(&bytes).unwrap();
     let shared = 12 * (12 + 16 + 15 * 12);
-    assert_eq!(container.bin.unwrap().len(), shared + 28 * (7 + 5 + 7 + 5) + 9 * (28 + 28 + 3 * 12));
+    let bytes_before = shared + 28 * (7 + 5 + 7 + 5) + 9 * (28 + 28 + 3 * 12);
+    assert_eq!(container.bin.unwrap().len(), bytes_before);
+    // Own Gaussians cost what a plain cloud's do, once if instances share them.
+    let bytes = written(&with_own(scene()), DVec3::Z);
+    let container = gltf::Glb::from_slice(&bytes).unwrap();
+    assert_eq!(container.bin.unwrap().len(), bytes_before + 6 * (28 + 28 + 15 * 12));
 }
 
 #[test]

@@ -16,7 +16,7 @@ use instgs_vk::math::nearest::PointSet;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::{SH_C0, ShRotation, widened};
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Gaussians, Instance, InstancedScene, PosedGroup, PosedInstance, TemplateRange};
+use instgs_vk::scene::{Gaussians, Instance, InstancedScene, PosedGroup, PosedInstance, SourceRange};
 
 /// Error of the given poses: rotation in radians, scale and shift as a share of the size. Two degrees, two percent.
 const POSE_ERROR: f64 = 0.035;
@@ -78,7 +78,7 @@ fn placed(rng: &mut Rng, objects: &[Gaussians], pose_error: f64) -> Input {
             rng.range(0.8, 1.3),
             rng.normal_vector() * 10.0,
         );
-        scene.template_ranges.push(TemplateRange { first: scene.templates.len() as u32, count: object.len() as u32 });
+        scene.template_ranges.push(SourceRange { first: scene.templates.len() as u32, count: object.len() as u32 });
         scene.templates.append(object);
         scene.instances.push(Instance { template: k as u32, world_from_template: pose, first_offset: None });
         labels.extend(std::iter::repeat_n(k as u32 + 1, object.len()));

@@ -67,6 +67,7 @@ struct Bytes {
 #[derive(serde::Serialize)]
 struct HostParts {
     templates: u64,
+    own: u64,
     background: u64,
     offsets: u64,
     instances: u64,
@@ -89,6 +90,7 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
         bytes: Bytes { file: loaded.file_bytes, host: scene.tensor_bytes(), device_scene: device_parts.total() },
         host_parts: HostParts {
             templates: scene.templates.tensor_bytes(),
+            own: scene.own.tensor_bytes(),
             background: scene.background.tensor_bytes(),
             offsets: scene.offsets.tensor_bytes(),
             instances: scene.instance_bytes() * scene.instances.len() as u64,
@@ -127,6 +129,7 @@ fn print(report: &Inspection, printer: &Printer) {
             ("in templates", gaussians.template),
             ("instances", *instances),
             ("offset records", gaussians.offsets),
+            ("instances' own", gaussians.own),
             ("background", gaussians.background),
         ]),
     );
@@ -140,6 +143,7 @@ fn print(report: &Inspection, printer: &Printer) {
         bytes.file,
         &named(&[
             ("templates", file_sums.templates),
+            ("instances' own", file_sums.own),
             ("background", file_sums.background),
             ("offsets", file_sums.offsets),
             ("instances", file_sums.instances),
@@ -154,6 +158,7 @@ fn print(report: &Inspection, printer: &Printer) {
         bytes.host,
         &named(&[
             ("templates", host_parts.templates),
+            ("instances' own", host_parts.own),
             ("background", host_parts.background),
             ("offsets", host_parts.offsets),
             ("instances", host_parts.instances),
@@ -165,6 +170,7 @@ fn print(report: &Inspection, printer: &Printer) {
         bytes.device_scene,
         &named(&[
             ("templates", device_parts.templates),
+            ("instances' own", device_parts.own),
             ("background", device_parts.background),
             ("offsets", device_parts.offsets),
             ("instances", device_parts.instances),

@@ -28,6 +28,7 @@ pub(super) struct FilePart {
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Purpose {
     Templates,
+    Own,
     Background,
     Offsets,
     Instances,
@@ -40,6 +41,8 @@ pub(super) enum Purpose {
 #[derive(Clone, Copy, serde::Serialize)]
 pub(super) struct FileSums {
     pub(super) templates: u64,
+    /// Gaussians that instances have of their own.
+    pub(super) own: u64,
     pub(super) background: u64,
     /// Offset records, with the ranges of q8.
     pub(super) offsets: u64,
@@ -56,6 +59,7 @@ impl FileSums {
         let sum = |purpose| parts.iter().filter(|p| p.purpose == purpose).map(|p| p.bytes).sum();
         Self {
             templates: sum(Purpose::Templates),
+            own: sum(Purpose::Own),
             background: sum(Purpose::Background),
             offsets: sum(Purpose::Offsets),
             instances: sum(Purpose::Instances),
@@ -124,10 +128,11 @@ fn rows_of(name: &str, info: &TensorInfo, data: &[u8]) -> u64 {
 fn purpose_of(tensor: &str) -> Purpose {
     const CLOUD: [&str; 5] = ["means", "quats", "log_scales", "opacity_logits", "sh"];
     const OFFSETS: [&str; 7] = ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", "range"];
-    const INSTANCES: [&str; 4] = ["template", "world_from_template", "first_offset", "color_from_template"];
+    const INSTANCES: [&str; 5] = ["template", "world_from_template", "first_offset", "color_from_template", "own"];
     match tensor.strip_suffix(SUFFIX).unwrap_or(tensor).split_once('.') {
         Some(("template", "ranges")) => Purpose::TemplateRanges,
         Some(("template", field)) if CLOUD.contains(&field) => Purpose::Templates,
+        Some(("own", field)) if CLOUD.contains(&field) => Purpose::Own,
         Some(("background", field)) if CLOUD.contains(&field) => Purpose::Background,
         Some(("offset", field)) if OFFSETS.contains(&field) => Purpose::Offsets,
         Some(("instance", field)) if INSTANCES.contains(&field) => Purpose::Instances,
@@ -140,22 +145,23 @@ mod tests {
     use super::*;
     use instgs_io::Pack;
     use instgs_io::scene_write::packed_scene_file_bytes;
-    use instgs_samples::with_ablations;
+    use instgs_samples::{with_ablations, with_own};
 
     #[test]
     fn parts_add_up_to_the_file() -> Result<(), CliError> {
         let path = Path::new("x.instgs");
-        for pack in [Pack::F32, Pack::F16, Pack::Q8, Pack::Small] {
-            let scene = with_ablations();
+        let packs = [Pack::F32, Pack::F16, Pack::Q8, Pack::Small];
+        for (pack, scene) in packs.iter().flat_map(|&pack| [(pack, with_ablations()), (pack, with_own())]) {
             let bytes = packed_scene_file_bytes(&scene, pack, path)?;
             let parts = tensor_parts(&bytes, path)?;
             assert_eq!(parts.iter().map(|p| p.bytes).sum::<u64>(), bytes.len() as u64);
             let sums = FileSums::of(&parts);
-            let gaussians = sums.templates + sums.background;
+            let gaussians = sums.templates + sums.own + sums.background;
+            assert_eq!(sums.own > 0, !scene.own.is_empty());
             let tables = sums.offsets + sums.instances + sums.template_ranges;
             assert_eq!(gaussians + tables + sums.foreign + sums.header, bytes.len() as u64);
             // Two foreign tensors of 3 and 8 bytes.
-            assert_eq!((sums.foreign, sums.instances), (11, 56 * scene.instances.len() as u64));
+            assert_eq!((sums.foreign, sums.instances), (11, scene.instance_bytes() * scene.instances.len() as u64));
         }
         Ok(())
     }

@@ -1,5 +1,6 @@
 //! Bytes of each group of instances in the file, next to their lower bound and to those of its copies in a .ply.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 
 use super::inspect_file::{FilePart, Purpose};
@@ -7,7 +8,7 @@ use instgs_console::table::{Table, grouped};
 use instgs_io::ply;
 use instgs_io::scene_pack::segments;
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{InstancedScene, TemplateRange};
+use instgs_vk::scene::{InstancedScene, SourceRange};
 
 /// First Gaussian and count of a template.
 pub(super) const RANGE_BYTES: u64 = 8;
@@ -21,12 +22,14 @@ pub(super) struct GroupReport {
     instances: u64,
     instances_with_offsets: u64,
     expanded: u64,
-    /// Bytes of template, offsets and instances in this file.
+    /// Gaussians that its instances have of their own.
+    own: u64,
+    /// Bytes of template, offsets, instances and their own Gaussians in this file.
     stored_bytes: u64,
     flattened_ply_bytes: u64,
     /// The ratio flattened_ply_bytes / stored_bytes.
     shrink: f64,
-    /// Least bytes of this number of instances with offsets, for each way to pack the file.
+    /// Least bytes of this number of instances with offsets, own Gaussians included, for each way to pack the file.
     bound_bytes: ByPack<u64>,
     /// The ratio flattened_ply_bytes / bound_bytes: how much smaller the group can become.
     bound: ByPack<f64>,
@@ -48,9 +51,10 @@ pub(super) fn ratio(a: u64, b: u64) -> f64 {
 /// floats take 2 bytes each, but positions keep 4: 2 V + 6. An offset record is 7 numbers of 4, 2 or 1 bytes. For SH 3,
 /// N Gaussians and K instances the bounds are 236 N + 28 K N, 124 N + 14 K N, and 124 N + 7 K N, compared with 4 (V +
 /// 3) K N = 248 K N with the normals of a .ply.
-fn bound_bytes(gaussians: u64, instances: u64, sh_degree: u32) -> ByPack<u64> {
+/// `own` Gaussians of instances take a row each.
+fn bound_bytes(gaussians: u64, instances: u64, own: u64, sh_degree: u32) -> ByPack<u64> {
     let values = 11 + 3 * sh_coefficients(sh_degree) as u64;
-    let of = |row: u64, record: u64| gaussians * (row + record * instances);
+    let of = |row: u64, record: u64| gaussians * (row + record * instances) + own * row;
     ByPack { f32: of(4 * values, 28), f16: of(2 * values + 6, 14), q8: of(2 * values + 6, 7) }
 }
 
@@ -66,16 +70,21 @@ fn group(
     parts: &[FilePart],
     segments: &[Range<usize>],
     template: usize,
-    range: &TemplateRange,
+    range: &SourceRange,
 ) -> GroupReport {
-    let members = scene.instances.iter().filter(|i| i.template as usize == template);
+    let members = (0..scene.instances.len()).filter(|&k| scene.instances[k].template as usize == template);
     let instances = members.clone().count() as u64;
-    let firsts: Vec<usize> = members.filter_map(|i| i.first_offset).map(|first| first as usize).collect();
+    let firsts: Vec<usize> =
+        members.clone().filter_map(|k| scene.instances[k].first_offset).map(|first| first as usize).collect();
+    // Shared ones are counted once, like shared records.
+    let own: BTreeSet<SourceRange> = members.clone().map(|k| scene.own_range(k)).collect();
+    let own: u64 = own.iter().map(|range| u64::from(range.count)).sum();
+    let expanded_own: u64 = members.map(|k| u64::from(scene.own_range(k).count)).sum();
     // The group's offset records consist of whole segments; shared records are counted once.
     let len = range.count as usize;
     let used = |s: &&Range<usize>| firsts.iter().any(|&first| first <= s.start && s.end <= first + len);
-    let own = segments.iter().filter(used);
-    let records: u64 = own.clone().map(|s| s.len() as u64).sum();
+    let of_group = segments.iter().filter(used);
+    let records: u64 = of_group.clone().map(|s| s.len() as u64).sum();
     // Rows of a tensor have one size; of a coded table, each group has its share.
     let bytes_of = |rows: u64, purpose, is_range: bool| {
         let of = parts.iter().filter(|p| p.purpose == purpose && p.rows > 0 && (p.name == "offset.range") == is_range);
@@ -84,11 +93,13 @@ fn group(
     let gaussians = u64::from(range.count);
     let stored_bytes = bytes_of(gaussians, Purpose::Templates, false)
         + bytes_of(records, Purpose::Offsets, false)
-        + bytes_of(own.count() as u64, Purpose::Offsets, true)
+        + bytes_of(of_group.count() as u64, Purpose::Offsets, true)
+        + bytes_of(own, Purpose::Own, false)
         + scene.instance_bytes() * instances
         + RANGE_BYTES;
-    let flattened_ply_bytes = gaussians * instances * ply::row_bytes(scene.sh_degree());
-    let bound_bytes = bound_bytes(gaussians, instances, scene.templates.sh_degree);
+    let expanded = gaussians * instances + expanded_own;
+    let flattened_ply_bytes = expanded * ply::row_bytes(scene.sh_degree());
+    let bound_bytes = bound_bytes(gaussians, instances, own, scene.templates.sh_degree);
     let times = |bytes| ratio(flattened_ply_bytes, bytes);
     GroupReport {
         template,
@@ -96,7 +107,8 @@ fn group(
         gaussians,
         instances,
         instances_with_offsets: firsts.len() as u64,
-        expanded: gaussians * instances,
+        expanded,
+        own,
         stored_bytes,
         flattened_ply_bytes,
         shrink: times(stored_bytes),
@@ -113,6 +125,7 @@ pub(super) fn groups_table(groups: &[GroupReport]) -> Table {
         "Gaussians",
         "instances",
         "with offsets",
+        "own",
         ".ply of copies",
         "stored bytes",
         "bound f32",
@@ -127,6 +140,7 @@ pub(super) fn groups_table(groups: &[GroupReport]) -> Table {
             grouped(group.gaussians),
             grouped(group.instances),
             grouped(group.instances_with_offsets),
+            grouped(group.own),
             grouped(group.flattened_ply_bytes),
             cell(group.stored_bytes, group.shrink),
             cell(group.bound_bytes.f32, group.bound.f32),
@@ -146,24 +160,27 @@ mod tests {
     use instgs_console::CliError;
     use instgs_io::Pack;
     use instgs_io::scene_write::packed_scene_file_bytes;
-    use instgs_samples::{sample_scene, with_ablations};
+    use instgs_samples::{sample_scene, with_ablations, with_own};
 
     /// For K = 8 instances the reduction is at most 8.4 and 11.0 (q8), for K = 64 15.6 (q8).
     #[test]
     fn bounds_are_those_of_the_design() {
         assert_eq!(ply::row_bytes(3), 248);
-        assert_eq!(bound_bytes(10, 4, 3), ByPack { f32: 10 * (236 + 112), f16: 10 * (124 + 56), q8: 10 * (124 + 28) });
+        assert_eq!(
+            bound_bytes(10, 4, 0, 3),
+            ByPack { f32: 10 * (236 + 112), f16: 10 * (124 + 56), q8: 10 * (124 + 28) }
+        );
         let shrink = |k: u64, bound: u64| ratio(248 * k, bound);
         let near = |a: f64, b: f64| (a - b).abs() < 0.05;
-        assert!(near(shrink(8, bound_bytes(1, 8, 3).f16), 8.4) && near(shrink(8, bound_bytes(1, 8, 3).q8), 11.0));
-        assert!(near(shrink(64, bound_bytes(1, 64, 3).f16), 15.6));
+        assert!(near(shrink(8, bound_bytes(1, 8, 0, 3).f16), 8.4) && near(shrink(8, bound_bytes(1, 8, 0, 3).q8), 11.0));
+        assert!(near(shrink(64, bound_bytes(1, 64, 0, 3).f16), 15.6));
     }
 
     #[test]
     fn groups_background_and_header_are_the_whole_file() -> Result<(), CliError> {
         let path = Path::new("x.instgs");
         for pack in [Pack::F32, Pack::F16, Pack::Q8] {
-            for scene in [sample_scene(), with_ablations()] {
+            for scene in [sample_scene(), with_ablations(), with_own()] {
                 let bytes = packed_scene_file_bytes(&scene, pack, path)?;
                 let parts = tensor_parts(&bytes, path)?;
                 let sums = FileSums::of(&parts);

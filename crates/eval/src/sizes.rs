@@ -10,6 +10,9 @@ pub struct Counts {
     pub template: u64,
     /// Number of offset records; 0 for a plain cloud.
     pub offsets: u64,
+    /// Gaussians that instances have of their own.
+    #[serde(default)]
+    pub own: u64,
     /// Gaussians in the background; all of a plain cloud.
     pub background: u64,
     /// Gaussians after expanding all instances.
@@ -22,14 +25,15 @@ impl Counts {
         Self {
             template: scene.templates.len() as u64,
             offsets: scene.offsets.len() as u64,
+            own: scene.own.len() as u64,
             background: scene.background.len() as u64,
             expanded: scene.expanded_len(),
         }
     }
 
-    /// Number of Gaussians in the file: those of templates and background.
+    /// Number of Gaussians in the file: those of templates, instances' own, and background.
     pub fn stored(&self) -> u64 {
-        self.template + self.background
+        self.template + self.own + self.background
     }
 }
 

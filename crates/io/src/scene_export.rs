@@ -53,7 +53,7 @@ impl ExportFormat {
 /// # Errors
 /// The file cannot be written, or there is not enough memory.
 pub fn export_scene(to: &Path, scene: &InstancedScene, format: ExportFormat, up: DVec3) -> Result<u64, IoError> {
-    let stored = (scene.templates.len() + scene.background.len()) as u64;
+    let stored = scene.source_len() as u64;
     match format {
         ExportFormat::Instgs(pack) => scene_write::write_scene_file_packed(to, scene, pack)?,
         ExportFormat::Glb => {

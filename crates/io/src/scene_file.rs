@@ -14,7 +14,7 @@ use crate::scene_pack::{CHANNELS, OffsetRanges, segments};
 use crate::scene_small::{SUFFIX, TableError, small_shape, small_values};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
-use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, SourceRange};
 use instgs_vk::scene::offsets::Offsets;
 
 pub(crate) const FORMAT: &str = "instgs/1";
@@ -51,6 +51,7 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
 
     let mut scene = InstancedScene {
         templates: reader.cloud("template")?,
+        own: reader.cloud("own")?,
         background: reader.cloud("background")?,
         source: metadata.remove("source").unwrap_or_default(),
         antialias: match metadata.remove("antialias").as_deref() {
@@ -73,16 +74,14 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
             ));
         }
     }
-    scene.template_ranges = reader
-        .u32s("template.ranges", &[2])?
-        .as_chunks::<2>()
-        .0
-        .iter()
-        .map(|&[first, count]| TemplateRange { first, count })
-        .collect();
+    scene.template_ranges = reader.ranges("template.ranges")?;
     scene.instances = reader.instances()?;
     let colors = reader.optional("instance.color_from_template", &[3, 4], scene.instances.len())?;
     scene.color_from_template = colors.as_chunks().0.as_chunks().0.to_vec();
+    scene.own_ranges = reader.ranges("instance.own")?;
+    if scene.own_ranges.is_empty() && !scene.own.is_empty() {
+        return Err(reader.error("instance.own", "is missing, but there are own Gaussians of instances"));
+    }
     scene.offsets = reader.offsets(&scene)?;
     scene.validate().map_err(|e| IoError::new(path, e.reason).at(Place::Tensor(e.tensor)))?;
     for (name, view) in reader.left {
@@ -180,6 +179,12 @@ impl<'a> Reader<'a> {
             return Err(self.error(name, format!("has the type {}, not U32", dtype_name(dtype))));
         }
         Ok(data.as_chunks::<4>().0.iter().map(|&b| u32::from_le_bytes(b)).collect())
+    }
+
+    /// Takes a tensor of ranges, first and count; empty if it is absent.
+    fn ranges(&mut self, name: &str) -> Result<Vec<SourceRange>, IoError> {
+        let values = self.u32s(name, &[2])?;
+        Ok(values.as_chunks().0.iter().map(|&[first, count]| SourceRange { first, count }).collect())
     }
 
     fn cloud(&mut self, group: &str) -> Result<Gaussians, IoError> {

@@ -54,7 +54,7 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
             (of_cloud(gaussians, antialias), notes)
         }
     };
-    let before = scene.templates.len() + scene.background.len();
+    let before = scene.source_len();
     let dropped_non_finite = scene.drop_non_finite();
     if before > 0 && dropped_non_finite == before {
         return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters")));

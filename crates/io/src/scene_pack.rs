@@ -16,7 +16,7 @@ use std::ops::Range;
 
 use half::f16;
 
-use instgs_vk::scene::instanced_scene::{ForeignTensor, Instance, TemplateRange};
+use instgs_vk::scene::instanced_scene::{ForeignTensor, Instance, SourceRange};
 
 /// How the values of an `.instgs` file are stored. Transforms are F32 in all formats, template and background means in
 /// all but `Small`.
@@ -75,7 +75,7 @@ pub(crate) fn fits_half(values: &[f32]) -> bool {
 }
 
 /// The records `0..count`, cut where a run of an instance begins or ends, in order. Runs may still be invalid.
-pub fn segments(instances: &[Instance], templates: &[TemplateRange], count: usize) -> Vec<Range<usize>> {
+pub fn segments(instances: &[Instance], templates: &[SourceRange], count: usize) -> Vec<Range<usize>> {
     let mut cuts = BTreeSet::from([0, count]);
     for instance in instances {
         if let (Some(first), Some(range)) = (instance.first_offset, templates.get(instance.template as usize)) {
@@ -217,7 +217,7 @@ mod tests {
             world_from_template: Similarity::IDENTITY,
             first_offset: Some(first_offset),
         };
-        let templates = [TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }];
+        let templates = [SourceRange { first: 0, count: 3 }, SourceRange { first: 3, count: 2 }];
         // The same run twice, an overlapping one, and the unused records 6..9.
         let runs = [instance(0, 0), instance(0, 0), instance(0, 3), instance(1, 2)];
         assert_eq!(segments(&runs, &templates, 9), [0..2, 2..3, 3..4, 4..6, 6..9]);

@@ -46,9 +46,15 @@ pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) 
         // Unknown tensors may be parallel to the background, whose order must then not change.
         let ordered = scene.foreign_tensors.is_empty().then(|| in_space_order(&scene.background));
         put_small(&mut tensors, "template", &scene.templates, path)?;
+        if !scene.own.is_empty() {
+            put_small(&mut tensors, "own", &scene.own, path)?;
+        }
         put_small(&mut tensors, "background", ordered.as_ref().unwrap_or(&scene.background), path)?;
     } else {
         put_cloud(&mut tensors, "template", &scene.templates, pack);
+        if !scene.own.is_empty() {
+            put_cloud(&mut tensors, "own", &scene.own, pack);
+        }
         put_cloud(&mut tensors, "background", &scene.background, pack);
     }
     put_instances(&mut tensors, scene);
@@ -97,6 +103,9 @@ fn put_instances(tensors: &mut Tensors, scene: &InstancedScene) {
     put("instance.first_offset", u32s(&[k], scene.instances.iter().map(|i| i.first_offset.unwrap_or(NO_OFFSET))));
     let poses: Vec<f32> = scene.instances.iter().flat_map(|i| i.world_from_template.rows()).flatten().collect();
     put("instance.world_from_template", floats(&[k, 3, 4], &poses));
+    if !scene.own_ranges.is_empty() {
+        put("instance.own", u32s(&[k, 2], scene.own_ranges.iter().flat_map(|r| [r.first, r.count])));
+    }
     let colors = scene.color_from_template.as_flattened().as_flattened();
     if !colors.is_empty() {
         put("instance.color_from_template", floats(&[k, 3, 4], colors));

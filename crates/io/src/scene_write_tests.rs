@@ -3,10 +3,10 @@
 use super::*;
 use crate::scene_file::parse_scene_file;
 use instgs_samples::sample;
-use instgs_samples::{sample_scene, with_ablations};
+use instgs_samples::{sample_scene, with_ablations, with_own};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::instanced_scene::{Instance, TemplateRange};
+use instgs_vk::scene::instanced_scene::{Instance, SourceRange};
 
 fn path() -> &'static Path {
     Path::new("x.instgs")
@@ -21,7 +21,7 @@ fn repeated(instances: usize, count: usize) -> InstancedScene {
     let mut rng = Rng::new(5);
     let mut scene = InstancedScene {
         templates: sample(3, count),
-        template_ranges: vec![TemplateRange { first: 0, count: count as u32 }],
+        template_ranges: vec![SourceRange { first: 0, count: count as u32 }],
         ..InstancedScene::default()
     };
     for k in 0..instances {
@@ -47,7 +47,7 @@ fn difference(a: &[f32], b: &[f32], scale: f32) -> f32 {
 
 #[test]
 fn f16_keeps_eleven_bits_and_means_and_poses_whole() -> Result<(), IoError> {
-    for scene in [sample_scene(), with_ablations(), repeated(3, 20), InstancedScene::default()] {
+    for scene in [sample_scene(), with_ablations(), with_own(), repeated(3, 20), InstancedScene::default()] {
         let bytes = packed_scene_file_bytes(&scene, Pack::F16, path())?;
         let back = parse_scene_file(&bytes, path())?;
         assert_eq!(packed_scene_file_bytes(&back, Pack::F16, path())?, bytes, "a second packing loses more");
@@ -55,7 +55,9 @@ fn f16_keeps_eleven_bits_and_means_and_poses_whole() -> Result<(), IoError> {
             (&back.instances, &back.groups, &back.foreign_tensors),
             (&scene.instances, &scene.groups, &scene.foreign_tensors)
         );
-        for (a, b) in [(&scene.templates, &back.templates), (&scene.background, &back.background)] {
+        assert_eq!(back.own_ranges, scene.own_ranges);
+        let own = (&scene.own, &back.own);
+        for (a, b) in [(&scene.templates, &back.templates), own, (&scene.background, &back.background)] {
             assert_eq!(a.means, b.means);
             let near = |a: &[f32], b: &[f32]| a.iter().zip(b).all(|(x, y)| (x - y).abs() <= x.abs() / 2048.0 + 3e-8);
             assert!(near(a.sh.as_flattened(), b.sh.as_flattened()) && near(&a.opacity_logits, &b.opacity_logits));

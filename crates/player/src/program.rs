@@ -287,7 +287,7 @@ fn headless(args: &PlayerArgs, loaded: LoadedScene, cameras: &[Camera], printer:
 
 /// Number of stored and of expanded Gaussians.
 fn gaussian_counts(scene: &InstancedScene) -> [u64; 2] {
-    [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()]
+    [scene.source_len() as u64, scene.expanded_len()]
 }
 
 fn played(

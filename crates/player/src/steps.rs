@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::edit::Edit;
 use instgs_vk::scene::instanced_scene::{ColorMatrix, ForeignTensor};
-use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 
 /// The part of a scene that must be uploaded again.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -37,10 +37,11 @@ pub(super) struct Parts {
     instances: Option<Vec<Instance>>,
     groups: Option<Vec<Group>>,
     offsets: Option<Offsets>,
+    own: Option<(Gaussians, Vec<SourceRange>)>,
     color_from_template: Option<Vec<ColorMatrix>>,
     template_sh: Option<Vec<[f32; 3]>>,
     /// The whole source pool with its colours: present only if Gaussians were removed from it.
-    templates: Option<(Gaussians, Vec<TemplateRange>)>,
+    templates: Option<(Gaussians, Vec<SourceRange>)>,
     foreign_tensors: Option<BTreeMap<String, ForeignTensor>>,
 }
 
@@ -59,6 +60,7 @@ impl Parts {
         let lists = |parts: Self| Self {
             groups: Some(scene.groups.clone()),
             offsets: Some(scene.offsets.clone()),
+            own: Some((scene.own.clone(), scene.own_ranges.clone())),
             color_from_template: Some(scene.color_from_template.clone()),
             foreign_tensors: Some(scene.foreign_tensors.clone()),
             ..parts
@@ -79,6 +81,7 @@ impl Parts {
             instances: self.instances.filter(|was| *was != scene.instances),
             groups: self.groups.filter(|was| *was != scene.groups),
             offsets: self.offsets.filter(|was| *was != scene.offsets),
+            own: self.own.filter(|was| was.0 != scene.own || was.1 != scene.own_ranges),
             color_from_template: self.color_from_template.filter(|was| *was != scene.color_from_template),
             template_sh: self.template_sh.filter(|was| *was != scene.templates.sh),
             templates: self.templates.filter(|was| was.0 != scene.templates || was.1 != scene.template_ranges),
@@ -93,26 +96,30 @@ impl Parts {
 
     /// True if no part of the scene is stored.
     pub(super) fn is_empty(&self) -> bool {
-        let Self { instances, groups, offsets, color_from_template, template_sh, templates, foreign_tensors } = self;
+        let Self { instances, groups, offsets, own, color_from_template, template_sh, templates, foreign_tensors } =
+            self;
         let lists = groups.is_none() && offsets.is_none() && color_from_template.is_none() && foreign_tensors.is_none();
-        lists && instances.is_none() && template_sh.is_none() && templates.is_none()
+        lists && instances.is_none() && own.is_none() && template_sh.is_none() && templates.is_none()
     }
 
     /// Memory of the parts in bytes, without names.
     pub(super) fn bytes(&self) -> u64 {
         let instances = self.instances.as_ref().map_or(0, |instances| 56 * instances.len() as u64);
         let offsets = self.offsets.as_ref().map_or(0, Offsets::tensor_bytes);
+        let of_own = |(own, ranges): &(Gaussians, Vec<SourceRange>)| own.tensor_bytes() + 8 * ranges.len() as u64;
+        let own = self.own.as_ref().map_or(0, of_own);
         let colors = self.color_from_template.as_ref().map_or(0, |matrices| 48 * matrices.len() as u64);
         let sh = self.template_sh.as_ref().map_or(0, |sh| 12 * sh.len() as u64);
         let templates = self.templates.as_ref().map_or(0, |(templates, _)| templates.tensor_bytes());
         let foreign = self.foreign_tensors.as_ref();
         let foreign = foreign.map_or(0, |all| all.values().map(|tensor| tensor.bytes.len() as u64).sum());
-        instances + offsets + colors + sh + templates + foreign
+        instances + offsets + own + colors + sh + templates + foreign
     }
 
     /// What must be uploaded when the scene's parts and these are swapped.
     pub(super) fn changed(&self, scene: &InstancedScene) -> Changed {
         let pools = self.offsets.is_some()
+            || self.own.is_some()
             || self.color_from_template.is_some()
             || self.template_sh.is_some()
             || self.templates.is_some();
@@ -134,6 +141,10 @@ impl Parts {
         swap(&mut self.instances, &mut scene.instances);
         swap(&mut self.groups, &mut scene.groups);
         swap(&mut self.offsets, &mut scene.offsets);
+        if let Some((own, ranges)) = &mut self.own {
+            std::mem::swap(own, &mut scene.own);
+            std::mem::swap(ranges, &mut scene.own_ranges);
+        }
         swap(&mut self.color_from_template, &mut scene.color_from_template);
         swap(&mut self.template_sh, &mut scene.templates.sh);
         if let Some((templates, ranges)) = &mut self.templates {

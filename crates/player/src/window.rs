@@ -336,7 +336,7 @@ impl Live {
         let input = self.screen.ui.take_egui_input(&self.screen.window);
         let mut mode = self.screen.swapchain.mode();
         let scene = self.session.viewer.scene();
-        let gaussians = [(scene.templates.len() + scene.background.len()) as u64, scene.expanded_len()];
+        let gaussians = [scene.source_len() as u64, scene.expanded_len()];
         let bytes = [
             ("file", self.session.file_bytes),
             ("device in total", self.session.gpu.memory_usage().0),

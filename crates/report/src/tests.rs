@@ -212,7 +212,8 @@ pub(super) fn two_phases() -> ReportData {
     report.stages =
         vec![stage("3dgs: train", 875.0), stage("segment", 30.0), stage("register", 4.7), stage("merge", 5.5)];
     report.eval = Some(quality(24.1));
-    report.gaussians = Counts { template: 6222, offsets: 74_664, background: 20_000, expanded: 94_664 };
+    report.gaussians =
+        Counts { template: 6222, offsets: 74_664, background: 20_000, expanded: 94_664, ..Counts::default() };
     report.bytes = Bytes { file: 10_000_000, host: 12_508_000, ..report.bytes };
     report.groups = vec![group(Some("<car> & co"), 0.031), group(None, 0.236)];
     report.repeated = Some(RepeatedBytes { ply: 18_516_672, f32: 3_558_984, f16: 1_816_824, q8: 1_294_176 });

@@ -71,14 +71,15 @@ pub fn most_in_training(binding_bytes: u64, sh_degree: u32) -> u32 {
 }
 
 impl DeviceState {
-    /// Uploads a scene, with moments of zero.
+    /// Uploads a scene, with moments of zero. Own Gaussians that instances share are copied, so that each learns its own.
     ///
     /// # Errors
     /// An inconsistent scene, or one beyond the device's limits.
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         let sh_degree = scene.templates.sh_degree.max(scene.background.sh_degree);
         let limit = u64::from(most_in_training(gpu.caps().max_storage_bytes, sh_degree));
-        let needed = (scene.templates.len() + scene.background.len()) as u64;
+        let scene = &scene.with_packed_own();
+        let needed = scene.source_len() as u64;
         if needed > limit {
             return Err(RenderError::TooMany { what: "Gaussians in training", needed, limit });
         }
@@ -104,7 +105,7 @@ impl DeviceState {
         })
     }
 
-    /// Number of source Gaussians: templates and background.
+    /// Number of source Gaussians: templates, instances' own, and background.
     pub fn source_count(&self) -> usize {
         self.layout.source_count()
     }
@@ -142,6 +143,8 @@ impl DeviceState {
     pub fn download(&self, gpu: &Arc<Gpu>) -> Result<InstancedScene, RenderError> {
         let mut names = self.names.clone();
         names.template_ranges.clone_from(&self.layout.template_ranges);
+        names.own_ranges.clone_from(&self.layout.own_ranges);
+        names.own = zeros(self.layout.own, self.layout.templates.sh_degree);
         for (instance, source) in names.instances.iter_mut().zip(&self.layout.instances) {
             instance.first_offset = source.first_offset;
         }
@@ -171,12 +174,12 @@ impl DeviceState {
             let buffers = AdamBuffers { gradients: by, parameters: values, moments };
             adam.record(recorder, &pipelines.adam, workgroup_size, &log.status, buffers, groups)?;
         }
-        let posed = scene.posed_instances();
+        let posed_rows = scene.posed_rows();
         let poses = PoseBuffers {
             gradients: &gradients.poses,
             instances: &mut scene.instances,
             moments: &mut moments.poses,
-            count: posed,
+            posed_rows,
         };
         adam.record_poses(recorder, &pipelines.refine_poses, workgroup_size, &log.status, poses, rates.poses.values())
     }

@@ -10,7 +10,7 @@ use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::gpu::{Buffer, Gpu};
 use instgs_vk::optim::POSE_VALUES;
 use instgs_vk::scene::source_layout::{CloudSize, InstanceSource};
-use instgs_vk::scene::{InstancedScene, Owner, SourceLayout, TemplateRange};
+use instgs_vk::scene::{InstancedScene, Owner, SourceLayout, SourceRange};
 
 use super::device_state::{DeviceState, zeros};
 use super::error::TrainError;
@@ -31,6 +31,9 @@ const POSES: &str = "parameter.world_from_template";
 /// each instance, `NO_OFFSET` if it has none.
 const TEMPLATE_RANGES: &str = "layout.template_ranges";
 const FIRST_OFFSETS: &str = "layout.first_offset";
+
+/// Tensor of the own Gaussians of each instance, first and number, in scenes that have any.
+const OWN_RANGES: &str = "layout.own";
 
 /// Numbers of a transform: 3 rows of 4 columns.
 const POSE_NUMBERS: usize = 12;
@@ -76,11 +79,16 @@ pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &mut DeviceState, step: u64, due: bo
     }
     let posed = state.scene.posed_instances() as usize;
     if posed > 0 {
-        let instances = download(gpu, &state.scene.instances, posed)?;
-        let transforms = instances.iter().flat_map(|i| i.world_from_template.as_flattened().to_vec()).collect();
+        let instances = download(gpu, &state.scene.instances, state.scene.posed_rows() as usize)?;
+        let of_instance = |k| instances[state.scene.rows_of(k).start].world_from_template.as_flattened().to_vec();
+        let transforms = (0..posed).flat_map(of_instance).collect();
         out.put::<f32>(POSES, &[posed, POSE_NUMBERS], transforms);
-        let ranges: Vec<u32> = state.layout.template_ranges.iter().flat_map(|r| [r.first, r.count]).collect();
-        out.put(TEMPLATE_RANGES, &[ranges.len() / 2, 2], ranges);
+        let flat = |ranges: &[SourceRange]| -> Vec<u32> { ranges.iter().flat_map(|r| [r.first, r.count]).collect() };
+        let (template_ranges, own_ranges) = (&state.layout.template_ranges, &state.layout.own_ranges);
+        out.put(TEMPLATE_RANGES, &[template_ranges.len(), 2], flat(template_ranges));
+        if !own_ranges.is_empty() {
+            out.put(OWN_RANGES, &[own_ranges.len(), 2], flat(own_ranges));
+        }
         let firsts: Vec<u32> = state.layout.instances.iter().map(|i| i.first_offset.unwrap_or(NO_OFFSET)).collect();
         out.put(FIRST_OFFSETS, &[posed], firsts);
         out.metadata.insert(TEMPLATE_GAUSSIANS.into(), state.layout.templates.len.to_string());
@@ -129,7 +137,7 @@ fn layout_of(checkpoint: &mut Checkpoint, start: &SourceLayout, path: &Path) -> 
     let (sources, offsets) = (values("parameter.opacity_logits"), values("parameter.offset_means") / 3);
     let fail = |name: &str| Err(IoError::new(path, format!("{name} does not fit the scene")));
     if start.instances.is_empty() {
-        let Some(background) = sources.checked_sub(start.templates.len) else { return fail("opacity_logits") };
+        let Some(background) = sources.checked_sub(start.posed().len) else { return fail("opacity_logits") };
         return Ok(SourceLayout { background: CloudSize { len: background, ..start.background }, ..start.clone() });
     }
     if !checkpoint.tensors.contains_key(TEMPLATE_RANGES) {
@@ -137,11 +145,14 @@ fn layout_of(checkpoint: &mut Checkpoint, start: &SourceLayout, path: &Path) -> 
     }
     let templates = checkpoint.metadata.get(TEMPLATE_GAUSSIANS).and_then(|text| text.parse().ok());
     let templates: Option<usize> = templates.filter(|&templates| templates <= sources);
-    let ranges: Vec<u32> = checkpoint.take(TEMPLATE_RANGES, &[2], path)?;
+    let template_ranges = take_ranges(checkpoint, TEMPLATE_RANGES, path)?;
+    let own_ranges = if checkpoint.tensors.contains_key(OWN_RANGES) {
+        take_ranges(checkpoint, OWN_RANGES, path)?
+    } else {
+        Vec::new()
+    };
     let firsts: Vec<u32> = checkpoint.take(FIRST_OFFSETS, &[], path)?;
     let Some(templates) = templates else { return fail(TEMPLATE_GAUSSIANS) };
-    let template_ranges: Vec<TemplateRange> =
-        ranges.as_chunks().0.iter().map(|&[first, count]| TemplateRange { first, count }).collect();
     let ends_within = |first: u32, count: u32, end: usize| u64::from(first) + u64::from(count) <= end as u64;
     let fit = template_ranges.iter().all(|range| ends_within(range.first, range.count, templates));
     if !fit || template_ranges.len() != start.template_ranges.len() {
@@ -156,17 +167,37 @@ fn layout_of(checkpoint: &mut Checkpoint, start: &SourceLayout, path: &Path) -> 
     let fits = |instance: &InstanceSource| {
         instance.first_offset.is_none_or(|first| ends_within(first, count_of(instance), offsets))
     };
+    let own = packed_len(&own_ranges);
     let same_kind = (offsets == 0) == (start.offsets == 0);
     if firsts.len() != start.instances.len() || !same_kind || !instances.iter().all(fits) {
         return fail(FIRST_OFFSETS);
     }
+    let background = own.and_then(|own| sources.checked_sub(templates + own));
+    let (Some(own), Some(background), true) = (own, background, own_ranges.len() == start.own_ranges.len()) else {
+        return fail(OWN_RANGES);
+    };
     Ok(SourceLayout {
         templates: CloudSize { len: templates, ..start.templates },
-        background: CloudSize { len: sources - templates, ..start.background },
+        own,
+        background: CloudSize { len: background, ..start.background },
         template_ranges,
         instances,
+        own_ranges,
         offsets,
     })
+}
+
+fn take_ranges(checkpoint: &mut Checkpoint, name: &str, path: &Path) -> Result<Vec<SourceRange>, IoError> {
+    let values: Vec<u32> = checkpoint.take(name, &[2], path)?;
+    Ok(values.as_chunks().0.iter().map(|&[first, count]| SourceRange { first, count }).collect())
+}
+
+/// Number of Gaussians of ranges that follow each other without a gap, as training lays them out.
+fn packed_len(ranges: &[SourceRange]) -> Option<usize> {
+    ranges
+        .iter()
+        .try_fold(0, |end: u32, range| (range.first == end).then(|| end.checked_add(range.count)).flatten())
+        .map(|end| end as usize)
 }
 
 /// Puts a checkpoint's values into a state of the same instances, and changes its layout to the checkpoint's; `path` is
@@ -201,8 +232,10 @@ pub fn restore(
         }
         // The entry of the background is included and does not change.
         let mut instances = download(gpu, &state.scene.instances, state.scene.instance_count as usize)?;
-        for (instance, rows) in instances.iter_mut().zip(values.chunks_exact(POSE_NUMBERS)) {
-            instance.world_from_template.as_flattened_mut().copy_from_slice(rows);
+        for (k, values) in values.chunks_exact(POSE_NUMBERS).enumerate() {
+            for instance in &mut instances[state.scene.rows_of(k)] {
+                instance.world_from_template.as_flattened_mut().copy_from_slice(values);
+            }
         }
         write(gpu, &mut state.scene.instances, &instances)?;
     }

@@ -1,29 +1,41 @@
 //! Ground truth for pass `cull_chunks`, by brute force: the pairs (instance, chunk of 256 Gaussians) with a visible
 //! splat. The device's work list must contain all of these; it may contain more.
 
-use crate::preprocess_instance_expand::{ALPHA_MIN, CullLimits, ProjectedSplat, pixel_center, project, sources};
+use crate::preprocess_instance_expand::{
+    ALPHA_MIN, CullLimits, ProjectedSplat, SourceGaussian, pixel_center, project, sources,
+};
 use crate::view::{RenderOptions, View};
+use instgs_vk::scene::SourceLayout;
 use instgs_vk::scene::camera::Camera;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 
 /// Number of Gaussians in a full chunk.
 pub const CHUNK_SIZE: u32 = 256;
 
-/// A chunk of one instance, in flat order.
+/// A chunk of one row of the device's instance table, in flat order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ChunkItem {
-    /// Index of the instance; the number of instances for the background.
-    pub instance: u32,
-    /// Index of the chunk within its template or the background.
+    /// Index of the row: of an instance's template, of its own Gaussians, or of the background.
+    pub row: u32,
+    /// Index of the chunk within what the row shows.
     pub chunk: u32,
 }
 
 /// The chunks with a splat whose alpha is at least 1/255 at some pixel centre, each once, ascending.
 pub fn visible_chunks(scene: &InstancedScene, camera: &Camera, options: &RenderOptions) -> Vec<ChunkItem> {
     let view = View::device(camera, options);
+    let first_rows = SourceLayout::of(scene).first_rows();
+    let item_of = |source: &SourceGaussian| {
+        let (k, local) = (source.instance as usize, source.local_index);
+        let of_template = scene.instances.get(k).map(|i| scene.template_ranges[i.template as usize].count);
+        match of_template.and_then(|count| local.checked_sub(count)) {
+            Some(own) => ChunkItem { row: first_rows[k] + 1, chunk: own / CHUNK_SIZE },
+            None => ChunkItem { row: first_rows[k], chunk: local / CHUNK_SIZE },
+        }
+    };
     let mut out: Vec<ChunkItem> = Vec::new();
     for source in sources(scene) {
-        let item = ChunkItem { instance: source.instance, chunk: source.local_index / CHUNK_SIZE };
+        let item = item_of(&source);
         if out.last() == Some(&item) {
             continue;
         }

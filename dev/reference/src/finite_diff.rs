@@ -30,11 +30,13 @@ use instgs_vk::scene::parameters::{Owner, Parameter};
 /// move by exactly h, and for larger ones the difference is divided by the actual movement.
 pub const STEP: f64 = 1.0 / 524_288.0;
 
-/// The two clouds of a scene that have parameters.
+/// The clouds of a scene that have parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cloud {
     /// The cloud `InstancedScene::templates`.
     Templates,
+    /// The cloud `InstancedScene::own`.
+    Own,
     /// The cloud `InstancedScene::background`.
     Background,
 }
@@ -52,9 +54,8 @@ pub enum Tensor {
     OpacityLogits(Cloud),
     /// SH coefficients, N x (C * 3).
     Sh(Cloud),
-    /// What instances have of their own, offsets and colour matrices, or nothing: rows of the parameter, all coefficients of a
-    /// record together.
-    Own(Parameter),
+    /// Offsets or colour matrices, or nothing: rows of the parameter, all coefficients of a record together.
+    PerInstance(Parameter),
     /// Instance transforms, K x 12: rows of (A | t).
     WorldFromTemplate,
     /// Pose steps of instances, K x 7: see `poses`.
@@ -63,26 +64,31 @@ pub enum Tensor {
 
 impl Tensor {
     /// Every tensor, each once.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 24] = [
         Self::Means(Cloud::Templates),
         Self::Quats(Cloud::Templates),
         Self::LogScales(Cloud::Templates),
         Self::OpacityLogits(Cloud::Templates),
         Self::Sh(Cloud::Templates),
+        Self::Means(Cloud::Own),
+        Self::Quats(Cloud::Own),
+        Self::LogScales(Cloud::Own),
+        Self::OpacityLogits(Cloud::Own),
+        Self::Sh(Cloud::Own),
         Self::Means(Cloud::Background),
         Self::Quats(Cloud::Background),
         Self::LogScales(Cloud::Background),
         Self::OpacityLogits(Cloud::Background),
         Self::Sh(Cloud::Background),
-        Self::Own(Parameter::OffsetMeans),
-        Self::Own(Parameter::OffsetShDc),
-        Self::Own(Parameter::OffsetOpacityLogits),
-        Self::Own(Parameter::OffsetShRest),
-        Self::Own(Parameter::OffsetLogScales),
-        Self::Own(Parameter::OffsetQuats),
+        Self::PerInstance(Parameter::OffsetMeans),
+        Self::PerInstance(Parameter::OffsetShDc),
+        Self::PerInstance(Parameter::OffsetOpacityLogits),
+        Self::PerInstance(Parameter::OffsetShRest),
+        Self::PerInstance(Parameter::OffsetLogScales),
+        Self::PerInstance(Parameter::OffsetQuats),
         Self::WorldFromTemplate,
         Self::Poses,
-        Self::Own(Parameter::ColorFromTemplate),
+        Self::PerInstance(Parameter::ColorFromTemplate),
     ];
 
     /// Number of values per row.
@@ -92,9 +98,10 @@ impl Tensor {
             Self::Quats(_) => 4,
             Self::OpacityLogits(_) => 1,
             Self::Sh(Cloud::Templates) => 3 * scene.templates.sh_coefficients(),
+            Self::Sh(Cloud::Own) => 3 * scene.own.sh_coefficients(),
             Self::Sh(Cloud::Background) => 3 * scene.background.sh_coefficients(),
-            Self::Own(Parameter::OffsetShRest) => 3 * (scene.templates.sh_coefficients() - 1),
-            Self::Own(parameter) => parameter.width(),
+            Self::PerInstance(Parameter::OffsetShRest) => 3 * (scene.templates.sh_coefficients() - 1),
+            Self::PerInstance(parameter) => parameter.width(),
             Self::WorldFromTemplate => 12,
             Self::Poses => 7,
         }
@@ -105,6 +112,7 @@ impl Tensor {
         let cloud = |cloud: Cloud| -> &CloudGradient {
             match cloud {
                 Cloud::Templates => &gradient.templates,
+                Cloud::Own => &gradient.own,
                 Cloud::Background => &gradient.background,
             }
         };
@@ -114,7 +122,7 @@ impl Tensor {
             Self::LogScales(c) => cloud(c).log_scales.as_flattened(),
             Self::OpacityLogits(c) => &cloud(c).opacity_logits,
             Self::Sh(c) => cloud(c).sh.as_flattened(),
-            Self::Own(parameter) => &gradient.own[parameter],
+            Self::PerInstance(parameter) => &gradient.per_instance[parameter],
             Self::WorldFromTemplate => gradient.instances.as_flattened().as_flattened(),
             Self::Poses => gradient.poses.as_flattened(),
         }
@@ -232,25 +240,29 @@ impl<'a> FiniteDifferences<'a> {
     /// True if source `i` depends on the given row of the tensor.
     fn depends(&self, i: usize, tensor: Tensor, row: usize) -> bool {
         let source = &self.sources[i];
-        let (instance, local) = (self.scene.instances.get(source.instance as usize), source.local_index as usize);
+        let k = source.instance as usize;
+        let (instance, local) = (self.scene.instances.get(k), source.local_index as usize);
+        let template = instance.map(|i| self.scene.template_ranges[i.template as usize]).unwrap_or_default();
+        // After the template's Gaussians come the instance's own.
+        let of_own = local.checked_sub(template.count as usize);
         match tensor {
             Tensor::Means(cloud)
             | Tensor::Quats(cloud)
             | Tensor::LogScales(cloud)
             | Tensor::OpacityLogits(cloud)
             | Tensor::Sh(cloud) => match instance {
-                Some(instance) => {
-                    let range = self.scene.template_ranges[instance.template as usize];
-                    cloud == Cloud::Templates && range.first as usize + local == row
-                }
+                Some(_) => match of_own {
+                    Some(own) => cloud == Cloud::Own && self.scene.own_range(k).first as usize + own == row,
+                    None => cloud == Cloud::Templates && template.first as usize + local == row,
+                },
                 None => cloud == Cloud::Background && local == row,
             },
-            Tensor::Own(parameter) if parameter.owner() == Owner::Offset => {
-                instance.and_then(|i| i.first_offset).is_some_and(|first| first as usize + local == row)
+            Tensor::PerInstance(parameter) if parameter.owner() == Owner::Offset => {
+                let first = instance.and_then(|i| i.first_offset).filter(|_| of_own.is_none());
+                first.is_some_and(|first| first as usize + local == row)
             }
-            Tensor::WorldFromTemplate | Tensor::Poses | Tensor::Own(_) => {
-                instance.is_some() && source.instance as usize == row
-            }
+            Tensor::PerInstance(_) => instance.is_some() && of_own.is_none() && k == row,
+            Tensor::WorldFromTemplate | Tensor::Poses => instance.is_some() && k == row,
         }
     }
 }
@@ -258,16 +270,16 @@ impl<'a> FiniteDifferences<'a> {
 /// Moves one parameter of a source by about `step`; returns the actual movement.
 fn move_parameter(source: &mut SourceGaussian, tensor: Tensor, column: usize, step: f64) -> f64 {
     match tensor {
-        Tensor::Means(_) | Tensor::Own(Parameter::OffsetMeans) => source.mean_template[column] += step,
-        Tensor::Quats(_) | Tensor::Own(Parameter::OffsetQuats) => source.quat[column] += step,
-        Tensor::LogScales(_) | Tensor::Own(Parameter::OffsetLogScales) => source.log_scales[column] += step,
-        Tensor::OpacityLogits(_) | Tensor::Own(Parameter::OffsetOpacityLogits) => source.opacity_logit += step,
-        Tensor::Sh(_) | Tensor::Own(Parameter::OffsetShDc) => source.sh[column / 3][column % 3] += step,
-        Tensor::Own(Parameter::OffsetShRest) => source.sh[1 + column / 3][column % 3] += step,
-        Tensor::Own(Parameter::ColorFromTemplate) => {
+        Tensor::Means(_) | Tensor::PerInstance(Parameter::OffsetMeans) => source.mean_template[column] += step,
+        Tensor::Quats(_) | Tensor::PerInstance(Parameter::OffsetQuats) => source.quat[column] += step,
+        Tensor::LogScales(_) | Tensor::PerInstance(Parameter::OffsetLogScales) => source.log_scales[column] += step,
+        Tensor::OpacityLogits(_) | Tensor::PerInstance(Parameter::OffsetOpacityLogits) => source.opacity_logit += step,
+        Tensor::Sh(_) | Tensor::PerInstance(Parameter::OffsetShDc) => source.sh[column / 3][column % 3] += step,
+        Tensor::PerInstance(Parameter::OffsetShRest) => source.sh[1 + column / 3][column % 3] += step,
+        Tensor::PerInstance(Parameter::ColorFromTemplate) => {
             source.color_from_template.iter_mut().for_each(|rows| rows.as_flattened_mut()[column] += step);
         }
-        Tensor::Own(_) => unreachable!("source Gaussians have tensors of their own"),
+        Tensor::PerInstance(_) => unreachable!("source Gaussians have other tensors"),
         Tensor::WorldFromTemplate => {
             let mut rows = source.world_from_template.rows();
             let entry = &mut rows.as_flattened_mut()[column];

@@ -38,11 +38,13 @@ pub struct CloudGradient {
 pub struct SceneGradient {
     /// Gradients of the templates, summed over their instances.
     pub templates: CloudGradient,
+    /// Gradients of instances' own Gaussians, in the frames of their templates.
+    pub own: CloudGradient,
     /// Gradients of the background, in the world frame.
     pub background: CloudGradient,
-    /// By parameter, flattened, of what instances have of their own: offsets (zero for records that no instance uses) and
-    /// colour matrices. Empty where the scene has none, and for parameters of source Gaussians.
-    pub own: ParameterSet<Vec<f64>>,
+    /// By parameter, flattened, of offsets (zero for records that no instance uses) and colour matrices. Empty where the scene
+    /// has none, and for parameters of source Gaussians.
+    pub per_instance: ParameterSet<Vec<f64>>,
     /// Per instance, rows of (dL/dA | dL/dt), every entry independent.
     pub instances: Vec<[[f64; 4]; 3]>,
     /// Per instance: with respect to a shift, a rotation vector and the logarithm of the scale, in the template's frame
@@ -77,7 +79,7 @@ impl CloudGradient {
 }
 
 /// Adds what one (instance, Gaussian) pair contributes to row `row` of everything that `owner` has.
-fn add_own(sums: &mut ParameterSet<Vec<f64>>, owner: Owner, row: usize, gradient: &SourceGradient) {
+fn add_per_instance(sums: &mut ParameterSet<Vec<f64>>, owner: Owner, row: usize, gradient: &SourceGradient) {
     let flat = |colors: &[DVec3]| colors.iter().flat_map(|color| color.to_array()).collect();
     for (parameter, sums) in sums.iter_mut().filter(|(parameter, _)| parameter.owner() == owner) {
         let values: Vec<f64> = match parameter {
@@ -126,7 +128,8 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
     let mut out = SceneGradient {
         templates: CloudGradient::zeros(&scene.templates),
         background: CloudGradient::zeros(&scene.background),
-        own: ParameterSet::from_fn(|parameter| match parameter.owner() {
+        own: CloudGradient::zeros(&scene.own),
+        per_instance: ParameterSet::from_fn(|parameter| match parameter.owner() {
             Owner::Source | Owner::ShBand(_) => Vec::new(),
             Owner::Offset | Owner::Instance => vec![0.0; scene.parameter(parameter).len()],
         }),
@@ -140,10 +143,15 @@ pub fn gather_gradients(scene: &InstancedScene, gradients: &[Option<SourceGradie
             let Some(Some(gradient)) = in_flat_order.next() else { continue };
             out.templates.add((range.first + local) as usize, gradient);
             d_placement.iter_mut().zip(gradient.world_from_template).for_each(|(sum, row)| add(sum, row));
-            add_own(&mut out.own, Owner::Instance, k, gradient);
+            add_per_instance(&mut out.per_instance, Owner::Instance, k, gradient);
             if let Some(first) = instance.first_offset {
-                add_own(&mut out.own, Owner::Offset, (first + local) as usize, gradient);
+                add_per_instance(&mut out.per_instance, Owner::Offset, (first + local) as usize, gradient);
             }
+        }
+        for i in scene.own_range(k).indices() {
+            let Some(Some(gradient)) = in_flat_order.next() else { continue };
+            out.own.add(i, gradient);
+            d_placement.iter_mut().zip(gradient.world_from_template).for_each(|(sum, row)| add(sum, row));
         }
     }
     for (i, gradient) in in_flat_order.enumerate() {
@@ -167,7 +175,7 @@ mod tests {
 
     use super::*;
     use instgs_vk::math::similarity::Similarity;
-    use instgs_vk::scene::instanced_scene::{Instance, TemplateRange};
+    use instgs_vk::scene::instanced_scene::{Instance, SourceRange};
     use instgs_vk::scene::offsets::Offsets;
 
     /// A gradient whose entries are all `v`.
@@ -205,7 +213,7 @@ mod tests {
         };
         let scene = InstancedScene {
             templates: cloud(3, 1),
-            template_ranges: vec![TemplateRange { first: 0, count: 1 }, TemplateRange { first: 1, count: 2 }],
+            template_ranges: vec![SourceRange { first: 0, count: 1 }, SourceRange { first: 1, count: 2 }],
             instances: vec![instance(1, None), instance(0, None), instance(1, Some(1))],
             offsets,
             background: cloud(1, 0),
@@ -218,9 +226,9 @@ mod tests {
         assert_eq!(got.templates.opacity_logits, [4.0, 1.0 + 8.0, 2.0 + 16.0]);
         assert_eq!(got.templates.sh[4..8], [[9.0; 3]; 4]);
         assert_eq!((got.templates.means[2], got.templates.quats[2]), ([18.0; 3], [18.0; 4]));
-        assert_eq!(got.own[Parameter::OffsetMeans].as_chunks::<3>().0, [[0.0; 3], [8.0; 3], [16.0; 3]]);
-        assert_eq!(got.own[Parameter::OffsetShDc], got.own[Parameter::OffsetMeans]);
-        assert_eq!(got.own[Parameter::OffsetOpacityLogits], [0.0, 8.0, 16.0]);
+        assert_eq!(got.per_instance[Parameter::OffsetMeans].as_chunks::<3>().0, [[0.0; 3], [8.0; 3], [16.0; 3]]);
+        assert_eq!(got.per_instance[Parameter::OffsetShDc], got.per_instance[Parameter::OffsetMeans]);
+        assert_eq!(got.per_instance[Parameter::OffsetOpacityLogits], [0.0, 8.0, 16.0]);
         assert_eq!(got.instances, [[[3.0; 4]; 3], [[4.0; 4]; 3], [[24.0; 4]; 3]]);
         assert_eq!((&got.background.means[..], &got.background.sh[..]), (&[[32.0; 3]][..], &[[32.0; 3]][..]));
         // A culled pair adds nothing and shifts no index.

@@ -23,8 +23,12 @@ pub fn sources(levels: &Levels, view: &View, error_px: f64) -> Vec<SourceGaussia
         let first = out.len();
         let offsets = part.first_offset.map(|first| (&levels.offsets, first));
         push_sources(&mut out, (cloud_of(levels, part), part.range), offsets, part.world_from_template, part.owner);
-        let color_from_template = levels.color_from_template.get(part.owner as usize).map(widened_rows);
-        out[first..].iter_mut().for_each(|source| source.color_from_template = color_from_template);
+        let local_before = if let Cloud::Own { local_before } = part.cloud { local_before } else { 0 };
+        out[first..].iter_mut().for_each(|source| source.local_index += local_before);
+        if part.cloud == Cloud::Templates {
+            let color_from_template = levels.color_from_template.get(part.owner as usize).map(widened_rows);
+            out[first..].iter_mut().for_each(|source| source.color_from_template = color_from_template);
+        }
         if weight < 1.0 {
             out[first..].iter_mut().for_each(|source| source.opacity_logit = faded(source.opacity_logit, weight));
         }
@@ -72,6 +76,7 @@ fn ball(levels: &Levels, part: &Part) -> (DVec3, f64) {
 fn cloud_of<'a>(levels: &'a Levels, part: &Part) -> &'a instgs_vk::scene::Gaussians {
     match part.cloud {
         Cloud::Templates => &levels.templates,
+        Cloud::Own { .. } => &levels.own,
         Cloud::Background => &levels.background,
     }
 }

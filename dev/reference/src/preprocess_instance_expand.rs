@@ -11,7 +11,7 @@ use instgs_vk::math::covariance::{covariance, sigmoid};
 use instgs_vk::math::sh::{eval_sh_f64, widened};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::Gaussians;
-use instgs_vk::scene::instanced_scene::{ColorMatrix, InstancedScene, TemplateRange};
+use instgs_vk::scene::instanced_scene::{ColorMatrix, InstancedScene, SourceRange};
 use instgs_vk::scene::offsets::Offsets;
 
 /// Contributions with a smaller alpha are skipped.
@@ -23,11 +23,11 @@ pub const COMPENSATION_FLOOR: f64 = 2.5e-5;
 /// One Gaussian of one instance before its transform, offsets applied, in f64. A background Gaussian has the identity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceGaussian {
-    /// Position in flat order: instances in file order, each in template order, then the background.
+    /// Position in flat order: instances in file order, each in template order and then its own, then the background.
     pub flat_index: u32,
     /// The instance's index; the number of instances for the background.
     pub instance: u32,
-    /// Position in its template, or in the background.
+    /// Position in its template, after all of them for an instance's own Gaussians, or in the background.
     pub local_index: u32,
     /// Centre with its offset, p + d, template frame, scene units.
     pub mean_template: DVec3,
@@ -137,8 +137,11 @@ pub fn sources(scene: &InstancedScene) -> Vec<SourceGaussian> {
         push_sources(&mut out, (&scene.templates, range), offsets, instance.world_from_template, k as u32);
         let color_from_template = scene.color_matrix(k).map(widened_rows);
         out[first..].iter_mut().for_each(|source| source.color_from_template = color_from_template);
+        let first = out.len();
+        push_sources(&mut out, (&scene.own, scene.own_range(k)), None, instance.world_from_template, k as u32);
+        out[first..].iter_mut().for_each(|source| source.local_index += range.count);
     }
-    let range = TemplateRange { first: 0, count: scene.background.len() as u32 };
+    let range = SourceRange { first: 0, count: scene.background.len() as u32 };
     push_sources(&mut out, (&scene.background, range), None, Similarity::IDENTITY, scene.instances.len() as u32);
     out
 }
@@ -151,7 +154,7 @@ pub(super) fn widened_rows(rows: &ColorMatrix) -> [[f64; 4]; 3] {
 /// Appends the Gaussians of one instance: a range of a cloud, with a run of offsets if it has any.
 pub(super) fn push_sources(
     out: &mut Vec<SourceGaussian>,
-    (cloud, range): (&Gaussians, TemplateRange),
+    (cloud, range): (&Gaussians, SourceRange),
     offsets: Option<(&Offsets, u32)>,
     world_from_template: Similarity,
     instance: u32,

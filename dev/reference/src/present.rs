@@ -5,7 +5,7 @@ use glam::DVec3;
 use crate::tile_surface::SurfacePoint;
 use instgs_vk::math::heat::heat;
 use instgs_vk::math::sh::widened;
-use instgs_vk::scene::{InstancedScene, TemplateRange};
+use instgs_vk::scene::{InstancedScene, SourceRange};
 
 /// The quantity that is shown for each pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -137,7 +137,7 @@ impl Shown<'_> {
 }
 
 /// Radius of the ball around the centre of the template's bounding box that holds its means.
-fn radius(scene: &InstancedScene, range: TemplateRange) -> f64 {
+fn radius(scene: &InstancedScene, range: SourceRange) -> f64 {
     let means = &scene.templates.means[range.first as usize..][..range.count as usize];
     let all = || means.iter().map(|&mean| widened(mean));
     let low = all().fold(DVec3::INFINITY, DVec3::min);
@@ -254,7 +254,7 @@ mod tests {
     fn offsets_by_hand() {
         let mut scene = scene_of(&[0, 0]);
         scene.templates.means = vec![[1.0, 5.0, 0.0], [3.0, 5.0, 0.0]];
-        scene.template_ranges = vec![TemplateRange { first: 0, count: 2 }];
+        scene.template_ranges = vec![SourceRange { first: 0, count: 2 }];
         scene.instances[1].first_offset = Some(1);
         scene.offsets.means = vec![[9.0; 3], [0.0, 0.25, 0.0], [0.3, 0.0, -0.4]];
         let point = |instance, local| Some(SurfacePoint { instance, local });

@@ -6,7 +6,7 @@ use glam::DVec3;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::ForeignTensor;
-use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, TemplateRange};
+use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
 
 /// Twelve cameras on a ring of radius 9 around the origin, 4 above it, looking at it with `up` upwards.
 pub fn ring(up: DVec3) -> Vec<Camera> {
@@ -42,7 +42,7 @@ pub fn sample_scene() -> InstancedScene {
     let values = sample(0, 8);
     InstancedScene {
         templates: sample(2, 5),
-        template_ranges: vec![TemplateRange { first: 0, count: 3 }, TemplateRange { first: 3, count: 2 }],
+        template_ranges: vec![SourceRange { first: 0, count: 3 }, SourceRange { first: 3, count: 2 }],
         instances: vec![
             instance(0, 0.0, Some(0)),
             instance(1, 1.0, None),
@@ -50,6 +50,8 @@ pub fn sample_scene() -> InstancedScene {
             instance(1, 3.0, Some(6)),
         ],
         color_from_template: Vec::new(),
+        own: Gaussians::default(),
+        own_ranges: Vec::new(),
         offsets: Offsets {
             means: values.means,
             sh_dc: values.sh,
@@ -65,6 +67,16 @@ pub fn sample_scene() -> InstancedScene {
             ("a.wide".into(), ForeignTensor { dtype: "I64".into(), shape: vec![1], bytes: vec![7; 8] }),
         ]),
         foreign_metadata: (0..9).map(|i| (format!("key{i}"), format!("value {i}"))).collect(),
+    }
+}
+
+/// The sample scene with own Gaussians: two that the instances of the first template share, one of the last instance.
+pub fn with_own() -> InstancedScene {
+    let range = |first, count| SourceRange { first, count };
+    InstancedScene {
+        own: sample(2, 7).filtered(|i| i >= 4),
+        own_ranges: vec![range(1, 2), range(0, 0), range(1, 2), range(0, 1)],
+        ..sample_scene()
     }
 }
 

@@ -4,8 +4,8 @@
 use glam::DVec3;
 
 use crate::scene::edit::placement::{mapped_about, moved, rotation_of, template_centres};
-use crate::scene::edit::{EditOutcome, EditReason, Selector, Turn, checked, existing_template, offset_runs};
-use crate::scene::instanced_scene::{Instance, InstancedScene, SAME_COLOR};
+use crate::scene::edit::{EditOutcome, EditReason, Selector, Turn, checked, existing_template, offset_runs, own};
+use crate::scene::instanced_scene::{Instance, InstancedScene, SAME_COLOR, SourceRange};
 use crate::scene::labels::{free_id, insert_id, remove_id};
 
 /// Upper limit on instances of a scene after an edit: their indices have 32 bits in files and on the device.
@@ -30,12 +30,15 @@ pub(super) fn duplicate(
     let copies = originals.iter().map(copy).collect::<Result<Vec<_>, EditReason>>()?;
     let mut outcome = EditOutcome::default();
     add(scene, copies, &mut outcome);
-    originals.iter().zip(&outcome.added).for_each(|(&from, to)| copy_color(scene, from, std::slice::from_ref(to)));
+    originals.iter().zip(&outcome.added).for_each(|(&from, to)| copy_look(scene, from, std::slice::from_ref(to)));
     Ok(outcome)
 }
 
-/// Gives instances the colour matrix of instance `from`, if the scene has matrices.
-pub(super) fn copy_color(scene: &mut InstancedScene, from: usize, to: &[usize]) {
+/// Gives instances the colour matrix of instance `from`, if the scene has matrices, and its own Gaussians, shared with it.
+pub(super) fn copy_look(scene: &mut InstancedScene, from: usize, to: &[usize]) {
+    if let Some(&range) = scene.own_ranges.get(from) {
+        to.iter().for_each(|&k| scene.own_ranges[k] = range);
+    }
     if let Some(&matrix) = scene.color_from_template.get(from) {
         to.iter().for_each(|&k| scene.color_from_template[k] = matrix);
     }
@@ -59,6 +62,9 @@ pub(super) fn add(scene: &mut InstancedScene, instances: Vec<Instance>, outcome:
     if !scene.color_from_template.is_empty() {
         scene.color_from_template.resize(scene.instances.len(), SAME_COLOR);
     }
+    if !scene.own_ranges.is_empty() {
+        scene.own_ranges.resize(scene.instances.len(), SourceRange::default());
+    }
 }
 
 pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<EditOutcome, EditReason> {
@@ -71,13 +77,17 @@ pub(super) fn delete(scene: &mut InstancedScene, which: &Selector) -> Result<Edi
         remove_id(&mut scene.groups, scene.instances[k].template, ranks[k]);
         freed.extend(run_of(scene, &scene.instances[k]));
     }
-    let removed = &outcome.removed;
-    let mut left = (0..).map(|k| removed.binary_search(&k).is_err());
-    scene.instances.retain(|_| left.next().unwrap_or(true));
-    let mut left = (0..).map(|k| removed.binary_search(&k).is_err());
-    scene.color_from_template.retain(|_| left.next().unwrap_or(true));
+    retain(&mut scene.instances, &outcome.removed);
+    retain(&mut scene.color_from_template, &outcome.removed);
+    retain(&mut scene.own_ranges, &outcome.removed);
     release(scene, &freed, &mut outcome);
     Ok(outcome)
+}
+
+/// Removes the entries of `removed` (ascending).
+fn retain<T>(entries: &mut Vec<T>, removed: &[usize]) {
+    let mut left = (0..).map(|k| removed.binary_search(&k).is_err());
+    entries.retain(|_| left.next().unwrap_or(true));
 }
 
 pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) -> Result<EditOutcome, EditReason> {
@@ -85,7 +95,7 @@ pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) 
     let mut outcome = EditOutcome::default();
     let chosen = which.resolve(scene)?;
     outcome.changed = chosen.into_iter().filter(|&k| scene.instances[k].template != template).collect();
-    let mut freed = Vec::new();
+    let (mut freed, mut own_dropped) = (Vec::new(), 0);
     for &k in &outcome.changed {
         let old = scene.instances[k].clone();
         let rank = rank_of(scene, k);
@@ -94,6 +104,10 @@ pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) 
         // Like offsets, a matrix is fitted to its template.
         if let Some(matrix) = scene.color_from_template.get_mut(k) {
             *matrix = SAME_COLOR;
+        }
+        if let Some(range) = scene.own_ranges.get_mut(k) {
+            own_dropped += usize::from(range.count > 0);
+            *range = SourceRange::default();
         }
         let rank = rank_of(scene, k);
         if let Some(id) = free_id(&scene.groups, id) {
@@ -104,6 +118,10 @@ pub(super) fn swap(scene: &mut InstancedScene, which: &Selector, template: u32) 
     if !freed.is_empty() {
         let count = freed.len();
         outcome.warnings.push(format!("the offsets of {count} instances were dropped: they are for another template"));
+    }
+    if own_dropped > 0 {
+        let text = format!("the own Gaussians of {own_dropped} instances were dropped: they are for another template");
+        outcome.warnings.push(text);
     }
     release(scene, &freed, &mut outcome);
     Ok(outcome)
@@ -132,12 +150,14 @@ fn run_of(scene: &InstancedScene, instance: &Instance) -> Option<(u32, u32)> {
     Some((instance.first_offset?, scene.template_ranges[instance.template as usize].count))
 }
 
+/// Removes freed runs of offsets, and own Gaussians, that no instance uses any more.
 fn release(scene: &mut InstancedScene, freed: &[(u32, u32)], outcome: &mut EditOutcome) {
     let before = scene.offsets.len();
     offset_runs::release(scene, freed);
     if scene.offsets.len() != before {
         drop_foreign(scene, "offset.", outcome);
     }
+    own::release(scene, outcome);
 }
 
 /// Drops unknown tensors that are parallel to an array whose length changes: they would no longer be aligned with it.

@@ -6,11 +6,13 @@
 //! colour, and cropping and erasing remove Gaussians from a template, once for all of its instances.
 //!
 //! Offsets are copy-on-write: a duplicate shares its original's run of records, and an edit that changes the offsets of
-//! an instance whose run is shared copies the run first. Unused runs are removed. Mask ids in `groups` follow the
+//! an instance whose run is shared copies the run first. Unused runs are removed. So it is with the Gaussians that an instance
+//! has of its own. Mask ids in `groups` follow the
 //! instances; a new instance of a template with a group gets the next free id.
 
 mod membership;
 mod offset_runs;
+mod own;
 mod placement;
 mod recolour;
 mod scatter;
@@ -40,7 +42,7 @@ pub struct Turn {
 /// template's means, in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Edit {
-    /// Appends a copy of each instance, which shares its offsets, moved by `by` and rotated about its centre.
+    /// Appends a copy of each instance, which shares its offsets and own Gaussians, moved by `by` and rotated about its centre.
     Duplicate {
         /// The instances to copy.
         which: Selector,
@@ -77,20 +79,20 @@ pub enum Edit {
         /// Scale factor, greater than 0.
         by: f64,
     },
-    /// Removes instances, and their offsets unless others share them.
+    /// Removes instances, and their offsets and own Gaussians unless others share them.
     Delete {
         /// The instances to remove.
         which: Selector,
     },
     /// Shifts the base colour. If all instances of a template are selected, the template itself is shifted, which costs
-    /// no memory; otherwise their offsets are, which are created for instances that have none.
+    /// no memory; otherwise their offsets are, which are created for instances that have none. Own Gaussians are shifted too.
     Recolour {
         /// The instances to recolour.
         which: Selector,
         /// Added to red, green and blue; 1 is the difference between black and white.
         rgb: [f32; 3],
     },
-    /// Gives instances another template without moving them. Their offsets belong to the old template's Gaussians and
+    /// Gives instances another template without moving them. Their offsets and own Gaussians belong to the old template and
     /// are dropped.
     Swap {
         /// The instances to change.
@@ -100,8 +102,8 @@ pub enum Edit {
     },
     /// Adds instances of a template over a plane or along a path.
     Scatter(Scatter),
-    /// Removes the Gaussians of a template whose means are outside, or inside, an axis-aligned box in its frame; some
-    /// must remain.
+    /// Removes the Gaussians of a template whose means are outside, or inside, an axis-aligned box in its frame, with those of
+    /// its instances' own; some of the template must remain.
     Crop {
         /// Index of the template.
         template: u32,
@@ -110,7 +112,8 @@ pub enum Edit {
         /// Which side of the box remains.
         keep: Keep,
     },
-    /// Removes the Gaussians of a template whose means are within `radius` of any of the centres; some must remain.
+    /// Removes the Gaussians of a template whose means are within `radius` of any of the centres, with those of its instances'
+    /// own; some of the template must remain.
     Erase {
         /// Index of the template.
         template: u32,

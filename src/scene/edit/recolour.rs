@@ -1,12 +1,12 @@
 //! Shifting base colours: in the colour matrices of instances if the scene has them, else in the template if all of its
-//! instances are selected, otherwise in offsets.
+//! instances are selected, otherwise in offsets; and in instances' own Gaussians.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::math::sh::SH_C0;
 use crate::scene::edit::membership::drop_foreign;
-use crate::scene::edit::{EditOutcome, EditReason, Selector, offset_runs};
-use crate::scene::instanced_scene::InstancedScene;
+use crate::scene::edit::{EditOutcome, EditReason, Selector, offset_runs, own};
+use crate::scene::instanced_scene::{InstancedScene, SourceRange};
 
 /// Upper limit on a shift, in units of colour: far beyond any picture, and small enough that no f32 overflows.
 const LARGEST_SHIFT: f32 = 1e6;
@@ -18,6 +18,9 @@ pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 
         )));
     }
     let mut outcome = EditOutcome { changed: which.resolve(scene)?, ..EditOutcome::default() };
+    // Colour is SH_C0 times the coefficient plus a constant.
+    let d_sh_dc = rgb.map(|v| (f64::from(v) / SH_C0) as f32);
+    shift_own(scene, d_sh_dc, &mut outcome);
     // Coefficients and offsets are before the matrix, which would change the shift too.
     if !scene.color_from_template.is_empty() {
         for &k in &outcome.changed {
@@ -25,8 +28,6 @@ pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 
         }
         return Ok(outcome);
     }
-    // Colour is SH_C0 times the coefficient plus a constant.
-    let d_sh_dc = rgb.map(|v| (f64::from(v) / SH_C0) as f32);
     let whole = if which.is_collective() { whole_templates(scene, &outcome.changed) } else { BTreeSet::new() };
     let mut members_of_run: BTreeMap<(u32, Option<u32>), Vec<usize>> = BTreeMap::new();
     for &k in &outcome.changed {
@@ -51,6 +52,17 @@ pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 
     Ok(outcome)
 }
 
+/// Shifts the instances' own Gaussians, which no matrix or offset reaches.
+fn shift_own(scene: &mut InstancedScene, d_sh_dc: [f32; 3], outcome: &mut EditOutcome) {
+    let chosen = outcome.changed.clone();
+    let mut own: Vec<usize> =
+        own::unshare(scene, &chosen, outcome).into_iter().flat_map(SourceRange::indices).collect();
+    own.sort_unstable();
+    own.dedup();
+    let coefficients = scene.own.sh_coefficients();
+    own.into_iter().for_each(|i| shift(&mut scene.own.sh[i * coefficients], d_sh_dc));
+}
+
 fn shift(sh_dc: &mut [f32; 3], by: [f32; 3]) {
     sh_dc.iter_mut().zip(by).for_each(|(value, by)| *value += by);
 }
@@ -63,7 +75,7 @@ fn whole_templates(scene: &InstancedScene, chosen: &[usize]) -> BTreeSet<u32> {
     chosen.iter().for_each(|&k| left[scene.instances[k].template as usize] -= 1);
     let alone = |template: usize| {
         let range = scene.template_ranges[template];
-        let end = |r: crate::scene::TemplateRange| r.first + r.count;
+        let end = |r: crate::scene::SourceRange| r.first + r.count;
         scene
             .template_ranges
             .iter()

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 use crate::math::rng::Rng;
 use crate::math::sh::widened;
 use crate::math::similarity::Similarity;
-use crate::scene::edit::membership::{MOST_INSTANCES, add, copy_color, drop_foreign};
+use crate::scene::edit::membership::{MOST_INSTANCES, add, copy_look, drop_foreign};
 use crate::scene::edit::placement::template_centres;
 use crate::scene::edit::{EditOutcome, EditReason, Selector, checked, existing_template, offset_runs};
 use crate::scene::instanced_scene::{Instance, InstancedScene};
@@ -68,14 +68,14 @@ pub enum ScatterOver {
     },
 }
 
-/// Which offsets scattered instances get.
+/// Which offsets, and own Gaussians, scattered instances get.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum OffsetSource {
     /// No offsets: they look like the template.
     None,
     /// The offsets of an existing instance, shared with it: no memory until one of them is recoloured.
     Shared(Selector),
-    /// A copy of an existing instance's offsets for each.
+    /// A copy of an existing instance's offsets for each; own Gaussians are shared with it.
     Copied(Selector),
 }
 
@@ -100,7 +100,7 @@ pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<E
     let source = source_instance.and_then(|k| scene.instances[k].first_offset);
     let placements = placements(scene, scatter)?;
     let mut outcome = EditOutcome::default();
-    let copies = matches!(scatter.offsets, OffsetSource::Copied(_));
+    let copies = source.is_some() && matches!(scatter.offsets, OffsetSource::Copied(_));
     let records = scene.template_ranges[scatter.template as usize].count;
     if copies {
         offset_runs::reserve(scene, u64::from(records) * scatter.count as u64)?;
@@ -113,7 +113,7 @@ pub(super) fn scatter(scene: &mut InstancedScene, scatter: &Scatter) -> Result<E
     let instances: Vec<Instance> = placements.into_iter().map(&mut instance).collect();
     add(scene, instances, &mut outcome);
     if let Some(k) = source_instance {
-        copy_color(scene, k, &outcome.added);
+        copy_look(scene, k, &outcome.added);
     }
     Ok(outcome)
 }
@@ -130,7 +130,10 @@ fn offset_source(scene: &InstancedScene, scatter: &Scatter) -> Result<Option<usi
         let (has, wanted) = (source.template, scatter.template);
         return Err(EditReason::OtherOffsets { which: which.clone(), has, wanted });
     }
-    source.first_offset.map(|_| Some(k)).ok_or_else(|| EditReason::NoOffsets { which: which.clone() })
+    if source.first_offset.is_none() && scene.own_range(k).count == 0 {
+        return Err(EditReason::NoOffsets { which: which.clone() });
+    }
+    Ok(Some(k))
 }
 
 fn placements(scene: &InstancedScene, scatter: &Scatter) -> Result<Vec<Similarity>, EditReason> {

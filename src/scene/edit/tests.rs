@@ -7,7 +7,7 @@ mod thin;
 use super::*;
 use crate::math::sh::{SH_C0, widened};
 use crate::scene::gaussians::Gaussians;
-use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, SAME_COLOR, TemplateRange};
+use crate::scene::instanced_scene::{ForeignTensor, Group, Instance, SAME_COLOR, SourceRange};
 use crate::scene::offsets::Offsets;
 
 /// `count` Gaussians in a row along x from -0.5, SH degree 1, all different.
@@ -43,7 +43,7 @@ fn scene() -> InstancedScene {
     };
     InstancedScene {
         templates: row(5),
-        template_ranges: vec![TemplateRange { first: 0, count: 2 }, TemplateRange { first: 2, count: 3 }],
+        template_ranges: vec![SourceRange { first: 0, count: 2 }, SourceRange { first: 2, count: 3 }],
         instances: vec![
             instance(0, 0, Some(0)),
             instance(1, 1, Some(2)),
@@ -78,7 +78,11 @@ fn run(scene: &mut InstancedScene, edit: Edit) -> EditOutcome {
 fn looks(scene: &InstancedScene) -> Vec<Gaussians> {
     let flat = scene.flatten();
     let mut first = 0;
-    let counts = scene.instances.iter().map(|i| scene.template_ranges[i.template as usize].count as usize);
+    let counts = scene
+        .instances
+        .iter()
+        .enumerate()
+        .map(|(k, i)| (scene.template_ranges[i.template as usize].count + scene.own_range(k).count) as usize);
     let mut parts = Vec::new();
     for count in counts.chain([scene.background.len()]) {
         parts.push(flat.filtered(|i| (first..first + count).contains(&i)));
@@ -250,7 +254,7 @@ fn recolouring_uses_the_cheapest_place() {
     assert_eq!((differing(&split, &after), after.offsets.len()), (vec![3, 4], 7));
     // Overlapping templates: the other one must not change.
     let mut overlapping = before.clone();
-    overlapping.template_ranges[1] = TemplateRange { first: 1, count: 3 };
+    overlapping.template_ranges[1] = SourceRange { first: 1, count: 3 };
     let mut after = overlapping.clone();
     run(&mut after, Edit::Recolour { which: which("template:0"), rgb: [0.0, 0.3, 0.0] });
     assert_eq!(differing(&overlapping, &after), [0, 2, 3, 4]);
@@ -274,6 +278,57 @@ fn colour_matrices_follow_their_instances() {
     assert_eq!(scene.color_from_template[5..], [matrix(3), matrix(3)]);
     run(&mut scene, Edit::Swap { which: which("0"), template: 1 });
     assert_eq!((scene.color_from_template[0], scene.color_from_template[1]), (SAME_COLOR, matrix(2)));
+}
+
+/// The scene with own Gaussians: two of chair 0, one of table 1 that chair 2 shares, none of the others.
+fn with_own() -> InstancedScene {
+    let range = |first, count| SourceRange { first, count };
+    let own_ranges = vec![range(0, 2), range(2, 1), range(2, 1), range(0, 0), range(0, 0)];
+    InstancedScene { own: row(3), own_ranges, ..scene() }
+}
+
+#[test]
+fn own_gaussians_follow_their_instances() {
+    let before = with_own();
+    let mut after = before.clone();
+    run(&mut after, Edit::MoveBy { which: which("1"), by: DVec3::X });
+    assert_eq!((differing(&before, &after), &after.own), (vec![1], &before.own));
+    // A duplicate shares them, and with the last of those that share them they go.
+    run(&mut after, Edit::Duplicate { which: which("1"), by: DVec3::X, turn: None });
+    assert_eq!((after.own_range(5), after.own.len()), (after.own_range(1), 3));
+    run(&mut after, Edit::Delete { which: which("1") });
+    run(&mut after, Edit::Delete { which: which("4") });
+    assert_eq!(after.own.len(), 3, "chair 2, now 1, has one of them");
+    let outcome = run(&mut after, Edit::Swap { which: which("1"), template: 1 });
+    assert!(outcome.warnings.iter().any(|w| w.contains("own Gaussians of 1 instances")), "{:?}", outcome.warnings);
+    assert_eq!((after.own, after.own_ranges[1].count), (row(3).filtered(|i| i < 2), 0));
+}
+
+#[test]
+fn own_gaussians_are_copied_when_one_of_their_users_changes() {
+    for (selector, count) in [("1", 4), ("0", 3), ("3", 3)] {
+        let before = with_own();
+        let mut after = before.clone();
+        run(&mut after, Edit::Recolour { which: which(selector), rgb: [0.5, 0.0, -0.25] });
+        assert_eq!((differing(&before, &after), after.own.len()), (vec![selector.parse().unwrap()], count));
+        let k: usize = selector.parse().unwrap();
+        let (was, is) = (&looks(&before)[k], &looks(&after)[k]);
+        for i in 0..was.len() {
+            let shift = [0, 1, 2].map(|c| SH_C0 as f32 * (is.sh_of(i)[0][c] - was.sh_of(i)[0][c]));
+            assert!(shift.iter().zip([0.5, 0.0, -0.25]).all(|(a, b)| (a - b).abs() < 1e-5), "{i}: {shift:?}");
+        }
+    }
+}
+
+#[test]
+fn a_region_loses_own_gaussians_too() {
+    let mut scene = with_own();
+    // Chair 0's own are at -0.5 and 0.5, as the chair's; the third, at 1.5, is also the table's.
+    let erase = |x: f64| Edit::Erase { template: 0, centres: vec![DVec3::new(x, 0.1, 0.2)], radius: 0.2 };
+    run(&mut scene, erase(0.5));
+    assert_eq!((scene.template_ranges[0].count, scene.own.len(), scene.own_range(0).count), (1, 2, 1));
+    let outcome = run(&mut scene, erase(1.5));
+    assert!(outcome.warnings.len() == 1 && scene.own.len() == 2, "{:?}", outcome.warnings);
 }
 
 /// The shift is that of the colour that is seen, whatever the matrix makes of the template's.
@@ -481,7 +536,7 @@ fn tensors_of_other_versions_go_when_they_would_no_longer_fit() {
 #[test]
 fn scenes_and_templates_without_gaussians() {
     let mut scene =
-        InstancedScene { template_ranges: vec![TemplateRange { first: 0, count: 0 }], ..InstancedScene::default() };
+        InstancedScene { template_ranges: vec![SourceRange { first: 0, count: 0 }], ..InstancedScene::default() };
     let outcome = apply(&mut scene, &plane(2, 0.5, 1, OffsetSource::None)).unwrap();
     assert_eq!(outcome.added, [0, 1]);
     apply(&mut scene, &Edit::Recolour { which: which("0"), rgb: [0.1; 3] }).unwrap();

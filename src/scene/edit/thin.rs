@@ -1,4 +1,5 @@
-//! Removing Gaussians from a template: all its instances lose them, with the offsets that belong to them.
+//! Removing Gaussians from a template: all its instances lose them, with the offsets that belong to them; and from what these
+//! instances have of their own.
 //!
 //! The template's means decide, in its frame: offsets, which differ between instances, are ignored.
 
@@ -6,7 +7,7 @@ use glam::DVec3;
 
 use crate::math::sh::widened;
 use crate::scene::edit::membership::drop_foreign;
-use crate::scene::edit::{EditOutcome, EditReason, existing_template};
+use crate::scene::edit::{EditOutcome, EditReason, existing_template, own};
 use crate::scene::instanced_scene::InstancedScene;
 
 /// Which side of a box remains after a crop.
@@ -61,26 +62,40 @@ fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool
     }
     let kept = keep[run.clone()].iter().filter(|&&kept| kept).count();
     let mut outcome = EditOutcome::default();
-    if kept == run.len() {
+    let own = own_to_remove(scene, template, &stays);
+    if kept == run.len() && !own.contains(&true) {
         outcome.warnings.push(format!("no Gaussian of template {template} is in the region to remove"));
         return Ok(outcome);
     }
     if kept == 0 {
         return Err(EditReason::EmptyTemplate { template, count: run.len() });
     }
-    drop_foreign(scene, "template.", &mut outcome);
-    if !scene.offsets.is_empty() {
-        drop_foreign(scene, "offset.", &mut outcome);
+    if kept < run.len() {
+        drop_foreign(scene, "template.", &mut outcome);
+        if !scene.offsets.is_empty() {
+            drop_foreign(scene, "offset.", &mut outcome);
+        }
+        scene.compact_templates(&keep);
     }
-    scene.compact_templates(&keep);
+    if scene.keep_own(|_, i| !own[i]) > 0 {
+        drop_foreign(scene, "own.", &mut outcome);
+    }
     outcome.changed = (0..scene.instances.len()).filter(|&k| scene.instances[k].template == template).collect();
     Ok(outcome)
+}
+
+/// By own Gaussian, whether only instances of the template have it and its mean does not satisfy the condition.
+fn own_to_remove(scene: &InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool) -> Vec<bool> {
+    let of_template = own::used_by(scene, |k| scene.instances[k].template == template);
+    let of_others = own::used_by(scene, |k| scene.instances[k].template != template);
+    let goes = |i: usize| of_template[i] && !of_others[i] && !stays(widened(scene.own.means[i]));
+    (0..scene.own.len()).map(goes).collect()
 }
 
 /// Checks that no other template shares Gaussians with this one: it would lose them too.
 fn check_alone(scene: &InstancedScene, template: u32) -> Result<(), EditReason> {
     let range = scene.template_ranges[template as usize];
-    let shares = |(other, r): (usize, &crate::scene::TemplateRange)| {
+    let shares = |(other, r): (usize, &crate::scene::SourceRange)| {
         other != template as usize && r.first < range.first + range.count && range.first < r.first + r.count
     };
     match scene.template_ranges.iter().enumerate().position(shares) {

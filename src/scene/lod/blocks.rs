@@ -1,6 +1,6 @@
 //! The background cut into blocks of neighbouring Gaussians.
 
-use crate::scene::{Gaussians, TemplateRange};
+use crate::scene::{Gaussians, SourceRange};
 
 /// Upper limit on Gaussians in a block: two chunks, so that a level saves at least one chunk; and few enough for blocks
 /// to be small compared with their viewing distance.
@@ -10,21 +10,21 @@ const CHUNK: usize = 256;
 
 /// A new order of a cloud's Gaussians, and the blocks as ranges of that order: recursive halves, cut near the median of
 /// the longest side.
-pub(super) fn block_order(cloud: &Gaussians) -> (Vec<u32>, Vec<TemplateRange>) {
+pub(super) fn block_order(cloud: &Gaussians) -> (Vec<u32>, Vec<SourceRange>) {
     let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
     let mut blocks = Vec::new();
     cut(cloud, &mut order, 0, &mut blocks);
     (order, blocks)
 }
 
-fn cut(cloud: &Gaussians, part: &mut [u32], first: u32, blocks: &mut Vec<TemplateRange>) {
+fn cut(cloud: &Gaussians, part: &mut [u32], first: u32, blocks: &mut Vec<SourceRange>) {
     if part.is_empty() {
         return;
     }
     if part.len() <= MOST {
         // The cloud's own order, so that equal depths are blended in the same order.
         part.sort_unstable();
-        blocks.push(TemplateRange { first, count: part.len() as u32 });
+        blocks.push(SourceRange { first, count: part.len() as u32 });
         return;
     }
     let axis = longest_side(cloud, part);

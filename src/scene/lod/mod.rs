@@ -24,7 +24,7 @@ use rayon::prelude::*;
 
 use crate::math::similarity::Similarity;
 use crate::scene::instanced_scene::ColorMatrix;
-use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
+use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 use blocks::block_order;
 use ladder::{Rung, ladder};
@@ -39,6 +39,11 @@ pub const NO_NEXT_CELL: f32 = 1e30;
 pub enum Cloud {
     /// The cloud [`Levels::templates`].
     Templates,
+    /// The cloud [`Levels::own`].
+    Own {
+        /// Number of the template's Gaussians, which come first in the instance.
+        local_before: u32,
+    },
     /// The cloud [`Levels::background`].
     Background,
 }
@@ -51,10 +56,10 @@ pub struct Part {
     /// The cloud that holds its Gaussians.
     pub cloud: Cloud,
     /// Its Gaussians, a range of that cloud.
-    pub range: TemplateRange,
+    pub range: SourceRange,
     /// The Gaussians of the same object at full detail: all levels share their bounds, and so their distance to the
     /// camera.
-    pub full: TemplateRange,
+    pub full: SourceRange,
     /// First record in [`Levels::offsets`].
     pub first_offset: Option<u32>,
     /// The transform of the instance; identity for the background.
@@ -70,14 +75,16 @@ pub struct Part {
 pub struct Levels {
     /// The scene's templates, unchanged, followed by their levels.
     pub templates: Gaussians,
+    /// The scene's own Gaussians of instances, unchanged: they are few, and have no levels.
+    pub own: Gaussians,
     /// The scene's background, block by block, followed by the blocks' levels.
     pub background: Gaussians,
     /// The scene's colour matrices, by owner of a part: merging is linear, so levels have those of their instance.
     pub color_from_template: Vec<ColorMatrix>,
     /// The scene's offsets, unchanged, followed by those of levels.
     pub offsets: Offsets,
-    /// In this order: instances at full detail, in the scene's order; blocks of the background at full detail; coarser
-    /// levels of instances, grouped by instance; coarser levels of blocks.
+    /// In this order: instances at full detail, in the scene's order, each followed by its own Gaussians if it has any;
+    /// blocks of the background at full detail; coarser levels of instances, grouped by instance; coarser levels of blocks.
     pub parts: Vec<Part>,
     /// For each instance, the range of `parts` with its coarser levels.
     pub coarser: Vec<Range<u32>>,
@@ -88,12 +95,13 @@ impl Levels {
     pub fn of(scene: &InstancedScene) -> Self {
         let mut out = Self {
             templates: scene.templates.clone(),
+            own: scene.own.clone(),
             background: Gaussians { sh_degree: scene.background.sh_degree, ..Gaussians::default() },
             color_from_template: scene.color_from_template.clone(),
             offsets: scene.offsets.clone(),
             ..Self::default()
         };
-        let rungs: Vec<Vec<(Rung, TemplateRange)>> =
+        let rungs: Vec<Vec<(Rung, SourceRange)>> =
             scene.template_ranges.iter().map(|&range| out.push_template(scene, range)).collect();
         for (k, instance) in scene.instances.iter().enumerate() {
             let full = scene.template_ranges[instance.template as usize];
@@ -108,20 +116,31 @@ impl Levels {
                 cell: 0.0,
                 next_cell: own.first().map_or(NO_NEXT_CELL, |(rung, _)| rung.cell),
             });
+            out.push_own(scene.own_range(k), full.count);
         }
         let blocks = out.push_blocks(scene);
         let merged = merged_instances(scene, &rungs, &out.templates);
+        let full: Vec<usize> = (0..out.parts.len()).filter(|&p| out.parts[p].cloud == Cloud::Templates).collect();
         for (k, instance) in scene.instances.iter().enumerate() {
             let first = out.parts.len() as u32;
-            out.push_coarser(k, &rungs[instance.template as usize], &merged[k]);
+            out.push_coarser(full[k], &rungs[instance.template as usize], &merged[k]);
             out.coarser.push(first..out.parts.len() as u32);
         }
         out.parts.extend(blocks);
         out
     }
 
+    /// Appends the own Gaussians of the instance whose part is the last one.
+    fn push_own(&mut self, range: SourceRange, local_before: u32) {
+        if let Some(part) = self.parts.last().filter(|_| range.count > 0) {
+            let cloud = Cloud::Own { local_before };
+            let next_cell = NO_NEXT_CELL;
+            self.parts.push(Part { cloud, range, full: range, first_offset: None, next_cell, ..part.clone() });
+        }
+    }
+
     /// Appends the levels of one template; returns what was merged, and the range of each level.
-    fn push_template(&mut self, scene: &InstancedScene, range: TemplateRange) -> Vec<(Rung, TemplateRange)> {
+    fn push_template(&mut self, scene: &InstancedScene, range: SourceRange) -> Vec<(Rung, SourceRange)> {
         let own = sub_cloud(&scene.templates, range);
         push_rungs(&mut self.templates, &own)
     }
@@ -132,7 +151,7 @@ impl Levels {
         let (order, blocks) = block_order(&scene.background);
         order.iter().for_each(|&i| self.background.push_from(&scene.background, i as usize));
         let clouds: Vec<Gaussians> = blocks.iter().map(|&block| sub_cloud(&self.background, block)).collect();
-        let made: Vec<(Gaussians, Vec<(Rung, TemplateRange)>)> = clouds
+        let made: Vec<(Gaussians, Vec<(Rung, SourceRange)>)> = clouds
             .par_iter()
             .map(|cloud| {
                 let mut levels = Gaussians { sh_degree: cloud.sh_degree, ..Gaussians::default() };
@@ -157,16 +176,17 @@ impl Levels {
             let cells: Vec<f32> = rungs.iter().map(|(rung, _)| rung.cell).chain([NO_NEXT_CELL]).collect();
             self.parts.push(part(full, 0.0, cells[0]));
             for (r, (rung, range)) in rungs.iter().enumerate() {
-                let range = TemplateRange { first: range.first + shift, count: range.count };
+                let range = SourceRange { first: range.first + shift, count: range.count };
                 coarser.push(part(range, rung.cell, cells[r + 1]));
             }
         }
         coarser
     }
 
-    /// Appends the coarser parts of instance `k`, with the offsets in `merged` (one run per level) if it has any.
-    fn push_coarser(&mut self, k: usize, rungs: &[(Rung, TemplateRange)], merged: &[Offsets]) {
-        let full = self.parts[k].clone();
+    /// Appends the coarser parts of an instance, whose full detail is `part`, with the offsets in `merged` (one run per
+    /// level) if it has any.
+    fn push_coarser(&mut self, part: usize, rungs: &[(Rung, SourceRange)], merged: &[Offsets]) {
+        let full = self.parts[part].clone();
         for (r, (rung, range)) in rungs.iter().enumerate() {
             let first_offset = merged.get(r).map(|run| {
                 let first = self.offsets.len() as u32;
@@ -185,14 +205,14 @@ impl Levels {
 }
 
 /// A copy of a range of a cloud.
-fn sub_cloud(cloud: &Gaussians, range: TemplateRange) -> Gaussians {
+fn sub_cloud(cloud: &Gaussians, range: SourceRange) -> Gaussians {
     let mut out = Gaussians::with_capacity(cloud.sh_degree, range.count as usize);
     (range.first..range.first + range.count).for_each(|i| out.push_from(cloud, i as usize));
     out
 }
 
 /// Appends the levels of `own` to `cloud`.
-fn push_rungs(cloud: &mut Gaussians, own: &Gaussians) -> Vec<(Rung, TemplateRange)> {
+fn push_rungs(cloud: &mut Gaussians, own: &Gaussians) -> Vec<(Rung, SourceRange)> {
     let rungs = ladder(own);
     let place = |rung: Rung| {
         let first = cloud.len() as u32;
@@ -200,7 +220,7 @@ fn push_rungs(cloud: &mut Gaussians, own: &Gaussians) -> Vec<(Rung, TemplateRang
             Merged::of(own, members, None).push_to(cloud);
         }
         let count = rung.members.len() as u32;
-        (rung, TemplateRange { first, count })
+        (rung, SourceRange { first, count })
     };
     rungs.into_iter().map(place).collect()
 }
@@ -208,12 +228,12 @@ fn push_rungs(cloud: &mut Gaussians, own: &Gaussians) -> Vec<(Rung, TemplateRang
 /// For each instance and level, the merged offsets; none for instances without offsets.
 fn merged_instances(
     scene: &InstancedScene,
-    rungs: &[Vec<(Rung, TemplateRange)>],
+    rungs: &[Vec<(Rung, SourceRange)>],
     templates: &Gaussians,
 ) -> Vec<Vec<Offsets>> {
     let of_instance = |instance: &Instance| {
         let Some(own) = own_cloud(scene, instance) else { return Vec::new() };
-        let of_level = |(rung, range): &(Rung, TemplateRange)| own.level(scene, rung, templates, *range);
+        let of_level = |(rung, range): &(Rung, SourceRange)| own.level(scene, rung, templates, *range);
         rungs[instance.template as usize].iter().map(of_level).collect()
     };
     scene.instances.par_iter().map(of_instance).collect()

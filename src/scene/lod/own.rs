@@ -1,6 +1,6 @@
 //! The Gaussians of one instance including its offsets, and the offsets of its merged Gaussians.
 
-use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, TemplateRange};
+use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 use super::ladder::Rung;
 use super::merge::Merged;
@@ -55,7 +55,7 @@ impl OwnCloud {
         scene: &InstancedScene,
         rung: &Rung,
         templates: &Gaussians,
-        range: TemplateRange,
+        range: SourceRange,
     ) -> Offsets {
         let kinds = &scene.offsets;
         let shapes = !kinds.log_scales.is_empty() && !kinds.quats.is_empty();

@@ -22,7 +22,7 @@ fn ball(rng: &mut Rng, count: usize, sh_degree: u32) -> Gaussians {
 fn scene(seed: u64, rare: bool) -> InstancedScene {
     let mut rng = Rng::new(seed);
     let templates = ball(&mut rng, 1500, 1);
-    let range = |first, count| TemplateRange { first, count };
+    let range = |first, count| SourceRange { first, count };
     let mut vectors = |count: usize, deviation: f64| -> Vec<[f32; 3]> {
         (0..count).map(|_| (deviation * rng.normal_vector()).as_vec3().to_array()).collect()
     };

@@ -21,7 +21,7 @@ use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::Gaussians;
-use instgs_vk::scene::instanced_scene::{Group, Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::instanced_scene::{Group, Instance, InstancedScene, SourceRange};
 use instgs_vk::scene::offsets::Offsets;
 use occlusion::{Smoother, VoxelGrid};
 use props::{Caster, Props};
@@ -75,7 +75,7 @@ pub(crate) fn embedded_scene() -> InstancedScene {
     add_props(&mut root.fork(3), &mut Props { cloud: &mut background, casters: &mut casters });
     add_ground(&mut root.fork(4), &mut background, &GroundLight::new(&casters));
     InstancedScene {
-        template_ranges: vec![TemplateRange { first: 0, count: templates.len() as u32 }],
+        template_ranges: vec![SourceRange { first: 0, count: templates.len() as u32 }],
         groups: vec![Group {
             template_id: 0,
             name: Some("car".into()),

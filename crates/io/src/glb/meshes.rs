@@ -8,20 +8,30 @@ use crate::glb::document::{Accessor, BufferView, Document, Mesh, SPLATS};
 use instgs_vk::math::covariance::normalised_quat;
 use instgs_vk::math::sh::widened;
 use instgs_vk::scene::gaussians::Gaussians;
-use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, SourceRange};
 
-/// The Gaussians of one mesh: a template with one run of offsets or none, or the background.
+/// What the Gaussians of a mesh belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Kind {
+    /// A template, by index.
+    Template(u32),
+    /// What instances have of their own, by range.
+    Own(SourceRange),
+    /// The background.
+    Background,
+}
+
+/// The Gaussians of one mesh: a template with one run of offsets or none, an instance's own, or the background.
 #[derive(Clone, Copy)]
 struct Part<'a> {
-    /// Index of the template; `None` for the background.
-    template: Option<u32>,
+    kind: Kind,
     cloud: &'a Gaussians,
-    range: TemplateRange,
+    range: SourceRange,
     first_offset: Option<u32>,
 }
 
-/// Identifies an accessor: semantic, template, and the run of offsets if its values include them.
-type AccessorKey = (String, Option<u32>, Option<u32>);
+/// Identifies an accessor: semantic, owner, and the run of offsets if its values include them.
+type AccessorKey = (String, Kind, Option<u32>);
 
 /// Builds the document and the binary chunk mesh by mesh.
 pub(super) struct MeshWriter<'a> {
@@ -29,8 +39,8 @@ pub(super) struct MeshWriter<'a> {
     pub(super) document: Document,
     pub(super) binary: Vec<u8>,
     accessor_of: BTreeMap<AccessorKey, usize>,
-    /// Instances with the same template and the same offsets share a mesh.
-    mesh_of: BTreeMap<(u32, Option<u32>), usize>,
+    /// Instances with the same template and the same offsets share a mesh, and so do those with the same own Gaussians.
+    mesh_of: BTreeMap<(Kind, Option<u32>), usize>,
 }
 
 impl<'a> MeshWriter<'a> {
@@ -50,41 +60,46 @@ impl<'a> MeshWriter<'a> {
     /// # Errors
     /// Names the value that is not finite.
     pub(super) fn instance_mesh(&mut self, instance: &Instance, name: &str) -> Result<Option<usize>, String> {
-        let key = (instance.template, instance.first_offset);
-        if let Some(&mesh) = self.mesh_of.get(&key) {
-            return Ok(Some(mesh));
-        }
         let scene = self.scene;
-        let part = Part {
-            template: Some(instance.template),
-            cloud: &scene.templates,
-            range: scene.template_ranges[instance.template as usize],
-            first_offset: instance.first_offset,
-        };
-        let mesh = self.mesh(name, part)?;
-        if let Some(mesh) = mesh {
-            self.mesh_of.insert(key, mesh);
-        }
-        Ok(mesh)
+        self.mesh(
+            name,
+            Part {
+                kind: Kind::Template(instance.template),
+                cloud: &scene.templates,
+                range: scene.template_ranges[instance.template as usize],
+                first_offset: instance.first_offset,
+            },
+        )
+    }
+
+    /// The mesh of an instance's own Gaussians, `None` if it has none.
+    pub(super) fn own_mesh(&mut self, range: SourceRange, name: &str) -> Result<Option<usize>, String> {
+        self.mesh(name, Part { kind: Kind::Own(range), cloud: &self.scene.own, range, first_offset: None })
     }
 
     /// The mesh of the background, `None` if it is empty.
     pub(super) fn background_mesh(&mut self) -> Result<Option<usize>, String> {
         let cloud = &self.scene.background;
-        let range = TemplateRange { first: 0, count: cloud.len() as u32 };
-        self.mesh("background", Part { template: None, cloud, range, first_offset: None })
+        let range = SourceRange { first: 0, count: cloud.len() as u32 };
+        self.mesh("background", Part { kind: Kind::Background, cloud, range, first_offset: None })
     }
 
     fn mesh(&mut self, name: &str, part: Part<'a>) -> Result<Option<usize>, String> {
+        let key = (part.kind, part.first_offset);
         if part.range.count == 0 {
             return Ok(None);
+        }
+        if let Some(&mesh) = self.mesh_of.get(&key) {
+            return Ok(Some(mesh));
         }
         let mut attributes = BTreeMap::new();
         self.offset_attributes(part, &mut attributes)?;
         self.shape_attributes(part, &mut attributes)?;
         self.sh_rest_attributes(part, &mut attributes)?;
         self.document.meshes.push(Mesh::splats(name.to_owned(), attributes));
-        Ok(Some(self.document.meshes.len() - 1))
+        let mesh = self.document.meshes.len() - 1;
+        self.mesh_of.insert(key, mesh);
+        Ok(Some(mesh))
     }
 
     /// Adds position, opacity and base colour, which every run of offsets changes.
@@ -151,7 +166,7 @@ impl<'a> MeshWriter<'a> {
         value: impl Fn(usize, Option<usize>) -> [f64; N],
         out: &mut BTreeMap<String, usize>,
     ) -> Result<(), String> {
-        let key = (semantic.to_owned(), part.template, first_offset);
+        let key = (semantic.to_owned(), part.kind, first_offset);
         let accessor = match self.accessor_of.get(&key) {
             Some(&accessor) => accessor,
             None => {

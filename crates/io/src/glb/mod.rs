@@ -3,7 +3,7 @@
 //! Every instance is a node with its `world_from_template` as rotation, scale and translation, and a mesh of points.
 //! The meshes of a template share its accessors for scale, rotation and SH of degree 1 and more; each run of offsets
 //! has its own position, opacity and SH of degree 0: 28 bytes per Gaussian. Instances without offsets, or with the same
-//! ones, share a mesh. The background is one more mesh. Viewers that support the extension rotate SH with the node, as
+//! ones, share a mesh. Own Gaussians of an instance are a mesh of a node below the instance's. The background is one more mesh. Viewers that support the extension rotate SH with the node, as
 //! the renderer here does with instances, so the picture equals that of the expanded scene. They need not support
 //! sharing between meshes.
 //!
@@ -31,7 +31,7 @@ use crate::error::{IoError, Place};
 use crate::glb::document::{Buffer, Document, Node, SPLATS};
 use crate::glb::meshes::MeshWriter;
 use instgs_vk::math::covariance::quat_from_rotation;
-use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, SceneError};
+use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, SceneError, SourceRange};
 
 /// Magic number of a GLB file, "glTF".
 const MAGIC: u32 = 0x4654_6C67;
@@ -87,7 +87,10 @@ pub fn glb_data_bytes(scene: &InstancedScene) -> u64 {
         let count = |template: u32| u64::from(scene.template_ranges[template as usize].count);
         accessors.iter().map(|&(template, _)| bytes * count(template)).sum()
     };
-    attributes.into_iter().map(accessor_bytes).sum::<u64>() + scene.background.tensor_bytes()
+    let own: BTreeSet<SourceRange> = scene.own_ranges.iter().copied().collect();
+    let own: u64 = own.iter().map(|range| u64::from(range.count)).sum();
+    let own_bytes = own * (44 + 12 * scene.own.sh_coefficients() as u64);
+    attributes.into_iter().map(accessor_bytes).sum::<u64>() + own_bytes + scene.background.tensor_bytes()
 }
 
 /// The JSON and the binary chunk, both padded to 4 bytes; the latter is empty if the scene is.
@@ -128,28 +131,37 @@ fn too_large(path: &Path, bytes: u64) -> IoError {
         .advise("keep it as .instgs")
 }
 
-/// The root node, then the instances in file order, then the background.
+/// The root node, then the instances in file order, each with a child for its own Gaussians if it has any, then the
+/// background.
 fn nodes(writer: &mut MeshWriter, scene: &InstancedScene, up_to_y: DMat3) -> Result<Vec<Node>, String> {
     let root = Node { name: "world".into(), rotation: Some(xyzw(up_to_y)), ..Node::default() };
     let mut nodes = vec![root];
+    let mut children = Vec::with_capacity(scene.instances.len() + 1);
     for (k, (instance, label)) in scene.instances.iter().zip(scene.instance_labels()).enumerate() {
         let kind = label.group.and_then(|g| scene.groups[g].name.clone());
         let kind = kind.unwrap_or_else(|| format!("template {}", instance.template));
         let placement = &instance.world_from_template;
         let mesh = writer.instance_mesh(instance, &kind).map_err(|e| format!("instance {k}: {e}"))?;
+        let own = writer.own_mesh(scene.own_range(k), &format!("{kind}, own"));
+        let own = own.map_err(|e| format!("own Gaussians of instance {k}: {e}"))?;
+        children.push(nodes.len());
+        let name = label.id.map_or_else(|| format!("instance {k}"), |id| format!("{kind} {id}"));
+        let below = own.map(|own| Node { name: format!("{name}, own"), mesh: Some(own), ..Node::default() });
         nodes.push(Node {
-            name: label.id.map_or_else(|| format!("instance {k}"), |id| format!("{kind} {id}")),
+            name,
             mesh,
             rotation: Some(xyzw(placement.rotation())),
             scale: Some([placement.scale() as f32; 3]),
             translation: Some(placement.translation().as_vec3().to_array()),
-            children: Vec::new(),
+            children: below.iter().map(|_| nodes.len() + 1).collect(),
         });
+        nodes.extend(below);
     }
     if let Some(mesh) = writer.background_mesh().map_err(|e| format!("background: {e}"))? {
+        children.push(nodes.len());
         nodes.push(Node { name: BACKGROUND.into(), mesh: Some(mesh), ..Node::default() });
     }
-    nodes[0].children = (1..nodes.len()).collect();
+    nodes[0].children = children;
     Ok(nodes)
 }
 

@@ -16,7 +16,7 @@ use instgs_vk::gpu::Gpu;
 use instgs_vk::math::sh::widened;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{DeviceScene, Picture, RenderOptions, Renderer};
-use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, SourceRange};
 
 /// Number of Gaussians that stand for the object's outline: enough to find its box.
 const OUTLINE_POINTS: usize = 300;
@@ -65,7 +65,7 @@ impl<'a> RenderCheck<'a> {
         let mut templates = Gaussians::with_capacity(self.cloud.sh_degree, 0);
         self.indices.get(&id).into_iter().flatten().for_each(|&i| templates.push_from(self.cloud, i as usize));
         let scene = InstancedScene {
-            template_ranges: vec![TemplateRange { first: 0, count: templates.len() as u32 }],
+            template_ranges: vec![SourceRange { first: 0, count: templates.len() as u32 }],
             instances: vec![Instance { template: 0, world_from_template: pose, first_offset: None }],
             background: Gaussians::with_capacity(self.cloud.sh_degree, 0),
             templates,

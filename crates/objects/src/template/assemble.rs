@@ -12,7 +12,7 @@ use super::settle::settle;
 use super::template_cloud::TemplateCloud;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, PosedGroup, PosedInstance, TemplateRange};
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, PosedGroup, PosedInstance, SourceRange};
 
 /// Result of [`build`].
 #[derive(Clone, Debug, PartialEq)]
@@ -86,7 +86,7 @@ fn add_group(
     }
     report.template = Some(scene.template_ranges.len() as u32);
     report.template_gaussians = count;
-    let range = TemplateRange { first: scene.templates.len() as u32, count: count as u32 };
+    let range = SourceRange { first: scene.templates.len() as u32, count: count as u32 };
     for (k, own) in instances.iter().enumerate() {
         scene.instances.push(Instance {
             template: scene.template_ranges.len() as u32,

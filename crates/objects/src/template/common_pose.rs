@@ -70,7 +70,7 @@ mod tests {
     use super::*;
     use instgs_vk::math::covariance::rotation_from_quat;
     use instgs_vk::math::rng::Rng;
-    use instgs_vk::scene::{Instance, InstancedScene, TemplateRange};
+    use instgs_vk::scene::{Instance, InstancedScene, SourceRange};
 
     fn drawn(rng: &mut Rng, len: usize) -> Gaussians {
         let mut out = Gaussians::with_capacity(3, len);
@@ -105,7 +105,7 @@ mod tests {
             let rotation = rotation_from_quat(rng.rotation_quat());
             let pose = Similarity::from_parts(rotation, scale, rng.normal_vector() * 3.0);
             let scene = InstancedScene {
-                template_ranges: vec![TemplateRange { first: 0, count: 40 }],
+                template_ranges: vec![SourceRange { first: 0, count: 40 }],
                 instances: vec![Instance { template: 0, world_from_template: pose, first_offset: None }],
                 templates: template.clone(),
                 background: Gaussians::with_capacity(3, 0),

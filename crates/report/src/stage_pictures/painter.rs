@@ -6,7 +6,7 @@ use crate::Rgb8;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{Picture, RenderError, RenderOptions, Renderer};
-use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, TemplateRange};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, SourceRange};
 
 /// Background of single objects, grey from 0 to 1: light, so that dark objects have a clear outline.
 pub(super) const GROUND: f32 = 0.93;
@@ -34,7 +34,7 @@ impl Painter {
         cameras: &[Camera],
     ) -> Result<Vec<Picture>, RenderError> {
         let scene = InstancedScene {
-            template_ranges: vec![TemplateRange { first: 0, count: cloud.len() as u32 }],
+            template_ranges: vec![SourceRange { first: 0, count: cloud.len() as u32 }],
             instances: vec![Instance { template: 0, world_from_template: pose, first_offset: None }],
             background: Gaussians::with_capacity(cloud.sh_degree, 0),
             templates: cloud,

@@ -91,7 +91,7 @@ pub(super) fn densify(
     let moves = place(tools, &fates, before, after)?;
     let boundaries = moved_boundaries(tools, state, &fates, after)?;
     drop(fates);
-    let (layout, runs) = state.layout.after_moves(|i| boundaries[&i]);
+    let (layout, runs) = state.layout.after_moves(|i| boundaries[&i], &[]);
     let offset_moves = if runs.is_empty() { None } else { Some(place_offsets(tools, state, &moves, &layout, &runs)?) };
     tools.move_arrays(state, &moves, offset_moves.as_ref())?;
     split_children(tools, state, &moves, limits)?;

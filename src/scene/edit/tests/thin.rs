@@ -80,7 +80,7 @@ fn what_would_leave_nothing_or_makes_no_sense_is_refused() {
         assert_eq!(after, before);
     }
     let mut shared = before;
-    shared.template_ranges[1] = TemplateRange { first: 1, count: 3 };
+    shared.template_ranges[1] = SourceRange { first: 1, count: 3 };
     let error = apply(&mut shared, &erase(&[[-0.5, 0.0, 0.2]], 0.1)).unwrap_err().to_string();
     assert!(error.contains("template 1 shares Gaussians with template"), "{error}");
 }
