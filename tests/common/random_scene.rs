@@ -69,11 +69,13 @@ pub(crate) fn add_own_gaussians(rng: &mut Rng, case: &mut RandomCase) {
     let scene = &mut case.scene;
     let mut own = Gaussians::with_capacity(scene.templates.sh_degree, 0);
     let instances = scene.instances.len();
+    let centre = scene.instances[0].world_from_template.translation();
+    let pixel_world = case.camera.position_world().distance(centre).max(1.0) / case.camera.fy;
     let mut range = |k: usize| {
         let has_own = k == 0 || k + 1 < instances && rng.chance(0.5);
         let count = if has_own { 1 + rng.index(20) } else { 0 };
         let first = own.len() as u32;
-        push_cloud(rng, &mut own, count, 0.5, 0.01, f64::from(case.camera.width));
+        push_cloud(rng, &mut own, count, 0.5, pixel_world, f64::from(case.camera.width));
         SourceRange { first, count: count as u32 }
     };
     let mut ranges: Vec<SourceRange> = (0..instances).map(&mut range).collect();

@@ -37,7 +37,7 @@ fn read_world(bytes: &[u8]) -> (DMat4, Vec<WorldSplat>) {
     let root = gltf.default_scene().unwrap().nodes().next().unwrap();
     let mut out = Vec::new();
     for node in root.children() {
-        read_node(&node, gltf.blob.as_deref().unwrap(), &mut out);
+        read_node(&node, DMat4::IDENTITY, gltf.blob.as_deref().unwrap(), &mut out);
     }
     (matrix(&root), out)
 }
@@ -51,10 +51,10 @@ fn matrix(node: &gltf::Node) -> DMat4 {
     )
 }
 
-fn read_node(node: &gltf::Node, blob: &[u8], out: &mut Vec<WorldSplat>) {
-    let world_from_node = matrix(node);
-    let (_, r, _) = node.transform().decomposed();
-    let node_rotation = DMat3::from_quat(DQuat::from_array(r.map(f64::from)));
+fn read_node(node: &gltf::Node, world_from_parent: DMat4, blob: &[u8], out: &mut Vec<WorldSplat>) {
+    let world_from_node = world_from_parent * matrix(node);
+    let (_, rotation, _) = world_from_node.to_scale_rotation_translation();
+    let node_rotation = DMat3::from_quat(rotation);
     let linear = DMat3::from_mat4(world_from_node);
     let primitive = node.mesh().unwrap().primitives().next().unwrap();
     assert_eq!(primitive.mode(), gltf::mesh::Mode::Points);
@@ -84,6 +84,7 @@ fn read_node(node: &gltf::Node, blob: &[u8], out: &mut Vec<WorldSplat>) {
             node_rotation,
         });
     }
+    node.children().for_each(|child| read_node(&child, world_from_node, blob, out));
 }
 
 fn name_of(semantic: &gltf::Semantic) -> String {
