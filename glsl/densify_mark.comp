@@ -5,6 +5,7 @@
 // - Reads the parameters (by Gaussian; all SH bands, to check that they are finite) and `screen_statistics`.
 // - Reads `uses`, `highest_logits` and `log_world_scales` (see `source_use`): a Gaussian of a template counts once per
 //   instance, and its scales are those in the world.
+// - Reads `own_counts` and `own_gradients` (see `densify_own_need`): where some instances grow alone, the template does not.
 // - Writes `keys` (bits of the mean screen gradient, inverted: the radix sort ascends) and `values` (the index) for the
 //   sort, `counts` (1 if it stays without growth), `gains` (Gaussians added by growth), both once more as numbers of
 //   expanded Gaussians (`kept_expanded`, `gains_expanded`), and `growths` (`GROWTH_*`).
@@ -30,7 +31,9 @@ layout(scalar, binding = 14) readonly buffer Uses { uint uses[]; };             
 layout(scalar, binding = 15) readonly buffer HighestLogits { float highest_logits[]; };      // largest opacity logit in any instance
 layout(scalar, binding = 18) readonly buffer LogWorldScales { float log_world_scales[]; };   // log of the largest scale of an instance
 layout(scalar, binding = 16) writeonly buffer KeptExpanded { uint kept_expanded[]; };        // `counts` times `uses`
-layout(scalar, binding = 17) writeonly buffer GainsExpanded { uint gains_expanded[]; };      // `gains` times `uses`
+layout(scalar, binding = 17) writeonly buffer GainsExpanded { uint gains_expanded[]; };      // `gains` times `uses`, or `own_counts`
+layout(scalar, binding = 19) readonly buffer OwnCounts { uint own_counts[]; };               // instances that grow alone
+layout(scalar, binding = 20) readonly buffer OwnGradients { float own_gradients[]; };        // their mean screen gradient
 layout(scalar, push_constant) uniform DensifyMarkParams {
     uint count;                // Gaussians
     uint split_count;          // children of a split Gaussian
@@ -56,12 +59,15 @@ void main() {
     bool grows = lives && is_finite(statistics.x) && statistics.x >= gradient_threshold * views;
     bool splits = largest > log_scale_split;
     uint grown = splits ? (largest - log_shrink <= log_scale_max ? split_count : 0) : kept + (fits ? 1 : 0);
-    uint gain = grows ? max(grown, kept) - kept : 0;
-    keys[i] = gain > 0 ? ~floatBitsToUint(statistics.x / views) : 0xFFFFFFFF;
+    bool own = kept == 1 && own_counts[i] > 0;
+    uint gain = grows && !own ? max(grown, kept) - kept : 0;
+    float gradient = own ? own_gradients[i] : statistics.x / views;
+    keys[i] = own || gain > 0 ? ~floatBitsToUint(gradient) : 0xFFFFFFFF;
     values[i] = i;
     counts[i] = kept;
     gains[i] = gain;
     kept_expanded[i] = kept * uses[i];
-    gains_expanded[i] = gain * uses[i];
-    growths[i] = gain == 0 ? GROWTH_NONE : splits ? GROWTH_SPLIT : GROWTH_CLONE;
+    gains_expanded[i] = own ? own_counts[i] : gain * uses[i];
+    uint growth = splits ? GROWTH_SPLIT : GROWTH_CLONE;
+    growths[i] = own ? (splits ? GROWTH_OWN_SPLIT : GROWTH_OWN_CLONE) : gain > 0 ? growth : GROWTH_NONE;
 }

@@ -2,8 +2,9 @@
 // Lists the new Gaussians: `origins` (the old Gaussian that each comes from) and `made` (its kind, `MADE_*`).
 //
 // - Reads `counts`, their exclusive scan `firsts`, and `growths`, all by old Gaussian.
-// - The old order is kept. A copy comes right after its original; children take the place of their parent.
-// - Grid: one thread per old Gaussian. Bytes: 12 read per old Gaussian, 8 written per new one.
+// - The old order is kept. A copy comes right after its original; children take the place of their parent. A run of old
+//   Gaussians is placed `shift` further back, behind what instances get for their own.
+// - Grid: one thread per old Gaussian of the run. Bytes: 12 read per old Gaussian, 8 written per new one.
 //
 // Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
 #extension GL_GOOGLE_include_directive : require
@@ -16,19 +17,21 @@ layout(scalar, binding = 2) readonly buffer Firsts { uint firsts[]; };    // exc
 layout(scalar, binding = 3) writeonly buffer Origins { uint origins[]; };  // old Gaussian of each new one
 layout(scalar, binding = 4) writeonly buffer Made { uint made[]; };       // MADE_*
 layout(scalar, push_constant) uniform DensifyPlaceParams {
-    uint count;  // old Gaussians
+    uint count;         // old Gaussians of the run
+    uint first_source;  // the first of them
+    uint shift;         // how much further back their new ones are
 };
 
 void main() {
-    uint i = thread_index();
-    if (i >= count) return;
+    if (thread_index() >= count) return;
+    uint i = first_source + thread_index();
     uint becomes = counts[i];
     uint growth = growths[i];
     for (uint k = 0; k < becomes; ++k) {
         // The copy of a clone comes after it, or alone if the original is removed.
         uint clone = k + 1 == becomes ? MADE_CLONE : MADE_KEPT;
         uint how = growth == GROWTH_SPLIT ? MADE_CHILD + k : growth == GROWTH_CLONE ? clone : MADE_KEPT;
-        origins[firsts[i] + k] = i;
-        made[firsts[i] + k] = how;
+        origins[firsts[i] + shift + k] = i;
+        made[firsts[i] + shift + k] = how;
     }
 }

@@ -3,7 +3,7 @@
 //
 // - Reads `order` (Gaussians by descending gradient, ties by index), `gains`, `gains_expanded` and the exclusive scan of the
 //   latter in that order, and `counters[COUNTER_KEPT]`. A Gaussian grows if it and all before it fit.
-// - Updates `counts` (number of Gaussians that it becomes) and `growths`; adds to `COUNTER_CLONED` and `COUNTER_SPLIT`
+// - Updates `counts` (number of Gaussians that it becomes, those of instances' own not counted) and `growths`; adds to `COUNTER_CLONED` and `COUNTER_SPLIT`
 //   (integer atomics: the order does not matter).
 // - Grid: one thread per index in the order. Bytes per Gaussian: 24 read, 8 written.
 //
@@ -32,7 +32,7 @@ void main() {
     uint gain = gains[i];
     // Both sums saturate, so a sum that exceeds 32 bits counts as too large.
     uint after = add_saturating(add_saturating(counters[COUNTER_KEPT], gains_before[in_list ? place : 0]), gains_expanded[i]);
-    uint growth = gain > 0 && after <= max_expanded ? growths[i] : GROWTH_NONE;
+    uint growth = after <= max_expanded ? growths[i] : GROWTH_NONE;
     if (in_list) {
         growths[i] = growth;
         counts[i] += growth != GROWTH_NONE ? gain : 0;

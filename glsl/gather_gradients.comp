@@ -5,7 +5,8 @@
 //   it was not culled (`instance_chunks`, `candidate_offsets`, `candidate_visible`, `work_offsets`), and there 72 bytes
 //   per Gaussian. Background Gaussians have one instance.
 // - Writes gradients by mean, quaternion (not normalised), log scales, logit and the active SH bands: 44 + 12 (degree +
-//   1)^2 bytes; adds to `screen_statistics` (the input of densification).
+//   1)^2 bytes; adds to `screen_statistics` (the input of densification) and, where instances may get own Gaussians, to
+//   `record_statistics`. Instances with own Gaussians share no offset records.
 // - If the scene has offsets of shape or of SH bands above 0 (ablations), writes their gradients, and computes those by
 //   shape per instance; records that are not drawn must hold zeros before.
 // - Grid: one work-group per chunk. The order of the sum is that of the instances: no atomics.
@@ -51,6 +52,7 @@ layout(scalar, binding = 22) readonly buffer OffsetQuats { vec4 offset_quats[]; 
 layout(scalar, binding = 23) writeonly buffer OffsetShRestGradients { vec3 offset_sh_rest_gradients[]; };  // by offset record and coefficient from 1, if any
 layout(scalar, binding = 24) writeonly buffer OffsetLogScaleGradients { vec3 offset_log_scale_gradients[]; };  // by offset record, if any
 layout(scalar, binding = 25) writeonly buffer OffsetQuatGradients { vec4 offset_quat_gradients[]; };   // by offset record, if any
+layout(scalar, binding = 26) buffer RecordStatistics { vec2 record_statistics[]; };                    // as the first two of screen_statistics, by offset record, if instances may get own Gaussians
 layout(scalar, push_constant) uniform GatherGradientsParams {
     uint chunk_count;  // chunks of source Gaussians
 };
@@ -59,6 +61,7 @@ layout(scalar, push_constant) uniform GatherGradientsParams {
 #include "shape.glsl"
 
 layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // 1 = the scene has offsets of SH coefficients above 0
+layout(constant_id = 10) const uint OWN_GAUSSIANS = 0;  // 1 = instances may get Gaussians of their own
 
 // True if instances of a template differ in shape.
 bool own_shapes() {
@@ -181,6 +184,9 @@ void main() {
             sums.opacity_logit += g.opacity_logit;
             sums.statistics.xy += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
             sums.statistics.z = max(sums.statistics.z, g.radius_px);
+            if (OWN_GAUSSIANS != 0 && instances[instance].first_offset != NO_OFFSET) {
+                record_statistics[instances[instance].first_offset + local] += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
+            }
             add_sh(sums.sh, g.direction, g.color, degree);
             if (own_shapes()) add_shape(sums, instances[instance], local, g);
             if (OFFSET_SH_REST != 0 && instances[instance].first_offset != NO_OFFSET) write_sh_rest(instances[instance], local, g, degree);

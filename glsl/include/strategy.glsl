@@ -11,7 +11,9 @@ const uint COUNTER_RELOCATED = 13;    // dead Gaussians that were moved onto oth
 const uint GROWTH_NONE = 0;           // no growth: stays or is removed
 const uint GROWTH_CLONE = 1;          // leaves a copy, and stays or is removed
 const uint GROWTH_SPLIT = 2;          // is replaced by children
+const uint GROWTH_OWN_CLONE = 3;      // stays, and leaves a copy to some instances for their own
+const uint GROWTH_OWN_SPLIT = 4;      // stays, and leaves a smaller Gaussian to some instances for their own
 
 const uint MADE_KEPT = 0;             // unchanged Gaussian, with its moments
 const uint MADE_CLONE = 1;            // copy of a clone
-const uint MADE_CHILD = 2;            // and above: child number `made - MADE_CHILD` of a split Gaussian
+const uint MADE_CHILD = 2;            // and above: child number `made - MADE_CHILD` of a split Gaussian, or of an instance by its index

@@ -56,6 +56,32 @@ pub fn download_from<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
     let mut readback = Buffer::<T>::for_readback(gpu, "readback", len)?;
     let mut recorder = Recorder::new(gpu)?;
     recorder.copy_from(buffer, first, &mut readback)?;
+    read_mapped(recorder, &readback)
+}
+
+/// Single elements of a device buffer, by index. Waits for everything submitted before.
+///
+/// # Panics
+/// If an index is out of range.
+pub fn download_elements<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+    gpu: &Arc<Gpu>,
+    buffer: &Buffer<T>,
+    indices: &[usize],
+) -> Result<Vec<T>, GpuError> {
+    if indices.is_empty() {
+        return Ok(Vec::new());
+    }
+    let mut readback = Buffer::<T>::for_readback(gpu, "readback", indices.len())?;
+    let mut recorder = Recorder::new(gpu)?;
+    recorder.copy_elements(buffer, indices, &mut readback)?;
+    read_mapped(recorder, &readback)
+}
+
+/// The contents of a host-visible buffer after the recording has run.
+fn read_mapped<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
+    mut recorder: Recorder,
+    readback: &Buffer<T>,
+) -> Result<Vec<T>, GpuError> {
     let ticket = recorder.submit()?;
     recorder.wait(ticket)?;
     let mapped = readback.mapped().ok_or_else(|| not_mapped("readback"))?;

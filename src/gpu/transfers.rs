@@ -37,7 +37,7 @@ impl Recorder {
     ) -> Result<(), GpuError> {
         let fits = bytes <= source.bytes() && bytes <= target.bytes();
         assert!(fits, "{} to {}: {bytes} bytes", source.name(), target.name());
-        self.copy_region(source, target, vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes })
+        self.copy_regions(source, target, &[vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }])
     }
 
     /// Fills the target with the elements of the source from element `first` on.
@@ -52,15 +52,35 @@ impl Recorder {
     ) -> Result<(), GpuError> {
         let (offset, bytes) = ((first * size_of::<T>()) as u64, target.bytes());
         assert!(offset + bytes <= source.bytes(), "{}: {bytes} bytes from element {first}", source.name());
-        self.copy_region(source, target, vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes })
+        self.copy_regions(source, target, &[vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }])
     }
 
-    /// Copies a region that both buffers hold.
-    fn copy_region<T: bytemuck::NoUninit>(
+    /// Copies single elements of the source, by index, to the start of the target.
+    ///
+    /// # Panics
+    /// If an index exceeds the source, or their number the target.
+    pub fn copy_elements<T: bytemuck::NoUninit>(
+        &mut self,
+        source: &Buffer<T>,
+        indices: &[usize],
+        target: &mut Buffer<T>,
+    ) -> Result<(), GpuError> {
+        assert!(indices.len() <= target.len() && indices.iter().all(|&i| i < source.len()), "{}", source.name());
+        let size = size_of::<T>() as u64;
+        let region = |(k, &i): (usize, &usize)| vk::BufferCopy {
+            src_offset: i as u64 * size,
+            dst_offset: k as u64 * size,
+            size,
+        };
+        self.copy_regions(source, target, &indices.iter().enumerate().map(region).collect::<Vec<_>>())
+    }
+
+    /// Copies regions that both buffers hold.
+    fn copy_regions<T: bytemuck::NoUninit>(
         &mut self,
         source: &Buffer<T>,
         target: &mut Buffer<T>,
-        region: vk::BufferCopy,
+        regions: &[vk::BufferCopy],
     ) -> Result<(), GpuError> {
         self.begin()?;
         self.keep(source.inner(), "copy")?;
@@ -68,8 +88,8 @@ impl Recorder {
         self.accesses.clear();
         self.accesses.extend([(source.handle(), Access::COPY_READ), (target.handle(), Access::COPY_WRITE)]);
         self.order();
-        // SAFETY: recording; both buffers hold the region (the callers assert it) and are kept.
-        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), &[region]) };
+        // SAFETY: recording; both buffers hold the regions (the callers assert it) and are kept.
+        unsafe { self.gpu.device.cmd_copy_buffer(self.commands, source.handle(), target.handle(), regions) };
         Ok(())
     }
 

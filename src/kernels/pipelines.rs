@@ -56,6 +56,10 @@ pub struct DensifyPipelines {
     pub densify_select: Pipeline<densify_select::DensifySelect>,
     pub densify_place: Pipeline<densify_place::DensifyPlace>,
     pub densify_place_offsets: Pipeline<densify_place_offsets::DensifyPlaceOffsets>,
+    pub densify_own_need: Pipeline<densify_own_need::DensifyOwnNeed>,
+    pub densify_own_select: Pipeline<densify_own_select::DensifyOwnSelect>,
+    pub densify_place_own: Pipeline<densify_place_own::DensifyPlaceOwn>,
+    pub densify_own: Pipeline<densify_own::DensifyOwn>,
     pub densify_split: Pipeline<densify_split::DensifySplit>,
     pub mcmc_weigh: Pipeline<mcmc_weigh::McmcWeigh>,
     pub mcmc_pick: Pipeline<mcmc_pick::McmcPick>,
@@ -251,7 +255,10 @@ impl BackwardPipelines {
                 size,
                 &[&[("POSES", u32::from(poses)), traits.color_matrices_constant()][..], &traits.constants()].concat(),
             )?,
-            gather_gradients: compiler.compile(size, &traits.constants())?,
+            gather_gradients: compiler.compile(
+                size,
+                &[&[("OWN_GAUSSIANS", u32::from(traits.own_gaussians))][..], &traits.constants()].concat(),
+            )?,
             gather_color_gradients: match traits.color_matrices {
                 true => {
                     let rest = ("OFFSET_SH_REST", u32::from(traits.offset_sh_rest));
@@ -277,6 +284,10 @@ impl DensifyPipelines {
             densify_select: compiler.compile(size, &[])?,
             densify_place: compiler.compile(size, &[])?,
             densify_place_offsets: compiler.compile(size, &[])?,
+            densify_own_need: compiler.compile(size, &[])?,
+            densify_own_select: compiler.compile(size, &[])?,
+            densify_place_own: compiler.compile(size, &[])?,
+            densify_own: compiler.compile(size, &[("SH_DEGREE", sh_degree)])?,
             densify_split: compiler.compile(size, &[])?,
             mcmc_weigh: compiler.compile(size, &[("SH_DEGREE", sh_degree)])?,
             mcmc_pick: compiler.compile(size, &[])?,

@@ -227,6 +227,7 @@ fn record_gather(
         sh2_gradients: &mut by.sh2,
         sh3_gradients: &mut by.sh3,
         screen_statistics: &mut gradients.screen_statistics,
+        record_statistics: &mut gradients.record_statistics,
         instances: &scene.instances,
         offset_log_scales: &parameters.offset_log_scales,
         offset_quats: &parameters.offset_quats,

@@ -61,6 +61,8 @@ pub struct DeviceScene {
     pub antialias: bool,
     /// Numbers of Gaussians and offsets, levels of detail included.
     pub counts: SceneCounts,
+    /// True if instances have own Gaussians, or may get them.
+    own_gaussians: bool,
     /// First row of every instance at full detail, and after the last one the number of these rows.
     first_rows: Vec<u32>,
     /// For each instance, the rows of its coarser levels in `instances`; `None` without levels of detail.
@@ -143,6 +145,7 @@ impl DeviceScene {
         let sh_degree = scene.sh_degree();
         let rows = scene.parameter_rows();
         Ok(Self {
+            own_gaussians: !layout.own_ranges.is_empty(),
             first_rows: layout.first_rows(),
             instances: upload(gpu, "instances", &tables.instances)?,
             chunks: upload(gpu, "chunks", &tables.chunks)?,
@@ -276,6 +279,7 @@ impl DeviceScene {
             offset_log_scales: self.has(Parameter::OffsetLogScales),
             offset_quats: self.has(Parameter::OffsetQuats),
             color_matrices: self.has(Parameter::ColorFromTemplate),
+            own_gaussians: self.own_gaussians,
             levels: self.has_levels(),
         }
     }

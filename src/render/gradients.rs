@@ -23,16 +23,20 @@ pub struct GradientBuffers {
     /// Sums over steps for densification, by source: length of the gradient by the projected mean in units of half the
     /// image, number of views that show it, and the largest value of three standard deviations on screen, px.
     pub screen_statistics: Buffer<[f32; 3]>,
+    /// The first two of these sums by offset record, in scenes in which instances may get own Gaussians.
+    pub record_statistics: Buffer<[f32; 2]>,
 }
 
 impl GradientBuffers {
     /// Allocates the gradients of a scene.
     pub fn new(gpu: &Arc<Gpu>, scene: &DeviceScene) -> Result<Self, GpuError> {
         let statistics = vec![[0.0; 3]; scene.counts.rows[Parameter::Means].iter().sum()];
+        let records = if scene.traits(0).own_gaussians { scene.counts.rows[Parameter::OffsetMeans][0] } else { 0 };
         Ok(Self {
             parameters: ParameterBuffers::new(gpu, "gradients, ", &scene.counts.rows)?,
             poses: Buffer::new(gpu, "gradients, poses", scene.posed_instances() as usize)?,
             screen_statistics: upload(gpu, "screen statistics", &statistics)?,
+            record_statistics: upload(gpu, "record statistics", &vec![[0.0; 2]; records])?,
         })
     }
 
@@ -42,12 +46,13 @@ impl GradientBuffers {
             parameters: ParameterBuffers::new(gpu, "no gradients, ", &ParameterSet::from_fn(|_| [0, 0]))?,
             poses: Buffer::new(gpu, "no gradients", 1)?,
             screen_statistics: Buffer::new(gpu, "no gradients", 1)?,
+            record_statistics: Buffer::new(gpu, "no gradients", 1)?,
         })
     }
 
     /// Size of all buffers, bytes.
     pub fn bytes(&self) -> u64 {
-        self.parameters.bytes() + self.poses.bytes() + self.screen_statistics.bytes()
+        self.parameters.bytes() + self.poses.bytes() + self.screen_statistics.bytes() + self.record_statistics.bytes()
     }
 }
 

@@ -27,6 +27,10 @@ pub(crate) struct DeviceGradient {
     pub(crate) colors: Vec<[f32; 4]>,
     /// How often the step was done again because buffers were too small.
     pub(crate) redone: u32,
+    /// Screen statistics by source Gaussian.
+    pub(crate) screen_statistics: Vec<[f32; 3]>,
+    /// Screen statistics by offset record, in scenes with own Gaussians.
+    pub(crate) record_statistics: Vec<[f32; 2]>,
 }
 
 impl GradientRunner {
@@ -81,7 +85,14 @@ impl GradientRunner {
         }
         let (frame, _) = self.frame.buffers().unwrap();
         let colors = download(&gpu, &frame.colors, cotangents.len()).unwrap();
-        DeviceGradient { gradient: scene_gradient(&gpu, scene, &gradients), colors, redone }
+        let records = if scene.own_ranges.is_empty() { 0 } else { scene.offsets.len() };
+        DeviceGradient {
+            gradient: scene_gradient(&gpu, scene, &gradients),
+            colors,
+            redone,
+            screen_statistics: download(&gpu, &gradients.screen_statistics, scene.source_len()).unwrap(),
+            record_statistics: download(&gpu, &gradients.record_statistics, records).unwrap(),
+        }
     }
 }
 

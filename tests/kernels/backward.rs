@@ -1,5 +1,7 @@
 //! The backward passes: golden gradients, random scenes against the twin, overflow, determinism.
 
+use std::collections::BTreeSet;
+
 use instgs_reference::View;
 use instgs_reference::finite_diff::Tensor;
 use instgs_reference::gather_gradients::{CloudGradient, SceneGradient, scene_gradient};
@@ -105,6 +107,37 @@ fn random_scenes_against_the_twin() {
         println!("{name}: {error:.2e} (seed {seed})");
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+    assert_silent(&gpu);
+}
+
+/// In scenes with own Gaussians, the statistics of a template's Gaussian are the sum of those of its records, if every instance
+/// has some. One run of records may serve two instances.
+#[test]
+fn statistics_of_records_add_up() {
+    let Some(gpu) = gpu() else { return };
+    let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
+    let mut seen = 0;
+    for seed in (0..40).filter(|seed| seed % 3 != 0) {
+        let case = rare_case(seed);
+        let scene = &case.scene;
+        let got = runner.run(scene, &case.camera, &case.options, &cotangents(&case));
+        assert!(!scene.own.is_empty() && got.record_statistics.len() == scene.offsets.len(), "seed {seed}");
+        for (template, range) in scene.template_ranges.iter().enumerate() {
+            let users = scene.instances.iter().filter(|i| i.template as usize == template);
+            let Some(runs) = users.map(|i| i.first_offset).collect::<Option<BTreeSet<u32>>>() else { continue };
+            for local in 0..range.count {
+                let [sum, views, _] = got.screen_statistics[(range.first + local) as usize];
+                let of_records = runs.iter().map(|first| got.record_statistics[(first + local) as usize]);
+                let [by_record, in_views] = of_records.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
+                assert!(
+                    (sum - by_record).abs() <= 1e-5 * sum.abs() && views == in_views,
+                    "seed {seed}: {sum} {by_record}"
+                );
+                seen += u32::from(views > 1.0);
+            }
+        }
+    }
+    assert!(seen > 100, "{seen}");
     assert_silent(&gpu);
 }
 

@@ -75,6 +75,9 @@ pub enum Event {
         split: u64,
         /// Number of Gaussians removed.
         pruned: u64,
+        /// Number of Gaussians that single instances got for their own.
+        #[serde(default)]
+        own: u64,
         /// Number of Gaussians moved onto others (`mcmc`).
         #[serde(default)]
         relocated: u64,
@@ -189,11 +192,11 @@ mod tests {
 
     #[test]
     fn json_has_the_event_and_its_fields() -> serde_json::Result<()> {
-        let event = Event::Densified { step: 600, cloned: 1, split: 2, pruned: 3, relocated: 0, gaussians: 10 };
+        let event = Event::Densified { step: 600, cloned: 1, split: 2, pruned: 3, own: 4, relocated: 0, gaussians: 14 };
         let text = serde_json::to_string(&event)?;
         assert_eq!(
             text,
-            r#"{"event":"densified","step":600,"cloned":1,"split":2,"pruned":3,"relocated":0,"gaussians":10}"#
+            r#"{"event":"densified","step":600,"cloned":1,"split":2,"pruned":3,"own":4,"relocated":0,"gaussians":14}"#
         );
         assert_eq!(serde_json::from_str::<Event>(&text)?, event);
         assert_eq!(event.step(), 600);

@@ -11,7 +11,7 @@ use instgs_io::{IoError, View, load_scene};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
-use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PointCloud};
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PointCloud, SourceRange};
 
 use super::config::{Init, Method, Strategy, TrainConfig};
 use super::data_doubts::doubts;
@@ -275,6 +275,9 @@ fn first_instanced(
     }
     if job.config.joint.color_matrix_rate > 0.0 && scene.color_from_template.is_empty() {
         scene.color_from_template = vec![SAME_COLOR; scene.instances.len()];
+    }
+    if job.config.joint.own_share > 0.0 && scene.own_ranges.is_empty() {
+        scene.own_ranges = vec![SourceRange::default(); scene.instances.len()];
     }
     let mut state = DeviceState::new(gpu, &scene, chunk_size)?;
     let (mut step, mut due) = (0, false);

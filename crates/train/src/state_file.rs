@@ -10,7 +10,7 @@ use instgs_vk::gpu::staging::{download, write};
 use instgs_vk::gpu::{Buffer, Gpu};
 use instgs_vk::optim::POSE_VALUES;
 use instgs_vk::scene::source_layout::{CloudSize, InstanceSource};
-use instgs_vk::scene::{InstancedScene, Owner, SourceLayout, SourceRange};
+use instgs_vk::scene::{InstancedScene, Owner, Parameter, SourceLayout, SourceRange};
 
 use super::device_state::{DeviceState, zeros};
 use super::error::TrainError;
@@ -44,6 +44,8 @@ type Flat<'a, B> = (String, [usize; 2], B);
 /// Every buffer that training changes, writable: the same list serves writing and reading.
 fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
     let (sources, posed) = (state.source_count(), state.scene.posed_instances() as usize);
+    let records = state.scene.counts.rows[Parameter::OffsetMeans][0];
+    let own_gaussians = state.scene.traits(0).own_gaussians;
     let (scene, moments) = (&mut state.scene, &mut state.moments);
     let mut out: Vec<Flat<'_, &mut Buffer<f32>>> = Vec::new();
     for (parameter, values, moment) in scene.parameters.scalars_mut().zip(moments.parameters.each_mut()) {
@@ -62,7 +64,11 @@ fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
     if posed > 0 {
         out.push(("moment.poses".into(), [posed, 2 * POSE_VALUES], moments.poses.scalars_mut()));
     }
-    out.push(("statistics.screen".into(), [sources, 3], state.gradients.screen_statistics.scalars_mut()));
+    let gradients = &mut state.gradients;
+    out.push(("statistics.screen".into(), [sources, 3], gradients.screen_statistics.scalars_mut()));
+    if own_gaussians {
+        out.push(("statistics.records".into(), [records, 2], gradients.record_statistics.scalars_mut()));
+    }
     out
 }
 

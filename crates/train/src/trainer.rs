@@ -518,6 +518,7 @@ impl<'a> Run<'a> {
                 cloned: u64::from(outcome.cloned + outcome.added),
                 split: u64::from(outcome.split),
                 pruned: u64::from(outcome.pruned),
+                own: u64::from(outcome.own),
                 relocated: u64::from(outcome.relocated),
                 gaussians: u64::from(outcome.gaussians),
             })?;

@@ -1,7 +1,10 @@
-//! Twin of `source_use`, `densify_mark`, `densify_select`, `densify_place`, `densify_place_offsets`, `densify_split`,
-//! `move_gaussians`, `reset_opacity` and `decay_opacity`, on plain lists.
+//! Twin of `source_use`, `densify_own_need`, `densify_mark`, `densify_select`, `densify_own_select`, `densify_place`,
+//! `densify_place_own`, `densify_place_offsets`, `densify_own`, `densify_split`, `move_gaussians`, `reset_opacity` and
+//! `decay_opacity`, on plain lists.
 
+use glam::{DMat3, DVec3};
 use instgs_vk::math::covariance::rotation_from_quat;
+use instgs_vk::math::sh::{SH_C0, widened};
 use instgs_vk::scene::{Gaussians, InstancedScene};
 
 use super::random::{RANDOM_SPLIT, Stream};
@@ -25,6 +28,8 @@ pub struct Limits {
     pub radius_max_px: f64,
     /// Upper limit on the number of expanded Gaussians afterwards.
     pub max_expanded: u32,
+    /// Largest part of the instances that grow alone.
+    pub own_share: f64,
     /// Random seed of the run.
     pub seed: u64,
     /// Number of steps done.
@@ -42,22 +47,122 @@ pub enum Made {
     Child(u32),
 }
 
-/// How one Gaussian grows: by a clone or by a split.
+/// How one Gaussian grows: by a clone or by a split, or in some of its instances alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Growth {
     Clone,
     Split,
+    Own,
 }
 
 /// The Gaussians after densification, each with the old one it comes from.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Densified {
-    /// Index of the old Gaussian and origin, by new Gaussian.
+    /// Index of the old Gaussian and origin, by new Gaussian; those that instances get for their own left out.
     pub origins: Vec<(usize, Made)>,
+    /// By instance, what it gets for its own.
+    pub own: Vec<Vec<OwnGaussian>>,
     /// Number of cloned Gaussians.
     pub cloned: u32,
     /// Number of split Gaussians.
     pub split: u32,
+}
+
+/// A Gaussian that an instance gets for its own.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OwnGaussian {
+    /// Index of the source Gaussian of its template.
+    pub source: usize,
+    /// What it is made as: a copy, or the child whose number is the instance's index.
+    pub made: Made,
+}
+
+/// The instances of a source Gaussian that call for growth alone, and their mean screen gradient.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct OwnNeed {
+    /// Indices of the instances, ascending.
+    pub instances: Vec<usize>,
+    /// Their mean screen gradient.
+    pub gradient: f64,
+}
+
+/// What instances call for, by source Gaussian. `records` has the sum of screen gradients and the number of views by offset
+/// record.
+pub fn own_needs(scene: &InstancedScene, records: &[[f32; 2]], limits: &Limits) -> Vec<OwnNeed> {
+    let mut out = vec![OwnNeed::default(); scene.source_len()];
+    for (template, range) in scene.template_ranges.iter().enumerate() {
+        let users: Vec<usize> =
+            (0..scene.instances.len()).filter(|&k| scene.instances[k].template as usize == template).collect();
+        for local in 0..range.count {
+            let record = |k: &usize| scene.instances[*k].first_offset.map(|first| records[(first + local) as usize]);
+            let needs = |k: &usize| {
+                let Some([sum, views]) = record(k) else { return false };
+                sum.is_finite() && views > 0.0 && f64::from(sum) >= limits.gradient_threshold * f64::from(views)
+            };
+            let instances: Vec<usize> = users.iter().copied().filter(needs).collect();
+            if users.len() < 2 || instances.len() as f64 > limits.own_share * users.len() as f64 {
+                continue;
+            }
+            let [sum, views] =
+                [0, 1].map(|c| instances.iter().filter_map(record).map(|r| f64::from(r[c])).sum::<f64>());
+            out[(range.first + local) as usize] = OwnNeed { gradient: sum / views.max(1.0), instances };
+        }
+    }
+    out
+}
+
+/// A Gaussian in the frame of a template.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeenGaussian {
+    /// Centre, template units.
+    pub mean: DVec3,
+    /// Quaternion (w, x, y, z) of any length.
+    pub quat: [f64; 4],
+    /// Natural logarithms of the standard deviations.
+    pub log_scales: DVec3,
+    /// Logit of the opacity.
+    pub opacity_logit: f64,
+    /// SH coefficients `[C][rgb]`.
+    pub sh: Vec<DVec3>,
+}
+
+/// What instance `k` has of Gaussian `local` of its template, offsets and colour matrix included.
+pub fn seen_gaussian(scene: &InstancedScene, k: usize, local: u32) -> SeenGaussian {
+    let instance = &scene.instances[k];
+    let i = (scene.template_ranges[instance.template as usize].first + local) as usize;
+    let (t, o) = (&scene.templates, &scene.offsets);
+    let record = instance.first_offset.map(|first| (first + local) as usize);
+    let offset = |values: &[[f32; 3]]| record.and_then(|m| values.get(m)).map_or(DVec3::ZERO, |&d| widened(d));
+    let mean = widened(t.means[i]) + offset(&o.means);
+    let log_scales = widened(t.log_scales[i]) + offset(&o.log_scales);
+    let d_quat = record.and_then(|m| o.quats.get(m)).copied().unwrap_or_default();
+    let quat = std::array::from_fn(|c| f64::from(t.quats[i][c]) + f64::from(d_quat[c]));
+    let opacity_logit = f64::from(t.opacity_logits[i]) + record.map_or(0.0, |m| f64::from(o.opacity_logits[m]));
+    let mut sh: Vec<DVec3> = t.sh_of(i).iter().map(|&c| widened(c)).collect();
+    sh[0] += offset(&o.sh_dc);
+    let rest = record.map_or(&[][..], |m| o.rest_of(m));
+    sh[1..].iter_mut().zip(rest).for_each(|(sh, &d)| *sh += widened(d));
+    if let Some(rows) = scene.color_matrix(k) {
+        let rows = rows.map(|row| row.map(f64::from));
+        let linear = DMat3::from_cols_array_2d(&rows.map(|[r, g, b, _]| [r, g, b])).transpose();
+        sh.iter_mut().for_each(|c| *c = linear * *c);
+        let constant = linear * DVec3::splat(0.5) + DVec3::from_array(rows.map(|row| row[3])) - 0.5;
+        sh[0] += constant / SH_C0;
+    }
+    SeenGaussian { mean, quat, log_scales, opacity_logit, sh }
+}
+
+/// What an instance gets of a Gaussian that it has: the Gaussian itself, or a smaller one within it.
+pub fn own_of(seen: SeenGaussian, own: &OwnGaussian, limits: &Limits) -> SeenGaussian {
+    let Made::Child(k) = own.made else { return seen };
+    let stream = Stream { seed: limits.seed, time: limits.time, purpose: RANDOM_SPLIT, index: own.source as u32 };
+    let normals = DVec3::from_array(stream.normals(k));
+    let local = seen.log_scales.exp() * normals;
+    SeenGaussian {
+        mean: seen.mean + rotation_from_quat(seen.quat) * local,
+        log_scales: seen.log_scales - limits.split_shrink.ln(),
+        ..seen
+    }
 }
 
 /// How much a source Gaussian is used.
@@ -77,7 +182,7 @@ pub fn use_of_cloud(cloud: &Gaussians) -> Vec<SourceUse> {
     cloud.opacity_logits.iter().map(used).collect()
 }
 
-/// The use of each source Gaussian of a scene in which every one belongs to a template or the background.
+/// The use of each source Gaussian of a scene in which every one belongs to a template, an instance or the background.
 pub fn use_of_sources(scene: &InstancedScene) -> Vec<SourceUse> {
     let unused = SourceUse { instances: 0, highest_logit: f32::NEG_INFINITY, world_scale: 0.0 };
     let mut out = vec![unused; scene.templates.len()];
@@ -94,6 +199,13 @@ pub fn use_of_sources(scene: &InstancedScene) -> Vec<SourceUse> {
             }
         }
     }
+    let mut of_own = use_of_cloud(&scene.own);
+    for (k, instance) in scene.instances.iter().enumerate() {
+        of_own[scene.own_range(k).indices()].iter_mut().for_each(|used| {
+            used.world_scale = instance.world_from_template.scale();
+        });
+    }
+    out.extend(of_own);
     out.extend(use_of_cloud(&scene.background));
     out
 }
@@ -111,6 +223,7 @@ pub fn is_finite(cloud: &Gaussians, i: usize) -> bool {
 fn fate(
     cloud: &Gaussians,
     used: SourceUse,
+    need: &OwnNeed,
     statistics: [f32; 3],
     i: usize,
     limits: &Limits,
@@ -121,6 +234,9 @@ fn fate(
     }
     let scale = cloud.log_scales[i].map(|s| f64::from(s).exp()).into_iter().fold(0.0, f64::max) * used.world_scale;
     let kept = u32::from(scale <= limits.scale_max && f64::from(statistics[2]) <= limits.radius_max_px);
+    if kept == 1 && !need.instances.is_empty() {
+        return (1, Some((Growth::Own, 1)));
+    }
     if !statistics[0].is_finite() || mean_gradient(statistics) < limits.gradient_threshold {
         return (kept, None);
     }
@@ -137,26 +253,40 @@ fn mean_gradient([sum, views, _]: [f32; 3]) -> f64 {
 
 /// Densifies a plain cloud. `statistics` are those that the device accumulates per Gaussian.
 pub fn densify(cloud: &Gaussians, statistics: &[[f32; 3]], limits: &Limits) -> Densified {
-    densify_sources(cloud, &use_of_cloud(cloud), statistics, limits)
+    densify_sources(cloud, &use_of_cloud(cloud), &vec![OwnNeed::default(); cloud.len()], statistics, limits)
 }
 
-/// Densifies the source Gaussians of a scene: those of its templates, then those of its background.
-pub fn densify_sources(cloud: &Gaussians, uses: &[SourceUse], statistics: &[[f32; 3]], limits: &Limits) -> Densified {
-    let fates: Vec<_> = (0..cloud.len()).map(|i| fate(cloud, uses[i], statistics[i], i, limits)).collect();
+/// Densifies the source Gaussians of a scene: those of its templates, instances' own, then those of its background.
+pub fn densify_sources(
+    cloud: &Gaussians,
+    uses: &[SourceUse],
+    needs: &[OwnNeed],
+    statistics: &[[f32; 3]],
+    limits: &Limits,
+) -> Densified {
+    let fates: Vec<_> = (0..cloud.len()).map(|i| fate(cloud, uses[i], &needs[i], statistics[i], i, limits)).collect();
     let mut total: u32 = fates.iter().zip(uses).map(|((kept, _), used)| kept * used.instances).sum();
     let mut order: Vec<usize> = (0..cloud.len()).filter(|&i| fates[i].1.is_some()).collect();
     // The sort is stable, so that the index breaks ties.
-    order.sort_by(|&a, &b| mean_gradient(statistics[b]).total_cmp(&mean_gradient(statistics[a])));
+    let gradient = |i: usize| match fates[i].1 {
+        Some((Growth::Own, _)) => needs[i].gradient,
+        _ => mean_gradient(statistics[i]),
+    };
+    order.sort_by(|&a, &b| gradient(b).total_cmp(&gradient(a)));
     let mut grows = vec![false; cloud.len()];
     for i in order {
         let (kept, growth) = fates[i];
-        total += uses[i].instances * growth.map_or(0, |(_, becomes)| becomes - kept);
+        total += match growth {
+            Some((Growth::Own, _)) => needs[i].instances.len() as u32,
+            _ => uses[i].instances * growth.map_or(0, |(_, becomes)| becomes - kept),
+        };
         if total > limits.max_expanded {
             break;
         }
         grows[i] = true;
     }
-    let mut out = Densified::default();
+    let instances = needs.iter().flat_map(|need| need.instances.last()).max().map_or(0, |last| last + 1);
+    let mut out = Densified { own: vec![Vec::new(); instances], ..Densified::default() };
     for (i, (kept, growth)) in fates.into_iter().enumerate() {
         match growth.filter(|_| grows[i]) {
             Some((Growth::Split, children)) => {
@@ -167,6 +297,15 @@ pub fn densify_sources(cloud: &Gaussians, uses: &[SourceUse], statistics: &[[f32
                 out.cloned += 1;
                 out.origins.extend((1..becomes).map(|_| (i, Made::Kept)));
                 out.origins.push((i, Made::Copy));
+            }
+            Some((Growth::Own, _)) => {
+                out.origins.push((i, Made::Kept));
+                let scale = cloud.log_scales[i].map(|s| f64::from(s).exp()).into_iter().fold(0.0, f64::max);
+                let splits = scale * uses[i].world_scale > limits.split_above;
+                for &k in &needs[i].instances {
+                    let made = if splits { Made::Child(k as u32) } else { Made::Copy };
+                    out.own[k].push(OwnGaussian { source: i, made });
+                }
             }
             None => out.origins.extend((0..kept).map(|_| (i, Made::Kept))),
         }

@@ -41,6 +41,8 @@ pub struct JointConfig {
     pub grow_fraction: f64,
     /// Upper bound of the number of expanded Gaussians in growth, times `max_gaussians`.
     pub max_expanded: f64,
+    /// Largest part of a template's instances in which a Gaussian grows as their own instead of in all; 0 = always in all.
+    pub own_share: f64,
     /// Learning rate of the colour matrices of instances; 0 = they have none.
     pub color_matrix_rate: f64,
 }

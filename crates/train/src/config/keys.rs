@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 94] = [
+pub const KEYS: [Key; 95] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -118,6 +118,7 @@ pub const KEYS: [Key; 94] = [
     key("joint.prune_opacity", RealBelow(0.0, 1.0)),
     key("joint.grow_fraction", Real(0.0, 1.0)),
     key("joint.max_expanded", Real(0.0, 1e3)),
+    key("joint.own_share", Real(0.0, 1.0)),
     key("joint.color_matrix_rate", Real(0.0, RATE_MAX)),
     key("template_rates.means", Real(0.0, RATE_MAX)),
     key("template_rates.means_final", RealAbove(0.0, RATE_MAX)),

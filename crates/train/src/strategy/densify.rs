@@ -1,13 +1,14 @@
 //! INRIA's densification: clones and splits where gradients are large, prunes useless Gaussians, resets opacities. In
 //! scenes with templates the statistics are sums over instances, a copy inherits the offsets of its origin in every
-//! instance, and a Gaussian is too transparent only if it is so in all of them.
+//! instance, and a Gaussian is too transparent only if it is so in all of them. What only some instances call for they get as
+//! Gaussians of their own (`own.rs`).
 
 use std::collections::BTreeMap;
 
 use crate::config::TrainConfig;
 use crate::device_state::DeviceState;
 use instgs_vk::gpu::interface::constants::*;
-use instgs_vk::gpu::staging::download_from;
+use instgs_vk::gpu::staging::download_elements;
 use instgs_vk::gpu::{Buffer, GpuError, Grid};
 use instgs_vk::kernels::{
     decay_opacity as decay_kernel, densify_mark, densify_place, densify_place_offsets, densify_select, densify_split,
@@ -20,7 +21,7 @@ use instgs_vk::scene::source_layout::MovedRun;
 use instgs_vk::scene::{Parameter, SourceLayout};
 
 use super::tools::{Moves, Tools};
-use super::{DensifyOutcome, logit, seed_words};
+use super::{DensifyOutcome, logit, own, seed_words};
 
 /// Opacity below which a decay lowers none: such a Gaussian shows nothing, and its logit must stay finite.
 const LOWEST_DECAYED: f64 = 1e-4;
@@ -31,11 +32,18 @@ pub(super) struct Limits {
     mark: densify_mark::Params,
     /// Upper bound of the number of expanded Gaussians.
     max_expanded: u32,
+    /// Largest part of the instances that grow alone.
+    pub(super) own_share: f32,
     seed: [u32; 2],
     done: u64,
 }
 
 impl Limits {
+    /// Mean screen gradient from which Gaussians grow.
+    pub(super) fn gradient_threshold(&self) -> f32 {
+        self.mark.gradient_threshold
+    }
+
     /// The thresholds after `done` steps, for a scene of extent `extent` (scene units).
     pub(super) fn new(config: &TrainConfig, done: u64, extent: f64) -> Self {
         let densify = &config.densify;
@@ -55,6 +63,7 @@ impl Limits {
                 radius_max_px: finite(limit(densify.screen_size_max_px)),
             },
             max_expanded: config.max_gaussians,
+            own_share: config.joint.own_share as f32,
             seed: seed_words(config.seed),
             done,
         }
@@ -62,13 +71,13 @@ impl Limits {
 }
 
 /// The fate of each old Gaussian, one entry each.
-struct Fates {
-    /// Number of new Gaussians that it becomes.
-    counts: Buffer<u32>,
+pub(super) struct Fates {
+    /// Number of new Gaussians that it becomes, those of instances' own not counted.
+    pub(super) counts: Buffer<u32>,
     /// How it grows, one of the constants `GROWTH_*`.
-    growths: Buffer<u32>,
-    /// Index of the first of its new Gaussians.
-    firsts: Buffer<u32>,
+    pub(super) growths: Buffer<u32>,
+    /// Index of the first of its new Gaussians, before instances' own are inserted.
+    pub(super) firsts: Buffer<u32>,
 }
 
 /// Clones, splits and prunes Gaussians.
@@ -78,7 +87,8 @@ pub(super) fn densify(
     limits: &Limits,
 ) -> Result<DensifyOutcome, RenderError> {
     let before = state.source_count() as u32;
-    let (fates, counters) = decide(tools, state, limits)?;
+    let mut needs = own::Needs::find(tools, state, limits)?;
+    let (fates, counters) = decide(tools, state, limits, &needs)?;
     let [cloned, split, after] = [COUNTER_CLONED, COUNTER_SPLIT, COUNTER_DENSIFIED].map(|slot| counters[slot as usize]);
     if after == 0 {
         let reason = format!(
@@ -88,17 +98,21 @@ pub(super) fn densify(
         );
         return Err(RenderError::Option { option: "densify", reason });
     }
-    let moves = place(tools, &fates, before, after)?;
+    let gains = needs.select(tools, state, &fates)?;
     let boundaries = moved_boundaries(tools, state, &fates, after)?;
-    drop(fates);
-    let (layout, runs) = state.layout.after_moves(|i| boundaries[&i], &[]);
+    let (layout, runs) = state.layout.after_moves(|i| boundaries[&i], &gains.by_instance);
+    let inserted = gains.inserted(&state.layout, &layout);
+    let mut moves = place(tools, state, &fates, layout.source_count() as u32, &gains)?;
+    needs.place(tools, &fates, &inserted, &mut moves)?;
     let offset_moves = if runs.is_empty() { None } else { Some(place_offsets(tools, state, &moves, &layout, &runs)?) };
     tools.move_arrays(state, &moves, offset_moves.as_ref())?;
+    needs.apply_offsets(tools, state, &fates, &inserted)?;
     split_children(tools, state, &moves, limits)?;
+    let gaussians = layout.source_count() as u32;
     state.relayout(&tools.gpu, layout)?;
     let grown = u64::from(before) + u64::from(cloned) + u64::from(split) * u64::from(limits.mark.split_count - 1);
     let pruned = (grown - u64::from(after)) as u32;
-    Ok(DensifyOutcome { cloned, split, pruned, gaussians: after, ..Default::default() })
+    Ok(DensifyOutcome { cloned, split, pruned, own: gaussians - after, gaussians, ..Default::default() })
 }
 
 /// What `densify_mark` and `densify_select` share besides the fates, by old Gaussian.
@@ -112,7 +126,12 @@ struct Gains {
 }
 
 /// Decides the fate of each Gaussian; returns the fates and the counters.
-fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fates, Vec<u32>), GpuError> {
+fn decide(
+    tools: &mut Tools,
+    state: &DeviceState,
+    limits: &Limits,
+    needs: &own::Needs,
+) -> Result<(Fates, Vec<u32>), GpuError> {
     let count = state.source_count() as u32;
     let gpu = tools.gpu.clone();
     let list = |name: &str| Buffer::<u32>::new(&gpu, name, count as usize);
@@ -122,7 +141,7 @@ fn decide(tools: &mut Tools, state: &DeviceState, limits: &Limits) -> Result<(Fa
     let mut sort = SortBuffers::new(&tools.gpu, "gradient", count as usize)?;
     let mut tables = tools.sort_tables(count)?;
     let mut scratch = tools.scratch(count)?;
-    record_mark(tools, state, limits, &mut sort, &mut gains, &mut fates)?;
+    record_mark(tools, state, limits, needs, &mut sort, &mut gains, &mut fates)?;
     let kept = ScanInput::in_order(&gains.kept_expanded);
     tools.record_scan(&mut scratch, Some(COUNTER_KEPT), kept, &mut fates.firsts)?;
     tools.record_sort(&mut scratch, &mut tables, &mut sort)?;
@@ -151,6 +170,7 @@ fn record_mark(
     tools: &mut Tools,
     state: &DeviceState,
     limits: &Limits,
+    needs: &own::Needs,
     sort: &mut SortBuffers,
     gains: &mut Gains,
     fates: &mut Fates,
@@ -190,6 +210,8 @@ fn record_mark(
         uses: &uses,
         highest_logits: &highest_logits,
         log_world_scales: &log_world_scales,
+        own_counts: &needs.own_counts,
+        own_gradients: &needs.own_gradients,
         keys: &mut sort.keys,
         values: &mut sort.values,
         counts: &mut fates.counts,
@@ -210,13 +232,11 @@ fn moved_boundaries(
     fates: &Fates,
     after: u32,
 ) -> Result<BTreeMap<u32, u32>, GpuError> {
-    let end = state.source_count() as u32;
-    let moved = |i: u32| match i {
-        0 => Ok((i, 0)),
-        _ if i == end => Ok((i, after)),
-        _ => Ok((i, download_from(&tools.gpu, &fates.firsts, i as usize, 1)?.first().copied().unwrap_or(after))),
-    };
-    state.layout.boundaries().into_iter().map(moved).collect()
+    let end = state.source_count();
+    let boundaries = state.layout.boundaries();
+    let inner: Vec<usize> = boundaries.iter().map(|&i| i as usize).filter(|&i| i < end).collect();
+    let moved = download_elements(&tools.gpu, &fates.firsts, &inner)?;
+    Ok(boundaries.into_iter().zip(moved.into_iter().chain([after])).collect())
 }
 
 /// The origins of the offset records in the layout `after`, to which `runs` move.
@@ -250,19 +270,27 @@ fn place_offsets(
     Ok(out)
 }
 
-/// Lists the new Gaussians with their origins.
-fn place(tools: &mut Tools, fates: &Fates, before: u32, after: u32) -> Result<Moves, GpuError> {
+/// Lists the `after` new Gaussians with their origins, those that instances get for their own left out.
+fn place(
+    tools: &mut Tools,
+    state: &DeviceState,
+    fates: &Fates,
+    after: u32,
+    gains: &own::Gains,
+) -> Result<Moves, GpuError> {
     let mut moves = Moves::new(&tools.gpu, after)?;
-    let bindings = densify_place::Bindings {
-        counts: &fates.counts,
-        growths: &fates.growths,
-        firsts: &fates.firsts,
-        origins: &mut moves.origins,
-        made: &mut moves.made,
-    };
-    let grid = tools.threads(before);
-    let params = densify_place::Params { count: before };
-    tools.recorder.dispatch(&tools.pipelines.densify_place, grid, &params, bindings)?;
+    for run in gains.shifted_runs(&state.layout) {
+        let bindings = densify_place::Bindings {
+            counts: &fates.counts,
+            growths: &fates.growths,
+            firsts: &fates.firsts,
+            origins: &mut moves.origins,
+            made: &mut moves.made,
+        };
+        let grid = tools.threads(run.count);
+        let params = densify_place::Params { count: run.count, first_source: run.first, shift: run.shift };
+        tools.recorder.dispatch(&tools.pipelines.densify_place, grid, &params, bindings)?;
+    }
     tools.run()?;
     Ok(moves)
 }

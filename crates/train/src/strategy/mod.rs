@@ -7,6 +7,7 @@
 mod densify;
 mod mcmc;
 mod mcmc_step;
+mod own;
 mod tools;
 
 pub use mcmc_step::McmcStep;
@@ -29,6 +30,8 @@ pub struct DensifyOutcome {
     pub split: u32,
     /// Gaussians that were removed, split ones not counted.
     pub pruned: u32,
+    /// Gaussians that single instances got for their own.
+    pub own: u32,
     /// Dead Gaussians that were moved onto live ones.
     pub relocated: u32,
     /// Gaussians added on live ones (the strategy `mcmc`).
@@ -73,8 +76,9 @@ impl Strategy {
         extent: f64,
     ) -> Result<Option<DensifyOutcome>, RenderError> {
         let most = most_in_training(self.tools.gpu.caps().max_storage_bytes, state.scene.counts.background_sh_degree);
-        // Every instance begins a chunk of its own.
-        let most = most.saturating_sub(state.scene.posed_instances().saturating_mul(state.scene.chunk_size));
+        // Every instance begins a chunk of its own, and another one for what it alone has.
+        let rows = state.scene.posed_instances().saturating_mul(1 + u32::from(!state.layout.own_ranges.is_empty()));
+        let most = most.saturating_sub(rows.saturating_mul(state.scene.chunk_size));
         let limited = TrainConfig { max_gaussians: config.max_gaussians.min(most), ..config.clone() };
         let mut outcome = self.change(state, &limited, done, extent)?;
         if let Some(outcome) = &mut outcome {
