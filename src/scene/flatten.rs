@@ -156,7 +156,7 @@ pub(crate) fn recolour(matrix: &ColorMatrix, sh: &mut [DVec3]) {
 }
 
 /// Rounds to the stored precision, f32.
-fn narrowed(v: DVec3) -> [f32; 3] {
+pub(crate) fn narrowed(v: DVec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 

@@ -15,6 +15,7 @@ pub mod posed_group;
 pub mod prune;
 pub mod recentre;
 pub mod repeated_bytes;
+pub mod single_use;
 pub mod source_layout;
 pub mod trajectory;
 pub mod up;

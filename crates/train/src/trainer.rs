@@ -292,12 +292,16 @@ fn evaluate_at_end(
     evaluate_with(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
 }
 
-/// Removes non-finite Gaussians and those that no instance shows, and offsets that the configuration does not train;
-/// returns how many Gaussians were removed for each reason.
+/// Removes non-finite Gaussians and those that no instance shows, and makes those that one shows its own; returns how many
+/// Gaussians were removed for each reason.
 fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
     let dropped = scene.drop_non_finite();
     let prune = config.method == Method::Instanced && config.joint.prune_opacity > 0.0;
-    let pruned = if prune { scene.prune_transparent(config.joint.prune_opacity) } else { 0 };
+    let mut pruned = 0;
+    if prune {
+        pruned = scene.prune_transparent(config.joint.prune_opacity);
+        scene.give_to_single_users(config.joint.prune_opacity);
+    }
     scene.recentre_offsets();
     (dropped, pruned)
 }
