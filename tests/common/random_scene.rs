@@ -49,7 +49,7 @@ pub(crate) fn rare_case(seed: u64) -> RandomCase {
         if seed % 2 == 1 {
             add_color_matrices(&mut Rng::new(seed).fork(attempt).fork(4), &mut case.scene);
         }
-        if seed % 3 != 0 {
+        if !seed.is_multiple_of(3) {
             add_own_gaussians(&mut Rng::new(seed).fork(attempt).fork(5), &mut case);
         }
         case.scene.validate().unwrap();

@@ -117,7 +117,7 @@ fn statistics_of_records_add_up() {
     let Some(gpu) = gpu() else { return };
     let mut runner = GradientRunner::new(&gpu, Variant::for_device(gpu.caps()));
     let mut seen = 0;
-    for seed in (0..40).filter(|seed| seed % 3 != 0) {
+    for seed in (0..40).filter(|seed: &u64| !seed.is_multiple_of(3)) {
         let case = rare_case(seed);
         let scene = &case.scene;
         let got = runner.run(scene, &case.camera, &case.options, &cotangents(&case));

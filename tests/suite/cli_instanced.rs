@@ -95,7 +95,8 @@ fn all_stages_leave_their_files_and_lose_no_quality() {
 const MOST_LOSS_DB: f64 = 0.5;
 
 /// Twice the same bytes; and a run whose joint phase was killed ends in them too, without repeating the stages before. The
-/// joint phase has everything: all kinds of offsets, colour matrices, and growth before and after the kill.
+/// joint phase has everything: all kinds of offsets, colour matrices, and growth before and after the kill, of templates and of
+/// single instances.
 #[test]
 fn runs_repeat_bit_by_bit_after_a_kill_too() {
     if skips_gpu() {
@@ -110,14 +111,17 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         "densify.every=10",
         "joint.grow_fraction=0.8",
         "joint.max_expanded=1.5",
+        "joint.own_share=0.4",
         "joint.color_matrix_rate=1e-3",
     ];
     let every: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
     train(&at, "a", &every).assert().success();
     let [initial, grown] =
         ["initial.instgs", "scene.instgs"].map(|file| load_scene(&at.join("a").join(file)).unwrap().scene);
-    assert!(grown.templates.len() > initial.templates.len(), "{} {}", grown.templates.len(), initial.templates.len());
+    let [before, after] = [&initial, &grown].map(|scene| scene.templates.len() + scene.own.len());
+    assert!(after > before, "{after} {before}");
     assert_eq!(grown.offsets.len(), 3 * grown.templates.len());
+    assert!(grown.own.len() > 10 && grown.own_ranges.len() == 3, "{}", grown.own.len());
     assert!(grown.color_from_template.len() == 3 && grown.color_from_template.iter().any(|m| *m != SAME_COLOR));
     let mut child = std::process::Command::new(built("instgs-vk"))
         .args(["train", "--data"])
@@ -170,6 +174,8 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         "moment.offset_means",
         "moment.color_from_template",
         "layout.template_ranges",
+        "layout.own",
+        "statistics.records",
     ] {
         assert!(state.tensors.contains_key(name), "{name}");
     }
