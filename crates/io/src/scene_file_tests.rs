@@ -1,7 +1,7 @@
 use super::*;
 use crate::scene_pack::floats;
 use crate::scene_write::{assemble, scene_file_bytes, u32s};
-use instgs_samples::{sample, sample_scene, with_ablations};
+use instgs_samples::{sample, sample_scene, with_ablations, with_own};
 
 #[test]
 fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoError> {
@@ -10,7 +10,7 @@ fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoEr
     let mut colored = sample_scene();
     let matrix = |k: usize| [0, 1, 2].map(|r| [0, 1, 2, 3].map(|c| (100 * k + 10 * r + c) as f32));
     colored.color_from_template = (0..4).map(matrix).collect();
-    for scene in [sample_scene(), with_ablations(), colored, InstancedScene::default(), cloud] {
+    for scene in [sample_scene(), with_ablations(), colored, with_own(), InstancedScene::default(), cloud] {
         let bytes = scene_file_bytes(&scene, path)?;
         for _ in 0..5 {
             let back = parse_scene_file(&bytes, path)?;
@@ -25,8 +25,16 @@ fn what_is_written_is_read_and_bytes_are_the_same_each_time() -> Result<(), IoEr
 fn changed(
     change: impl FnOnce(&mut BTreeMap<String, ForeignTensor>, &mut BTreeMap<String, String>),
 ) -> Result<InstancedScene, IoError> {
+    changed_file(&sample_scene(), change)
+}
+
+/// A scene's file with one change in its tensors or metadata.
+fn changed_file(
+    scene: &InstancedScene,
+    change: impl FnOnce(&mut BTreeMap<String, ForeignTensor>, &mut BTreeMap<String, String>),
+) -> Result<InstancedScene, IoError> {
     let path = Path::new("x.instgs");
-    let bytes = scene_file_bytes(&sample_scene(), path)?;
+    let bytes = scene_file_bytes(scene, path)?;
     let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|e| IoError::new(path, e.to_string()))?;
     let views = SafeTensors::deserialize(&bytes).map_err(|e| IoError::new(path, e.to_string()))?;
     let mut metadata = header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
@@ -83,6 +91,18 @@ fn errors_name_the_tensor_and_the_reason() {
         drop(t.insert("instance.color_from_template".into(), floats(&[4, 3, 4], &[f32::INFINITY; 48])));
     }));
     assert!(infinite.contains("that of instance 0 is not finite"), "{infinite}");
+    let own = |change: fn(&mut BTreeMap<String, ForeignTensor>)| text(changed_file(&with_own(), |t, _| change(t)));
+    let unowned = own(|t| drop(t.remove("instance.own")));
+    assert!(unowned.contains("instance.own: is missing"), "{unowned}");
+    let beyond =
+        own(|t| drop(t.insert("instance.own".into(), u32s(&[4, 2], [u32::MAX, 1, 0, 0, 0, 0, 0, 0].into_iter()))));
+    assert!(beyond.contains("instance.own") && beyond.contains("end at 4294967296"), "{beyond}");
+    let few = own(|t| drop(t.insert("instance.own".into(), u32s(&[2, 2], [0, 1, 0, 0].into_iter()))));
+    assert!(few.contains("instance.own") && few.contains("2 entries where 4"), "{few}");
+    let degree = own(|t| drop(t.insert("own.sh".into(), floats(&[3, 1, 3], &[0.0; 9]))));
+    assert!(degree.contains("own.sh") && degree.contains("degree 0 where template.sh has 2"), "{degree}");
+    let part = own(|t| drop(t.remove("own.quats")));
+    assert!(part.contains("own.quats: is missing"), "{part}");
     let orphan = text(changed(|t, _| drop(t.remove("offset.means"))));
     assert!(orphan.contains("offset.means: is missing"), "{orphan}");
     assert!(text(changed(|_, m| drop(m.remove("format")))).contains("metadata format"));

@@ -174,18 +174,18 @@ fn turned(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
 
 #[test]
 fn small_keeps_half_a_step() -> Result<(), IoError> {
-    for scene in [sample_scene(), with_ablations(), repeated(3, 20), InstancedScene::default()] {
+    for scene in [sample_scene(), with_ablations(), with_own(), repeated(3, 20), InstancedScene::default()] {
         let back = through(&scene, Pack::Small)?;
         assert_eq!(
-            (&back.instances, &back.groups, &back.foreign_tensors, &back.template_ranges),
-            (&scene.instances, &scene.groups, &scene.foreign_tensors, &scene.template_ranges)
+            (&back.instances, &back.groups, &back.foreign_tensors, &back.template_ranges, &back.own_ranges),
+            (&scene.instances, &scene.groups, &scene.foreign_tensors, &scene.template_ranges, &scene.own_ranges)
         );
         assert_eq!(back.offsets, through(&scene, Pack::Q8)?.offsets);
         let order = instgs_vk::math::morton::morton_order(&scene.background.means);
         let mut background = Gaussians::with_capacity(scene.background.sh_degree, scene.background.len());
         order.into_iter().for_each(|i| background.push_from(&scene.background, i as usize));
         let want = if scene.foreign_tensors.is_empty() { &background } else { &scene.background };
-        for (a, b) in [(&scene.templates, &back.templates), (want, &back.background)] {
+        for (a, b) in [(&scene.templates, &back.templates), (&scene.own, &back.own), (want, &back.background)] {
             assert_eq!((a.sh_degree, a.len()), (b.sh_degree, b.len()));
             // Half a step, plus the rounding of f32.
             assert!(difference(a.log_scales.as_flattened(), b.log_scales.as_flattened(), 1.0) <= 0.02501);
