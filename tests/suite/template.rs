@@ -7,7 +7,7 @@ use crate::common::paddock::{embedded_scene, push_disc};
 use glam::{DMat3, DVec3};
 use instgs_objects::template::{
     Built, InstanceReport, Keep, OffsetInit, OffsetKinds, Sampling, TemplateError, TemplateOptions, TemplateSource,
-    build,
+    Unmatched, build,
 };
 use instgs_synth::car::car_surfels;
 use instgs_synth::livery::Livery;
@@ -359,6 +359,40 @@ fn a_missing_part_is_transparent() {
     assert!(upper.iter().filter(|&&i| transparent(0, i)).count() < upper.len() / 10);
     let lacking: Vec<usize> = built.report[0].instances.iter().map(|i| i.lacking).collect();
     assert!(lacking[1] >= hidden.len() && lacking[0] < n / 50 && lacking[2] < n / 50, "{lacking:?}");
+}
+
+/// With own Gaussians nothing of the cloud is lost: every Gaussian of an instance is where it was, those without a match bit by
+/// bit up to rounding, and a part that one instance alone has is among them.
+#[test]
+fn what_has_no_match_becomes_its_own() {
+    let mut rng = Rng::new(9);
+    let mut objects: Vec<Gaussians> = (0..3).map(|_| lump(&mut rng, 700)).collect();
+    let mut rack = lump(&mut rng, 100);
+    rack.means.iter_mut().for_each(|mean| mean[2] = 3.0 + 0.05 * mean[2]);
+    objects[1].append(&rack);
+    let input = placed(&mut rng, &objects, 0.0);
+    let lost = |unmatched| {
+        let built = build_one(&input, &TemplateOptions { unmatched, ..TemplateOptions::default() });
+        built.scene.validate().unwrap();
+        let flat = built.scene.flatten();
+        let set = PointSet::new(&flat.means);
+        let far = |i: &usize| set.nearest(input.cloud.means[*i], 1)[0].squared_distance > 1e-8;
+        let lost = (0..input.cloud.len()).filter(|&i| input.labels[i] != 0).filter(far).count();
+        (lost, built)
+    };
+    let (lost_without, dropped) = lost(Unmatched::Drop);
+    assert!(lost_without > 100 && dropped.scene.own.is_empty() && dropped.scene.own_ranges.is_empty());
+    let (lost, built) = lost(Unmatched::Own);
+    assert_eq!(lost, 0);
+    let own: Vec<usize> = built.scene.own_ranges.iter().map(|range| range.count as usize).collect();
+    let reported: Vec<usize> = built.report[0].instances.iter().map(|i| i.own).collect();
+    assert_eq!(own, reported);
+    // What is near the rack in the template's frame is nearly all instance 1's own.
+    let high = |k: usize| {
+        let range = built.scene.own_range(k).indices();
+        range.filter(|&i| built.scene.own.means[i][2] > 2.0).count()
+    };
+    assert!(high(1) >= 50 && high(0) == 0 && high(2) == 0, "{} {} {}", high(0), high(1), high(2));
 }
 
 #[test]

@@ -176,6 +176,7 @@ fn group(name: Option<&str>, match_distance: f64) -> GroupReport {
         non_finite: 0,
         is_usable,
         lacking: 3,
+        own: 0,
         match_distance: is_usable.then_some(match_distance),
     };
     GroupReport {

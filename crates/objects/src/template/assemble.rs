@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use super::error::TemplateError;
-use super::offsets::push_offsets;
-use super::options::{Keep, TemplateOptions, TemplateSource};
+use super::offsets::{Common, push_offsets};
+use super::options::{Keep, TemplateOptions, TemplateSource, Unmatched};
 use super::own::{OwnGaussians, Owners};
 use super::report::{GroupReport, InstanceReport, counts, group_match_distance, match_distances};
 use super::sample::draw;
@@ -93,8 +93,13 @@ fn add_group(
             world_from_template: group.instances[k].world_from_template,
             first_offset: options.kinds.any().then_some(scene.offsets.len() as u32),
         });
-        if options.kinds.any() {
-            report.instances[k].lacking = push_offsets(&template, cloud, own, options, &mut scene.offsets);
+        let common = match options.kinds.any() {
+            true => push_offsets(&template, cloud, own, options, &mut scene.offsets),
+            false => Common::default(),
+        };
+        report.instances[k].lacking = common.lacking;
+        if options.unmatched == Unmatched::Own {
+            report.instances[k].own = push_unmatched(cloud, own, &common, scene);
         }
     }
     let instance_ids = group.instances.iter().map(|i| i.id).collect();
@@ -105,6 +110,18 @@ fn add_group(
     Ok(report)
 }
 
+/// Makes the Gaussians of the last instance that have no match its own; returns their number.
+fn push_unmatched(cloud: &Gaussians, own: &OwnGaussians, common: &Common, scene: &mut InstancedScene) -> usize {
+    let first = scene.own.len() as u32;
+    scene.own.sh_degree = cloud.sh_degree;
+    for (&i, _) in own.indices.iter().zip(&common.matched).filter(|(_, matched)| !**matched) {
+        own.template_from_world.push(cloud, i as usize, &mut scene.own);
+    }
+    let count = scene.own.len() as u32 - first;
+    scene.own_ranges.push(SourceRange { first, count });
+    count as usize
+}
+
 fn report_without_template(instances: &[OwnGaussians], group: &PosedGroup) -> GroupReport {
     let instance = |(own, posed): (&OwnGaussians, &PosedInstance)| InstanceReport {
         id: posed.id,
@@ -112,6 +129,7 @@ fn report_without_template(instances: &[OwnGaussians], group: &PosedGroup) -> Gr
         non_finite: own.non_finite,
         is_usable: own.is_usable(),
         lacking: 0,
+        own: 0,
         match_distance: None,
     };
     GroupReport {

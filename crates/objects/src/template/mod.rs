@@ -22,6 +22,6 @@ mod template_cloud;
 
 pub use assemble::{Built, build};
 pub use error::TemplateError;
-pub use options::{Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
+pub use options::{Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched};
 pub use own::MIN_OWN_GAUSSIANS;
 pub use report::{GroupReport, HOPELESS_MATCH, InstanceReport, POOR_MATCH};

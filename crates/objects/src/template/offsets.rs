@@ -13,31 +13,42 @@ const MAX_LOGIT: f32 = 7.0;
 /// Gaussian has a gradient.
 pub(super) const LACKING_LOGIT: f32 = -4.6;
 
-/// Appends one instance's records, one per template Gaussian; returns how many of these the instance lacks.
+/// What an instance has in common with its template.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Common {
+    /// Number of template Gaussians that the instance lacks.
+    pub lacking: usize,
+    /// Whether each of the instance's own Gaussians has a template Gaussian that stands for it; empty if they were not
+    /// compared.
+    pub matched: Vec<bool>,
+}
+
+/// Appends one instance's records, one per template Gaussian; returns what was compared.
 pub(super) fn push_offsets(
     template: &TemplateCloud,
     cloud: &Gaussians,
     own: &OwnGaussians,
     options: &TemplateOptions,
     out: &mut Offsets,
-) -> usize {
+) -> Common {
     let first = out.len();
     push_zeros(template, options, out);
     if options.offsets == OffsetInit::Zero || !own.is_usable() {
-        return 0;
+        return Common::default();
     }
     let matches = match_template(template, cloud, own);
-    let mut lacking = 0;
+    let mut common = Common { lacking: 0, matched: vec![false; own.len()] };
     for (i, matched) in matches.iter().enumerate() {
         let record = Record { template: &template.gaussians, i, out, index: first + i, options };
         if matched.is_near(template, i) {
             record.set_difference(cloud, own, matched);
+            common.matched[matched.own as usize] = true;
         } else {
             record.hide();
-            lacking += 1;
+            common.lacking += 1;
         }
     }
-    lacking
+    common
 }
 
 fn push_zeros(template: &TemplateCloud, options: &TemplateOptions, out: &mut Offsets) {

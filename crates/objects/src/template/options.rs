@@ -54,6 +54,17 @@ pub enum OffsetInit {
     Zero,
 }
 
+/// What becomes of an instance's Gaussians that no Gaussian of the template stands for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Unmatched {
+    /// They are left out: the template stands for all of the instance.
+    #[default]
+    Drop,
+    /// They become the instance's own. Only where offsets start from differences, since those say what is matched.
+    Own,
+}
+
 /// Parameters that have offsets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OffsetKinds {
@@ -94,6 +105,8 @@ pub struct TemplateOptions {
     pub keep: Keep,
     /// Initial values of offsets.
     pub offsets: OffsetInit,
+    /// What becomes of an instance's Gaussians without a match.
+    pub unmatched: Unmatched,
     /// Parameters that have offsets; those of the others stay zero or, for the ablations, empty.
     pub kinds: OffsetKinds,
     /// Number of template Gaussians relative to the mean of the instances, above 0. A template never has more than its
@@ -115,6 +128,7 @@ impl Default for TemplateOptions {
             sampling: Sampling::default(),
             keep: Keep::default(),
             offsets: OffsetInit::default(),
+            unmatched: Unmatched::default(),
             kinds: OffsetKinds::default(),
             count_factor: 1.0,
             settle_rounds: 2,

@@ -28,6 +28,9 @@ pub struct InstanceReport {
     pub is_usable: bool,
     /// Number of template Gaussians without a near match in it, which start nearly transparent.
     pub lacking: usize,
+    /// Number of its Gaussians without a match that became its own.
+    #[serde(default)]
+    pub own: usize,
     /// Distance from the largest instance, as in [`GroupReport::match_distance`]; `None` if it is not usable.
     pub match_distance: Option<f64>,
 }

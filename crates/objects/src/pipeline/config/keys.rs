@@ -4,7 +4,7 @@ use instgs_train::config::keys::Takes::{Flag, Real, RealAbove, RealBelow, Text, 
 use instgs_train::config::keys::{Key, key};
 
 /// Every key of the pipeline, in the order of `configs/instgs.toml`.
-pub const KEYS: [Key; 19] = [
+pub const KEYS: [Key; 20] = [
     key("groups", Text),
     key("masks", Text),
     key("boxes", Text),
@@ -22,6 +22,7 @@ pub const KEYS: [Key; 19] = [
     key("template.keep", Word(&["all", "position_and_colour"])),
     key("template.count_factor", RealAbove(0.0, 10.0)),
     key("template.settle_rounds", Whole(0, 100)),
+    key("template.unmatched", Word(&["drop", "own"])),
     key("offsets.init", Word(&["difference", "zero"])),
     key("joint.prune_weight", RealBelow(0.0, 1.0)),
 ];

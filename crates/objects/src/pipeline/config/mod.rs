@@ -11,7 +11,9 @@ use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use toml::{Table, Value};
 
-use crate::template::{HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource};
+use crate::template::{
+    HOPELESS_MATCH, Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched,
+};
 use instgs_detect::{DetectOptions, PromptOptions, Provider, RuntimeOptions};
 use instgs_train::config::keys::Key;
 use instgs_train::config::{
@@ -121,6 +123,8 @@ pub struct TemplateConfig {
     pub count_factor: f64,
     /// Number of rounds in which template Gaussians are moved to the mean of their matches.
     pub settle_rounds: u32,
+    /// What becomes of an object's Gaussians without a match.
+    pub unmatched: Unmatched,
 }
 
 /// Initial values of the offsets of instances. The properties that have offsets are in the trainer's
@@ -195,6 +199,7 @@ impl RunConfig {
             },
             count_factor: template.count_factor,
             settle_rounds: template.settle_rounds,
+            unmatched: template.unmatched,
             // Groups given by the user are never dissolved.
             worst_match: self.pipeline.groups.is_none().then_some(HOPELESS_MATCH),
             seed: self.train.seed,
