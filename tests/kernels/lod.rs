@@ -6,6 +6,7 @@ use instgs_reference::{View, lod, render_sources};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{DeviceScene, Picture, RenderOptions, Renderer, Surfaces};
+use instgs_vk::scene::edit::{Edit, apply};
 use instgs_vk::scene::lod::Levels;
 use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, SourceRange};
 
@@ -190,6 +191,49 @@ fn levels_move_with_their_instance_and_are_picked_as_it() {
         owners.extend(surfaces.download().unwrap().into_iter().flatten().map(|point| point.instance));
     }
     assert!(owners.iter().all(|&k| k <= 4) && owners.contains(&2) && owners.contains(&4), "{owners:?}");
+    assert_silent(&gpu);
+}
+
+/// Own Gaussians are drawn, moved, hidden and picked with their instance, at full detail and beside its levels.
+#[test]
+fn own_gaussians_follow_their_instance() {
+    let Some(gpu) = gpu() else { return };
+    let mut renderer = Renderer::new(&gpu).unwrap();
+    let mut scene = row_of_balls();
+    // A cap above each ball, of its own size, for instances 1 and 2.
+    scene.own = scene.templates.filtered(|i| i < 200);
+    scene.own.means.iter_mut().for_each(|mean| mean[1] -= 1.5);
+    let range = |first, count| SourceRange { first, count };
+    scene.own_ranges = vec![range(0, 0); scene.instances.len()];
+    (scene.own_ranges[1], scene.own_ranges[2]) = (range(0, 150), range(150, 50));
+    scene.validate().unwrap();
+    let bare = InstancedScene { own: Default::default(), own_ranges: Vec::new(), ..scene.clone() };
+    let template_of_2 = scene.template_ranges[scene.instances[2].template as usize].count;
+    for error_px in [0.0, 4.0] {
+        let options = with_error(RenderOptions::default(), error_px);
+        let camera = camera_at(15.0);
+        let mut device = renderer.upload_for(&scene, &options).unwrap();
+        let mut surfaces = Surfaces::new(&gpu).unwrap();
+        renderer.render_with_surfaces(&device, &camera, &options, &mut surfaces).unwrap();
+        let points: Vec<_> = surfaces.download().unwrap().into_iter().flatten().collect();
+        assert!(points.iter().any(|point| point.instance == 2 && point.local >= template_of_2), "{error_px}");
+        let without = renderer.upload_for(&bare, &options).unwrap();
+        let before = picture(&mut renderer, &device, &camera, &options);
+        assert!(before != picture(&mut renderer, &without, &camera, &options), "they show");
+        let place = Similarity::from_parts(glam::DMat3::from_rotation_y(0.5), 1.5, DVec3::new(-2.0, 0.5, 1.0));
+        device.place_instances(&[(2, place)]).unwrap();
+        let mut moved = scene.clone();
+        moved.instances[2].world_from_template = place;
+        let uploaded = renderer.upload_for(&moved, &options).unwrap();
+        let got = picture(&mut renderer, &device, &camera, &options);
+        assert!(got == picture(&mut renderer, &uploaded, &camera, &options), "moved, {error_px}");
+        device.show_instances(&[(1, false)]).unwrap();
+        apply(&mut moved, &Edit::Delete { which: "1".parse().unwrap() }).unwrap();
+        assert_eq!(moved.own.len(), 50);
+        let uploaded = renderer.upload_for(&moved, &options).unwrap();
+        let got = picture(&mut renderer, &device, &camera, &options);
+        assert!(got == picture(&mut renderer, &uploaded, &camera, &options), "hidden, {error_px}");
+    }
     assert_silent(&gpu);
 }
 
