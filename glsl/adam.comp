@@ -1,6 +1,6 @@
 #version 460
-// One step of Adam (Kingma and Ba 2015, algorithm 1) on a flat array of f32, in two groups (templates and background)
-// with a learning rate each.
+// One step of Adam (Kingma and Ba 2015, algorithm 1) on a flat array of f32, in two groups (what instances show, and
+// the background) with a learning rate each.
 //
 // - Reads `gradients`; reads and writes `parameters` and `moments` (first and second, side by side). 28 bytes a value.
 // - Grid: one thread per four values: on a CPU driver every buffer access is a loop over lanes, whatever its width.

@@ -137,9 +137,9 @@
 //!   logits.
 //! - Cameras are OpenCV pinholes: x right, y down, z forward. Depth is the view-space z. Pixel (i, j) has its centre at
 //!   (i + 0.5, j + 0.5); images are stored row by row from the top.
-//! - Flat order: instances in file order, each in template order, then the background. It breaks ties in depth, on the
-//!   device, in the twins and in `InstancedScene::flatten`.
-//! - Index spaces: `source` (pool of templates and background), `slot` (work item times work-group size plus rank),
+//! - Flat order: instances in file order, each in template order and then its own, then the background. It breaks ties in
+//!   depth, on the device, in the twins and in `InstancedScene::flatten`.
+//! - Index spaces: `source` (pool of templates, instances' own and background), `slot` (work item times work-group size plus rank),
 //!   place in depth order, intersection, tile (row major), pixel (row major).
 //! - Blending: alpha below 1/255 is skipped, alpha is at most 0.99, and a pixel ends before the splat that would bring
 //!   its transmittance below 1e-4. Variances get 0.3 px^2 of dilation and near is 0.2 unless [`render::RenderOptions`]

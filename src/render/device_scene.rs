@@ -4,6 +4,7 @@
 //! A row of the instance table shows one range of source Gaussians. An instance has a row for its template, after it one for
 //! its own Gaussians if it has any, and more for levels of detail.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -14,7 +15,7 @@ use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::Levels;
 use crate::scene::parameters::Rows;
-use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
+use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet, SourceLayout, SourceRange};
 
 use super::error::RenderError;
 use super::instance_table::{InstanceTable, RecordedChanges};
@@ -29,8 +30,6 @@ pub struct SceneCounts {
     pub templates: usize,
     /// SH degree of the templates and of instances' own Gaussians.
     pub template_sh_degree: u32,
-    /// Gaussians that instances have of their own.
-    pub own: usize,
     /// Gaussians of the background.
     pub background: usize,
     /// SH degree of the background.
@@ -43,7 +42,7 @@ pub struct SceneCounts {
 pub struct DeviceScene {
     /// Rows of instances in file order; that of the background is the last if the scene has background Gaussians.
     pub instances: Buffer<types::Instance>,
-    /// Bounds of chunks of `chunk_size` source Gaussians, template by template, background last.
+    /// Bounds of chunks of `chunk_size` source Gaussians: templates and instances' own, background last.
     pub chunks: Buffer<types::Chunk>,
     /// The parameters that training may change, except poses: source Gaussians and offsets.
     pub parameters: ParameterBuffers,
@@ -159,7 +158,6 @@ impl DeviceScene {
             counts: SceneCounts {
                 templates: scene.templates.len(),
                 template_sh_degree: scene.templates.sh_degree,
-                own: scene.own.len(),
                 background: scene.background.len(),
                 background_sh_degree: scene.background.sh_degree,
                 rows,
@@ -191,7 +189,6 @@ impl DeviceScene {
         self.chunk_pairs = tables.chunk_pairs;
         self.expanded_len = tables.flat;
         self.counts.templates = layout.templates.len;
-        self.counts.own = layout.own;
         self.counts.background = layout.background.len;
         self.counts.rows = parameter_rows(layout, &self.counts.rows);
         Ok(())
@@ -345,7 +342,8 @@ impl PlannedBytes {
 pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     let background = scene.background.len() as u64;
     let chunks_of = |count: u32| u64::from(count.div_ceil(chunk_size));
-    let ranges = scene.template_ranges.iter().chain(&scene.own_ranges);
+    let own: BTreeSet<SourceRange> = scene.own_ranges.iter().copied().collect();
+    let ranges = scene.template_ranges.iter().chain(&own);
     let chunks: u64 = ranges.map(|r| chunks_of(r.count)).sum::<u64>() + chunks_of(background as u32);
     let own_rows = scene.own_ranges.iter().filter(|range| range.count > 0).count() as u64;
     let instances = scene.instances.len() as u64 + own_rows + u64::from(background > 0);

@@ -1,5 +1,7 @@
 //! Instance and chunk tables of a scene: transforms, bounds for culling, and ranges of source Gaussians.
 
+use std::collections::BTreeMap;
+
 use glam::DVec3;
 
 use crate::gpu::interface::constants::{NO_COLOR, NO_OFFSET};
@@ -48,6 +50,8 @@ pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Ta
         template_bounds.push(tables.push_chunks(&scene.templates, *range, chunk_size));
     }
     let colored = !scene.color_from_template.is_empty();
+    // Instances may share own Gaussians, as copies do.
+    let mut own_bounds: BTreeMap<SourceRange, Bounded> = BTreeMap::new();
     for (k, instance) in scene.instances.iter().enumerate() {
         let range = scene.template_ranges[instance.template as usize];
         let first_offset = instance.first_offset;
@@ -58,7 +62,7 @@ pub(super) fn build_tables(scene: &InstancedScene, chunk_size: u32) -> Result<Ta
         let own = scene.own_range(k);
         if own.count > 0 {
             let place = Placement::of(&instance.world_from_template, &scene.offsets, None, own.count);
-            let bound = tables.push_chunks(&scene.own, own, chunk_size);
+            let bound = *own_bounds.entry(own).or_insert_with(|| tables.push_chunks(&scene.own, own, chunk_size));
             let source = Source::of_posed(layout.templates, layout.own_sources(k), range.count);
             tables.push_instance(&place, bound, source, Owner::without_color(k as u32), chunk_size)?;
         }

@@ -24,7 +24,7 @@ use super::renderer::Renderer;
 pub struct SurfacePoint {
     /// Index of the instance in the scene; the background's is one more than the last.
     pub instance: u32,
-    /// Index of the Gaussian in its template, or in the background.
+    /// Index of the Gaussian in its template, after all of these among the instance's own, or in the background.
     pub local: u32,
 }
 

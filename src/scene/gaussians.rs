@@ -1,5 +1,7 @@
 //! A cloud of 3D Gaussians, structure of arrays, in the INRIA parametrisation.
 
+use super::instanced_scene::SourceRange;
+
 /// Number of SH coefficients per colour channel of a `degree` (0..=3): (degree + 1)^2.
 pub const fn sh_coefficients(degree: u32) -> usize {
     ((degree + 1) * (degree + 1)) as usize
@@ -105,6 +107,13 @@ impl Gaussians {
     pub fn filtered(&self, keep: impl Fn(usize) -> bool) -> Gaussians {
         let mut out = Gaussians::with_capacity(self.sh_degree, self.len());
         (0..self.len()).filter(|&i| keep(i)).for_each(|i| out.push_from(self, i));
+        out
+    }
+
+    /// A copy of a range of the cloud.
+    pub fn range(&self, range: SourceRange) -> Gaussians {
+        let mut out = Gaussians::with_capacity(self.sh_degree, range.count as usize);
+        range.indices().for_each(|i| out.push_from(self, i));
         out
     }
 

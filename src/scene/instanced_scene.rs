@@ -21,6 +21,11 @@ impl SourceRange {
     pub fn indices(self) -> std::ops::Range<usize> {
         self.first as usize..self.first as usize + self.count as usize
     }
+
+    /// True if the two ranges have a Gaussian in common.
+    pub fn overlaps(self, other: Self) -> bool {
+        self.first < other.first + other.count && other.first < self.first + self.count
+    }
 }
 
 /// One placed copy of a template.
@@ -223,12 +228,12 @@ impl InstancedScene {
 
     /// The same scene with own Gaussians in the order of instances, shared by none, and without unused ones.
     pub fn with_packed_own(&self) -> Cow<'_, Self> {
-        let mut end = 0;
+        let mut end = 0u64;
         let packed = self.own_ranges.iter().all(|range| {
-            end += range.count;
-            range.first == end - range.count
+            end += u64::from(range.count);
+            u64::from(range.first) + u64::from(range.count) == end
         });
-        if packed && end as usize == self.own.len() {
+        if packed && end == self.own.len() as u64 {
             return Cow::Borrowed(self);
         }
         let mut own = Gaussians { sh_degree: self.own.sh_degree, ..Gaussians::default() };
@@ -249,6 +254,9 @@ impl InstancedScene {
             return fail("instance.own", format!("{ranges} entries where {instances}, or none, fit"));
         }
         let count = self.own.len();
+        if ranges == 0 && count > 0 {
+            return fail("instance.own", format!("is missing, but there are {count} own Gaussians"));
+        }
         if let Some(k) = self.own_ranges.iter().position(|r| u64::from(r.first) + u64::from(r.count) > count as u64) {
             let SourceRange { first, count: own } = self.own_ranges[k];
             let end = u64::from(first) + u64::from(own);

@@ -11,7 +11,8 @@ use crate::scene::instanced_scene::{InstancedScene, SourceRange};
 impl InstancedScene {
     /// Makes template Gaussians whose opacity, offset included, is at least `opacity_min` in exactly one of several instances
     /// that instance's own, in the template's order behind what it has; returns their number. Up to 1/255 pictures stay the
-    /// same but for rounding in colour matrices. Templates that share Gaussians with others are not changed.
+    /// same but for rounding in colour matrices. Templates that share Gaussians with others, or would have none left, are not
+    /// changed.
     ///
     /// Instances no longer share own Gaussians afterwards. Unknown tensors parallel to Gaussians or records are dropped if any
     /// Gaussian moves.
@@ -48,18 +49,18 @@ impl InstancedScene {
         for (t, range) in self.template_ranges.iter().enumerate() {
             let users: Vec<usize> =
                 (0..self.instances.len()).filter(|&k| self.instances[k].template as usize == t).collect();
-            let shares = |other: &SourceRange| {
-                range.first < other.first + other.count && other.first < range.first + range.count
-            };
-            let alone = self.template_ranges.iter().filter(|other| shares(other)).count() == 1;
+            let alone = self.template_ranges.iter().filter(|other| range.overlaps(**other)).count() == 1;
             if users.len() < 2 || !alone {
                 continue;
             }
-            for local in 0..range.count as usize {
-                let mut shown = users.iter().filter(|&&k| self.opacity_in(k, local) >= opacity_min);
-                if let (Some(&k), None) = (shown.next(), shown.next()) {
-                    out[k].push(local);
-                }
+            let single_user = |local: usize| {
+                let mut shown = users.iter().copied().filter(|&k| self.opacity_in(k, local) >= opacity_min);
+                shown.next().filter(|_| shown.next().is_none())
+            };
+            let moves: Vec<(usize, usize)> =
+                (0..range.count as usize).filter_map(|local| Some((single_user(local)?, local))).collect();
+            if moves.len() < range.count as usize {
+                moves.into_iter().for_each(|(k, local)| out[k].push(local));
             }
         }
         out
@@ -173,8 +174,14 @@ mod tests {
         let mut shared = scene();
         shared.template_ranges.push(SourceRange { first: 2, count: 1 });
         let mut alone = scene();
-        (alone.instances, alone.own_ranges) = (vec![alone.instances[2].clone()], Vec::new());
-        for mut scene in [shared, alone] {
+        (alone.instances, alone.own_ranges) = (vec![alone.instances[2].clone()], vec![alone.own_ranges[2]]);
+        // The second instance shows nothing: the template must not become empty.
+        let mut lone = scene();
+        lone.instances.truncate(2);
+        lone.own_ranges.truncate(2);
+        lone.templates.opacity_logits.fill(1.0);
+        lone.offsets.opacity_logits[4..8].fill(-9.0);
+        for mut scene in [shared, alone, lone] {
             let before = scene.clone();
             assert_eq!(scene.give_to_single_users(1.0 / 255.0), 0);
             assert!(scene == before);

@@ -79,19 +79,25 @@ fn sampled_means(scene: &InstancedScene) -> Vec<DVec3> {
     let stride = scene.expanded_len().div_ceil(MOST_SAMPLES).max(1);
     let mut means = Vec::new();
     let mut first_flat = 0u64;
-    for instance in &scene.instances {
+    for (k, instance) in scene.instances.iter().enumerate() {
         let range = scene.template_ranges[instance.template as usize];
         let end = first_flat + u64::from(range.count);
+        let own = scene.own_range(k);
+        let end_own = end + u64::from(own.count);
         let mut flat = first_flat.next_multiple_of(stride);
-        while flat < end {
-            let local = (flat - first_flat) as usize;
-            let offset =
-                instance.first_offset.map_or(DVec3::ZERO, |o| widened(scene.offsets.means[o as usize + local]));
-            let mean = widened(scene.templates.means[range.first as usize + local]) + offset;
+        while flat < end_own {
+            let mean = if flat < end {
+                let local = (flat - first_flat) as usize;
+                let offset =
+                    instance.first_offset.map_or(DVec3::ZERO, |o| widened(scene.offsets.means[o as usize + local]));
+                widened(scene.templates.means[range.first as usize + local]) + offset
+            } else {
+                widened(scene.own.means[own.first as usize + (flat - end) as usize])
+            };
             means.push(instance.world_from_template.transform_point(mean));
             flat += stride;
         }
-        first_flat = end;
+        first_flat = end_own;
     }
     let skip = first_flat.next_multiple_of(stride) - first_flat;
     means.extend(scene.background.means.iter().skip(skip as usize).step_by(stride as usize).map(|&m| widened(m)));
@@ -111,7 +117,8 @@ fn percentile(sorted: &[f64], fraction: f64) -> f64 {
 }
 
 fn largest_deviation(scene: &InstancedScene) -> f64 {
-    let log_scales = scene.templates.log_scales.iter().chain(&scene.background.log_scales).flatten();
+    let posed = scene.templates.log_scales.iter().chain(&scene.own.log_scales);
+    let log_scales = posed.chain(&scene.background.log_scales).flatten();
     f64::from(log_scales.copied().fold(f32::NEG_INFINITY, f32::max)).exp()
 }
 

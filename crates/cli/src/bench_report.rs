@@ -43,6 +43,7 @@ fn main_table(report: &Report) -> Table {
     row("device peak bytes", &|s| grouped(s.bytes.device_peak), None);
     row("template Gaussians", &|s| grouped(s.gaussians.scene.template), None);
     row("offset records", &|s| grouped(s.gaussians.scene.offsets), None);
+    row("instances' own Gaussians", &|s| grouped(s.gaussians.scene.own), None);
     row("background Gaussians", &|s| grouped(s.gaussians.scene.background), None);
     row("expanded Gaussians", &|s| grouped(s.gaussians.scene.expanded), None);
     row("visible, mean", &|s| grouped(s.gaussians.visible), None);

@@ -134,7 +134,7 @@ fn list(scene: &InstancedScene) -> Vec<Listed> {
             template: instance.template,
             centre: instance.world_from_template.transform_point(centres[template]).to_array(),
             scale: instance.world_from_template.scale(),
-            gaussians: scene.template_ranges[template].count,
+            gaussians: scene.template_ranges[template].count + scene.own_range(index).count,
             offsets: match instance.first_offset {
                 None => "none",
                 Some(first) if users(first) > 1 => "shared",

@@ -26,7 +26,7 @@ const FLAGS: [(&str, &[&str], &str); 10] = [
     (
         "duplicate",
         &["K", "by=DX,DY,DZ", "yaw=DEG"],
-        "Copy an instance, shifted and rotated about the up axis; the two share offsets until one is recoloured",
+        "Copy an instance, shifted and rotated about the up axis; the two share offsets and own Gaussians until one is recoloured",
     ),
     ("move", &["K", "by=DX,DY,DZ|to=X,Y,Z"], "Move an instance by a vector, or its centre to a position"),
     (
@@ -35,13 +35,13 @@ const FLAGS: [(&str, &[&str], &str); 10] = [
         "Rotate an instance about its centre: about the up axis, or about an axis",
     ),
     ("scale", &["K", "by=S"], "Scale an instance about its centre"),
-    ("delete", &["K"], "Remove an instance, and its offsets unless others share them"),
+    ("delete", &["K"], "Remove an instance, and its offsets and own Gaussians unless others share them"),
     (
         "recolour",
         &["K", "rgb=R,G,B"],
         "Shift the base colour (1 = from black to white); a whole group changes in its template",
     ),
-    ("swap", &["K", "template=G"], "Give an instance another template; its offsets are dropped"),
+    ("swap", &["K", "template=G"], "Give an instance another template; its offsets and own Gaussians are dropped"),
     (
         "scatter",
         &["template=G", "count=N", "..."],

@@ -50,7 +50,7 @@ enum PackArg {
 struct Exported {
     scene: String,
     to: String,
-    /// Number of Gaussians in the new file: expanded, or those of templates and background for .glb and .instgs.
+    /// Number of Gaussians in the new file: expanded, or the stored ones for .glb and .instgs.
     gaussians: u64,
     flattened_instances: usize,
     bytes: u64,

@@ -48,7 +48,7 @@ pub(super) struct TrainArgs {
     /// Start from this scene instead of the dataset's points
     #[arg(long, value_name = "SCENE")]
     init: Option<PathBuf>,
-    /// A preset (default, quick, paper, mcmc, instgs, instgs_quick, instgs_sparse) or a TOML file
+    /// A preset (default, quick, paper, mcmc, instgs, instgs_quick, instgs_early, instgs_sparse) or a TOML file
     #[arg(long, value_name = "F")]
     config: Option<String>,
     /// One value of the configuration, for instance --set rates.means=1e-4; may be repeated
@@ -172,8 +172,9 @@ fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
     row("steps", format!("{} in {:.1} s, {:.2} a second", report.steps, report.seconds, report.steps_per_second));
     let counts = &report.gaussians;
     if report.vanilla.is_some() {
+        let own = if counts.own > 0 { format!("{} of instances' own, ", grouped(counts.own)) } else { String::new() };
         let text = format!(
-            "{} of templates, {} offset records, {} of the background, {} after expanding",
+            "{} of templates, {} offset records, {own}{} of the background, {} after expanding",
             grouped(counts.template),
             grouped(counts.offsets),
             grouped(counts.background),

@@ -79,9 +79,6 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
     let colors = reader.optional("instance.color_from_template", &[3, 4], scene.instances.len())?;
     scene.color_from_template = colors.as_chunks().0.as_chunks().0.to_vec();
     scene.own_ranges = reader.ranges("instance.own")?;
-    if scene.own_ranges.is_empty() && !scene.own.is_empty() {
-        return Err(reader.error("instance.own", "is missing, but there are own Gaussians of instances"));
-    }
     scene.offsets = reader.offsets(&scene)?;
     scene.validate().map_err(|e| IoError::new(path, e.reason).at(Place::Tensor(e.tensor)))?;
     for (name, view) in reader.left {

@@ -12,7 +12,7 @@ use instgs_vk::scene::instanced_scene::InstancedScene;
 pub struct LoadedScene {
     /// The scene; all parameters are finite.
     pub scene: InstancedScene,
-    /// Number of Gaussians of templates and background that were dropped because a parameter is not finite (a template
+    /// Number of Gaussians of templates, instances' own and background that were dropped because a parameter is not finite (a template
     /// Gaussian counts once for all instances).
     pub dropped_non_finite: usize,
     /// Other notes for the user, one line each.

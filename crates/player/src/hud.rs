@@ -47,7 +47,7 @@ pub(super) struct Facts<'a> {
     /// Number of stored and of expanded Gaussians.
     pub(super) gaussians: [u64; 2],
     /// Memory in bytes, with the name of each kind.
-    pub(super) bytes: [(&'static str, u64); 6],
+    pub(super) bytes: [(&'static str, u64); 7],
     /// Indices of the selected instances. The field below is the number of instances.
     pub(super) chosen: Vec<usize>,
     pub(super) instances: usize,

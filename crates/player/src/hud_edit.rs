@@ -242,7 +242,9 @@ fn name(ui: &mut Ui, facts: &EditFacts<'_>, k: usize) {
     let id = label.id.map_or_else(String::new, |id| format!(", id {id}"));
     ui.strong(format!("instance {k}{id}"));
     let count = scene.template_ranges[template as usize].count;
-    ui.label(format!("template {template} ({count} Gaussians), group {group}"));
+    let own = scene.own_range(k).count;
+    let own = if own > 0 { format!(", {own} of its own") } else { String::new() };
+    ui.label(format!("template {template} ({count} Gaussians{own}), group {group}"));
 }
 
 /// The instances that a change of colour applies to.

@@ -343,6 +343,7 @@ impl Live {
             ("device, scene", self.session.viewer.device_bytes()),
             ("scene templates", scene.templates.tensor_bytes()),
             ("scene offsets", scene.offsets.tensor_bytes()),
+            ("scene instances' own", scene.own.tensor_bytes()),
             ("scene background", scene.background.tensor_bytes()),
         ];
         let ctx = self.screen.ui.egui_ctx().clone();

@@ -100,6 +100,7 @@ pub(super) fn beside(data: &ReportData) -> String {
     sizes("device memory, peak", b[0].device_peak, b[1].device_peak, bytes);
     sizes("Gaussians stored", g[0].stored(), g[1].stored(), count);
     sizes("of them in templates", g[0].template, g[1].template, count);
+    sizes("of them instances' own", g[0].own, g[1].own, count);
     sizes("of them in the background", g[0].background, g[1].background, count);
     sizes("offset records", g[0].offsets, g[1].offsets, count);
     sizes("Gaussians expanded", g[0].expanded, g[1].expanded, count);

@@ -78,11 +78,13 @@ impl DeviceState {
     pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
         let sh_degree = scene.templates.sh_degree.max(scene.background.sh_degree);
         let limit = u64::from(most_in_training(gpu.caps().max_storage_bytes, sh_degree));
-        let scene = &scene.with_packed_own();
-        let needed = scene.source_len() as u64;
+        // Shared own Gaussians count once for each instance.
+        let own: u64 = scene.own_ranges.iter().map(|range| u64::from(range.count)).sum();
+        let needed = (scene.templates.len() + scene.background.len()) as u64 + own;
         if needed > limit {
             return Err(RenderError::TooMany { what: "Gaussians in training", needed, limit });
         }
+        let scene = &scene.with_packed_own();
         let device_scene = DeviceScene::unbounded(gpu, scene, chunk_size)?;
         let layout = SourceLayout::of(scene);
         let names = InstancedScene {
@@ -185,7 +187,7 @@ impl DeviceState {
     }
 }
 
-/// The learning rates of a parameter: those of templates and background, or that of offsets and 0.
+/// The learning rates of a parameter: those of templates (and instances' own) and background, or that of offsets and 0.
 fn rates_of(parameter: Parameter, rates: &Rates) -> [f64; 2] {
     let sources = |of: fn(&GaussianRates) -> f64| [&rates.template, &rates.background].map(of);
     let offsets = &rates.offsets;

@@ -292,6 +292,9 @@ fn evaluate_at_end(
     evaluate_with(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
 }
 
+/// Blending skips an alpha below this.
+const LOWEST_DRAWN_OPACITY: f64 = 1.0 / 255.0;
+
 /// Removes non-finite Gaussians and those that no instance shows, and makes those that one shows its own; returns how many
 /// Gaussians were removed for each reason.
 fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
@@ -300,7 +303,10 @@ fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
     let mut pruned = 0;
     if prune {
         pruned = scene.prune_transparent(config.joint.prune_opacity);
-        scene.give_to_single_users(config.joint.prune_opacity);
+        scene.give_to_single_users(config.joint.prune_opacity.min(LOWEST_DRAWN_OPACITY));
+    }
+    if scene.own.is_empty() {
+        scene.own_ranges.clear();
     }
     scene.recentre_offsets();
     (dropped, pruned)

@@ -103,8 +103,11 @@ impl Shown<'_> {
     fn offset_part(&self, surface: SurfacePoint) -> f64 {
         let of_instance = |scene: &InstancedScene| {
             let instance = scene.instances.get(surface.instance as usize)?;
-            let offset = scene.offsets.means[(instance.first_offset? + surface.local) as usize];
-            Some((widened(offset).length(), radius(scene, scene.template_ranges[instance.template as usize])))
+            let template = scene.template_ranges[instance.template as usize];
+            // Own Gaussians come after the template's, and have no offsets.
+            let local = (surface.local < template.count).then_some(surface.local)?;
+            let offset = scene.offsets.means[(instance.first_offset? + local) as usize];
+            Some((widened(offset).length(), radius(scene, template)))
         };
         let (moved, radius) = self.scene.and_then(of_instance).unwrap_or((0.0, 1.0));
         if moved > 0.0 { moved / radius } else { 0.0 }

@@ -202,8 +202,8 @@ pub enum EditReason {
         /// Records after the edit.
         total: u64,
     },
-    /// The instance whose offsets are asked for has none.
-    #[error("instance {which} has no offsets")]
+    /// The instance whose offsets are asked for has none, and no own Gaussians.
+    #[error("instance {which} has neither offsets nor own Gaussians")]
     NoOffsets {
         /// The selector of the instance.
         which: Selector,

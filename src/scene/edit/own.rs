@@ -34,8 +34,8 @@ pub(super) fn unshare(
         }
         drop_foreign(scene, "own.", outcome);
         let copy = SourceRange { first: scene.own.len() as u32, ..range };
-        let source = scene.own.clone();
-        range.indices().for_each(|i| scene.own.push_from(&source, i));
+        let copies = scene.own.range(range);
+        scene.own.append(&copies);
         for &k in chosen {
             if scene.own_ranges[k] == range {
                 scene.own_ranges[k] = copy;

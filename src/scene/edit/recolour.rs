@@ -20,12 +20,12 @@ pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 
     let mut outcome = EditOutcome { changed: which.resolve(scene)?, ..EditOutcome::default() };
     // Colour is SH_C0 times the coefficient plus a constant.
     let d_sh_dc = rgb.map(|v| (f64::from(v) / SH_C0) as f32);
-    shift_own(scene, d_sh_dc, &mut outcome);
     // Coefficients and offsets are before the matrix, which would change the shift too.
     if !scene.color_from_template.is_empty() {
         for &k in &outcome.changed {
             scene.color_from_template[k].iter_mut().zip(rgb).for_each(|(row, by)| row[3] += by);
         }
+        shift_own(scene, d_sh_dc, &mut outcome);
         return Ok(outcome);
     }
     let whole = if which.is_collective() { whole_templates(scene, &outcome.changed) } else { BTreeSet::new() };
@@ -37,6 +37,7 @@ pub(super) fn recolour(scene: &mut InstancedScene, which: &Selector, rgb: [f32; 
         }
     }
     own_runs(scene, &mut members_of_run, &mut outcome)?;
+    shift_own(scene, d_sh_dc, &mut outcome);
     for &template in &whole {
         let range = scene.template_ranges[template as usize];
         let coefficients = scene.templates.sh_coefficients();
@@ -75,12 +76,11 @@ fn whole_templates(scene: &InstancedScene, chosen: &[usize]) -> BTreeSet<u32> {
     chosen.iter().for_each(|&k| left[scene.instances[k].template as usize] -= 1);
     let alone = |template: usize| {
         let range = scene.template_ranges[template];
-        let end = |r: crate::scene::SourceRange| r.first + r.count;
         scene
             .template_ranges
             .iter()
             .enumerate()
-            .all(|(other, &r)| other == template || !used[other] || end(r) <= range.first || end(range) <= r.first)
+            .all(|(other, &r)| other == template || !used[other] || !r.overlaps(range))
     };
     (0..left.len()).filter(|&t| used[t] && left[t] == 0 && alone(t)).map(|t| t as u32).collect()
 }

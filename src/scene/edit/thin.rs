@@ -67,7 +67,7 @@ fn thin(scene: &mut InstancedScene, template: u32, stays: impl Fn(DVec3) -> bool
         outcome.warnings.push(format!("no Gaussian of template {template} is in the region to remove"));
         return Ok(outcome);
     }
-    if kept == 0 {
+    if kept == 0 && !run.is_empty() {
         return Err(EditReason::EmptyTemplate { template, count: run.len() });
     }
     if kept < run.len() {
@@ -95,9 +95,7 @@ fn own_to_remove(scene: &InstancedScene, template: u32, stays: impl Fn(DVec3) ->
 /// Checks that no other template shares Gaussians with this one: it would lose them too.
 fn check_alone(scene: &InstancedScene, template: u32) -> Result<(), EditReason> {
     let range = scene.template_ranges[template as usize];
-    let shares = |(other, r): (usize, &crate::scene::SourceRange)| {
-        other != template as usize && r.first < range.first + range.count && range.first < r.first + r.count
-    };
+    let shares = |(other, r): (usize, &crate::scene::SourceRange)| other != template as usize && r.overlaps(range);
     match scene.template_ranges.iter().enumerate().position(shares) {
         Some(other) => Err(EditReason::SharedTemplate { template, other }),
         None => Ok(()),

@@ -75,7 +75,7 @@ pub struct Part {
 pub struct Levels {
     /// The scene's templates, unchanged, followed by their levels.
     pub templates: Gaussians,
-    /// The scene's own Gaussians of instances, unchanged: they are few, and have no levels.
+    /// The scene's own Gaussians of instances, unchanged: they have no levels.
     pub own: Gaussians,
     /// The scene's background, block by block, followed by the blocks' levels.
     pub background: Gaussians,
@@ -141,7 +141,7 @@ impl Levels {
 
     /// Appends the levels of one template; returns what was merged, and the range of each level.
     fn push_template(&mut self, scene: &InstancedScene, range: SourceRange) -> Vec<(Rung, SourceRange)> {
-        let own = sub_cloud(&scene.templates, range);
+        let own = scene.templates.range(range);
         push_rungs(&mut self.templates, &own)
     }
 
@@ -150,7 +150,7 @@ impl Levels {
         let owner = scene.instances.len() as u32;
         let (order, blocks) = block_order(&scene.background);
         order.iter().for_each(|&i| self.background.push_from(&scene.background, i as usize));
-        let clouds: Vec<Gaussians> = blocks.iter().map(|&block| sub_cloud(&self.background, block)).collect();
+        let clouds: Vec<Gaussians> = blocks.iter().map(|&block| self.background.range(block)).collect();
         let made: Vec<(Gaussians, Vec<(Rung, SourceRange)>)> = clouds
             .par_iter()
             .map(|cloud| {
@@ -202,13 +202,6 @@ impl Levels {
             });
         }
     }
-}
-
-/// A copy of a range of a cloud.
-fn sub_cloud(cloud: &Gaussians, range: SourceRange) -> Gaussians {
-    let mut out = Gaussians::with_capacity(cloud.sh_degree, range.count as usize);
-    (range.first..range.first + range.count).for_each(|i| out.push_from(cloud, i as usize));
-    out
 }
 
 /// Appends the levels of `own` to `cloud`.

@@ -15,7 +15,7 @@ pub(super) struct OwnCloud {
 pub(super) fn own_cloud(scene: &InstancedScene, instance: &Instance) -> Option<OwnCloud> {
     let first_offset = instance.first_offset? as usize;
     let range = scene.template_ranges[instance.template as usize];
-    let mut cloud = super::sub_cloud(&scene.templates, range);
+    let mut cloud = scene.templates.range(range);
     let offsets = &scene.offsets;
     let coefficients = cloud.sh_coefficients();
     for i in 0..range.count as usize {

@@ -55,7 +55,7 @@ fn every_gaussian_is_in_one_merged_one_and_levels_shrink() {
         [(0, 0.0), (1, 0.0), (2, 0.0)]
     );
     let range = scene.template_ranges[1];
-    let rungs = ladder(&sub_cloud(&scene.templates, range));
+    let rungs = ladder(&scene.templates.range(range));
     assert!(rungs.len() >= 3, "{} levels", rungs.len());
     let mut before = range.count as usize;
     for rung in &rungs {
@@ -118,7 +118,7 @@ fn offsets_of_levels_are_those_of_the_merged_instance() {
         let scene = scene(4, rare);
         let levels = Levels::of(&scene);
         let own = own_cloud(&scene, &scene.instances[2]).unwrap();
-        let rungs = ladder(&sub_cloud(&scene.templates, scene.template_ranges[1]));
+        let rungs = ladder(&scene.templates.range(scene.template_ranges[1]));
         let parts = &levels.parts[levels.coarser[2].start as usize..levels.coarser[2].end as usize];
         assert_eq!(parts.len(), rungs.len());
         for (part, rung) in parts.iter().zip(&rungs) {

@@ -72,9 +72,10 @@ pub(crate) fn run(args: &MergeArgs, printer: &Printer) -> Result<(), CliError> {
         return printer.json(&report);
     }
     group_lines(&found.groups, printer);
-    let Counts { template, offsets, background, .. } = report.gaussians;
+    let Counts { template, offsets, own, background, .. } = report.gaussians;
+    let own = if own > 0 { format!("{} of instances' own, ", grouped(own)) } else { String::new() };
     printer.line(format_args!(
-        "{}: {} instances, {} Gaussians of templates, {} offset records, {} of the background, {} hardly seen left out",
+        "{}: {} instances, {} Gaussians of templates, {} offset records, {own}{} of the background, {} hardly seen left out",
         args.out.display(),
         report.instances,
         grouped(template),

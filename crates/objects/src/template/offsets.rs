@@ -33,11 +33,14 @@ pub(super) fn push_offsets(
 ) -> Common {
     let first = out.len();
     push_zeros(template, options, out);
-    if options.offsets == OffsetInit::Zero || !own.is_usable() {
+    if options.offsets == OffsetInit::Zero {
         return Common::default();
     }
-    let matches = match_template(template, cloud, own);
     let mut common = Common { lacking: 0, matched: vec![false; own.len()] };
+    if !own.is_usable() {
+        return common;
+    }
+    let matches = match_template(template, cloud, own);
     for (i, matched) in matches.iter().enumerate() {
         let record = Record { template: &template.gaussians, i, out, index: first + i, options };
         if matched.is_near(template, i) {

@@ -50,10 +50,8 @@ impl ScatterFields {
             turn: self.turn.to_radians(),
             seed: self.seed,
         };
-        let offsets = match original.first_offset {
-            Some(_) => OffsetSource::Shared(Selector::Index(instance)),
-            None => OffsetSource::None,
-        };
+        let differs = original.first_offset.is_some() || scene.own_range(instance).count > 0;
+        let offsets = if differs { OffsetSource::Shared(Selector::Index(instance)) } else { OffsetSource::None };
         Edit::Scatter(Scatter { template: original.template, count: self.count, over, offsets })
     }
 }

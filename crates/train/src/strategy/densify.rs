@@ -107,6 +107,7 @@ pub(super) fn densify(
     let offset_moves = if runs.is_empty() { None } else { Some(place_offsets(tools, state, &moves, &layout, &runs)?) };
     tools.move_arrays(state, &moves, offset_moves.as_ref())?;
     needs.apply_offsets(tools, state, &fates, &inserted)?;
+    drop((fates, needs));
     split_children(tools, state, &moves, limits)?;
     let gaussians = layout.source_count() as u32;
     state.relayout(&tools.gpu, layout)?;
@@ -270,7 +271,7 @@ fn place_offsets(
     Ok(out)
 }
 
-/// Lists the `after` new Gaussians with their origins, those that instances get for their own left out.
+/// Lists the new Gaussians, `after` in all, with their origins; those that instances get for their own are still to come.
 fn place(
     tools: &mut Tools,
     state: &DeviceState,

@@ -1,7 +1,8 @@
-//! How the number of Gaussians changes, between steps and on the device: of a plain cloud, or of templates and background.
+//! How the number of Gaussians changes, between steps and on the device: of a plain cloud, or of templates, instances' own and
+//! background.
 //!
-//! The host reads a few counters at each change and where templates begin, and nothing per Gaussian. Arrays are reordered one at a time: besides
-//! the state there is one copy of the largest array, and no gradients. Decisions are integers or comparisons of f32,
+//! The host reads a few counters at each change and where templates begin, and nothing per Gaussian. Arrays are reordered one at
+//! a time: besides the state there is one copy of the largest array, and no gradients. Decisions are integers or comparisons of f32,
 //! sums are scans, random numbers are hashes of (seed, finished steps, Gaussian): the same seed gives the same bytes.
 
 mod densify;

@@ -21,13 +21,14 @@ use instgs_train::config::{
 };
 
 /// Name and text of each preset that `--config` knows; the first two hold the defaults.
-pub const PRESETS: [(&str, &str); 7] = [
+pub const PRESETS: [(&str, &str); 8] = [
     TRAINER_PRESETS[0],
     ("instgs", include_str!("../../../../../configs/instgs.toml")),
     TRAINER_PRESETS[1],
     TRAINER_PRESETS[2],
     TRAINER_PRESETS[3],
     ("instgs_quick", include_str!("../../../../../configs/instgs_quick.toml")),
+    ("instgs_early", include_str!("../../../../../configs/instgs_early.toml")),
     ("instgs_sparse", include_str!("../../../../../configs/instgs_sparse.toml")),
 ];
 
@@ -253,7 +254,14 @@ impl Configuration for RunConfig {
     }
 
     fn check(&self, shown: &dyn Fn(&str) -> String) -> Result<(), ConfigError> {
-        self.train.check(shown)
+        self.train.check(shown)?;
+        let compares = self.pipeline.offsets.init == OffsetInit::Difference && self.template_options().kinds.any();
+        if self.pipeline.template.unmatched == Unmatched::Own && !compares {
+            let first = shown("template.unmatched");
+            let relation = "\"drop\", since nothing is matched, with";
+            return Err(ConfigError::Conflict { first, relation, second: shown("offsets.init") });
+        }
+        Ok(())
     }
 }
 

@@ -54,7 +54,22 @@ fn presets_and_reports_load_to_the_same_values() -> Test {
     let quick = ConfigBuilder::new().file("instgs_quick")?.finish()?;
     assert_eq!((quick.train.method, quick.pipeline.template.count_factor), (Method::Instanced, 1.3));
     let missing = ConfigBuilder::new().file("no/such.toml").err().map(|e| e.to_string()).unwrap_or_default();
-    assert!(missing.contains("preset (default, instgs, quick, paper, mcmc, instgs_quick, instgs_sparse)"), "{missing}");
+    assert!(
+        missing.contains("preset (default, instgs, quick, paper, mcmc, instgs_quick, instgs_early, instgs_sparse)"),
+        "{missing}"
+    );
+    Ok(())
+}
+
+/// Nothing is matched from zero offsets, or without any.
+#[test]
+fn unmatched_gaussians_need_differences() -> Test {
+    let with = |text: &str| ConfigBuilder::new().file("instgs_early")?.text(text, "x")?.finish();
+    assert!(with("").is_ok());
+    let zero = with("[offsets]\ninit = \"zero\"").err().map(|e| e.to_string()).unwrap_or_default();
+    assert!(zero.contains("template.unmatched") && zero.contains("offsets.init"), "{zero}");
+    let none = "[offsets]\nposition = false\nsh_dc = false\nopacity = false\ncovariance = false";
+    assert!(with(none).is_err());
     Ok(())
 }
 
