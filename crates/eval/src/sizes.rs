@@ -10,8 +10,8 @@ pub struct Counts {
     pub template: u64,
     /// Number of offset records; 0 for a plain cloud.
     pub offsets: u64,
-    /// Gaussians that instances have of their own.
-    #[serde(default)]
+    /// Gaussians that instances have of their own; reports leave it out where there are none.
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub own: u64,
     /// Gaussians in the background; all of a plain cloud.
     pub background: u64,
@@ -35,6 +35,10 @@ impl Counts {
     pub fn stored(&self) -> u64 {
         self.template + self.own + self.background
     }
+}
+
+fn is_zero(count: &u64) -> bool {
+    *count == 0
 }
 
 /// Sizes in bytes of a scene's file and of memory.
