@@ -69,23 +69,8 @@ impl InstancedScene {
     /// Appends the Gaussians that an instance has of its template to `world`.
     fn flatten_instance(&self, instance: &Instance, color_matrix: Option<&ColorMatrix>, world: &mut Gaussians) {
         let to_world = ToWorld::new(&instance.world_from_template);
-        let range = self.template_ranges[instance.template as usize];
-        for (local, i) in range.indices().enumerate() {
-            let mut one = Local::of(&self.templates, i);
-            if let Some(o) = instance.first_offset.map(|first| first as usize + local) {
-                one.mean += widened(self.offsets.means[o]);
-                one.logit += f64::from(self.offsets.opacity_logits[o]);
-                one.sh[0] += widened(self.offsets.sh_dc[o]);
-                one.sh[1..].iter_mut().zip(self.offsets.rest_of(o)).for_each(|(sh, &d)| *sh += widened(d));
-                one.log_scales += self.offsets.log_scales.get(o).map_or(DVec3::ZERO, |&d| widened(d));
-                let d_quat = self.offsets.quats.get(o).copied().unwrap_or_default();
-                one.quat.iter_mut().zip(d_quat).for_each(|(q, d)| *q += f64::from(d));
-            }
-            if let Some(matrix) = color_matrix {
-                recolour(matrix, &mut one.sh);
-            }
-            to_world.push(one, world);
-        }
+        let count = self.template_ranges[instance.template as usize].count as usize;
+        (0..count).for_each(|local| to_world.push(Local::shown(self, instance, color_matrix, local), world));
     }
 
     /// Appends the Gaussians that an instance has of its own to `world`.
@@ -96,7 +81,7 @@ impl InstancedScene {
 }
 
 /// A Gaussian in the frame of a template, in f64.
-struct Local {
+pub(crate) struct Local {
     mean: DVec3,
     quat: [f64; 4],
     log_scales: DVec3,
@@ -113,6 +98,39 @@ impl Local {
             logit: f64::from(cloud.opacity_logits[i]),
             sh: cloud.sh_of(i).iter().map(|&c| widened(c)).collect(),
         }
+    }
+
+    /// What an instance shows of Gaussian `local` of its template: offsets added, colour matrix applied.
+    pub(crate) fn shown(
+        scene: &InstancedScene,
+        instance: &Instance,
+        color_matrix: Option<&ColorMatrix>,
+        local: usize,
+    ) -> Self {
+        let range = scene.template_ranges[instance.template as usize];
+        let mut one = Self::of(&scene.templates, range.first as usize + local);
+        if let Some(o) = instance.first_offset.map(|first| first as usize + local) {
+            one.mean += widened(scene.offsets.means[o]);
+            one.logit += f64::from(scene.offsets.opacity_logits[o]);
+            one.sh[0] += widened(scene.offsets.sh_dc[o]);
+            one.sh[1..].iter_mut().zip(scene.offsets.rest_of(o)).for_each(|(sh, &d)| *sh += widened(d));
+            one.log_scales += scene.offsets.log_scales.get(o).map_or(DVec3::ZERO, |&d| widened(d));
+            let d_quat = scene.offsets.quats.get(o).copied().unwrap_or_default();
+            one.quat.iter_mut().zip(d_quat).for_each(|(q, d)| *q += f64::from(d));
+        }
+        if let Some(matrix) = color_matrix {
+            recolour(matrix, &mut one.sh);
+        }
+        one
+    }
+
+    /// Appends it, rounded to f32, to a cloud of the same SH degree.
+    pub(crate) fn push_to(self, cloud: &mut Gaussians) {
+        cloud.means.push(narrowed(self.mean));
+        cloud.quats.push(self.quat.map(|c| c as f32));
+        cloud.log_scales.push(narrowed(self.log_scales));
+        cloud.opacity_logits.push(self.logit as f32);
+        cloud.sh.extend(self.sh.into_iter().map(narrowed));
     }
 }
 
@@ -156,7 +174,7 @@ pub(crate) fn recolour(matrix: &ColorMatrix, sh: &mut [DVec3]) {
 }
 
 /// Rounds to the stored precision, f32.
-pub(crate) fn narrowed(v: DVec3) -> [f32; 3] {
+fn narrowed(v: DVec3) -> [f32; 3] {
     [v.x as f32, v.y as f32, v.z as f32]
 }
 

@@ -1,11 +1,9 @@
 //! Template Gaussians that only one instance shows become that instance's own: they cost every other instance an offset record
 //! and time, and show nothing there.
 
-use glam::DVec3;
-
 use crate::math::covariance::sigmoid;
-use crate::math::sh::widened;
-use crate::scene::flatten::{narrowed, recolour};
+use crate::scene::flatten::Local;
+use crate::scene::gaussians::Gaussians;
 use crate::scene::instanced_scene::{InstancedScene, SourceRange};
 
 impl InstancedScene {
@@ -24,19 +22,20 @@ impl InstancedScene {
         }
         let mut packed = self.with_packed_own().into_owned();
         packed.own_ranges.resize(packed.instances.len(), SourceRange::default());
-        let before = std::mem::take(&mut packed.own);
-        packed.own.sh_degree = packed.templates.sh_degree;
+        let mut own = Gaussians { sh_degree: packed.templates.sh_degree, ..Gaussians::default() };
         let mut keep = vec![true; packed.templates.len()];
         for (k, locals) in moves.iter().enumerate() {
             let range = packed.own_ranges[k];
-            let first = packed.own.len() as u32;
-            range.indices().for_each(|i| packed.own.push_from(&before, i));
+            let first = own.len() as u32;
+            range.indices().for_each(|i| own.push_from(&packed.own, i));
             for &local in locals {
-                packed.push_own(k, local);
+                let (instance, matrix) = (&packed.instances[k], packed.color_matrix(k));
+                Local::shown(&packed, instance, matrix, local).push_to(&mut own);
                 keep[packed.source_of(k, local)] = false;
             }
-            packed.own_ranges[k] = SourceRange { first, count: packed.own.len() as u32 - first };
+            packed.own_ranges[k] = SourceRange { first, count: own.len() as u32 - first };
         }
+        packed.own = own;
         packed.compact_templates(&keep);
         packed.drop_parallel_tensors();
         *self = packed;
@@ -75,37 +74,14 @@ impl InstancedScene {
         let offset = self.instances[k].first_offset.map_or(0.0, |m| self.offsets.opacity_logits[m as usize + local]);
         sigmoid(f64::from(self.templates.opacity_logits[self.source_of(k, local)] + offset))
     }
-
-    /// Appends what instance `k` has of a Gaussian of its template, offsets and colour matrix included, to the own Gaussians.
-    fn push_own(&mut self, k: usize, local: usize) {
-        let i = self.source_of(k, local);
-        let own = self.own.len();
-        self.own.push_from(&self.templates, i);
-        let (own_gaussians, offsets) = (&mut self.own, &self.offsets);
-        let coefficients = own_gaussians.sh_coefficients();
-        let of_sh = own * coefficients..(own + 1) * coefficients;
-        let mut sh: Vec<DVec3> = own_gaussians.sh[of_sh.clone()].iter().map(|&c| widened(c)).collect();
-        if let Some(m) = self.instances[k].first_offset.map(|first| first as usize + local) {
-            let add = |to: &mut [f32], d: &[f32]| to.iter_mut().zip(d).for_each(|(v, d)| *v += d);
-            add(&mut own_gaussians.means[own], &offsets.means[m]);
-            own_gaussians.opacity_logits[own] += offsets.opacity_logits[m];
-            offsets.log_scales.get(m).into_iter().for_each(|d| add(&mut own_gaussians.log_scales[own], d));
-            offsets.quats.get(m).into_iter().for_each(|d| add(&mut own_gaussians.quats[own], d));
-            sh[0] += widened(offsets.sh_dc[m]);
-            sh[1..].iter_mut().zip(offsets.rest_of(m)).for_each(|(sh, &d)| *sh += widened(d));
-        }
-        if let Some(matrix) = self.color_from_template.get(k) {
-            recolour(matrix, &mut sh);
-        }
-        own_gaussians.sh[of_sh].iter_mut().zip(sh).for_each(|(to, c)| *to = narrowed(c));
-    }
 }
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::math::similarity::Similarity;
-    use crate::scene::gaussians::Gaussians;
     use crate::scene::instanced_scene::{Instance, SAME_COLOR};
     use crate::scene::offsets::Offsets;
 

@@ -86,8 +86,8 @@ pub struct OwnNeed {
     pub gradient: f64,
 }
 
-/// What instances call for, by source Gaussian. `records` has the sum of screen gradients and the number of views by offset
-/// record.
+/// What instances call for, by source Gaussian. `records` has, by offset record, the sum of screen gradients and the number of
+/// views that show the Gaussian.
 pub fn own_needs(scene: &InstancedScene, records: &[[f32; 2]], limits: &Limits) -> Vec<OwnNeed> {
     let mut out = vec![OwnNeed::default(); scene.source_len()];
     for (template, range) in scene.template_ranges.iter().enumerate() {

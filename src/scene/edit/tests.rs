@@ -474,7 +474,8 @@ fn scattered_offsets_are_shared_or_copied() {
         let opacities = |k: usize| looks(&after)[k].opacity_logits.clone();
         assert!((5..8).all(|k| opacities(k) == opacities(3)));
     }
-    for (source, want) in [("id:9", "has neither offsets"), ("1", "are for template 1"), ("77", "there is no instance")] {
+    for (source, want) in [("id:9", "has neither offsets"), ("1", "are for template 1"), ("77", "there is no instance")]
+    {
         let error = apply(&mut before.clone(), &plane(3, 0.0, 1, OffsetSource::Shared(which(source)))).unwrap_err();
         assert!(error.to_string().contains(want), "{error}");
     }

@@ -17,7 +17,7 @@ enum Kind {
     Template(u32),
     /// What instances have of their own, by range.
     Own(SourceRange),
-    /// The background.
+    /// The Gaussians of no instance, in the world frame.
     Background,
 }
 

@@ -18,8 +18,7 @@ pub(super) const LACKING_LOGIT: f32 = -4.6;
 pub(super) struct Common {
     /// Number of template Gaussians that the instance lacks.
     pub lacking: usize,
-    /// Whether each of the instance's own Gaussians has a template Gaussian that stands for it; empty if they were not
-    /// compared.
+    /// By Gaussian of the instance, whether a template Gaussian stands for it; empty if instance and template were not compared.
     pub matched: Vec<bool>,
 }
 

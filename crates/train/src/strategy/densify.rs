@@ -105,9 +105,12 @@ pub(super) fn densify(
     let mut moves = place(tools, state, &fates, layout.source_count() as u32, &gains)?;
     needs.place(tools, &fates, &inserted, &mut moves)?;
     let offset_moves = if runs.is_empty() { None } else { Some(place_offsets(tools, state, &moves, &layout, &runs)?) };
+    // Every array is copied once: what has served makes room first.
+    let kept_for_own = (!inserted.is_empty()).then_some((needs, fates));
     tools.move_arrays(state, &moves, offset_moves.as_ref())?;
-    needs.apply_offsets(tools, state, &fates, &inserted)?;
-    drop((fates, needs));
+    if let Some((needs, fates)) = kept_for_own {
+        needs.apply_offsets(tools, state, &fates, &inserted)?;
+    }
     split_children(tools, state, &moves, limits)?;
     let gaussians = layout.source_count() as u32;
     state.relayout(&tools.gpu, layout)?;

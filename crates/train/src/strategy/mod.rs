@@ -1,5 +1,5 @@
-//! How the number of Gaussians changes, between steps and on the device: of a plain cloud, or of templates, instances' own and
-//! background.
+//! How the number of Gaussians changes, between steps and on the device. It is that of a plain cloud, or of a scene's templates,
+//! instances' own Gaussians and background.
 //!
 //! The host reads a few counters at each change and where templates begin, and nothing per Gaussian. Arrays are reordered one at
 //! a time: besides the state there is one copy of the largest array, and no gradients. Decisions are integers or comparisons of f32,

@@ -36,9 +36,9 @@ pub(super) struct Gains {
 /// A run of old source Gaussians, whose new places are `shift` behind those that they have without own Gaussians.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ShiftedRun {
-    /// The first old source Gaussian.
+    /// Index of the first old source Gaussian of the run.
     pub(super) first: u32,
-    /// Their number.
+    /// Number of old source Gaussians in the run.
     pub(super) count: u32,
     /// Number of own Gaussians inserted before them.
     pub(super) shift: u32,
