@@ -6,7 +6,7 @@
 //   per Gaussian. Background Gaussians have one instance.
 // - Writes gradients by mean, quaternion (not normalised), log scales, logit and the active SH bands: 44 + 12 (degree +
 //   1)^2 bytes; adds to `screen_statistics` (the input of densification) and, where instances may get own Gaussians, to
-//   `record_statistics`. Instances with own Gaussians share no offset records.
+//   `record_statistics`. Instances that share a record share its sums.
 // - If the scene has offsets of shape or of SH bands above 0 (ablations), writes their gradients, and computes those by
 //   shape per instance; records that are not drawn must hold zeros before.
 // - Grid: one work-group per chunk. The order of the sum is that of the instances: no atomics.
@@ -61,7 +61,7 @@ layout(scalar, push_constant) uniform GatherGradientsParams {
 #include "shape.glsl"
 
 layout(constant_id = 7) const uint OFFSET_SH_REST = 0;  // 1 = the scene has offsets of SH coefficients above 0
-layout(constant_id = 10) const uint OWN_GAUSSIANS = 0;  // 1 = instances may get Gaussians of their own
+layout(constant_id = 10) const uint OWN_MAY_GROW = 0;  // 1 = instances may get Gaussians of their own
 
 // True if instances of a template differ in shape.
 bool own_shapes() {
@@ -184,7 +184,7 @@ void main() {
             sums.opacity_logit += g.opacity_logit;
             sums.statistics.xy += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
             sums.statistics.z = max(sums.statistics.z, g.radius_px);
-            if (OWN_GAUSSIANS != 0 && instances[instance].first_offset != NO_OFFSET) {
+            if (OWN_MAY_GROW != 0 && instances[instance].first_offset != NO_OFFSET) {
                 record_statistics[instances[instance].first_offset + local] += vec2(g.mean_ndc, g.radius_px > 0.0 ? 1.0 : 0.0);
             }
             add_sh(sums.sh, g.direction, g.color, degree);

@@ -257,7 +257,7 @@ impl BackwardPipelines {
             )?,
             gather_gradients: compiler.compile(
                 size,
-                &[&[("OWN_GAUSSIANS", u32::from(traits.own_gaussians))][..], &traits.constants()].concat(),
+                &[&[("OWN_MAY_GROW", u32::from(traits.own_may_grow))][..], &traits.constants()].concat(),
             )?,
             gather_color_gradients: match traits.color_matrices {
                 true => {

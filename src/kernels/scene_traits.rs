@@ -13,8 +13,8 @@ pub struct SceneTraits {
     pub offset_quats: bool,
     /// True if instances have colour matrices.
     pub color_matrices: bool,
-    /// True if instances have, or may get in training, Gaussians of their own.
-    pub own_gaussians: bool,
+    /// True in training if instances may get Gaussians of their own.
+    pub own_may_grow: bool,
     /// True if the scene has levels of detail.
     pub levels: bool,
 }

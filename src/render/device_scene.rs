@@ -60,8 +60,8 @@ pub struct DeviceScene {
     pub antialias: bool,
     /// Numbers of Gaussians and offsets, levels of detail included.
     pub counts: SceneCounts,
-    /// True if instances have own Gaussians, or may get them.
-    own_gaussians: bool,
+    /// True in training if instances may get own Gaussians: then the backward pass keeps statistics by offset record.
+    own_may_grow: bool,
     /// First row of every instance at full detail, and after the last one the number of these rows.
     first_rows: Vec<u32>,
     /// For each instance, the rows of its coarser levels in `instances`; `None` without levels of detail.
@@ -109,6 +109,7 @@ impl DeviceScene {
         let mut out = Self::with_tables(gpu, scene, &SourceLayout::of(scene), tables, chunk_size)?;
         if bounds == Bounds::Everywhere {
             out.table = None;
+            out.own_may_grow = !scene.own_ranges.is_empty();
         }
         Ok(out)
     }
@@ -144,7 +145,7 @@ impl DeviceScene {
         let sh_degree = scene.sh_degree();
         let rows = scene.parameter_rows();
         Ok(Self {
-            own_gaussians: !layout.own_ranges.is_empty(),
+            own_may_grow: false,
             first_rows: layout.first_rows(),
             instances: upload(gpu, "instances", &tables.instances)?,
             chunks: upload(gpu, "chunks", &tables.chunks)?,
@@ -276,7 +277,7 @@ impl DeviceScene {
             offset_log_scales: self.has(Parameter::OffsetLogScales),
             offset_quats: self.has(Parameter::OffsetQuats),
             color_matrices: self.has(Parameter::ColorFromTemplate),
-            own_gaussians: self.own_gaussians,
+            own_may_grow: self.own_may_grow,
             levels: self.has_levels(),
         }
     }

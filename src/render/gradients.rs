@@ -31,7 +31,7 @@ impl GradientBuffers {
     /// Allocates the gradients of a scene.
     pub fn new(gpu: &Arc<Gpu>, scene: &DeviceScene) -> Result<Self, GpuError> {
         let statistics = vec![[0.0; 3]; scene.counts.rows[Parameter::Means].iter().sum()];
-        let records = if scene.traits(0).own_gaussians { scene.counts.rows[Parameter::OffsetMeans][0] } else { 0 };
+        let records = if scene.traits(0).own_may_grow { scene.counts.rows[Parameter::OffsetMeans][0] } else { 0 };
         Ok(Self {
             parameters: ParameterBuffers::new(gpu, "gradients, ", &scene.counts.rows)?,
             poses: Buffer::new(gpu, "gradients, poses", scene.posed_instances() as usize)?,

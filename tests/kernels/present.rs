@@ -7,6 +7,7 @@ use instgs_reference::present as twin;
 use instgs_reference::tile_surface as twin_surface;
 use instgs_vk::gpu::staging::download;
 use instgs_vk::gpu::{Gpu, Recorder};
+use instgs_vk::math::rng::Rng;
 use instgs_vk::render::{
     DeviceScene, InstanceLook, MarkShape, Marks, Picture, Presenter, RenderOptions, Renderer, Show, ShownPicture,
     SurfacePoint, Surfaces,
@@ -14,7 +15,7 @@ use instgs_vk::render::{
 use instgs_vk::scene::{Camera, InstancedScene};
 
 use crate::common::gpu::{assert_silent, gpu};
-use crate::common::random_scene::random_case;
+use crate::common::random_scene::{RandomCase, add_own_gaussians, random_case};
 
 /// How far beyond a rounding border a level may be from what the twin says; measured on lavapipe: 0.
 const TOLERANCE: f64 = 1e-3;
@@ -137,11 +138,8 @@ fn error(got: &[u8], want: &[[f64; 3]]) -> f64 {
     got.iter().zip(want.as_flattened()).map(beyond).fold(0.0, f64::max)
 }
 
-#[test]
-fn windows_show_what_the_twin_says() {
-    let Some(gpu) = gpu() else { return };
-    let mut bench = Bench::new(&gpu);
-    let case = random_case(4);
+/// The largest error of a level in all views of a case, with and without selected instances, in several windows.
+fn worst_level(bench: &mut Bench, case: &RandomCase) -> f64 {
     let device = bench.renderer.upload(&case.scene).unwrap();
     let nobody = vec![false; case.scene.instances.len()];
     // Every other instance, so that there are lines between neighbours.
@@ -165,6 +163,24 @@ fn windows_show_what_the_twin_says() {
             }
         }
     }
+    let own = |point: &SurfacePoint| {
+        let instance = case.scene.instances.get(point.instance as usize);
+        instance.is_some_and(|i| point.local >= case.scene.template_ranges[i.template as usize].count)
+    };
+    bench.draw(&device, &case.camera.resized(64, 48), &RenderOptions::default());
+    let seen = bench.surfaces.download().unwrap().iter().flatten().any(own);
+    assert_eq!(seen, !case.scene.own.is_empty(), "own Gaussians are at the surface");
+    worst
+}
+
+#[test]
+fn windows_show_what_the_twin_says() {
+    let Some(gpu) = gpu() else { return };
+    let mut bench = Bench::new(&gpu);
+    let case = random_case(4);
+    let mut with_own = case.clone();
+    add_own_gaussians(&mut Rng::new(4), &mut with_own);
+    let worst = [&case, &with_own].map(|case| worst_level(&mut bench, case)).into_iter().fold(0.0, f64::max);
     println!("levels within {worst:.1e} of the twin's");
     assert_silent(&gpu);
 }

@@ -45,7 +45,7 @@ type Flat<'a, B> = (String, [usize; 2], B);
 fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
     let (sources, posed) = (state.source_count(), state.scene.posed_instances() as usize);
     let records = state.scene.counts.rows[Parameter::OffsetMeans][0];
-    let own_gaussians = state.scene.traits(0).own_gaussians;
+    let own_may_grow = state.scene.traits(0).own_may_grow;
     let (scene, moments) = (&mut state.scene, &mut state.moments);
     let mut out: Vec<Flat<'_, &mut Buffer<f32>>> = Vec::new();
     for (parameter, values, moment) in scene.parameters.scalars_mut().zip(moments.parameters.each_mut()) {
@@ -66,7 +66,7 @@ fn buffers(state: &mut DeviceState) -> Vec<Flat<'_, &mut Buffer<f32>>> {
     }
     let gradients = &mut state.gradients;
     out.push(("statistics.screen".into(), [sources, 3], gradients.screen_statistics.scalars_mut()));
-    if own_gaussians {
+    if own_may_grow {
         out.push(("statistics.records".into(), [records, 2], gradients.record_statistics.scalars_mut()));
     }
     out
