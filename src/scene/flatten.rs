@@ -43,13 +43,9 @@ impl InstancedScene {
             let first = offsets.len();
             for local in 0..range.count as usize {
                 let (i, record) = (range.first as usize + local, instance.first_offset.map(|f| f as usize + local));
-                let template: Vec<DVec3> = self.templates.sh_of(i).iter().map(|&c| widened(c)).collect();
-                let mut sh = template.clone();
-                sh[0] += record.map_or(DVec3::ZERO, |m| widened(old.sh_dc[m]));
-                let rest = record.map_or(&[][..], |m| old.rest_of(m));
-                sh[1..].iter_mut().zip(rest).for_each(|(sh, &d)| *sh += widened(d));
-                recolour(matrix, &mut sh);
-                let mut difference = sh.iter().zip(&template).map(|(own, shared)| narrowed(*own - *shared));
+                let shown = Local::shown(self, instance, Some(matrix), local).sh;
+                let template = self.templates.sh_of(i);
+                let mut difference = shown.iter().zip(template).map(|(own, &shared)| narrowed(*own - widened(shared)));
                 offsets.means.push(record.map_or([0.0; 3], |m| old.means[m]));
                 offsets.opacity_logits.push(record.map_or(0.0, |m| old.opacity_logits[m]));
                 offsets.sh_dc.extend(difference.next());

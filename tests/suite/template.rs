@@ -248,7 +248,7 @@ fn unrelated_objects_are_a_poor_match() {
     assert!(!report(&[car_at(1), car_at(2)]).is_poor_match());
 }
 
-/// Every kind of offset: template plus offset is one of the instance's own Gaussians, parameter by parameter. Where several
+/// Every kind of offset: template plus offset is one of the instance's Gaussians in the cloud, parameter by parameter. Where several
 /// are the same one, they cover together what it covers.
 #[test]
 fn template_plus_offset_is_an_own_gaussian() {

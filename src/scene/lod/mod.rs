@@ -16,7 +16,7 @@
 mod blocks;
 mod ladder;
 pub mod merge;
-mod own;
+mod shown;
 
 use std::ops::Range;
 
@@ -29,7 +29,7 @@ use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 use blocks::block_order;
 use ladder::{Rung, ladder};
 use merge::Merged;
-use own::own_cloud;
+use shown::shown_cloud;
 
 /// Value of [`Part::next_cell`] without a coarser level: larger than any cell, and finite in f32.
 pub const NO_NEXT_CELL: f32 = 1e30;
@@ -225,7 +225,7 @@ fn merged_instances(
     templates: &Gaussians,
 ) -> Vec<Vec<Offsets>> {
     let of_instance = |instance: &Instance| {
-        let Some(own) = own_cloud(scene, instance) else { return Vec::new() };
+        let Some(own) = shown_cloud(scene, instance) else { return Vec::new() };
         let of_level = |(rung, range): &(Rung, SourceRange)| own.level(scene, rung, templates, *range);
         rungs[instance.template as usize].iter().map(of_level).collect()
     };

@@ -117,7 +117,7 @@ fn offsets_of_levels_are_those_of_the_merged_instance() {
     for rare in [false, true] {
         let scene = scene(4, rare);
         let levels = Levels::of(&scene);
-        let own = own_cloud(&scene, &scene.instances[2]).unwrap();
+        let own = shown_cloud(&scene, &scene.instances[2]).unwrap();
         let rungs = ladder(&scene.templates.range(scene.template_ranges[1]));
         let parts = &levels.parts[levels.coarser[2].start as usize..levels.coarser[2].end as usize];
         assert_eq!(parts.len(), rungs.len());

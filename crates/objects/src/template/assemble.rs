@@ -3,9 +3,9 @@
 use std::collections::BTreeSet;
 
 use super::error::TemplateError;
+use super::instance_cloud::{InstanceCloud, Owners};
 use super::offsets::{Common, push_offsets};
 use super::options::{Keep, TemplateOptions, TemplateSource, Unmatched};
-use super::own::{OwnGaussians, Owners};
 use super::report::{GroupReport, InstanceReport, counts, group_match_distance, match_distances};
 use super::sample::draw;
 use super::settle::settle;
@@ -63,13 +63,13 @@ pub fn build(
 /// Adds a group's template, instances and offsets to the scene, unless the group is left out. Returns its report.
 fn add_group(
     cloud: &Gaussians,
-    instances: &[OwnGaussians],
+    instances: &[InstanceCloud],
     group: &PosedGroup,
     options: &TemplateOptions,
     scene: &mut InstancedScene,
 ) -> Result<GroupReport, TemplateError> {
     let mut report = report_without_template(instances, group);
-    if !instances.iter().any(OwnGaussians::is_usable) {
+    if !instances.iter().any(InstanceCloud::is_usable) {
         return Ok(report);
     }
     let distances = match_distances(instances);
@@ -111,7 +111,7 @@ fn add_group(
 }
 
 /// Makes the Gaussians of the last instance that have no match its own; returns their number.
-fn push_unmatched(cloud: &Gaussians, own: &OwnGaussians, common: &Common, scene: &mut InstancedScene) -> usize {
+fn push_unmatched(cloud: &Gaussians, own: &InstanceCloud, common: &Common, scene: &mut InstancedScene) -> usize {
     let first = scene.own.len() as u32;
     scene.own.sh_degree = cloud.sh_degree;
     for (&i, _) in own.indices.iter().zip(&common.matched).filter(|(_, matched)| !**matched) {
@@ -122,8 +122,8 @@ fn push_unmatched(cloud: &Gaussians, own: &OwnGaussians, common: &Common, scene:
     count as usize
 }
 
-fn report_without_template(instances: &[OwnGaussians], group: &PosedGroup) -> GroupReport {
-    let instance = |(own, posed): (&OwnGaussians, &PosedInstance)| InstanceReport {
+fn report_without_template(instances: &[InstanceCloud], group: &PosedGroup) -> GroupReport {
+    let instance = |(own, posed): (&InstanceCloud, &PosedInstance)| InstanceReport {
         id: posed.id,
         gaussians: own.len(),
         non_finite: own.non_finite,
@@ -146,7 +146,7 @@ fn report_without_template(instances: &[OwnGaussians], group: &PosedGroup) -> Gr
 /// Draws the template of a group with at least one usable instance.
 fn draw_template(
     cloud: &Gaussians,
-    instances: &[OwnGaussians],
+    instances: &[InstanceCloud],
     options: &TemplateOptions,
     template_id: u32,
 ) -> TemplateCloud {
@@ -170,7 +170,7 @@ fn draw_template(
 }
 
 /// The usable instances that the template is drawn from; at least one if any is usable.
-fn sources(instances: &[OwnGaussians], source: TemplateSource) -> Vec<&OwnGaussians> {
+fn sources(instances: &[InstanceCloud], source: TemplateSource) -> Vec<&InstanceCloud> {
     let usable = instances.iter().filter(|own| own.is_usable());
     match source {
         TemplateSource::Merge => usable.collect(),

@@ -1,24 +1,24 @@
-//! Matches each template Gaussian to one of an instance's own Gaussians.
+//! Matches each template Gaussian to one of an instance's Gaussians in the cloud.
 
 use rayon::prelude::*;
 
+use super::instance_cloud::InstanceCloud;
 use super::offsets::{LACKING_LOGIT, clamped_logit};
-use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
 use instgs_vk::math::covariance::{logit, sigmoid};
 use instgs_vk::math::nearest::{Neighbour, PointSet};
 use instgs_vk::scene::Gaussians;
 
-/// Number of nearest own Gaussians that a template Gaussian may be matched to.
+/// Number of nearest Gaussians of the instance that a template Gaussian may be matched to.
 const CANDIDATES: usize = 16;
 /// Cost of a difference in size: a Gaussian larger by the factor e in area counts as this many squared spacings farther
 /// away. Shapes have no offsets, so a match of the right size is better.
 const AREA_WEIGHT: f64 = 3.0;
 
-/// The own Gaussian that a template Gaussian is matched to.
+/// The instance's Gaussian that a template Gaussian is matched to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Match {
-    /// Index among the instance's own Gaussians.
+    /// Index among the instance's Gaussians.
     pub own: u32,
     /// Squared distance, template units.
     pub squared_distance: f64,
@@ -37,7 +37,7 @@ impl Match {
     /// Logit of the opacity at which the template Gaussians that share a match cover together what it covers alone: 1 -
     /// (1 - alpha)^(1 / sharing), as for the copies of 3DGS-MCMC (Kheradmand et al. 2024, eq. 9). Clamped to the range
     /// that training can change.
-    pub(super) fn opacity_logit(&self, cloud: &Gaussians, own: &OwnGaussians) -> f32 {
+    pub(super) fn opacity_logit(&self, cloud: &Gaussians, own: &InstanceCloud) -> f32 {
         let alone = clamped_logit(cloud.opacity_logits[own.indices[self.own as usize] as usize]);
         if self.sharing <= 1 {
             return alone;
@@ -49,10 +49,10 @@ impl Match {
     }
 }
 
-/// A match for every template Gaussian. Pairs are accepted in order of cost, and an own Gaussian takes part in at most
+/// A match for every template Gaussian. Pairs are accepted in order of cost, and an instance's Gaussian takes part in at most
 /// `ceil(N / own)` of them; a template Gaussian left without a match gets its cheapest one. The instance must have
 /// Gaussians.
-pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &OwnGaussians) -> Vec<Match> {
+pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &InstanceCloud) -> Vec<Match> {
     let candidates = candidates(template, cloud, own);
     let mut pairs: Vec<(u32, Match)> =
         candidates.iter().enumerate().flat_map(|(i, near)| near.iter().map(move |&m| (i as u32, m))).collect();
@@ -76,8 +76,8 @@ pub(super) fn match_template(template: &TemplateCloud, cloud: &Gaussians, own: &
     matches
 }
 
-/// For each template Gaussian, its nearest own Gaussians in order of cost.
-fn candidates(template: &TemplateCloud, cloud: &Gaussians, own: &OwnGaussians) -> Vec<Vec<Match>> {
+/// For each template Gaussian, its nearest Gaussians of the instance in order of cost.
+fn candidates(template: &TemplateCloud, cloud: &Gaussians, own: &InstanceCloud) -> Vec<Vec<Match>> {
     let set = PointSet::new(&own.means);
     let frame = &own.template_from_world;
     let own_log_area = |j: u32| log_area(frame.log_scales(cloud.log_scales[own.indices[j as usize] as usize]));

@@ -11,10 +11,10 @@
 pub mod assemble;
 mod common_pose;
 pub mod error;
+mod instance_cloud;
 mod matching;
 mod offsets;
 pub mod options;
-mod own;
 pub mod report;
 mod sample;
 mod settle;
@@ -22,6 +22,6 @@ mod template_cloud;
 
 pub use assemble::{Built, build};
 pub use error::TemplateError;
+pub use instance_cloud::MIN_INSTANCE_GAUSSIANS;
 pub use options::{Keep, OffsetInit, OffsetKinds, Sampling, TemplateOptions, TemplateSource, Unmatched};
-pub use own::MIN_OWN_GAUSSIANS;
 pub use report::{GroupReport, HOPELESS_MATCH, InstanceReport, POOR_MATCH};

@@ -1,8 +1,8 @@
-//! First offsets of an instance: the differences of its own Gaussians from the template's.
+//! First offsets of an instance: the differences of its Gaussians in the cloud from the template's.
 
+use super::instance_cloud::InstanceCloud;
 use super::matching::{Match, match_template};
 use super::options::{Keep, OffsetInit, TemplateOptions};
-use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
 use instgs_vk::scene::{Gaussians, Offsets};
 
@@ -26,7 +26,7 @@ pub(super) struct Common {
 pub(super) fn push_offsets(
     template: &TemplateCloud,
     cloud: &Gaussians,
-    own: &OwnGaussians,
+    own: &InstanceCloud,
     options: &TemplateOptions,
     out: &mut Offsets,
 ) -> Common {
@@ -85,8 +85,8 @@ impl Record<'_> {
         }
     }
 
-    /// Sets the record to the difference from the matched own Gaussian, for those parameters that the template keeps.
-    fn set_difference(self, cloud: &Gaussians, own: &OwnGaussians, matched: &Match) {
+    /// Sets the record to the difference from the matched Gaussian, for those parameters that the template keeps.
+    fn set_difference(self, cloud: &Gaussians, own: &InstanceCloud, matched: &Match) {
         let j = matched.own as usize;
         let (template, i, out, index) = (self.template, self.i, self.out, self.index);
         let kinds = self.options.kinds;

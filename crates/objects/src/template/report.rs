@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::own::OwnGaussians;
+use super::instance_cloud::InstanceCloud;
 use super::template_cloud::{median, radius};
 use instgs_vk::math::nearest::PointSet;
 
@@ -23,7 +23,7 @@ pub struct InstanceReport {
     pub gaussians: usize,
     /// Number of its Gaussians that were dropped because a parameter is not finite.
     pub non_finite: usize,
-    /// Whether it has enough Gaussians ([`MIN_OWN_GAUSSIANS`](super::MIN_OWN_GAUSSIANS)); otherwise it is shown as the
+    /// Whether it has enough Gaussians ([`MIN_INSTANCE_GAUSSIANS`](super::MIN_INSTANCE_GAUSSIANS)); otherwise it is shown as the
     /// template, without offsets.
     pub is_usable: bool,
     /// Number of template Gaussians without a near match in it, which start nearly transparent.
@@ -87,21 +87,21 @@ impl GroupReport {
 }
 
 /// Minimum, mean and maximum number of Gaussians of the usable instances.
-pub(super) fn counts(instances: &[OwnGaussians]) -> (usize, f64, usize) {
-    let counts: Vec<usize> = instances.iter().filter(|o| o.is_usable()).map(OwnGaussians::len).collect();
+pub(super) fn counts(instances: &[InstanceCloud]) -> (usize, f64, usize) {
+    let counts: Vec<usize> = instances.iter().filter(|o| o.is_usable()).map(InstanceCloud::len).collect();
     let mean = counts.iter().sum::<usize>() as f64 / counts.len().max(1) as f64;
     (counts.iter().copied().min().unwrap_or(0), mean, counts.iter().copied().max().unwrap_or(0))
 }
 
 /// Distance of each instance from the largest one; `None` for those that are not usable.
-pub(super) fn match_distances(instances: &[OwnGaussians]) -> Vec<Option<f64>> {
-    let largest = instances.iter().map(OwnGaussians::len).max();
+pub(super) fn match_distances(instances: &[InstanceCloud]) -> Vec<Option<f64>> {
+    let largest = instances.iter().map(InstanceCloud::len).max();
     let Some(reference) = instances.iter().find(|own| Some(own.len()) == largest) else { return Vec::new() };
     let set = PointSet::new(&reference.means);
     let apart = |p: &[f32; 3]| set.mean_squared_distance_to_others(*p, 1).sqrt();
     let spacing = trimmed_mean(reference.means.iter().map(apart).collect());
     let radius = radius(&reference.means);
-    let distance = |own: &OwnGaussians| {
+    let distance = |own: &InstanceCloud| {
         let own_set = PointSet::new(&own.means);
         let there = trimmed_mean(own.means.iter().map(|&p| set.distance(p)).collect());
         let back = trimmed_mean(reference.means.iter().map(|&p| own_set.distance(p)).collect());

@@ -8,8 +8,8 @@
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
+use super::instance_cloud::InstanceCloud;
 use super::matching::{Match, match_template};
-use super::own::OwnGaussians;
 use super::template_cloud::TemplateCloud;
 use instgs_vk::math::covariance::{quat_from_rotation, rotation_from_quat};
 use instgs_vk::math::eigen::symmetric_eigen;
@@ -32,7 +32,7 @@ struct Sums {
 pub(super) fn settle(
     mut template: TemplateCloud,
     cloud: &Gaussians,
-    instances: &[OwnGaussians],
+    instances: &[InstanceCloud],
     rounds: u32,
 ) -> TemplateCloud {
     for _ in 0..rounds {
@@ -46,7 +46,7 @@ pub(super) fn settle(
     template
 }
 
-fn sums_of_matches(template: &TemplateCloud, cloud: &Gaussians, instances: &[OwnGaussians]) -> Vec<Sums> {
+fn sums_of_matches(template: &TemplateCloud, cloud: &Gaussians, instances: &[InstanceCloud]) -> Vec<Sums> {
     let coefficients = cloud.sh_coefficients();
     let none = Sums {
         count: 0.0,
@@ -69,7 +69,7 @@ fn sums_of_matches(template: &TemplateCloud, cloud: &Gaussians, instances: &[Own
 
 impl Sums {
     /// Adds the matched Gaussian of an instance.
-    fn add(&mut self, cloud: &Gaussians, own: &OwnGaussians, matched: &Match) {
+    fn add(&mut self, cloud: &Gaussians, own: &InstanceCloud, matched: &Match) {
         let j = matched.own as usize;
         let (frame, i) = (&own.template_from_world, own.indices[j] as usize);
         self.count += 1.0;
@@ -103,7 +103,7 @@ impl Sums {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::template::own::Owners;
+    use crate::template::instance_cloud::Owners;
     use instgs_vk::math::covariance::sigmoid;
     use instgs_vk::math::rng::Rng;
     use instgs_vk::math::similarity::Similarity;
@@ -114,7 +114,7 @@ mod tests {
     /// Two objects of 27 Gaussians on a grid, with the same rotated shape except for log scales, SH, opacity and a
     /// shift along x, which are `-d` off in the first and `+d` in the second. The second is moved, rotated and three
     /// times as large.
-    fn two_objects(d: f32) -> (Gaussians, Vec<OwnGaussians>, TemplateCloud) {
+    fn two_objects(d: f32) -> (Gaussians, Vec<InstanceCloud>, TemplateCloud) {
         let mut rng = Rng::new(2);
         let mut cloud = Gaussians::with_capacity(1, 2 * COUNT);
         let rotation = rotation_from_quat(rng.rotation_quat());

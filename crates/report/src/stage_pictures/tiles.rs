@@ -5,7 +5,7 @@ use super::painter::Painter;
 use crate::GroupOverlay;
 use instgs_objects::pipeline::Prepared;
 use instgs_objects::register::{InstanceRegistration, Verdict};
-use instgs_objects::template::MIN_OWN_GAUSSIANS;
+use instgs_objects::template::MIN_INSTANCE_GAUSSIANS;
 use instgs_vk::render::RenderError;
 use instgs_vk::scene::PosedGroup;
 
@@ -43,7 +43,7 @@ pub(super) fn overlays(
 fn reference(group: &PosedGroup, objects: &Objects<'_>) -> usize {
     let own = |i: usize| objects.len(group.instances[i].id);
     let most = (0..group.instances.len()).max_by_key(|&i| (own(i), std::cmp::Reverse(i))).unwrap_or(0);
-    if own(0) >= MIN_OWN_GAUSSIANS { 0 } else { most }
+    if own(0) >= MIN_INSTANCE_GAUSSIANS { 0 } else { most }
 }
 
 /// The reference, then others in the group's order; if there are too many, those that most need a look.

@@ -1,45 +1,32 @@
 //! The Gaussians of one instance including its offsets, and the offsets of its merged Gaussians.
 
+use crate::scene::flatten::Local;
 use crate::scene::{Gaussians, Instance, InstancedScene, Offsets, SourceRange};
 
 use super::ladder::Rung;
 use super::merge::Merged;
 
 /// A template with an instance's offsets added, in the template's frame.
-pub(super) struct OwnCloud {
+pub(super) struct ShownCloud {
     cloud: Gaussians,
     first_offset: usize,
 }
 
 /// The template plus the offsets of `instance`; `None` for an instance without offsets.
-pub(super) fn own_cloud(scene: &InstancedScene, instance: &Instance) -> Option<OwnCloud> {
+pub(super) fn shown_cloud(scene: &InstancedScene, instance: &Instance) -> Option<ShownCloud> {
     let first_offset = instance.first_offset? as usize;
-    let range = scene.template_ranges[instance.template as usize];
-    let mut cloud = scene.templates.range(range);
-    let offsets = &scene.offsets;
-    let coefficients = cloud.sh_coefficients();
-    for i in 0..range.count as usize {
-        let m = first_offset + i;
-        add(&mut cloud.means[i], offsets.means[m]);
-        cloud.opacity_logits[i] += offsets.opacity_logits[m];
-        let sh = &mut cloud.sh[i * coefficients..(i + 1) * coefficients];
-        add(&mut sh[0], offsets.sh_dc[m]);
-        sh[1..].iter_mut().zip(offsets.rest_of(m)).for_each(|(sh, &d)| add(sh, d));
-        offsets.log_scales.get(m).into_iter().for_each(|&d| add(&mut cloud.log_scales[i], d));
-        offsets.quats.get(m).into_iter().for_each(|&d| add(&mut cloud.quats[i], d));
-    }
-    Some(OwnCloud { cloud, first_offset })
-}
-
-fn add<const N: usize>(to: &mut [f32; N], offset: [f32; N]) {
-    to.iter_mut().zip(offset).for_each(|(value, d)| *value += d);
+    let count = scene.template_ranges[instance.template as usize].count as usize;
+    let mut cloud = Gaussians::with_capacity(scene.templates.sh_degree, count);
+    // Levels have their instance's colour matrix, so colours are those before it.
+    (0..count).for_each(|local| Local::shown(scene, instance, None, local).push_to(&mut cloud));
+    Some(ShownCloud { cloud, first_offset })
 }
 
 fn minus<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-impl OwnCloud {
+impl ShownCloud {
     /// The template's Gaussians with the offsets added.
     #[cfg(test)]
     pub(super) fn cloud(&self) -> &Gaussians {

@@ -9,11 +9,11 @@ use super::error::TemplateError;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::{Gaussians, PosedGroup};
 
-/// Instances with fewer own Gaussians are not usable: they take no part in the merge and get zero offsets.
-pub const MIN_OWN_GAUSSIANS: usize = 8;
+/// Instances with fewer Gaussians in the cloud are not usable: they take no part in the merge and get zero offsets.
+pub const MIN_INSTANCE_GAUSSIANS: usize = 8;
 
 /// One instance's Gaussians, with their positions in the template's frame.
-pub(super) struct OwnGaussians {
+pub(super) struct InstanceCloud {
     /// The inverse of the instance's pose.
     pub template_from_world: TemplateFromWorld,
     /// Indices into the cloud, ascending, of finite Gaussians only.
@@ -24,7 +24,7 @@ pub(super) struct OwnGaussians {
     pub non_finite: usize,
 }
 
-impl OwnGaussians {
+impl InstanceCloud {
     fn new(cloud: &Gaussians, labelled: &[u32], world_from_template: &Similarity) -> Self {
         let template_from_world = TemplateFromWorld::new(world_from_template);
         let (mut indices, mut means) = (Vec::new(), Vec::new());
@@ -43,9 +43,9 @@ impl OwnGaussians {
         self.indices.len()
     }
 
-    /// Whether there are at least [`MIN_OWN_GAUSSIANS`].
+    /// Whether there are at least [`MIN_INSTANCE_GAUSSIANS`].
     pub(super) fn is_usable(&self) -> bool {
-        self.len() >= MIN_OWN_GAUSSIANS
+        self.len() >= MIN_INSTANCE_GAUSSIANS
     }
 }
 
@@ -86,8 +86,8 @@ impl Owners {
     }
 
     /// The Gaussians of each instance of group `g`, in order.
-    pub(super) fn instances(&self, cloud: &Gaussians, g: usize, group: &PosedGroup) -> Vec<OwnGaussians> {
+    pub(super) fn instances(&self, cloud: &Gaussians, g: usize, group: &PosedGroup) -> Vec<InstanceCloud> {
         let posed = self.labelled[g].par_iter().zip(&group.instances);
-        posed.map(|(labelled, instance)| OwnGaussians::new(cloud, labelled, &instance.world_from_template)).collect()
+        posed.map(|(labelled, instance)| InstanceCloud::new(cloud, labelled, &instance.world_from_template)).collect()
     }
 }
