@@ -101,8 +101,10 @@
 //! *emission indices* (places in the list before the sort, where the entries of one splat are neighbours). Then:
 //!
 //! ```text
+//!   exposed_colors    [pixel]              apply_exposure               if photos have exposures: M rgb + b
 //!   row_moments, ssim_gradients, row_gradients [pixel]   image_loss_*   L1 + D-SSIM: a separable window, there and back
 //!   cotangents        [pixel]              image_loss_backward_columns  dL/drgb
+//!   exposures         [photo]              exposure_backward, refine_exposure, recentre_exposures   gradients back by the scene's colours; Adam
 //!   status, records                        train_status                 overflow flag, loss, counts
 //!   isect_moments     [emission, block]    tile_blend_backward          replay front to back: 9 sums per splat and 8x8 block
 //!   source_gradients  [work item, local]   preprocess_instance_expand_backward   template frame; offsets go to their owner

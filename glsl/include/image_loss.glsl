@@ -35,15 +35,20 @@ float window_weight(int distance) {
     return WINDOW[abs(distance)];
 }
 
-// Picture and target of a pixel. The target's alpha is 0 for an ignored pixel, else 1 + 254 times its coverage of the
-// background; an ignored pixel has the target's colour in both, whatever was rendered there.
 struct ColorPair {
     vec3 picture;  // rendered colour
     vec3 target;   // colour of the photo
 };
 
+// A rendered colour; NaN and what is too large count as the largest.
+vec3 counted_color(vec3 rendered) {
+    return mix(vec3(LARGEST_COLOR), rendered, is_below(rendered, LARGEST_COLOR));
+}
+
+// Picture and target of a pixel. The target's alpha is 0 for an ignored pixel, else 1 + 254 times its coverage of the
+// background; an ignored pixel has the target's colour in both, whatever was rendered there.
 ColorPair color_pair(vec4 rendered, uint rgba, vec3 background) {
-    vec3 picture = mix(vec3(LARGEST_COLOR), rendered.rgb, is_below(rendered.rgb, LARGEST_COLOR));
+    vec3 picture = counted_color(rendered.rgb);
     vec4 c = unpackUnorm4x8(rgba);
     bool counts = c.a > 0.0;
     vec3 target = counts ? mix(background, c.rgb, (c.a * 255.0 - 1.0) / 254.0) : c.rgb;

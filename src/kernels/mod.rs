@@ -9,8 +9,8 @@ pub mod variant;
 
 pub use crate::gpu::interface::shaders::*;
 pub use pipelines::{
-    BackwardPipelines, DensifyPipelines, MarkPipelines, McmcStepPipelines, Pipelines, PresentPipelines, PresentVariant,
-    Primitives, SegmentPipelines, SurfacePipelines,
+    BackwardPipelines, DensifyPipelines, ExposurePipelines, MarkPipelines, McmcStepPipelines, Pipelines,
+    PresentPipelines, PresentVariant, Primitives, SegmentPipelines, SurfacePipelines,
 };
 pub use scene_traits::SceneTraits;
 pub use variant::Variant;

@@ -77,6 +77,15 @@ pub struct McmcStepPipelines {
     pub mcmc_noise: Pipeline<mcmc_noise::McmcNoise>,
 }
 
+/// The kernels of the exposures of photos.
+#[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
+pub struct ExposurePipelines {
+    pub apply_exposure: Pipeline<apply_exposure::ApplyExposure>,
+    pub exposure_backward: Pipeline<exposure_backward::ExposureBackward>,
+    pub refine_exposure: Pipeline<refine_exposure::RefineExposure>,
+    pub recentre_exposures: Pipeline<recentre_exposures::RecentreExposures>,
+}
+
 /// The kernel of segmentation: contributions to masks.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
 pub struct SegmentPipelines {
@@ -296,6 +305,20 @@ impl DensifyPipelines {
             move_gaussians: compiler.compile(size, &[])?,
             reset_opacity: compiler.compile(size, &[])?,
             decay_opacity: compiler.compile(size, &[])?,
+        })
+    }
+}
+
+impl ExposurePipelines {
+    /// Compiles the kernels for a variant.
+    pub fn new(gpu: &Arc<Gpu>, cache: &PipelineCache, variant: &Variant) -> Result<Self, GpuError> {
+        let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
+        let size = variant.workgroup_size;
+        Ok(Self {
+            apply_exposure: compiler.compile(size, &[])?,
+            exposure_backward: compiler.compile(size, &[])?,
+            refine_exposure: compiler.compile(size, &[])?,
+            recentre_exposures: compiler.compile(size, &[])?,
         })
     }
 }

@@ -28,6 +28,8 @@ pub struct LossInputs<'a> {
     pub targets: &'a Buffer<u32>,
     /// Weight of 1 - SSIM in the loss, 0 to 1; the mean absolute error has the rest.
     pub lambda_dssim: f32,
+    /// The picture as the photo's exposure shows it, if photos have exposures; then the gradient is by its colours.
+    pub exposed: Option<&'a Buffer<[f32; 4]>>,
 }
 
 /// Records the loss against the photo, and its gradient with respect to the picture.
@@ -39,12 +41,13 @@ pub fn record_image_loss(
     buffers: &mut BackwardBuffers,
     loss: LossInputs<'_>,
 ) -> Result<(), GpuError> {
-    let LossInputs { targets, lambda_dssim } = loss;
+    let LossInputs { targets, lambda_dssim, exposed } = loss;
+    let colors = exposed.unwrap_or(&frame.colors);
     let (background, size_px) = (forward.background, frame.plan.size_px);
     let group = forward.pipelines.variant.workgroup_size;
     let (rows, columns) = (Grid::threads(row_strips(size_px), group), Grid::threads(column_strips(size_px), group));
     let params = image_loss_rows::Params { background, size_px };
-    let bindings = image_loss_rows::Bindings { colors: &frame.colors, targets, row_moments: &mut buffers.row_moments };
+    let bindings = image_loss_rows::Bindings { colors, targets, row_moments: &mut buffers.row_moments };
     recorder.dispatch(&p.image_loss_rows, rows, &params, bindings)?;
 
     let params = image_loss_columns::Params { size_px };
@@ -65,7 +68,7 @@ pub fn record_image_loss(
     let params = image_loss_backward_columns::Params { background, size_px, lambda_dssim };
     let bindings = image_loss_backward_columns::Bindings {
         row_gradients: &buffers.row_gradients,
-        colors: &frame.colors,
+        colors,
         targets,
         cotangents: &mut buffers.cotangents,
         error_sums: &mut buffers.error_sums,

@@ -66,7 +66,7 @@ impl GradientRunner {
             self.frame.prepare(&device_scene, [camera.width, camera.height], scene.sh_degree(), true).unwrap();
             let recorder = &mut self.recorder;
             self.frame.record_forward(recorder, &device_scene, &view).unwrap();
-            let loss = LossInputs { targets: &targets, lambda_dssim: 0.2 };
+            let loss = LossInputs { targets: &targets, lambda_dssim: 0.2, exposed: None };
             self.frame.record_loss(recorder, &device_scene, &view, loss, &mut log, 7).unwrap();
             let ticket = recorder.submit().unwrap();
             recorder.wait(ticket).unwrap();

@@ -161,7 +161,7 @@ impl LossRunner {
         recorder.wait(ticket).unwrap();
         let (frame, _) = self.frame.buffers_mut().unwrap();
         write(gpu, &mut frame.colors, &case.picture).unwrap();
-        let loss = LossInputs { targets: &targets, lambda_dssim: case.lambda_dssim };
+        let loss = LossInputs { targets: &targets, lambda_dssim: case.lambda_dssim, exposed: None };
         self.frame.record_loss(recorder, &self.scene, &view, loss, &mut log, STEP).unwrap();
         let ticket = recorder.submit().unwrap();
         recorder.wait(ticket).unwrap();

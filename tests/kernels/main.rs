@@ -12,6 +12,7 @@ mod backward;
 mod cull_chunks;
 mod densify;
 mod embedding;
+mod exposure;
 mod forward;
 mod image_loss;
 mod intersections;

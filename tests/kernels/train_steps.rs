@@ -92,6 +92,7 @@ pub(crate) fn plan(step: u64, view: usize, sh_degree: u32) -> StepPlan {
         sh_degree,
         lambda_dssim: 0.2,
         adam: Adam { beta1: 0.9, beta2: 0.999, epsilon: 1e-15, step: step + 1 },
+        exposure: None,
     }
 }
 

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::common::program::{built, program, skips_gpu};
 use assert_cmd::Command;
 use instgs_io::checkpoint::{self, Checkpoint};
-use instgs_io::{load_scene, read_groups, write_groups};
+use instgs_io::{load_scene, read_exposures, read_groups, write_groups};
 use instgs_vk::scene::PosedGroup;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
 use serde_json::Value;
@@ -95,8 +95,8 @@ fn all_stages_leave_their_files_and_lose_no_quality() {
 const MOST_LOSS_DB: f64 = 0.5;
 
 /// Twice the same bytes; and a run whose joint phase was killed ends in them too, without repeating the stages before. The
-/// joint phase has everything: all kinds of offsets, colour matrices, and growth before and after the kill, of templates and of
-/// single instances.
+/// joint phase has everything: all kinds of offsets, colour matrices, exposures of photos that go on from those of the plain
+/// cloud, and growth before and after the kill, of templates and of single instances.
 #[test]
 fn runs_repeat_bit_by_bit_after_a_kill_too() {
     if skips_gpu() {
@@ -113,6 +113,7 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         "joint.max_expanded=1.5",
         "joint.own_share=0.4",
         "joint.color_matrix_rate=1e-3",
+        "exposure.rate=1e-2",
     ];
     let every: Vec<&str> = sets.iter().flat_map(|set| ["--set", set]).collect();
     train(&at, "a", &every).assert().success();
@@ -150,6 +151,9 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
     assert_eq!(fs::metadata(at.join("b/vanilla/report.json")).unwrap().modified().unwrap(), vanilla);
     assert!(last_checkpoint(&at, "a") == last_checkpoint(&at, "b"), "after a kill");
     assert!(fs::read(at.join("a/scene.instgs")).unwrap() == fs::read(at.join("b/scene.instgs")).unwrap());
+    let [plain, a, b] =
+        ["a/vanilla", "a", "b"].map(|run| read_exposures(&at.join(run).join("exposures.json")).unwrap());
+    assert!(a == b && a.len() == plain.len() && a != plain);
     // What the objects came from is settled; what the joint phase alone goes by is not.
     let resume = |more: [&str; 2]| {
         let mut command = program();
@@ -175,6 +179,8 @@ fn runs_repeat_bit_by_bit_after_a_kill_too() {
         "moment.color_from_template",
         "layout.template_ranges",
         "layout.own",
+        "exposure.photo_from_scene",
+        "moment.exposure",
         "statistics.records",
     ] {
         assert!(state.tensors.contains_key(name), "{name}");

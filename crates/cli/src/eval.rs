@@ -10,7 +10,7 @@ use instgs_console::args::{JsonArgs, LookArgs, SplitArg, create_folder, open_sce
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
 use instgs_console::{CliError, Printer, failed_to_render};
-use instgs_eval::{EvalReport, Metrics, PicturePair, evaluate};
+use instgs_eval::{EvalReport, Extras, Metrics, PicturePair, evaluate};
 use instgs_io::picture_png::write_png;
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
@@ -30,6 +30,7 @@ const DIFFERENCE_GAIN: f32 = 4.0;
 #[command(after_help = "Examples:\n  \
     instgs-vk eval --scene room.instgs --data room\n  \
     instgs-vk eval --scene room.ply --data room --split all --width 320 --json report.json --out pictures\n  \
+    instgs-vk eval --scene facade.ply --data facade --exposures\n  \
     python3 tools/models/convert_lpips.py --net vgg --out vgg.safetensors\n  \
     instgs-vk eval --scene room.instgs --data room --lpips-net vgg --lpips-weights vgg.safetensors")]
 pub(super) struct EvalArgs {
@@ -48,6 +49,10 @@ pub(super) struct EvalArgs {
     /// Folder for a picture of every view: rendering, photo, and 4 times their difference, side by side
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Also PSNR up to the photo's exposure: each half of the picture gets the affine map of colours that fits the other
+    /// half best
+    #[arg(long)]
+    exposures: bool,
     #[command(flatten)]
     lpips: LpipsArgs,
     #[command(flatten)]
@@ -70,8 +75,9 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
     let mut renderer = Renderer::new(&gpu).map_err(failed_to_render(&place))?;
     let scene = renderer.upload(&loaded.scene).map_err(failed_to_render(&place))?;
     let mut progress = printer.progress("eval", views.len() as u64);
+    let extras = Extras { lpips: lpips.as_ref(), exposures: args.exposures };
     let (mut visible, mut names) = (0, file_names.iter());
-    let report = evaluate::<CliError>(&mut renderer, &scene, &views, args.width, &options, lpips.as_ref(), |view| {
+    let report = evaluate::<CliError>(&mut renderer, &scene, &views, args.width, &options, extras, |view| {
         visible += view.visible;
         if let (Some(folder), Some(name)) = (&args.out, names.next()) {
             write_picture(&folder.join(format!("{name}.png")), view.pair)?;
@@ -105,12 +111,15 @@ pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) 
 
 fn print_table(report: &EvalReport, printer: &Printer) {
     let mut table = Table::default();
-    table.row(["view", "PSNR, dB", "SSIM", "LPIPS"].map(String::from));
+    let exposed = report.mean.psnr_exposed.is_some();
+    let head = ["view", "PSNR, dB", "SSIM", "LPIPS"].into_iter().chain(exposed.then_some("with exposure, dB"));
+    table.row(head.map(String::from).collect::<Vec<_>>());
     let mean = report.mean.named("mean");
     for view in report.views.iter().chain([&mean]) {
-        let Metrics { psnr, ssim, lpips } = view.metrics;
+        let Metrics { psnr, ssim, lpips, psnr_exposed } = view.metrics;
         let lpips = lpips.map_or("-".into(), |v| format!("{v:.4}"));
-        table.row([view.name.clone(), format!("{psnr:.2}"), format!("{ssim:.4}"), lpips]);
+        let row = [view.name.clone(), format!("{psnr:.2}"), format!("{ssim:.4}"), lpips];
+        table.row(row.into_iter().chain(psnr_exposed.map(|v| format!("{v:.2}"))).collect::<Vec<_>>());
     }
     printer.line(table);
 }

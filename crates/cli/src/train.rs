@@ -186,7 +186,8 @@ fn print_report(report: &RunReport, out: &Path, printer: &Printer) {
     }
     if let Some(eval) = &report.eval {
         let lpips = eval.lpips.map(|v| format!(", LPIPS {v:.3}")).unwrap_or_default();
-        row("test views", format!("PSNR {:.2} dB, SSIM {:.4}{lpips}", eval.psnr, eval.ssim));
+        let exposed = eval.psnr_exposed.map(|v| format!(" ({v:.2} with the photos' exposures)")).unwrap_or_default();
+        row("test views", format!("PSNR {:.2} dB{exposed}, SSIM {:.4}{lpips}", eval.psnr, eval.ssim));
     }
     row("file", format!("{} bytes", grouped(report.bytes.file)));
     row("device, peak", format!("{} bytes", grouped(report.bytes.device_peak)));

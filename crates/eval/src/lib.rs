@@ -7,6 +7,7 @@
 
 pub mod bench;
 mod error;
+mod exposure;
 pub mod lpips;
 mod pair;
 mod psnr;
@@ -16,10 +17,11 @@ mod ssim;
 mod views;
 
 pub use error::{EvalError, PairError};
+pub use exposure::with_exposures;
 pub use lpips::{InputRange, Lpips, LpipsError, Net};
 pub use pair::PicturePair;
 pub use psnr::{MAX_PSNR_DB, psnr};
-pub use report::{EvalReport, Metrics, ViewMetrics};
+pub use report::{EvalReport, Extras, Metrics, ViewMetrics};
 pub use sizes::{Bytes, Counts};
 pub use ssim::ssim;
 pub use views::{Evaluated, composited, evaluate, pair_of};

@@ -46,8 +46,6 @@ impl PicturePair {
         if valid_pixels == 0 {
             return Err(PairError::NothingToCompare);
         }
-        // A NaN here is in a pixel that does not count, but SSIM's windows would spread it.
-        let clamped = |rgb: &[f32; 3]| rgb.map(|v| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) });
         let target: Vec<_> = target.iter().map(clamped).collect();
         let pick = |i: usize| if counts(i) { clamped(&render[i]) } else { target[i] };
         let render = (0..pixels).map(pick).collect();
@@ -65,6 +63,13 @@ impl PicturePair {
         }
         let valid: Vec<bool> = self.valid.iter().zip(part).map(|(&counts, &is_in_part)| counts && is_in_part).collect();
         Self::new((width, height), &self.render, &self.target, Some(&valid))
+    }
+
+    /// The same photo beside a render of other colours, `color` by pixel.
+    #[must_use]
+    pub fn recolored(&self, color: impl Fn(usize) -> [f32; 3]) -> Self {
+        let pick = |i: usize| if self.valid[i] { clamped(&color(i)) } else { self.target[i] };
+        Self { render: (0..self.render.len()).map(pick).collect(), ..self.clone() }
     }
 
     /// Width of both pictures, pixels.
@@ -87,10 +92,20 @@ impl PicturePair {
         &self.target
     }
 
+    /// True if the pixel of this index counts.
+    pub fn counts(&self, pixel: usize) -> bool {
+        self.valid[pixel]
+    }
+
     /// Number of pixels that count, at least 1.
     pub fn valid_pixels(&self) -> usize {
         self.valid_pixels
     }
+}
+
+/// A colour in 0..=1. A NaN is in a pixel that does not count, but SSIM's windows would spread it.
+fn clamped(rgb: &[f32; 3]) -> [f32; 3] {
+    rgb.map(|v| if v.is_nan() { 0.0 } else { v.clamp(0.0, 1.0) })
 }
 
 #[cfg(test)]

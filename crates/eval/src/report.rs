@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::EvalError;
+use crate::exposure::with_exposures;
 use crate::lpips::{Lpips, LpipsError};
 use crate::pair::PicturePair;
 use crate::psnr::psnr;
@@ -21,6 +22,19 @@ pub struct Metrics {
     pub ssim: f64,
     /// LPIPS distance, at least 0, lower is better; `None` (null in JSON) if not computed.
     pub lpips: Option<f64>,
+    /// PSNR with the exposure of each half of the photo fitted on the other half (see [`with_exposures`]), dB; `None`, and
+    /// not in JSON, if not computed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub psnr_exposed: Option<f64>,
+}
+
+/// What is computed besides PSNR and SSIM.
+#[derive(Clone, Copy, Default)]
+pub struct Extras<'a> {
+    /// The network of LPIPS.
+    pub lpips: Option<&'a Lpips>,
+    /// Whether exposures are fitted.
+    pub exposures: bool,
 }
 
 /// The metrics of one view.
@@ -43,16 +57,17 @@ pub struct EvalReport {
 }
 
 impl Metrics {
-    /// All metrics of a pair; LPIPS if its network is given and the picture is large enough for it.
+    /// The metrics of a pair; LPIPS if its network is given and the picture is large enough for it.
     ///
     /// # Errors
     /// LPIPS failed for another reason than the picture's size.
-    pub fn of(pair: &PicturePair, lpips: Option<&Lpips>) -> Result<Self, LpipsError> {
-        let lpips = match lpips.map(|lpips| lpips.distance(pair)).transpose() {
+    pub fn of(pair: &PicturePair, extras: Extras<'_>) -> Result<Self, LpipsError> {
+        let psnr_exposed = extras.exposures.then(|| psnr(&with_exposures(pair)));
+        let lpips = match extras.lpips.map(|lpips| lpips.distance(pair)).transpose() {
             Err(LpipsError::TooSmall { .. }) => None,
             other => other?,
         };
-        Ok(Self { psnr: psnr(pair), ssim: ssim(pair), lpips })
+        Ok(Self { psnr: psnr(pair), ssim: ssim(pair), lpips, psnr_exposed })
     }
 
     /// The same metrics with a view's name.
@@ -73,7 +88,13 @@ impl EvalReport {
         let count = views.len() as f64;
         let mean = |of: fn(&Metrics) -> f64| views.iter().map(|view| of(&view.metrics)).sum::<f64>() / count;
         let lpips: Option<f64> = views.iter().map(|view| view.metrics.lpips).sum();
-        let mean = Metrics { psnr: mean(|m| m.psnr), ssim: mean(|m| m.ssim), lpips: lpips.map(|sum| sum / count) };
+        let exposed: Option<f64> = views.iter().map(|view| view.metrics.psnr_exposed).sum();
+        let mean = Metrics {
+            psnr: mean(|m| m.psnr),
+            ssim: mean(|m| m.ssim),
+            lpips: lpips.map(|sum| sum / count),
+            psnr_exposed: exposed.map(|sum| sum / count),
+        };
         Ok(Self { views, mean })
     }
 }
@@ -84,7 +105,7 @@ mod tests {
 
     #[test]
     fn means_and_json() -> Result<(), Box<dyn std::error::Error>> {
-        let view = |name: &str, psnr, lpips| Metrics { psnr, ssim: 0.5, lpips }.named(name);
+        let view = |name: &str, psnr, lpips| Metrics { psnr, ssim: 0.5, lpips, psnr_exposed: None }.named(name);
         let report = EvalReport::new(vec![view("a", 20.0, Some(0.25)), view("b", 30.0, None)])?;
         let want = r#"{"views":[{"name":"a","psnr":20.0,"ssim":0.5,"lpips":0.25},{"name":"b","psnr":30.0,"ssim":0.5,"lpips":null}],"mean":{"psnr":25.0,"ssim":0.5,"lpips":null}}"#;
         assert_eq!(serde_json::to_string(&report)?, want);

@@ -1,9 +1,8 @@
 //! A dataset's views, rendered and compared with their photos.
 
 use crate::error::{EvalError, PairError};
-use crate::lpips::Lpips;
 use crate::pair::PicturePair;
-use crate::report::{EvalReport, Metrics};
+use crate::report::{EvalReport, Extras, Metrics};
 use instgs_io::View;
 use instgs_io::view_image::{ViewImage, load_view};
 use instgs_vk::render::{DeviceScene, Picture, RenderOptions, Renderer};
@@ -34,7 +33,7 @@ pub fn evaluate<E: From<EvalError>>(
     views: &[View],
     width: Option<u32>,
     options: &RenderOptions,
-    lpips: Option<&Lpips>,
+    extras: Extras<'_>,
     mut on_view: impl FnMut(Evaluated) -> Result<(), E>,
 ) -> Result<EvalReport, E> {
     let mut figures = Vec::with_capacity(views.len());
@@ -46,7 +45,7 @@ pub fn evaluate<E: From<EvalError>>(
         let picture = renderer.download().map_err(failed)?;
         let pair = pair_of(&picture, &photo.image, options.background)
             .map_err(|error| EvalError::Pair { view: name.into(), error })?;
-        let metrics = Metrics::of(&pair, lpips).map_err(EvalError::from)?;
+        let metrics = Metrics::of(&pair, extras).map_err(EvalError::from)?;
         on_view(Evaluated { name, pair: &pair, metrics, visible: stats.visible })?;
         figures.push(metrics.named(name));
     }

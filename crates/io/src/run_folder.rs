@@ -50,6 +50,11 @@ impl RunFolder {
         self.path.join("trained.json")
     }
 
+    /// The exposures of the training photos, of a run that learned them.
+    pub fn exposures(&self) -> PathBuf {
+        self.path.join("exposures.json")
+    }
+
     /// The plain cloud.
     pub fn point_cloud(&self) -> PathBuf {
         self.path.join("point_cloud.ply")

@@ -168,7 +168,9 @@ fn views(all: &[ViewPicture], path: &Path) -> Result<String, IoError> {
 
 fn words(quality: &Metrics) -> String {
     let lpips = quality.lpips.map(|v| format!(" · LPIPS {}", fixed(v, 4))).unwrap_or_default();
-    format!("{} dB · SSIM {}{lpips}", fixed(quality.psnr, 2), fixed(quality.ssim, 4))
+    let exposed = quality.psnr_exposed.map(|v| format!(" ({} with the photos' exposures)", fixed(v, 2)));
+    let exposed = exposed.unwrap_or_default();
+    format!("{} dB{exposed} · SSIM {}{lpips}", fixed(quality.psnr, 2), fixed(quality.ssim, 4))
 }
 
 fn view_table(report: &RunReport) -> String {

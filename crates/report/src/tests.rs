@@ -9,7 +9,7 @@ use instgs_train::facts::{Bytes, Counts, DatasetFacts, MemoryUse, StageTime, Tra
 use instgs_vk::math::rng::Rng;
 
 fn quality(psnr: f64) -> Metrics {
-    Metrics { psnr, ssim: 0.5 + psnr / 80.0, lpips: Some(0.5 - psnr / 80.0) }
+    Metrics { psnr, ssim: 0.5 + psnr / 80.0, lpips: Some(0.5 - psnr / 80.0), psnr_exposed: None }
 }
 
 /// A synthetic photo of coloured waves, and a rendering with noise of the given strength.
@@ -295,7 +295,7 @@ fn bad_numbers_and_empty_lists_of_two_phases_make_a_page() {
     }
     let report = &mut data.report;
     report.stages[1].seconds = f64::NAN;
-    report.eval = Some(Metrics { psnr: f64::INFINITY, ssim: f64::NAN, lpips: Some(f64::NAN) });
+    report.eval = Some(Metrics { psnr: f64::INFINITY, ssim: f64::NAN, lpips: Some(f64::NAN), psnr_exposed: None });
     (report.seconds, report.groups[0].match_distance) = (f64::NAN, f64::NAN);
     report.groups[1].instances.clear();
     report.groups[1].template = None;
@@ -375,7 +375,7 @@ fn the_json_has_the_contracts_names_and_reads_back() -> Result<(), Box<dyn std::
 #[test]
 fn numbers_that_are_none_are_written_as_null_and_read() -> Result<(), Box<dyn std::error::Error>> {
     let (psnr, nan) = (f64::INFINITY, f64::NAN);
-    let eval = Some(Metrics { psnr, ssim: 1.0, lpips: None });
+    let eval = Some(Metrics { psnr, ssim: 1.0, lpips: None, psnr_exposed: Some(psnr + 0.5) });
     let text = serde_json::to_string(&RunReport { eval, steps_per_second: nan, ..RunReport::default() })?;
     let back: RunReport = serde_json::from_str(&text)?;
     assert!(back.steps_per_second.is_nan() && back.eval.is_some_and(|q| q.psnr.is_nan() && q.ssim == 1.0));

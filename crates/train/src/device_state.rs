@@ -5,7 +5,7 @@ use std::sync::Arc;
 use instgs_vk::gpu::interface::types::SourceGradient;
 use instgs_vk::gpu::{Gpu, GpuError, Recorder};
 use instgs_vk::kernels::BackwardPipelines;
-use instgs_vk::optim::{AdamBuffers, MomentBuffer, POSE_VALUES, PoseBuffers, ValueGroups, zero_moments};
+use instgs_vk::optim::{AdamBuffers, Exposures, MomentBuffer, POSE_VALUES, PoseBuffers, ValueGroups, zero_moments};
 use instgs_vk::render::{DeviceScene, GradientBuffers, ParameterBuffers, RenderError, SourceTables, StepLog};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::{Gaussians, InstancedScene, Owner, Parameter, ParameterSet, SourceLayout};
@@ -54,6 +54,8 @@ pub struct DeviceState {
     pub gradients: GradientBuffers,
     /// Adam's moments of all parameters.
     pub moments: Moments,
+    /// Exposures of the training photos, if they are learned.
+    pub exposures: Option<Exposures>,
     /// How the source Gaussians and offset records are divided.
     pub layout: SourceLayout,
     /// What the device does not hold, such as the names of groups; without Gaussians and offsets.
@@ -101,6 +103,7 @@ impl DeviceState {
             tables: SourceTables::new(gpu, &layout, chunk_size)?,
             gradients: GradientBuffers::new(gpu, &device_scene)?,
             moments: Moments::new(gpu, &device_scene)?,
+            exposures: None,
             layout,
             names,
             scene: device_scene,

@@ -11,6 +11,7 @@ pub mod device_state;
 pub mod error;
 pub mod event_log;
 pub mod events;
+mod exposures;
 pub mod facts;
 pub mod given;
 pub mod initial;

@@ -42,6 +42,9 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
             + backward.row_gradients.bytes();
         push("picture, loss and its windows", "pixel", frame.colors.bytes() + frame.depths.bytes() + loss, pixels);
     }
+    if let Some(exposures) = &state.exposures {
+        push("exposures", "picture", exposures.bytes(), exposures.views() as u64);
+    }
     push("training pictures", "picture", views.bytes(), views.resident() as u64);
     out
 }

@@ -17,6 +17,7 @@ use super::config::{Init, Method, Strategy, TrainConfig};
 use super::data_doubts::doubts;
 use super::device_state::DeviceState;
 use super::error::TrainError;
+use super::exposures::FirstExposures;
 use super::given::given_cloud;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
 use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
@@ -220,6 +221,8 @@ pub(super) struct Start {
     pub(super) step: u64,
     /// Whether the work between the last finished step and the next one is still to be done.
     pub(super) due: bool,
+    /// What the exposures of the photos begin with.
+    pub(super) exposures: FirstExposures,
 }
 
 /// Makes the device state that a run starts from.
@@ -231,10 +234,11 @@ pub(super) fn first_state(
     chunk_size: u32,
 ) -> Result<Start, TrainError> {
     data.warnings.extend(resumed.warnings);
-    if let Some((path, found)) = resumed.found {
+    if let Some((path, mut found)) = resumed.found {
         let (step, due) = (found.step, densification_is_due(&found));
+        let exposures = FirstExposures::take(&mut found, data.train.len(), &path)?;
         let state = from_checkpoint(gpu, found, &path, chunk_size)?;
-        return Ok(Start { state, step, due });
+        return Ok(Start { state, step, due, exposures });
     }
     let (degree, shape) = (config.sh_degree, InitialShape::new(config));
     let cloud = match (&config.init_scene, config.init) {
@@ -252,7 +256,7 @@ pub(super) fn first_state(
     };
     let cloud = capped(cloud, most_at_first(config), &mut data.warnings);
     let state = DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?;
-    Ok(Start { state, step: 0, due: false })
+    Ok(Start { state, step: 0, due: false, exposures: FirstExposures::Unchanged })
 }
 
 /// The merged scene that the joint phase starts from, with the checkpoint's values if there is one.
@@ -280,12 +284,14 @@ fn first_instanced(
         scene.own_ranges = vec![SourceRange::default(); scene.instances.len()];
     }
     let mut state = DeviceState::new(gpu, &scene, chunk_size)?;
-    let (mut step, mut due) = (0, false);
-    if let Some((path, found)) = resumed.found {
-        (step, due) = (found.step, densification_is_due(&found));
-        restore(gpu, &mut state, found, &path)?;
-    }
-    Ok(Start { state, step, due })
+    let Some((path, mut found)) = resumed.found else {
+        let exposures = FirstExposures::of_plain_cloud(&job.folder())?;
+        return Ok(Start { state, step: 0, due: false, exposures });
+    };
+    let (step, due) = (found.step, densification_is_due(&found));
+    let exposures = FirstExposures::take(&mut found, data.train.len(), &path)?;
+    restore(gpu, &mut state, found, &path)?;
+    Ok(Start { state, step, due, exposures })
 }
 
 /// The largest number of Gaussians that training may start from. If the strategy adds Gaussians, points give at most

@@ -14,6 +14,7 @@ use instgs_vk::scene::{InstancedScene, Owner, Parameter, SourceLayout, SourceRan
 
 use super::device_state::{DeviceState, zeros};
 use super::error::TrainError;
+use super::exposures;
 
 /// Metadata key of the SH degree.
 const SH_DEGREE: &str = "sh_degree";
@@ -82,6 +83,9 @@ pub fn to_checkpoint(gpu: &Arc<Gpu>, state: &mut DeviceState, step: u64, due: bo
     }
     for (name, shape, buffer) in buffers(state) {
         out.put(&name, &shape, download(gpu, buffer, shape[0] * shape[1])?);
+    }
+    if let Some(exposures) = &mut state.exposures {
+        exposures::put(gpu, exposures, &mut out)?;
     }
     let posed = state.scene.posed_instances() as usize;
     if posed > 0 {

@@ -13,7 +13,7 @@ use instgs_vk::gpu::interface::types::StepRecord;
 use instgs_vk::gpu::staging::write;
 use instgs_vk::gpu::{Buffer, Gpu, Recorder, Ticket};
 use instgs_vk::kernels::{McmcStepPipelines, Variant};
-use instgs_vk::optim::Adam;
+use instgs_vk::optim::{Adam, ExposedView, ExposureStep};
 use instgs_vk::render::{LossInputs, RenderError, RenderOptions, StepLog, TrainFrame, TrainView};
 
 use super::config::Rates;
@@ -42,6 +42,8 @@ pub struct StepPlan {
     pub lambda_dssim: f32,
     /// Adam's constants, with the step counted from 1.
     pub adam: Adam,
+    /// Step of the exposure of the picture, if photos have exposures.
+    pub exposure: Option<ExposureStep>,
     /// Noise and regularisers that the strategy `mcmc` adds.
     pub mcmc: Option<McmcStep>,
 }
@@ -251,8 +253,23 @@ impl StepRunner {
         let waited = if self.gpu.caps().is_llvmpipe { begin.elapsed() } else { Duration::ZERO };
         let recorder = &mut self.recorders[slot];
         self.frame.record_forward(recorder, &state.scene, &train_view)?;
-        let loss = LossInputs { targets: &view.targets, lambda_dssim: plan.lambda_dssim };
+        let size_px = [view.camera.width, view.camera.height];
+        let exposed_view = ExposedView { view: plan.view, size_px };
+        let mut exposures = state.exposures.as_mut().zip(plan.exposure);
+        if let (Some((exposures, _)), Some((frame, _))) = (&mut exposures, self.frame.buffers()) {
+            exposures.record_apply(recorder, exposed_view, &frame.colors)?;
+        }
+        let exposed = exposures.as_ref().map(|(exposures, _)| exposures.exposed());
+        let loss = LossInputs { targets: &view.targets, lambda_dssim: plan.lambda_dssim, exposed };
         self.frame.record_loss(recorder, &state.scene, &train_view, loss, &mut self.log, step)?;
+        if let (Some((exposures, exposure)), Some((frame, backward))) = (exposures, self.frame.buffers_mut()) {
+            exposures.record_backward(recorder, exposed_view, &frame.colors, &mut backward.cotangents)?;
+            exposures.record_adam(recorder, exposed_view, exposure, &self.log.status)?;
+            // At the end of every round over all photos.
+            if (plan.step + 1).is_multiple_of(exposures.views() as u64) {
+                exposures.record_recentre(recorder, &self.log.status)?;
+            }
+        }
         let (scene, gradients) = (&state.scene, &mut state.gradients);
         self.frame.record_gradients(recorder, scene, &state.tables, &train_view, &self.log, gradients)?;
         let workgroup_size = self.frame.variant().workgroup_size;

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use instgs_eval::{EvalReport, Evaluated, evaluate};
+use instgs_eval::{EvalReport, Evaluated, Extras, evaluate};
 use instgs_io::json::write_json;
 use instgs_io::{IoError, RunFolder, View, atomic_write, checkpoint, write_ply, write_scene_file};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
-use instgs_vk::optim::Adam;
+use instgs_vk::optim::{Adam, ExposureStep};
 use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
 use instgs_vk::scene::{InstancedScene, RepeatedBytes};
 
@@ -19,11 +19,12 @@ use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::event_log::EventLog;
 use super::events::{Event, EventSink};
+use super::exposures;
 use super::facts::{Bytes, Counts, DatasetFacts, StageTime, TrainFacts};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
 use super::observer::{TrainMessage, TrainObserver};
-use super::start::{Loaded, TrainData, load_all};
+use super::start::{Loaded, Start, TrainData, load_all};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
 use super::strategy::{McmcStep, Strategy};
@@ -144,13 +145,13 @@ pub fn train(
     let load = Instant::now();
     let phase = TrainJob { config: job.config.own_phase(), ..job.clone() };
     let (Loaded { data, variant, start, views }, log) = load_for(gpu, job, &phase, observer)?;
-    let (job, first_step) = (&phase, start.step);
+    let (job, first_step, due) = (&phase, start.step, start.due);
     let mut sink = LogAndObserver { log, observer };
-    let mut run = Run::new(gpu, job, &data, variant, start.state, views)?;
+    let mut run = Run::new(gpu, job, &data, variant, start, views)?;
     let mut stages = vec![StageTime::since("load", load)];
     run.clock.reported.0 = first_step;
     run.announce(&mut sink, first_step, &data)?;
-    if start.due {
+    if due {
         run.densify(first_step, &mut sink)?;
     }
     run.clock.started = Instant::now();
@@ -166,6 +167,9 @@ pub fn train(
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
     let file_bytes = write_scene(job, &scene, done)?;
+    if let Some(learned) = &run.state.exposures {
+        exposures::save(gpu, learned, &data.train, &job.folder())?;
+    }
     stages.push(StageTime::since("save", save));
     if dropped_non_finite > 0 {
         let what = format!("dropped {dropped_non_finite} Gaussians with a non-finite parameter");
@@ -323,11 +327,13 @@ impl<'a> Run<'a> {
         job: &'a TrainJob,
         data: &'a TrainData,
         variant: Variant,
-        state: DeviceState,
+        start: Start,
         views: TrainViews,
     ) -> Result<Self, TrainError> {
         let config = &job.config;
         let runner = StepRunner::new(gpu, variant, views.largest_px(), true)?;
+        let mut state = start.state;
+        state.exposures = start.exposures.upload(gpu, config, &runner, &data.train, views.largest_px())?;
         Ok(Self {
             strategy: Strategy::new(gpu, runner.frame(), config.sh_degree)?,
             gpu,
@@ -390,6 +396,10 @@ impl<'a> Run<'a> {
         let view = self.order.view_at(step).ok_or(TrainError::NoViews)?;
         let rates = &config.rates;
         let step_rates = config.rates_at(step, self.extent);
+        let adam = Adam { beta1: rates.beta1, beta2: rates.beta2, epsilon: rates.eps, step: step + 1 };
+        // Every photo has one step in each round over all of them.
+        let rounds = step / self.views.len() as u64;
+        let exposure_step = |rate| ExposureStep { adam: Adam { step: rounds + 1, ..adam }, rate };
         Ok(StepPlan {
             step,
             view,
@@ -398,7 +408,8 @@ impl<'a> Run<'a> {
             rates: step_rates,
             sh_degree: config.sh_degree_at(step),
             lambda_dssim: config.lambda_dssim as f32,
-            adam: Adam { beta1: rates.beta1, beta2: rates.beta2, epsilon: rates.eps, step: step + 1 },
+            adam,
+            exposure: config.exposure_rate_at(step).map(exposure_step),
         })
     }
 
@@ -571,7 +582,8 @@ fn evaluate_with(
     on_picture: &mut dyn FnMut(Evaluated<'_>) -> Result<(), IoError>,
 ) -> Result<EvalReport, TrainError> {
     let width = (config.width > 0).then_some(config.width);
-    evaluate::<TrainError>(renderer, scene, test, width, &eval_options(config), None, |view| Ok(on_picture(view)?))
+    let extras = Extras { lpips: None, exposures: config.exposure.rate > 0.0 };
+    evaluate::<TrainError>(renderer, scene, test, width, &eval_options(config), extras, |view| Ok(on_picture(view)?))
 }
 
 fn options(config: &TrainConfig, background: [f32; 3]) -> RenderOptions {

@@ -70,7 +70,7 @@ fn differ(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use instgs_eval::{Metrics, PicturePair};
+    use instgs_eval::{Extras, Metrics, PicturePair};
 
     /// Two views of 2x1 pixels: four columns, one row each; a view with a rendering of only one scene is left out.
     #[test]
@@ -83,7 +83,7 @@ mod tests {
             let views: &[&str] = if scene == names::OURS { &["a", "b", "c"] } else { &["a", "b"] };
             for name in views {
                 let pair = PicturePair::new((2, 1), &[[value; 3]; 2], &target, None)?;
-                let metrics = Metrics::of(&pair, None)?;
+                let metrics = Metrics::of(&pair, Extras::default())?;
                 grid.add(scene, &Evaluated { name, pair: &pair, metrics, visible: 1 });
             }
         }

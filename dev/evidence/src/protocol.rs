@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use instgs_eval::{EvalError, Evaluated, Lpips, PairError, PicturePair, evaluate, psnr};
+use instgs_eval::{EvalError, Evaluated, Extras, Lpips, PairError, PicturePair, evaluate, psnr};
 use instgs_io::{IoError, MaskFolder, View, load_scene};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::{RenderError, RenderOptions, Renderer};
@@ -165,7 +165,7 @@ impl Measure<'_> {
             self.views,
             self.width,
             &self.options,
-            self.lpips,
+            Extras { lpips: self.lpips, exposures: false },
             |view| {
                 on_picture(&view);
                 let psnr_in_masks = self.psnr_in_mask(view.name, view.pair)?;

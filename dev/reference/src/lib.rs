@@ -6,6 +6,7 @@ pub mod compact;
 pub mod cull_chunks;
 pub mod densify;
 pub mod emit_intersections;
+pub mod exposure;
 pub mod finite_diff;
 pub mod gather_gradients;
 pub mod image_loss;

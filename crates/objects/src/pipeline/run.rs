@@ -14,7 +14,7 @@ use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
 use super::prepare::{Prepared, prepare};
-use instgs_eval::EvalError;
+use instgs_eval::{EvalError, Extras};
 use instgs_io::json::read_json;
 use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, read_views, write_ply};
 use instgs_train::config::Method;
@@ -212,7 +212,15 @@ impl Pipeline<'_> {
         let device_scene = renderer.upload(scene)?;
         let options = eval_options(config);
         let tell = |_: instgs_eval::Evaluated<'_>| Ok::<(), EvalError>(());
-        let report = instgs_eval::evaluate(&mut renderer, &device_scene, &test, width, &options, None, tell)?;
+        let report = instgs_eval::evaluate(
+            &mut renderer,
+            &device_scene,
+            &test,
+            width,
+            &options,
+            Extras { lpips: None, exposures: config.exposure.rate > 0.0 },
+            tell,
+        )?;
         Ok(Some(report.mean))
     }
 }

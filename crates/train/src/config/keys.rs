@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 95] = [
+pub const KEYS: [Key; 97] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -105,6 +105,8 @@ pub const KEYS: [Key; 95] = [
     key("mcmc.noise", Real(0.0, 1e9)),
     key("mcmc.opacity_regularisation", Real(0.0, RATE_MAX)),
     key("mcmc.scale_regularisation", Real(0.0, RATE_MAX)),
+    key("exposure.rate", Real(0.0, 1.0)),
+    key("exposure.rate_final", RealAbove(0.0, 1.0)),
     key("offsets.position", Flag),
     key("offsets.sh_dc", Flag),
     key("offsets.opacity", Flag),

@@ -89,6 +89,8 @@ pub struct TrainConfig {
     pub densify: DensifyConfig,
     /// Settings of [`Strategy::Mcmc`].
     pub mcmc: McmcConfig,
+    /// Exposures of the training photos.
+    pub exposure: ExposureConfig,
     /// The properties in which instances have offsets. This and all keys below are for [`Method::Instanced`].
     pub offsets: OffsetConfig,
     /// Settings of the joint phase.
@@ -237,6 +239,16 @@ pub struct McmcConfig {
     pub opacity_regularisation: f64,
     /// Weight of the mean scale in the loss.
     pub scale_regularisation: f64,
+}
+
+/// Settings of the exposures of the training photos: an affine map of the colours for each photo, learned with the scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExposureConfig {
+    /// Learning rate at the first step, colour units; 0 = photos have no exposures.
+    pub rate: f64,
+    /// Learning rate at the last step, colour units.
+    pub rate_final: f64,
 }
 
 impl Method {

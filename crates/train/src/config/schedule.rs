@@ -4,7 +4,7 @@
 //! `step` is the index of a step, from 0, and selects the values that the step uses. `done` is the number of finished
 //! steps, from 1, and selects the work between two steps. After step index s, `done` is s + 1.
 
-use super::{Background, Method, Strategy, TrainConfig};
+use super::{Background, ExposureConfig, Method, Strategy, TrainConfig};
 
 /// Learning rates of one step by group of parameters, parameter units. A parameter with rate 0 does not change.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,6 +80,12 @@ impl TrainConfig {
         };
         let (offsets, poses) = (GaussianRates::default(), PoseRates::default());
         Rates { template: source, background: source, offsets, color_matrices: 0.0, poses }
+    }
+
+    /// Learning rate of the exposures of photos at step index `step`; `None` if photos have no exposures.
+    pub fn exposure_rate_at(&self, step: u64) -> Option<f64> {
+        let ExposureConfig { rate, rate_final } = self.exposure;
+        (rate > 0.0).then(|| log_linear(rate, rate_final, step, self.steps))
     }
 
     /// SH degree that step index `step` uses, 0..=`sh_degree`.
