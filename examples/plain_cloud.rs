@@ -10,7 +10,7 @@ use instgs_io::camera_file::write_cameras;
 use instgs_io::ply::write_ply;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{Camera, Gaussians};
+use instgs_vk::scene::{Camera, Gaussians, PixelFilter};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             cloud.sh.push([0; 3].map(|_| (amplitude * rng.normal()) as f32));
         }
     }
-    write_ply(&out.join("cloud.ply"), &cloud, false)?;
+    write_ply(&out.join("cloud.ply"), &cloud, PixelFilter::default())?;
     let eye = DVec3::new(0.0, 0.0, -2.2);
     let camera = Camera::look_at("front", eye, DVec3::ZERO, DVec3::NEG_Y, 0.9, (1920, 1080));
     write_cameras(&out.join("camera.json"), &[camera])?;

@@ -15,7 +15,7 @@ use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::Levels;
 use crate::scene::parameters::Rows;
-use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet, SourceLayout, SourceRange};
+use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet, PixelFilter, SourceLayout, SourceRange};
 
 use super::error::RenderError;
 use super::instance_table::{InstanceTable, RecordedChanges};
@@ -56,8 +56,8 @@ pub struct DeviceScene {
     pub chunk_pairs: u64,
     /// Gaussians after expanding all instances.
     pub expanded_len: u64,
-    /// The scene's own antialias flag.
-    pub antialias: bool,
+    /// The scene's own pixel filter.
+    pub pixel_filter: PixelFilter,
     /// Numbers of Gaussians and offsets, levels of detail included.
     pub counts: SceneCounts,
     /// True in training if instances may get own Gaussians: then the backward pass keeps statistics by offset record.
@@ -125,8 +125,8 @@ impl DeviceScene {
         check_limit(gpu, levels.templates.len() + levels.own.len() + levels.background.len(), scene.sh_degree())?;
         let tables = build_level_tables(&levels, chunk_size)?;
         let Levels { templates, own, background, offsets, color_from_template, coarser, .. } = levels;
-        let antialias = scene.antialias;
-        let clouds = InstancedScene { templates, own, background, antialias, ..InstancedScene::default() };
+        let pixel_filter = scene.pixel_filter;
+        let clouds = InstancedScene { templates, own, background, pixel_filter, ..InstancedScene::default() };
         let pool = InstancedScene { offsets, color_from_template, ..clouds };
         let mut out = Self::with_tables(gpu, &pool, &SourceLayout::of(scene), tables, chunk_size)?;
         out.expanded_len = scene.expanded_len();
@@ -155,7 +155,7 @@ impl DeviceScene {
             chunk_size,
             chunk_pairs: tables.chunk_pairs,
             expanded_len: tables.flat,
-            antialias: scene.antialias,
+            pixel_filter: scene.pixel_filter,
             counts: SceneCounts {
                 templates: scene.templates.len(),
                 template_sh_degree: scene.templates.sh_degree,

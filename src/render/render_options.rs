@@ -1,7 +1,7 @@
 //! Settings of a picture besides the camera, and the two together as kernels take them.
 
 use crate::gpu::interface::types;
-use crate::scene::Camera;
+use crate::scene::{Camera, PixelFilter};
 
 use super::error::RenderError;
 
@@ -39,6 +39,12 @@ impl Default for RenderOptions {
 }
 
 impl RenderOptions {
+    /// The same with another pixel filter.
+    #[must_use]
+    pub fn filtered(self, filter: PixelFilter) -> Self {
+        Self { dilation_px2: filter.dilation_px2, antialias: filter.antialias, ..self }
+    }
+
     /// Fails with the first option that is out of range.
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let fail = |option, reason: String| Err(RenderError::Option { option, reason });

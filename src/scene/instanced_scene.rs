@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use crate::math::similarity::Similarity;
 use crate::scene::gaussians::Gaussians;
 use crate::scene::offsets::Offsets;
+use crate::scene::pixel_filter::PixelFilter;
 
 /// A range of a pool of Gaussians: a template, or what an instance has of its own.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -90,8 +91,8 @@ pub struct InstancedScene {
     pub offsets: Offsets,
     /// World-frame Gaussians that belong to no instance.
     pub background: Gaussians,
-    /// Whether the scene was trained with opacity compensation (Mip-Splatting style); renderers should then use it.
-    pub antialias: bool,
+    /// The pixel filter that the scene was trained with; renderers should use it.
+    pub pixel_filter: PixelFilter,
     /// Groups of instances with names and mask ids.
     pub groups: Vec<Group>,
     /// Where the scene came from, free text.

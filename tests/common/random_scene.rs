@@ -6,7 +6,7 @@ use instgs_vk::math::covariance::rotation_from_quat;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
-use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, SourceRange};
+use instgs_vk::scene::{Camera, Gaussians, Instance, InstancedScene, Offsets, PixelFilter, SourceRange};
 
 use super::MAX_EXCLUDED_FRACTION;
 
@@ -166,7 +166,7 @@ fn random_scene(rng: &mut Rng, pixel_world: f64, width_px: f64) -> InstancedScen
         instances,
         offsets,
         background,
-        antialias,
+        pixel_filter: PixelFilter { antialias, ..PixelFilter::default() },
         ..InstancedScene::default()
     }
 }

@@ -9,7 +9,7 @@ use instgs_io::ktx2::{FloatImage, read_ktx2};
 use instgs_io::{load_scene, save_scene, write_cameras, write_ply};
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
+use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, PixelFilter, SourceRange};
 use serde_json::Value;
 
 use crate::common::dataset::{shared_data, transforms};
@@ -88,10 +88,10 @@ fn instanced_scene() -> InstancedScene {
 fn folder() -> (tempfile::TempDir, impl Fn(&str) -> PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().to_path_buf();
-    write_ply(&root.join("three.ply"), &three_gaussians(), false).unwrap();
+    write_ply(&root.join("three.ply"), &three_gaussians(), PixelFilter::default()).unwrap();
     let scene = instanced_scene();
     save_scene(&root.join("scene.instgs"), &scene).unwrap();
-    write_ply(&root.join("flat.ply"), &scene.flatten(), false).unwrap();
+    write_ply(&root.join("flat.ply"), &scene.flatten(), PixelFilter::default()).unwrap();
     let camera = |name, eye, size| Camera::look_at(name, eye, DVec3::ZERO, DVec3::NEG_Y, 1.0, size);
     let front = camera("front", DVec3::new(0.0, 0.0, -3.0), (64, 48));
     let side = camera("side.jpg", DVec3::new(2.0, -1.0, -3.0), (40, 30));
@@ -304,9 +304,10 @@ fn the_same_command_gives_the_same_bytes_also_with_a_tiny_buffer() {
 }
 
 #[test]
-fn antialias_follows_the_scene_unless_told() {
+fn the_pixel_filter_follows_the_scene_unless_told() {
     let (_folder, at) = folder();
-    let scene = InstancedScene { antialias: true, ..instanced_scene() };
+    let scene =
+        InstancedScene { pixel_filter: PixelFilter { antialias: true, ..PixelFilter::default() }, ..instanced_scene() };
     save_scene(&at("antialiased.instgs"), &scene).unwrap();
     let render = |scene: &str, out: &str, more: &[&str]| {
         let mut command = gpu_program()?;
@@ -319,6 +320,17 @@ fn antialias_follows_the_scene_unless_told() {
     assert!(own != plain);
     assert!(render("scene.instgs", "c", &["--antialias"]).unwrap() == own);
     assert!(render("antialiased.instgs", "d", &["--antialias=false"]).unwrap() == plain);
+    let narrow = PixelFilter { dilation_px2: 0.1, antialias: true };
+    save_scene(&at("narrow.instgs"), &InstancedScene { pixel_filter: narrow, ..instanced_scene() }).unwrap();
+    write_ply(&at("narrow.ply"), &instanced_scene().flatten(), narrow).unwrap();
+    write_ply(&at("plain.ply"), &instanced_scene().flatten(), PixelFilter::default()).unwrap();
+    let filter = ["--antialias", "--dilation", "0.1"];
+    for (scene, same, out) in [("narrow.instgs", "scene.instgs", "e"), ("narrow.ply", "plain.ply", "f")] {
+        let narrow = render(scene, out, &[]).unwrap();
+        assert!(narrow != own && narrow == render(same, &format!("{out}2"), &filter).unwrap(), "{scene}");
+        let usual = render(scene, &format!("{out}3"), &["--antialias=false", "--dilation", "0.3"]).unwrap();
+        assert!(usual == render(same, &format!("{out}4"), &[]).unwrap(), "{scene}");
+    }
 }
 
 #[test]
@@ -326,7 +338,7 @@ fn dropped_gaussians_are_counted_aloud() {
     let (_folder, at) = folder();
     let mut cloud = three_gaussians();
     cloud.means[1][0] = f32::NAN;
-    write_ply(&at("nan.ply"), &cloud, false).unwrap();
+    write_ply(&at("nan.ply"), &cloud, PixelFilter::default()).unwrap();
     let output = program().arg("inspect").arg(at("nan.ply")).assert().success().get_output().clone();
     let text = String::from_utf8(output.stderr).unwrap();
     assert!(text.starts_with("warning: ") && text.contains("nan.ply: dropped 1 Gaussians"), "{text}");

@@ -9,7 +9,7 @@ use assert_cmd::Command;
 use glam::DVec3;
 use instgs_io::{write_cameras, write_ply};
 use instgs_vk::math::rng::Rng;
-use instgs_vk::scene::{Camera, Gaussians};
+use instgs_vk::scene::{Camera, Gaussians, PixelFilter};
 use serde_json::Value;
 
 const VIEWS: usize = 9;
@@ -51,8 +51,8 @@ fn cameras() -> Vec<Camera> {
 fn folder() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path().to_path_buf();
-    write_ply(&at.join("scene.ply"), &blobs(0.0), false).unwrap();
-    write_ply(&at.join("shifted.ply"), &blobs(0.05), false).unwrap();
+    write_ply(&at.join("scene.ply"), &blobs(0.0), PixelFilter::default()).unwrap();
+    write_ply(&at.join("shifted.ply"), &blobs(0.05), PixelFilter::default()).unwrap();
     write_cameras(&at.join("cameras.json"), &cameras()).unwrap();
     let mut render = program(&at);
     render.args(["render", "--scene"]).arg(at.join("scene.ply")).arg("--camera").arg(at.join("cameras.json"));
@@ -223,7 +223,7 @@ fn lpips_with_weights() {
 fn failures_are_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    write_ply(&at.join("scene.ply"), &blobs(0.0), false).unwrap();
+    write_ply(&at.join("scene.ply"), &blobs(0.0), PixelFilter::default()).unwrap();
     fs::create_dir_all(at.join("data")).unwrap();
     fs::write(at.join("data/transforms.json"), transforms(&cameras()).to_string()).unwrap();
     let weights = at.join("squeeze.safetensors");

@@ -7,6 +7,7 @@ use crate::common::program::{error_of, program, skips_gpu};
 use assert_cmd::Command;
 use instgs_io::{Mask, load_scene, read_groups, read_mask, write_mask};
 use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::PixelFilter;
 use serde_json::Value;
 
 /// A folder with `data` (a small ray-traced scene) and `plain/point_cloud.ply` (a cloud trained on it for a moment).
@@ -168,7 +169,7 @@ fn stages_name_what_they_cannot_use() {
     fs::copy(folder.path("x.instgs"), folder.path("segments/scene.instgs")).unwrap();
     let mut cloud = folder.scene("segments/point_cloud.ply").background;
     cloud = cloud.filtered(|i| i > 0);
-    instgs_io::write_ply(&folder.path("segments/point_cloud.ply"), &cloud, false).unwrap();
+    instgs_io::write_ply(&folder.path("segments/point_cloud.ply"), &cloud, PixelFilter::default()).unwrap();
     has_all(&error_of(&mut folder.register("segments", "g.json")), &["labels.safetensors", "Gaussians"]);
 }
 

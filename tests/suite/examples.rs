@@ -5,6 +5,7 @@ use std::process::Command;
 
 use instgs_io::write_ply;
 use instgs_samples::sample;
+use instgs_vk::scene::PixelFilter;
 
 use crate::common::program::{built, skips_gpu};
 
@@ -26,7 +27,7 @@ fn both_draw_the_same_picture() {
     }
     let folder = tempfile::tempdir().unwrap();
     let cloud = folder.path().join("cloud.ply");
-    write_ply(&cloud, &sample(3, 200), false).unwrap();
+    write_ply(&cloud, &sample(3, 200), PixelFilter::default()).unwrap();
     let [one, yours] = ["one_picture", "into_your_image"]
         .map(|name| pixels_of(name, &cloud, &folder.path().join(format!("{name}.png"))));
     assert_eq!(one.dimensions(), (1280, 720));

@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3, Vec3};
 use instgs_io::{read_boxes, write_boxes, write_groups, write_ply};
 use instgs_objects::register::{Against, FindError, FindInput, FindOptions, Found, find_alike};
 use instgs_synth::dataset::{Options, build};
-use instgs_vk::scene::{Boxes, Gaussians, ObjectBox, PosedGroup};
+use instgs_vk::scene::{Boxes, Gaussians, ObjectBox, PixelFilter, PosedGroup};
 
 use crate::common::program::{error_of, program};
 use crate::register::labelled::{Labelled, Recipe, recipe};
@@ -175,7 +175,7 @@ fn the_command_writes_boxes_and_counts() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let scene = instgs_vk::scene::InstancedScene { background: labelled.cloud.clone(), ..Default::default() };
-    write_ply(&path("scene.ply"), &scene.background, false).unwrap();
+    write_ply(&path("scene.ply"), &scene.background, PixelFilter::default()).unwrap();
     write_groups(&path("groups.json"), &labelled.truth).unwrap();
     let both = [1, 2].map(|id| ObjectBox { category: Some("car".into()), ..box_of(&recipe, id) });
     write_boxes(&path("one.json"), &Boxes { objects: both.to_vec(), ..Boxes::default() }).unwrap();

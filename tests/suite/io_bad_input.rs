@@ -10,7 +10,7 @@ use instgs_io::{
 };
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
-use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, PixelFilter, SourceRange};
 
 /// `true` = a value, `false` = an error.
 type Reader = fn(&[u8]) -> bool;
@@ -172,7 +172,7 @@ type Format = (&'static str, Vec<u8>, Reader);
 fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
     let image = ktx2::FloatImage { width: 2, height: 2, channels: 4, values: vec![0.5; 16] };
     Ok(vec![
-        ("ply", ply::ply_bytes(&cloud(1, 3), false), |b| done(ply::parse_ply(b, path()))),
+        ("ply", ply::ply_bytes(&cloud(1, 3), PixelFilter::default()), |b| done(ply::parse_ply(b, path()))),
         ("ascii ply", ASCII_PLY.into(), |b| done(ply::parse_ply(b, path()))),
         ("packed ply", packed_ply(), |b| done(ply::parse_ply(b, path()))),
         ("spz v3", spz::spz_bytes(&cloud(1, 5), false, path())?, |b| done(spz::parse_spz(b, path()))),
@@ -271,14 +271,18 @@ fn huge_counts_are_errors_without_large_allocations() -> Outcome {
     let start = Instant::now();
     for count in [1u64 << 31, 1 << 62, u64::MAX] {
         let text = format!("element vertex {count}\n");
-        for file in [ply::ply_bytes(&cloud(1, 3), false), packed_ply()] {
+        for file in [ply::ply_bytes(&cloud(1, 3), PixelFilter::default()), packed_ply()] {
             assert!(!done(ply::parse_ply(&replaced(&file, b"element vertex 3\n", text.as_bytes()), path())));
         }
         assert!(!done(ply::parse_ply(&replaced(ASCII_PLY.as_bytes(), b"element vertex 2\n", text.as_bytes()), path())));
         for (list, none) in [("property list uint double v\n", false), ("", true)] {
             // An element before the vertices; without properties it has no bytes and any count of it is harmless.
             let extra = format!("element pre {count}\n{list}element vertex 3\n");
-            let file = replaced(&ply::ply_bytes(&cloud(0, 3), false), b"element vertex 3\n", extra.as_bytes());
+            let file = replaced(
+                &ply::ply_bytes(&cloud(0, 3), PixelFilter::default()),
+                b"element vertex 3\n",
+                extra.as_bytes(),
+            );
             assert_eq!(done(ply::parse_ply(&file, path())), none);
         }
         let (cameras, images) = colmap_bin();

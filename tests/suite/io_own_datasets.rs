@@ -12,6 +12,7 @@ use instgs_io::{load_scene, load_view, read_spz, read_views, write_ply, write_sp
 use instgs_vk::math::covariance::quat_from_rotation;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::Camera;
+use instgs_vk::scene::PixelFilter;
 
 use crate::common::random_scene::random_case;
 
@@ -134,7 +135,7 @@ fn random_clouds_survive_ply_and_spz() -> Outcome {
     for seed in 0..8 {
         let cloud = random_case(seed).scene.flatten();
         let ply = folder.path().join("a.ply");
-        write_ply(&ply, &cloud, false)?;
+        write_ply(&ply, &cloud, PixelFilter::default())?;
         assert_eq!(load_scene(&ply)?.scene.background, cloud, "seed {seed}");
         // What is written again from what was read is the same: quantisation is stable.
         let (spz, again) = (folder.path().join("a.spz"), folder.path().join("again.spz"));

@@ -6,6 +6,7 @@ use instgs_io::dataset::{Split, read_views};
 use instgs_io::nerf::read_transforms;
 use instgs_io::{MaskFolder, load_scene, read_cameras, read_spz, write_ply, write_spz};
 use instgs_vk::scene::Gaussians;
+use instgs_vk::scene::PixelFilter;
 
 use crate::common::dataset::shared_data;
 
@@ -83,7 +84,7 @@ fn real_clouds_survive_ply_and_spz() -> Outcome {
     for name in ["playbot_lod3.ply", "pc_short.ply", "playcanvas_test.ply"] {
         let cloud = load_scene(&folder.join(name))?.scene.background;
         let ply = temporary.path().join("again.ply");
-        write_ply(&ply, &cloud, false)?;
+        write_ply(&ply, &cloud, PixelFilter::default())?;
         assert_eq!(load_scene(&ply)?.scene.background, cloud, "{name}");
         let spz = temporary.path().join("again.spz");
         write_spz(&spz, &cloud, false)?;

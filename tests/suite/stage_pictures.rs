@@ -21,7 +21,7 @@ use instgs_vk::math::rng::Rng;
 use instgs_vk::math::sh::SH_C0;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::render::{RenderOptions, Renderer};
-use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PosedGroup, PosedInstance};
+use instgs_vk::scene::{Camera, Gaussians, InstancedScene, PixelFilter, PosedGroup, PosedInstance};
 
 use crate::common::dataset::photograph;
 use crate::common::gpu::{assert_silent, gpu, render_picture};
@@ -141,7 +141,7 @@ fn run_folder(gpu: &std::sync::Arc<Gpu>, at: &Path) -> PipelineJob {
     }
     let run = at.join("run");
     fs::create_dir_all(&run).unwrap();
-    write_ply(&run.join("point_cloud.ply"), &cloud, false).unwrap();
+    write_ply(&run.join("point_cloud.ply"), &cloud, PixelFilter::default()).unwrap();
     let mut file = Checkpoint::default();
     file.put("instance_of_gaussian", &[labels.len()], labels.clone());
     file.write(&run.join("labels.safetensors")).unwrap();

@@ -8,6 +8,7 @@ use instgs_console::args::{Triple, open_scene, parse_up};
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer};
 use instgs_io::{ExportFormat, Pack, export_scene};
+use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::trajectory::Orbit;
 
 /// Writes a scene as .ply or .spz (instances are expanded into plain Gaussians), as .glb (glTF with
@@ -75,10 +76,18 @@ pub(super) fn run(args: &ExportArgs, printer: &Printer) -> Result<(), CliError> 
     }
     let scene = open_scene(&args.scene, printer)?.scene;
     let gaussians = export_scene(to, &scene, format, Orbit::around(&scene, args.up.map(Triple::direction)).up)?;
-    if format == ExportFormat::Glb && scene.antialias {
+    let filter = scene.pixel_filter;
+    if format == ExportFormat::Glb && filter.antialias {
         printer.warning(format_args!(
             "{}: .glb has no place for the scene's antialias flag; render it with --antialias",
             to.display()
+        ));
+    }
+    if !matches!(format, ExportFormat::Instgs(_)) && !filter.has_usual_dilation() {
+        let (to, dilation, usual) = (to.display(), filter.dilation_px2, PixelFilter::default().dilation_px2);
+        printer.warning(format_args!(
+            "{to}: other viewers widen splats by {usual} px^2 instead of this scene's {dilation}, which blurs what is finer \
+             than their pixels"
         ));
     }
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };

@@ -12,6 +12,7 @@ use instgs_console::{CliError, Printer};
 use instgs_eval::Counts;
 use instgs_io::ply;
 use instgs_vk::render::device_scene::{PlannedBytes, planned_bytes};
+use instgs_vk::scene::PixelFilter;
 
 /// Gaussians per chunk in the figures for the device: the usual work-group size (`instgs-vk info` shows it).
 const CHUNK_SIZE: u32 = 256;
@@ -34,6 +35,7 @@ struct Inspection {
     source: String,
     sh_degree: u32,
     antialias: bool,
+    dilation_px2: f32,
     dropped_non_finite: usize,
     gaussians: SceneCounts,
     bytes: Bytes,
@@ -84,7 +86,8 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
         scene: args.scene.display().to_string(),
         source: scene.source.clone(),
         sh_degree: scene.sh_degree(),
-        antialias: scene.antialias,
+        antialias: scene.pixel_filter.antialias,
+        dilation_px2: scene.pixel_filter.dilation_px2,
         dropped_non_finite: loaded.dropped_non_finite,
         gaussians: SceneCounts { gaussians: Counts::of(scene), instances: scene.instances.len() as u64 },
         bytes: Bytes { file: loaded.file_bytes, host: scene.tensor_bytes(), device_scene: device_parts.total() },
@@ -114,8 +117,11 @@ fn print(report: &Inspection, printer: &Printer) {
     let SceneCounts { gaussians, instances } = &report.gaussians;
     let Inspection { bytes, file_sums, host_parts, device_parts, .. } = report;
     let antialias = if report.antialias { ", antialias" } else { "" };
+    let filter = PixelFilter { dilation_px2: report.dilation_px2, antialias: report.antialias };
+    let dilation =
+        if filter.has_usual_dilation() { String::new() } else { format!(", dilation {} px^2", report.dilation_px2) };
     let source = if report.source.is_empty() { String::new() } else { format!(", source: {}", report.source) };
-    printer.line(format_args!("{}: SH degree {}{antialias}{source}", report.scene, report.sh_degree));
+    printer.line(format_args!("{}: SH degree {}{antialias}{dilation}{source}", report.scene, report.sh_degree));
     let mut table = Table::default();
     let mut section = |title: &str, total: u64, rows: &[(String, u64)]| {
         table.row([title.into(), grouped(total)]);

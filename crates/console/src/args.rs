@@ -12,7 +12,7 @@ use instgs_io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{Camera, InstancedScene};
+use instgs_vk::scene::{Camera, InstancedScene, PixelFilterChoice};
 
 /// Picture size of `--orbit` without `--size`.
 const ORBIT_SIZE: (u32, u32) = (1280, 720);
@@ -167,7 +167,7 @@ pub struct LookArgs {
     /// Opacity compensation for small splats; --antialias=false turns it off [default: the scene's setting]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, require_equals = true, default_missing_value = "true")]
     antialias: Option<bool>,
-    /// Variance added to every projected splat, px^2 [default: 0.3]
+    /// Variance added to every projected splat, px^2 [default: the scene's, which is 0.3 unless it was trained with another]
     #[arg(long, value_name = "PX2", value_parser = parse_dilation)]
     dilation: Option<f32>,
     /// Limit on the buffer of intersections; frames that need more are drawn in depth slabs, with the same result
@@ -191,9 +191,9 @@ impl LodArgs {
 }
 
 impl LookArgs {
-    /// Opacity compensation, if a flag sets it.
-    pub fn antialias(&self) -> Option<bool> {
-        self.antialias
+    /// What the flags ask of the pixel filter.
+    pub fn pixel_filter(&self) -> PixelFilterChoice {
+        PixelFilterChoice { dilation_px2: self.dilation, antialias: self.antialias }
     }
 
     /// The options for a scene: the flags, else the scene's own, else the defaults.
@@ -201,12 +201,12 @@ impl LookArgs {
         let default = RenderOptions::default();
         RenderOptions {
             near: self.near.unwrap_or(default.near),
-            dilation_px2: self.dilation.unwrap_or(default.dilation_px2),
-            antialias: self.antialias.unwrap_or(scene.antialias),
             background: self.background.map_or(default.background, |b| b.0),
             lod_error_px: default.lod_error_px,
             max_intersections: self.max_intersections,
+            ..default
         }
+        .filtered(self.pixel_filter().over(scene.pixel_filter))
     }
 }
 

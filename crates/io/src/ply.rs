@@ -13,15 +13,19 @@ use rayon::prelude::*;
 use crate::error::IoError;
 use crate::ply_table::{Element, PlyTable};
 use crate::{LEAST_LOG_SCALE, atomic_write, cut_note, logit_of_byte, ply_packed, read_bytes};
+use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
+
+/// First word of the comment that holds a dilation other than that of 3DGS, px^2; ours alone.
+const DILATION_COMMENT: &str = "dilation_px2";
 
 /// The contents of a `.ply` file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlyCloud {
     /// All Gaussians of the file.
     pub gaussians: Gaussians,
-    /// Whether the cloud was trained with opacity compensation.
-    pub antialias: bool,
+    /// The pixel filter that the cloud was trained with.
+    pub pixel_filter: PixelFilter,
     /// Notes for the user, one line each.
     pub notes: Vec<String>,
 }
@@ -41,7 +45,7 @@ pub fn read_ply(path: &Path) -> Result<Gaussians, IoError> {
 pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<PlyCloud, IoError> {
     let table = PlyTable::parse(bytes, path)?;
     let vertex = table.element("vertex").ok_or_else(|| IoError::new(path, "has no element vertex"))?;
-    let antialias = is_compensated(&table.comments);
+    let pixel_filter = filter_of(&table.comments);
     let (mut gaussians, file_degree) = if vertex.column("packed_position").is_some() {
         ply_packed::read(&table, path)?
     } else {
@@ -53,7 +57,25 @@ pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<PlyCloud, IoError> {
     let [transparent, opaque] = [0, u8::MAX].map(logit_of_byte);
     gaussians.opacity_logits.par_iter_mut().filter(|l| l.is_infinite()).for_each(|l| *l = l.clamp(transparent, opaque));
     let notes = cut_note(file_degree).into_iter().collect();
-    Ok(PlyCloud { gaussians, antialias, notes })
+    Ok(PlyCloud { gaussians, pixel_filter, notes })
+}
+
+/// The pixel filter, by the last comments about it.
+fn filter_of(comments: &[Vec<String>]) -> PixelFilter {
+    let dilation = |words: &Vec<String>| match words.as_slice() {
+        [name, value] if name == DILATION_COMMENT => dilation_of(value),
+        _ => None,
+    };
+    let usual = PixelFilter::default().dilation_px2;
+    PixelFilter {
+        dilation_px2: comments.iter().rev().find_map(dilation).unwrap_or(usual),
+        antialias: is_compensated(comments),
+    }
+}
+
+/// A dilation that scenes can have, px^2.
+pub(crate) fn dilation_of(text: &str) -> Option<f32> {
+    text.parse().ok().filter(|dilation| (1e-6..=1e6).contains(dilation))
 }
 
 /// Whether opacities are compensated, by the last comment about it.
@@ -194,12 +216,12 @@ pub(crate) fn rest_columns(element: &Element, path: &Path) -> Result<RestColumns
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write_ply(path: &Path, cloud: &Gaussians, antialias: bool) -> Result<(), IoError> {
-    atomic_write(path, |out| out.write_all(&ply_bytes(cloud, antialias)))
+pub fn write_ply(path: &Path, cloud: &Gaussians, filter: PixelFilter) -> Result<(), IoError> {
+    atomic_write(path, |out| out.write_all(&ply_bytes(cloud, filter)))
 }
 
 /// The bytes that [`write_ply`] writes.
-pub fn ply_bytes(cloud: &Gaussians, antialias: bool) -> Vec<u8> {
+pub fn ply_bytes(cloud: &Gaussians, filter: PixelFilter) -> Vec<u8> {
     let per_channel = cloud.sh_coefficients() - 1;
     let mut names: Vec<String> =
         ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(String::from).into();
@@ -207,8 +229,12 @@ pub fn ply_bytes(cloud: &Gaussians, antialias: bool) -> Vec<u8> {
     names.push("opacity".into());
     names.extend((0..3).map(|k| format!("scale_{k}")));
     names.extend((0..4).map(|k| format!("rot_{k}")));
-    let comment = if antialias { "comment SplatRenderMode: mip\n" } else { "" };
-    let head = format!("ply\nformat binary_little_endian 1.0\n{comment}element vertex {}\n", cloud.len());
+    let mode = if filter.antialias { "comment SplatRenderMode: mip\n" } else { "" };
+    let dilation = match filter.has_usual_dilation() {
+        true => String::new(),
+        false => format!("comment {DILATION_COMMENT} {}\n", filter.dilation_px2),
+    };
+    let head = format!("ply\nformat binary_little_endian 1.0\n{mode}{dilation}element vertex {}\n", cloud.len());
     let mut out = head.into_bytes();
     for name in &names {
         out.extend_from_slice(format!("property float {name}\n").as_bytes());
@@ -300,12 +326,18 @@ pub(crate) mod tests {
             ("comment antialiased 0\ncomment made by x\n".into(), false),
             (format!("{mip}comment SplatRenderMode: default\n"), false),
         ] {
-            assert_eq!(parse_ply(&file_of(&comments, &shape), Path::new("x"))?.antialias, want, "{comments}");
+            assert_eq!(
+                parse_ply(&file_of(&comments, &shape), Path::new("x"))?.pixel_filter.antialias,
+                want,
+                "{comments}"
+            );
         }
-        for antialias in [false, true] {
-            let bytes = ply_bytes(&sample(1, 2), antialias);
-            assert_eq!(parse_ply(&bytes, Path::new("x"))?.antialias, antialias);
+        for (antialias, dilation_px2) in [(false, 0.3), (true, 0.3), (true, 0.1)] {
+            let filter = PixelFilter { dilation_px2, antialias };
+            assert_eq!(parse_ply(&ply_bytes(&sample(1, 2), filter), Path::new("x"))?.pixel_filter, filter);
         }
+        let odd = file_of("comment dilation_px2 nothing\n", &shape);
+        assert_eq!(parse_ply(&odd, Path::new("x"))?.pixel_filter, PixelFilter::default());
         Ok(())
     }
 
@@ -324,16 +356,16 @@ pub(crate) mod tests {
     fn what_is_written_is_read() {
         for degree in 0..=3 {
             let cloud = sample(degree, 5);
-            assert_eq!(parse(&ply_bytes(&cloud, false)), Ok(cloud));
+            assert_eq!(parse(&ply_bytes(&cloud, PixelFilter::default())), Ok(cloud));
         }
-        assert_eq!(parse(&ply_bytes(&Gaussians::default(), false)), Ok(Gaussians::default()));
+        assert_eq!(parse(&ply_bytes(&Gaussians::default(), PixelFilter::default())), Ok(Gaussians::default()));
     }
 
     /// Rows of little-endian floats are read in parallel; the same file in big endian is walked.
     #[test]
     fn both_ways_of_reading_agree() {
         let cloud = sample(3, 300);
-        let mut bytes = ply_bytes(&cloud, false);
+        let mut bytes = ply_bytes(&cloud, PixelFilter::default());
         assert_eq!(parse(&bytes[..bytes.len() - 1]).map_err(|e| e.to_string().contains("ends early")), Err(true));
         let end = b"end_header\n";
         let body = bytes.windows(end.len()).position(|w| w == end).unwrap_or(0) + end.len();
@@ -391,7 +423,7 @@ pub(crate) mod tests {
     fn errors_name_what_is_wrong() {
         let text = |bytes: &[u8]| parse(bytes).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(text(b"hello\n").contains("not a PLY"));
-        let bytes = ply_bytes(&sample(1, 2), false);
+        let bytes = ply_bytes(&sample(1, 2), PixelFilter::default());
         let cut = text(&bytes[..bytes.len() - 3]);
         assert!(cut.contains(&format!("byte {}", bytes.len() - 3)) && cut.contains("ends early"), "{cut}");
         let edit = |from: &str, to: &str| {

@@ -64,8 +64,8 @@ pub fn export_scene(to: &Path, scene: &InstancedScene, format: ExportFormat, up:
             check_expanded_memory(to, scene)?;
             let cloud = scene.flatten();
             match format {
-                ExportFormat::Spz => spz::write_spz(to, &cloud, scene.antialias)?,
-                _ => ply::write_ply(to, &cloud, scene.antialias)?,
+                ExportFormat::Spz => spz::write_spz(to, &cloud, scene.pixel_filter.antialias)?,
+                _ => ply::write_ply(to, &cloud, scene.pixel_filter)?,
             }
             return Ok(cloud.len() as u64);
         }

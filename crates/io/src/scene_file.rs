@@ -9,10 +9,12 @@ use std::path::Path;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use crate::error::{IoError, Place};
+use crate::ply::dilation_of;
 use crate::read_bytes;
 use crate::scene_pack::{CHANNELS, OffsetRanges, segments};
 use crate::scene_small::{SUFFIX, TableError, small_shape, small_values};
 use instgs_vk::math::similarity::Similarity;
+use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, InstancedScene, SourceRange};
 use instgs_vk::scene::offsets::Offsets;
@@ -54,10 +56,17 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         own: reader.cloud("own")?,
         background: reader.cloud("background")?,
         source: metadata.remove("source").unwrap_or_default(),
-        antialias: match metadata.remove("antialias").as_deref() {
-            None | Some("false") => false,
-            Some("true") => true,
-            Some(other) => return Err(field("antialias", format!("is \"{other}\", not \"true\" or \"false\""))),
+        pixel_filter: PixelFilter {
+            antialias: match metadata.remove("antialias").as_deref() {
+                None | Some("false") => false,
+                Some("true") => true,
+                Some(other) => return Err(field("antialias", format!("is \"{other}\", not \"true\" or \"false\""))),
+            },
+            dilation_px2: match metadata.remove("dilation_px2") {
+                None => PixelFilter::default().dilation_px2,
+                Some(text) => dilation_of(&text)
+                    .ok_or_else(|| field("dilation_px2", format!("is \"{text}\", not a number from 1e-6 to 1e6")))?,
+            },
         },
         groups: match metadata.remove("groups") {
             None => Vec::new(),

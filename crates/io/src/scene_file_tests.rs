@@ -108,6 +108,12 @@ fn errors_name_the_tensor_and_the_reason() {
     assert!(text(changed(|_, m| drop(m.remove("format")))).contains("metadata format"));
     assert!(text(changed(|_, m| drop(m.insert("format".into(), "instgs/3".into())))).contains("newer version"));
     assert!(text(changed(|_, m| drop(m.insert("antialias".into(), "yes".into())))).contains("antialias"));
+    for bad in ["wide", "0", "-1", "NaN", "inf"] {
+        assert!(
+            text(changed(|_, m| drop(m.insert("dilation_px2".into(), bad.into())))).contains("dilation_px2"),
+            "{bad}"
+        );
+    }
     assert!(text(changed(|_, m| drop(m.insert("groups".into(), "[{}]".into())))).contains("groups"));
 }
 
@@ -127,7 +133,7 @@ fn optional_parts_may_be_absent_and_halves_are_read() -> Result<(), IoError> {
                 .collect();
         }
     })?;
-    assert!(scene.instances.is_empty() && scene.templates.is_empty() && !scene.antialias);
+    assert!(scene.instances.is_empty() && scene.templates.is_empty() && scene.pixel_filter == PixelFilter::default());
     let want = sample_scene().background;
     assert!((scene.background.means[3][2] - want.means[3][2]).abs() < 2e-3);
     Ok(())

@@ -5,6 +5,7 @@ use std::path::Path;
 use crate::ply::PlyCloud;
 use crate::spz::SpzCloud;
 use crate::{IoError, ply, read_bytes, scene_file, scene_write, splat, spz};
+use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 
 /// A scene loaded from a file.
@@ -41,17 +42,17 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz or .splat"));
     }
     let bytes = read_bytes(path)?;
-    let of_cloud = |cloud, antialias| InstancedScene { antialias, ..InstancedScene::from_cloud(cloud) };
+    let of_cloud = |cloud, pixel_filter| InstancedScene { pixel_filter, ..InstancedScene::from_cloud(cloud) };
     let (mut scene, notes) = match extension.as_str() {
         "instgs" => (scene_file::parse_scene_file(&bytes, path)?, Vec::new()),
         "spz" => {
             let SpzCloud { gaussians, antialias, notes } = spz::parse_spz(&bytes, path)?;
-            (of_cloud(gaussians, antialias), notes)
+            (of_cloud(gaussians, PixelFilter { antialias, ..PixelFilter::default() }), notes)
         }
-        "splat" => (of_cloud(splat::parse_splat(&bytes, path)?, false), Vec::new()),
+        "splat" => (of_cloud(splat::parse_splat(&bytes, path)?, PixelFilter::default()), Vec::new()),
         _ => {
-            let PlyCloud { gaussians, antialias, notes } = ply::parse_ply(&bytes, path)?;
-            (of_cloud(gaussians, antialias), notes)
+            let PlyCloud { gaussians, pixel_filter, notes } = ply::parse_ply(&bytes, path)?;
+            (of_cloud(gaussians, pixel_filter), notes)
         }
     };
     let before = scene.source_len();
@@ -108,21 +109,21 @@ mod tests {
 
         let mut cloud = sample(1, 3);
         cloud.quats[0] = [0.0; 4];
-        crate::write_ply(&at("b.PLY"), &cloud, false)?;
+        crate::write_ply(&at("b.PLY"), &cloud, PixelFilter::default())?;
         let loaded = load_scene(&at("b.PLY"))?;
         assert_eq!((loaded.scene.background.len(), loaded.dropped_non_finite), (2, 1));
         cloud.means.iter_mut().for_each(|m| m[0] = f32::NAN);
-        crate::write_ply(&at("c.ply"), &cloud, false)?;
+        crate::write_ply(&at("c.ply"), &cloud, PixelFilter::default())?;
         assert!(load_scene(&at("c.ply")).is_err_and(|e| e.to_string().contains("none of its 3")));
-        crate::write_ply(&at("d.ply"), &sample(0, 0), false)?;
+        crate::write_ply(&at("d.ply"), &sample(0, 0), PixelFilter::default())?;
         assert!(load_scene(&at("d.ply"))?.scene.background.is_empty());
         let nothing: [String; 0] = [];
         assert_eq!(
             (load_scene(&at("b.PLY"))?.warnings().len(), load_scene(&at("d.ply"))?.warnings()),
             (1, nothing.into())
         );
-        crate::write_ply(&at("e.ply"), &sample(0, 1), true)?;
-        assert!(load_scene(&at("e.ply"))?.scene.antialias);
+        crate::write_ply(&at("e.ply"), &sample(0, 1), PixelFilter { antialias: true, ..PixelFilter::default() })?;
+        assert!(load_scene(&at("e.ply"))?.scene.pixel_filter.antialias);
         assert!(load_scene(&at("x.obj")).is_err() && load_scene(&at("missing.ply")).is_err());
         assert!(save_scene(&at("x.ply"), &sample_scene()).is_err());
         Ok(())

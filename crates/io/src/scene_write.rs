@@ -63,7 +63,10 @@ pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) 
     let json_error = |e: serde_json::Error| IoError::new(path, format!("cannot write: {e}"));
     let mut metadata = scene.foreign_metadata.clone();
     metadata.insert("format".into(), if pack == Pack::Small { FORMAT_SMALL } else { FORMAT }.into());
-    metadata.insert("antialias".into(), scene.antialias.to_string());
+    metadata.insert("antialias".into(), scene.pixel_filter.antialias.to_string());
+    if !scene.pixel_filter.has_usual_dilation() {
+        metadata.insert("dilation_px2".into(), scene.pixel_filter.dilation_px2.to_string());
+    }
     metadata.insert("sh_degree".into(), scene.sh_degree().to_string());
     metadata.insert("source".into(), scene.source.clone());
     metadata.insert("groups".into(), serde_json::to_string(&scene.groups).map_err(json_error)?);

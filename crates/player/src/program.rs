@@ -251,7 +251,7 @@ fn window_job(
         path: args.scene.clone(),
         scene: loaded.map(|loaded| (loaded.scene, loaded.file_bytes)),
         options,
-        antialias: args.look.antialias(),
+        pixel_filter: args.look.pixel_filter(),
         cameras: cameras.to_vec(),
         up: args.up.map(Triple::direction),
         size_px: args.size,

@@ -13,7 +13,7 @@ use crate::swapchain::{PresentMode, Target};
 use crate::ui_painter::UiFrame;
 use instgs_io::IoError;
 use instgs_vk::gpu::DeviceChoice;
-use instgs_vk::scene::{Boxes, Camera, InstancedScene};
+use instgs_vk::scene::{Boxes, Camera, InstancedScene, PixelFilterChoice};
 
 use super::error::PlayerError;
 use super::headless::Timings;
@@ -50,8 +50,8 @@ pub struct WindowJob {
     pub scene: Result<(InstancedScene, u64), IoError>,
     /// How frames are rendered.
     pub options: ViewerOptions,
-    /// Opacity compensation for small splats; `None` = the scene's own setting.
-    pub antialias: Option<bool>,
+    /// What the user asks of the pixel filter; the rest is each scene's own.
+    pub pixel_filter: PixelFilterChoice,
     /// Views of a data set to step through; the first is the start camera. May be empty.
     pub cameras: Vec<Camera>,
     /// The scene's up axis, if the user gives it.

@@ -92,7 +92,7 @@ impl DeviceState {
         let names = InstancedScene {
             template_ranges: scene.template_ranges.clone(),
             instances: scene.instances.clone(),
-            antialias: scene.antialias,
+            pixel_filter: scene.pixel_filter,
             groups: scene.groups.clone(),
             source: scene.source.clone(),
             foreign_tensors: scene.foreign_tensors.clone(),

@@ -44,8 +44,13 @@ fn of_scene(path: &Path, loaded: LoadedScene, config: &TrainConfig) -> Result<Gi
     let mut warnings = Vec::new();
     let mut warn = |what: String| warnings.push(format!("{}: {what}", path.display()));
     loaded.warnings().into_iter().for_each(&mut warn);
-    if loaded.scene.antialias && !config.antialias {
+    let (trained, now) = (loaded.scene.pixel_filter, config.pixel_filter());
+    if trained.antialias && !now.antialias {
         warn("was trained with opacity compensation, which is off; see --set antialias=true".into());
+    }
+    if trained.dilation_px2 != now.dilation_px2 {
+        let (before, now) = (trained.dilation_px2, now.dilation_px2);
+        warn(format!("was trained with a dilation of {before} px^2, not {now}; see --set dilation={before}"));
     }
     let mut cloud = loaded.scene.flatten();
     if cloud.is_empty() {

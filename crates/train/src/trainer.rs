@@ -163,7 +163,7 @@ pub fn train(
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
     let mut scene = run.state.download(gpu)?;
-    scene.antialias = job.config.antialias;
+    scene.pixel_filter = job.config.pixel_filter();
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
     let file_bytes = write_scene(job, &scene, done)?;
@@ -273,7 +273,7 @@ fn write_scene(job: &TrainJob, scene: &InstancedScene, done: u64) -> Result<u64,
     write_scene_file(&result, scene)?;
     if job.config.method == Method::Gaussians {
         result = folder.point_cloud();
-        write_ply(&result, &scene.background, scene.antialias)?;
+        write_ply(&result, &scene.background, scene.pixel_filter)?;
     }
     let bytes = std::fs::metadata(&result).map_err(|e| IoError::new(&result, format!("cannot be read: {e}")))?.len();
     Ok(bytes)
@@ -587,7 +587,7 @@ fn evaluate_with(
 }
 
 fn options(config: &TrainConfig, background: [f32; 3]) -> RenderOptions {
-    RenderOptions { near: config.near as f32, antialias: config.antialias, background, ..RenderOptions::default() }
+    RenderOptions { near: config.near as f32, background, ..RenderOptions::default() }.filtered(config.pixel_filter())
 }
 
 /// Rendering options for test views; a random background is black there.

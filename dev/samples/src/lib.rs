@@ -6,7 +6,7 @@ use glam::DVec3;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::ForeignTensor;
-use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
+use instgs_vk::scene::{Camera, Gaussians, Group, Instance, InstancedScene, Offsets, PixelFilter, SourceRange};
 
 /// Twelve cameras on a ring of radius 9 around the origin, 4 above it, looking at it with `up` upwards.
 pub fn ring(up: DVec3) -> Vec<Camera> {
@@ -59,7 +59,7 @@ pub fn sample_scene() -> InstancedScene {
             ..Offsets::default()
         },
         background: sample(3, 4),
-        antialias: true,
+        pixel_filter: PixelFilter { antialias: true, ..PixelFilter::default() },
         groups: vec![Group { template_id: 0, name: Some("chair \"a\"".into()), instance_ids: vec![4, 9] }],
         source: "test".into(),
         foreign_tensors: BTreeMap::from([

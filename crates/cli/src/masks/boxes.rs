@@ -45,8 +45,9 @@ pub(super) fn make(
     };
     let boxes = read_boxes(boxes)?;
     let scene = open_scene(scene, printer)?.scene;
-    let render = RenderOptions { antialias: scene.antialias, ..RenderOptions::default() };
-    let cloud = InstancedScene { antialias: scene.antialias, ..InstancedScene::from_cloud(scene.flatten()) };
+    let pixel_filter = scene.pixel_filter;
+    let render = RenderOptions::default().filtered(pixel_filter);
+    let cloud = InstancedScene { pixel_filter, ..InstancedScene::from_cloud(scene.flatten()) };
     let options =
         BoxOptions { leave_out_support: !args.keep_support, width: args.width, render, ..BoxOptions::default() };
     let gpu = device::open(device_args.choice())?;

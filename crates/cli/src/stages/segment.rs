@@ -82,7 +82,7 @@ pub(crate) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printe
     create_folder(&args.out)?;
     let text = job.config.to_toml()?;
     atomic_write(&folder.config(), |out| out.write_all(text.as_bytes()))?;
-    write_ply(&folder.point_cloud(), &given.cloud, job.config.train.antialias)?;
+    write_ply(&folder.point_cloud(), &given.cloud, job.config.train.pixel_filter())?;
     let cloud = read_cloud(&folder)?;
     let mut lines = LabelLines::new(printer);
     let found = label_gaussians(&gpu, &job, &cloud, &mut lines);

@@ -183,8 +183,8 @@ impl Pipeline<'_> {
         let config = &job.config.train;
         let GivenCloud { cloud, file_bytes, warnings } = given_cloud(scene, config)?;
         warnings.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
-        write_ply(&job.folder().point_cloud(), &cloud, config.antialias)?;
-        let scene = InstancedScene { antialias: config.antialias, ..InstancedScene::from_cloud(cloud) };
+        write_ply(&job.folder().point_cloud(), &cloud, config.pixel_filter())?;
+        let scene = InstancedScene { pixel_filter: config.pixel_filter(), ..InstancedScene::from_cloud(cloud) };
         let facts = TrainFacts {
             method: Method::Gaussians.name().into(),
             eval: self.evaluated(job, &scene)?,

@@ -112,7 +112,7 @@ impl Live {
         }
         self.camera.navigator = self.camera.home.clone();
         let mut options = self.session.viewer.options;
-        options.render.antialias = job.antialias.unwrap_or(scene.antialias);
+        options.render = options.render.filtered(job.pixel_filter.over(scene.pixel_filter));
         if let Show::Depth(_) = options.show {
             options.show = View::Depth.show(orbit.distance);
         }

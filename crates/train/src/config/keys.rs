@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 97] = [
+pub const KEYS: [Key; 98] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -62,6 +62,7 @@ pub const KEYS: [Key; 97] = [
     key("lambda_dssim", Real(0.0, 1.0)),
     key("background", Word(&["black", "white", "random"])),
     key("antialias", Flag),
+    key("dilation", Real(1e-6, 1e6)),
     key("near", RealAbove(0.0, 1e6)),
     key("max_gaussians", Whole(1, GAUSSIANS_MAX)),
     key("strategy", Word(&["densify", "mcmc", "none"])),

@@ -15,6 +15,7 @@ mod schedule;
 
 use std::path::PathBuf;
 
+use instgs_vk::scene::PixelFilter;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -70,6 +71,8 @@ pub struct TrainConfig {
     pub background: Background,
     /// Whether opacities are lowered to make up for the dilation of small splats.
     pub antialias: bool,
+    /// Variance added to every projected splat, px^2.
+    pub dilation: f64,
     /// View depth below which Gaussians are not drawn, scene units.
     pub near: f64,
     /// Upper bound of the number of Gaussians in densification; in the joint phase, of expanded ones, times
@@ -270,6 +273,11 @@ impl Default for TrainConfig {
 }
 
 impl TrainConfig {
+    /// The filter of the training pictures, which the scene keeps.
+    pub fn pixel_filter(&self) -> PixelFilter {
+        PixelFilter { dilation_px2: self.dilation as f32, antialias: self.antialias }
+    }
+
     /// The configuration as TOML with every key, as in `RUN/config.toml`; loading it gives an equal one.
     ///
     /// # Errors

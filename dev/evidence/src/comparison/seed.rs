@@ -131,7 +131,7 @@ impl Runs<'_> {
             Rival::Spz => {
                 let cloud = load_scene(&self.folder("same_time").point_cloud())?.scene;
                 let file = self.out.join("same_time.spz");
-                write_spz(&file, &cloud.background, cloud.antialias)?;
+                write_spz(&file, &cloud.background, cloud.pixel_filter.antialias)?;
                 Ok(of_cloud(names::SPZ, file, same_time))
             }
             Rival::Small => {
