@@ -48,7 +48,7 @@ pub(super) struct TrainArgs {
     /// Start from this scene instead of the dataset's points
     #[arg(long, value_name = "SCENE")]
     init: Option<PathBuf>,
-    /// A preset (default, quick, paper, mcmc, instgs, instgs_quick, instgs_early, instgs_sparse) or a TOML file
+    /// A preset (default, quick, paper, mcmc, instgs, instgs_quick, instgs_early, instgs_renders, instgs_sparse) or a TOML file
     #[arg(long, value_name = "F")]
     config: Option<String>,
     /// One value of the configuration, for instance --set rates.means=1e-4; may be repeated

@@ -1,4 +1,4 @@
-//! Twin of `source_use`, `densify_own_need`, `densify_mark`, `densify_select`, `densify_own_select`, `densify_place`,
+//! Twin of `source_use`, `densify_cost`, `densify_retire`, `densify_own_need`, `densify_mark`, `densify_select`, `densify_own_select`, `densify_place`,
 //! `densify_place_own`, `densify_place_offsets`, `densify_own`, `densify_split`, `move_gaussians`, `reset_opacity` and
 //! `decay_opacity`, on plain lists.
 
@@ -174,6 +174,32 @@ pub struct SourceUse {
     pub highest_logit: f32,
     /// Largest scale of any of them.
     pub world_scale: f64,
+}
+
+/// What the loss would feel without a source Gaussian, for each of its instances: the mean square of the gradient by its logit
+/// (Adam's second moment) over the views that show it, as if its opacity could move freely. `steps` is the number of steps that
+/// the statistics are of; their second number is that of the views, summed over instances.
+pub fn removal_cost(second_moment: f32, statistics: &[f32; 3], source: &SourceUse, steps: f64) -> f64 {
+    let used = f64::from(source.instances.max(1));
+    let share = (f64::from(statistics[1]) / (steps * used)).clamp(0.02, 1.0);
+    let transparency = (1.0 / (1.0 + f64::from(source.highest_logit.min(20.0)).exp())).max(1e-3);
+    f64::from(second_moment) / (share * transparency * transparency * used)
+}
+
+/// Which source Gaussians leave so that `goal` expanded ones are free: those of the least cost, ties by index.
+pub fn retired(costs: &[f64], uses: &[SourceUse], goal: u32) -> Vec<bool> {
+    let mut order: Vec<usize> = (0..costs.len()).collect();
+    order.sort_by(|&a, &b| costs[a].total_cmp(&costs[b]).then(a.cmp(&b)));
+    let mut out = vec![false; costs.len()];
+    let mut freed = 0;
+    for i in order {
+        if freed >= goal {
+            break;
+        }
+        out[i] = true;
+        freed += uses[i].instances;
+    }
+    out
 }
 
 /// The use of each Gaussian of a plain cloud.

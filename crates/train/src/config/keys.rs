@@ -47,7 +47,7 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 98] = [
+pub const KEYS: [Key; 100] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
@@ -95,6 +95,8 @@ pub const KEYS: [Key; 98] = [
     key("densify.opacity_reset_every", Whole(0, STEPS_MAX)),
     key("densify.opacity_reset_to", RealBelow(0.0, 1.0)),
     key("densify.opacity_decay", RealBelow(0.0, 1.0)),
+    key("densify.recycle", RealBelow(0.0, 1.0)),
+    key("densify.recycle_every", Whole(1, STEPS_MAX)),
     key("densify.screen_size_max_px", Real(0.0, 1e6)),
     key("densify.world_size_max", Real(0.0, RATE_MAX)),
     key("mcmc.start", Whole(0, STEPS_MAX)),

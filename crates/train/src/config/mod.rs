@@ -213,6 +213,10 @@ pub struct DensifyConfig {
     pub opacity_reset_to: f64,
     /// What is subtracted from every opacity after each densification; 0 = nothing.
     pub opacity_decay: f64,
+    /// Part of `max_gaussians` that a full cloud frees for growth every `recycle_every` steps; 0 = nothing.
+    pub recycle: f64,
+    /// Steps from one such time to the next; the first densification behind each multiple counts.
+    pub recycle_every: u64,
     /// Screen radius above which Gaussians are removed after the first reset, pixels; 0 = no limit.
     pub screen_size_max_px: f64,
     /// Largest standard deviation above which Gaussians are removed after the first reset, as a fraction of the scene

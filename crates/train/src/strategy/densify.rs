@@ -20,6 +20,7 @@ use instgs_vk::render::sort::SortBuffers;
 use instgs_vk::scene::source_layout::MovedRun;
 use instgs_vk::scene::{Parameter, SourceLayout};
 
+use super::recycle::Recycling;
 use super::tools::{Moves, Tools};
 use super::{DensifyOutcome, logit, own, seed_words};
 
@@ -34,6 +35,8 @@ pub(super) struct Limits {
     max_expanded: u32,
     /// Largest part of the instances that grow alone.
     pub(super) own_share: f32,
+    /// What leaves a full cloud before it grows.
+    recycling: Option<Recycling>,
     seed: [u32; 2],
     done: u64,
 }
@@ -64,6 +67,7 @@ impl Limits {
             },
             max_expanded: config.max_gaussians,
             own_share: config.joint.own_share as f32,
+            recycling: Recycling::due(config, done),
             seed: seed_words(config.seed),
             done,
         }
@@ -201,6 +205,9 @@ fn record_mark(
     let params = source_use::Params { chunk_count: state.tables.chunk_count };
     let grid = Grid::groups(state.tables.chunk_count);
     tools.recorder.dispatch(&tools.pipelines.source_use, grid, &params, bindings)?;
+    if let Some(recycling) = limits.recycling {
+        recycling.retire(tools, state, &uses, &mut highest_logits)?;
+    }
     let bindings = densify_mark::Bindings {
         means: &parameters.means,
         quats: &parameters.quats,

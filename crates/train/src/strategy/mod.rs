@@ -9,6 +9,7 @@ mod densify;
 mod mcmc;
 mod mcmc_step;
 mod own;
+mod recycle;
 mod tools;
 
 pub use mcmc_step::McmcStep;

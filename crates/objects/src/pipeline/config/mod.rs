@@ -21,7 +21,7 @@ use instgs_train::config::{
 };
 
 /// Name and text of each preset that `--config` knows; the first two hold the defaults.
-pub const PRESETS: [(&str, &str); 8] = [
+pub const PRESETS: [(&str, &str); 9] = [
     TRAINER_PRESETS[0],
     ("instgs", include_str!("../../../../../configs/instgs.toml")),
     TRAINER_PRESETS[1],
@@ -29,6 +29,7 @@ pub const PRESETS: [(&str, &str); 8] = [
     TRAINER_PRESETS[3],
     ("instgs_quick", include_str!("../../../../../configs/instgs_quick.toml")),
     ("instgs_early", include_str!("../../../../../configs/instgs_early.toml")),
+    ("instgs_renders", include_str!("../../../../../configs/instgs_renders.toml")),
     ("instgs_sparse", include_str!("../../../../../configs/instgs_sparse.toml")),
 ];
 

@@ -55,7 +55,9 @@ fn presets_and_reports_load_to_the_same_values() -> Test {
     assert_eq!((quick.train.method, quick.pipeline.template.count_factor), (Method::Instanced, 1.3));
     let missing = ConfigBuilder::new().file("no/such.toml").err().map(|e| e.to_string()).unwrap_or_default();
     assert!(
-        missing.contains("preset (default, instgs, quick, paper, mcmc, instgs_quick, instgs_early, instgs_sparse)"),
+        missing.contains(
+            "preset (default, instgs, quick, paper, mcmc, instgs_quick, instgs_early, instgs_renders, instgs_sparse)"
+        ),
         "{missing}"
     );
     Ok(())
