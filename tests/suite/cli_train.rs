@@ -171,14 +171,22 @@ fn a_killed_run_resumes_to_the_same_bytes() {
         return;
     }
     let (_folder, at) = folder();
-    let options = ["--width", "64", "--steps", "160", "--set", "checkpoint_every=10", "--set", "densify.start=40"];
+    let sets = ["checkpoint_every=10", "densify.start=40", "densify.every=20", "densify.recycle=0.1"];
+    let sets = sets.iter().chain(&["densify.recycle_every=20"]).flat_map(|set| ["--set", set]);
+    let options: Vec<&str> =
+        ["--width", "64", "--steps", "160", "--max-gaussians", "1200"].into_iter().chain(sets).collect();
     train(&at, "whole", &options).assert().success();
+    // Once it is full, the cloud frees a tenth of its cap.
+    let events = fs::read_to_string(at.join("whole/events.jsonl")).unwrap();
+    let events = events.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
+    let pruned: Vec<u64> = events.filter_map(|event| event["pruned"].as_u64()).collect();
+    assert!(pruned.contains(&120), "{pruned:?}");
     let folder = at.join("killed/checkpoints");
     for kill in 1..=3 {
         let resume: &[&str] = if kill > 1 { &["--resume"] } else { &[] };
         let mut command = std::process::Command::new(built("instgs-vk"));
         command.args(["train", "--data"]).arg(at.join("data")).arg("--out").arg(at.join("killed"));
-        command.args(["--config", "quick"]).args(options).args(resume);
+        command.args(["--config", "quick"]).args(&options).args(resume);
         let mut child = command.stdout(std::process::Stdio::null()).spawn().unwrap();
         let start = Instant::now();
         let reached = || fs::read_dir(&folder).is_ok_and(|f| f.flatten().any(|e| step_of(&e.path()) >= 40 * kill));
