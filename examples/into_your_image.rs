@@ -11,17 +11,16 @@ use std::path::Path;
 
 use ash::{Entry, vk};
 use headless::Headless;
+use instgs_io::load_scene;
 use instgs_io::picture_png::write_png;
-use instgs_io::ply::read_ply;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::{Arrived, ImageFrames, RenderOptions, Renderer};
-use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args: Vec<String> = std::env::args().collect();
     let [_, cloud, png] = &args[..] else { return Err("usage: into_your_image CLOUD.ply PICTURE.png".into()) };
-    let scene = InstancedScene::from_cloud(read_ply(Path::new(cloud))?);
+    let scene = load_scene(Path::new(cloud))?.scene;
     let (width, height) = (1280, 720);
     let camera = Orbit::around(&scene, None).cameras(1, (width, height)).remove(0);
     // SAFETY: one thread uses the queue; the device has what is required (see `Headless::new`); every command buffer is
@@ -38,7 +37,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             let on_device = renderer.upload(&scene)?;
             let mut frames = ImageFrames::new(&renderer, 1)?;
             loop {
-                let (commands, options) = (yours.begin()?, RenderOptions::default());
+                let (commands, options) = (yours.begin()?, RenderOptions::default().filtered(scene.pixel_filter));
                 let to = &yours.target;
                 let signal = renderer.record_into_image(&mut frames, commands, &on_device, &camera, &options, to)?;
                 yours.submit(signal)?;

@@ -4,7 +4,8 @@
 // pass of making room in a full cloud.
 //
 // - Reads the second moments of the logits, `screen_statistics`, `uses` and `highest_logits` (see `source_use`). A moment is a
-//   mean over all steps, so it is divided by the part of the views that show the Gaussian: what few views show counts no less.
+//   mean over the last steps, so it is divided by the part of the views that show the Gaussian: what few views show counts no
+//   less. Moments start at 0 when a Gaussian is made, so what is young seems to cost less than it does (0.4 of it after 500 steps).
 // - Writes `keys` (bits of the cost, for an ascending radix sort) and `values` (the index).
 // - Grid: one thread per Gaussian. Bytes per Gaussian: 28 read, 8 written.
 //

@@ -4,8 +4,8 @@
 // - Reads `counters`, `ssim_sums`, `error_sums`; reads and writes `status`; writes one entry of `step_records`, a ring
 //   that the host reads some steps later.
 // - Grid: one work-group. Sums have a fixed order: within each thread, then over threads.
-// - A step overflows if candidates, work items or intersections did not fit. From then on `adam` and
-//   `gather_gradients` do nothing, in this and all later steps, until the host has enlarged the buffers and reset the
+// - A step overflows if candidates, work items or intersections did not fit. From then on `adam`,
+//   `gather_gradients` and all that changes poses or exposures do nothing, in this and all later steps, until the host has enlarged the buffers and reset the
 //   flag; it then submits the same steps again.
 //
 // Twin: `instgs_reference::image_loss`. Test: `tests/kernels/image_loss.rs`.

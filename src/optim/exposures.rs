@@ -39,6 +39,8 @@ pub struct ExposedView {
     pub view: usize,
     /// Width and height of its picture, pixels.
     pub size_px: [u32; 2],
+    /// The colour behind the scene, which exposures leave as it is.
+    pub background: [f32; 3],
 }
 
 /// A step of Adam on the exposure of a view.
@@ -125,7 +127,8 @@ impl Exposures {
         view: ExposedView,
         colors: &Buffer<[f32; 4]>,
     ) -> Result<(), GpuError> {
-        let params = apply_exposure::Params { pixels: view.pixels(), view: view.view as u32 };
+        let params =
+            apply_exposure::Params { pixels: view.pixels(), view: view.view as u32, background: view.background };
         let bindings = apply_exposure::Bindings { colors, exposures: &self.rows, exposed_colors: &mut self.exposed };
         let grid = Grid::threads(view.pixels(), self.variant.workgroup_size);
         recorder.dispatch(&self.pipelines.apply_exposure, grid, &params, bindings)
@@ -140,7 +143,8 @@ impl Exposures {
         colors: &Buffer<[f32; 4]>,
         cotangents: &mut Buffer<[f32; 4]>,
     ) -> Result<(), GpuError> {
-        let params = exposure_backward::Params { pixels: view.pixels(), view: view.view as u32 };
+        let params =
+            exposure_backward::Params { pixels: view.pixels(), view: view.view as u32, background: view.background };
         let bindings =
             exposure_backward::Bindings { colors, exposures: &self.rows, cotangents, exposure_sums: &mut self.sums };
         let grid = Grid::groups(groups_of(&self.variant, view.pixels()));

@@ -520,7 +520,7 @@ fn all_pruned_is_an_error_that_changes_nothing() {
 }
 
 /// A full scene frees a fifth of its cap: what the twin says costs least leaves, and the rest stays as it is. One Gaussian whose
-/// moment is not a number stays, too.
+/// moment is not a number stays, too. It is the first densification, so the statistics are of all 200 steps.
 #[test]
 fn a_full_cloud_makes_room_where_it_is_missed_least() {
     let Some(gpu) = gpu() else { return };
@@ -541,7 +541,7 @@ fn a_full_cloud_makes_room_where_it_is_missed_least() {
             (0..case.cloud.len()).map(|_| [rng.normal() as f32, 10f64.powf(rng.range(-12.0, -6.0)) as f32]).collect();
         moments[700][1] = f32::NAN;
         let uses = use_of_sources(&scene);
-        let cost = |i: usize| removal_cost(moments[i][1], &case.statistics[i], &uses[i], 100.0);
+        let cost = |i: usize| removal_cost(moments[i][1], &case.statistics[i], &uses[i], 200.0);
         let costs: Vec<f64> = (0..case.cloud.len()).map(|i| if i == 700 { f64::INFINITY } else { cost(i) }).collect();
         let leaves = retired(&costs, &uses, cap - room);
         let mut state = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
@@ -552,7 +552,7 @@ fn a_full_cloud_makes_room_where_it_is_missed_least() {
         let mut pool = got.templates.clone();
         pool.append(&got.background);
         let stay: Vec<[f32; 3]> = (0..costs.len()).filter(|&i| !leaves[i]).map(|i| case.cloud.means[i]).collect();
-        assert_eq!(pool.means, stay);
+        assert!(pool.means == stay, "{} {}", pool.len(), stay.len());
         assert_eq!((outcome.cloned + outcome.split, outcome.pruned as usize), (0, costs.len() - stay.len()));
         let left = got.expanded_len() as u32;
         assert!(left <= room && left + 4 > room, "{left} of {room}");

@@ -18,6 +18,7 @@ const VIEWS: usize = 3;
 const LARGEST_PX: [u32; 2] = [135, 240];
 const ADAM: Adam = Adam { beta1: 0.9, beta2: 0.999, epsilon: 1e-15, step: 1 };
 const TOLERANCE: f64 = 1e-5;
+const BACKGROUND: [f32; 3] = [0.25, 0.5, 1.0];
 
 struct Device {
     gpu: Arc<Gpu>,
@@ -85,7 +86,8 @@ fn case(size_px: [u32; 2], seed: u64) -> Case {
     let mut random = |scale: f64| -> Vec<[f32; 4]> {
         (0..size_px[0] * size_px[1]).map(|_| [0; 4].map(|_| (scale * rng.normal()) as f32)).collect()
     };
-    let (colors, mut cotangents) = (random(0.5), random(1e-5));
+    let (mut colors, mut cotangents) = (random(0.5), random(1e-5));
+    colors.iter_mut().for_each(|color| color[3] = color[3].abs().min(1.0));
     cotangents.iter_mut().for_each(|g| g[3] = 0.0);
     Case { colors, cotangents }
 }
@@ -100,11 +102,15 @@ fn rgb(values: &[[f32; 4]]) -> Vec<[f64; 3]> {
     values.iter().map(|v| [v[0], v[1], v[2]].map(f64::from)).collect()
 }
 
+fn rgba(values: &[[f32; 4]]) -> Vec<[f64; 4]> {
+    values.iter().map(|v| v.map(f64::from)).collect()
+}
+
 fn wide(exposure: &Exposure) -> [[f64; 4]; 3] {
     exposure.map(|row| row.map(f64::from))
 }
 
-fn check(name: &str, got: &[[f64; 3]], want: &[[f64; 3]]) {
+fn check<const N: usize>(name: &str, got: &[[f64; N]], want: &[[f64; N]]) {
     TensorComparison::new(name, got.as_flattened(), want.as_flattened()).check(TOLERANCE).unwrap();
 }
 
@@ -127,14 +133,14 @@ fn passes_and_steps_agree_with_the_twin() {
             let case = case(size_px, 10 * round + n as u64);
             let before = device.values();
             let step = ExposureStep { adam: Adam { step: round + 1, ..ADAM }, rate };
-            let passed = device.step(ExposedView { view, size_px }, &case, step, false);
+            let passed = device.step(ExposedView { view, size_px, background: BACKGROUND }, &case, step, false);
             let exposure = wide(&before[view]);
-            let (colors, cotangents) = (rgb(&case.colors), rgb(&case.cotangents));
-            let want: Vec<_> = colors.iter().map(|&c| apply(&exposure, c)).collect();
+            let (colors, cotangents) = (rgba(&case.colors), rgb(&case.cotangents));
+            let want: Vec<_> = colors.iter().map(|&c| apply(&exposure, c, BACKGROUND.map(f64::from))).collect();
             check("exposed", &rgb(&passed.exposed), &want);
             assert!(passed.exposed.iter().zip(&case.colors).all(|(a, b)| a[3] == b[3]), "alpha");
-            let (by_color, by_exposure) = backward(&exposure, &colors, &cotangents);
-            check("by_color", &rgb(&passed.by_color), &by_color);
+            let (by_color, by_exposure) = backward(&exposure, &colors, BACKGROUND.map(f64::from), &cotangents);
+            check("by_color", &rgba(&passed.by_color), &by_color);
             twins[view].step(&options, &by_exposure, round + 1, rate);
             device.check_values(&twins);
         }
@@ -155,9 +161,10 @@ fn the_comparison_fails_on_planted_errors() {
     let (size_px, view) = ([33, 57], 1);
     let case = case(size_px, 1);
     let rate = 3e-3;
-    device.step(ExposedView { view, size_px }, &case, ExposureStep { adam: ADAM, rate }, false);
+    device.step(ExposedView { view, size_px, background: BACKGROUND }, &case, ExposureStep { adam: ADAM, rate }, false);
     let got: Vec<f64> = device.values()[view].as_flattened().iter().map(|&v| f64::from(v)).collect();
-    let (_, gradient) = backward(&wide(&NO_EXPOSURE), &rgb(&case.colors), &rgb(&case.cotangents));
+    let (_, gradient) =
+        backward(&wide(&NO_EXPOSURE), &rgba(&case.colors), BACKGROUND.map(f64::from), &rgb(&case.cotangents));
     let twin = |rate: f64, scale: f64| {
         let mut twin = ExposureState::default();
         twin.step(&AdamOptions::default(), &gradient, 1, rate);
@@ -177,12 +184,12 @@ fn overflows_and_absurd_pixels_leave_exposures_sound() {
     let (size_px, view) = ([40, 31], 2);
     let step = ExposureStep { adam: ADAM, rate: 1e-2 };
     let good = case(size_px, 7);
-    device.step(ExposedView { view, size_px }, &good, step, true);
+    device.step(ExposedView { view, size_px, background: BACKGROUND }, &good, step, true);
     assert_eq!(device.values(), [NO_EXPOSURE; VIEWS]);
     for bad in [f32::NAN, f32::INFINITY, f32::MAX, -1e20] {
         let mut case = case(size_px, 8);
         case.colors[100] = [bad; 4];
-        let passed = device.step(ExposedView { view, size_px }, &case, step, false);
+        let passed = device.step(ExposedView { view, size_px, background: BACKGROUND }, &case, step, false);
         assert!(passed.exposed.iter().all(|v| v[..3].iter().all(|v| v.is_finite())), "{bad}");
         let values = device.values();
         assert_eq!(values[..view], [NO_EXPOSURE; VIEWS - 1], "other photos");
@@ -199,7 +206,12 @@ fn repeats_give_the_same_bytes() {
         let mut device = Device::new(&gpu);
         let step = ExposureStep { adam: ADAM, rate: 1e-2 };
         for view in 0..VIEWS {
-            device.step(ExposedView { view, size_px: LARGEST_PX }, &case(LARGEST_PX, view as u64), step, false);
+            device.step(
+                ExposedView { view, size_px: LARGEST_PX, background: BACKGROUND },
+                &case(LARGEST_PX, view as u64),
+                step,
+                false,
+            );
         }
         device.recentre(false);
         device.values()

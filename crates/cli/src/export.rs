@@ -87,7 +87,7 @@ pub(super) fn run(args: &ExportArgs, printer: &Printer) -> Result<(), CliError> 
         let (to, dilation, usual) = (to.display(), filter.dilation_px2, PixelFilter::default().dilation_px2);
         printer.warning(format_args!(
             "{to}: other viewers widen splats by {usual} px^2 instead of this scene's {dilation}, which blurs what is finer \
-             than their pixels"
+             than their pixels; here, .ply keeps it, and .spz and .glb are rendered with --dilation {dilation}"
         ));
     }
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };

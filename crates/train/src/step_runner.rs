@@ -254,7 +254,7 @@ impl StepRunner {
         let recorder = &mut self.recorders[slot];
         self.frame.record_forward(recorder, &state.scene, &train_view)?;
         let size_px = [view.camera.width, view.camera.height];
-        let exposed_view = ExposedView { view: plan.view, size_px };
+        let exposed_view = ExposedView { view: plan.view, size_px, background: plan.options.background };
         let mut exposures = state.exposures.as_mut().zip(plan.exposure);
         if let (Some((exposures, _)), Some((frame, _))) = (&mut exposures, self.frame.buffers()) {
             exposures.record_apply(recorder, exposed_view, &frame.colors)?;

@@ -43,7 +43,7 @@ pub(crate) struct SegmentArgs {
     /// Folder for the results; created if necessary
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// A preset or a TOML file, as for train; the keys width, near, antialias, background, sh_degree, seed and the
+    /// A preset or a TOML file, as for train; the keys width, near, antialias, dilation, background, sh_degree, seed and the
     /// sections segment, template, offsets and joint are used
     #[arg(long, value_name = "F")]
     config: Option<String>,

@@ -213,7 +213,8 @@ pub struct DensifyConfig {
     pub opacity_reset_to: f64,
     /// What is subtracted from every opacity after each densification; 0 = nothing.
     pub opacity_decay: f64,
-    /// Part of `max_gaussians` that a full cloud frees for growth every `recycle_every` steps; 0 = nothing.
+    /// Part of `max_gaussians` that is free for growth every `recycle_every` steps: a cloud that leaves less comes down to it;
+    /// 0 = nothing.
     pub recycle: f64,
     /// Steps from one such time to the next; the first densification behind each multiple counts.
     pub recycle_every: u64,
@@ -327,6 +328,14 @@ impl Configuration for TrainConfig {
             "above",
             "densify.opacity_min",
         )?;
+        // What the loss would miss is judged by the gradients of opacities.
+        for (rate, name) in [
+            (self.rates.opacity, "rates.opacity"),
+            (self.template_rates.opacity, "template_rates.opacity"),
+            (self.background_rates.opacity, "background_rates.opacity"),
+        ] {
+            require(densify.recycle == 0.0 || rate > 0.0, name, "above 0 with", "densify.recycle")?;
+        }
         require(
             self.init != Init::Random || self.init_count <= self.max_gaussians,
             "init_count",

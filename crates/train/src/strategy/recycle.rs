@@ -1,4 +1,5 @@
-//! Room in a full cloud: at intervals, the Gaussians that the loss would miss least make place for growth elsewhere.
+//! Room in a full cloud: at intervals, the Gaussians that the loss would miss least make place for growth elsewhere. A scene that
+//! was merged above its bound comes down to the same room.
 
 use instgs_vk::gpu::{Buffer, GpuError};
 use instgs_vk::kernels::{densify_cost, densify_retire};
@@ -25,9 +26,11 @@ impl Recycling {
         let densify = &config.densify;
         // Densification need not happen at multiples of `recycle_every`: the first one behind each counts.
         let before = done.saturating_sub(densify.every);
+        // The statistics are of the steps since the densification before, or since the start.
+        let counted = if config.densifies_at(before) { densify.every } else { done };
         let is_due = densify.recycle > 0.0 && done / densify.recycle_every > before / densify.recycle_every;
         let room = (f64::from(config.max_gaussians) * (1.0 - densify.recycle)) as u64;
-        is_due.then_some(Self { room, steps: densify.every as f32 })
+        is_due.then_some(Self { room, steps: counted as f32 })
     }
 
     /// Makes those that cost least count as transparent (`highest_logits`), if the scene has more than may stay. `uses` is the
@@ -84,7 +87,12 @@ mod tests {
         let due: Vec<u64> =
             (0..=1000).step_by(100).filter(|&done| Recycling::due(&recycling, done).is_some()).collect();
         assert_eq!(due, [300, 500, 800, 1000]);
-        assert_eq!(Recycling::due(&recycling, 300), Some(Recycling { room: 900, steps: 100.0 }));
+        // Densification begins after 500 steps: the first one is of all steps before it.
+        assert_eq!(Recycling::due(&recycling, 600).map(|due| due.steps), None);
+        assert_eq!(Recycling::due(&recycling, 800).map(|due| due.steps), Some(100.0));
+        let early = config(&["densify.recycle=0.1", "densify.start=450", "steps=5000"])?;
+        assert_eq!(Recycling::due(&early, 500).map(|due| due.steps), Some(500.0));
+        assert_eq!(Recycling::due(&recycling, 800), Some(Recycling { room: 900, steps: 100.0 }));
         assert_eq!(Recycling::due(&config(&["max_gaussians=1000"])?, 500), None);
         Ok(())
     }

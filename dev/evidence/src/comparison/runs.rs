@@ -60,6 +60,9 @@ impl Runs<'_> {
         copy_file(&from.point_cloud(), &to.point_cloud())?;
         copy_file(&from.events(), &to.events())?;
         copy_file(&from.report(), &to.report())?;
+        if from.exposures().is_file() {
+            copy_file(&from.exposures(), &to.exposures())?;
+        }
         // Copied last: with this file the cloud counts as trained. Older versions wrote none.
         if from.facts().is_file() {
             copy_file(&from.facts(), &to.facts())?;

@@ -12,7 +12,8 @@ use instgs_vk::scene::Gaussians;
 const MIN_OPACITY: f64 = 0.1;
 /// Radius to which a Gaussian is drawn, standard deviations: beyond, it has less than 1 % of its peak.
 const REACH: f64 = 3.0;
-/// Variance that the pixel filter adds to a Gaussian, pixels squared; the same as in the renderer.
+/// Variance that the pixel filter adds to a Gaussian, pixels squared: that of 3DGS, whatever the scene's, as these pictures only
+/// tell what is visible.
 const PIXEL_VARIANCE: f64 = 0.3;
 /// A pixel is visible if Gaussians cover at least this part of it.
 const COVERED: f32 = 0.4;
