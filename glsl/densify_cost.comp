@@ -9,7 +9,7 @@
 // - Writes `keys` (bits of the cost, for an ascending radix sort) and `values` (the index).
 // - Grid: one thread per Gaussian. Bytes per Gaussian: 28 read, 8 written.
 //
-// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/recycle.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 #include "numbers.glsl"

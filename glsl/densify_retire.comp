@@ -5,7 +5,7 @@
 //   order. Writes `highest_logits` of those that are needed to free `goal` expanded Gaussians.
 // - Grid: one thread per index in the order. Bytes per Gaussian: 8 read.
 //
-// Twin: `instgs_reference::densify`. Test: `tests/kernels/densify.rs`.
+// Twin: `instgs_reference::densify`. Test: `tests/kernels/recycle.rs`.
 #extension GL_GOOGLE_include_directive : require
 #include "common.glsl"
 

@@ -27,6 +27,7 @@ mod poses;
 mod preprocess_instance_expand;
 mod present;
 mod radix_sort;
+mod recycle;
 mod scale;
 mod scan;
 mod tile_marks;

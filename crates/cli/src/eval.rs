@@ -49,8 +49,7 @@ pub(super) struct EvalArgs {
     /// Folder for a picture of every view: rendering, photo, and 4 times their difference, side by side
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Also PSNR up to the photo's exposure: each half of the picture gets the affine map of colours that fits the other
-    /// half best
+    /// Also PSNR up to the photo's exposure: the affine map of colours that fits one half best is applied to the other
     #[arg(long)]
     exposures: bool,
     #[command(flatten)]

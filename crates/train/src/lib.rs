@@ -24,10 +24,12 @@ pub mod step_runner;
 pub mod strategy;
 pub mod trainer;
 pub mod view_order;
+pub mod view_pictures;
 pub mod view_store;
 pub mod views;
 
 pub use error::TrainError;
 pub use observer::{TrainMessage, TrainObserver};
 pub use start::leave_out_masked;
-pub use trainer::{TrainJob, Trained, eval_options, train};
+pub use trainer::{TrainJob, Trained, train};
+pub use view_pictures::{eval_options, evaluate_test_views};

@@ -4,17 +4,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use instgs_eval::{EvalReport, Evaluated, Extras, evaluate};
+use instgs_eval::{EvalReport, Evaluated};
 use instgs_io::json::write_json;
 use instgs_io::{IoError, RunFolder, View, atomic_write, checkpoint, write_ply, write_scene_file};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
-use instgs_vk::math::rng::Rng;
 use instgs_vk::optim::{Adam, ExposureStep};
-use instgs_vk::render::{DeviceScene, RenderOptions, Renderer};
+use instgs_vk::render::Renderer;
 use instgs_vk::scene::{InstancedScene, RepeatedBytes};
 
-use super::config::{Background, Method, TrainConfig};
+use super::config::{Method, TrainConfig};
 use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::event_log::EventLog;
@@ -29,10 +28,9 @@ use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
 use super::strategy::{McmcStep, Strategy};
 use super::view_order::ViewOrder;
+use super::view_pictures::{background_at, evaluate_test_views, train_options};
 use super::views::TrainViews;
 
-/// Sub-stream of the seed for random backgrounds ("back" in ASCII).
-const BACKGROUND_STREAM: u64 = 0x6261_636b;
 /// Steps between two events that report the loss.
 const REPORT_EVERY: u64 = 10;
 /// Fraction of the device's memory above which it is nearly full: other programs and allocators use some too.
@@ -293,7 +291,7 @@ fn evaluate_at_end(
     let mut renderer = Renderer::new(gpu)?;
     let device_scene = renderer.upload(scene)?;
     let mut tell = |view: Evaluated<'_>| observer.notify(TrainMessage::TestView(&view));
-    evaluate_with(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
+    evaluate_test_views(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
 }
 
 /// Blending skips an alpha below this.
@@ -403,7 +401,7 @@ impl<'a> Run<'a> {
         Ok(StepPlan {
             step,
             view,
-            options: options(config, background_at(config, step)),
+            options: train_options(config, background_at(config, step)),
             mcmc: McmcStep::new(config, &step_rates),
             rates: step_rates,
             sh_degree: config.sh_degree_at(step),
@@ -556,7 +554,7 @@ impl<'a> Run<'a> {
     /// Renders the test views in their current state and compares them with their photos.
     fn evaluate(&mut self) -> Result<EvalReport, TrainError> {
         let mut renderer = Renderer::new(self.gpu)?;
-        evaluate_with(&mut renderer, &self.state.scene, self.test, &self.job.config, &mut |_| Ok(()))
+        evaluate_test_views(&mut renderer, &self.state.scene, self.test, &self.job.config, &mut |_| Ok(()))
     }
 
     fn facts(&self, data: &TrainData) -> DatasetFacts {
@@ -569,40 +567,6 @@ impl<'a> Run<'a> {
             height,
             points: data.points.len() as u64,
             extent: data.extent,
-        }
-    }
-}
-
-/// Renders a scene from test views and compares the renderings with their photos.
-fn evaluate_with(
-    renderer: &mut Renderer,
-    scene: &DeviceScene,
-    test: &[View],
-    config: &TrainConfig,
-    on_picture: &mut dyn FnMut(Evaluated<'_>) -> Result<(), IoError>,
-) -> Result<EvalReport, TrainError> {
-    let width = (config.width > 0).then_some(config.width);
-    let extras = Extras { lpips: None, exposures: config.exposure.rate > 0.0 };
-    evaluate::<TrainError>(renderer, scene, test, width, &eval_options(config), extras, |view| Ok(on_picture(view)?))
-}
-
-fn options(config: &TrainConfig, background: [f32; 3]) -> RenderOptions {
-    RenderOptions { near: config.near as f32, background, ..RenderOptions::default() }.filtered(config.pixel_filter())
-}
-
-/// Rendering options for test views; a random background is black there.
-pub fn eval_options(config: &TrainConfig) -> RenderOptions {
-    options(config, if config.background == Background::White { [1.0; 3] } else { [0.0; 3] })
-}
-
-/// The background colour of a step.
-fn background_at(config: &TrainConfig, step: u64) -> [f32; 3] {
-    match config.background {
-        Background::Black => [0.0; 3],
-        Background::White => [1.0; 3],
-        Background::Random => {
-            let mut rng = Rng::new(config.seed).fork(BACKGROUND_STREAM).fork(step);
-            std::array::from_fn(|_| rng.uniform() as f32)
         }
     }
 }

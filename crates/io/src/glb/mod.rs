@@ -131,8 +131,8 @@ fn too_large(path: &Path, bytes: u64) -> IoError {
         .advise("keep it as .instgs")
 }
 
-/// All nodes: the root, the instances in file order, and the background. An instance with own Gaussians is followed by a child
-/// that holds them.
+/// All nodes: the root, the instances in file order, and the background. A child node behind an instance holds its own
+/// Gaussians, if it has any.
 fn nodes(writer: &mut MeshWriter, scene: &InstancedScene, up_to_y: DMat3) -> Result<Vec<Node>, String> {
     let root = Node { name: "world".into(), rotation: Some(xyzw(up_to_y)), ..Node::default() };
     let mut nodes = vec![root];

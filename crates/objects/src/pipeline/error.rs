@@ -6,7 +6,6 @@ use crate::register::RegisterError;
 use crate::segment::SegmentError;
 use crate::template::TemplateError;
 use instgs_detect::DetectError;
-use instgs_eval::EvalError;
 use instgs_io::IoError;
 use instgs_train::TrainError;
 use instgs_train::config::ConfigError;
@@ -18,15 +17,12 @@ pub enum PipelineError {
     /// A file is missing, damaged, or cannot be written.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// Training of the plain cloud or the joint phase failed.
+    /// Training of the plain cloud or the joint phase failed, or the quality of a given cloud could not be measured.
     #[error(transparent)]
     Train(#[from] TrainError),
     /// The configuration does not fit the run, or cannot be written down.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The quality of a given cloud could not be measured.
-    #[error(transparent)]
-    Eval(#[from] EvalError),
     /// The run was asked to stop; a checkpoint was written.
     #[error("stopped after {steps} steps; continue with --data {} --out {} --resume", data.display(), out.display())]
     Interrupted {

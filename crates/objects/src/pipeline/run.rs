@@ -14,14 +14,13 @@ use super::make_masks::masks_from_prompt;
 use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
 use super::prepare::{Prepared, prepare};
-use instgs_eval::{EvalError, Extras};
 use instgs_io::json::read_json;
 use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, read_views, write_ply};
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
 use instgs_train::given::{GivenCloud, given_cloud};
 use instgs_train::interrupt::Interrupt;
-use instgs_train::{TrainMessage, Trained, eval_options, leave_out_masked, train};
+use instgs_train::{TrainMessage, Trained, evaluate_test_views, leave_out_masked, train};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::InstancedScene;
@@ -210,17 +209,7 @@ impl Pipeline<'_> {
         }
         let mut renderer = Renderer::new(self.gpu)?;
         let device_scene = renderer.upload(scene)?;
-        let options = eval_options(config);
-        let tell = |_: instgs_eval::Evaluated<'_>| Ok::<(), EvalError>(());
-        let report = instgs_eval::evaluate(
-            &mut renderer,
-            &device_scene,
-            &test,
-            width,
-            &options,
-            Extras { lpips: None, exposures: config.exposure.rate > 0.0 },
-            tell,
-        )?;
+        let report = evaluate_test_views(&mut renderer, &device_scene, &test, config, &mut |_| Ok(()))?;
         Ok(Some(report.mean))
     }
 }

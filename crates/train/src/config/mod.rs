@@ -213,8 +213,8 @@ pub struct DensifyConfig {
     pub opacity_reset_to: f64,
     /// What is subtracted from every opacity after each densification; 0 = nothing.
     pub opacity_decay: f64,
-    /// Part of `max_gaussians` that is free for growth every `recycle_every` steps: a cloud that leaves less comes down to it;
-    /// 0 = nothing.
+    /// Part of `max_gaussians` that is made free for growth every `recycle_every` steps, if a cloud leaves less; 0 = nothing
+    /// is removed for growth.
     pub recycle: f64,
     /// Steps from one such time to the next; the first densification behind each multiple counts.
     pub recycle_every: u64,

@@ -1,0 +1,62 @@
+//! Room in a full cloud: `densify_cost` and `densify_retire`, as the strategy `densify` runs them, against the twin.
+
+use instgs_reference::densify::{removal_cost, retired, use_of_sources};
+use instgs_train::config::TrainConfig;
+use instgs_train::device_state::DeviceState;
+use instgs_vk::gpu::staging::write;
+use instgs_vk::kernels::Variant;
+use instgs_vk::math::rng::Rng;
+use instgs_vk::scene::Parameter;
+
+use crate::common::gpu::{assert_silent, gpu};
+use crate::densify::{EXTENT, config, instanced_case, strategy};
+
+/// A full scene frees a fifth of its cap: what the twin says costs least leaves, and the rest stays as it is. One Gaussian whose
+/// moment is not a number stays, too. It is the first densification, so the statistics are of all 200 steps.
+#[test]
+fn a_full_cloud_makes_room_where_it_is_missed_least() {
+    let Some(gpu) = gpu() else { return };
+    let chunk_size = Variant::for_device(gpu.caps()).workgroup_size;
+    for seed in 20..24 {
+        let (scene, case) = instanced_case(seed, 1);
+        let cap = scene.expanded_len() as u32;
+        let room = (f64::from(cap) * 0.8) as u32;
+        let sets = [
+            "densify.recycle=0.2",
+            "densify.recycle_every=100",
+            "densify.gradient_threshold=1e3",
+            "densify.opacity_min=0",
+        ];
+        let config = config(&[&sets[..], &[&format!("max_gaussians={cap}")]].concat());
+        let mut rng = Rng::new(seed);
+        let mut moments: Vec<[f32; 2]> =
+            (0..case.cloud.len()).map(|_| [rng.normal() as f32, 10f64.powf(rng.range(-12.0, -6.0)) as f32]).collect();
+        moments[700][1] = f32::NAN;
+        let uses = use_of_sources(&scene);
+        let cost = |i: usize| removal_cost(moments[i][1], &case.statistics[i], &uses[i], 200.0);
+        let costs: Vec<f64> = (0..case.cloud.len()).map(|i| if i == 700 { f64::INFINITY } else { cost(i) }).collect();
+        let leaves = retired(&costs, &uses, cap - room);
+        let mut state = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
+        write(&gpu, &mut state.gradients.screen_statistics, &case.statistics).unwrap();
+        write(&gpu, &mut state.moments.parameters[Parameter::OpacityLogits], &moments).unwrap();
+        let outcome = strategy(&gpu, 1).after_step(&mut state, &config, 200, EXTENT).unwrap().unwrap();
+        let got = state.download(&gpu).unwrap();
+        let mut pool = got.templates.clone();
+        pool.append(&got.background);
+        let stay: Vec<[f32; 3]> = (0..costs.len()).filter(|&i| !leaves[i]).map(|i| case.cloud.means[i]).collect();
+        assert!(pool.means == stay, "{} {}", pool.len(), stay.len());
+        assert_eq!((outcome.cloned + outcome.split, outcome.pruned as usize), (0, costs.len() - stay.len()));
+        let left = got.expanded_len() as u32;
+        assert!(left <= room && left + 4 > room, "{left} of {room}");
+        let background = leaves[450..].iter().filter(|leaves| **leaves).count();
+        assert!(outcome.pruned as usize > background && background > 10, "{} {background}", outcome.pruned);
+        // Below the cap, or in between, nobody leaves.
+        for (cap, done) in [(2 * cap, 200), (cap, 250)] {
+            let config = TrainConfig { max_gaussians: cap, ..config.clone() };
+            let mut state = DeviceState::new(&gpu, &scene, chunk_size).unwrap();
+            let outcome = strategy(&gpu, 1).after_step(&mut state, &config, done, EXTENT).unwrap();
+            assert_eq!(outcome.map_or(0, |outcome| outcome.pruned), 0, "{cap} {done}");
+        }
+    }
+    assert_silent(&gpu);
+}
