@@ -30,6 +30,7 @@ mod radix_sort;
 mod recycle;
 mod scale;
 mod scan;
+mod sensitivity;
 mod tile_marks;
 mod tile_surface;
 mod train_steps;

@@ -1,22 +1,24 @@
 //! `instgs-vk export`: writes a scene in another file format.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
 use instgs_console::args::{Triple, open_scene, parse_up};
+use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
-use instgs_console::{CliError, Printer};
+use instgs_console::{CliError, Printer, device};
 use instgs_io::{ExportFormat, Pack, export_scene};
-use instgs_vk::scene::PixelFilter;
+use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::{InstancedScene, PixelFilter};
 
 /// Writes a scene as .ply or .spz (instances are expanded into plain Gaussians), as .glb (glTF with
 /// KHR_gaussian_splatting: instances become nodes that share their template's data), or as .instgs.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk export --scene room.instgs --to room.ply\n  \
-    instgs-vk export --scene room.instgs --to small.instgs --pack small\n  \
+    instgs-vk export --scene room.instgs --to small.instgs --pack small --data room\n  \
     instgs-vk export --scene room.ply --to room.spz\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1")]
 pub(super) struct ExportArgs {
@@ -27,10 +29,16 @@ pub(super) struct ExportArgs {
     #[arg(long, value_name = "X.(ply|spz|glb|instgs)")]
     to: PathBuf,
     /// Number format of an .instgs file. f32: as they are. f16: 16 bits, except means and transforms. q8: offsets in 8
-    /// bits, the rest as f16. small: offsets in 8 bits, the rest rounded and compressed (a fifth of q8's bytes, at a
-    /// loss of a few hundredths of a dB)
+    /// bits, the rest as f16. small: everything rounded and entropy coded, with --data only as precisely as its views need
     #[arg(long, value_enum)]
     pack: Option<PackArg>,
+    /// Dataset whose training views say how precise --pack small must be: far fewer bytes for the same pictures. Photos
+    /// are not read, only cameras
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    /// Closeness of pictures of the packed scene to those of the unpacked one, dB of PSNR; lower is smaller
+    #[arg(long, value_name = "DB", default_value_t = USUAL_PICTURE_PSNR_DB, requires = "data")]
+    picture_psnr: f64,
     /// Direction of the scene that becomes glTF's up (+y) in a .glb [default: as for render's --orbit]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     up: Option<Triple>,
@@ -68,14 +76,39 @@ impl From<PackArg> for Pack {
     }
 }
 
-pub(super) fn run(args: &ExportArgs, printer: &Printer) -> Result<(), CliError> {
+/// Writes the scene as small as the views of a data set allow.
+fn pack_small(
+    args: &ExportArgs,
+    scene: &InstancedScene,
+    data: &Path,
+    device_args: &DeviceArgs,
+    printer: &Printer,
+) -> Result<(), CliError> {
+    let cameras = sensitivity_cameras(data)?;
+    let gpu = device::open(device_args.choice())?;
+    let mut progress = printer.progress("views", cameras.len() as u64);
+    write_small(&gpu, &args.to, scene, &cameras, args.picture_psnr, || progress.step("measured"))?;
+    drop(progress);
+    device::check_validation(&gpu)
+}
+
+pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let to = args.to.as_path();
     let format = ExportFormat::of(to, args.pack.map(Pack::from))?;
     if args.up.is_some() && format != ExportFormat::Glb {
         printer.warning("--up is for .glb: other formats keep the scene's axes");
     }
     let scene = open_scene(&args.scene, printer)?.scene;
-    let gaussians = export_scene(to, &scene, format, Orbit::around(&scene, args.up.map(Triple::direction)).up)?;
+    let gaussians = match &args.data {
+        Some(data) if format == ExportFormat::Instgs(Pack::Small) => {
+            pack_small(args, &scene, data, device_args, printer)?;
+            scene.source_len() as u64
+        }
+        _ => export_scene(to, &scene, format, Orbit::around(&scene, args.up.map(Triple::direction)).up)?,
+    };
+    if args.data.is_some() && format != ExportFormat::Instgs(Pack::Small) {
+        printer.warning("--data is for --pack small: other formats keep one precision everywhere");
+    }
     let filter = scene.pixel_filter;
     if format == ExportFormat::Glb && filter.antialias {
         printer.warning(format_args!(

@@ -8,6 +8,7 @@ use safetensors::tensor::TensorInfo;
 use instgs_console::CliError;
 use instgs_io::IoError;
 use instgs_io::scene_small::{SUFFIX, small_shape};
+use instgs_io::small::{CODED, coded_shape, coded_streams};
 
 /// A range of bytes of the file.
 #[derive(serde::Serialize)]
@@ -111,7 +112,7 @@ pub(super) fn tensor_parts(bytes: &[u8], path: &Path) -> Result<Vec<FilePart>, C
     tensors.sort_by(|a, b| (a.1.data_offsets, &a.0).cmp(&(b.1.data_offsets, &b.0)));
     let tensor_part = |(name, info): (String, &TensorInfo)| FilePart {
         purpose: purpose_of(&name),
-        layout: Some(format!("{:?} {:?}", info.dtype, info.shape)),
+        layout: Some(layout_of(&name, info, &bytes[LENGTH_BYTES + header_bytes..])),
         bytes: (info.data_offsets.1 - info.data_offsets.0) as u64,
         rows: rows_of(&name, info, &bytes[LENGTH_BYTES + header_bytes..]),
         name,
@@ -120,16 +121,43 @@ pub(super) fn tensor_parts(bytes: &[u8], path: &Path) -> Result<Vec<FilePart>, C
     Ok(parts)
 }
 
+/// Element type and shape of a tensor, or what a coded one holds.
+fn layout_of(name: &str, info: &TensorInfo, data: &[u8]) -> String {
+    let coded = || coded_streams(&data[info.data_offsets.0..info.data_offsets.1]);
+    match name.ends_with(CODED).then(coded).flatten() {
+        None => format!("{:?} {:?}", info.dtype, info.shape),
+        Some(streams) => {
+            let values = (streams.rows * streams.width).max(1) as f64;
+            let bits = |bytes: usize| 8.0 * bytes as f64 / values;
+            format!(
+                "[{}, {}], {:.2} bits a value entropy coded, {:.2} as they are, {} bytes of tables",
+                streams.rows,
+                streams.width,
+                bits(streams.token_bytes),
+                bits(streams.low_bytes),
+                streams.header_bytes
+            )
+        }
+    }
+}
+
 fn rows_of(name: &str, info: &TensorInfo, data: &[u8]) -> u64 {
-    let coded = || small_shape(&data[info.data_offsets.0..info.data_offsets.1]).map_or(0, |(rows, _)| rows as u64);
-    if name.ends_with(SUFFIX) { coded() } else { info.shape.first().map_or(0, |&rows| rows as u64) }
+    let bytes = &data[info.data_offsets.0..info.data_offsets.1];
+    let shape = match () {
+        () if name.ends_with(SUFFIX) => small_shape(bytes).ok(),
+        () if name.ends_with(CODED) => coded_shape(bytes).ok(),
+        () => info.shape.first().map(|&rows| (rows, 1)),
+    };
+    shape.map_or(0, |(rows, _)| rows as u64)
 }
 
 fn purpose_of(tensor: &str) -> Purpose {
-    const CLOUD: [&str; 5] = ["means", "quats", "log_scales", "opacity_logits", "sh"];
-    const OFFSETS: [&str; 7] = ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", "range"];
+    const CLOUD: [&str; 6] = ["means", "quats", "log_scales", "opacity_logits", "sh", "precision"];
+    const OFFSETS: [&str; 8] =
+        ["means", "sh_dc", "opacity_logits", "sh_rest", "log_scales", "quats", "range", "precision"];
     const INSTANCES: [&str; 5] = ["template", "world_from_template", "first_offset", "color_from_template", "own"];
-    match tensor.strip_suffix(SUFFIX).unwrap_or(tensor).split_once('.') {
+    let name = [SUFFIX, CODED].iter().find_map(|suffix| tensor.strip_suffix(suffix)).unwrap_or(tensor);
+    match name.split_once('.') {
         Some(("template", "ranges")) => Purpose::TemplateRanges,
         Some(("template", field)) if CLOUD.contains(&field) => Purpose::Templates,
         Some(("own", field)) if CLOUD.contains(&field) => Purpose::Own,

@@ -105,7 +105,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Eval(args) => eval::run(args, &cli.device, printer),
         Command::Bench(args) => bench::run(args, &cli.device, printer),
         Command::Inspect(args) => inspect::run(args, printer),
-        Command::Export(args) => export::run(args, printer),
+        Command::Export(args) => export::run(args, &cli.device, printer),
         Command::Edit(args) => edit::run(args, printer),
         Command::Train(args) => train::run(args, &cli.device, printer),
         Command::Masks(args) => masks::run(args, &cli.device, printer),

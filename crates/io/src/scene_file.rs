@@ -1,7 +1,7 @@
 //! `.instgs`: instanced scenes as a safetensors file.
 //!
-//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]) and clouds in coded tables (`scene_small.rs`,
-//! format 2). Unknown tensors and metadata are kept and written again. Writing is in [`crate::scene_write`].
+//! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]), coded clouds and offsets ([`crate::small`], format 3)
+//! and clouds in the coded tables of older versions (`scene_small.rs`, format 2). Unknown tensors and metadata are kept and written again. Writing is in [`crate::scene_write`].
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,6 +13,7 @@ use crate::ply::dilation_of;
 use crate::read_bytes;
 use crate::scene_pack::{CHANNELS, OffsetRanges, segments};
 use crate::scene_small::{SUFFIX, TableError, small_shape, small_values};
+use crate::small::{CODED, PRECISION, RowClasses, coded_shape, decoded_classes, decoded_values, is_plausible};
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::PixelFilter;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
@@ -20,8 +21,10 @@ use instgs_vk::scene::instanced_scene::{ForeignTensor, Group, Instance, Instance
 use instgs_vk::scene::offsets::Offsets;
 
 pub(crate) const FORMAT: &str = "instgs/1";
-/// Format of files with coded tables; older versions report that they cannot read it.
-pub(crate) const FORMAT_SMALL: &str = "instgs/2";
+/// Format of files with coded tables, which older versions wrote.
+pub(crate) const FORMAT_TABLES: &str = "instgs/2";
+/// Format of files with coded fields; older versions report that they cannot read it.
+pub(crate) const FORMAT_CODED: &str = "instgs/3";
 /// Value of `instance.first_offset` for an instance without offsets.
 pub(crate) const NO_OFFSET: u32 = u32::MAX;
 
@@ -42,14 +45,15 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
         header.metadata().iter().flatten().map(|(k, v)| (k.clone(), v.clone())).collect();
     let field = |name: &str, what: String| IoError::new(path, what).at(Place::Field(format!("metadata {name}")));
     match metadata.remove("format").as_deref() {
-        Some(FORMAT | FORMAT_SMALL) => {}
+        Some(FORMAT | FORMAT_TABLES | FORMAT_CODED) => {}
         Some(other) if other.starts_with("instgs/") => {
-            return Err(field("format", format!("{other} is neither {FORMAT} nor {FORMAT_SMALL}"))
+            return Err(field("format", format!("{other} is none of {FORMAT}, {FORMAT_TABLES} and {FORMAT_CODED}"))
                 .advise("this file needs a newer version of instgs-vk"));
         }
         _ => return Err(field("format", format!("is missing or not \"{FORMAT}\": this is not an instgs scene"))),
     }
-    let mut reader = Reader { path, left: tensors.iter().map(|(name, view)| (name.to_owned(), view)).collect() };
+    let left = tensors.iter().map(|(name, view)| (name.to_owned(), view)).collect();
+    let mut reader = Reader { path, left, classes: BTreeMap::new() };
 
     let mut scene = InstancedScene {
         templates: reader.cloud("template")?,
@@ -106,6 +110,8 @@ pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoE
 struct Reader<'a> {
     path: &'a Path,
     left: BTreeMap<String, TensorView<'a>>,
+    /// Classes of precision of the groups that have coded fields.
+    classes: BTreeMap<String, RowClasses>,
 }
 
 impl<'a> Reader<'a> {
@@ -117,9 +123,29 @@ impl<'a> Reader<'a> {
         self.left.get(name).is_some_and(|t| t.dtype() == Dtype::U8)
     }
 
+    /// The tensor in whichever form it has: as it is, or coded.
+    fn form_of(&self, name: &str) -> Option<(String, &TensorView<'a>)> {
+        let forms = [name.to_owned(), format!("{name}{CODED}"), format!("{name}{SUFFIX}")];
+        forms.into_iter().find_map(|form| self.left.get(&form).map(|view| (form, view)))
+    }
+
+    /// Number of rows of a tensor and of values in a row, whatever its form; `None` if it does not exist.
+    fn shape_of(&self, name: &str) -> Result<Option<(usize, usize)>, IoError> {
+        let Some((form, view)) = self.form_of(name) else { return Ok(None) };
+        let shape = match &form[name.len()..] {
+            "" => {
+                let shape = view.shape();
+                Ok((shape.first().copied().unwrap_or(0), shape.iter().skip(1).product()))
+            }
+            CODED => coded_shape(view.data()),
+            _ => small_shape(view.data()),
+        };
+        shape.map(Some).map_err(|error| self.error(&form, error.to_string()))
+    }
+
     /// True if any of the tensors exists: then all of them must.
     fn any(&self, names: &[&str]) -> bool {
-        names.iter().any(|n| self.left.contains_key(*n))
+        names.iter().any(|name| self.form_of(name).is_some())
     }
 
     /// Takes a tensor of shape `[rows, inner...]`; `rows` is checked if given. Returns its type, bytes and number of
@@ -139,16 +165,29 @@ impl<'a> Reader<'a> {
     }
 
     fn floats(&mut self, name: &str, inner: &[usize], rows: Option<usize>) -> Result<Vec<f32>, IoError> {
-        if let Some((coded, view)) = self.take_small(name)? {
-            let fail = |error: TableError| self.error(&coded, error.to_string());
-            let (has_rows, width) = small_shape(view.data()).map_err(fail)?;
+        if let Some((coded, view)) = self.take_coded(name)? {
+            let data = view.data();
+            let is_table = coded.ends_with(SUFFIX);
+            let fail = |error: TableError| IoError::new(self.path, error.to_string()).at(Place::Tensor(coded.clone()));
+            let (has_rows, width) = if is_table { small_shape(data) } else { coded_shape(data) }.map_err(fail)?;
             let want = inner.iter().product::<usize>();
             if width != want || rows.is_some_and(|rows| rows != has_rows) {
                 let rows = rows.map_or("N".into(), |rows| rows.to_string());
                 let what = format!("has {has_rows} rows of {width} numbers, not {rows} of {want}");
                 return Err(self.error(&coded, what));
             }
-            return small_values(view.data(), name.ends_with(".quats")).map_err(fail);
+            // Positions say how many rows the other tensors of a group have, and must not claim more memory than the
+            // file's size makes plausible.
+            if name.ends_with(".means") && !is_plausible(has_rows, data.len()) {
+                return Err(fail(TableError::Implausible { rows: has_rows, bytes: data.len() }));
+            }
+            let is_quats = name.ends_with(".quats") && !name.starts_with("offset.");
+            if is_table {
+                return small_values(data, is_quats).map_err(fail);
+            }
+            let group = name.split('.').next().unwrap_or_default();
+            self.read_classes(group, has_rows)?;
+            return decoded_values(data, &self.classes[group], is_quats).map_err(fail);
         }
         let (dtype, data, _) = self.take(name, inner, rows)?;
         match dtype {
@@ -158,13 +197,38 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Takes the coded table that replaces a tensor, with the table's name.
-    fn take_small(&mut self, name: &str) -> Result<Option<(String, TensorView<'a>)>, IoError> {
-        let coded = format!("{name}{SUFFIX}");
-        let Some(view) = self.left.remove(&coded) else { return Ok(None) };
-        if self.left.contains_key(name) {
-            return Err(self.error(&coded, format!("is present together with {name}")));
+    /// Reads the classes of precision of a group of so many rows, if that has not been done.
+    fn read_classes(&mut self, group: &str, rows: usize) -> Result<(), IoError> {
+        if self.classes.contains_key(group) {
+            return Ok(());
         }
+        let name = format!("{group}.{PRECISION}");
+        let classes = match self.take_coded(&name)? {
+            None => RowClasses::default(),
+            Some((coded, view)) => {
+                let fail = |error: TableError| self.error(&coded, error.to_string());
+                let (has_rows, width) = coded_shape(view.data()).map_err(fail)?;
+                if (has_rows, width) != (rows, 2) {
+                    return Err(self.error(&coded, format!("has {has_rows} rows of {width} numbers, not {rows} of 2")));
+                }
+                decoded_classes(view.data()).map_err(fail)?
+            }
+        };
+        self.classes.insert(group.to_owned(), classes);
+        Ok(())
+    }
+
+    /// Takes the coded tensor that replaces a tensor, with its name.
+    fn take_coded(&mut self, name: &str) -> Result<Option<(String, TensorView<'a>)>, IoError> {
+        let Some((coded, _)) = self.form_of(name).filter(|(form, _)| form != name) else {
+            let plain = self.left.contains_key(name);
+            let other = [CODED, SUFFIX].map(|suffix| format!("{name}{suffix}"));
+            return match other.into_iter().find(|other| plain && self.left.contains_key(other)) {
+                Some(other) => Err(self.error(&other, format!("is present together with {name}"))),
+                None => Ok(None),
+            };
+        };
+        let Some(view) = self.left.remove(&coded) else { return Ok(None) };
         if view.dtype() != Dtype::U8 {
             return Err(self.error(&coded, format!("has the type {}, not U8", dtype_name(view.dtype()))));
         }
@@ -196,19 +260,14 @@ impl<'a> Reader<'a> {
     fn cloud(&mut self, group: &str) -> Result<Gaussians, IoError> {
         let [means, quats, log_scales, logits, sh] =
             ["means", "quats", "log_scales", "opacity_logits", "sh"].map(|f| format!("{group}.{f}"));
-        let coded = [&means, &quats, &log_scales, &logits, &sh].map(|name| format!("{name}{SUFFIX}"));
-        if !self.any(&[&means, &quats, &log_scales, &logits, &sh]) && !self.any(&coded.each_ref().map(String::as_str)) {
+        if !self.any(&[&means, &quats, &log_scales, &logits, &sh]) {
             return Ok(Gaussians::default());
         }
         let means = self.vectors::<3>(&means, None)?;
         let n = Some(means.len());
-        let coefficients = match self.left.get(&coded[4]) {
-            Some(view) => {
-                let (rows, width) =
-                    small_shape(view.data()).map_err(|error| self.error(&coded[4], error.to_string()))?;
-                Some(vec![rows, width / 3, if width % 3 == 0 { 3 } else { 0 }])
-            }
-            None => self.left.get(&sh).map(|t| t.shape().to_vec()),
+        let coefficients = match self.left.get(&sh) {
+            Some(tensor) => Some(tensor.shape().to_vec()),
+            None => self.shape_of(&sh)?.map(|(rows, width)| vec![rows, width / 3, if width % 3 == 0 { 3 } else { 0 }]),
         };
         let degree = match coefficients.as_deref() {
             Some(&[_, c, 3]) => (0..=MAX_SH_DEGREE).find(|&d| sh_coefficients(d) == c),
@@ -265,7 +324,7 @@ impl<'a> Reader<'a> {
         if !self.any(&[MEANS, SH_DC, LOGITS, RANGE, SH_REST, LOG_SCALES, QUATS]) {
             return Ok(Offsets::default());
         }
-        let Some(&m) = self.left.get(MEANS).and_then(|means| means.shape().first()) else {
+        let Some((m, _)) = self.shape_of(MEANS)? else {
             return Err(self.error(MEANS, "is missing"));
         };
         let ranges = match ([MEANS, SH_DC, LOGITS].iter().any(|name| self.is_u8(name)), self.left.contains_key(RANGE)) {
@@ -308,7 +367,7 @@ impl<'a> Reader<'a> {
 
     /// Takes a tensor of floats; empty if it is absent.
     fn optional(&mut self, name: &str, inner: &[usize], rows: usize) -> Result<Vec<f32>, IoError> {
-        if self.left.contains_key(name) { self.floats(name, inner, Some(rows)) } else { Ok(Vec::new()) }
+        if self.form_of(name).is_some() { self.floats(name, inner, Some(rows)) } else { Ok(Vec::new()) }
     }
 }
 

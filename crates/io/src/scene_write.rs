@@ -8,9 +8,9 @@ use safetensors::tensor::Dtype;
 use crate::atomic_write;
 use crate::error::{IoError, Place};
 use crate::safetensors_header::{Entry, header};
-use crate::scene_file::{FORMAT, FORMAT_SMALL, NO_OFFSET};
+use crate::scene_file::{FORMAT, FORMAT_CODED, NO_OFFSET};
 use crate::scene_pack::{OffsetRanges, Pack, Underflow, fits_half, floats, halves, segments};
-use crate::scene_small::{in_space_order, small_tensors};
+use crate::small::{SmallOptions, coded_tensors};
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
 use instgs_vk::scene::offsets::Offsets;
@@ -38,31 +38,46 @@ pub fn scene_file_bytes(scene: &InstancedScene, path: &Path) -> Result<Vec<u8>, 
 
 /// The bytes that [`write_scene_file_packed`] writes.
 pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) -> Result<Vec<u8>, IoError> {
+    file_bytes(scene, pack, None, path)
+}
+
+/// Writes an `.instgs` file packed as [`Pack::Small`], with the precision that the scene's pictures need.
+///
+/// # Errors
+/// The scene is inconsistent, the sensitivity is of another scene, or the file cannot be written.
+pub fn write_small_scene_file(path: &Path, scene: &InstancedScene, options: &SmallOptions<'_>) -> Result<(), IoError> {
+    if !options.sensitivity.fits(scene) {
+        return Err(IoError::new(path, "cannot write: the sensitivity was measured on another scene"));
+    }
+    let bytes = file_bytes(scene, Pack::Small, Some(options), path)?;
+    atomic_write(path, |out| out.write_all(&bytes))
+}
+
+fn file_bytes(
+    scene: &InstancedScene,
+    pack: Pack,
+    small: Option<&SmallOptions<'_>>,
+    path: &Path,
+) -> Result<Vec<u8>, IoError> {
     scene
         .validate()
         .map_err(|e| IoError::new(path, format!("cannot write: {}", e.reason)).at(Place::Tensor(e.tensor)))?;
     let mut tensors = scene.foreign_tensors.clone();
     if pack == Pack::Small {
-        // Unknown tensors may be parallel to the background, whose order must then not change.
-        let ordered = scene.foreign_tensors.is_empty().then(|| in_space_order(&scene.background));
-        put_small(&mut tensors, "template", &scene.templates, path)?;
-        if !scene.own.is_empty() {
-            put_small(&mut tensors, "own", &scene.own, path)?;
-        }
-        put_small(&mut tensors, "background", ordered.as_ref().unwrap_or(&scene.background), path)?;
+        tensors.extend(coded_tensors(scene, small));
     } else {
         put_cloud(&mut tensors, "template", &scene.templates, pack);
         if !scene.own.is_empty() {
             put_cloud(&mut tensors, "own", &scene.own, pack);
         }
         put_cloud(&mut tensors, "background", &scene.background, pack);
+        put_offsets(&mut tensors, scene, pack);
     }
     put_instances(&mut tensors, scene);
-    put_offsets(&mut tensors, scene, pack);
 
     let json_error = |e: serde_json::Error| IoError::new(path, format!("cannot write: {e}"));
     let mut metadata = scene.foreign_metadata.clone();
-    metadata.insert("format".into(), if pack == Pack::Small { FORMAT_SMALL } else { FORMAT }.into());
+    metadata.insert("format".into(), if pack == Pack::Small { FORMAT_CODED } else { FORMAT }.into());
     metadata.insert("antialias".into(), scene.pixel_filter.antialias.to_string());
     if !scene.pixel_filter.has_usual_dilation() {
         metadata.insert("dilation_px2".into(), scene.pixel_filter.dilation_px2.to_string());
@@ -91,13 +106,6 @@ fn put_cloud(tensors: &mut Tensors, group: &str, cloud: &Gaussians, pack: Pack) 
     put("sh", small(&[n, cloud.sh_coefficients(), 3], cloud.sh.as_flattened()));
 }
 
-fn put_small(tensors: &mut Tensors, group: &str, cloud: &Gaussians, path: &Path) -> Result<(), IoError> {
-    let small =
-        small_tensors(cloud).map_err(|e| IoError::new(path, format!("cannot write: compressing {group}: {e}")))?;
-    tensors.extend(small.into_iter().map(|(name, tensor)| (format!("{group}.{name}"), tensor)));
-    Ok(())
-}
-
 fn put_instances(tensors: &mut Tensors, scene: &InstancedScene) {
     let (g, k) = (scene.template_ranges.len(), scene.instances.len());
     let mut put = |name: &str, tensor| tensors.insert(name.into(), tensor);
@@ -121,7 +129,7 @@ fn put_offsets(tensors: &mut Tensors, scene: &InstancedScene, pack: Pack) {
     let mut ranges = OffsetRanges::empty(segments(&scene.instances, &scene.template_ranges, m));
     let mut any_bytes = false;
     let mut channels = |shape: &[usize], values: &[f32], first: usize, underflow: Underflow| {
-        if !matches!(pack, Pack::Q8 | Pack::Small) || !fits_half(values) {
+        if pack != Pack::Q8 || !fits_half(values) {
             return small_floats(pack, shape, values, underflow);
         }
         any_bytes = true;

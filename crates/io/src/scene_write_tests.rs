@@ -2,11 +2,13 @@
 
 use super::*;
 use crate::scene_file::parse_scene_file;
+use crate::small::Sensitivity;
 use instgs_samples::sample;
 use instgs_samples::{sample_scene, with_ablations, with_own};
 use instgs_vk::math::rng::Rng;
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::instanced_scene::{Instance, SourceRange};
+use instgs_vk::scene::parameters::{Owner, Parameter, ParameterSet};
 
 fn path() -> &'static Path {
     Path::new("x.instgs")
@@ -172,6 +174,31 @@ fn turned(a: &[[f32; 4]], b: &[[f32; 4]]) -> f64 {
     a.iter().zip(b).map(angle).fold(0.0, f64::max)
 }
 
+/// The scene in the order of its small file: the background along a Morton curve, unless there are unknown tensors.
+fn in_file_order(scene: &InstancedScene) -> InstancedScene {
+    let mut out = scene.clone();
+    if scene.foreign_tensors.is_empty() {
+        let order = instgs_vk::math::morton::morton_order(&scene.background.means);
+        out.background = Gaussians::with_capacity(scene.background.sh_degree, scene.background.len());
+        order.into_iter().for_each(|i| out.background.push_from(&scene.background, i as usize));
+    }
+    out
+}
+
+/// The quaternions of all expanded Gaussians of templates, instance by instance.
+fn expanded_quats(scene: &InstancedScene) -> Vec<[f32; 4]> {
+    let mut out = Vec::new();
+    for instance in &scene.instances {
+        let range = scene.template_ranges[instance.template as usize];
+        for local in 0..range.count {
+            let offset = instance.first_offset.and_then(|first| scene.offsets.quats.get((first + local) as usize));
+            let quat = scene.templates.quats[(range.first + local) as usize];
+            out.push(std::array::from_fn(|i| quat[i] + offset.map_or(0.0, |offset| offset[i])));
+        }
+    }
+    out
+}
+
 #[test]
 fn small_keeps_half_a_step() -> Result<(), IoError> {
     for scene in [sample_scene(), with_ablations(), with_own(), repeated(3, 20), InstancedScene::default()] {
@@ -180,12 +207,9 @@ fn small_keeps_half_a_step() -> Result<(), IoError> {
             (&back.instances, &back.groups, &back.foreign_tensors, &back.template_ranges, &back.own_ranges),
             (&scene.instances, &scene.groups, &scene.foreign_tensors, &scene.template_ranges, &scene.own_ranges)
         );
-        assert_eq!(back.offsets, through(&scene, Pack::Q8)?.offsets);
-        let order = instgs_vk::math::morton::morton_order(&scene.background.means);
-        let mut background = Gaussians::with_capacity(scene.background.sh_degree, scene.background.len());
-        order.into_iter().for_each(|i| background.push_from(&scene.background, i as usize));
-        let want = if scene.foreign_tensors.is_empty() { &background } else { &scene.background };
-        for (a, b) in [(&scene.templates, &back.templates), (&scene.own, &back.own), (want, &back.background)] {
+        let want = in_file_order(&scene);
+        let clouds = [(&want.templates, &back.templates), (&want.own, &back.own), (&want.background, &back.background)];
+        for (a, b) in clouds {
             assert_eq!((a.sh_degree, a.len()), (b.sh_degree, b.len()));
             // Half a step, plus the rounding of f32.
             assert!(difference(a.log_scales.as_flattened(), b.log_scales.as_flattened(), 1.0) <= 0.02501);
@@ -193,11 +217,123 @@ fn small_keeps_half_a_step() -> Result<(), IoError> {
             assert!(difference(a.sh.as_flattened(), b.sh.as_flattened(), 1.0) <= 0.01001);
             // Three components of up to half a step of 0.0056; an angle is twice their length.
             assert!(turned(&a.quats, &b.quats) < 2.0 * 0.0028 * 3.0f64.sqrt() * 1.5);
+            // The step is a sixteenth of the Gaussian's size, to the nearest power of two of the usual one.
             let size = a.log_scales.iter().map(|s| (s.iter().sum::<f32>() / 3.0).exp()).fold(0.0, f32::max);
-            assert!(difference(a.means.as_flattened(), b.means.as_flattened(), 1.0) <= size / 31.9);
+            let most = size / 32.0 * std::f32::consts::SQRT_2 * 1.001;
+            assert!(difference(a.means.as_flattened(), b.means.as_flattened(), 1.0) <= most);
         }
+        let (a, b) = (&want.offsets, &back.offsets);
+        assert_eq!(a.len(), b.len());
+        assert!(difference(a.sh_dc.as_flattened(), b.sh_dc.as_flattened(), 1.0) <= 0.02001);
+        assert!(difference(&a.opacity_logits, &b.opacity_logits, 1.0) <= 0.1001);
+        assert!(difference(a.sh_rest.as_flattened(), b.sh_rest.as_flattened(), 1.0) <= 0.02001);
+        assert!(difference(a.log_scales.as_flattened(), b.log_scales.as_flattened(), 1.0) <= 0.05001);
+        // Template's and offset's error together, four components each, where their sum may be shorter than 1.
+        let (a, b) = (expanded_quats(&want), expanded_quats(&back));
+        assert!(turned(&a, &b) < 0.05, "{}", turned(&a, &b));
     }
     Ok(())
+}
+
+/// A scene whose sensitivity differs from row to row, and is the same for all values of a row.
+fn sensitive(scene: &InstancedScene) -> Sensitivity {
+    let clouds = [&scene.templates, &scene.own, &scene.background];
+    let rows = |parameter: Parameter| match parameter.owner() {
+        Owner::Source => scene.source_len(),
+        Owner::ShBand(l) => clouds.iter().filter(|cloud| l <= cloud.sh_degree).map(|cloud| cloud.len()).sum(),
+        Owner::Offset => scene.offsets.array(parameter).map_or(0, |array| array.flat().len() / parameter.width()),
+        Owner::Instance => 0,
+    };
+    // 0 for every 50th row, which no view sees.
+    let of = |row: usize| if row % 50 == 49 { 0.0 } else { 1e-3 * 4f32.powi((row % 7) as i32) };
+    Sensitivity { rows: ParameterSet::from_fn(|parameter| (0..rows(parameter)).map(of).collect()) }
+}
+
+/// By sensitivity, the mean squared error of pictures between two scenes.
+fn predicted_error(sensitivity: &Sensitivity, a: &InstancedScene, b: &InstancedScene) -> f64 {
+    let squares = |parameter: Parameter, x: &[f32], y: &[f32], width: usize| {
+        let rows = &sensitivity.rows[parameter];
+        let pairs = x.iter().zip(y).enumerate();
+        pairs.map(|(i, (x, y))| f64::from(rows[i / width]) * (f64::from(*x) - f64::from(*y)).powi(2)).sum::<f64>()
+    };
+    let [x, y] = [&a.background, &b.background];
+    squares(Parameter::LogScales, x.log_scales.as_flattened(), y.log_scales.as_flattened(), 3)
+        + squares(Parameter::OpacityLogits, &x.opacity_logits, &y.opacity_logits, 1)
+        + squares(Parameter::Means, x.means.as_flattened(), y.means.as_flattened(), 3)
+}
+
+#[test]
+fn small_is_as_precise_as_pictures_need() -> Result<(), IoError> {
+    let mut rng = Rng::new(11);
+    let mut cloud = sample(0, 3000);
+    cloud.log_scales.iter_mut().flatten().for_each(|v| *v = (rng.normal() - 3.0) as f32);
+    cloud.opacity_logits.iter_mut().for_each(|v| *v = 2.0 * rng.normal() as f32);
+    cloud.means.iter_mut().flatten().for_each(|v| *v = 4.0 * rng.normal() as f32);
+    let mut scene = InstancedScene::from_cloud(cloud);
+    // Keeps the order of the background.
+    let marker = ForeignTensor { dtype: "U8".into(), shape: vec![1], bytes: vec![7] };
+    scene.foreign_tensors.insert("marker".into(), marker);
+    let sensitivity = sensitive(&scene);
+    let packed = |psnr| -> Result<(usize, InstancedScene), IoError> {
+        let folder = tempfile::tempdir().map_err(|e| IoError::os(path(), "no folder", &e))?;
+        let file = folder.path().join("x.instgs");
+        let options = SmallOptions { sensitivity: &sensitivity, picture_psnr_db: psnr };
+        crate::write_small_scene_file(&file, &scene, &options)?;
+        let bytes = crate::read_bytes(&file)?;
+        Ok((bytes.len(), parse_scene_file(&bytes, path())?))
+    };
+    let mut last = usize::MAX;
+    for psnr in [60.0, 50.0, 40.0] {
+        let (bytes, back) = packed(psnr)?;
+        assert!(bytes < last, "{psnr} {bytes} {last}");
+        last = bytes;
+        // Rotations and colours have the rest of the error.
+        let error = predicted_error(&sensitivity, &scene, &back);
+        let most = 10f64.powf(-psnr / 10.0);
+        assert!((0.3..1.05).contains(&(error / most)), "{psnr} {}", error / most);
+    }
+    // Rows that count more are more precise.
+    let (_, back) = packed(50.0)?;
+    let error = |of: usize| {
+        let rows = (0..scene.background.len()).filter(|row| row % 50 != 49 && row % 7 == of);
+        rows.map(|row| (scene.background.means[row][0] - back.background.means[row][0]).abs()).fold(0.0, f32::max)
+    };
+    assert!(error(0) > 20.0 * error(6), "{} {}", error(0), error(6));
+    // A sensitivity of another scene is refused.
+    let mut fewer = scene.clone();
+    fewer.background.opacity_logits.pop();
+    let options = SmallOptions { sensitivity: &Sensitivity::default(), picture_psnr_db: 50.0 };
+    let refused = crate::write_small_scene_file(path(), &scene, &options).expect_err("does not fit").to_string();
+    assert!(refused.contains("another scene"), "{refused}");
+    Ok(())
+}
+
+#[test]
+fn tables_of_older_versions_are_read() -> Result<(), IoError> {
+    // Written by version 0.1.0 of 2026-11-25 with `export --pack small` from small_tables.ply.
+    let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/fixtures"));
+    let back = crate::read_scene_file(&folder.join("small_tables.instgs"))?;
+    let cloud = crate::read_ply(&folder.join("small_tables.ply"))?;
+    let want = in_file_order(&InstancedScene::from_cloud(cloud)).background;
+    assert_eq!((want.len(), want.sh_degree), (back.background.len(), back.background.sh_degree));
+    assert!(difference(want.sh.as_flattened(), back.background.sh.as_flattened(), 1.0) <= 0.01001);
+    assert!(difference(want.log_scales.as_flattened(), back.background.log_scales.as_flattened(), 1.0) <= 0.02501);
+    assert!(turned(&want.quats, &back.background.quats) < 2.0 * 0.0028 * 3.0f64.sqrt() * 1.5);
+    Ok(())
+}
+
+#[test]
+fn a_table_that_claims_too_many_rows_is_refused() {
+    // All values equal: 30 million rows in some hundred bytes.
+    let mut scene = InstancedScene::from_cloud(Gaussians::with_capacity(0, 0));
+    let cloud = sample(0, 1);
+    for _ in 0..60_000 {
+        scene.background.push_from(&cloud, 0);
+    }
+    let bytes = packed_scene_file_bytes(&scene, Pack::Small, path()).expect("written");
+    // What does not look like a scene keeps its positions as floats, and comes back.
+    assert!(bytes.len() > 12 * 60_000);
+    assert_eq!(parse_scene_file(&bytes, path()).expect("read").background.means, scene.background.means);
 }
 
 #[test]
@@ -238,10 +374,10 @@ fn damaged_tables_are_named() -> Result<(), IoError> {
     let names = ["template.means", "template.quats", "template.log_scales", "template.opacity_logits", "template.sh"];
     let (header_bytes, metadata) = safetensors::SafeTensors::read_metadata(&bytes).expect("a header");
     for name in names {
-        let name = format!("{name}.small");
+        let name = format!("{name}.coded");
         let at = 8 + header_bytes + metadata.info(&name).expect("is there").data_offsets.0;
-        // Rows, width, and a byte of the compressed stream's first word.
-        for offset in [0, 8, 16] {
+        // Rows, width, and number of parts.
+        for offset in [0, 8, 10] {
             let mut other = bytes.clone();
             other[at + offset] ^= 1;
             let error = parse_scene_file(&other, path()).expect_err("is damaged").to_string();
@@ -249,6 +385,6 @@ fn damaged_tables_are_named() -> Result<(), IoError> {
         }
     }
     let text = String::from_utf8_lossy(&bytes[..header_bytes]).into_owned();
-    assert!(text.contains("instgs/2"), "{text}");
+    assert!(text.contains("instgs/3"), "{text}");
     Ok(())
 }

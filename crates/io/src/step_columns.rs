@@ -1,4 +1,4 @@
-//! Tables of values as multiples of a step, column by column, compressed: the coding of `--pack small`.
+//! Tables of values as multiples of a step, column by column, compressed: the coding of format 2, which is only read.
 //!
 //! A table has `rows` of `width` values; a column is cut into blocks of rows with a step each. The bytes:
 //!
@@ -14,16 +14,10 @@
 use std::io::Read;
 use std::ops::Range;
 
-use rayon::prelude::*;
-
 use super::host_memory::available_bytes;
 
 /// Bytes of the header: rows, width, rows per block.
 pub(super) const HEADER_BYTES: usize = 16;
-/// Compression level of zstd, chosen for size: see the module's documentation.
-const LEVEL: i32 = 19;
-/// Upper limit on steps between the lowest and the highest value of a block: two bytes.
-const MOST_STEPS: f64 = 65535.0;
 /// Upper limit on rows per byte of a table: a real one has bits of noise in every row, so that more is damage.
 const MOST_ROWS_PER_BYTE: u64 = 1 << 16;
 /// Bytes per block: lowest value and step.
@@ -79,6 +73,20 @@ pub enum TableError {
     /// Allocating the values failed.
     #[error("takes too much memory: {0}")]
     Allocation(std::collections::TryReserveError),
+    /// Frequencies of tokens do not add up, or a value has none.
+    #[error("has impossible frequencies")]
+    Frequencies,
+    /// Classes of precision are missing, impossible, or of another number of rows.
+    #[error("has no classes of precision for its rows")]
+    Classes,
+    /// There are more rows than the bytes make plausible.
+    #[error("claims {rows} rows in {bytes} bytes, more than a scene can have")]
+    Implausible {
+        /// The number of rows.
+        rows: usize,
+        /// The number of bytes.
+        bytes: usize,
+    },
     /// A row of a table of rotations is not a coded quaternion.
     #[error("has an invalid rotation")]
     Rotation,
@@ -125,34 +133,7 @@ impl Shape {
     }
 }
 
-/// Codes finite `values`, `width` per row, in blocks of `block_rows`; `step_of` returns the step of a range of rows, 0
-/// for the finest possible.
-///
-/// # Errors
-/// zstd fails.
-pub(super) fn encode(
-    values: &[f32],
-    width: usize,
-    block_rows: usize,
-    step_of: impl Fn(Range<usize>) -> f32 + Sync,
-) -> std::io::Result<Vec<u8>> {
-    let shape = Shape { rows: values.len() / width, width, block_rows };
-    let columns: Vec<Column> = (0..width).into_par_iter().map(|c| Column::new(values, &shape, c, &step_of)).collect();
-    let mut plain = Vec::with_capacity(values.len() * 2);
-    columns.iter().for_each(|column| column.blocks.iter().for_each(|block| block.write(&mut plain)));
-    plain.extend(columns.iter().map(|column| column.bytes));
-    for column in &columns {
-        for byte in 0..column.bytes {
-            plain.extend(column.steps.iter().map(|&q| q.to_le_bytes()[byte as usize]));
-        }
-    }
-    let mut out = (shape.rows as u64).to_le_bytes().to_vec();
-    out.extend([width, block_rows].into_iter().flat_map(|v| (v as u32).to_le_bytes()));
-    out.extend(zstd::bulk::compress(&plain, LEVEL)?);
-    Ok(out)
-}
-
-/// Decodes the output of [`encode`] to values, row by row.
+/// Decodes a table to values, row by row.
 ///
 /// # Errors
 /// The bytes are not a whole table, or its values do not fit host memory.
@@ -207,33 +188,10 @@ struct Block {
 }
 
 impl Block {
-    /// The block of `values`, with a step of at least `step`.
-    fn new(values: impl Iterator<Item = f32> + Clone, step: f32) -> Self {
-        let low = f64::from(values.clone().fold(f32::INFINITY, f32::min));
-        let high = f64::from(values.fold(f32::NEG_INFINITY, f32::max));
-        // One step less than available, for the rounding of both ends; and not finer than the precision of the values,
-        // whose step counts an i64 could not hold.
-        let precision = low.abs().max(high.abs()) * f64::from(f32::EPSILON);
-        let step =
-            f64::from(step).max((high - low) / (MOST_STEPS - 1.0)).max(precision).max(f64::from(f32::MIN_POSITIVE));
-        // Rounded up, so that the bound holds in f32.
-        let step = if f64::from(step as f32) < step { (step as f32).next_up() } else { step as f32 };
-        Self { lowest: (low / f64::from(step)).round() as i64, step }
-    }
-
-    fn steps(&self, value: f32) -> u16 {
-        ((f64::from(value) / f64::from(self.step)).round() as i64 - self.lowest) as u16
-    }
-
     fn value(&self, steps: u16) -> f32 {
         let value = (self.lowest as f64 + f64::from(steps)) * f64::from(self.step);
         // Half a step beyond the largest f32 must not become infinite.
         value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32
-    }
-
-    fn write(&self, out: &mut Vec<u8>) {
-        out.extend(self.lowest.to_le_bytes());
-        out.extend(self.step.to_le_bytes());
     }
 
     fn read(bytes: &[u8]) -> Self {
@@ -242,34 +200,95 @@ impl Block {
     }
 }
 
-struct Column {
-    blocks: Vec<Block>,
-    /// Steps of each row above the lowest value of its block.
-    steps: Vec<u16>,
-    /// Bytes per value: 0, 1 or 2.
-    bytes: u8,
-}
-
-impl Column {
-    fn new(values: &[f32], shape: &Shape, c: usize, step_of: &impl Fn(Range<usize>) -> f32) -> Self {
-        let of = |rows: Range<usize>| rows.map(|row| values[row * shape.width + c]);
-        let blocks: Vec<Block> = shape.blocks().map(|rows| Block::new(of(rows.clone()), step_of(rows))).collect();
-        let mut steps = Vec::with_capacity(shape.rows);
-        for (block, rows) in blocks.iter().zip(shape.blocks()) {
-            steps.extend(of(rows).map(|value| block.steps(value)));
-        }
-        let bytes = match steps.iter().max() {
-            None | Some(0) => 0,
-            Some(..=255) => 1,
-            Some(_) => 2,
-        };
-        Self { blocks, steps, bytes }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rayon::prelude::*;
+    use std::ops::Range;
+    /// What older versions wrote.
+    /// Compression level of zstd, chosen for size: see the module's documentation.
+    const LEVEL: i32 = 19;
+    /// Upper limit on steps between the lowest and the highest value of a block: two bytes.
+    const MOST_STEPS: f64 = 65535.0;
+
+    /// Codes finite `values`, `width` per row, in blocks of `block_rows`; `step_of` returns the step of a range of rows, 0
+    /// for the finest possible.
+    ///
+    /// # Errors
+    /// zstd fails.
+    fn encode(
+        values: &[f32],
+        width: usize,
+        block_rows: usize,
+        step_of: impl Fn(Range<usize>) -> f32 + Sync,
+    ) -> std::io::Result<Vec<u8>> {
+        let shape = Shape { rows: values.len() / width, width, block_rows };
+        let columns: Vec<Column> =
+            (0..width).into_par_iter().map(|c| Column::new(values, &shape, c, &step_of)).collect();
+        let mut plain = Vec::with_capacity(values.len() * 2);
+        columns.iter().for_each(|column| column.blocks.iter().for_each(|block| block.write(&mut plain)));
+        plain.extend(columns.iter().map(|column| column.bytes));
+        for column in &columns {
+            for byte in 0..column.bytes {
+                plain.extend(column.steps.iter().map(|&q| q.to_le_bytes()[byte as usize]));
+            }
+        }
+        let mut out = (shape.rows as u64).to_le_bytes().to_vec();
+        out.extend([width, block_rows].into_iter().flat_map(|v| (v as u32).to_le_bytes()));
+        out.extend(zstd::bulk::compress(&plain, LEVEL)?);
+        Ok(out)
+    }
+
+    impl Block {
+        /// The block of `values`, with a step of at least `step`.
+        fn new(values: impl Iterator<Item = f32> + Clone, step: f32) -> Self {
+            let low = f64::from(values.clone().fold(f32::INFINITY, f32::min));
+            let high = f64::from(values.fold(f32::NEG_INFINITY, f32::max));
+            // One step less than available, for the rounding of both ends; and not finer than the precision of the values,
+            // whose step counts an i64 could not hold.
+            let precision = low.abs().max(high.abs()) * f64::from(f32::EPSILON);
+            let step =
+                f64::from(step).max((high - low) / (MOST_STEPS - 1.0)).max(precision).max(f64::from(f32::MIN_POSITIVE));
+            // Rounded up, so that the bound holds in f32.
+            let step = if f64::from(step as f32) < step { (step as f32).next_up() } else { step as f32 };
+            Self { lowest: (low / f64::from(step)).round() as i64, step }
+        }
+
+        fn steps(&self, value: f32) -> u16 {
+            ((f64::from(value) / f64::from(self.step)).round() as i64 - self.lowest) as u16
+        }
+
+        fn write(&self, out: &mut Vec<u8>) {
+            out.extend(self.lowest.to_le_bytes());
+            out.extend(self.step.to_le_bytes());
+        }
+    }
+
+    struct Column {
+        blocks: Vec<Block>,
+        /// Steps of each row above the lowest value of its block.
+        steps: Vec<u16>,
+        /// Bytes per value: 0, 1 or 2.
+        bytes: u8,
+    }
+
+    impl Column {
+        fn new(values: &[f32], shape: &Shape, c: usize, step_of: &impl Fn(Range<usize>) -> f32) -> Self {
+            let of = |rows: Range<usize>| rows.map(|row| values[row * shape.width + c]);
+            let blocks: Vec<Block> = shape.blocks().map(|rows| Block::new(of(rows.clone()), step_of(rows))).collect();
+            let mut steps = Vec::with_capacity(shape.rows);
+            for (block, rows) in blocks.iter().zip(shape.blocks()) {
+                steps.extend(of(rows).map(|value| block.steps(value)));
+            }
+            let bytes = match steps.iter().max() {
+                None | Some(0) => 0,
+                Some(..=255) => 1,
+                Some(_) => 2,
+            };
+            Self { blocks, steps, bytes }
+        }
+    }
+
     use instgs_vk::math::rng::Rng;
 
     fn back(values: &[f32], width: usize, block_rows: usize, step: f32) -> Vec<f32> {

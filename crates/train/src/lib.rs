@@ -18,6 +18,7 @@ pub mod initial;
 pub mod interrupt;
 pub mod memory;
 pub mod observer;
+pub mod sensitivity;
 mod start;
 pub mod state_file;
 pub mod step_runner;
@@ -30,6 +31,7 @@ pub mod views;
 
 pub use error::TrainError;
 pub use observer::{TrainMessage, TrainObserver};
+pub use sensitivity::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras, write_small};
 pub use start::leave_out_masked;
 pub use trainer::{TrainJob, Trained, train};
 pub use view_pictures::{eval_options, evaluate_test_views};

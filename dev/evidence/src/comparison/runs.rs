@@ -10,6 +10,8 @@ use instgs_io::{IoError, RunFolder, copy_file};
 use instgs_objects::pipeline::config::RunConfig;
 use instgs_objects::pipeline::{PipelineJob, makes_scene};
 use instgs_report::RunReport;
+use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
+use instgs_vk::scene::InstancedScene;
 
 /// The inputs that one seed's runs share.
 pub(crate) struct Runs<'a> {
@@ -26,6 +28,19 @@ impl Runs<'_> {
     /// The run folder of the given name.
     pub(crate) fn folder(&self, name: &str) -> RunFolder {
         RunFolder::new(self.out.join(name))
+    }
+
+    /// Writes a scene as `NAME.instgs`, packed small for the training views at the size they are trained at.
+    pub(crate) fn write_small(&self, name: &str, scene: &InstancedScene) -> Result<PathBuf, CliError> {
+        let file = self.out.join(format!("{name}.instgs"));
+        let mut cameras = sensitivity_cameras(self.data)?;
+        let width = self.config.train.width;
+        for camera in cameras.iter_mut().filter(|camera| (1..camera.width).contains(&width)) {
+            let height = f64::from(camera.height) * f64::from(width) / f64::from(camera.width);
+            *camera = camera.resized(width, (height.round() as u32).max(1));
+        }
+        write_small(self.session.gpu, &file, scene, &cameras, USUAL_PICTURE_PSNR_DB, || ())?;
+        Ok(file)
     }
 
     /// Trains in a folder of its own, or resumes the run there.

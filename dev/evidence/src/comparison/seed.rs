@@ -52,10 +52,10 @@ pub(super) fn compare_seed(
     let same_time = runs.continued("same_time", more)?;
 
     let instanced = load_scene(&runs.folder("instgs").scene())?.scene;
-    let packed = [("f16", Pack::F16), ("q8", Pack::Q8), ("small", Pack::Small)];
-    for (name, pack) in packed {
+    for (name, pack) in [("f16", Pack::F16), ("q8", Pack::Q8)] {
         write_scene_file_packed(&runs.out.join(format!("{name}.instgs")), &instanced, pack)?;
     }
+    runs.write_small("small", &instanced)?;
     let mut subjects = vec![
         Subject {
             name: names::START,
@@ -136,8 +136,7 @@ impl Runs<'_> {
             }
             Rival::Small => {
                 let cloud = load_scene(&self.folder("same_time").point_cloud())?.scene;
-                let file = self.out.join("same_time_small.instgs");
-                write_scene_file_packed(&file, &cloud, Pack::Small)?;
+                let file = self.write_small("same_time_small", &cloud)?;
                 Ok(of_cloud(names::SAME_TIME_SMALL, file, same_time))
             }
             Rival::Rigid => {

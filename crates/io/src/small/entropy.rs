@@ -1,0 +1,439 @@
+//! Columns of integers, entropy coded: the payload of a coded tensor of `--pack small`.
+//!
+//! An integer v becomes u = 2 |v| - [v < 0]; u below 16 is a *token* of its own, a larger one the token of its highest two
+//! bits, followed by the lower bits as they are. Tokens are coded by asymmetric numeral systems (crate `constriction`) with
+//! the frequencies of their *model* and *context*: columns of the same kind share a model, and the context of a row is its
+//! class of precision, since values that were rounded more coarsely are smaller. Contexts with few tokens are merged.
+//!
+//! The bytes: number of ANS words u32; for each model its contexts' table numbers, then the tables (number of tokens u8, then
+//! token u8 and frequency u16 of each; one token alone has no frequency and takes no bits); the ANS words u16; the lower bits
+//! from the lowest bit of the first byte on. All little-endian; columns one after another, rows in order.
+
+use constriction::stream::model::{ContiguousCategoricalEntropyModel, SmallContiguousLookupDecoderModel};
+use constriction::stream::stack::SmallAnsCoder;
+use constriction::stream::{Decode, Encode};
+
+use crate::step_columns::TableError;
+
+/// Number of contexts: the classes of precision.
+pub(super) const CONTEXTS: usize = 15;
+/// Integers have at most this magnitude, so that 2 |v| fits u32 with room.
+pub(super) const MOST_STEPS: f64 = (1 << 29) as f64;
+/// Values of u below this are tokens of their own.
+const EXACT: u32 = 16;
+/// Number of tokens: 16 exact ones, and two for each highest bit from 4 to 31.
+const TOKENS: usize = EXACT as usize + 2 * 28;
+/// Bits of frequencies: a table's sum is 4096.
+const PRECISION: usize = 12;
+/// A context with fewer tokens than this shares its table with the next ones: a table takes some 40 bytes.
+const LEAST_TOKENS: u32 = 400;
+
+/// The kinds of a table's columns and the rows' contexts, which encoder and decoder know from elsewhere.
+pub(super) struct Layout<'a> {
+    /// Number of rows.
+    pub(super) rows: usize,
+    /// For each column its model, counted from 0 without gaps, and whether rows have contexts in it.
+    pub(super) columns: &'a [ColumnKind<'a>],
+}
+
+/// A column's model and contexts.
+#[derive(Clone, Copy)]
+pub(super) struct ColumnKind<'a> {
+    pub(super) model: usize,
+    /// The context of each row, below [`CONTEXTS`]; `None` if all rows have context 0.
+    pub(super) contexts: Option<&'a [u8]>,
+}
+
+impl Layout<'_> {
+    fn models(&self) -> usize {
+        self.columns.iter().map(|column| column.model + 1).max().unwrap_or(0)
+    }
+
+    /// Index of the model and context of every value, column by column.
+    fn places(&self) -> impl Iterator<Item = usize> + '_ {
+        self.columns.iter().flat_map(move |column| {
+            (0..self.rows).map(move |row| column.model * CONTEXTS + column.contexts.map_or(0, |c| usize::from(c[row])))
+        })
+    }
+}
+
+/// Token, number of lower bits, and lower bits of an integer.
+fn token_of(value: i32) -> (u8, u32, u32) {
+    let u = 2 * value.unsigned_abs() - u32::from(value < 0);
+    if u < EXACT {
+        return (u as u8, 0, 0);
+    }
+    let top = u.ilog2();
+    let low = top - 1;
+    ((EXACT + 2 * (top - 4) + (u >> low & 1)) as u8, low, u & ((1 << low) - 1))
+}
+
+/// Number of lower bits of a token, and u without them.
+fn base_of(token: u8) -> (u32, u32) {
+    let token = u32::from(token);
+    if token < EXACT {
+        return (0, token);
+    }
+    let (top, second) = (4 + (token - EXACT) / 2, (token - EXACT) % 2);
+    (top - 1, (2 + second) << (top - 1))
+}
+
+fn value_of(u: u32) -> i32 {
+    let magnitude = u.div_ceil(2) as i32;
+    if u % 2 == 1 { -magnitude } else { magnitude }
+}
+
+/// The tokens of a table in order, and their frequencies, whose sum is 4096; empty for a table that no value uses.
+#[derive(Clone, Default)]
+struct Frequencies {
+    tokens: Vec<u8>,
+    frequencies: Vec<u16>,
+}
+
+impl Frequencies {
+    fn of(counts: &[u32; TOKENS]) -> Self {
+        let total: u64 = counts.iter().map(|&c| u64::from(c)).sum();
+        let used: Vec<(u8, u32)> =
+            counts.iter().enumerate().filter(|(_, c)| **c > 0).map(|(t, &c)| (t as u8, c)).collect();
+        let scaled = |count: u32| (u64::from(count) << PRECISION).checked_div(total).unwrap_or(0).max(1) as u16;
+        let mut frequencies: Vec<u16> = used.iter().map(|&(_, count)| scaled(count)).collect();
+        // Rounding down leaves some over; at least 1 for each may have taken too many. The largest one bears both.
+        if let Some(largest) = (0..used.len()).max_by_key(|&i| (frequencies[i], std::cmp::Reverse(i))) {
+            let others: u32 = frequencies.iter().map(|&f| u32::from(f)).sum::<u32>() - u32::from(frequencies[largest]);
+            frequencies[largest] = ((1 << PRECISION) - others.min((1 << PRECISION) - 1)) as u16;
+        }
+        Self { tokens: used.iter().map(|&(token, _)| token).collect(), frequencies }
+    }
+
+    fn write(&self, out: &mut Vec<u8>) {
+        out.push(self.tokens.len() as u8);
+        for (&token, frequency) in self.tokens.iter().zip(&self.frequencies) {
+            out.push(token);
+            if self.tokens.len() > 1 {
+                out.extend(frequency.to_le_bytes());
+            }
+        }
+    }
+
+    fn read(bytes: &mut Bytes<'_>) -> Result<Self, TableError> {
+        let count = bytes.take::<1>()?[0];
+        let mut out = Self::default();
+        for _ in 0..count {
+            out.tokens.push(bytes.take::<1>()?[0]);
+            out.frequencies.push(if count == 1 { 1 << PRECISION } else { u16::from_le_bytes(bytes.take::<2>()?) });
+        }
+        let sum: u32 = out.frequencies.iter().map(|&f| u32::from(f)).sum();
+        let ordered = out.tokens.windows(2).all(|pair| pair[0] < pair[1]);
+        let known = out.tokens.iter().all(|&token| usize::from(token) < TOKENS);
+        let positive = out.frequencies.iter().all(|&f| f > 0);
+        if ordered && known && positive && (count == 0 || sum == 1 << PRECISION) {
+            Ok(out)
+        } else {
+            Err(TableError::Frequencies)
+        }
+    }
+}
+
+/// Bytes that are read from the front.
+struct Bytes<'a>(&'a [u8]);
+
+impl Bytes<'_> {
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], TableError> {
+        let (first, rest) = self.0.split_first_chunk::<N>().ok_or(TableError::TooShort)?;
+        self.0 = rest;
+        Ok(*first)
+    }
+}
+
+/// Codes integers of at most [`MOST_STEPS`], column by column.
+pub(super) fn encode(layout: &Layout<'_>, values: &[i32]) -> Vec<u8> {
+    let models = layout.models();
+    let mut counts = vec![[0u32; TOKENS]; models * CONTEXTS];
+    for (place, &value) in layout.places().zip(values) {
+        counts[place][usize::from(token_of(value).0)] += 1;
+    }
+    let mut out = vec![0; 4];
+    let mut tables: Vec<Frequencies> = Vec::new();
+    let mut table_of = Vec::with_capacity(counts.len());
+    for contexts in counts.chunks(CONTEXTS) {
+        let mut sums = [0u32; TOKENS];
+        let mut left: u32 = contexts.iter().flatten().sum();
+        for context in contexts {
+            // All tables are at most 15 a model; a tensor has at most 10 models.
+            table_of.push(tables.len() as u8);
+            sums.iter_mut().zip(context).for_each(|(sum, count)| *sum += count);
+            left -= context.iter().sum::<u32>();
+            if sums.iter().sum::<u32>() >= LEAST_TOKENS && left >= LEAST_TOKENS {
+                tables.push(Frequencies::of(&std::mem::replace(&mut sums, [0; TOKENS])));
+            }
+        }
+        tables.push(Frequencies::of(&sums));
+    }
+    out.extend(&table_of);
+    out.push(tables.len() as u8);
+    tables.iter().for_each(|table| table.write(&mut out));
+    let coders: Vec<Option<Coder>> = tables.iter().map(Coder::of).collect();
+
+    let mut bits = BitWriter::default();
+    let mut tokens = Vec::with_capacity(values.len());
+    for (place, &value) in layout.places().zip(values) {
+        let (token, count, low) = token_of(value);
+        bits.push(low, count);
+        tokens.push((table_of[place], token));
+    }
+    let mut ans = SmallAnsCoder::new();
+    for &(table, token) in tokens.iter().rev() {
+        if let Some(coder) = &coders[usize::from(table)] {
+            let _ = ans.encode_symbol(coder.index[usize::from(token)], &coder.model);
+        }
+    }
+    let words = ans.into_compressed().unwrap_or_else(|never| match never {});
+    out[..4].copy_from_slice(&(words.len() as u32).to_le_bytes());
+    out.extend(words.iter().flat_map(|word| word.to_le_bytes()));
+    out.extend(bits.finish());
+    out
+}
+
+/// A table for encoding; a table of one token needs none.
+struct Coder {
+    model: ContiguousCategoricalEntropyModel<u16, Vec<u16>, PRECISION>,
+    /// Index of each token in the table.
+    index: [usize; TOKENS],
+}
+
+impl Coder {
+    fn of(table: &Frequencies) -> Option<Self> {
+        if table.tokens.len() < 2 {
+            return None;
+        }
+        let mut index = [0; TOKENS];
+        table.tokens.iter().enumerate().for_each(|(i, &token)| index[usize::from(token)] = i);
+        let model =
+            ContiguousCategoricalEntropyModel::from_nonzero_fixed_point_probabilities(&table.frequencies, false);
+        model.ok().map(|model| Self { model, index })
+    }
+}
+
+/// A table for decoding.
+enum Decoder {
+    /// No value uses it.
+    Unused,
+    /// Every value has this token.
+    Constant(u8),
+    Table(SmallContiguousLookupDecoderModel, Vec<u8>),
+}
+
+impl Decoder {
+    fn of(table: Frequencies) -> Result<Self, TableError> {
+        Ok(match table.tokens[..] {
+            [] => Self::Unused,
+            [token] => Self::Constant(token),
+            _ => {
+                let model = SmallContiguousLookupDecoderModel::from_nonzero_fixed_point_probabilities(
+                    &table.frequencies,
+                    false,
+                );
+                Self::Table(model.map_err(|()| TableError::Frequencies)?, table.tokens)
+            }
+        })
+    }
+}
+
+/// Bytes of a payload's tokens and lower bits; `None` for what is no payload. Tokens take
+/// their entropy to within 1 %.
+pub(super) fn stream_bytes(models: usize, coded: &[u8]) -> Option<[usize; 2]> {
+    let mut bytes = Bytes(coded);
+    let words = u32::from_le_bytes(bytes.take().ok()?) as usize;
+    bytes.0 = bytes.0.get(models * CONTEXTS..)?;
+    for _ in 0..bytes.take::<1>().ok()?[0] {
+        Frequencies::read(&mut bytes).ok()?;
+    }
+    let low = bytes.0.len().checked_sub(2 * words)?;
+    Some([2 * words, low])
+}
+
+/// Decodes the output of [`encode`]; `put` is called for each value, column by column.
+///
+/// # Errors
+/// The bytes are not a whole payload of this layout.
+pub(super) fn decode(layout: &Layout<'_>, coded: &[u8], mut put: impl FnMut(i32)) -> Result<(), TableError> {
+    let mut bytes = Bytes(coded);
+    let words = u32::from_le_bytes(bytes.take()?) as usize;
+    let mut table_of = Vec::with_capacity(layout.models() * CONTEXTS);
+    for _ in 0..layout.models() * CONTEXTS {
+        table_of.push(bytes.take::<1>()?[0]);
+    }
+    let tables = bytes.take::<1>()?[0];
+    let tables: Vec<Decoder> =
+        (0..tables).map(|_| Decoder::of(Frequencies::read(&mut bytes)?)).collect::<Result<_, _>>()?;
+    if table_of.iter().any(|&table| usize::from(table) >= tables.len()) {
+        return Err(TableError::Frequencies);
+    }
+    let (words, bits) = bytes.0.split_at_checked(2 * words).ok_or(TableError::TooShort)?;
+    let words: Vec<u16> = words.as_chunks::<2>().0.iter().map(|&pair| u16::from_le_bytes(pair)).collect();
+    // The last word is the state, which is never 0.
+    let mut ans = SmallAnsCoder::from_compressed(words).map_err(|_| TableError::Frequencies)?;
+    let mut bits = BitReader { bytes: bits, held: 0, count: 0 };
+    for place in layout.places() {
+        let token = match &tables[usize::from(table_of[place])] {
+            Decoder::Unused => return Err(TableError::Frequencies),
+            Decoder::Constant(token) => *token,
+            Decoder::Table(model, tokens) => {
+                let index = ans.decode_symbol(model).map_err(|_| TableError::TooShort)?;
+                tokens[index]
+            }
+        };
+        let (count, base) = base_of(token);
+        let low = if count == 0 { 0 } else { bits.take(count).ok_or(TableError::TooShort)? };
+        put(value_of(base | low));
+    }
+    if !ans.is_empty() || !bits.bytes.is_empty() {
+        return Err(TableError::TooLong);
+    }
+    Ok(())
+}
+
+#[derive(Default)]
+struct BitWriter {
+    bytes: Vec<u8>,
+    held: u64,
+    count: u32,
+}
+
+impl BitWriter {
+    /// Appends the lowest `count` bits of `value`, at most 32.
+    fn push(&mut self, value: u32, count: u32) {
+        self.held |= u64::from(value) << self.count;
+        self.count += count;
+        while self.count >= 8 {
+            self.bytes.push(self.held as u8);
+            self.held >>= 8;
+            self.count -= 8;
+        }
+    }
+
+    fn finish(mut self) -> Vec<u8> {
+        if self.count > 0 {
+            self.bytes.push(self.held as u8);
+        }
+        self.bytes
+    }
+}
+
+struct BitReader<'a> {
+    bytes: &'a [u8],
+    held: u64,
+    count: u32,
+}
+
+impl BitReader<'_> {
+    /// The next `count` bits, at most 32; `None` beyond the end.
+    fn take(&mut self, count: u32) -> Option<u32> {
+        while self.count < count {
+            let (&byte, rest) = self.bytes.split_first()?;
+            self.bytes = rest;
+            self.held |= u64::from(byte) << self.count;
+            self.count += 8;
+        }
+        let value = self.held & ((1 << count) - 1);
+        self.held >>= count;
+        self.count -= count;
+        Some(value as u32)
+    }
+}
+
+/// Bits that the tokens and lower bits of integers take at least: the entropy of the tokens in their contexts, and the lower
+/// bits.
+#[cfg(test)]
+fn entropy_bits(layout: &Layout<'_>, values: &[i32]) -> f64 {
+    let mut counts = vec![[0u32; TOKENS]; layout.models() * CONTEXTS];
+    let mut bits = 0.0;
+    for (place, &value) in layout.places().zip(values) {
+        let (token, low, _) = token_of(value);
+        counts[place][usize::from(token)] += 1;
+        bits += f64::from(low);
+    }
+    for table in &counts {
+        let total: f64 = table.iter().map(|&c| f64::from(c)).sum();
+        bits += table.iter().filter(|&&c| c > 0).map(|&c| f64::from(c) * (total / f64::from(c)).log2()).sum::<f64>();
+    }
+    bits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use instgs_vk::math::rng::Rng;
+
+    fn back(layout: &Layout<'_>, coded: &[u8]) -> Result<Vec<i32>, TableError> {
+        let mut out = Vec::new();
+        decode(layout, coded, |value| out.push(value))?;
+        Ok(out)
+    }
+
+    #[test]
+    fn every_integer_has_one_token() {
+        let most = MOST_STEPS as i32;
+        for value in (-70..70).chain([-most, 1 - most, most - 1, most, 1 << 20, -(1 << 20), 12345, -99999]) {
+            let (token, count, low) = token_of(value);
+            let (bits, base) = base_of(token);
+            assert!(usize::from(token) < TOKENS && bits == count && u64::from(low) < 1 << count, "{value}");
+            assert_eq!(value_of(base | low), value);
+        }
+    }
+
+    #[test]
+    fn integers_come_back_near_their_entropy() {
+        let mut rng = Rng::new(5);
+        let rows = 20_000;
+        let contexts: Vec<u8> = (0..rows).map(|_| rng.index(CONTEXTS) as u8).collect();
+        let kinds = [(0, Some(&contexts[..])), (0, Some(&contexts[..])), (1, None), (2, Some(&contexts[..]))];
+        let columns = kinds.map(|(model, contexts)| ColumnKind { model, contexts });
+        let layout = Layout { rows, columns: &columns };
+        let mut values = Vec::new();
+        for column in 0..4 {
+            for &context in &contexts {
+                // Spread follows the context; the third column is constant, the last one reaches far.
+                let spread = (f64::from(context) - 6.0).exp2() * if column == 3 { 1e4 } else { 1.0 };
+                values.push(if column == 2 { -7 } else { (rng.normal() * spread).round() as i32 });
+            }
+        }
+        let coded = encode(&layout, &values);
+        assert_eq!(back(&layout, &coded).expect("decodes"), values);
+        let least = entropy_bits(&layout, &values) / 8.0;
+        assert!((coded.len() as f64) < least * 1.01 + 2500.0, "{} {least}", coded.len());
+    }
+
+    #[test]
+    fn small_and_empty_tables_come_back() {
+        for rows in [0, 1, 2, 30] {
+            let contexts: Vec<u8> = (0..rows).map(|i| (i % CONTEXTS) as u8).collect();
+            let columns = [ColumnKind { model: 0, contexts: Some(&contexts) }, ColumnKind { model: 1, contexts: None }];
+            let layout = Layout { rows, columns: &columns };
+            let values: Vec<i32> = (0..2 * rows as i32).map(|i| i * i - 40).collect();
+            assert_eq!(back(&layout, &encode(&layout, &values)).expect("decodes"), values);
+        }
+    }
+
+    #[test]
+    fn damaged_bytes_never_panic_and_short_ones_are_refused() {
+        let mut rng = Rng::new(9);
+        let rows = 700;
+        let contexts: Vec<u8> = (0..rows).map(|_| rng.index(CONTEXTS) as u8).collect();
+        let columns = [ColumnKind { model: 0, contexts: Some(&contexts) }; 3];
+        let layout = Layout { rows, columns: &columns };
+        let values: Vec<i32> = (0..3 * rows).map(|_| (rng.normal() * 30.0) as i32).collect();
+        let coded = encode(&layout, &values);
+        for end in 0..coded.len() {
+            assert!(back(&layout, &coded[..end]).is_err(), "{end}");
+        }
+        for _ in 0..3000 {
+            let mut other = coded.clone();
+            let at = rng.index(other.len());
+            other[at] ^= 1 << rng.index(8);
+            if let Ok(values) = back(&layout, &other) {
+                assert_eq!(values.len(), 3 * rows);
+            }
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! A coded field: rows of values, each a whole number of steps from where it begins.
+//!
+//! The columns form *parts* (an SH band, say), and a part has one step for all rows or one that doubles with the row's class
+//! of precision. The bytes: rows u64, columns u16, parts u8, flags u8 ([`DELTA`]); for each part its columns u16, step f32,
+//! most f32 and kind u8; the centre f32 of each column; then the entropy-coded integers (`entropy.rs`). Value = centre + integer * step, or
+//! with `DELTA` the previous row's value + integer * step, so that nothing accumulates: the encoder predicts from what the
+//! decoder has.
+
+use super::entropy::{self, CONTEXTS, ColumnKind, Layout, MOST_STEPS};
+use crate::step_columns::TableError;
+
+/// Class of the middle: a step is `base * 2^(class - MIDDLE)`.
+pub(super) const MIDDLE: u8 = (CONTEXTS / 2) as u8;
+/// Flag: integers are differences from the row before.
+const DELTA: u8 = 1;
+/// Bytes of the fixed part of the header, and for each part.
+const HEADER_BYTES: usize = 12;
+const PART_BYTES: usize = 11;
+/// A field has at most this many columns: 15 coefficients of SH in 3 colours are 45, with coefficient 0 48.
+const MOST_COLUMNS: usize = 64;
+
+/// What a part's step follows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Follows {
+    /// All rows have the same step.
+    Nothing,
+    /// The class of the row's shape: position, rotation, sizes.
+    Shape,
+    /// The class of the row's colour: opacity, SH.
+    Colour,
+}
+
+/// Columns with one step, or one step per class.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Part {
+    pub(super) columns: usize,
+    /// The step of rows of the class `MIDDLE`, in units of the values.
+    pub(super) step: f32,
+    /// No row has a larger step, whatever its class.
+    pub(super) most: f32,
+    pub(super) follows: Follows,
+}
+
+/// Classes of precision, one of each kind per row, below [`CONTEXTS`]; empty where no part follows them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Classes {
+    pub(super) shape: Vec<u8>,
+    pub(super) colour: Vec<u8>,
+}
+
+impl Classes {
+    fn of(&self, follows: Follows) -> Option<&[u8]> {
+        match follows {
+            Follows::Nothing => None,
+            Follows::Shape => Some(&self.shape),
+            Follows::Colour => Some(&self.colour),
+        }
+    }
+}
+
+/// How the values of a field are to be coded.
+pub(super) struct Plan<'a> {
+    pub(super) parts: &'a [Part],
+    pub(super) classes: &'a Classes,
+    /// Whether values are far from 0, so that the middle of each column should be.
+    pub(super) centred: bool,
+    /// Whether neighbouring rows have similar values.
+    pub(super) delta: bool,
+}
+
+/// The header of a coded field.
+#[derive(Clone, Debug)]
+pub(super) struct Shape {
+    pub(super) rows: usize,
+    pub(super) width: usize,
+    parts: Vec<Part>,
+    delta: bool,
+    centres: Vec<f32>,
+    /// Where the integers begin.
+    payload: usize,
+}
+
+impl Part {
+    /// The step of rows of each class.
+    pub(super) fn steps(&self) -> [f64; CONTEXTS] {
+        let of = |class: usize| f64::from(self.step) * (class as f64 - f64::from(MIDDLE)).exp2();
+        std::array::from_fn(|class| of(class).min(f64::from(self.most)))
+    }
+}
+
+impl Shape {
+    /// Parses the header.
+    ///
+    /// # Errors
+    /// There is no header, or it is impossible.
+    pub(super) fn of(coded: &[u8]) -> Result<Self, TableError> {
+        let too_short = TableError::NoHeader { bytes: coded.len() };
+        let Some((header, rest)) = coded.split_first_chunk::<HEADER_BYTES>() else { return Err(too_short) };
+        let rows = u64::from_le_bytes(std::array::from_fn(|i| header[i]));
+        let width = usize::from(u16::from_le_bytes([header[8], header[9]]));
+        let (count, flags) = (usize::from(header[10]), header[11]);
+        let Some((parts, rest)) = rest.split_at_checked(count * PART_BYTES) else { return Err(too_short) };
+        let Some((centres, _)) = rest.split_at_checked(4 * width) else { return Err(too_short) };
+        let parts: Option<Vec<Part>> = parts.as_chunks::<PART_BYTES>().0.iter().map(part_of).collect();
+        let parts = parts.ok_or(TableError::Frequencies)?;
+        let counts = TableError::Counts { rows, width: width as u32, block_rows: count as u32 };
+        let columns: usize = parts.iter().map(|part| part.columns).sum();
+        if columns != width || width == 0 || width > MOST_COLUMNS || flags > DELTA || rows > u64::from(u32::MAX) {
+            return Err(counts);
+        }
+        let centres: Vec<f32> = centres.as_chunks::<4>().0.iter().map(|&b| f32::from_le_bytes(b)).collect();
+        let mut numbers = parts.iter().flat_map(|part| [part.step, part.most]).chain(centres.iter().copied());
+        if let Some(number) = numbers.find(|number| !number.is_finite()) {
+            return Err(TableError::Step(number));
+        }
+        let payload = HEADER_BYTES + count * PART_BYTES + 4 * width;
+        Ok(Self { rows: rows as usize, width, parts, delta: flags == DELTA, centres, payload })
+    }
+}
+
+impl Shape {
+    /// Bytes of the tokens and of the lower bits; `None` if the payload is damaged.
+    pub(super) fn stream_bytes(&self, coded: &[u8]) -> Option<[usize; 2]> {
+        entropy::stream_bytes(self.parts.len(), coded.get(self.payload..)?)
+    }
+}
+
+fn part_of(bytes: &[u8; PART_BYTES]) -> Option<Part> {
+    let [c0, c1, s0, s1, s2, s3, m0, m1, m2, m3, kind] = *bytes;
+    let follows = match kind {
+        0 => Follows::Nothing,
+        1 => Follows::Shape,
+        2 => Follows::Colour,
+        _ => return None,
+    };
+    let [step, most] = [[s0, s1, s2, s3], [m0, m1, m2, m3]].map(f32::from_le_bytes);
+    Some(Part { columns: usize::from(u16::from_le_bytes([c0, c1])), step, most, follows })
+}
+
+/// The column kinds of parts: one model per part.
+fn kinds<'a>(parts: &[Part], classes: &'a Classes) -> Vec<ColumnKind<'a>> {
+    let kind = |(model, part): (usize, &Part)| {
+        std::iter::repeat_n(ColumnKind { model, contexts: classes.of(part.follows) }, part.columns)
+    };
+    parts.iter().enumerate().flat_map(kind).collect()
+}
+
+/// The part of each column.
+fn by_column(parts: &[Part]) -> Vec<Part> {
+    parts.iter().flat_map(|part| std::iter::repeat_n(*part, part.columns)).collect()
+}
+
+/// Codes finite values, row by row.
+pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Vec<u8> {
+    let width: usize = plan.parts.iter().map(|part| part.columns).sum();
+    let column = |c: usize| (0..rows).map(move |row| values[row * width + c]);
+    let centres: Vec<f32> = (0..width).map(|c| if plan.centred { middle(column(c)) } else { 0.0 }).collect();
+    // Steps must reach the farthest value in MOST_STEPS even where their class is the finest.
+    let mut first = 0;
+    let parts: Vec<Part> = plan
+        .parts
+        .iter()
+        .map(|part| {
+            let columns = first..first + part.columns;
+            first = columns.end;
+            let reach = columns.map(|c| reach(column(c), centres[c], plan.delta)).fold(0.0, f64::max);
+            let least = (reach / MOST_STEPS * (MIDDLE as f64 + 1.0).exp2()).max(f64::from(f32::MIN_POSITIVE));
+            Part { step: part.step.max(least as f32), most: part.most.max(least as f32), ..*part }
+        })
+        .collect();
+
+    let mut out = (rows as u64).to_le_bytes().to_vec();
+    out.extend((width as u16).to_le_bytes());
+    out.extend([parts.len() as u8, if plan.delta { DELTA } else { 0 }]);
+    for part in &parts {
+        out.extend((part.columns as u16).to_le_bytes());
+        out.extend(part.step.to_le_bytes());
+        out.extend(part.most.to_le_bytes());
+        out.push(match part.follows {
+            Follows::Nothing => 0,
+            Follows::Shape => 1,
+            Follows::Colour => 2,
+        });
+    }
+    out.extend(centres.iter().flat_map(|centre| centre.to_le_bytes()));
+    let mut steps = Vec::with_capacity(values.len());
+    for (c, part) in by_column(&parts).iter().enumerate() {
+        let classes = plan.classes.of(part.follows);
+        let (mut from, of_class) = (f64::from(centres[c]), part.steps());
+        for (row, value) in column(c).enumerate() {
+            let step = of_class[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
+            let integer = ((f64::from(value) - from) / step).round();
+            steps.push(integer as i32);
+            if plan.delta {
+                from += integer * step;
+            }
+        }
+    }
+    out.extend(entropy::encode(&Layout { rows, columns: &kinds(&parts, plan.classes) }, &steps));
+    out
+}
+
+/// Decodes the output of [`encode`] to values, row by row. The caller has checked that memory for them is plausible.
+///
+/// # Errors
+/// The bytes are not a whole field, or the classes that it follows are not those of its rows.
+pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableError> {
+    let shape = Shape::of(coded)?;
+    let Shape { rows, width, .. } = shape;
+    for part in &shape.parts {
+        if classes.of(part.follows).is_some_and(|classes| classes.len() != rows) {
+            return Err(TableError::Classes);
+        }
+    }
+    let mut values = Vec::new();
+    values.try_reserve_exact(rows * width).map_err(TableError::Allocation)?;
+    values.resize(rows * width, 0.0f32);
+    let columns: Vec<_> = by_column(&shape.parts).iter().map(|part| (part.steps(), classes.of(part.follows))).collect();
+    let (mut c, mut row) = (0, 0);
+    let mut from = f64::from(shape.centres[0]);
+    entropy::decode(&Layout { rows, columns: &kinds(&shape.parts, classes) }, &coded[shape.payload..], |integer| {
+        let (steps, classes) = &columns[c];
+        let value = from + f64::from(integer) * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
+        // Half a step beyond the largest f32 must not become infinite.
+        values[row * width + c] = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32;
+        if shape.delta {
+            from = value;
+        }
+        row += 1;
+        if row == rows {
+            (c, row) = (c + 1, 0);
+            from = shape.centres.get(c).map_or(0.0, |&centre| f64::from(centre));
+        }
+    })?;
+    Ok(values)
+}
+
+/// The middle between the lowest and the highest value.
+fn middle(values: impl Iterator<Item = f32> + Clone) -> f32 {
+    let low = values.clone().fold(f32::INFINITY, f32::min);
+    let high = values.fold(f32::NEG_INFINITY, f32::max);
+    let middle = ((f64::from(low) + f64::from(high)) / 2.0) as f32;
+    if middle.is_finite() { middle } else { 0.0 }
+}
+
+/// The largest difference that a column has to code.
+fn reach(values: impl Iterator<Item = f32> + Clone, centre: f32, delta: bool) -> f64 {
+    let of = |values: &mut dyn Iterator<Item = f32>| {
+        values.fold(0.0f64, |reach, value| reach.max((f64::from(value) - f64::from(centre)).abs()))
+    };
+    // Differences of neighbours are at most the whole range, and a step more for what was rounded before.
+    of(&mut values.into_iter()) * if delta { 2.5 } else { 1.0 }
+}

@@ -1,0 +1,156 @@
+//! `--pack small`: a scene in the fewest bytes at which its pictures stay what they are.
+//!
+//! Each tensor `NAME` of a cloud or of offsets becomes the U8 tensor `NAME.coded` (`field.rs`): its values are rounded to
+//! steps and entropy coded (`entropy.rs`). Two classes per row, one for its shape and one for its colour, say how often the
+//! steps are doubled or halved; they are the columns of `GROUP.precision.coded`.
+//!
+//! With a [`Sensitivity`], which says how much a change of each parameter changes the pictures of the training views, steps
+//! are those at which every parameter adds the same error, and that error is such that the pictures stay as close as asked
+//! for (`steps.rs`). Without one, positions follow the sizes of Gaussians and the other steps are fixed.
+//!
+//! Positions are differences from the Gaussian before, in Morton order where the order is free: the background's, and that of
+//! the own Gaussians of an instance. Rotations are the index of the largest component and the other three, the largest being
+//! positive; offsets of quaternions are scaled with their template's, so that their sums stay the same rotations.
+
+mod entropy;
+mod field;
+mod rotation;
+mod sensitivity;
+mod source;
+mod steps;
+
+pub use sensitivity::{Sensitivity, SmallOptions};
+
+pub(crate) use rotation::whole_quat;
+
+use crate::scene_pack::floats;
+use crate::step_columns::TableError;
+use field::{Classes, Follows, Part, Plan};
+use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
+use source::Table;
+
+/// Suffix of the name of a coded tensor.
+pub const CODED: &str = ".coded";
+/// Name of the tensor of a group's classes of precision, without the group and [`CODED`].
+pub(crate) const PRECISION: &str = "precision";
+
+/// Positions have at most this many rows per coded byte, beyond [`FREE_ROWS`]: real ones take 2 to 4 bytes a row, and a file
+/// must not claim more memory than its size makes plausible.
+const MOST_ROWS_PER_BYTE: usize = 64;
+/// Number of rows that are plausible whatever the bytes.
+const FREE_ROWS: usize = 4096;
+
+/// True if so many rows of positions are plausible in a coded tensor of `bytes`.
+pub(crate) fn is_plausible(rows: usize, bytes: usize) -> bool {
+    rows <= FREE_ROWS + MOST_ROWS_PER_BYTE * bytes
+}
+
+/// The number of rows of a coded tensor, and of values per row.
+///
+/// # Errors
+/// There is no header, or it is impossible.
+pub fn coded_shape(coded: &[u8]) -> Result<(usize, usize), TableError> {
+    field::Shape::of(coded).map(|shape| (shape.rows, shape.width))
+}
+
+/// The parts of a coded tensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CodedStreams {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of values per row.
+    pub width: usize,
+    /// Bytes of the header: steps, centres, and frequencies of tokens.
+    pub header_bytes: usize,
+    /// Bytes of the entropy-coded tokens.
+    pub token_bytes: usize,
+    /// Bytes of the lower bits, which are stored as they are.
+    pub low_bytes: usize,
+}
+
+/// The parts of a coded tensor; `None` if it is damaged.
+pub fn coded_streams(coded: &[u8]) -> Option<CodedStreams> {
+    let shape = field::Shape::of(coded).ok()?;
+    let [token_bytes, low_bytes] = shape.stream_bytes(coded)?;
+    let header_bytes = coded.len() - token_bytes - low_bytes;
+    Some(CodedStreams { rows: shape.rows, width: shape.width, header_bytes, token_bytes, low_bytes })
+}
+
+/// The tensors of a scene's clouds and offsets by name. Fields that cannot be coded (values that are not finite, rotations of
+/// zero length, empty ones) stay floats.
+pub(crate) fn coded_tensors(
+    scene: &InstancedScene,
+    options: Option<&SmallOptions<'_>>,
+) -> Vec<(String, ForeignTensor)> {
+    let tables = source::tables(scene, options.map(|options| options.sensitivity));
+    let plans = steps::plan(&tables, options.map(|options| options.picture_psnr_db));
+    let mut out = Vec::new();
+    for (table, plan) in tables.iter().zip(&plans) {
+        // Only few scenes have own Gaussians; the other tensors are there even if empty.
+        if table.rows > 0 || table.group != "own" {
+            put_table(&mut out, table, plan);
+        }
+    }
+    out
+}
+
+fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps::TableSteps) {
+    let group = table.group;
+    let coded = |bytes: Vec<u8>| ForeignTensor { dtype: "U8".into(), shape: vec![bytes.len()], bytes };
+    let mut any = false;
+    for (field, parts) in table.fields.iter().zip(&plan.parts) {
+        let name = format!("{group}.{}", field.name);
+        let how = Plan { parts, classes: &plan.classes, centred: field.centred, delta: field.delta };
+        let bytes = field.can_be_coded.then(|| field::encode(&field.values, table.rows, &how));
+        match bytes.filter(|bytes| field.name != "means" || is_plausible(table.rows, bytes.len())) {
+            Some(bytes) => {
+                any = true;
+                out.push((name + CODED, coded(bytes)));
+            }
+            None => out.push((name, floats(&[&[table.rows], &field.shape[..]].concat(), &field.values))),
+        }
+    }
+    if any {
+        let classes: Vec<f32> =
+            plan.classes.shape.iter().zip(&plan.classes.colour).flat_map(|(&s, &c)| [s, c].map(f32::from)).collect();
+        let part = Part { columns: 1, step: 1.0, most: 1.0, follows: Follows::Nothing };
+        let how = Plan { parts: &[part; 2], classes: &Classes::default(), centred: false, delta: true };
+        out.push((format!("{group}.{PRECISION}{CODED}"), coded(field::encode(&classes, table.rows, &how))));
+    }
+}
+
+/// The classes of precision of a group's rows, from the bytes of its tensor.
+///
+/// # Errors
+/// The bytes are not a whole table of classes.
+pub(crate) fn decoded_classes(coded: &[u8]) -> Result<RowClasses, TableError> {
+    let (_, width) = coded_shape(coded)?;
+    let values = field::decode(coded, &Classes::default())?;
+    let class = |value: f32| {
+        Some(value as u8).filter(|&class| f32::from(class) == value && usize::from(class) < entropy::CONTEXTS)
+    };
+    let classes: Option<Vec<u8>> = values.iter().map(|&value| class(value)).collect();
+    let classes = classes.filter(|_| width == 2).ok_or(TableError::Classes)?;
+    let column = |c: usize| classes.iter().skip(c).step_by(2).copied().collect();
+    Ok(RowClasses(Classes { shape: column(0), colour: column(1) }))
+}
+
+/// The classes of precision of a group's rows.
+#[derive(Default)]
+pub(crate) struct RowClasses(Classes);
+
+/// The values of a coded field, row by row; if `is_quats`, four for each coded rotation.
+///
+/// # Errors
+/// The bytes are not a whole field of rows with these classes, or a rotation is invalid.
+pub(crate) fn decoded_values(coded: &[u8], classes: &RowClasses, is_quats: bool) -> Result<Vec<f32>, TableError> {
+    let values = field::decode(coded, &classes.0)?;
+    if !is_quats {
+        return Ok(values);
+    }
+    let whole = |&[index, a, b, c]: &[f32; 4]| {
+        (0..4).find(|&i| i as f32 == index).and_then(|index| whole_quat(index, [a, b, c]))
+    };
+    let quats: Option<Vec<[f32; 4]>> = values.as_chunks::<4>().0.iter().map(whole).collect();
+    quats.map(|quats| quats.as_flattened().to_vec()).ok_or(TableError::Rotation)
+}

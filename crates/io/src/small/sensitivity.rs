@@ -1,0 +1,39 @@
+//! How much a change of a parameter changes pictures.
+
+use instgs_vk::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::parameters::{Owner, Parameter, ParameterSet};
+
+/// How much the pictures of some views change with each row of each parameter: the mean, over the row's values and over all
+/// views, of the sum over pixels and channels of the squared derivative of the colour, divided by the number of pixels times
+/// three. An error e of one value thus adds about e^2 times this to the mean squared error of a picture (Gauss-Newton).
+///
+/// Rows are those of the scene that it was measured on: source Gaussians as templates, own, background, an SH band only
+/// where their cloud has it; offset records.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sensitivity {
+    /// By parameter, one number per row, 0 or more; empty for parameters that the scene has not.
+    pub rows: ParameterSet<Vec<f32>>,
+}
+
+impl Sensitivity {
+    /// True if it has a row for every row of the scene.
+    pub fn fits(&self, scene: &InstancedScene) -> bool {
+        let clouds = [&scene.templates, &scene.own, &scene.background];
+        let of = |parameter: Parameter| match parameter.owner() {
+            Owner::Source => Some(scene.source_len()),
+            Owner::ShBand(l) => Some(clouds.iter().filter(|cloud| l <= cloud.sh_degree).map(|cloud| cloud.len()).sum()),
+            Owner::Offset => scene.offsets.array(parameter).map(|array| array.flat().len() / parameter.width()),
+            Owner::Instance => None,
+        };
+        self.rows.iter().all(|(parameter, rows)| of(parameter).is_none_or(|count| count == rows.len()))
+    }
+}
+
+/// How `--pack small` rounds a scene whose sensitivity is known.
+#[derive(Clone, Copy, Debug)]
+pub struct SmallOptions<'a> {
+    /// Of the scene that is packed.
+    pub sensitivity: &'a Sensitivity,
+    /// PSNR that pictures of the packed scene have beside those of the unpacked one, dB, by the measure of `sensitivity`.
+    pub picture_psnr_db: f64,
+}

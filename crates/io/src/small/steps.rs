@@ -1,0 +1,179 @@
+//! The steps of all fields.
+//!
+//! With sensitivity s, an error e of a value adds about s e^2 to the mean squared error of pictures, and a step d causes
+//! d^2 / 12 on average. For a given sum the fewest bits are taken where every value adds the same: d = sqrt(12 D / s). A row
+//! has one class for all fields that follow its shape and one for its colour, the mean of what they would like; what a field
+//! likes on the whole is in its own step.
+
+use super::entropy::CONTEXTS;
+use super::field::{Classes, Follows, MIDDLE, Part};
+use super::source::{Field, FieldPart, Table};
+
+/// Halvings of the range in which D is sought: 2^-60 of a range of 200 octaves.
+const HALVINGS: usize = 60;
+/// At most this many rows of a table are looked at to predict the error.
+const LOOKED_AT: usize = 20_000;
+
+/// Positions have at most this many of the steps that they have without sensitivity: half the Gaussian's size.
+const MOST_FIXED_STEPS: f64 = 8.0;
+
+/// The steps of a table.
+pub(super) struct TableSteps {
+    pub(super) classes: Classes,
+    /// By field.
+    pub(super) parts: Vec<Vec<Part>>,
+}
+
+/// Plans the steps of all tables, by sensitivity for pictures of `picture_psnr_db` beside the unpacked ones, or fixed ones.
+pub(super) fn plan(tables: &[Table], picture_psnr_db: Option<f64>) -> Vec<TableSteps> {
+    let Some(psnr) = picture_psnr_db else { return tables.iter().map(fixed).collect() };
+    let wishes: Vec<Wishes> = tables.iter().map(Wishes::of).collect();
+    let most = 10f64.powf(-psnr / 10.0);
+    let error = |octaves: f64| tables.iter().zip(&wishes).map(|(table, wish)| wish.error(table, octaves)).sum::<f64>();
+    // Steps are 2^octaves times those for D = 1.
+    let (mut low, mut high) = (-100.0, 100.0);
+    for _ in 0..HALVINGS {
+        let middle = (low + high) / 2.0;
+        if error(middle) > most { high = middle } else { low = middle }
+    }
+    tables.iter().zip(wishes).map(|(table, wish)| wish.steps(table, low)).collect()
+}
+
+/// The classes of rows whose step is `2^octaves` times that of the middle.
+fn class_of(octaves: f64) -> u8 {
+    // The cast saturates.
+    (octaves + f64::from(MIDDLE)).round().clamp(0.0, (CONTEXTS - 1) as f64) as u8
+}
+
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Steps without sensitivity: those of positions follow sizes, the others are the same for all rows.
+fn fixed(table: &Table) -> TableSteps {
+    let octaves: Vec<f64> =
+        table.fixed_mean_steps.iter().map(|step| step.max(f64::from(f32::MIN_POSITIVE)).log2()).collect();
+    let middle = median(octaves.iter().copied());
+    let part = |part: &FieldPart| {
+        let is_mean = part.fixed == 0.0;
+        Part {
+            columns: part.columns,
+            step: if is_mean { middle.exp2() as f32 } else { part.fixed },
+            most: part.most,
+            follows: if is_mean { Follows::Shape } else { Follows::Nothing },
+        }
+    };
+    TableSteps {
+        classes: Classes {
+            shape: octaves.iter().map(|octaves| class_of(octaves - middle)).collect(),
+            colour: vec![MIDDLE; table.rows],
+        },
+        parts: table.fields.iter().map(|field| field.parts.iter().map(part).collect()).collect(),
+    }
+}
+
+/// What the parts of a table would like for D = 1.
+struct Wishes {
+    classes: Classes,
+    /// By field and part: logarithm of the step of the middle class, to base 2; `None` where it is fixed.
+    steps: Vec<Vec<Option<f64>>>,
+}
+
+/// Logarithm of the wished step, to base 2.
+fn wish(sensitivity: f32, floor: f64) -> f64 {
+    0.5 * (12.0 / f64::from(sensitivity).max(floor)).log2()
+}
+
+impl Wishes {
+    fn of(table: &Table) -> Self {
+        let mut sums = [vec![0.0; table.rows], vec![0.0; table.rows]];
+        let mut counts = [0.0, 0.0];
+        let mut steps = Vec::new();
+        for field in &table.fields {
+            let mut of_field = Vec::new();
+            for part in &field.parts {
+                let kind = match part.follows {
+                    Follows::Shape => 0,
+                    Follows::Colour => 1,
+                    Follows::Nothing => {
+                        of_field.push(None);
+                        continue;
+                    }
+                };
+                // What no view sees counts as a millionth of the usual: its class is the coarsest.
+                let floor = 1e-6 * median(part.sensitivity.iter().map(|&s| f64::from(s))).max(1e-30);
+                let wished: Vec<f64> = part.sensitivity.iter().map(|&s| wish(s, floor)).collect();
+                let middle = median(wished.iter().copied());
+                sums[kind].iter_mut().zip(&wished).for_each(|(sum, wish)| *sum += wish - middle);
+                counts[kind] += 1.0;
+                of_field.push(Some(middle));
+            }
+            steps.push(of_field);
+        }
+        let [shape, colour] = std::array::from_fn(|kind: usize| {
+            sums[kind].iter().map(|sum| class_of(sum / f64::max(counts[kind], 1.0))).collect()
+        });
+        Self { classes: Classes { shape, colour }, steps }
+    }
+
+    fn part(&self, field: usize, index: usize, part: &FieldPart, octaves: f64) -> Part {
+        let step = self.steps[field][index].map_or(part.fixed, |wish| (wish + octaves).exp2() as f32);
+        Part {
+            columns: part.columns,
+            step: step.clamp(f32::MIN_POSITIVE, f32::MAX),
+            most: part.most,
+            follows: part.follows,
+        }
+    }
+
+    /// The mean squared error that the steps add to pictures.
+    fn error(&self, table: &Table, octaves: f64) -> f64 {
+        let every = table.rows.div_ceil(LOOKED_AT).max(1);
+        let mut sum = 0.0;
+        for (f, field) in table.fields.iter().enumerate().filter(|(_, field)| field.can_be_coded) {
+            let width: usize = field.parts.iter().map(|part| part.columns).sum();
+            let mut first = 0;
+            for (p, part) in field.parts.iter().enumerate() {
+                let steps = self.part(f, p, part, octaves).steps();
+                let columns = first..first + part.columns;
+                first = columns.end;
+                let classes = match part.follows {
+                    Follows::Nothing => continue,
+                    Follows::Shape => &self.classes.shape,
+                    Follows::Colour => &self.classes.colour,
+                };
+                for row in (0..table.rows).step_by(every) {
+                    let step = steps[usize::from(classes[row])];
+                    let values = columns.clone().map(|c| f64::from(field.values[row * width + c]));
+                    let squares: f64 = values.map(|value| square_error(field, value, step)).sum();
+                    sum += every as f64 * f64::from(part.sensitivity[row]) * squares;
+                }
+            }
+        }
+        sum
+    }
+
+    fn steps(mut self, table: &Table, octaves: f64) -> TableSteps {
+        // What these views hardly see, others may: nothing moves by more than a part of its size.
+        let of_mean = table.fields.iter().enumerate().find(|(_, field)| field.name == "means");
+        if let Some(steps) = of_mean.map(|(f, field)| self.part(f, 0, &field.parts[0], octaves).steps()) {
+            for (class, fixed) in self.classes.shape.iter_mut().zip(&table.fixed_mean_steps) {
+                while *class > 0 && steps[usize::from(*class)] > MOST_FIXED_STEPS * fixed {
+                    *class -= 1;
+                }
+            }
+        }
+        let parts =
+            table.fields.iter().enumerate().map(|(f, field)| {
+                field.parts.iter().enumerate().map(|(p, part)| self.part(f, p, part, octaves)).collect()
+            });
+        TableSteps { parts: parts.collect(), classes: self.classes }
+    }
+}
+
+/// Squared error of a value: as rounding leaves it, or on average where it is coded as a difference.
+fn square_error(field: &Field, value: f64, step: f64) -> f64 {
+    if field.delta { step * step / 12.0 } else { (value - (value / step).round() * step).powi(2) }
+}
