@@ -181,15 +181,15 @@ fn bad_masks(whole: &Path) -> Vec<(Vec<u8>, Vec<&'static str>)> {
     ids.truncate((width * (height - 1)) as usize);
     write_mask(&path, &Mask { width, height: height - 1, ids }).unwrap();
     let small = fs::read(&path).unwrap();
-    // Ids above 65535 in three channels, as some tools write them.
-    image::RgbImage::from_pixel(width, height, image::Rgb([1, 1, 1])).save(&path).unwrap();
+    let deep_color = image::Rgb([1u16, 2, 3]);
+    image::ImageBuffer::from_pixel(width, height, deep_color).save(&path).unwrap();
     let colored = fs::read(&path).unwrap();
     let mut deep = fs::read(whole).unwrap();
     deep[24] = 32;
     let cut = fs::read(whole).unwrap()[..60].to_vec();
     vec![
         (small, vec!["128x71", "128x72"]),
-        (colored, vec!["8 bits of Rgb", "8 or 16 bits of grey"]),
+        (colored, vec!["16 bits of Rgb", "8 or 16 bits of grey"]),
         (deep, vec!["cannot decode the mask"]),
         (cut, vec!["cannot decode the mask"]),
         (b"II*\0 a TIFF of 32 bits".to_vec(), vec!["cannot decode the mask"]),

@@ -12,6 +12,7 @@ mod common;
 
 mod architecture;
 mod boxes;
+mod cases;
 mod cli;
 mod cli_edit;
 mod cli_eval;

@@ -11,6 +11,7 @@ use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::Table;
 use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_eval::{EvalReport, Extras, Metrics, PicturePair, evaluate};
+use instgs_io::dataset::{MissingPhotos, leave_out_missing};
 use instgs_io::picture_png::write_png;
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
@@ -49,6 +50,9 @@ pub(super) struct EvalArgs {
     /// Folder for a picture of every view: rendering, photo, and 4 times their difference, side by side
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Leave out views without a photo, however many they are; up to half of them always are
+    #[arg(long)]
+    skip_missing: bool,
     /// Also PSNR up to the photo's exposure: the affine map of colours that fits one half best is applied to the other
     #[arg(long)]
     exposures: bool,
@@ -62,11 +66,13 @@ pub(super) struct EvalArgs {
 
 pub(super) fn run(args: &EvalArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = open_scene(&args.scene, printer)?;
-    let views = args.split.views(&args.data)?;
-    let cameras: Vec<_> = views.iter().map(|v| v.camera.clone()).collect();
-    let file_names = picture_files::names(&cameras)?;
+    let mut views = args.split.views(&args.data, printer)?;
     let weights = args.lpips.weights();
     let lpips = weights.as_ref().ok().map(|path| args.lpips.load(path)).transpose()?;
+    let may_be_missing = if args.skip_missing { MissingPhotos::Skip } else { MissingPhotos::Few };
+    leave_out_missing(&mut views, may_be_missing)?.iter().for_each(|note| printer.warning(note));
+    let cameras: Vec<_> = views.iter().map(|v| v.camera.clone()).collect();
+    let file_names = picture_files::names(&cameras)?;
     args.out.as_deref().map(create_folder).transpose()?;
     let options = args.look.options(&loaded.scene);
     let place = args.scene.display();

@@ -92,7 +92,7 @@ pub(super) fn run(args: &FindArgs, printer: &Printer) -> Result<(), CliError> {
     let boxes = read_boxes(&args.boxes)?;
     let selected = args.selected(&boxes)?;
     let groups = args.against.as_deref().map(read_groups).transpose()?;
-    let cameras = args.cameras()?;
+    let cameras = args.cameras(printer)?;
     let cloud = open_scene(&args.scene, printer)?.scene.flatten();
     if let Some(folder) = args.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
         create_folder(folder)?;
@@ -146,9 +146,9 @@ impl FindArgs {
     }
 
     /// Cameras of the data set's training views; empty without --data.
-    fn cameras(&self) -> Result<Vec<Camera>, CliError> {
+    fn cameras(&self, printer: &Printer) -> Result<Vec<Camera>, CliError> {
         let Some(data) = &self.data else { return Ok(Vec::new()) };
-        Ok(SplitArg::Train.views(data)?.into_iter().map(|view| view.camera).collect())
+        Ok(SplitArg::Train.views(data, printer)?.into_iter().map(|view| view.camera).collect())
     }
 
     fn report<'a>(

@@ -68,6 +68,12 @@ pub(super) struct TrainArgs {
     /// Downscale training pictures to this width
     #[arg(long, value_name = "W")]
     width: Option<u32>,
+    /// Leave out views without a photo, however many they are; up to half of them always are
+    #[arg(long)]
+    skip_missing: bool,
+    /// Folder of masks of the pixels that count: black ones are neither trained on nor compared
+    #[arg(long, value_name = "DIR")]
+    pixel_masks: Option<PathBuf>,
     /// Seed of all random choices
     #[arg(long, value_name = "S")]
     seed: Option<u64>,
@@ -102,7 +108,14 @@ impl TrainArgs {
         if let Some(method) = &self.method {
             builder = builder.flag("--method", "method", method.as_str())?;
         }
-        let paths = [("--init", "init_scene", &self.init), ("--groups", "groups", &self.groups)];
+        if self.skip_missing {
+            builder = builder.flag("--skip-missing", "skip_missing", true)?;
+        }
+        let paths = [
+            ("--init", "init_scene", &self.init),
+            ("--groups", "groups", &self.groups),
+            ("--pixel-masks", "pixel_masks", &self.pixel_masks),
+        ];
         for (flag, key, path) in paths {
             if let Some(path) = path {
                 builder = builder.flag(flag, key, absolute(flag, path)?)?;

@@ -63,18 +63,25 @@ pub enum SplitArg {
 }
 
 impl SplitArg {
-    /// The dataset's views of this split, at least one.
-    pub fn views(self, folder: &Path) -> Result<Vec<View>, CliError> {
+    /// The dataset's views of this split, at least one; what a user should know of how they were read is told.
+    pub fn views(self, folder: &Path, printer: &Printer) -> Result<Vec<View>, CliError> {
+        let (views, notes) = self.views_and_notes(folder)?;
+        notes.iter().for_each(|note| printer.warning(note));
+        Ok(views)
+    }
+
+    fn views_and_notes(self, folder: &Path) -> Result<(Vec<View>, Vec<String>), CliError> {
         let wanted = |of_view: Split| match self {
             Self::All => true,
             Self::Test => of_view == Split::Test,
             Self::Train => of_view == Split::Train,
         };
-        let views: Vec<View> = read_views(folder)?.views.into_iter().filter(|v| wanted(v.split)).collect();
+        let dataset = read_views(folder)?;
+        let views: Vec<View> = dataset.views.into_iter().filter(|v| wanted(v.split)).collect();
         if views.is_empty() {
             return Err(IoError::new(folder, "has no views in this split").advise("try --split all").into());
         }
-        Ok(views)
+        Ok((views, dataset.notes))
     }
 }
 
@@ -93,7 +100,7 @@ impl ViewArgs {
     /// The selected cameras, at least one. Warns if the near plane would cut into the scene as a circle of cameras sees it.
     pub fn cameras(&self, scene: &InstancedScene, near: f32, printer: &Printer) -> Result<Vec<Camera>, CliError> {
         let cameras = match &self.source {
-            ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder)?,
+            ViewSource { data: Some(folder), .. } => self.dataset_cameras(folder, printer)?,
             ViewSource { camera: Some(path), .. } => read_cameras(path)?,
             ViewSource { orbit, .. } => {
                 let circle = Orbit::around(scene, self.up.map(Triple::direction));
@@ -113,16 +120,19 @@ impl ViewArgs {
         Ok(cameras.into_iter().map(resized).collect())
     }
 
-    /// The views of `--data`, at the size of their photos; `None` for cameras without photos and for `--size`.
+    /// The views of `--data`, at the size of their photos; `None` for cameras without photos and for `--size`. Their notes are
+    /// told with their cameras.
     pub fn photos(&self) -> Result<Option<Vec<View>>, CliError> {
         match (&self.source.data, self.size) {
-            (Some(folder), None) => self.split.unwrap_or(SplitArg::Test).views(folder).map(Some),
+            (Some(folder), None) => {
+                self.split.unwrap_or(SplitArg::Test).views_and_notes(folder).map(|(views, _)| Some(views))
+            }
             _ => Ok(None),
         }
     }
 
-    fn dataset_cameras(&self, folder: &Path) -> Result<Vec<Camera>, CliError> {
-        let views = self.split.unwrap_or(SplitArg::Test).views(folder)?;
+    fn dataset_cameras(&self, folder: &Path, printer: &Printer) -> Result<Vec<Camera>, CliError> {
+        let views = self.split.unwrap_or(SplitArg::Test).views(folder, printer)?;
         Ok(views.into_iter().map(|v| v.camera).collect())
     }
 }

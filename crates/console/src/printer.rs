@@ -1,5 +1,6 @@
 //! The only module that writes to the terminal.
 
+use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{IsTerminal, Write};
 use std::path::Path;
@@ -28,7 +29,7 @@ impl Printer {
     /// Prints a line of the report in text form; dropped if stdout is for JSON.
     pub fn line(&self, text: impl Display) {
         if !self.json_on_stdout {
-            let _ = writeln!(std::io::stdout().lock(), "{text}");
+            let _ = writeln!(std::io::stdout().lock(), "{}", plain(&text.to_string()));
         }
     }
 
@@ -46,12 +47,12 @@ impl Printer {
 
     /// Prints a warning: the command continues.
     pub fn warning(&self, text: impl Display) {
-        let _ = writeln!(std::io::stderr().lock(), "warning: {}", one_line(&text));
+        let _ = writeln!(std::io::stderr().lock(), "warning: {}", plain(&one_line(&text)));
     }
 
     /// Prints the error of a failed command on one line.
     pub fn error(&self, error: &CliError) {
-        let _ = writeln!(std::io::stderr().lock(), "error: {}", one_line(error));
+        let _ = writeln!(std::io::stderr().lock(), "error: {}", plain(&one_line(error)));
     }
 
     /// Progress over `total` steps: a bar on a terminal, plain lines elsewhere.
@@ -86,7 +87,7 @@ impl Progress {
         let before = std::mem::replace(&mut self.done, done);
         match &self.bar {
             Some(bar) => {
-                bar.set_message(text.to_string());
+                bar.set_message(plain(&text.to_string()).into_owned());
                 bar.set_position(done);
             }
             None if self.worth_a_line(before) => {
@@ -119,6 +120,18 @@ fn json_bytes(report: &impl serde::Serialize) -> Result<Vec<u8>, CliError> {
         .map_err(|e| IoError::new(Path::new("report"), format!("is not valid JSON: {e}")))?;
     bytes.push(b'\n');
     Ok(bytes)
+}
+
+/// The text with control characters as escapes, for names in files may hold what a terminal obeys. Line breaks stay.
+fn plain(text: &str) -> Cow<'_, str> {
+    let is_raw = |c: char| c.is_control() && c != '\n';
+    if !text.contains(is_raw) {
+        return Cow::Borrowed(text);
+    }
+    text.chars()
+        .map(|c| if is_raw(c) { c.escape_unicode().to_string() } else { c.to_string() })
+        .collect::<String>()
+        .into()
 }
 
 /// The text on one line: messages of drivers and other crates may contain line breaks.

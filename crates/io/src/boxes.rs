@@ -15,12 +15,13 @@ use std::path::Path;
 
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::camera_file::parse_json;
 use super::error::{IoError, Place};
 use super::groups::MAX_INSTANCE_ID;
 use super::json::write_json;
-use super::read_bytes;
+use super::{View, read_bytes};
 use instgs_vk::scene::{Boxes, ObjectBox, ViewBox};
 
 #[derive(Deserialize, Serialize)]
@@ -68,7 +69,10 @@ pub fn read_boxes(path: &Path) -> Result<Boxes, IoError> {
     let value = parse_json(&read_bytes(path)?, path)?;
     // serde would accept a list for a struct, too.
     if !value.is_object() {
-        return Err(IoError::new(path, "is not a boxes file: it has neither objects nor views"));
+        return Err(not_boxes(path, &value));
+    }
+    if value.get("objects").is_none() && value.get("views").is_none() {
+        return Err(not_boxes(path, &value));
     }
     let fields: BoxesFields =
         serde_json::from_value(value).map_err(|e| IoError::new(path, format!("is not a boxes file: {e}")))?;
@@ -82,6 +86,24 @@ pub fn read_boxes(path: &Path) -> Result<Boxes, IoError> {
     let boxes = Boxes { objects, views: views.collect() };
     check(&boxes, path)?;
     Ok(boxes)
+}
+
+/// The error for a JSON file without boxes; it calls files of other programs by their names.
+fn not_boxes(path: &Path, value: &Value) -> IoError {
+    let has = |key: &str| value.get(key).is_some();
+    let (kind, advice) = match () {
+        () if has("annotations") && has("images") => {
+            (" (it is a COCO file)", "give one rectangle per object as views.NAME[].box_px: left, top, right, bottom")
+        }
+        () if has("shapes") && has("imagePath") => {
+            (" (it is a labelme file)", "give its rectangles as views.NAME[].box_px: left, top, right, bottom")
+        }
+        () => (
+            "",
+            "give an object with the keys objects, boxes in the world, or views, rectangles in photos; `instgs-vk find` writes such files",
+        ),
+    };
+    IoError::new(path, format!("is not a boxes file: it has neither objects nor views{kind}")).advise(advice)
 }
 
 /// Writes boxes. Checks the same as [`read_boxes`], so that the file can be read.
@@ -99,6 +121,21 @@ pub fn write_boxes(path: &Path, boxes: &Boxes) -> Result<(), IoError> {
     let in_view = |b: &ViewBox| ViewFields { id: b.id, category: b.category.clone(), score: b.score, box_px: b.box_px };
     let views = boxes.views.iter().map(|(name, list)| (name.clone(), list.iter().map(in_view).collect()));
     write_json(path, &BoxesFields { objects: boxes.objects.iter().map(object).collect(), views: views.collect() })
+}
+
+/// Boxes in photos under the names of views: a photo may be named with its ending, too.
+pub fn with_view_names(mut boxes: Boxes, views: &[View]) -> Boxes {
+    for view in views {
+        let Some(photo) = view.image_path.file_name().map(|name| name.to_string_lossy().into_owned()) else { continue };
+        let is_view = |name: &str| views.iter().any(|view| view.camera.name == name);
+        if !boxes.views.contains_key(&view.camera.name)
+            && !is_view(&photo)
+            && let Some(list) = boxes.views.remove(&photo)
+        {
+            boxes.views.insert(view.camera.name.clone(), list);
+        }
+    }
+    boxes
 }
 
 fn object_of(fields: ObjectFields) -> Result<ObjectBox, String> {

@@ -1,10 +1,16 @@
-//! Camera files (`--camera`): one object or a list of pinhole cameras, OpenCV axes.
+//! Camera files (`--camera`): one object or a list of pinhole cameras, OpenCV axes. The `cameras.json` of INRIA's 3DGS is
+//! read, too.
 
 use std::path::Path;
+
+use glam::{DMat3, DVec3};
+use serde::Deserialize;
+use serde_json::Value;
 
 use crate::error::{IoError, Place};
 use crate::json::write_json;
 use crate::read_bytes;
+use crate::text::{json_error, text_of};
 use instgs_vk::scene::camera::Camera;
 
 /// Reads a camera file: one camera object or a list.
@@ -17,7 +23,11 @@ pub fn read_cameras(path: &Path) -> Result<Vec<Camera>, IoError> {
 
 /// Parses the bytes of a camera file; `path` is only used in messages.
 pub fn parse_cameras(bytes: &[u8], path: &Path) -> Result<Vec<Camera>, IoError> {
-    let values = match parse_json(bytes, path)? {
+    let root = parse_json(bytes, path)?;
+    if let Some((what, advice)) = of_another_program(&root) {
+        return Err(IoError::new(path, format!("is no camera file: {what}")).advise(advice));
+    }
+    let values = match root {
         serde_json::Value::Array(values) if values.is_empty() => return Err(IoError::new(path, "holds no camera")),
         serde_json::Value::Array(values) => values,
         one @ serde_json::Value::Object(_) => vec![one],
@@ -27,11 +37,70 @@ pub fn parse_cameras(bytes: &[u8], path: &Path) -> Result<Vec<Camera>, IoError> 
     for (i, value) in values.into_iter().enumerate() {
         let name = value.get("name").and_then(|n| n.as_str()).map(|n| format!(" ({n})")).unwrap_or_default();
         let fail = |what: String| IoError::new(path, what).at(Place::Field(format!("camera {i}{name}")));
-        let camera: Camera = serde_json::from_value(value).map_err(|e| fail(e.to_string()))?;
+        let camera = match InriaCamera::of(&value) {
+            Some(camera) => camera.camera(),
+            None => serde_json::from_value::<Camera>(value).map_err(|e| fail(e.to_string()))?,
+        };
         camera.validate().map_err(|e| fail(e.to_string()))?;
         cameras.push(camera);
     }
     Ok(cameras)
+}
+
+/// A camera of the `cameras.json` that INRIA's 3DGS leaves beside a trained scene: the position in the world, and the rows of
+/// the rotation from view to world.
+#[derive(Deserialize)]
+struct InriaCamera {
+    img_name: String,
+    width: u32,
+    height: u32,
+    position: [f64; 3],
+    rotation: [[f64; 3]; 3],
+    fx: f64,
+    fy: f64,
+}
+
+impl InriaCamera {
+    fn of(value: &Value) -> Option<Self> {
+        Self::deserialize(value).ok()
+    }
+
+    fn camera(self) -> Camera {
+        let [x, y, z] = self.rotation.map(DVec3::from_array);
+        // Its rows are those of world_from_view, whose columns are the view's axes.
+        let view_from_world = DMat3::from_cols(x, y, z);
+        let t = -(view_from_world * DVec3::from_array(self.position));
+        let row = |i: usize| [view_from_world.row(i).x, view_from_world.row(i).y, view_from_world.row(i).z, t[i]];
+        let name = crate::colmap::stem(&self.img_name);
+        Camera {
+            name: if name.is_empty() { self.img_name } else { name },
+            width: self.width,
+            height: self.height,
+            fx: self.fx,
+            fy: self.fy,
+            cx: 0.5 * f64::from(self.width),
+            cy: 0.5 * f64::from(self.height),
+            view_from_world: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+        }
+    }
+}
+
+/// What a JSON file of another program is, and what to do with it.
+fn of_another_program(root: &Value) -> Option<(&'static str, &'static str)> {
+    let has = |key: &str| root.get(key).is_some();
+    if has("frames") {
+        return Some(("it is a transforms.json", "give its folder with --data"));
+    }
+    if has("camera_path") || has("keyframes") {
+        return Some((
+            "it is a camera path of nerfstudio, whose axes and scale are those of its training",
+            "give the cameras of the data set with --data, or write a list of cameras with view_from_world",
+        ));
+    }
+    if has("images") && has("annotations") {
+        return Some(("it is a COCO file", "give the cameras of the data set with --data"));
+    }
+    None
 }
 
 /// Writes a list of cameras as JSON.
@@ -39,10 +108,10 @@ pub fn write_cameras(path: &Path, cameras: &[Camera]) -> Result<(), IoError> {
     write_json(path, cameras)
 }
 
-/// Parses JSON; an error names the line.
-pub(crate) fn parse_json(bytes: &[u8], path: &Path) -> Result<serde_json::Value, IoError> {
-    serde_json::from_slice(bytes)
-        .map_err(|e| IoError::new(path, format!("is not valid JSON: {e}")).at(Place::Line(e.line() as u64)))
+/// Parses JSON, with or without a byte order mark; an error names the line.
+pub(crate) fn parse_json(bytes: &[u8], path: &Path) -> Result<Value, IoError> {
+    let text = text_of(bytes, path)?;
+    serde_json::from_str(text).map_err(|e| json_error(text, path, &e))
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ use crate::bytes::Cursor;
 use crate::dataset::Split;
 use crate::error::{IoError, Place};
 use crate::read_bytes;
+use crate::text::text_of;
 pub use instgs_vk::math::distortion::Distortion;
 use instgs_vk::scene::camera::Camera;
 
@@ -28,6 +29,8 @@ pub struct PosedImage {
     pub mask: Option<String>,
     /// The split that the file assigns. Either all views of a file have one or none has.
     pub split: Option<Split>,
+    /// What a user should know of how the image was read, one line.
+    pub note: Option<String>,
 }
 
 struct Intrinsics {
@@ -39,19 +42,41 @@ struct Intrinsics {
 
 /// The folder of the COLMAP model of a dataset, if it has one: `sparse/0`, else `sparse`.
 pub fn colmap_folder(dataset: &Path) -> Option<PathBuf> {
-    let has = |folder: &Path, ending: &str| {
-        ["cameras", "images"].iter().all(|f| folder.join(format!("{f}.{ending}")).is_file())
-    };
-    [dataset.join("sparse/0"), dataset.join("sparse")].into_iter().find(|f| has(f, "bin") || has(f, "txt"))
+    [dataset.join("sparse/0"), dataset.join("sparse")].into_iter().find(|folder| kind_of(folder).is_some())
 }
 
-/// Reads `cameras` and `images` of a model folder; `.bin` files take precedence over `.txt`.
+/// The ending of the files of a model, of which both cameras and images are there: `bin`, else `txt`.
+fn kind_of(model: &Path) -> Option<&'static str> {
+    let has = |ending: &str| ["cameras", "images"].iter().all(|f| model.join(format!("{f}.{ending}")).is_file());
+    ["bin", "txt"].into_iter().find(|ending| has(ending))
+}
+
+/// What a user should know of the choice of this model of a dataset: that another one has more images.
+pub(crate) fn larger_model(dataset: &Path, used: &Path, images: usize) -> Option<String> {
+    let mut others: Vec<PathBuf> =
+        std::fs::read_dir(dataset.join("sparse")).ok()?.flatten().map(|entry| entry.path()).collect();
+    others.sort();
+    let counted = others.iter().filter(|other| other.as_path() != used).filter_map(|other| {
+        let model = read_colmap(other).ok()?;
+        Some((model.len(), other))
+    });
+    let (count, other) = counted.max_by_key(|(count, other)| (*count, std::cmp::Reverse((*other).clone())))?;
+    (count > images).then(|| {
+        format!(
+            "{} has {count} images, {}, which is used, {images}: to use the other, exchange the names of the two folders",
+            other.display(),
+            used.display()
+        )
+    })
+}
+
+/// Reads `cameras` and `images` of a model folder; `.bin` files take precedence over `.txt` if both are there.
 ///
 /// # Errors
 /// A file is missing or damaged, or a camera model is not supported.
 pub fn read_colmap(folder: &Path) -> Result<Vec<PosedImage>, IoError> {
-    let binary = folder.join("cameras.bin").is_file();
-    let ending = if binary { "bin" } else { "txt" };
+    let ending = kind_of(folder).unwrap_or("txt");
+    let binary = ending == "bin";
     let (cameras_path, images_path) =
         (folder.join(format!("cameras.{ending}")), folder.join(format!("images.{ending}")));
     let (cameras, images) = (read_bytes(&cameras_path)?, read_bytes(&images_path)?);
@@ -73,7 +98,7 @@ pub fn parse_colmap_txt(cameras: &[u8], images: &[u8], path: &Path) -> Result<Ve
 }
 
 /// COLMAP's camera models by number: name and number of parameters.
-const MODELS: [(&str, usize); 17] = [
+const MODELS: [(&str, usize); 18] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
     ("SIMPLE_RADIAL", 4),
@@ -91,9 +116,15 @@ const MODELS: [(&str, usize); 17] = [
     ("SIMPLE_FISHEYE", 3),
     ("FISHEYE", 4),
     ("EUCM", 6),
+    (PANORAMA, 2),
 ];
 
+/// The model of panoramas, whose parameters are the size of the picture.
+const PANORAMA: &str = "EQUIRECTANGULAR";
 const UNDISTORT: &str = "undistort with `colmap image_undistorter`";
+/// COLMAP's undistorter only copies panoramas.
+pub(crate) const CUT_PANORAMA: &str =
+    "cut panoramas into perspective views first, as COLMAP's script panorama_sfm.py does";
 
 fn intrinsics(model: &str, size: [u64; 2], p: &[f64], fail: &dyn Fn(String) -> IoError) -> Result<Intrinsics, IoError> {
     let (fx, fy, cx, cy, distortion) = match (model, p) {
@@ -107,7 +138,8 @@ fn intrinsics(model: &str, size: [u64; 2], p: &[f64], fail: &dyn Fn(String) -> I
             (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3 })
         }
         _ if MODELS.iter().any(|(name, count)| *name == model && *count == p.len()) => {
-            return Err(fail(format!("camera model {model} is not supported")).advise(UNDISTORT));
+            let advice = if model == PANORAMA { CUT_PANORAMA } else { UNDISTORT };
+            return Err(fail(format!("camera model {model} is not supported")).advise(advice));
         }
         _ => {
             let what = format!("camera model {model} with {} parameters is not known", p.len());
@@ -120,7 +152,8 @@ fn intrinsics(model: &str, size: [u64; 2], p: &[f64], fail: &dyn Fn(String) -> I
     Ok(Intrinsics { size: [width, height], focal: [fx, fy], centre: [cx, cy], distortion: distortion.if_any() })
 }
 
-type Cameras = BTreeMap<u32, Intrinsics>;
+/// Cameras by number. One that is not supported matters only if an image uses it.
+type Cameras = BTreeMap<u32, Result<Intrinsics, IoError>>;
 
 fn parse_cameras_bin(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
     let mut c = Cursor::new(bytes, path);
@@ -133,10 +166,12 @@ fn parse_cameras_bin(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
         let (id, model) = (c.u32("a camera")?, c.u32("a camera")?);
         let size = [c.u64("a camera")?, c.u64("a camera")?];
         let Some(&(name, parameters)) = MODELS.get(model as usize) else {
-            return Err(fail(format!("camera model {model} is not known")).advise(UNDISTORT));
+            let what =
+                format!("camera model {model} is not known: it is newer than this program, or the file is damaged");
+            return Err(fail(what).advise("convert the images to PINHOLE cameras with COLMAP's image_undistorter"));
         };
         let parameters: Vec<f64> = (0..parameters).map(|_| c.f64("a camera")).collect::<Result<_, _>>()?;
-        cameras.insert(id, intrinsics(name, size, &parameters, &fail)?);
+        cameras.insert(id, intrinsics(name, size, &parameters, &fail));
     }
     Ok(cameras)
 }
@@ -165,8 +200,7 @@ fn parse_images_bin(bytes: &[u8], path: &Path, cameras: &Cameras) -> Result<Vec<
 
 /// Lines with their numbers; comment lines become empty.
 pub(crate) fn lines<'a>(bytes: &'a [u8], path: &Path) -> Result<Vec<(u64, &'a str)>, IoError> {
-    let text = std::str::from_utf8(bytes)
-        .map_err(|e| IoError::new(path, "is not UTF-8 text").at(Place::Byte(e.valid_up_to() as u64)))?;
+    let text = text_of(bytes, path)?;
     Ok((1..).zip(text.lines()).filter(|(_, line)| !line.trim_start().starts_with('#')).collect())
 }
 
@@ -184,7 +218,7 @@ fn parse_cameras_txt(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
         let model = words.next().ok_or_else(|| fail("ends early".into()))?;
         let size = [number(words.next(), &fail)?, number(words.next(), &fail)?];
         let parameters: Vec<f64> = words.map(|w| number(Some(w), &fail)).collect::<Result<_, _>>()?;
-        cameras.insert(id, intrinsics(model, size, &parameters, &fail)?);
+        cameras.insert(id, intrinsics(model, size, &parameters, &fail));
     }
     Ok(cameras)
 }
@@ -192,26 +226,47 @@ fn parse_cameras_txt(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {
 fn parse_images_txt(bytes: &[u8], path: &Path, cameras: &Cameras) -> Result<Vec<PosedImage>, IoError> {
     let mut out = Vec::new();
     let all = lines(bytes, path)?;
-    let mut rest = all.iter();
+    let mut rest = all.iter().peekable();
     while let Some(&(n, line)) = rest.next() {
         if line.trim().is_empty() {
             continue;
         }
         let fail = |what: String| IoError::new(path, what).at(Place::Line(n));
-        let mut words = line.split_whitespace();
+        let (mut words, name) = split_words::<9>(line);
         number::<u32>(words.next(), &fail)?;
         let mut pose = [0.0; 7];
         for v in &mut pose {
             *v = number(words.next(), &fail)?;
         }
         let camera = number(words.next(), &fail)?;
-        // A file name may hold spaces.
-        let name = words.collect::<Vec<_>>().join(" ");
-        out.push(posed(pose, camera, name, cameras, &fail)?);
-        // The image's line of points, which is often empty.
-        rest.next();
+        if name.is_empty() {
+            return Err(fail("names no image".into()));
+        }
+        out.push(posed(pose, camera, name.to_owned(), cameras, &fail)?);
+        // The image's line of points is often empty; files written by hand may lack it.
+        rest.next_if(|(_, line)| is_points_line(line));
     }
     Ok(out)
+}
+
+/// True for a line of points of an image: triples of x, y and the number of a point, or nothing.
+fn is_points_line(line: &str) -> bool {
+    let words = line.split_whitespace();
+    words.clone().count().is_multiple_of(3) && words.into_iter().all(|word| word.parse::<f64>().is_ok())
+}
+
+/// The first `N` words of a line, and the rest as it is, for a file name may hold spaces.
+fn split_words<const N: usize>(line: &str) -> (impl Iterator<Item = &str>, &str) {
+    let mut rest = line.trim_start();
+    let mut words = Vec::with_capacity(N);
+    for _ in 0..N {
+        let end = rest.find(char::is_whitespace).unwrap_or(rest.len());
+        if end > 0 {
+            words.push(&rest[..end]);
+        }
+        rest = rest[end..].trim_start();
+    }
+    (words.into_iter(), rest.trim_end())
 }
 
 /// Builds a view from `pose`: quaternion w, x, y, z and translation of view_from_world.
@@ -225,6 +280,7 @@ fn posed(
     let Some(intrinsics) = cameras.get(&camera) else {
         return Err(fail(format!("image {file} uses camera {camera}, which is not in the cameras file")));
     };
+    let intrinsics = intrinsics.as_ref().map_err(Clone::clone)?;
     let [w, x, y, z, t @ ..] = pose;
     let q = DQuat::from_xyzw(x, y, z, w);
     let length = q.length();
@@ -244,7 +300,7 @@ fn posed(
         view_from_world: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
     };
     camera.validate().map_err(|e| fail(e.to_string()))?;
-    Ok(PosedImage { camera, file, distortion: intrinsics.distortion, mask: None, split: None })
+    Ok(PosedImage { camera, file, distortion: intrinsics.distortion, mask: None, split: None, note: None })
 }
 
 /// File name without its folders and extension.

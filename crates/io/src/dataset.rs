@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::colmap::{self, Distortion, PosedImage};
 use crate::error::IoError;
+use crate::masks::{Mask, read_mask};
 use crate::nerf;
 use instgs_vk::scene::camera::Camera;
 
@@ -40,6 +41,8 @@ pub struct View {
 pub struct Dataset {
     /// All views, in that order.
     pub views: Vec<View>,
+    /// What a user should know of how they were read, one line each.
+    pub notes: Vec<String>,
 }
 
 impl Dataset {
@@ -50,22 +53,31 @@ impl Dataset {
 }
 
 /// Reads the views of a dataset folder from the first of these that exists: `transforms_train.json` with
-/// `transforms_test.json`, `transforms.json`, `sparse/0` (or `sparse`). The split is the pair's, or that of
-/// `transforms.json` ([`nerf`]), otherwise views 0, 8, 16 ... by name are the test split.
+/// `transforms_test.json` (or `transforms_val.json`), `transforms.json`, `transforms_train.json` alone, `sparse/0` (or
+/// `sparse`). The split is the pair's, or that of `transforms.json` ([`nerf`]), otherwise views 0, 8, 16 ... by name are the
+/// test split.
 ///
 /// A `mask_path` is an instance mask (ids of objects, 0 = none) if a `categories.json` is in its folder, in a parent
-/// folder within the dataset, or in the dataset's `masks/`, the default folder of instance masks. Such a mask does not
-/// mark valid pixels, and is not used here.
+/// folder within the dataset, or in the dataset's `masks/`, the default folder of instance masks; or if its values are
+/// those of ids. Such a mask does not mark valid pixels, and is not used here.
 ///
 /// # Errors
 /// No camera file exists, one is damaged, or there are no views.
 pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     let mut views = Vec::new();
+    let mut notes = Vec::new();
     let mut split_given = false;
     let mut add = |images: Vec<PosedImage>, root: &Path, given: Option<Split>| {
-        for PosedImage { camera, file, distortion, mask, split } in images {
-            let relative = without_dots(&file);
-            let mask_path = mask.map(|m| root.join(without_dots(&m))).filter(|m| !is_instance_mask(folder, m));
+        let noted = images.iter().filter_map(|image| image.note.clone()).collect::<Vec<_>>();
+        if let [first, rest @ ..] = &noted[..] {
+            let more = if rest.is_empty() { String::new() } else { format!(" ({} more)", rest.len()) };
+            notes.push(format!("{first}{more}"));
+        }
+        for PosedImage { mut camera, file, distortion, mask, split, note: _ } in images {
+            let relative = without_dots(&file_in(root, &file));
+            camera.name = colmap::stem(&relative.to_string_lossy());
+            let mask_path = mask.map(|m| root.join(without_dots(&file_in(root, &m))));
+            let mask_path = mask_path.filter(|m| !is_instance_mask(folder, m));
             let split = given.or(split);
             split_given |= split.is_some();
             let split = split.unwrap_or(Split::Train);
@@ -74,18 +86,26 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
         }
     };
     let single = folder.join("transforms.json");
-    if let Some((train, test)) = nerf::train_test_files(folder) {
-        add(nerf::read_transforms(&train)?, folder, Some(Split::Train));
-        add(nerf::read_transforms(&test)?, folder, Some(Split::Test));
-    } else if single.is_file() {
-        add(nerf::read_transforms(&single)?, folder, None);
-    } else if let Some(model) = colmap::colmap_folder(folder) {
-        add(colmap::read_colmap(&model)?, &folder.join("images"), None);
-    } else {
-        let error = IoError::new(folder, "has no cameras");
-        return Err(
-            error.advise("a dataset has transforms_train.json and transforms_test.json, transforms.json, or sparse/0")
-        );
+    match nerf::blender_files(folder) {
+        Some((train, Some(held_out))) => {
+            add(nerf::read_transforms(&train)?, folder, Some(Split::Train));
+            add(nerf::read_transforms(&held_out)?, folder, Some(Split::Test));
+        }
+        _ if single.is_file() => add(nerf::read_transforms(&single)?, folder, None),
+        Some((train, None)) => add(nerf::read_transforms(&train)?, folder, None),
+        None => {
+            let Some(model) = colmap::colmap_folder(folder) else {
+                let error = IoError::new(folder, "has no cameras");
+                return Err(error.advise(
+                    "a dataset has transforms_train.json and transforms_test.json, transforms.json, or sparse/0",
+                ));
+            };
+            let images = colmap::read_colmap(&model)?;
+            let count = images.len();
+            add(images, &folder.join("images"), None);
+            let unused = photos_without_camera(&folder.join("images"), count);
+            notes.extend(colmap::larger_model(folder, &model, count).or(unused));
+        }
     }
     if views.is_empty() {
         return Err(IoError::new(folder, "its camera files have no views"));
@@ -99,11 +119,117 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
     }
     unique_names(&mut views);
     let mut views: Vec<View> = views.into_iter().map(|(view, _)| view).collect();
+    notes.extend(drop_id_masks(&mut views));
     // A single view is a training view.
     if !split_given && views.len() > 1 {
         views.iter_mut().step_by(TEST_EVERY).for_each(|v| v.split = Split::Test);
     }
-    Ok(Dataset { views })
+    Ok(Dataset { views, notes })
+}
+
+/// A file that a data set names, relative to `folder`. Backslashes of paths written on Windows become `/`, unless a file of
+/// exactly that name exists.
+pub(crate) fn file_in(folder: &Path, name: &str) -> String {
+    if name.contains('\\') && !folder.join(name).is_file() { name.replace('\\', "/") } else { name.to_owned() }
+}
+
+/// A note if far more photos lie in a folder than have cameras: at least a quarter of them is not used.
+fn photos_without_camera(images: &Path, cameras: usize) -> Option<String> {
+    let photos = count_photos(images, 2);
+    (4 * cameras < 3 * photos).then(|| {
+        format!("{}: {cameras} of its {photos} photos have a camera; the others are not used", images.display())
+    })
+}
+
+/// The number of photos in a folder and `depth` levels of subfolders.
+fn count_photos(folder: &Path, depth: usize) -> usize {
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    let count = |entry: std::fs::DirEntry| {
+        let path = entry.path();
+        let is_photo =
+            path.extension().is_some_and(|e| ["png", "jpg", "jpeg"].iter().any(|photo| e.eq_ignore_ascii_case(photo)));
+        match entry.file_type() {
+            Ok(kind) if kind.is_dir() && depth > 0 => count_photos(&path, depth - 1),
+            Ok(kind) if !kind.is_dir() && is_photo => 1,
+            _ => 0,
+        }
+    };
+    entries.flatten().map(count).sum()
+}
+
+/// Masks that are looked at to tell ids from valid pixels.
+const LOOKED_AT: usize = 5;
+
+/// Leaves out masks of valid pixels whose values are ids of objects, which would ignore all but the objects; returns a note
+/// about them.
+fn drop_id_masks(views: &mut [View]) -> Option<String> {
+    let mut masks: Vec<&PathBuf> = views.iter().filter_map(|view| view.mask_path.as_ref()).collect();
+    masks.sort();
+    masks.dedup();
+    let every = masks.len().div_ceil(LOOKED_AT).max(1);
+    let first = masks.into_iter().step_by(every).find(|path| read_mask(path).is_ok_and(|mask| has_ids(&mask)))?.clone();
+    views.iter_mut().for_each(|view| view.mask_path = None);
+    Some(format!(
+        "{}: mask_path names ids of objects, not pixels that count: all pixels are used; masks of pixels are 0 and 255",
+        first.display()
+    ))
+}
+
+/// True if a mask has values between none (0) and all (255, or 65535 of 16 bits), and never all, as soft edges have.
+fn has_ids(mask: &Mask) -> bool {
+    let is_all = |id: u16| id == u16::from(u8::MAX) || id == u16::MAX;
+    let present = mask.ids_present();
+    present.keys().any(|&id| id > 1 && !is_all(id)) && !present.keys().any(|&id| is_all(id))
+}
+
+/// Which photos may be missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MissingPhotos {
+    /// Up to half of them; more look like a wrong folder.
+    Few,
+    /// All but one.
+    Skip,
+}
+
+/// Leaves out views whose photos are missing, and returns a note about them.
+///
+/// # Errors
+/// More are missing than may be; the error names a photo of nearly the same name, if there is one.
+pub fn leave_out_missing(views: &mut Vec<View>, may_be_missing: MissingPhotos) -> Result<Option<String>, IoError> {
+    let all = views.len();
+    let missing: Vec<&View> = views.iter().filter(|view| !view.image_path.is_file()).collect();
+    let Some(first) = missing.first() else { return Ok(None) };
+    let (count, path) = (missing.len(), first.image_path.clone());
+    let near = near_name(&path).map(|near| format!("; {} is there", near.display())).unwrap_or_default();
+    let too_many = match may_be_missing {
+        MissingPhotos::Few => 2 * count > all,
+        MissingPhotos::Skip => count == all,
+    };
+    if too_many {
+        let more =
+            if count == 1 { String::new() } else { format!(", as are {} of the other {} photos", count - 1, all - 1) };
+        let error = IoError::new(&path, format!("is missing{more}{near}"));
+        return Err(error.advise(match may_be_missing {
+            MissingPhotos::Few => "put it there, or go on without such photos with --skip-missing",
+            MissingPhotos::Skip => "put the photos there",
+        }));
+    }
+    views.retain(|view| view.image_path.is_file());
+    let photos = if count == 1 { "1 view of".to_owned() } else { format!("{count} views of") };
+    Ok(Some(format!("{} is missing{near}: {photos} {all} without a photo are left out", path.display())))
+}
+
+/// A file in the folder of a missing one whose name differs from it in case or ending only.
+fn near_name(path: &Path) -> Option<PathBuf> {
+    let lower = |path: &Path| path.file_stem().map(|stem| stem.to_string_lossy().to_lowercase());
+    let mut near: Vec<PathBuf> = std::fs::read_dir(path.parent()?)
+        .ok()?
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|other| lower(other) == lower(path))
+        .collect();
+    near.sort();
+    near.into_iter().next()
 }
 
 /// The path `./a/b` as `a/b`, so that each path has one spelling.

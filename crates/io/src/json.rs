@@ -7,13 +7,15 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::{IoError, atomic_write, read_bytes};
 use crate::error::Place;
+use crate::text::text_of;
 
 /// Reads a record from a JSON file.
 ///
 /// # Errors
 /// The file is missing, is not JSON, or does not match the type; the error names the line.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, IoError> {
-    serde_json::from_slice(&read_bytes(path)?)
+    let bytes = read_bytes(path)?;
+    serde_json::from_str(text_of(&bytes, path)?)
         .map_err(|e| IoError::new(path, format!("cannot be used: {e}")).at(Place::Line(e.line() as u64)))
 }
 

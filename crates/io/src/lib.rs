@@ -43,6 +43,7 @@ pub mod splat;
 pub mod spz;
 mod spz_codec;
 mod step_columns;
+mod text;
 pub mod view_image;
 mod view_resample;
 
@@ -52,7 +53,7 @@ use std::path::Path;
 
 use instgs_vk::scene::gaussians::MAX_SH_DEGREE;
 
-pub use boxes::{read_boxes, write_boxes};
+pub use boxes::{read_boxes, with_view_names, write_boxes};
 pub use camera_file::{read_cameras, write_cameras};
 pub use checkpoint::Checkpoint;
 pub use dataset::{Dataset, Split, View, read_views};
@@ -110,12 +111,25 @@ pub fn copy_file(from: &Path, to: &Path) -> Result<(), IoError> {
     atomic_write(to, |out| out.write_all(&bytes))
 }
 
-/// Reads the whole file into memory.
+/// Reads the whole of a regular file into memory.
+///
+/// # Errors
+/// The file is missing, is no regular file, or is larger than the available memory.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
-    if path.is_dir() {
+    let fail = |e: std::io::Error| IoError::os(path, "cannot read", &e);
+    let kind = fs::metadata(path).map_err(fail)?;
+    if kind.is_dir() {
         return Err(IoError::new(path, "is a folder, not a file"));
     }
-    fs::read(path).map_err(|e| IoError::os(path, "cannot read", &e))
+    // A pipe may never end, or never begin; a device has no size.
+    if !kind.is_file() {
+        return Err(IoError::new(path, "is no regular file").advise("copy its content to a file"));
+    }
+    if let Some(have) = host_memory::available_bytes().filter(|&have| kind.len() > have) {
+        let (need, have) = (kind.len() >> 20, have >> 20);
+        return Err(IoError::new(path, format!("has {need} MiB, but {have} MiB of memory are available")));
+    }
+    fs::read(path).map_err(fail)
 }
 
 /// Logit of an opacity stored in 8 bits. 0 and 255 have no finite logit and become those of 1e-6 and 1 - 1e-6 (logits

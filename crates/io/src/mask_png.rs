@@ -1,5 +1,6 @@
 //! Instance masks as PNG bytes; [`crate::masks::read_mask`] says how pixels become ids.
 
+use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -22,15 +23,12 @@ pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
     let (width, height, bits) = (info.width, info.height, info.bit_depth as u8);
     let palette = info.palette.as_ref().map(|p| p.to_vec());
     let color = info.color_type;
-    match (color, info.bit_depth) {
-        (ColorType::Grayscale, BitDepth::Eight | BitDepth::Sixteen) | (ColorType::Indexed, _) => {}
-        (color, _) => {
-            let what = format!("the mask is a PNG of {bits} bits of {color:?}");
-            return Err(IoError::new(path, what)
-                .advise("save it with 8 or 16 bits of grey (ids up to 255 or 65535), or with a palette"));
-        }
+    if matches!((color, info.bit_depth), (ColorType::Rgb | ColorType::Rgba, BitDepth::Sixteen)) {
+        let what = format!("the mask is a PNG of {bits} bits of {color:?}");
+        return Err(IoError::new(path, what)
+            .advise("save it with 8 or 16 bits of grey (ids up to 255 or 65535), or with 8 bits of colours"));
     }
-    let row_bytes = (u64::from(width) * u64::from(bits)).div_ceil(8);
+    let row_bytes = (u64::from(width) * u64::from(bits) * color.samples() as u64).div_ceil(8);
     let most = (bytes.len() as u64).saturating_mul(MAX_INFLATION);
     let whole = row_bytes.checked_mul(u64::from(height)).filter(|&total| total <= most);
     let Some(data_bytes) = whole.and_then(|total| usize::try_from(total).ok()) else {
@@ -42,10 +40,45 @@ pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
     reader.finish().map_err(fail)?;
     let ids = match color {
         ColorType::Indexed => palette_ids(&data, width as usize, usize::from(bits), &palette.unwrap_or_default()),
-        _ if bits == 16 => data.as_chunks::<2>().0.iter().map(|&b| u16::from_be_bytes(b)).collect(),
-        _ => data.iter().map(|&b| u16::from(b)).collect(),
+        ColorType::Rgb => color_ids(data.as_chunks::<3>().0.iter().copied(), path)?,
+        ColorType::Rgba => color_ids(data.as_chunks::<4>().0.iter().map(|&[r, g, b, a]| shown([r, g, b], a)), path)?,
+        ColorType::GrayscaleAlpha if bits == 16 => {
+            let of = |&[g0, g1, a0, a1]: &[u8; 4]| if [a0, a1] == [0, 0] { 0 } else { u16::from_be_bytes([g0, g1]) };
+            data.as_chunks::<4>().0.iter().map(of).collect()
+        }
+        ColorType::GrayscaleAlpha => {
+            data.as_chunks::<2>().0.iter().map(|&[grey, a]| if a == 0 { 0 } else { u16::from(grey) }).collect()
+        }
+        ColorType::Grayscale if bits == 16 => data.as_chunks::<2>().0.iter().map(|&b| u16::from_be_bytes(b)).collect(),
+        ColorType::Grayscale => packed(&data, width as usize, usize::from(bits)).map(u16::from).collect(),
     };
     Ok(Mask { width, height, ids })
+}
+
+/// A colour, black where it is fully transparent.
+fn shown(color: [u8; 3], alpha: u8) -> [u8; 3] {
+    if alpha == 0 { [0; 3] } else { color }
+}
+
+/// A mask with more colours than this is a photo.
+const MOST_COLORS: usize = 4096;
+
+/// Ids of a picture in colour: its grey levels if it has only greys, as black and white masks saved in colour; otherwise
+/// every colour but black is an object, numbered in the order of red, green and blue.
+fn color_ids(pixels: impl Iterator<Item = [u8; 3]> + Clone, path: &Path) -> Result<Vec<u16>, IoError> {
+    if pixels.clone().all(|[r, g, b]| r == g && g == b) {
+        return Ok(pixels.map(|[grey, ..]| u16::from(grey)).collect());
+    }
+    let mut ids: BTreeMap<[u8; 3], u16> = BTreeMap::new();
+    for color in pixels.clone().filter(|color| *color != [0; 3]) {
+        ids.insert(color, 0);
+        if ids.len() > MOST_COLORS {
+            let error = IoError::new(path, format!("the mask has more than {MOST_COLORS} colours, as a photo has"));
+            return Err(error.advise("a mask has one colour for each object, without soft edges"));
+        }
+    }
+    ids.values_mut().zip(1..).for_each(|(id, number)| *id = number);
+    Ok(pixels.map(|color| ids.get(&color).copied().unwrap_or(0)).collect())
 }
 
 /// Ids of a palette image with `bits` per pixel, rows padded to bytes: grey levels if the palette has only greys,
@@ -57,11 +90,16 @@ fn palette_ids(data: &[u8], width: usize, bits: usize, palette: &[u8]) -> Vec<u1
         Some(colour) if greys => u16::from(colour[0]),
         _ => u16::from(index),
     };
+    packed(data, width, bits).map(id).collect()
+}
+
+/// The values of pixels of at most 8 bits, rows padded to bytes.
+fn packed(data: &[u8], width: usize, bits: usize) -> impl Iterator<Item = u8> {
     let mask = ((1u16 << bits) - 1) as u8;
     // The first pixel of a byte is in its highest bits.
-    let pixel = |row: &[u8], i: usize| (row[i * bits / 8] >> (8 - bits - i * bits % 8)) & mask;
+    let pixel = move |row: &[u8], i: usize| (row[i * bits / 8] >> (8 - bits - i * bits % 8)) & mask;
     let row_bytes = (width * bits).div_ceil(8).max(1);
-    data.chunks_exact(row_bytes).flat_map(|row| (0..width).map(move |i| id(pixel(row, i)))).collect()
+    data.chunks_exact(row_bytes).flat_map(move |row| (0..width).map(move |i| pixel(row, i)))
 }
 
 /// The PNG of a mask, 16-bit grey; `path` is only used in messages.
@@ -139,12 +177,34 @@ mod tests {
     }
 
     #[test]
+    fn colours_and_few_bits_are_ids() -> Outcome {
+        let path = Path::new("m.png");
+        let ids = |file: Vec<u8>| parse_mask(&file, path).map(|m| m.ids);
+        let (none, red, blue, white) = ([0, 0, 0], [200, 0, 0], [0, 0, 9], [255, 255, 255]);
+        let pixels = [none, red, blue, blue, none, red, red, white, none, none];
+        let want = [0, 2, 1, 1, 0, 2, 2, 3, 0, 0];
+        assert_eq!(ids(encoded(ColorType::Rgb, BitDepth::Eight, &[], pixels.as_flattened())?)?, want);
+        // What is fully transparent is no object.
+        let with_alpha = |a: u8| pixels.map(|[r, g, b]| [r, g, b, if [r, g, b] == blue { a } else { 255 }]);
+        assert_eq!(ids(encoded(ColorType::Rgba, BitDepth::Eight, &[], with_alpha(1).as_flattened())?)?, want);
+        let seen = ids(encoded(ColorType::Rgba, BitDepth::Eight, &[], with_alpha(0).as_flattened())?)?;
+        assert_eq!(seen, [0, 1, 0, 0, 0, 1, 1, 2, 0, 0]);
+        let greys = [0u8, 255, 255, 7, 0, 0, 0, 255, 255, 1];
+        let in_color = greys.map(|v| [v; 3]);
+        assert_eq!(ids(encoded(ColorType::Rgb, BitDepth::Eight, &[], in_color.as_flattened())?)?, greys.map(u16::from));
+        let grey_alpha = greys.map(|v| [v, 255]);
+        let got = ids(encoded(ColorType::GrayscaleAlpha, BitDepth::Eight, &[], grey_alpha.as_flattened())?)?;
+        assert_eq!(got, greys.map(u16::from));
+        let bits = encoded(ColorType::Grayscale, BitDepth::One, &[], &[0b01011_000, 0b00001_000])?;
+        assert_eq!(ids(bits)?, [0, 1, 0, 1, 1, 0, 0, 0, 0, 1]);
+        Ok(())
+    }
+
+    #[test]
     fn other_pictures_are_refused() -> Outcome {
         let text = |file: &[u8]| parse_mask(file, Path::new("m.png")).err().map(|e| e.to_string()).unwrap_or_default();
-        let rgb = encoded(ColorType::Rgb, BitDepth::Eight, &[], &[0; 30])?;
-        assert!(text(&rgb).contains("8 bits of Rgb; save it"), "{}", text(&rgb));
-        let bits = encoded(ColorType::Grayscale, BitDepth::One, &[], &[0; 2])?;
-        assert!(text(&bits).contains("1 bits of Grayscale"), "{}", text(&bits));
+        let rgb = encoded(ColorType::Rgb, BitDepth::Sixteen, &[], &[0; 60])?;
+        assert!(text(&rgb).contains("16 bits of Rgb; save it"), "{}", text(&rgb));
         let good = encoded(ColorType::Grayscale, BitDepth::Eight, &[], &[7; 10])?;
         for end in 0..good.len() {
             assert!(!text(&good[..end]).is_empty(), "cut to {end} of {}", good.len());

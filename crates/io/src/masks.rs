@@ -62,12 +62,13 @@ impl Mask {
     }
 }
 
-/// Reads a mask: a PNG of 8 or 16 bits of grey, whose grey levels are the ids. With a palette the id is the index of
-/// the colour, as segmentation tools write it, unless all colours are greys: then it is the grey level, because
-/// programs that optimise PNGs turn a greyscale image into such a palette. Transparency is ignored.
+/// Reads a mask: a PNG of grey, whose levels are the ids. With a palette the id is the index of the colour, as segmentation
+/// tools write it, unless all colours are greys: then it is the grey level, because programs that optimise PNGs turn a
+/// greyscale image into such a palette. In a picture in colour every colour but black is an object (unless all are greys);
+/// ids then differ from mask to mask. What is fully transparent beside an alpha channel is no object.
 ///
 /// # Errors
-/// The file is missing, not a PNG, damaged, in colour, or has fewer than 8 bits of grey.
+/// The file is missing, not a PNG, damaged, in colours of 16 bits, or has as many colours as a photo.
 pub fn read_mask(path: &Path) -> Result<Mask, IoError> {
     parse_mask(&read_bytes(path)?, path)
 }
@@ -162,7 +163,7 @@ impl MaskFolder {
     /// neither matches its path.
     pub fn of_view(&self, view: &View) -> Result<Option<Mask>, IoError> {
         let camera = &view.camera;
-        let Some(path) = self.path_of(&camera.name)? else { return Ok(None) };
+        let Some(path) = self.path_of(view)? else { return Ok(None) };
         let mask = read_mask(path)?;
         let (size, want) = ((mask.width, mask.height), (camera.width, camera.height));
         if size != want {
@@ -173,19 +174,34 @@ impl MaskFolder {
         Ok(Some(view.distortion.as_ref().map(undistorted).unwrap_or(mask)))
     }
 
-    /// True if there is a mask for the view with this name ([`View`]'s camera name). No file is read.
+    /// The file of a view's mask. It is not read.
     ///
     /// # Errors
     /// Two subfolders have a file of that name, as for [`Self::of_view`].
-    pub fn has_view(&self, name: &str) -> Result<bool, IoError> {
-        Ok(self.path_of(name)?.is_some())
+    pub fn file_of(&self, view: &View) -> Result<Option<&Path>, IoError> {
+        self.path_of(view)
     }
 
-    fn path_of(&self, name: &str) -> Result<Option<&Path>, IoError> {
+    /// True if there is a mask for the view. No file is read.
+    ///
+    /// # Errors
+    /// Two subfolders have a file of that name, as for [`Self::of_view`].
+    pub fn has_view(&self, view: &View) -> Result<bool, IoError> {
+        Ok(self.path_of(view)?.is_some())
+    }
+
+    /// The mask of a view: named as the view is, or as its photo with its ending (`a.jpg.png`, as COLMAP wants masks).
+    fn path_of(&self, view: &View) -> Result<Option<&Path>, IoError> {
+        let name = &view.camera.name;
         if let Some(path) = self.by_path.get(name) {
             return Ok(Some(path));
         }
-        match self.by_stem.get(name).map(Vec::as_slice) {
+        let photo = view.image_path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let whole = view.image_path.extension().map(|ending| format!("{name}.{}", ending.to_string_lossy()));
+        if let Some(path) = whole.as_ref().and_then(|whole| self.by_path.get(whole)) {
+            return Ok(Some(path));
+        }
+        match self.by_stem.get(name).or_else(|| self.by_stem.get(&photo)).map(Vec::as_slice) {
             None | Some([]) => Ok(None),
             Some([one]) => Ok(Some(one)),
             Some([first, second, ..]) => {
@@ -193,6 +209,11 @@ impl MaskFolder {
                 Err(IoError::new(first, what).advise("keep one of them, or name the folder that holds only one kind"))
             }
         }
+    }
+
+    /// One of the masks, to be named in a message.
+    pub fn any_file(&self) -> Option<&Path> {
+        self.by_path.values().next().map(PathBuf::as_path)
     }
 }
 
@@ -271,7 +292,14 @@ mod tests {
             assert_eq!(masks.of_view(&view(name, 1))?, Some(of(id)), "{name}");
         }
         assert_eq!(masks.of_view(&view("a", 1))?, None);
-        assert!(masks.has_view("left_1")? && masks.has_view("2")? && !masks.has_view("a")?);
+        let has = |name| masks.has_view(&view(name, 1));
+        assert!(has("left_1")? && has("2")? && !has("a")?);
+        // As COLMAP names masks: after the whole name of the photo.
+        write_mask(&root.join("left/7.jpg.png"), &of(5))?;
+        let photo = View { image_path: "images/left/7.jpg".into(), ..view("left_7", 1) };
+        assert_eq!(MaskFolder::open(&root)?.of_view(&photo)?, Some(of(5)));
+        let alone = View { image_path: "images/left/7.jpg".into(), ..view("7", 1) };
+        assert_eq!(MaskFolder::open(&root)?.of_view(&alone)?, Some(of(5)));
         assert!(masks.of_view(&view("1", 1)).is_err_and(|e| e.to_string().contains("view 1")));
         let text = masks.of_view(&view("2", 3)).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(text.contains("2.png") && text.contains("1x1") && text.contains("3x1"), "{text}");

@@ -11,12 +11,12 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat4, DVec4};
+use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use crate::camera_file::parse_json;
-use crate::colmap::{Distortion, PosedImage, stem};
-use crate::dataset::{Split, without_dots};
+use crate::colmap::{CUT_PANORAMA, Distortion, PosedImage, stem};
+use crate::dataset::{Split, file_in, without_dots};
 use crate::error::{IoError, Place};
 use crate::read_bytes;
 use instgs_vk::scene::camera::Camera;
@@ -119,20 +119,17 @@ impl Frame<'_> {
         if let Some(model) = self.get("camera_model").and_then(Value::as_str)
             && !["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "RADIAL", "SIMPLE_RADIAL"].contains(&model)
         {
-            return Err(self.error("camera_model", format!("{model} is not supported")).advise(UNDISTORT));
+            let advice = if model.starts_with("EQUIRECT") || model == "PANORAMA" { CUT_PANORAMA } else { UNDISTORT };
+            return Err(self.error("camera_model", format!("{model} is not supported")).advise(advice));
         }
         for lens in OTHER_LENSES {
             if self.get(lens).is_some_and(|v| !matches!(v, Value::Null | Value::Bool(false))) {
-                return Err(self.error(lens, "such lenses are not supported").advise(UNDISTORT));
+                let is_panorama = ["latlong", "equirectangular"].contains(&lens);
+                let advice = if is_panorama { CUT_PANORAMA } else { UNDISTORT };
+                return Err(self.error(lens, "such lenses are not supported").advise(advice));
             }
         }
-        if self.number("k4")?.is_some_and(|v| v != 0.0) {
-            return Err(self.error("k4", "distortion beyond k1 k2 k3 p1 p2 is not supported").advise(UNDISTORT));
-        }
-        let [k1, k2, k3, p1, p2] = ["k1", "k2", "k3", "p1", "p2"].map(|term| self.number(term));
-        let term = |value: Option<f64>| value.unwrap_or(0.0);
-        let distortion =
-            Distortion { k1: term(k1?), k2: term(k2?), p1: term(p1?), p2: term(p2?), k3: term(k3?) }.if_any();
+        let distortion = self.distortion()?;
         let (width, height) = self.size(&folder.join(&file))?;
         let (w, h) = (f64::from(width), f64::from(height));
         let from_angle = |angle: f64, side: f64| 0.5 * side / (0.5 * angle).tan();
@@ -146,6 +143,8 @@ impl Frame<'_> {
             (None, Some(angle), None) => from_angle(angle, h),
             _ => fx,
         };
+        let (view_from_world, note) = self.view_from_world()?;
+        let note = note.map(|note| format!("{}: {}.transform_matrix: {note}", self.path.display(), self.name));
         let camera = Camera {
             name: stem(&file),
             width,
@@ -154,14 +153,41 @@ impl Frame<'_> {
             fy,
             cx: self.number("cx")?.unwrap_or(0.5 * w),
             cy: self.number("cy")?.unwrap_or(0.5 * h),
-            view_from_world: self.view_from_world()?,
+            view_from_world,
         };
         camera.validate().map_err(|e| IoError::new(self.path, e.to_string()).at(Place::Field(self.name.clone())))?;
         let mask = match self.frame.get("mask_path").filter(|v| !v.is_null()) {
             Some(value) => Some(value.as_str().ok_or_else(|| self.error("mask_path", "is not a string"))?.to_owned()),
             None => None,
         };
-        Ok(PosedImage { camera, file, distortion, mask, split: None })
+        Ok(PosedImage { camera, file, distortion, mask, split: None, note })
+    }
+
+    /// The terms k1 to k3, p1 and p2 as fields, or as nerfstudio's list of k1, k2, k3, k4, p1, p2.
+    fn distortion(&self) -> Result<Option<Distortion>, IoError> {
+        const LIST: &str = "distortion_params";
+        const BEYOND: &str = "distortion beyond k1 k2 k3 p1 p2 is not supported";
+        for term in ["k4", "k5", "k6"] {
+            if self.number(term)?.is_some_and(|v| v != 0.0) {
+                return Err(self.error(term, BEYOND).advise(UNDISTORT));
+            }
+        }
+        let Some(list) = self.get(LIST).filter(|v| !v.is_null()) else {
+            let [k1, k2, k3, p1, p2] = ["k1", "k2", "k3", "p1", "p2"].map(|term| self.number(term));
+            let term = |value: Option<f64>| value.unwrap_or(0.0);
+            let terms = Distortion { k1: term(k1?), k2: term(k2?), p1: term(p1?), p2: term(p2?), k3: term(k3?) };
+            return Ok(terms.if_any());
+        };
+        let terms: Vec<f64> =
+            serde_json::from_value(list.clone()).map_err(|_| self.error(LIST, "is not a list of numbers"))?;
+        let &[k1, k2, k3, k4, p1, p2] = terms.as_slice() else {
+            let what = format!("has {} numbers, not the six k1 k2 k3 k4 p1 p2", terms.len());
+            return Err(self.error(LIST, what).advise("give the terms as fields k1, k2, k3, p1, p2"));
+        };
+        if k4 != 0.0 {
+            return Err(self.error(LIST, BEYOND).advise(UNDISTORT));
+        }
+        Ok(Distortion { k1, k2, p1, p2, k3 }.if_any())
     }
 
     fn size(&self, image: &Path) -> Result<(u32, u32), IoError> {
@@ -181,7 +207,8 @@ impl Frame<'_> {
             })
     }
 
-    fn view_from_world(&self) -> Result<[[f64; 4]; 4], IoError> {
+    /// The pose, and a note if its axes had another length than 1.
+    fn view_from_world(&self) -> Result<([[f64; 4]; 4], Option<String>), IoError> {
         const FIELD: &str = "transform_matrix";
         let value = self.frame.get(FIELD).ok_or_else(|| self.error(FIELD, "is missing"))?;
         let rows: Vec<[f64; 4]> = serde_json::from_value(value.clone())
@@ -190,42 +217,83 @@ impl Frame<'_> {
         let [a, b, c, ..] = rows.as_slice() else {
             return Err(self.error(FIELD, "is not a 4x4 matrix"));
         };
-        if rows.get(3).is_some_and(|last| *last != [0.0, 0.0, 0.0, 1.0]) || rows.len() > 4 {
+        let near = |last: &[f64; 4]| last.iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(v, want)| (v - want).abs() < 1e-6);
+        if rows.get(3).is_some_and(|last| !near(last)) || rows.len() > 4 {
             return Err(self.error(FIELD, "is not a rigid transform: its last row is not 0 0 0 1"));
         }
+        let [right, up, back, position] = std::array::from_fn(|i| DVec3::new(a[i], b[i], c[i]));
+        let (axes, note) = rotation_of([right, up, back]).map_err(|what| self.error(FIELD, what))?;
         // OpenGL's camera looks along -z with y up: its y and z axes are negated.
-        let row = |r: &[f64; 4]| DVec4::new(r[0], -r[1], -r[2], r[3]);
-        let world_from_view = DMat4::from_cols(row(a), row(b), row(c), DVec4::W).transpose();
-        if world_from_view.determinant().abs() < 1e-9 {
-            return Err(self.error(FIELD, "is singular"));
-        }
-        Ok(world_from_view.inverse().transpose().to_cols_array_2d())
+        let view_from_world = DMat3::from_cols(axes[0], -axes[1], -axes[2]).transpose();
+        let t = -(view_from_world * position);
+        let row = |i: usize| [view_from_world.row(i).x, view_from_world.row(i).y, view_from_world.row(i).z, t[i]];
+        Ok(([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]], note))
     }
 }
 
-/// `file`, or with the first of [`ENDINGS`] for which an image exists if it has no image extension itself. Backslashes
-/// of paths written on Windows become `/`, unless a file of exactly that name exists.
-fn with_ending(folder: &Path, file: &str) -> String {
-    if file.contains('\\') && !folder.join(file).is_file() {
-        return with_ending(folder, &file.replace('\\', "/"));
+/// Axes that are this far from unit length or right angles were rounded, to three decimals at worst.
+const ROUNDED_AXES: f64 = 5e-3;
+
+/// The axes of a camera as a rotation, to the last bit where they are one; and a note if they had another length.
+///
+/// # Errors
+/// The text says what is wrong with the axes.
+fn rotation_of(axes: [DVec3; 3]) -> Result<([DVec3; 3], Option<String>), String> {
+    let lengths = axes.map(|axis| axis.length());
+    let length = lengths.iter().sum::<f64>() / 3.0;
+    if !(length.is_finite() && lengths.iter().all(|&l| l > 1e-9)) {
+        return Err("is singular".into());
     }
-    let known = Path::new(file).extension().is_some_and(|e| ENDINGS.contains(&&*e.to_string_lossy()));
-    if known || folder.join(file).is_file() {
-        return file.to_owned();
+    if lengths.iter().any(|l| (l / length - 1.0).abs() > ROUNDED_AXES) {
+        let [x, y, z] = lengths;
+        return Err(format!(
+            "is not a rigid transform: its axes have the lengths {x:.3}, {y:.3} and {z:.3}; apply the camera's scale"
+        ));
+    }
+    let units = axes.map(|axis| axis / length);
+    let [x, y, z] = units;
+    if [x.dot(y), y.dot(z), z.dot(x)].iter().any(|cosine| cosine.abs() > ROUNDED_AXES) {
+        return Err("is not a rigid transform: its axes are not at right angles".into());
+    }
+    if x.cross(y).dot(z) < 0.0 {
+        return Err("is not a rigid transform: it mirrors".into());
+    }
+    if lengths.iter().all(|l| (l - 1.0).abs() < 1e-6) {
+        return Ok((axes, None));
+    }
+    // The rotation nearest to the axes, after a few Newton steps for the polar decomposition.
+    let mut rotation = DMat3::from_cols(x, y, z);
+    for _ in 0..4 {
+        rotation = (rotation + rotation.inverse().transpose()) * 0.5;
+    }
+    let note = ((length - 1.0).abs() > ROUNDED_AXES)
+        .then(|| format!("its axes have the length {length:.3}, which counts as 1: is the camera's scale applied?"));
+    Ok(([rotation.x_axis, rotation.y_axis, rotation.z_axis], note))
+}
+
+/// `file`, or with the first of [`ENDINGS`] for which an image exists if it has no image extension itself; see
+/// [`file_in`] for backslashes.
+fn with_ending(folder: &Path, file: &str) -> String {
+    let file = file_in(folder, file);
+    let known = Path::new(&file).extension().is_some_and(|e| ENDINGS.contains(&&*e.to_string_lossy()));
+    if known || folder.join(&file).is_file() {
+        return file;
     }
     let candidates = ENDINGS.iter().map(|e| format!("{file}.{e}"));
     candidates.into_iter().find(|c| folder.join(c).is_file()).unwrap_or_else(|| format!("{file}.png"))
 }
 
-/// The transforms files of a dataset that has both: `transforms_train.json` and `transforms_test.json`.
-pub(crate) fn train_test_files(dataset: &Path) -> Option<(PathBuf, PathBuf)> {
-    let pair = (dataset.join("transforms_train.json"), dataset.join("transforms_test.json"));
-    (pair.0.is_file() && pair.1.is_file()).then_some(pair)
+/// The transforms files of a Blender dataset: those for training and, if there is one, those that are held out, of
+/// `transforms_test.json` or else of `transforms_val.json`.
+pub(crate) fn blender_files(dataset: &Path) -> Option<(PathBuf, Option<PathBuf>)> {
+    let file = |name: &str| Some(dataset.join(name)).filter(|path| path.is_file());
+    let held_out = || file("transforms_test.json").or_else(|| file("transforms_val.json"));
+    Some((file("transforms_train.json")?, held_out()))
 }
 
 /// True if a dataset's cameras are in transforms files.
 pub(crate) fn has_transforms(dataset: &Path) -> bool {
-    dataset.join("transforms.json").is_file() || train_test_files(dataset).is_some()
+    dataset.join("transforms.json").is_file() || blender_files(dataset).is_some()
 }
 
 /// The point cloud that the dataset's `transforms.json`, or else its `transforms_train.json`, names as `ply_file_path`.
@@ -239,7 +307,8 @@ pub(crate) fn named_point_file(dataset: &Path) -> Result<Option<PathBuf>, IoErro
         let root = parse_json(&read_bytes(&path)?, &path)?;
         let Some(value) = root.get(FIELD).filter(|v| !v.is_null()) else { continue };
         let fail = |what: String| IoError::new(&path, what).at(Place::Field(FIELD.into()));
-        let named = dataset.join(without_dots(value.as_str().ok_or_else(|| fail("is not a string".into()))?));
+        let name = value.as_str().ok_or_else(|| fail("is not a string".into()))?;
+        let named = dataset.join(without_dots(&file_in(dataset, name)));
         if !named.is_file() {
             let error = fail(format!("there is no file {}", named.display()));
             return Err(error.advise("copy it there, or remove the field"));

@@ -1,5 +1,6 @@
 //! The sparse points of a dataset: `.ply` point clouds and COLMAP's `points3D`.
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use crate::bytes::Cursor;
@@ -8,6 +9,7 @@ use crate::error::{IoError, Place};
 use crate::nerf::{has_transforms, named_point_file};
 use crate::ply_table::PlyTable;
 use crate::{atomic_write, read_bytes};
+use instgs_vk::math::sh::SH_C0;
 use instgs_vk::scene::point_cloud::PointCloud;
 
 /// Colour of points whose file stores none.
@@ -36,6 +38,8 @@ pub struct LoadedPoints {
     pub path: PathBuf,
     /// Number of points that were dropped because a coordinate is not finite (as f32).
     pub dropped_non_finite: usize,
+    /// What a user should know of the points, one line each.
+    pub notes: Vec<String>,
 }
 
 /// Reads the points of a dataset folder, `None` if it has none. The first of these is used: the `ply_file_path` of
@@ -58,9 +62,18 @@ pub fn read_points(folder: &Path) -> Result<Option<LoadedPoints>, IoError> {
     let dropped_non_finite = drop_non_finite(&mut points);
     if points.is_empty() {
         let what = if dropped_non_finite > 0 { "has no point with finite coordinates" } else { "has no points" };
-        return Err(IoError::new(&path, what).advise("remove the file to start from random points"));
+        return Err(IoError::new(&path, what)
+            .advise("start from random points with --set init=random, or give a trained scene with --init"));
     }
-    Ok(Some(LoadedPoints { points, path, dropped_non_finite }))
+    let mut notes = Vec::new();
+    let coinciding = drop_coinciding(&mut points);
+    if coinciding > 0 {
+        notes.push(format!("{}: dropped {coinciding} points that are exactly where another one is", path.display()));
+    }
+    if points.colors.iter().all(|color| *color == NO_COLOR) {
+        notes.push(format!("{}: has no colours that are understood: all points start grey", path.display()));
+    }
+    Ok(Some(LoadedPoints { points, path, dropped_non_finite, notes }))
 }
 
 /// Advice for the user if a dataset has no points.
@@ -78,17 +91,36 @@ pub fn advice_without_points(folder: &Path) -> String {
 }
 
 fn drop_non_finite(cloud: &mut PointCloud) -> usize {
-    let before = cloud.len();
     let finite: Vec<bool> = cloud.positions.iter().map(|p| p.iter().all(|v| v.is_finite())).collect();
-    let mut keep = finite.iter();
-    cloud.colors.retain(|_| keep.next() == Some(&true));
-    let mut keep = finite.iter();
-    cloud.positions.retain(|_| keep.next() == Some(&true));
-    before - cloud.len()
+    keep_where(cloud, &finite)
 }
 
-/// Parses the bytes of a `.ply` point cloud in any encoding: `x y z`, and `red green blue` if present (0 to 255, or 0
-/// to 1 if they are floating-point). Non-finite points are kept; `path` is only used in messages.
+/// Drops points at exactly the place of an earlier one, as of a cloud merged with itself: their distances to each other say
+/// nothing about the size of what they show.
+fn drop_coinciding(cloud: &mut PointCloud) -> usize {
+    let mut seen = HashSet::with_capacity(cloud.len());
+    // Adding 0 turns -0 into 0.
+    let first: Vec<bool> = cloud.positions.iter().map(|p| seen.insert(p.map(|v| (v + 0.0).to_bits()))).collect();
+    keep_where(cloud, &first)
+}
+
+/// Keeps the points whose flag is set; returns the number of the others.
+fn keep_where(cloud: &mut PointCloud, flags: &[bool]) -> usize {
+    let mut keep = flags.iter();
+    cloud.colors.retain(|_| keep.next() == Some(&true));
+    let mut keep = flags.iter();
+    cloud.positions.retain(|_| keep.next() == Some(&true));
+    flags.len() - cloud.len()
+}
+
+/// Names of colours in the wild: of most programs, of some, of MeshLab and Open3D's older ones.
+const COLOR_NAMES: [[&str; 3]; 3] =
+    [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
+
+/// Parses the bytes of a `.ply` point cloud in any encoding: `x y z`, and colours if present (`red green blue`, `r g b`,
+/// `diffuse_red` ..., or a 3DGS cloud's `f_dc_0` ...). Colours go to 1 if they are floating-point and none is larger, else
+/// to 255, to 65535 or to 2^32 - 1: the least of these that none exceeds. Non-finite points are kept; `path` is only used
+/// in messages.
 pub fn parse_points_ply(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError> {
     let table = PlyTable::parse(bytes, path)?;
     let vertex = table.element("vertex").ok_or_else(|| IoError::new(path, "has no element vertex"))?;
@@ -96,16 +128,41 @@ pub fn parse_points_ply(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError
         vertex.column(name).ok_or_else(|| IoError::new(path, format!("element vertex has no property {name}")))
     };
     let xyz = [column("x")?, column("y")?, column("z")?];
-    let rgb = ["red", "green", "blue"].map(|name| vertex.column(name));
-    let rgb = if let [Some(r), Some(g), Some(b)] = rgb { Some([r, g, b]) } else { None };
-    let scale = rgb.map_or(1.0, |rgb| if rgb.iter().any(|&c| vertex.properties[c].is_float()) { 255.0 } else { 1.0 });
+    let columns = |names: [&str; 3]| {
+        let found = names.map(|name| vertex.column(name));
+        if let [Some(r), Some(g), Some(b)] = found { Some([r, g, b]) } else { None }
+    };
+    let rgb = COLOR_NAMES.iter().find_map(|names| columns(*names));
+    let sh = if rgb.is_some() { None } else { columns(["f_dc_0", "f_dc_1", "f_dc_2"]) };
     let mut out = PointCloud::default();
+    let mut colors: Vec<[f64; 3]> = Vec::new();
     table.walk(&mut [("vertex", &mut |_, row: &[f64]| {
         out.positions.push(xyz.map(|c| row[c] as f32));
-        // The cast saturates at 0 and 255.
-        out.colors.push(rgb.map_or(NO_COLOR, |rgb| rgb.map(|c| (row[c] * scale).round() as u8)));
+        colors.extend(rgb.or(sh).map(|columns| columns.map(|c| row[c])));
     })])?;
+    let is_float = rgb.is_some_and(|columns| columns.iter().any(|&c| vertex.properties[c].is_float()));
+    let scale = scale_of(is_float, &colors);
+    // The cast saturates at 0 and 255.
+    let byte = |value: f64| value.round() as u8;
+    out.colors = if sh.is_some() {
+        colors.iter().map(|color| color.map(|c| byte(255.0 * (0.5 + SH_C0 * c)))).collect()
+    } else if rgb.is_some() {
+        colors.iter().map(|color| color.map(|c| byte(scale * c))).collect()
+    } else {
+        vec![NO_COLOR; out.positions.len()]
+    };
     Ok(out)
+}
+
+/// What brings colours to 0..255, by the smallest usual range that holds the largest of them.
+fn scale_of(is_float: bool, colors: &[[f64; 3]]) -> f64 {
+    let largest = colors.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
+    match largest {
+        _ if is_float && largest <= 1.0 => 255.0,
+        _ if largest <= f64::from(u8::MAX) => 1.0,
+        _ if largest <= f64::from(u16::MAX) => f64::from(u8::MAX) / f64::from(u16::MAX),
+        _ => f64::from(u8::MAX) / f64::from(u32::MAX),
+    }
 }
 
 /// Parses the bytes of COLMAP's `points3D.bin`; tracks are skipped. Non-finite points are kept; `path` is only used in

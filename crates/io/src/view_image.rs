@@ -3,6 +3,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
+use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use crate::dataset::View;
@@ -51,8 +52,8 @@ pub struct LoadedView {
     pub camera: Camera,
 }
 
-/// Reads the image of a view (JPEG or PNG of any depth and channels; alpha becomes coverage; metadata such as the EXIF
-/// orientation is ignored). Pixels that are 0 in the view's mask are ignored. Lens distortion is removed with the same
+/// Reads the image of a view (JPEG or PNG of any depth and channels; alpha becomes coverage). The EXIF orientation is obeyed
+/// if the camera has the size of the turned picture and not of the stored one, else ignored. Pixels that are 0 in the view's mask are ignored. Lens distortion is removed with the same
 /// intrinsics, so pixels at the border may become ignored. If `width` is smaller than the image's, it is downscaled to
 /// that width: the height is `round(height * width / old width)`, at least 1, and the intrinsics are scaled per axis. A
 /// larger `width`, or `None`, changes nothing.
@@ -114,7 +115,10 @@ fn decode_sized(path: &Path, camera: &Camera, kind: &str) -> Result<DynamicImage
     let reader = ImageReader::new(Cursor::new(&bytes)).with_guessed_format().map_err(|e| fail(&e))?;
     let mut decoder = reader.into_decoder().map_err(|e| fail(&e))?;
     let (size, want) = (decoder.dimensions(), (camera.width, camera.height));
-    if size != want {
+    // Only where it makes the difference: a camera made for the stored pixels does not obey the tag.
+    let turn = decoder.orientation().unwrap_or(Orientation::NoTransforms);
+    let is_turned = size != want && (size.1, size.0) == want && swaps_sides(turn);
+    if size != want && !is_turned {
         let what = format!("the {kind} has {}x{} pixels, and its camera {}x{}", size.0, size.1, want.0, want.1);
         return Err(IoError::new(path, what)
             .advise("use the images that the cameras were made for; --width trains at a smaller size"));
@@ -123,7 +127,17 @@ fn decode_sized(path: &Path, camera: &Camera, kind: &str) -> Result<DynamicImage
     // 16 bytes per pixel is the widest format; the rest is for the decoder's own tables.
     limits.max_alloc = Some(u64::from(size.0) * u64::from(size.1) * 16 + (64 << 20));
     decoder.set_limits(limits).map_err(|e| fail(&e))?;
-    DynamicImage::from_decoder(decoder).map_err(|e| fail(&e))
+    let mut image = DynamicImage::from_decoder(decoder).map_err(|e| fail(&e))?;
+    if is_turned {
+        image.apply_orientation(turn);
+    }
+    Ok(image)
+}
+
+/// True for the EXIF orientations that exchange width and height.
+fn swaps_sides(orientation: Orientation) -> bool {
+    use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+    matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
 }
 
 #[cfg(test)]

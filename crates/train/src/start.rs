@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use instgs_io::checkpoint::{self, Checkpoint};
-use instgs_io::dataset::{Dataset, Split, read_views};
+use instgs_io::dataset::{Dataset, MissingPhotos, Split, leave_out_missing, read_views};
 use instgs_io::point_cloud::{advice_without_points, read_points};
 use instgs_io::view_image::IGNORED;
-use instgs_io::{IoError, View, load_scene};
+use instgs_io::{IoError, MaskFolder, View, load_scene};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
@@ -107,14 +107,14 @@ pub(super) fn needs_points(config: &TrainConfig, resumed: &Resumed) -> bool {
 ///
 /// # Errors
 /// A file that is damaged or missing; no training views; no points although they are needed.
-pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, TrainError> {
-    let dataset = read_views(folder)?;
+pub(super) fn read_data(folder: &Path, config: &TrainConfig, needs_points: bool) -> Result<TrainData, TrainError> {
+    let dataset = read_dataset(folder, config)?;
     let of = |split| -> Vec<View> { Dataset::split(&dataset, split).cloned().collect() };
     let (train, test) = (of(Split::Train), of(Split::Test));
     if train.is_empty() {
         return Err(IoError::new(folder, "has no training views").into());
     }
-    let mut warnings = Vec::new();
+    let mut warnings = dataset.notes;
     let points = match read_points(folder) {
         Err(error) if needs_points => return Err(error.into()),
         Err(error) => {
@@ -126,6 +126,7 @@ pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, 
                 let (path, n) = (loaded.path.display(), loaded.dropped_non_finite);
                 warnings.push(format!("{path}: dropped {n} points that are not finite"));
             }
+            warnings.extend(loaded.notes);
             loaded.points
         }
         Ok(None) if needs_points => {
@@ -139,17 +140,53 @@ pub(super) fn read_data(folder: &Path, needs_points: bool) -> Result<TrainData, 
     Ok(TrainData { train, test, points, extent, warnings })
 }
 
-/// Refuses a dataset whose camera files name photos that are not there, before any is decoded.
-fn check_photos<'a>(views: impl Iterator<Item = &'a View>) -> Result<(), IoError> {
-    let photos: Vec<&Path> = views.map(|view| view.image_path.as_path()).collect();
-    let missing: Vec<&Path> = photos.iter().copied().filter(|path| !path.is_file()).collect();
-    let Some(first) = missing.first() else { return Ok(()) };
-    let more = match missing.len() - 1 {
-        0 => String::new(),
-        n => format!(", as are {n} of the other {} photos", photos.len() - 1),
-    };
-    let error = IoError::new(first, format!("is missing{more}"));
-    Err(error.advise("put it there, or take its view out of the camera files"))
+/// Reads the views that a run trains on and is judged by: those with photos, and with the masks of pixels that the
+/// configuration names.
+///
+/// # Errors
+/// Camera files that are damaged or missing, or too many photos that are missing.
+pub fn read_dataset(folder: &Path, config: &TrainConfig) -> Result<Dataset, IoError> {
+    let mut dataset = read_views(folder)?;
+    let may_be_missing = if config.skip_missing { MissingPhotos::Skip } else { MissingPhotos::Few };
+    dataset.notes.extend(leave_out_missing(&mut dataset.views, may_be_missing)?);
+    match &config.pixel_masks {
+        Some(masks) => dataset.notes.extend(put_pixel_masks(&mut dataset.views, masks)?),
+        None => dataset.notes.extend(unused_masks(folder, config, &dataset.views)),
+    }
+    Ok(dataset)
+}
+
+/// Gives views the masks of a folder; returns a note about those that have none.
+fn put_pixel_masks(views: &mut [View], folder: &Path) -> Result<Option<String>, IoError> {
+    let masks = MaskFolder::open(folder)?;
+    let mut without = 0;
+    for view in views.iter_mut() {
+        view.mask_path = masks.file_of(view)?.map(Path::to_path_buf);
+        without += usize::from(view.mask_path.is_none());
+    }
+    if without == views.len() {
+        let error = IoError::new(folder, "has no mask of any photo");
+        return Err(error.advise("a mask is named like its photo: a.png or a.jpg.png for a.jpg"));
+    }
+    Ok((without > 0).then(|| {
+        format!("{}: {without} of {} photos have no mask: all of their pixels count", folder.display(), views.len())
+    }))
+}
+
+/// A note about masks that a plain cloud is not trained with.
+fn unused_masks(data: &Path, config: &TrainConfig, views: &[View]) -> Option<String> {
+    let folder = MaskFolder::default_for(data)?;
+    let is_used = config.method == Method::Instanced || views.iter().any(|view| view.mask_path.is_some());
+    let masks = MaskFolder::open(&folder).ok().filter(|masks| !is_used && masks.categories.is_empty())?;
+    // Masks of objects are of no use to a plain cloud, and nobody expects it.
+    let of_pixels = views
+        .iter()
+        .find_map(|view| masks.of_view(view).ok().flatten())
+        .is_some_and(|mask| mask.ids_present().keys().all(|&id| id == u16::from(u8::MAX) || id == u16::MAX));
+    of_pixels.then(|| {
+        let folder = folder.display();
+        format!("{folder} is not used: --pixel-masks {folder} trains only on the pixels that its masks leave")
+    })
 }
 
 /// Everything that is read before the first step.
@@ -171,8 +208,7 @@ pub(super) fn load_all(
 ) -> Result<Loaded, TrainError> {
     let config = &job.config;
     let resumed = find_checkpoint(job)?;
-    let mut data = read_data(&job.data, needs_points(config, &resumed))?;
-    check_photos(data.train.iter().chain(&data.test))?;
+    let mut data = read_data(&job.data, config, needs_points(config, &resumed))?;
     let variant = Variant::for_device(gpu.caps());
     let start = match config.method {
         Method::Gaussians => first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?,
@@ -189,6 +225,7 @@ pub(super) fn load_all(
     let width = (config.width > 0).then_some(config.width);
     let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
     let views = TrainViews::load(gpu, &plan, || ())?;
+    views.without_pixels().iter().try_for_each(|warning| warn(warning))?;
     // Test pictures are checked too: a damaged one should be found now, not after hours.
     leave_out_masked(&mut data.test, width)?.iter().try_for_each(|warning| warn(warning))?;
     Ok(Loaded { data, variant, start, views })

@@ -2,10 +2,11 @@
 //! turn, decoded ahead by worker threads.
 
 use std::collections::VecDeque;
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use instgs_io::View;
-use instgs_io::view_image::{LoadedView, ViewImage};
+use instgs_io::view_image::{IGNORED, LoadedView, ViewImage};
+use instgs_io::{IoError, View};
 use instgs_vk::gpu::staging::upload;
 use instgs_vk::gpu::{Buffer, Gpu};
 use instgs_vk::scene::Camera;
@@ -36,6 +37,8 @@ pub struct TrainViews {
     count: usize,
     largest_px: [u32; 2],
     bytes: u64,
+    /// A photo whose mask leaves nothing, and the number of such photos.
+    hidden: Option<(PathBuf, usize)>,
 }
 
 /// Which pictures are loaded, and in which order.
@@ -67,9 +70,14 @@ impl TrainViews {
             count: plan.views.len(),
             largest_px: [0; 2],
             bytes: 0,
+            hidden: None,
         };
         let mut full = false;
-        load_all::<TrainError>(plan.views, plan.width, PrefetchLimits::default(), &mut |_, loaded| {
+        load_all::<TrainError>(plan.views, plan.width, PrefetchLimits::default(), &mut |index, loaded| {
+            if loaded.image.rgba.iter().all(|pixel| pixel[3] == IGNORED) {
+                let first = out.hidden.take().unwrap_or_else(|| (plan.views[index].image_path.clone(), 0));
+                out.hidden = Some((first.0, first.1 + 1));
+            }
             out.largest_px[0] = out.largest_px[0].max(loaded.image.width);
             out.largest_px[1] = out.largest_px[1].max(loaded.image.height);
             full |= out.bytes + loaded.image.bytes() > plan.budget_bytes;
@@ -80,6 +88,14 @@ impl TrainViews {
             on_loaded();
             Ok(())
         })?;
+        if let Some((path, count)) = out.hidden.as_ref().filter(|(_, count)| *count == out.count) {
+            let others =
+                if *count > 1 { format!(", nor do those of the other {} photos", count - 1) } else { String::new() };
+            let what = format!("its mask leaves nothing to train on{others}");
+            let advice =
+                "a mask of pixels that count is white where they do; take mask_path out, or leave --pixel-masks out";
+            return Err(IoError::new(path, what).advise(advice).into());
+        }
         if out.resident.len() < out.count {
             let resident = out.resident.len();
             let mut order = ViewOrder::new(plan.seed, out.count);
@@ -124,6 +140,12 @@ impl TrainViews {
         Err(TrainError::NotPrefetched(index))
     }
 
+    /// A warning if there are photos whose masks leave nothing to train on.
+    pub fn without_pixels(&self) -> Option<String> {
+        let (path, count) = self.hidden.as_ref()?;
+        Some(format!("{}: its mask leaves nothing to train on; {count} such photos", path.display()))
+    }
+
     /// Number of training views.
     pub fn len(&self) -> usize {
         self.count
@@ -161,6 +183,7 @@ impl TrainViews {
             streamed: VecDeque::new(),
             prefetcher: None,
             largest_px: [largest(|i| i.width), largest(|i| i.height)],
+            hidden: None,
         })
     }
 }

@@ -9,7 +9,7 @@ use instgs_console::args::open_scene;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
-use instgs_io::{View, read_boxes};
+use instgs_io::{IoError, View, read_boxes, with_view_names};
 use instgs_objects::pipeline::write_masks_from_boxes;
 use instgs_objects::segment::boxes::{BoxOptions, BoxReport};
 use instgs_vk::render::RenderOptions;
@@ -43,7 +43,12 @@ pub(super) fn make(
         let what = "--boxes needs a trained scene: give it with --scene (train --method 3dgs makes one)";
         return Err(CliError::msg(what));
     };
-    let boxes = read_boxes(boxes)?;
+    let (path, boxes) = (boxes, with_view_names(read_boxes(boxes)?, views));
+    if boxes.objects.is_empty() && !views.iter().any(|view| boxes.views.contains_key(&view.camera.name)) {
+        let first = boxes.views.keys().next().map(|name| format!(" (it has some of {name})")).unwrap_or_default();
+        let error = IoError::new(path, format!("has no box in the world and none in a photo of the data set{first}"));
+        return Err(error.advise("a view has the name of its photo, with or without the ending").into());
+    }
     let scene = open_scene(scene, printer)?.scene;
     let pixel_filter = scene.pixel_filter;
     let render = RenderOptions::default().filtered(pixel_filter);

@@ -15,7 +15,8 @@ use crate::segment::{
 use instgs_io::checkpoint::Checkpoint;
 use instgs_io::json::{read_json, write_json};
 use instgs_io::view_image::camera_at_width;
-use instgs_io::{IoError, MaskFolder, RunFolder, Split, View, load_scene, read_cameras, read_views, write_cameras};
+use instgs_io::{IoError, MaskFolder, RunFolder, Split, View, load_scene, read_cameras, write_cameras};
+use instgs_train::read_dataset;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::{Camera, InstancedScene, PosedGroup};
 
@@ -198,7 +199,7 @@ pub fn label_gaussians(
 /// # Errors
 /// A data set that is missing or damaged.
 pub fn training_views(job: &PipelineJob) -> Result<(Vec<View>, Vec<Camera>), IoError> {
-    let views: Vec<View> = read_views(&job.data)?.split(Split::Train).cloned().collect();
+    let views: Vec<View> = read_dataset(&job.data, &job.config.train)?.split(Split::Train).cloned().collect();
     let width = (job.config.train.width > 0).then_some(job.config.train.width);
     let cameras = views.iter().map(|v| camera_at_width(&v.camera, width)).collect();
     Ok((views, cameras))

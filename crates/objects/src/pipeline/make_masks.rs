@@ -13,9 +13,10 @@ use super::stage_kinds::Stage;
 use crate::segment::boxes::{BoxOptions, BoxReport, masks_from_boxes as draw};
 use instgs_detect::{Prompt, ViewMasks};
 use instgs_io::masks::CATEGORIES;
-use instgs_io::{Dataset, IoError, Split, View, read_boxes, read_views, write_categories, write_mask};
+use instgs_io::{Dataset, IoError, Split, View, read_boxes, with_view_names, write_categories, write_mask};
 use instgs_train::eval_options;
 use instgs_train::facts::StageTime;
+use instgs_train::read_dataset;
 use instgs_vk::gpu::Gpu;
 use instgs_vk::scene::{Boxes, InstancedScene};
 
@@ -91,7 +92,8 @@ pub(super) fn masks_from_boxes(
 /// # Errors
 /// A file that is missing or damaged; no box in the world or in a training view.
 pub(super) fn training_boxes(job: &PipelineJob, path: &Path) -> Result<Boxes, IoError> {
-    let (boxes, dataset) = (read_boxes(path)?, read_views(&job.data)?);
+    let dataset = read_dataset(&job.data, &job.config.train)?;
+    let boxes = with_view_names(read_boxes(path)?, &dataset.views);
     let is_of_training = |name: &String| dataset.split(Split::Train).any(|view| view.camera.name == *name);
     if boxes.objects.is_empty() && !boxes.views.keys().any(is_of_training) {
         let error = IoError::new(path, "has no box in the world and none in a photo of a training view");

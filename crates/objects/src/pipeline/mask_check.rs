@@ -40,8 +40,13 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
     let found: Vec<Result<bool, IoError>> = views.par_iter().map(has_object).collect();
     let with_object = found.into_iter().collect::<Result<Vec<bool>, IoError>>()?;
     if !with_object.contains(&true) {
-        let error = IoError::new(&folder, "no training view has a mask with an object in it");
-        return Err(error.advise("a mask has the stem of its view's image, and ids above 0 where objects are"));
+        let example = masks
+            .any_file()
+            .zip(views.first())
+            .map(|(mask, view)| format!(" (there is {}, and the first view is {})", mask.display(), view.camera.name));
+        let what = format!("no training view has a mask with an object in it{}", example.unwrap_or_default());
+        let advice = "a mask has the stem of its view's image, or its whole name, and ids above 0 where objects are";
+        return Err(IoError::new(&folder, what).advise(advice));
     }
     Ok(without_mask_line(&views_without_mask(&masks, &views)?, views.len()).into_iter().collect())
 }
@@ -49,9 +54,9 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
 /// The names of the views that have no mask, in order.
 pub(super) fn views_without_mask(masks: &MaskFolder, views: &[View]) -> Result<Vec<String>, IoError> {
     let mut out = Vec::new();
-    for View { camera, .. } in views {
-        if !masks.has_view(&camera.name)? {
-            out.push(camera.name.clone());
+    for view in views {
+        if !masks.has_view(view)? {
+            out.push(view.camera.name.clone());
         }
     }
     Ok(out)

@@ -15,11 +15,12 @@ use super::mask_source::MaskSource;
 use super::observer::{Message, Observer, Phase};
 use super::prepare::{Prepared, prepare};
 use instgs_io::json::read_json;
-use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, read_views, write_ply};
+use instgs_io::{Dataset, IoError, RunFolder, Split, atomic_write, copy_file, write_ply};
 use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
 use instgs_train::given::{GivenCloud, given_cloud};
 use instgs_train::interrupt::Interrupt;
+use instgs_train::read_dataset;
 use instgs_train::{TrainMessage, Trained, evaluate_test_views, leave_out_masked, train};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::Renderer;
@@ -199,7 +200,8 @@ impl Pipeline<'_> {
 
     /// Means over the test views; `None` if there are none.
     fn evaluated(&self, job: &PipelineJob, scene: &InstancedScene) -> Result<Option<Metrics>, PipelineError> {
-        let mut test: Vec<_> = Dataset::split(&read_views(&job.data)?, Split::Test).cloned().collect();
+        let mut test: Vec<_> =
+            Dataset::split(&read_dataset(&job.data, &job.config.train)?, Split::Test).cloned().collect();
         let config = &job.config.train;
         let width = (config.width > 0).then_some(config.width);
         // The joint phase leaves the same views out and warns about them.

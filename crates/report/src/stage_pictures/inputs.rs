@@ -59,9 +59,8 @@ impl Inputs {
     /// The training views to show, in order: only views with a mask, if there are any.
     pub(super) fn choose_views(&self, objects: &Objects<'_>, most: usize) -> Vec<usize> {
         let all: Vec<usize> = (0..self.views.len()).collect();
-        let has_mask = |view: &usize| {
-            self.masks.as_ref().is_some_and(|m| m.has_view(&self.views[*view].camera.name).is_ok_and(|has| has))
-        };
+        let has_mask =
+            |view: &usize| self.masks.as_ref().is_some_and(|m| m.has_view(&self.views[*view]).is_ok_and(|has| has));
         let masked: Vec<usize> = all.iter().copied().filter(has_mask).collect();
         let middles: Vec<DVec3> = objects.ids().map(|id| middle(&means(&objects.gaussians(id)))).collect();
         choose_views(&self.cameras, if masked.is_empty() { &all } else { &masked }, &middles, most)

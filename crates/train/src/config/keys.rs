@@ -47,10 +47,12 @@ pub const fn key(name: &'static str, takes: Takes) -> Key {
 }
 
 /// Every key of the trainer, in the order of `configs/default.toml`.
-pub const KEYS: [Key; 100] = [
+pub const KEYS: [Key; 102] = [
     key("steps", Whole(1, STEPS_MAX)),
     key("seed", Whole(0, i64::MAX as u64)),
     key("width", Whole(0, 65_536)),
+    key("skip_missing", Flag),
+    key("pixel_masks", Text),
     key("method", Word(&["3dgs", "instgs"])),
     key("init", Word(&["points", "random"])),
     key("init_scene", Text),

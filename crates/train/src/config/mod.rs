@@ -48,6 +48,11 @@ pub struct TrainConfig {
     pub seed: u64,
     /// Width of the training pictures, pixels; 0 = that of the files.
     pub width: u32,
+    /// Whether views without a photo are left out however many they are; up to half of them always are.
+    pub skip_missing: bool,
+    /// Folder of masks of the pixels that count, named like the photos: black pixels are neither trained on nor compared.
+    #[serde(with = "empty_is_none")]
+    pub pixel_masks: Option<PathBuf>,
     /// Whether a plain cloud or an instanced scene is trained.
     pub method: Method,
     /// Where the first Gaussians come from.

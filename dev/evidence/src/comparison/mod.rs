@@ -18,9 +18,9 @@ use instgs_cli::training::Session;
 use instgs_console::CliError;
 use instgs_console::args::create_folder;
 use instgs_eval::{Evaluated, Lpips};
-use instgs_io::{Dataset, IoError, Split, View, read_views};
+use instgs_io::{Dataset, IoError, Split, View};
 use instgs_objects::pipeline::config::RunConfig;
-use instgs_train::leave_out_masked;
+use instgs_train::{leave_out_masked, read_dataset};
 
 /// File in the folder of a comparison that records its settings.
 const CONFIG: &str = "config.toml";
@@ -96,7 +96,8 @@ pub(crate) fn compare(
 
 /// The test views to compare on. Called before anything is trained.
 fn test_views(session: &Session<'_>, comparison: &Comparison) -> Result<Vec<View>, CliError> {
-    let mut views: Vec<View> = Dataset::split(&read_views(&comparison.data)?, Split::Test).cloned().collect();
+    let mut views: Vec<View> =
+        Dataset::split(&read_dataset(&comparison.data, &comparison.config.train)?, Split::Test).cloned().collect();
     let width = (comparison.config.train.width > 0).then_some(comparison.config.train.width);
     let masked = leave_out_masked(&mut views, width)?;
     masked.iter().for_each(|text| session.printer.warning(text));
