@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use instgs_io::{
     Mask, Pack, camera_file, colmap, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, splat,
-    spz,
+    spz, spz_write,
 };
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
@@ -61,6 +61,16 @@ fn scene() -> InstancedScene {
     }
 }
 
+/// A version 3 SPZ file of `n` splats of SH degree 0, without gzip.
+fn spz_v3(n: u32) -> Vec<u8> {
+    let mut out = b"NGSP".to_vec();
+    for word in [3, n, u32::from_le_bytes([0, 12, 0, 0])] {
+        out.extend_from_slice(&word.to_le_bytes());
+    }
+    out.extend((0..20 * n).map(|i| i as u8));
+    out
+}
+
 /// A version 4 SPZ file of `n` splats of SH degree 0, all zero bytes, written by this test alone.
 fn spz_v4(n: u32) -> std::io::Result<Vec<u8>> {
     let sizes = [9, 1, 3, 3, 4].map(|b| b * n as usize);
@@ -78,6 +88,14 @@ fn spz_v4(n: u32) -> std::io::Result<Vec<u8>> {
     }
     out.extend(body);
     Ok(out)
+}
+
+/// The same file with an extension that says that the axes are right-down-front, and an unknown one.
+fn spz_v4_with_axes(n: u32) -> std::io::Result<Vec<u8>> {
+    let mut plain = spz_v4(n)?;
+    let records: Vec<u8> = [0xADBE_0003u32, 4, 6, 0x1234_0001, 0].iter().flat_map(|word| word.to_le_bytes()).collect();
+    (plain[14], plain[16]) = (2, 32 + records.len() as u8);
+    Ok([&plain[..32], &records[..], &plain[32..]].concat())
 }
 
 const ASCII_PLY: &str = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n\
@@ -175,8 +193,10 @@ fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
         ("ply", ply::ply_bytes(&cloud(1, 3), PixelFilter::default()), |b| done(ply::parse_ply(b, path()))),
         ("ascii ply", ASCII_PLY.into(), |b| done(ply::parse_ply(b, path()))),
         ("packed ply", packed_ply(), |b| done(ply::parse_ply(b, path()))),
-        ("spz v3", spz::spz_bytes(&cloud(1, 5), false, path())?, |b| done(spz::parse_spz(b, path()))),
+        ("spz", spz_write::spz_bytes(&cloud(1, 5), false, path())?, |b| done(spz::parse_spz(b, path()))),
+        ("spz v3", spz_v3(5), |b| done(spz::parse_spz(b, path()))),
         ("spz v4", spz_v4(6)?, |b| done(spz::parse_spz(b, path()))),
+        ("spz v4 with axes", spz_v4_with_axes(6)?, |b| done(spz::parse_spz(b, path()))),
         ("splat", vec![77; 64], |b| done(splat::parse_splat(b, path()))),
         ("instgs", scene_write::scene_file_bytes(&scene(), path())?, |b| done(scene_file::parse_scene_file(b, path()))),
         ("instgs f16", packed_scene(Pack::F16)?, |b| done(scene_file::parse_scene_file(b, path()))),

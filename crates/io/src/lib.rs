@@ -41,7 +41,9 @@ pub mod scene_write;
 pub mod small;
 pub mod splat;
 pub mod spz;
+mod spz_axes;
 mod spz_codec;
+pub mod spz_write;
 mod step_columns;
 mod text;
 pub mod view_image;
@@ -66,13 +68,14 @@ pub use nerf_write::write_transforms;
 pub use ply::{read_ply, write_ply};
 pub use point_cloud::{LoadedPoints, read_points, write_points};
 pub use run_folder::RunFolder;
-pub use scene_export::{ExportFormat, export_scene};
+pub use scene_export::{ExportFormat, ExportedScene, export_scene};
 pub use scene_file::read_scene_file;
 pub use scene_load::{LoadedScene, load_scene, save_scene};
 pub use scene_pack::Pack;
 pub use scene_write::{write_scene_file, write_scene_file_packed, write_small_scene_file};
 pub use splat::read_splat;
-pub use spz::{read_spz, write_spz};
+pub use spz::read_spz;
+pub use spz_write::{SpzLoss, write_spz};
 pub use view_image::{LoadedView, ViewImage, load_view};
 
 /// Prefix of the names of [`atomic_write`]'s temporary files; a killed process may leave one behind.

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::host_memory::available_bytes;
-use crate::{IoError, Pack, glb, ply, scene_write, spz};
+use crate::{IoError, Pack, SpzLoss, glb, ply, scene_write, spz_write};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 
@@ -48,12 +48,26 @@ impl ExportFormat {
     }
 }
 
-/// Writes a scene; returns the number of Gaussians in the file. `up` is the scene's direction that becomes glTF's +y.
+/// What [`export_scene`] wrote.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ExportedScene {
+    /// Number of Gaussians in the file.
+    pub gaussians: u64,
+    /// What an `.spz` file could not hold.
+    pub spz_loss: SpzLoss,
+}
+
+/// Writes a scene. `up` is the scene's direction that becomes glTF's +y.
 ///
 /// # Errors
 /// The file cannot be written, or there is not enough memory.
-pub fn export_scene(to: &Path, scene: &InstancedScene, format: ExportFormat, up: DVec3) -> Result<u64, IoError> {
-    let stored = scene.source_len() as u64;
+pub fn export_scene(
+    to: &Path,
+    scene: &InstancedScene,
+    format: ExportFormat,
+    up: DVec3,
+) -> Result<ExportedScene, IoError> {
+    let mut exported = ExportedScene { gaussians: scene.source_len() as u64, ..ExportedScene::default() };
     match format {
         ExportFormat::Instgs(pack) => scene_write::write_scene_file_packed(to, scene, pack)?,
         ExportFormat::Glb => {
@@ -63,14 +77,16 @@ pub fn export_scene(to: &Path, scene: &InstancedScene, format: ExportFormat, up:
         ExportFormat::Ply | ExportFormat::Spz => {
             check_expanded_memory(to, scene)?;
             let cloud = scene.flatten();
+            exported.gaussians = cloud.len() as u64;
             match format {
-                ExportFormat::Spz => spz::write_spz(to, &cloud, scene.pixel_filter.antialias)?,
+                ExportFormat::Spz => {
+                    exported.spz_loss = spz_write::write_spz(to, &cloud, scene.pixel_filter.antialias)?;
+                }
                 _ => ply::write_ply(to, &cloud, scene.pixel_filter)?,
             }
-            return Ok(cloud.len() as u64);
         }
     }
-    Ok(stored)
+    Ok(exported)
 }
 
 /// Checks memory for flattening, which holds the cloud and the file's bytes at once.

@@ -1,28 +1,31 @@
-//! `.spz` (Niantic): quantised, compressed clouds. Reads versions 1 to 4, writes version 3.
+//! `.spz` (Niantic): quantised, compressed clouds. Reads versions 1 to 4; `spz_write.rs` writes version 4.
 //!
 //! Containers: versions 1-3 are one gzip stream of a 16-byte header and the attribute arrays (a bare, uncompressed
 //! stream is accepted too). Version 4 has a bare 32-byte header, a table of contents of (compressed, uncompressed) sizes
 //! at the offset that the header names, and one zstd frame per non-empty attribute array. The arrays, in order:
 //! positions, alphas, colours, scales, rotations, SH.
 //!
-//! Axes: SPZ is right-up-back, scenes here are right-down-front like INRIA's `.ply`; reading and writing rotate
-//! positions, rotations and SH by 180 degrees about x, as the reference implementation does between SPZ and PLY.
+//! Axes: SPZ is right-up-back unless an extension names others (`spz_axes.rs`), scenes here are right-down-front like
+//! INRIA's `.ply`; reading and writing rotate positions, rotations and SH by 180 degrees about x, as the reference
+//! implementation does between SPZ and PLY.
 //!
-//! Limits: SH of degree 4 (version 4) are truncated to degree 3. Vendor extensions are skipped. Opacity bytes 0 and 255
-//! get finite logits. Writing keeps 5 bits of SH degree 1 and 4 bits of the higher degrees, as the reference
-//! implementation does, and clamps SH to -1..1, the range of the format.
+//! Limits: SH of degree 4 (version 4) are truncated to degree 3. Of the vendor extensions only that of the axes is used.
+//! Opacity bytes 0 and 255 get finite logits. Writing keeps 5 bits of SH degree 1 and 4 bits of the higher degrees, as the
+//! reference implementation does, and clamps SH to -1..1, the range of the format.
 
-use std::io::{Read, Write};
+use std::io::Read;
 use std::path::Path;
 
 use crate::bytes::Cursor;
 use crate::error::{IoError, Place};
+use crate::spz_axes::Extensions;
 use crate::spz_codec::{self, Layout};
-use crate::{atomic_write, cut_note, read_bytes};
-use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE};
+use crate::{cut_note, read_bytes};
+use instgs_vk::scene::gaussians::Gaussians;
 
 const MAGIC: u32 = u32::from_le_bytes(*b"NGSP");
-const FLAG_ANTIALIAS: u8 = 1;
+/// Flag of clouds that were trained with opacity compensation.
+pub(crate) const FLAG_ANTIALIAS: u8 = 1;
 const FLAG_EXTENSIONS: u8 = 2;
 /// Upper limit on the compression of gzip: Deflate reaches about 1032:1.
 const MAX_GZIP_RATIO: u64 = 1040;
@@ -30,8 +33,11 @@ const MAX_GZIP_RATIO: u64 = 1040;
 /// rejects more as well.
 const MAX_SPLATS_PER_BYTE: u64 = 1024 / 9;
 const HEADER_BYTES: usize = 16;
-const HEADER_BYTES_V4: usize = 32;
-/// Upper limit on bytes after the arrays (extensions) that are read to reach the end of the gzip stream.
+/// Length of the header of version 4.
+pub(crate) const HEADER_BYTES_V4: usize = 32;
+/// Upper limit on the extensions after the arrays of versions 1 to 3; those that are known have up to a hundred bytes.
+const MAX_EXTENSION_BYTES: u64 = 1 << 16;
+/// Upper limit on bytes behind them that are read to reach the end of the gzip stream.
 const MAX_TRAILER_BYTES: u64 = 64 << 20;
 
 /// The contents of an `.spz` file.
@@ -65,7 +71,7 @@ pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
         if need > (bytes.len() as u64).saturating_mul(MAX_GZIP_RATIO) {
             return Err(header.too_many(bytes.len(), path));
         }
-        stream.by_ref().take(need).read_to_end(&mut plain).map_err(broken)?;
+        stream.by_ref().take(need.saturating_add(MAX_EXTENSION_BYTES)).read_to_end(&mut plain).map_err(broken)?;
         // Reading on to the end makes the decoder verify the stream's checksum.
         std::io::copy(&mut stream.take(MAX_TRAILER_BYTES), &mut std::io::sink()).map_err(broken)?;
         return arrays_in_one_piece(&header, &plain[HEADER_BYTES..], path);
@@ -127,15 +133,12 @@ impl Header {
         IoError::new(path, what).at(Place::Field("numPoints".into()))
     }
 
-    fn decode(&self, arrays: &[&[u8]; 6]) -> SpzCloud {
-        let gaussians = spz_codec::decode(&self.layout(), u32::from(self.fractional_bits), arrays);
-        let mut notes: Vec<String> = cut_note(u32::from(self.sh_degree)).into_iter().collect();
-        if self.flags & FLAG_EXTENSIONS != 0 {
-            notes.push(
-                "has vendor extensions, which are ignored; if one declares other axes, the scene appears rotated"
-                    .into(),
-            );
-        }
+    /// Decodes the arrays; `extensions` are the bytes where extensions are, if the header says that there are any.
+    fn decode(&self, arrays: &[&[u8]; 6], extensions: &[u8]) -> SpzCloud {
+        let Extensions { axes, notes: extension_notes } =
+            if self.flags & FLAG_EXTENSIONS != 0 { Extensions::parse(extensions) } else { Extensions::default() };
+        let gaussians = spz_codec::decode(&self.layout(), u32::from(self.fractional_bits), axes, arrays);
+        let notes = cut_note(u32::from(self.sh_degree)).into_iter().chain(extension_notes).collect();
         SpzCloud { gaussians, antialias: self.flags & FLAG_ANTIALIAS != 0, notes }
     }
 }
@@ -158,7 +161,7 @@ fn arrays_in_one_piece(header: &Header, body: &[u8], path: &Path) -> Result<SpzC
         rest = tail;
         array
     });
-    Ok(header.decode(&arrays))
+    Ok(header.decode(&arrays, rest))
 }
 
 /// Reads version 4: a table of contents and zstd frames.
@@ -173,7 +176,8 @@ fn streams(header: &Header, bytes: &[u8], path: &Path) -> Result<SpzCloud, IoErr
         let what = format!("the table of contents at byte {toc} lies within the header");
         return Err(IoError::new(path, what).at(Place::Field("tocByteOffset".into())));
     }
-    cursor.take(toc - cursor.position(), "the part before the table of contents")?;
+    cursor.take(HEADER_BYTES_V4 - cursor.position(), "the SPZ header")?;
+    let extensions = cursor.take(toc - HEADER_BYTES_V4, "the part before the table of contents")?;
     let sizes = header.layout().array_bytes();
     let present = sizes.iter().filter(|&&n| n > 0).count();
     if present != usize::from(header.streams) {
@@ -207,99 +211,76 @@ fn streams(header: &Header, bytes: &[u8], path: &Path) -> Result<SpzCloud, IoErr
             return Err(broken(format!("does not unpack to the {} bytes that the table of contents names", sizes[i])));
         }
     }
-    Ok(header.decode(&arrays.each_ref().map(Vec::as_slice)))
-}
-
-/// Writes a gzipped version 3 file: its smallest-three rotations are about five times finer than version 2's for one
-/// byte more, while version 2 loses w near half turns; version 4 is not widely supported yet.
-///
-/// Positions get 12 fractional bits (1/4096 units), fewer if the cloud reaches beyond +-2048 units.
-pub fn write_spz(path: &Path, cloud: &Gaussians, antialias: bool) -> Result<(), IoError> {
-    let bytes = spz_bytes(cloud, antialias, path)?;
-    atomic_write(path, |out| out.write_all(&bytes))
-}
-
-/// The bytes that [`write_spz`] writes.
-pub fn spz_bytes(cloud: &Gaussians, antialias: bool, path: &Path) -> Result<Vec<u8>, IoError> {
-    if let Some(i) = (0..cloud.len()).find(|&i| !cloud.is_finite(i)) {
-        return Err(IoError::new(path, format!("cannot write: Gaussian {i} has a value that is not finite")));
-    }
-    let splats = u32::try_from(cloud.len()).map_err(|_| IoError::new(path, "cannot write: more than 2^32 splats"))?;
-    let reach = cloud.means.iter().flatten().fold(0.0f64, |m, &v| m.max(f64::from(v).abs()));
-    let Some(bits) = (0..=12u32).rev().find(|&b| reach * f64::from(1u32 << b) < 8_388_607.0) else {
-        let what = format!("cannot write: a position of {reach:.3e} units is beyond SPZ's 24-bit range of 8.4e6");
-        return Err(IoError::new(path, what).advise("scale the scene down"));
-    };
-    let degree = cloud.sh_degree.min(MAX_SH_DEGREE) as u8;
-    let arrays = spz_codec::encode(cloud, bits);
-    let mut plain = Vec::with_capacity(HEADER_BYTES + arrays.iter().map(Vec::len).sum::<usize>());
-    plain.extend_from_slice(b"NGSP");
-    plain.extend_from_slice(&3u32.to_le_bytes());
-    plain.extend_from_slice(&splats.to_le_bytes());
-    plain.extend_from_slice(&[degree, bits as u8, u8::from(antialias) * FLAG_ANTIALIAS, 0]);
-    arrays.iter().for_each(|a| plain.extend_from_slice(a));
-    let mut encoder = flate2::GzBuilder::new().mtime(0).write(Vec::new(), flate2::Compression::best());
-    encoder.write_all(&plain).and_then(|()| encoder.finish()).map_err(|e| IoError::os(path, "cannot write", &e))
+    Ok(header.decode(&arrays.each_ref().map(Vec::as_slice), extensions))
 }
 
 #[cfg(test)]
 mod tests {
+    use std::io::Write;
+
     use super::*;
+    use crate::spz_write::spz_bytes;
     use instgs_samples::sample;
 
     fn parse(bytes: &[u8]) -> Result<SpzCloud, IoError> {
         parse_spz(bytes, Path::new("test.spz"))
     }
 
-    fn normalised(q: [f32; 4]) -> [f64; 4] {
-        let n = q.iter().map(|&v| f64::from(v).powi(2)).sum::<f64>().sqrt();
-        q.map(|v| f64::from(v) / n)
+    /// An uncompressed file of version 3 with the given flags, and the cloud's arrays with 12 fractional bits.
+    fn version_3(cloud: &Gaussians, flags: u8) -> Vec<u8> {
+        let mut out = b"NGSP".to_vec();
+        out.extend_from_slice(&3u32.to_le_bytes());
+        out.extend_from_slice(&(cloud.len() as u32).to_le_bytes());
+        out.extend_from_slice(&[cloud.sh_degree as u8, 12, flags, 0]);
+        spz_codec::encode(cloud, 12).iter().for_each(|array| out.extend_from_slice(array));
+        out
+    }
+
+    fn gzipped(plain: &[u8]) -> Result<Vec<u8>, IoError> {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        let written = encoder.write_all(plain).and_then(|()| encoder.finish());
+        written.map_err(|e| IoError::os(Path::new("x"), "gzip", &e))
+    }
+
+    /// The extension that names axes.
+    fn axes_record(number: u32) -> Vec<u8> {
+        [0xADBE_0003, 4, number].iter().flat_map(|word: &u32| word.to_le_bytes()).collect()
     }
 
     #[test]
-    fn what_is_written_is_read_within_the_quantisation() -> Result<(), IoError> {
-        for degree in 0..=3 {
-            let cloud = sample(degree, 300);
-            let bytes = spz_bytes(&cloud, degree == 2, Path::new("x.spz"))?;
-            let back = parse(&bytes)?;
-            assert_eq!(back.antialias, degree == 2);
-            let back = back.gaussians;
-            assert_eq!((back.len(), back.sh_degree), (300, degree));
-            for i in 0..300 {
-                let near = |a: &[f32], b: &[f32], tolerance: f32, what: &str| {
-                    for (x, y) in a.iter().zip(b) {
-                        assert!((x - y).abs() <= tolerance, "{what} of {i}: {x} {y}");
-                    }
-                };
-                near(&back.means[i], &cloud.means[i], 0.5 / 4096.0 + 1e-6, "mean");
-                near(&back.log_scales[i], &cloud.log_scales[i], 0.5 / 16.0 + 1e-6, "scale");
-                near(&back.sh_of(i)[0], &cloud.sh_of(i)[0], 0.5 / (255.0 * 0.15) + 1e-6, "dc");
-                near(
-                    back.sh_of(i)[1..].as_flattened(),
-                    cloud.sh_of(i)[1..].as_flattened(),
-                    8.0 / 128.0 + 0.5 / 128.0 + 1e-6,
-                    "sh",
-                );
-                let (a, b) = (normalised(back.quats[i]), normalised(cloud.quats[i]));
-                assert!(a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>().abs() > 1.0 - 1e-5, "quat of {i}");
-                let sigmoid = |l: f32| 1.0 / (1.0 + (-l).exp());
-                assert!((sigmoid(back.opacity_logits[i]) - sigmoid(cloud.opacity_logits[i])).abs() < 0.51 / 255.0);
-            }
-        }
+    fn version_3_is_read_with_and_without_gzip() -> Result<(), IoError> {
+        let cloud = sample(2, 40);
+        let plain = version_3(&cloud, FLAG_ANTIALIAS);
+        let [bare, packed] = [parse(&plain)?, parse(&gzipped(&plain)?)?];
+        assert_eq!(bare, packed);
+        assert!(bare.antialias && bare.notes.is_empty());
+        let near = |(a, b): (&f32, &f32)| (a - b).abs() < 0.5 / 4096.0 + 1e-6;
+        assert!(bare.gaussians.means.as_flattened().iter().zip(cloud.means.as_flattened()).all(near));
+        let whole = gzipped(&plain)?;
+        assert!((0..whole.len()).all(|end| parse(&whole[..end]).is_err()));
         Ok(())
     }
 
+    /// The axes of the scene itself: the arrays are the same as right-up-back, so the cloud comes out turned about x.
     #[test]
-    fn an_empty_cloud_and_large_positions() -> Result<(), IoError> {
-        let path = Path::new("x.spz");
-        assert!(parse(&spz_bytes(&Gaussians::default(), false, path)?)?.gaussians.is_empty());
-        let mut cloud = sample(0, 2);
-        cloud.means[1] = [100_000.0, -5.0, 3.0];
-        assert!((parse(&spz_bytes(&cloud, false, path)?)?.gaussians.means[1][0] - 100_000.0).abs() < 0.02);
-        cloud.means[1][0] = 1e9;
-        assert!(spz_bytes(&cloud, false, path).is_err());
-        cloud.means[1][0] = f32::NAN;
-        assert!(spz_bytes(&cloud, false, path).is_err());
+    fn extensions_name_the_axes_in_every_version() -> Result<(), IoError> {
+        let cloud = sample(1, 9);
+        let usual = parse(&version_3(&cloud, 0))?.gaussians;
+        let old = [version_3(&cloud, FLAG_EXTENSIONS), axes_record(6)].concat();
+        let mut new = spz_bytes(&cloud, false, Path::new("x.spz"))?;
+        new[14] |= FLAG_EXTENSIONS;
+        new[16] += 12;
+        let new = [&new[..HEADER_BYTES_V4], &axes_record(6)[..], &new[HEADER_BYTES_V4..]].concat();
+        for bytes in [gzipped(&old)?, old, new] {
+            let SpzCloud { gaussians, notes, .. } = parse(&bytes)?;
+            assert!(notes.is_empty(), "{notes:?}");
+            for (a, b) in gaussians.means.iter().zip(&usual.means) {
+                assert!((0..3).all(|k| (a[k] - [1.0, -1.0, -1.0][k] * b[k]).abs() < 3e-4), "{a:?} {b:?}");
+            }
+            assert_eq!(gaussians.sh_of(0)[1], usual.sh_of(0)[1].map(|v| -v));
+        }
+        let unknown = [version_3(&cloud, FLAG_EXTENSIONS), vec![9; 20]].concat();
+        assert_eq!(parse(&unknown)?.notes.len(), 1);
         Ok(())
     }
 
@@ -311,12 +292,7 @@ mod tests {
         raw.extend_from_slice(&[3, 12, 0, 0]);
         raw.resize(200, 0);
         assert!(parse(&raw).is_err_and(|e| e.to_string().contains("ends early")));
-        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
-        let gz = encoder
-            .write_all(&raw)
-            .and_then(|()| encoder.finish())
-            .map_err(|e| IoError::os(Path::new("x"), "gzip", &e))?;
-        assert!(parse(&gz).is_err_and(|e| e.to_string().contains("claims 4294967295")));
+        assert!(parse(&gzipped(&raw)?).is_err_and(|e| e.to_string().contains("claims 4294967295")));
         raw[4] = 4;
         assert!(parse(&raw).is_err_and(|e| e.to_string().contains("claims 4294967295")));
         Ok(())

@@ -1,18 +1,14 @@
 //! SPZ's quantisation: sizes of the attribute arrays, and conversion of their values to and from [`Gaussians`].
 
 use crate::logit_of_byte;
+use crate::spz_axes::Axes;
 use instgs_vk::scene::gaussians::{Gaussians, MAX_SH_DEGREE, sh_coefficients};
 
 /// SH 0 is stored as 0.5 + 0.15 c, so that colours slightly beyond 0..1 fit a byte.
-const COLOUR_SCALE: f64 = 0.15;
+pub(crate) const COLOUR_SCALE: f64 = 0.15;
 /// Bits of SH degree 1 and of the higher degrees that are kept when writing: coarser steps compress better.
 const SH1_BITS: u32 = 5;
 const SH_REST_BITS: u32 = 4;
-/// A rotation by 180 degrees about x, as signs of (x, y, z); it swaps right-up-back and right-down-front.
-const AXIS_SIGNS: [f64; 3] = [1.0, -1.0, -1.0];
-/// The same rotation on SH coefficients 1..15: a basis function of odd degree in y and z together changes its sign.
-const SH_SIGNS: [f32; 15] = [-1., -1., 1., -1., 1., 1., -1., 1., -1., 1., -1., -1., 1., -1., 1.];
-
 /// Shapes of the arrays of one file. Index: 0 positions, 1 alphas, 2 colours, 3 scales, 4 rotations, 5 SH.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layout {
@@ -44,14 +40,15 @@ impl Layout {
     }
 }
 
-/// Decodes arrays that have the lengths of `layout`.
-pub(crate) fn decode(layout: &Layout, fractional_bits: u32, arrays: &[&[u8]; 6]) -> Gaussians {
+/// Decodes arrays that have the lengths of `layout`, of a file with the given axes.
+pub(crate) fn decode(layout: &Layout, fractional_bits: u32, axes: Axes, arrays: &[&[u8]; 6]) -> Gaussians {
     let splats = layout.splats as usize;
     let degree = layout.sh_degree.min(MAX_SH_DEGREE);
     let mut out = Gaussians::with_capacity(degree, splats);
     let stored = sh_coefficients(layout.sh_degree) - 1;
     let kept = sh_coefficients(degree) - 1;
     let unit = f64::from(fractional_bits).exp2().recip();
+    let (signs, quat_signs, sh_signs) = (axes.signs(), axes.quat_signs(), axes.sh_signs());
     let [positions, alphas, colours, scales, rotations, sh] = *arrays;
     for i in 0..splats {
         let position: [f64; 3] = std::array::from_fn(|k| {
@@ -65,7 +62,7 @@ pub(crate) fn decode(layout: &Layout, fractional_bits: u32, arrays: &[&[u8]; 6])
             f64::from(fixed) * unit
         });
         // Adding 0.0 turns -0 into 0.
-        out.means.push(std::array::from_fn(|k| (position[k] * AXIS_SIGNS[k] + 0.0) as f32));
+        out.means.push(std::array::from_fn(|k| (position[k] * signs[k] + 0.0) as f32));
         out.opacity_logits.push(logit_of_byte(alphas[i]));
         out.log_scales.push(std::array::from_fn(|k| f32::from(scales[3 * i + k]) / 16.0 - 10.0));
         let xyzw = if layout.smallest_three {
@@ -74,24 +71,26 @@ pub(crate) fn decode(layout: &Layout, fractional_bits: u32, arrays: &[&[u8]; 6])
             unpack_first_three(std::array::from_fn(|k| rotations[3 * i + k]))
         };
         let [x, y, z, w] = xyzw;
-        out.quats.push([w, x * AXIS_SIGNS[0], y * AXIS_SIGNS[1], z * AXIS_SIGNS[2]].map(|v| v as f32));
+        out.quats.push([w, x * quat_signs[0], y * quat_signs[1], z * quat_signs[2]].map(|v| v as f32));
         out.sh.push(std::array::from_fn(|k| ((f64::from(colours[3 * i + k]) / 255.0 - 0.5) / COLOUR_SCALE) as f32));
-        for (c, sign) in SH_SIGNS.iter().enumerate().take(kept) {
+        for (c, sign) in sh_signs.iter().enumerate().take(kept) {
             let at = 3 * (stored * i + c);
             out.sh.push(std::array::from_fn(|k| (f32::from(sh[at + k]) - 128.0) / 128.0 * sign));
         }
     }
-    out
+    axes.turned(out)
 }
 
-/// The arrays of a version 3 file, in the order of [`Layout`]. All values must be finite and positions within range.
+/// The arrays of a version 3 or 4 file, in the order of [`Layout`]. All values must be finite and positions within range.
 pub(crate) fn encode(cloud: &Gaussians, fractional_bits: u32) -> [Vec<u8>; 6] {
     let mut arrays: [Vec<u8>; 6] = Default::default();
     let [positions, alphas, colours, scales, rotations, sh] = &mut arrays;
     let unit = f64::from(fractional_bits).exp2();
+    let axes = Axes::USUAL;
+    let (signs, quat_signs, sh_signs) = (axes.signs(), axes.quat_signs(), axes.sh_signs());
     let byte = |v: f64| v.round().clamp(0.0, 255.0) as u8;
     for i in 0..cloud.len() {
-        for (k, sign) in AXIS_SIGNS.iter().enumerate() {
+        for (k, sign) in signs.iter().enumerate() {
             let fixed = (f64::from(cloud.means[i][k]) * sign * unit).round() as i32;
             positions.extend_from_slice(&fixed.to_le_bytes()[..3]);
             scales.push(byte((f64::from(cloud.log_scales[i][k]) + 10.0) * 16.0));
@@ -99,11 +98,11 @@ pub(crate) fn encode(cloud: &Gaussians, fractional_bits: u32) -> [Vec<u8>; 6] {
         }
         alphas.push(byte(255.0 / (1.0 + f64::from(-cloud.opacity_logits[i]).exp())));
         let [w, x, y, z] = cloud.quats[i].map(f64::from);
-        let turned = [x * AXIS_SIGNS[0], y * AXIS_SIGNS[1], z * AXIS_SIGNS[2], w];
+        let turned = [x * quat_signs[0], y * quat_signs[1], z * quat_signs[2], w];
         rotations.extend_from_slice(&pack_smallest_three(turned).to_le_bytes());
         for (c, rgb) in cloud.sh_of(i)[1..].iter().enumerate() {
             let bits = if c < 3 { SH1_BITS } else { SH_REST_BITS };
-            sh.extend(rgb.iter().map(|&v| quantise_sh(v * SH_SIGNS[c], bits)));
+            sh.extend(rgb.iter().map(|&v| quantise_sh(v * sh_signs[c], bits)));
         }
     }
     arrays
@@ -176,15 +175,6 @@ mod tests {
             assert_eq!(quantise_sh(0.0, bits), 128);
             assert_eq!(quantise_sh(9.0, bits), 255);
             assert_eq!(quantise_sh(-9.0, bits), 0);
-        }
-    }
-
-    #[test]
-    fn sh_signs_follow_from_the_polynomials() {
-        // The exponents of y and z in each basis function, from the polynomials of its INRIA definition.
-        let parity = [1, 1, 0, 1, 2, 0, 1, 0, 1, 2, 1, 1, 0, 1, 0];
-        for (c, &p) in parity.iter().enumerate() {
-            assert_eq!(SH_SIGNS[c], if p % 2 == 1 { -1.0 } else { 1.0 }, "coefficient {}", c + 1);
         }
     }
 }
