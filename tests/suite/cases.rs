@@ -293,6 +293,31 @@ fn points_that_coincide_count_once() {
 }
 
 #[test]
+fn what_spz_clamps_is_told() {
+    let case = Case::new("17");
+    for (scene, words) in [("bright", "colours"), ("sh", "SH"), ("large", "sizes")] {
+        let said = case.run(&format!("export --scene {scene}.ply --to {scene}.spz"));
+        said.is_warned(&[&format!("{scene}.spz"), "of 60 Gaussians", words]);
+    }
+    // Positions of a scene in small units keep their digits.
+    case.run("export --scene small.ply --to small.spz");
+    let [before, after] = ["small.ply", "small.spz"].map(|name| instgs_io::load_scene(&case.at(name)).unwrap().scene);
+    let pairs = before.background.means.as_flattened().iter().zip(after.background.means.as_flattened());
+    let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst < 1e-6, "{worst}");
+}
+
+#[test]
+fn axes_of_spz_are_obeyed() {
+    let case = Case::new("18");
+    let [want, got] = ["a.ply", "rdf.spz"].map(|name| instgs_io::load_scene(&case.at(name)).unwrap());
+    assert!(!got.notes.iter().any(|note| note.contains("extension")), "{:?}", got.notes);
+    let pairs = want.scene.background.means.as_flattened().iter().zip(got.scene.background.means.as_flattened());
+    let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst < 1e-3, "{worst}");
+}
+
+#[test]
 fn json_of_other_programs_is_read_or_named() {
     let case = Case::new("19");
     for (file, words) in [("coco.json", "COCO"), ("labelme.json", "labelme")] {

@@ -338,10 +338,13 @@ mod tests {
         assert!(text(cameras, b"\n1 1 0 0 x").contains("line 2"));
         assert!(text(cameras, b"1 1 0 0 0 0 0 0 7 a.jpg\n\n").contains("camera 7"));
         assert!(text(cameras, b"1 0 0 0 0 0 0 0 1 a.jpg\n\n").contains("rotation"));
-        assert!(text(b"1 OPENCV_FISHEYE 20 10 1 1 1 1 0 0 0 0\n", b"").contains("image_undistorter"));
-        assert!(text(b"1 NEW 20 10 1\n", b"").contains("not known"));
-        assert!(text(b"1 EUCM 20 10 1 1 1 1 1 1\n", b"").contains("EUCM is not supported"));
-        assert!(text(b"1 FULL_OPENCV 20 10 1 1 1 1 0 0 0 0 0.1 0.1 0 0\n", b"").contains("image_undistorter"));
+        // Cameras matter where images use them.
+        let used = b"1 1 0 0 0 0 0 0 1 a.jpg\n\n";
+        assert_eq!(text(b"1 OPENCV_FISHEYE 20 10 1 1 1 1 0 0 0 0\n", b""), "");
+        assert!(text(b"1 OPENCV_FISHEYE 20 10 1 1 1 1 0 0 0 0\n", used).contains("image_undistorter"));
+        assert!(text(b"1 NEW 20 10 1\n", used).contains("not known"));
+        assert!(text(b"1 EUCM 20 10 1 1 1 1 1 1\n", used).contains("EUCM is not supported"));
+        assert!(text(b"1 FULL_OPENCV 20 10 1 1 1 1 0 0 0 0 0.1 0.1 0 0\n", used).contains("image_undistorter"));
         assert!(
             parse_colmap_bin(&u64::MAX.to_le_bytes(), &[], Path::new("m"))
                 .is_err_and(|e| e.to_string().contains("byte 8"))

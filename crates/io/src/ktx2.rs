@@ -117,8 +117,22 @@ pub fn read_ktx2(path: &Path) -> Result<FloatImage, IoError> {
     parse_ktx2(&read_bytes(path)?, path)
 }
 
+/// True for texel blocks of 256 texels in a dimension, at which the parser panics (crate ktx2 0.5: it adds 1 to a byte).
+fn has_impossible_blocks(bytes: &[u8]) -> bool {
+    /// Where the header has the descriptor's offset, and the descriptor the dimensions.
+    const OFFSET_AT: usize = 48;
+    const DIMENSIONS_AT: usize = 16;
+    let offset =
+        bytes.get(OFFSET_AT..).and_then(|rest| rest.first_chunk()).map(|word| u32::from_le_bytes(*word) as usize);
+    let dimensions = offset.and_then(|at| bytes.get(at.checked_add(DIMENSIONS_AT)?..)?.first_chunk::<4>());
+    dimensions.is_some_and(|dimensions| dimensions.contains(&u8::MAX))
+}
+
 /// Parses the bytes of a `.ktx2`; `path` is only used in messages.
 pub fn parse_ktx2(bytes: &[u8], path: &Path) -> Result<FloatImage, IoError> {
+    if has_impossible_blocks(bytes) {
+        return Err(IoError::new(path, "has a descriptor of impossible texel blocks"));
+    }
     let reader = ktx2::Reader::new(bytes).map_err(|e| IoError::new(path, format!("is not a whole KTX2 file: {e}")))?;
     let header = reader.header();
     let channels = match header.format {

@@ -372,7 +372,7 @@ mod tests {
         let frame = |rest: &str| format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{{"file_path":"a.png",{rest}}}]}}"#);
         assert!(text(&frame(r#""transform_matrix":[[1]]"#)).contains("frames[0].transform_matrix"));
         assert!(text(&frame(r#""transform_matrix":[[0,0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,1]]"#)).contains("singular"));
-        assert!(text(&frame(r#""transform_matrix":[[2,0,0,0],[0,2,0,0],[0,0,2,0],[0,0,0,1]]"#)).contains("rigid"));
+        assert!(text(&frame(r#""transform_matrix":[[2,0,0,0],[0,1,0,0],[0,0,2,0],[0,0,0,1]]"#)).contains("rigid"));
         assert!(
             text(&frame(&format!(r#""camera_model":"OPENCV_FISHEYE","transform_matrix":{POSE}"#)))
                 .contains("camera_model")

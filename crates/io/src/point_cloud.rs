@@ -118,7 +118,7 @@ const COLOR_NAMES: [[&str; 3]; 3] =
     [["red", "green", "blue"], ["r", "g", "b"], ["diffuse_red", "diffuse_green", "diffuse_blue"]];
 
 /// Parses the bytes of a `.ply` point cloud in any encoding: `x y z`, and colours if present (`red green blue`, `r g b`,
-/// `diffuse_red` ..., or a 3DGS cloud's `f_dc_0` ...). Colours go to 1 if they are floating-point and none is larger, else
+/// `diffuse_red` ..., or a 3DGS cloud's `f_dc_0` ...). Colours go to 1 if they are floating-point and none is above 2, else
 /// to 255, to 65535 or to 2^32 - 1: the least of these that none exceeds. Non-finite points are kept; `path` is only used
 /// in messages.
 pub fn parse_points_ply(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError> {
@@ -154,11 +154,15 @@ pub fn parse_points_ply(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError
     Ok(out)
 }
 
+/// Floating-point colours up to this go from 0 to 1, where brightest ones may overshoot; a cloud that goes to 255 and has
+/// none above it would be black.
+const MOST_FRACTION: f64 = 2.0;
+
 /// What brings colours to 0..255, by the smallest usual range that holds the largest of them.
 fn scale_of(is_float: bool, colors: &[[f64; 3]]) -> f64 {
     let largest = colors.iter().flatten().copied().filter(|v| v.is_finite()).fold(0.0, f64::max);
     match largest {
-        _ if is_float && largest <= 1.0 => 255.0,
+        _ if is_float && largest <= MOST_FRACTION => 255.0,
         _ if largest <= f64::from(u8::MAX) => 1.0,
         _ if largest <= f64::from(u16::MAX) => f64::from(u8::MAX) / f64::from(u16::MAX),
         _ => f64::from(u8::MAX) / f64::from(u32::MAX),
