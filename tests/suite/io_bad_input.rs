@@ -5,8 +5,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use instgs_io::{
-    Mask, Pack, camera_file, colmap, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, splat,
-    spz, spz_write,
+    Mask, Pack, camera_file, colmap, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, sog,
+    splat, spz, spz_write,
 };
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
@@ -197,6 +197,7 @@ fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
         ("spz v3", spz_v3(5), |b| done(spz::parse_spz(b, path()))),
         ("spz v4", spz_v4(6)?, |b| done(spz::parse_spz(b, path()))),
         ("spz v4 with axes", spz_v4_with_axes(6)?, |b| done(spz::parse_spz(b, path()))),
+        ("sog", sog::sog_bytes(&cloud(1, 5), false, path())?, |b| done(sog::parse_sog(b, path()))),
         ("splat", vec![77; 64], |b| done(splat::parse_splat(b, path()))),
         ("instgs", scene_write::scene_file_bytes(&scene(), path())?, |b| done(scene_file::parse_scene_file(b, path()))),
         ("instgs f16", packed_scene(Pack::F16)?, |b| done(scene_file::parse_scene_file(b, path()))),

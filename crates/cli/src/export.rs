@@ -13,20 +13,21 @@ use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{InstancedScene, PixelFilter};
 
-/// Writes a scene as .ply or .spz (instances are expanded into plain Gaussians), as .glb (glTF with
+/// Writes a scene as .ply, .spz or .sog (instances are expanded into plain Gaussians), as .glb (glTF with
 /// KHR_gaussian_splatting: instances become nodes that share their template's data), or as .instgs.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk export --scene room.instgs --to room.ply\n  \
     instgs-vk export --scene room.instgs --to small.instgs --pack small --data room\n  \
     instgs-vk export --scene room.ply --to room.spz\n  \
+    instgs-vk export --scene room.instgs --to room.sog\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1")]
 pub(super) struct ExportArgs {
-    /// Scene to convert: .instgs, .ply, .spz or .splat
+    /// Scene to convert: .instgs, .ply, .spz, .sog or .splat
     #[arg(long, value_name = "S")]
     scene: PathBuf,
-    /// File to write: .ply, .spz, .glb or .instgs
-    #[arg(long, value_name = "X.(ply|spz|glb|instgs)")]
+    /// File to write: .ply, .spz, .sog, .glb or .instgs
+    #[arg(long, value_name = "X.(ply|spz|sog|glb|instgs)")]
     to: PathBuf,
     /// Number format of an .instgs file. f32: as they are. f16: 16 bits, except means and transforms. q8: offsets in 8
     /// bits, the rest as f16. small: everything rounded and entropy coded, with --data only as precisely as its views need
@@ -154,7 +155,7 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
         let (to, dilation, usual) = (to.display(), filter.dilation_px2, PixelFilter::default().dilation_px2);
         printer.warning(format_args!(
             "{to}: other viewers widen splats by {usual} px^2 instead of this scene's {dilation}, which blurs what is finer \
-             than their pixels; here, .ply keeps it, and .spz and .glb are rendered with --dilation {dilation}"
+             than their pixels; here, .ply keeps it, and other formats are rendered with --dilation {dilation}"
         ));
     }
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };

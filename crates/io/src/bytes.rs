@@ -45,6 +45,10 @@ impl<'a> Cursor<'a> {
         Ok(u8::from_le_bytes(self.array(what)?))
     }
 
+    pub(crate) fn u16(&mut self, what: &str) -> Result<u16, IoError> {
+        Ok(u16::from_le_bytes(self.array(what)?))
+    }
+
     pub(crate) fn u32(&mut self, what: &str) -> Result<u32, IoError> {
         Ok(u32::from_le_bytes(self.array(what)?))
     }

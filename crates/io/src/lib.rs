@@ -2,7 +2,7 @@
 //! and report one-line errors ([`IoError`]). Writers replace files atomically and write the same bytes for the same
 //! data.
 //!
-//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.splat`); [`write_glb`]. Views:
+//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.sog`, `.splat`); [`write_glb`]. Views:
 //! [`dataset::read_views`], [`load_view`] for their images, [`read_points`], and [`camera_file`]. Repeated objects:
 //! [`MaskFolder`] and [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`]. The
 //! files of a run: [`RunFolder`].
@@ -39,6 +39,7 @@ pub mod scene_pack;
 pub mod scene_small;
 pub mod scene_write;
 pub mod small;
+pub mod sog;
 pub mod splat;
 pub mod spz;
 mod spz_axes;
@@ -73,6 +74,7 @@ pub use scene_file::read_scene_file;
 pub use scene_load::{LoadedScene, load_scene, save_scene};
 pub use scene_pack::Pack;
 pub use scene_write::{write_scene_file, write_scene_file_packed, write_small_scene_file};
+pub use sog::{read_sog, write_sog};
 pub use splat::read_splat;
 pub use spz::read_spz;
 pub use spz_write::{SpzLoss, write_spz};

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::host_memory::available_bytes;
-use crate::{IoError, Pack, SpzLoss, glb, ply, scene_write, spz_write};
+use crate::{IoError, Pack, SpzLoss, glb, ply, scene_write, sog, spz_write};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 
@@ -16,6 +16,8 @@ pub enum ExportFormat {
     Ply,
     /// `.spz`: expanded like `Ply`, but quantised and compressed.
     Spz,
+    /// `.sog`: expanded like `Ply`, but quantised, as images in an archive.
+    Sog,
     /// `.glb`: instances are nodes that share their template's data.
     Glb,
     /// `.instgs`: not expanded, with packed values.
@@ -36,15 +38,16 @@ impl ExportFormat {
             }
             "ply" => Ok(Self::Ply),
             "spz" => Ok(Self::Spz),
+            "sog" => Ok(Self::Sog),
             "glb" => Ok(Self::Glb),
             other => Err(IoError::new(path, format!("unknown format \".{other}\""))
-                .advise("export to .ply, .spz, .glb or .instgs")),
+                .advise("export to .ply, .spz, .sog, .glb or .instgs")),
         }
     }
 
     /// True if the file stores every instance's Gaussians separately.
     pub fn is_expanded(self) -> bool {
-        matches!(self, Self::Ply | Self::Spz)
+        matches!(self, Self::Ply | Self::Spz | Self::Sog)
     }
 }
 
@@ -74,7 +77,7 @@ pub fn export_scene(
             check_memory(to, "its Gaussians take", glb::glb_data_bytes(scene))?;
             glb::write_glb(to, scene, up)?;
         }
-        ExportFormat::Ply | ExportFormat::Spz => {
+        ExportFormat::Ply | ExportFormat::Spz | ExportFormat::Sog => {
             check_expanded_memory(to, scene)?;
             let cloud = scene.flatten();
             exported.gaussians = cloud.len() as u64;
@@ -82,6 +85,7 @@ pub fn export_scene(
                 ExportFormat::Spz => {
                     exported.spz_loss = spz_write::write_spz(to, &cloud, scene.pixel_filter.antialias)?;
                 }
+                ExportFormat::Sog => sog::write_sog(to, &cloud, scene.pixel_filter.antialias)?,
                 _ => ply::write_ply(to, &cloud, scene.pixel_filter)?,
             }
         }

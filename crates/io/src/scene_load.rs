@@ -3,10 +3,11 @@
 use std::path::Path;
 
 use crate::ply::PlyCloud;
+use crate::sog::SogCloud;
 use crate::spz::SpzCloud;
-use crate::{IoError, ply, read_bytes, scene_file, scene_write, splat, spz};
-use instgs_vk::scene::PixelFilter;
+use crate::{IoError, ply, read_bytes, scene_file, scene_write, sog, splat, spz};
 use instgs_vk::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::{Gaussians, PixelFilter};
 
 /// A scene loaded from a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,40 +31,61 @@ impl LoadedScene {
     }
 }
 
-/// Loads `.instgs`, `.ply`, `.spz` or `.splat`. A template Gaussian is dropped, in all instances, if it or the offset
-/// record of any instance is not finite, so that offsets stay aligned with templates.
+/// Endings of the files that [`load_scene`] reads.
+const ENDINGS: [&str; 5] = ["instgs", "ply", "spz", "sog", "splat"];
+
+/// Loads `.instgs`, `.ply`, `.spz`, `.sog` (or the folder of one that is not packed, or its `meta.json`) or `.splat`. A
+/// template Gaussian is dropped, in all instances, if it or the offset record of any instance is not finite, so that offsets
+/// stay aligned with templates.
 ///
 /// # Errors
 /// The file cannot be read, or none of its Gaussians is finite. An empty scene is not an error.
 pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
-    let extension = extension(path);
-    if !["instgs", "ply", "spz", "splat"].contains(&extension.as_str()) {
+    let extension = if sog::is_unpacked(path) { "sog".to_owned() } else { extension(path) };
+    if !ENDINGS.contains(&extension.as_str()) {
         let what = format!("unknown scene format \".{extension}\"");
-        return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz or .splat"));
+        return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz, .sog or .splat"));
     }
-    let bytes = read_bytes(path)?;
-    let of_cloud = |cloud, pixel_filter| InstancedScene { pixel_filter, ..InstancedScene::from_cloud(cloud) };
-    let (mut scene, notes) = match extension.as_str() {
-        "instgs" => (scene_file::parse_scene_file(&bytes, path)?, Vec::new()),
-        "spz" => {
-            let SpzCloud { gaussians, antialias, notes } = spz::parse_spz(&bytes, path)?;
-            (of_cloud(gaussians, PixelFilter { antialias, ..PixelFilter::default() }), notes)
-        }
-        "splat" => (of_cloud(splat::parse_splat(&bytes, path)?, PixelFilter::default()), Vec::new()),
-        _ => {
-            let PlyCloud { gaussians, pixel_filter, notes } = ply::parse_ply(&bytes, path)?;
-            (of_cloud(gaussians, pixel_filter), notes)
-        }
+    let (mut scene, notes, file_bytes) = if extension == "sog" {
+        let SogCloud { gaussians, antialias, file_bytes } = sog::read_sog(path)?;
+        (of_cloud(gaussians, antialias), Vec::new(), file_bytes)
+    } else {
+        let bytes = read_bytes(path)?;
+        let (scene, notes) = parse(&bytes, path, &extension)?;
+        (scene, notes, bytes.len() as u64)
     };
     let before = scene.source_len();
     let dropped_non_finite = scene.drop_non_finite();
     if before > 0 && dropped_non_finite == before {
         return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters")));
     }
-    Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes: bytes.len() as u64 })
+    Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes })
 }
 
-/// Saves a scene as `.instgs`. For plain clouds see [`crate::write_ply`] and [`crate::write_spz`].
+/// A scene of a cloud whose file says only whether opacities are compensated.
+fn of_cloud(cloud: Gaussians, antialias: bool) -> InstancedScene {
+    let pixel_filter = PixelFilter { antialias, ..PixelFilter::default() };
+    InstancedScene { pixel_filter, ..InstancedScene::from_cloud(cloud) }
+}
+
+/// The scene in the bytes of a file of a known format, and notes for the user.
+fn parse(bytes: &[u8], path: &Path, extension: &str) -> Result<(InstancedScene, Vec<String>), IoError> {
+    Ok(match extension {
+        "instgs" => (scene_file::parse_scene_file(bytes, path)?, Vec::new()),
+        "spz" => {
+            let SpzCloud { gaussians, antialias, notes } = spz::parse_spz(bytes, path)?;
+            (of_cloud(gaussians, antialias), notes)
+        }
+        "splat" => (of_cloud(splat::parse_splat(bytes, path)?, false), Vec::new()),
+        _ => {
+            let PlyCloud { gaussians, pixel_filter, notes } = ply::parse_ply(bytes, path)?;
+            (InstancedScene { pixel_filter, ..InstancedScene::from_cloud(gaussians) }, notes)
+        }
+    })
+}
+
+/// Saves a scene as `.instgs`. For plain clouds see [`crate::write_ply`], [`crate::write_spz`] and
+/// [`crate::write_sog`].
 pub fn save_scene(path: &Path, scene: &InstancedScene) -> Result<(), IoError> {
     match extension(path).as_str() {
         "instgs" => scene_write::write_scene_file(path, scene),
@@ -124,6 +146,10 @@ mod tests {
         );
         crate::write_ply(&at("e.ply"), &sample(0, 1), PixelFilter { antialias: true, ..PixelFilter::default() })?;
         assert!(load_scene(&at("e.ply"))?.scene.pixel_filter.antialias);
+        crate::write_sog(&at("f.sog"), &sample(2, 3), true)?;
+        let loaded = load_scene(&at("f.sog"))?;
+        assert_eq!((loaded.scene.background.len(), loaded.scene.pixel_filter.antialias), (3, true));
+        assert_eq!(loaded.file_bytes, std::fs::metadata(at("f.sog"))?.len());
         assert!(load_scene(&at("x.obj")).is_err() && load_scene(&at("missing.ply")).is_err());
         assert!(save_scene(&at("x.ply"), &sample_scene()).is_err());
         Ok(())

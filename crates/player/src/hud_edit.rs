@@ -186,7 +186,7 @@ impl EditPanel {
         }
         ui.horizontal(|ui| {
             ui.add(egui::TextEdit::singleline(&mut self.file).desired_width(180.0));
-            if ui.button("write").on_hover_text(".instgs saves; .glb, .ply and .spz export").clicked() {
+            if ui.button("write").on_hover_text(".instgs saves; .glb, .ply, .spz and .sog export").clicked() {
                 actions.push(Action::Write(PathBuf::from(self.file.trim())));
             }
         });
