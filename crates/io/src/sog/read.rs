@@ -77,7 +77,8 @@ impl Reader<'_, '_> {
             return Err(self.fail(format!("SH degree {sh_degree} is not known, only 0 to 3"), "shN.bands"));
         }
         self.check_memory(sh_degree)?;
-        let mut out = Gaussians::with_capacity(sh_degree, count);
+        // Grows with the images: they are checked first.
+        let mut out = Gaussians { sh_degree, ..Gaussians::default() };
         out.means = self.means(&meta.means)?;
         out.quats = self.quats()?;
         let ([scales], scale_values) = (&meta.scales.files, meta.scales.values("scales", self.path)?);
