@@ -37,7 +37,7 @@ pub fn read_sog(path: &Path) -> Result<SogCloud, IoError> {
     let folder = meta_path.parent().unwrap_or(Path::new(""));
     let meta_bytes = read_bytes(&meta_path)?;
     let meta = Meta::parse(&meta_bytes, &meta_path)?;
-    let file = |name: &str| -> Result<Cow<'static, [u8]>, IoError> {
+    let file = |name: &str| -> Result<Cow<'_, [u8]>, IoError> {
         let is_plain = Path::new(name).file_name() == Some(OsStr::new(name));
         let outside = || IoError::new(&meta_path, format!("names the file \"{name}\", which is not in its folder"));
         if is_plain { read_bytes(&folder.join(name)).map(Cow::Owned) } else { Err(outside()) }
@@ -54,11 +54,14 @@ pub fn parse_sog(bytes: &[u8], path: &Path) -> Result<SogCloud, IoError> {
     Reader { meta: &meta, file: &|name| archive.file(name), file_bytes: bytes.len() as u64, path }.cloud()
 }
 
+/// Returns the contents of a file by its name.
+type FileByName<'b> = dyn Fn(&str) -> Result<Cow<'b, [u8]>, IoError> + 'b;
+
 /// Decodes the images that a `meta.json` names.
 struct Reader<'a, 'b> {
     meta: &'a Meta,
     /// The contents of a file by name.
-    file: &'a dyn Fn(&str) -> Result<Cow<'b, [u8]>, IoError>,
+    file: &'a FileByName<'b>,
     file_bytes: u64,
     path: &'a Path,
 }
