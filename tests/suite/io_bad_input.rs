@@ -4,9 +4,10 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use glam::DVec3;
 use instgs_io::{
-    Mask, Pack, camera_file, colmap, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, sog,
-    splat, spz, spz_write,
+    Mask, Pack, camera_file, colmap, glb, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, sog,
+    splat, spz, spz_write, write_glb,
 };
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
@@ -180,6 +181,14 @@ fn packed_scene(pack: Pack) -> Result<Vec<u8>, instgs_io::IoError> {
     scene_write::packed_scene_file_bytes(&scene, pack, path())
 }
 
+/// A `.glb` of a scene with a template, offsets and a background.
+fn glb_file() -> Result<Vec<u8>, Box<dyn std::error::Error>> {
+    let folder = tempfile::tempdir()?;
+    let file = folder.path().join("x.glb");
+    write_glb(&file, &scene(), DVec3::NEG_Y)?;
+    Ok(std::fs::read(file)?)
+}
+
 fn mask() -> Mask {
     Mask { width: 5, height: 3, ids: (0..15).map(|i| i * 300 % 7).collect() }
 }
@@ -198,6 +207,7 @@ fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
         ("spz v4", spz_v4(6)?, |b| done(spz::parse_spz(b, path()))),
         ("spz v4 with axes", spz_v4_with_axes(6)?, |b| done(spz::parse_spz(b, path()))),
         ("sog", sog::sog_bytes(&cloud(1, 5), false, path())?, |b| done(sog::parse_sog(b, path()))),
+        ("glb", glb_file()?, |b| done(glb::parse_glb(b, path()))),
         ("splat", vec![77; 64], |b| done(splat::parse_splat(b, path()))),
         ("instgs", scene_write::scene_file_bytes(&scene(), path())?, |b| done(scene_file::parse_scene_file(b, path()))),
         ("instgs f16", packed_scene(Pack::F16)?, |b| done(scene_file::parse_scene_file(b, path()))),

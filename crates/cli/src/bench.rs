@@ -21,7 +21,7 @@ use instgs_io::LoadedScene;
     instgs-vk bench --scene room.instgs --against room.ply --orbit 8 --size 640x360 --json report.json\n  \
     instgs-vk bench --scene room.instgs --data room --lod 1,2,4")]
 pub(super) struct BenchArgs {
-    /// Scene to measure: .instgs, .ply, .spz, .sog or .splat
+    /// Scene to measure: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
     pub(super) scene: PathBuf,
     /// Scene to compare with, from the same cameras

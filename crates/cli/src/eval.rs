@@ -35,7 +35,7 @@ const DIFFERENCE_GAIN: f32 = 4.0;
     python3 tools/models/convert_lpips.py --net vgg --out vgg.safetensors\n  \
     instgs-vk eval --scene room.instgs --data room --lpips-net vgg --lpips-weights vgg.safetensors")]
 pub(super) struct EvalArgs {
-    /// Scene to evaluate: .instgs, .ply, .spz, .sog or .splat
+    /// Scene to evaluate: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
     scene: PathBuf,
     /// Dataset folder with photos: transforms_train/test.json, transforms.json, or COLMAP's sparse/0 and images

@@ -23,7 +23,7 @@ use instgs_vk::scene::{InstancedScene, PixelFilter};
     instgs-vk export --scene room.instgs --to room.sog\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1")]
 pub(super) struct ExportArgs {
-    /// Scene to convert: .instgs, .ply, .spz, .sog or .splat
+    /// Scene to convert: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
     scene: PathBuf,
     /// File to write: .ply, .spz, .sog, .glb or .instgs

@@ -21,7 +21,7 @@ const CHUNK_SIZE: u32 = 256;
 #[derive(Args)]
 #[command(after_help = "Example:\n  instgs-vk inspect room.instgs\n  instgs-vk inspect room.ply --json")]
 pub(super) struct InspectArgs {
-    /// Scene to inspect: .instgs, .ply, .spz, .sog or .splat
+    /// Scene to inspect: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(value_name = "S")]
     scene: PathBuf,
     /// Report as JSON on stdout

@@ -91,6 +91,7 @@ pub(super) fn file_parts(path: &Path, file_bytes: u64) -> Result<Vec<FilePart>, 
             vec![plain("header", Purpose::Header, header), vertices]
         }
         "splat" => vec![plain("records of 32 bytes", Purpose::Background, file_bytes)],
+        "glb" => vec![plain("JSON and accessors", Purpose::Background, file_bytes)],
         _ => vec![plain("compressed Gaussians", Purpose::Background, file_bytes)],
     })
 }

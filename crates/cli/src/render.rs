@@ -21,7 +21,7 @@ use instgs_vk::render::Renderer;
     instgs-vk render --scene room.instgs --data room --split test --format ktx2 --depth --out pictures\n  \
     instgs-vk render --scene room.instgs --orbit 24 --size 640x360 --background 1,1,1 --out pictures")]
 pub(super) struct RenderArgs {
-    /// Scene to render: .instgs, .ply, .spz, .sog or .splat
+    /// Scene to render: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
     scene: PathBuf,
     #[command(flatten)]

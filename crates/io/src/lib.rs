@@ -2,7 +2,8 @@
 //! and report one-line errors ([`IoError`]). Writers replace files atomically and write the same bytes for the same
 //! data.
 //!
-//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.sog`, `.splat`); [`write_glb`]. Views:
+//! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.sog`, `.splat`,
+//! `.glb`); [`export_scene`]. Views:
 //! [`dataset::read_views`], [`load_view`] for their images, [`read_points`], and [`camera_file`]. Repeated objects:
 //! [`MaskFolder`] and [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`]. The
 //! files of a run: [`RunFolder`].
@@ -62,7 +63,7 @@ pub use checkpoint::Checkpoint;
 pub use dataset::{Dataset, Split, View, read_views};
 pub use error::{IoError, Place};
 pub use exposures::{PhotoExposure, read_exposures, write_exposures};
-pub use glb::write_glb;
+pub use glb::{read_glb, write_glb};
 pub use groups::{read_groups, write_groups};
 pub use masks::{Mask, MaskFolder, read_mask, write_categories, write_mask};
 pub use nerf_write::write_transforms;

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use crate::glb::GlbScene;
 use crate::ply::PlyCloud;
 use crate::sog::SogCloud;
 use crate::spz::SpzCloud;
-use crate::{IoError, ply, read_bytes, scene_file, scene_write, sog, splat, spz};
+use crate::{IoError, glb, ply, read_bytes, scene_file, scene_write, sog, splat, spz};
 use instgs_vk::scene::instanced_scene::InstancedScene;
 use instgs_vk::scene::{Gaussians, PixelFilter};
 
@@ -32,11 +33,11 @@ impl LoadedScene {
 }
 
 /// Endings of the files that [`load_scene`] reads.
-const ENDINGS: [&str; 5] = ["instgs", "ply", "spz", "sog", "splat"];
+const ENDINGS: [&str; 6] = ["instgs", "ply", "spz", "sog", "splat", "glb"];
 
-/// Loads `.instgs`, `.ply`, `.spz`, `.sog` (or the folder of one that is not packed, or its `meta.json`) or `.splat`. A
-/// template Gaussian is dropped, in all instances, if it or the offset record of any instance is not finite, so that offsets
-/// stay aligned with templates.
+/// Loads `.instgs`, `.ply`, `.spz`, `.sog` (or the folder of one that is not packed, or its `meta.json`), `.splat` or `.glb`.
+/// A template Gaussian is dropped, in all instances, if it or the offset record of any instance is not finite, so that
+/// offsets stay aligned with templates.
 ///
 /// # Errors
 /// The file cannot be read, or none of its Gaussians is finite. An empty scene is not an error.
@@ -44,7 +45,7 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
     let extension = if sog::is_unpacked(path) { "sog".to_owned() } else { extension(path) };
     if !ENDINGS.contains(&extension.as_str()) {
         let what = format!("unknown scene format \".{extension}\"");
-        return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz, .sog or .splat"));
+        return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz, .sog, .splat or .glb"));
     }
     let (mut scene, notes, file_bytes) = if extension == "sog" {
         let SogCloud { gaussians, antialias, file_bytes } = sog::read_sog(path)?;
@@ -77,6 +78,10 @@ fn parse(bytes: &[u8], path: &Path, extension: &str) -> Result<(InstancedScene, 
             (of_cloud(gaussians, antialias), notes)
         }
         "splat" => (of_cloud(splat::parse_splat(bytes, path)?, false), Vec::new()),
+        "glb" => {
+            let GlbScene { scene, notes } = glb::parse_glb(bytes, path)?;
+            (scene, notes)
+        }
         _ => {
             let PlyCloud { gaussians, pixel_filter, notes } = ply::parse_ply(bytes, path)?;
             (InstancedScene { pixel_filter, ..InstancedScene::from_cloud(gaussians) }, notes)

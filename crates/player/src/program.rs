@@ -41,7 +41,7 @@ Boxes: B, then click an object to draw a box around it; drag its dots until it f
 other sizes too); Shift+click: remove a wrong one; Ctrl+S: save boxes.json, for instgs-vk masks and train --boxes."
 )]
 struct PlayerArgs {
-    /// Scene file: .instgs, .ply, .spz, .sog or .splat; another can be dropped on the window
+    /// Scene file: .instgs, .ply, .spz, .sog, .splat or .glb; another can be dropped on the window
     #[arg(value_name = "S")]
     scene: PathBuf,
     /// Data set whose views give the first camera and can be stepped through

@@ -19,7 +19,7 @@ use instgs_vk::scene::InstancedScene;
 #[derive(Args)]
 #[command(next_help_heading = "With --boxes")]
 pub(super) struct BoxArgs {
-    /// The trained scene: .ply, .spz, .sog, .splat or .instgs
+    /// The trained scene: .ply, .spz, .sog, .splat, .glb or .instgs
     #[arg(long, value_name = "PLY", requires = "boxes")]
     scene: Option<PathBuf>,
     /// Keep the ground or support that an object stands on, where a box contains some of it

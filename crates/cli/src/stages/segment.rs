@@ -31,7 +31,7 @@ use instgs_train::given::given_plain_cloud;
     instgs-vk register --segments cars_segments --out cars_groups.json\n  \
     instgs-vk merge --segments cars_segments --groups cars_groups.json --out cars.instgs")]
 pub(crate) struct SegmentArgs {
-    /// Scene without instances: .ply, .spz, .sog, .splat or .instgs
+    /// Scene without instances: .ply, .spz, .sog, .splat, .glb or .instgs
     #[arg(long, value_name = "PLY")]
     scene: PathBuf,
     /// Dataset folder that the scene was trained on

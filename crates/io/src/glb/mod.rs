@@ -1,4 +1,5 @@
-//! Writing `.glb`: binary glTF 2.0 with `KHR_gaussian_splatting`, without expanding the instances.
+//! `.glb`: binary glTF 2.0 with `KHR_gaussian_splatting`. `read.rs` says what is read; here it is written, without expanding
+//! the instances.
 //!
 //! Every instance is a node with its `world_from_template` as rotation, scale and translation, and a mesh of points.
 //! The meshes of a template share its accessors for scale, rotation and SH of degree 1 and more; each run of offsets
@@ -20,6 +21,12 @@
 
 mod document;
 mod meshes;
+mod read;
+mod read_document;
+mod read_scene;
+#[cfg(test)]
+mod read_tests;
+mod read_values;
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -33,6 +40,8 @@ use crate::glb::meshes::MeshWriter;
 use instgs_vk::math::covariance::quat_from_rotation;
 use instgs_vk::scene::instanced_scene::{Instance, InstancedScene, SceneError, SourceRange};
 
+pub use read::{GlbScene, parse_glb, read_glb};
+
 /// Magic number of a GLB file, "glTF".
 const MAGIC: u32 = 0x4654_6C67;
 /// Version of the container format.
@@ -41,6 +50,10 @@ const VERSION: u32 = 2;
 const JSON_CHUNK: u32 = 0x4E4F_534A;
 /// Type of the second chunk, "BIN" and a zero.
 const BINARY_CHUNK: u32 = 0x004E_4942;
+/// First word of the generator of files of this program.
+const GENERATOR: &str = "instgs-vk";
+/// Name of the root node.
+const ROOT: &str = "world";
 /// Name of the node that holds the background's mesh.
 const BACKGROUND: &str = "background";
 
@@ -134,7 +147,7 @@ fn too_large(path: &Path, bytes: u64) -> IoError {
 /// All nodes: the root, the instances in file order, and the background. A child node behind an instance holds its own
 /// Gaussians, if it has any.
 fn nodes(writer: &mut MeshWriter, scene: &InstancedScene, up_to_y: DMat3) -> Result<Vec<Node>, String> {
-    let root = Node { name: "world".into(), rotation: Some(xyzw(up_to_y)), ..Node::default() };
+    let root = Node { name: ROOT.into(), rotation: Some(xyzw(up_to_y)), ..Node::default() };
     let mut nodes = vec![root];
     let mut children = Vec::with_capacity(scene.instances.len() + 1);
     for (k, (instance, label)) in scene.instances.iter().zip(scene.instance_labels()).enumerate() {

@@ -1,0 +1,163 @@
+//! Reading `.glb`: the meshes of binary glTF 2.0 that have `KHR_gaussian_splatting`, as a scene.
+//!
+//! Meshes that are placed several times become templates (`read_scene.rs`). Colours are taken as they are: those of
+//! `lin_rec709_display` are noted. Vertex colours, other meshes and data outside of the file are not read.
+//!
+//! glTF has y up and z to the viewer, scenes here are right-down-front: they are turned by 180 degrees about x. In files of
+//! this program the root node has turned the scene's up to +y; its rotation is left out, which restores the scene's frame.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use glam::{DMat4, DVec3};
+
+use super::document::SPLATS;
+use super::read_document::{Document, Primitive, Splats};
+use super::read_scene::{Part, scene_of};
+use super::read_values::{Attributes, Values};
+use super::{BINARY_CHUNK, GENERATOR, JSON_CHUNK, MAGIC, ROOT, VERSION};
+use crate::bytes::Cursor;
+use crate::error::{IoError, Place};
+use crate::read_bytes;
+use instgs_vk::scene::InstancedScene;
+
+/// The kernel and the colours that scenes here have.
+const KERNEL: &str = "ellipse";
+const COLOUR_SPACE: &str = "srgb_rec709_display";
+
+/// The contents of a `.glb` file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct GlbScene {
+    /// The scene, in right-down-front axes.
+    pub scene: InstancedScene,
+    /// Notes for the user, one line each.
+    pub notes: Vec<String>,
+}
+
+/// Reads the Gaussians of a `.glb` file.
+///
+/// # Errors
+/// The file cannot be read, is damaged, has no Gaussians but other meshes, or has them compressed or outside of the file.
+pub fn read_glb(path: &Path) -> Result<GlbScene, IoError> {
+    parse_glb(&read_bytes(path)?, path)
+}
+
+/// Parses the bytes of a `.glb` file; `path` is only used in messages.
+pub fn parse_glb(bytes: &[u8], path: &Path) -> Result<GlbScene, IoError> {
+    let (json, binary) = chunks(bytes, path)?;
+    let invalid = |e: serde_json::Error| IoError::new(path, format!("has a JSON part that cannot be used: {e}"));
+    let document: Document = serde_json::from_slice(json).map_err(invalid)?;
+    let mut notes = Vec::new();
+    let parts = parts(&document, &mut notes, path)?;
+    if parts.is_empty() && document.meshes.iter().any(|mesh| !mesh.primitives.is_empty()) {
+        let error = IoError::new(path, format!("has no placed mesh with {SPLATS}"));
+        return Err(error.advise("this is a scene of triangles or points, not of Gaussians"));
+    }
+    let values = Values { document: &document, binary, path };
+    let scene = scene_of(&parts, &values, &mut notes)?;
+    Ok(GlbScene { scene, notes })
+}
+
+/// The JSON and the binary chunk of the container; the latter is empty if there is none.
+fn chunks<'a>(bytes: &'a [u8], path: &'a Path) -> Result<(&'a [u8], &'a [u8]), IoError> {
+    const WHAT: &str = "the GLB header";
+    let mut cursor = Cursor::new(bytes, path);
+    if cursor.u32(WHAT)? != MAGIC {
+        return Err(IoError::new(path, "is not a GLB file: it does not start with glTF").at(Place::Byte(0)));
+    }
+    let version = cursor.u32(WHAT)?;
+    if version != VERSION {
+        return Err(cursor.error(format!("GLB version {version} is not known, only {VERSION}")));
+    }
+    let length = cursor.u32(WHAT)?;
+    if u64::from(length) > bytes.len() as u64 {
+        return Err(cursor.error(format!("ends early: the header claims {length} bytes, {} are there", bytes.len())));
+    }
+    let mut chunk = |kind: u32, name: &str| -> Result<&'a [u8], IoError> {
+        let bytes = cursor.u32(name)? as usize;
+        if cursor.u32(name)? != kind {
+            return Err(cursor.error(format!("is not {name}")));
+        }
+        cursor.take(bytes, name)
+    };
+    let json = chunk(JSON_CHUNK, "the JSON chunk")?;
+    // Header and a chunk of JSON may be all.
+    let rest = bytes.len() - json.len() - 20;
+    let binary: &[u8] = if rest < 8 { &[] } else { chunk(BINARY_CHUNK, "the binary chunk")? };
+    Ok((json, binary))
+}
+
+/// All meshes of Gaussians that the scene places, each in the order of its node: a node before its children.
+fn parts(document: &Document, notes: &mut Vec<String>, path: &Path) -> Result<Vec<Part>, IoError> {
+    let fail = |what: &str, field: String| IoError::new(path, what).at(Place::Field(field));
+    let roots = roots(document);
+    let own_root = own_root(document, &roots);
+    let half_turn = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0));
+    let mut open: Vec<(usize, DMat4)> = roots.iter().rev().map(|&root| (root, half_turn)).collect();
+    let mut visited = vec![false; document.nodes.len()];
+    let mut out = Vec::new();
+    while let Some((index, scene_from_parent)) = open.pop() {
+        let field = || format!("nodes[{index}]");
+        let (Some(node), Some(visited)) = (document.nodes.get(index), visited.get_mut(index)) else {
+            return Err(fail("does not exist", field()));
+        };
+        if std::mem::replace(visited, true) {
+            return Err(fail("has two parents", field()));
+        }
+        let is_own_root = own_root == Some(index);
+        let scene_from_part = if is_own_root { DMat4::IDENTITY } else { scene_from_parent * node.parent_from_node() };
+        if let Some(mesh) = node.mesh {
+            let primitives = document.meshes.get(mesh).map(|mesh| &mesh.primitives);
+            for primitive in primitives.ok_or_else(|| fail("names a mesh that does not exist", field()))? {
+                if let Some(attributes) = attributes(primitive, mesh, notes, path)? {
+                    out.push(Part { scene_from_part, attributes });
+                }
+            }
+        }
+        open.extend(node.children.iter().rev().map(|&child| (child, scene_from_part)));
+    }
+    Ok(out)
+}
+
+/// The nodes of the scene that have no parent; those of the file if it has no scene.
+fn roots(document: &Document) -> Vec<usize> {
+    if let Some(scene) = document.scenes.get(document.scene) {
+        return scene.nodes.clone();
+    }
+    let children: BTreeSet<usize> = document.nodes.iter().flat_map(|node| node.children.iter().copied()).collect();
+    (0..document.nodes.len()).filter(|node| !children.contains(node)).collect()
+}
+
+/// The root node of a file of this program.
+fn own_root(document: &Document, roots: &[usize]) -> Option<usize> {
+    let &[root] = roots else { return None };
+    let name = document.nodes.get(root)?.name.as_deref();
+    (document.asset.generator.starts_with(GENERATOR) && name == Some(ROOT)).then_some(root)
+}
+
+/// The accessors of a primitive, `None` if it has no Gaussians.
+fn attributes(
+    primitive: &Primitive,
+    mesh: usize,
+    notes: &mut Vec<String>,
+    path: &Path,
+) -> Result<Option<Attributes>, IoError> {
+    let Some(Splats { kernel, color_space, extensions }) = &primitive.extensions.splats else { return Ok(None) };
+    let fail = |what: String| IoError::new(path, what).at(Place::Field(format!("meshes[{mesh}]")));
+    if let Some(name) = extensions.keys().find(|name| name.contains("compression")) {
+        let error = fail(format!("has Gaussians compressed by {name}, which is not read"));
+        return Err(error.advise("write them without compression, or as .spz"));
+    }
+    let mut note = |what: String| {
+        if !notes.contains(&what) {
+            notes.push(what);
+        }
+    };
+    if !kernel.is_empty() && kernel != KERNEL {
+        note(format!("has Gaussians of the kernel \"{kernel}\", which are drawn as ellipses"));
+    }
+    if !color_space.is_empty() && color_space != COLOUR_SPACE {
+        note(format!("has colours of the space \"{color_space}\", which are shown as if they were sRGB"));
+    }
+    Attributes::find(|name| primitive.attributes.get(name).copied()).map(Some).map_err(fail)
+}
