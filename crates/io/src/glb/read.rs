@@ -48,7 +48,7 @@ pub fn parse_glb(bytes: &[u8], path: &Path) -> Result<GlbScene, IoError> {
     let invalid = |e: serde_json::Error| IoError::new(path, format!("has a JSON part that cannot be used: {e}"));
     let document: Document = serde_json::from_slice(json).map_err(invalid)?;
     let mut notes = Vec::new();
-    let parts = parts(&document, &mut notes, path)?;
+    let parts = parts(&document, json.len(), &mut notes, path)?;
     if parts.is_empty() && document.meshes.iter().any(|mesh| !mesh.primitives.is_empty()) {
         let error = IoError::new(path, format!("has no placed mesh with {SPLATS}"));
         return Err(error.advise("this is a scene of triangles or points, not of Gaussians"));
@@ -87,8 +87,8 @@ fn chunks<'a>(bytes: &'a [u8], path: &'a Path) -> Result<(&'a [u8], &'a [u8]), I
     Ok((json, binary))
 }
 
-/// All meshes of Gaussians that the scene places, each in the order of its node: a node before its children.
-fn parts(document: &Document, notes: &mut Vec<String>, path: &Path) -> Result<Vec<Part>, IoError> {
+/// All meshes of Gaussians that the scene places, at most `most`, in the order of nodes: a node before its children.
+fn parts(document: &Document, most: usize, notes: &mut Vec<String>, path: &Path) -> Result<Vec<Part>, IoError> {
     let fail = |what: &str, field: String| IoError::new(path, what).at(Place::Field(field));
     let roots = roots(document);
     let own_root = own_root(document, &roots);
@@ -111,6 +111,10 @@ fn parts(document: &Document, notes: &mut Vec<String>, path: &Path) -> Result<Ve
             for primitive in primitives.ok_or_else(|| fail("names a mesh that does not exist", field()))? {
                 if let Some(attributes) = attributes(primitive, mesh, notes, path)? {
                     out.push(Part { scene_from_part, attributes });
+                }
+                // Nodes and primitives take bytes each; their product is no scene.
+                if out.len() > most {
+                    return Err(fail("places more meshes than its JSON part has bytes", field()));
                 }
             }
         }
@@ -154,10 +158,10 @@ fn attributes(
         }
     };
     if !kernel.is_empty() && kernel != KERNEL {
-        note(format!("has Gaussians of the kernel \"{kernel}\", which are drawn as ellipses"));
+        note(format!("has Gaussians of the kernel {kernel:?}, which are drawn as ellipses"));
     }
     if !color_space.is_empty() && color_space != COLOUR_SPACE {
-        note(format!("has colours of the space \"{color_space}\", which are shown as if they were sRGB"));
+        note(format!("has colours of the space {color_space:?}, which are shown as if they were sRGB"));
     }
     Attributes::find(|name| primitive.attributes.get(name).copied()).map(Some).map_err(fail)
 }
