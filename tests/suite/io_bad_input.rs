@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use glam::DVec3;
 use instgs_io::{
     Mask, Pack, camera_file, colmap, glb, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, sog,
-    splat, spz, spz_write, write_glb,
+    splat, spz, write_glb,
 };
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
@@ -202,7 +202,7 @@ fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
         ("ply", ply::ply_bytes(&cloud(1, 3), PixelFilter::default()), |b| done(ply::parse_ply(b, path()))),
         ("ascii ply", ASCII_PLY.into(), |b| done(ply::parse_ply(b, path()))),
         ("packed ply", packed_ply(), |b| done(ply::parse_ply(b, path()))),
-        ("spz", spz_write::spz_bytes(&cloud(1, 5), false, path())?, |b| done(spz::parse_spz(b, path()))),
+        ("spz", spz::spz_bytes(&cloud(1, 5), false, path())?, |b| done(spz::parse_spz(b, path()))),
         ("spz v3", spz_v3(5), |b| done(spz::parse_spz(b, path()))),
         ("spz v4", spz_v4(6)?, |b| done(spz::parse_spz(b, path()))),
         ("spz v4 with axes", spz_v4_with_axes(6)?, |b| done(spz::parse_spz(b, path()))),

@@ -178,7 +178,7 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
 
 #[cfg(test)]
 mod tests {
-    use instgs_io::spz_write::Clamped;
+    use instgs_io::spz::Clamped;
 
     use super::*;
 

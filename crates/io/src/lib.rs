@@ -45,7 +45,7 @@ pub mod splat;
 pub mod spz;
 mod spz_axes;
 mod spz_codec;
-pub mod spz_write;
+mod spz_write;
 mod step_columns;
 mod text;
 pub mod view_image;
@@ -77,8 +77,7 @@ pub use scene_pack::Pack;
 pub use scene_write::{write_scene_file, write_scene_file_packed, write_small_scene_file};
 pub use sog::{read_sog, write_sog};
 pub use splat::read_splat;
-pub use spz::read_spz;
-pub use spz_write::{SpzLoss, write_spz};
+pub use spz::{SpzLoss, read_spz, write_spz};
 pub use view_image::{LoadedView, ViewImage, load_view};
 
 /// Prefix of the names of [`atomic_write`]'s temporary files; a killed process may leave one behind.

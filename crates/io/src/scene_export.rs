@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::host_memory::available_bytes;
-use crate::{IoError, Pack, SpzLoss, glb, ply, scene_write, sog, spz_write};
+use crate::{IoError, Pack, SpzLoss, glb, ply, scene_write, sog, spz};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 
@@ -83,7 +83,7 @@ pub fn export_scene(
             exported.gaussians = cloud.len() as u64;
             match format {
                 ExportFormat::Spz => {
-                    exported.spz_loss = spz_write::write_spz(to, &cloud, scene.pixel_filter.antialias)?;
+                    exported.spz_loss = spz::write_spz(to, &cloud, scene.pixel_filter.antialias)?;
                 }
                 ExportFormat::Sog => sog::write_sog(to, &cloud, scene.pixel_filter.antialias)?,
                 _ => ply::write_ply(to, &cloud, scene.pixel_filter)?,

@@ -23,6 +23,8 @@ use crate::spz_codec::{self, Layout};
 use crate::{cut_note, read_bytes};
 use instgs_vk::scene::gaussians::Gaussians;
 
+pub use crate::spz_write::{Clamped, SpzLoss, spz_bytes, write_spz};
+
 const MAGIC: u32 = u32::from_le_bytes(*b"NGSP");
 /// Flag of clouds that were trained with opacity compensation.
 pub(crate) const FLAG_ANTIALIAS: u8 = 1;
@@ -219,7 +221,6 @@ mod tests {
     use std::io::Write;
 
     use super::*;
-    use crate::spz_write::spz_bytes;
     use instgs_samples::sample;
 
     fn parse(bytes: &[u8]) -> Result<SpzCloud, IoError> {
