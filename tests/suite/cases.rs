@@ -308,6 +308,17 @@ fn what_spz_clamps_is_told() {
 }
 
 #[test]
+fn files_are_read_by_their_content() {
+    let case = Case::new("17");
+    assert_eq!(case.run("export --scene sh.ply --to sh.sog").code, Some(0));
+    for (from, to) in [("sh.ply", "a.splat"), ("sh.ply", "a.spz"), ("sh.sog", "a.ply"), ("sh.ply", "a.instgs")] {
+        fs::copy(case.at(from), case.at(to)).unwrap();
+        let loaded = instgs_io::load_scene(&case.at(to)).unwrap();
+        assert!(loaded.scene.background.len() == 60 && loaded.notes.iter().any(|note| note.contains("the content of")));
+    }
+}
+
+#[test]
 fn axes_of_spz_are_obeyed() {
     let case = Case::new("18");
     let [want, got] = ["a.ply", "rdf.spz"].map(|name| instgs_io::load_scene(&case.at(name)).unwrap());

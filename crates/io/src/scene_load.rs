@@ -47,12 +47,16 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         let what = format!("unknown scene format \".{extension}\"");
         return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz, .sog, .splat or .glb"));
     }
-    let (mut scene, notes, file_bytes) = if extension == "sog" {
+    let (mut scene, notes, file_bytes) = if sog::is_unpacked(path) {
         let SogCloud { gaussians, antialias, file_bytes } = sog::read_sog(path)?;
         (of_cloud(gaussians, antialias), Vec::new(), file_bytes)
     } else {
         let bytes = read_bytes(path)?;
-        let (scene, notes) = parse(&bytes, path, &extension)?;
+        let content = format_by_content(&bytes).unwrap_or(&extension);
+        let (scene, mut notes) = parse(&bytes, path, content)?;
+        if content != extension {
+            notes.push(format!("has the ending of .{extension}, but the content of .{content}, as which it is read"));
+        }
         (scene, notes, bytes.len() as u64)
     };
     let before = scene.source_len();
@@ -61,6 +65,17 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters")));
     }
     Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes })
+}
+
+/// The format that the first bytes of a file tell; `None` for `.splat`, which begins with a position, and for what is none.
+fn format_by_content(bytes: &[u8]) -> Option<&'static str> {
+    const STARTS: [(&[u8], &str); 5] =
+        [(b"ply", "ply"), (b"\x1F\x8B", "spz"), (b"NGSP", "spz"), (b"glTF", "glb"), (b"PK\x03\x04", "sog")];
+    let by_start = STARTS.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, format)| *format);
+    // A safetensors file: the length of its header, which is a JSON object.
+    let header = bytes.first_chunk::<8>().map(|length| u64::from_le_bytes(*length));
+    let is_tensors = bytes.get(8) == Some(&b'{') && header.is_some_and(|length| length < bytes.len() as u64);
+    by_start.or(is_tensors.then_some("instgs"))
 }
 
 /// A scene of a cloud whose file says only whether opacities are compensated.
@@ -76,6 +91,10 @@ fn parse(bytes: &[u8], path: &Path, extension: &str) -> Result<(InstancedScene, 
         "spz" => {
             let SpzCloud { gaussians, antialias, notes } = spz::parse_spz(bytes, path)?;
             (of_cloud(gaussians, antialias), notes)
+        }
+        "sog" => {
+            let SogCloud { gaussians, antialias, .. } = sog::parse_sog(bytes, path)?;
+            (of_cloud(gaussians, antialias), Vec::new())
         }
         "splat" => (of_cloud(splat::parse_splat(bytes, path)?, false), Vec::new()),
         "glb" => {
