@@ -280,7 +280,7 @@ fn masks_of_distorted_photos_are_distorted() {
     let Some(gpu) = gpu() else { return };
     let mut synthetic = synthetic();
     let straight = synthetic.drawn(&synthetic.labels);
-    let lens = Distortion { k1: -0.6, k2: 0.3, p1: 0.002, p2: -0.001, k3: 0.0 };
+    let lens = Distortion { k1: -0.6, k2: 0.3, p1: 0.002, p2: -0.001, k3: 0.0, fisheye: None };
     synthetic.views.iter_mut().for_each(|view| view.distortion = Some(lens));
     let bent = synthetic.drawn(&synthetic.labels);
     let folder = tempfile::tempdir().unwrap();

@@ -156,6 +156,21 @@ fn a_list_of_distortion_is_read_like_fields() {
 }
 
 #[test]
+fn fisheye_photos_are_undistorted_and_told_of() {
+    if skips_gpu() {
+        return;
+    }
+    let case = Case::new("10");
+    let cameras = fs::read_to_string(case.at("sparse/0/cameras.txt")).unwrap();
+    let line = cameras.lines().find(|line| line.contains("PINHOLE")).unwrap();
+    let fisheye = format!("{} 0.01 0 0 0", line.replacen("PINHOLE", "OPENCV_FISHEYE", 1));
+    fs::write(case.at("sparse/0/cameras.txt"), cameras.replacen(line, &fisheye, 1)).unwrap();
+    let (psnr, views, err) = case.eval(".");
+    assert!(views == 6 && (psnr - PLAIN).abs() > 1e-3, "{psnr} {views}");
+    assert!(err.contains("6 photos of fisheye lenses") && err.contains("degrees from their axis"), "{err}");
+}
+
+#[test]
 fn images_without_lines_of_points_are_all_read() {
     if skips_gpu() {
         return;

@@ -246,8 +246,8 @@ fn bad_input_is_one_line() {
     spoil("transforms.json", Some(b"{ no json"), &["transforms.json"]);
     spoil("transforms.json", Some(b"{\"frames\":[]}"), &["no views"]);
     let transforms = fs::read_to_string(data.join("transforms.json")).unwrap();
-    let fisheye = transforms.replacen('{', "{\"camera_model\":\"OPENCV_FISHEYE\",", 1);
-    spoil("transforms.json", Some(fisheye.as_bytes()), &["OPENCV_FISHEYE"]);
+    let fisheye = transforms.replacen('{', "{\"camera_model\":\"FOV\",", 1);
+    spoil("transforms.json", Some(fisheye.as_bytes()), &["FOV"]);
     spoil("points3d.ply", None, &["no point cloud", "--init"]);
     let header =
         "ply\nformat ascii 1.0\nelement vertex 0\nproperty float x\nproperty float y\nproperty float z\nend_header\n";

@@ -98,7 +98,7 @@ fn masks_are_drawn_over_the_photo_as_it_is_stored() -> Outcome {
     let (plain, bent) = (folder.path().join("plain"), folder.path().join("bent"));
     masks_in(&plain, &views, "car. chair.")?;
     for view in &mut views {
-        view.distortion = Some(Distortion { k1: 0.2, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 });
+        view.distortion = Some(Distortion { k1: 0.2, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, fisheye: None });
     }
     masks_in(&bent, &views, "car. chair.")?;
     assert_eq!(read_mask(&plain.join("a.png"))?, read_mask(&bent.join("a.png"))?);

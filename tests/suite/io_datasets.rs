@@ -140,7 +140,7 @@ fn a_real_photo_undistorted() -> Outcome {
     let folder = shared_data("sceaux_540");
     let mut dataset = read_views(&folder)?;
     dataset.views.truncate(1);
-    dataset.views[0].distortion = Some(Distortion { k1: 0.3, k2: 0.0, p1: 0.01, p2: 0.0, k3: 0.0 });
+    dataset.views[0].distortion = Some(Distortion { k1: 0.3, k2: 0.0, p1: 0.01, p2: 0.0, k3: 0.0, fisheye: None });
     let views = load(&dataset, None)?;
     let ignored = views[0].image.rgba.iter().filter(|p| p[3] == IGNORED).count();
     eprintln!("{ignored} of {} pixels ignored", views[0].image.rgba.len());

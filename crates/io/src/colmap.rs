@@ -126,16 +126,28 @@ const UNDISTORT: &str = "undistort with `colmap image_undistorter`";
 pub(crate) const CUT_PANORAMA: &str =
     "cut panoramas into perspective views first, as COLMAP's script panorama_sfm.py does";
 
+/// The distortion of a fisheye lens.
+pub(crate) fn fisheye(k: [f64; 4]) -> Distortion {
+    Distortion { fisheye: Some(k), ..Distortion::default() }
+}
+
 fn intrinsics(model: &str, size: [u64; 2], p: &[f64], fail: &dyn Fn(String) -> IoError) -> Result<Intrinsics, IoError> {
     let (fx, fy, cx, cy, distortion) = match (model, p) {
         ("SIMPLE_PINHOLE", &[f, cx, cy]) => (f, f, cx, cy, Distortion::default()),
         ("PINHOLE", &[fx, fy, cx, cy]) => (fx, fy, cx, cy, Distortion::default()),
         ("SIMPLE_RADIAL", &[f, cx, cy, k1]) => (f, f, cx, cy, Distortion { k1, ..Distortion::default() }),
         ("RADIAL", &[f, cx, cy, k1, k2]) => (f, f, cx, cy, Distortion { k1, k2, ..Distortion::default() }),
-        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3: 0.0 }),
+        ("OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
+            (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, ..Distortion::default() })
+        }
+        ("SIMPLE_FISHEYE", &[f, cx, cy]) => (f, f, cx, cy, fisheye([0.0; 4])),
+        ("FISHEYE", &[fx, fy, cx, cy]) => (fx, fy, cx, cy, fisheye([0.0; 4])),
+        ("SIMPLE_RADIAL_FISHEYE", &[f, cx, cy, k1]) => (f, f, cx, cy, fisheye([k1, 0.0, 0.0, 0.0])),
+        ("RADIAL_FISHEYE", &[f, cx, cy, k1, k2]) => (f, f, cx, cy, fisheye([k1, k2, 0.0, 0.0])),
+        ("OPENCV_FISHEYE", &[fx, fy, cx, cy, k1, k2, k3, k4]) => (fx, fy, cx, cy, fisheye([k1, k2, k3, k4])),
         // k4 to k6 form a denominator; they are zero unless they were fitted.
         ("FULL_OPENCV", &[fx, fy, cx, cy, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]) => {
-            (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3 })
+            (fx, fy, cx, cy, Distortion { k1, k2, p1, p2, k3, fisheye: None })
         }
         _ if MODELS.iter().any(|(name, count)| *name == model && *count == p.len()) => {
             let advice = if model == PANORAMA { CUT_PANORAMA } else { UNDISTORT };
@@ -321,11 +333,11 @@ mod tests {
         assert_eq!((out[0].file.as_str(), out[0].camera.name.as_str()), ("a b.jpg", "a b"));
         assert_eq!(out[0].camera.view_from_world[1], [0.0, 1.0, 0.0, 2.0]);
         assert_eq!((out[0].camera.fx, out[0].camera.fy, out[0].distortion), (15.0, 16.0, None));
-        assert_eq!(out[1].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2, k3: 0.0 }));
+        assert_eq!(out[1].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2, k3: 0.0, fisheye: None }));
         assert_eq!((out[1].camera.name.as_str(), out[1].camera.view_from_world[2][2]), ("c", -1.0));
         let cameras = b"2 FULL_OPENCV 20 10 15 16 10 5 0.1 0 0 0.2 0.3 0 0 0\n";
         let out = parse_colmap_txt(cameras, b"2 0 1 0 0 0 0 0 2 c.png\n\n", Path::new("m"))?;
-        assert_eq!(out[0].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2, k3: 0.3 }));
+        assert_eq!(out[0].distortion, Some(Distortion { k1: 0.1, k2: 0.0, p1: 0.0, p2: 0.2, k3: 0.3, fisheye: None }));
         Ok(())
     }
 
@@ -340,8 +352,8 @@ mod tests {
         assert!(text(cameras, b"1 0 0 0 0 0 0 0 1 a.jpg\n\n").contains("rotation"));
         // Cameras matter where images use them.
         let used = b"1 1 0 0 0 0 0 0 1 a.jpg\n\n";
-        assert_eq!(text(b"1 OPENCV_FISHEYE 20 10 1 1 1 1 0 0 0 0\n", b""), "");
-        assert!(text(b"1 OPENCV_FISHEYE 20 10 1 1 1 1 0 0 0 0\n", used).contains("image_undistorter"));
+        assert_eq!(text(b"1 THIN_PRISM_FISHEYE 20 10 1 1 1 1 0 0 0 0 0 0 0 0\n", b""), "");
+        assert!(text(b"1 THIN_PRISM_FISHEYE 20 10 1 1 1 1 0 0 0 0 0 0 0 0\n", used).contains("image_undistorter"));
         assert!(text(b"1 NEW 20 10 1\n", used).contains("not known"));
         assert!(text(b"1 EUCM 20 10 1 1 1 1 1 1\n", used).contains("EUCM is not supported"));
         assert!(text(b"1 FULL_OPENCV 20 10 1 1 1 1 0 0 0 0 0.1 0.1 0 0\n", used).contains("image_undistorter"));

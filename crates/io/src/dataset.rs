@@ -117,6 +117,7 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
             format!("the image {} appears twice in its camera files", pair[0].1.display()),
         ));
     }
+    notes.extend(fisheye_note(views.iter().map(|(view, _)| view)));
     unique_names(&mut views);
     let mut views: Vec<View> = views.into_iter().map(|(view, _)| view).collect();
     notes.extend(drop_id_masks(&mut views));
@@ -131,6 +132,19 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
 /// exactly that name exists.
 pub(crate) fn file_in(folder: &Path, name: &str) -> String {
     if name.contains('\\') && !folder.join(name).is_file() { name.replace('\\', "/") } else { name.to_owned() }
+}
+
+/// A note if photos of fisheye lenses lose much of their sides: as pinhole pictures of the same focal length they show less.
+fn fisheye_note<'a>(views: impl Iterator<Item = &'a View>) -> Option<String> {
+    let mut fisheye = views.filter(|view| view.distortion.is_some_and(|d| d.fisheye.is_some()));
+    let first = fisheye.next()?;
+    let (camera, count) = (&first.camera, 1 + fisheye.count());
+    let corner = (f64::from(camera.width) / 2.0 / camera.fx).hypot(f64::from(camera.height) / 2.0 / camera.fy);
+    let degrees = corner.atan().to_degrees();
+    Some(format!(
+        "{}: {count} photos of fisheye lenses are undistorted to {degrees:.0} degrees from their axis; what is farther is not used",
+        first.image_path.display()
+    ))
 }
 
 /// A note if far more photos lie in a folder than have cameras: at least a quarter of them is not used.

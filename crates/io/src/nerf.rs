@@ -15,7 +15,7 @@ use glam::{DMat3, DVec3};
 use serde_json::Value;
 
 use crate::camera_file::parse_json;
-use crate::colmap::{CUT_PANORAMA, Distortion, PosedImage, stem};
+use crate::colmap::{CUT_PANORAMA, Distortion, PosedImage, fisheye, stem};
 use crate::dataset::{Split, file_in, without_dots};
 use crate::error::{IoError, Place};
 use crate::read_bytes;
@@ -25,8 +25,9 @@ use instgs_vk::scene::camera::Camera;
 const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
 
 /// Fields that, if set, declare a camera model other than a perspective lens (instant-ngp).
-const OTHER_LENSES: [&str; 6] =
-    ["is_fisheye", "ftheta_p0", "latlong", "equirectangular", "orthographic", "rolling_shutter"];
+const OTHER_LENSES: [&str; 5] = ["ftheta_p0", "latlong", "equirectangular", "orthographic", "rolling_shutter"];
+/// nerfstudio's name of fisheye lenses.
+const FISHEYE: &str = "OPENCV_FISHEYE";
 const UNDISTORT: &str = "undistort the images to PINHOLE";
 
 /// Reads a transforms file; image paths are relative to its folder.
@@ -117,7 +118,7 @@ impl Frame<'_> {
             self.frame.get("file_path").and_then(Value::as_str).ok_or_else(|| self.error("file_path", "is missing"))?;
         let file = with_ending(folder, file);
         if let Some(model) = self.get("camera_model").and_then(Value::as_str)
-            && !["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "RADIAL", "SIMPLE_RADIAL"].contains(&model)
+            && !["PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "RADIAL", "SIMPLE_RADIAL", FISHEYE].contains(&model)
         {
             let advice = if model.starts_with("EQUIRECT") || model == "PANORAMA" { CUT_PANORAMA } else { UNDISTORT };
             return Err(self.error("camera_model", format!("{model} is not supported")).advise(advice));
@@ -163,11 +164,20 @@ impl Frame<'_> {
         Ok(PosedImage { camera, file, distortion, mask, split: None, note })
     }
 
-    /// The terms k1 to k3, p1 and p2 as fields, or as nerfstudio's list of k1, k2, k3, k4, p1, p2.
+    /// True for OpenCV's fisheye model, as nerfstudio and instant-ngp name it.
+    fn is_fisheye(&self) -> bool {
+        self.get("camera_model").and_then(Value::as_str) == Some(FISHEYE)
+            || self.get("is_fisheye") == Some(&Value::Bool(true))
+    }
+
+    /// The terms k1 to k3, p1 and p2 (of a fisheye lens k1 to k4) as fields, or as nerfstudio's list of k1, k2, k3, k4, p1, p2.
     fn distortion(&self) -> Result<Option<Distortion>, IoError> {
         const LIST: &str = "distortion_params";
         const BEYOND: &str = "distortion beyond k1 k2 k3 p1 p2 is not supported";
         for term in ["k4", "k5", "k6"] {
+            if (term, self.is_fisheye()) == ("k4", true) {
+                continue;
+            }
             if self.number(term)?.is_some_and(|v| v != 0.0) {
                 return Err(self.error(term, BEYOND).advise(UNDISTORT));
             }
@@ -175,8 +185,11 @@ impl Frame<'_> {
         let Some(list) = self.get(LIST).filter(|v| !v.is_null()) else {
             let [k1, k2, k3, p1, p2] = ["k1", "k2", "k3", "p1", "p2"].map(|term| self.number(term));
             let term = |value: Option<f64>| value.unwrap_or(0.0);
-            let terms = Distortion { k1: term(k1?), k2: term(k2?), p1: term(p1?), p2: term(p2?), k3: term(k3?) };
-            return Ok(terms.if_any());
+            let (k1, k2, k3, p1, p2) = (term(k1?), term(k2?), term(k3?), term(p1?), term(p2?));
+            if self.is_fisheye() {
+                return Ok(Some(fisheye([k1, k2, k3, term(self.number("k4")?)])));
+            }
+            return Ok(Distortion { k1, k2, p1, p2, k3, fisheye: None }.if_any());
         };
         let terms: Vec<f64> =
             serde_json::from_value(list.clone()).map_err(|_| self.error(LIST, "is not a list of numbers"))?;
@@ -184,10 +197,13 @@ impl Frame<'_> {
             let what = format!("has {} numbers, not the six k1 k2 k3 k4 p1 p2", terms.len());
             return Err(self.error(LIST, what).advise("give the terms as fields k1, k2, k3, p1, p2"));
         };
+        if self.is_fisheye() {
+            return Ok(Some(fisheye([k1, k2, k3, k4])));
+        }
         if k4 != 0.0 {
             return Err(self.error(LIST, BEYOND).advise(UNDISTORT));
         }
-        Ok(Distortion { k1, k2, p1, p2, k3 }.if_any())
+        Ok(Distortion { k1, k2, p1, p2, k3, fisheye: None }.if_any())
     }
 
     fn size(&self, image: &Path) -> Result<(u32, u32), IoError> {
@@ -342,6 +358,10 @@ mod tests {
         let b = &out[1].camera;
         assert_eq!((b.fx, b.fy, b.cx, b.cy, out[1].distortion), (8.0, 7.0, 3.0, 4.0, None));
         assert_eq!(out[1].file, "./i/b.png");
+        let fisheye = format!(
+            r#"{{"w":20,"h":10,"fl_x":9,"camera_model":"OPENCV_FISHEYE","k1":0.5,"k4":0.1,"frames":[{{"file_path":"a.jpg","transform_matrix":{POSE}}}]}}"#
+        );
+        assert_eq!(parse(&fisheye)?[0].distortion.and_then(|d| d.fisheye), Some([0.5, 0.0, 0.0, 0.1]));
         let text = format!(
             r#"{{"w":20,"h":10,"fl_x":9,"k3":0.25,"frames":[{{"file_path":"i\\j\\a.jpg","transform_matrix":{POSE}}}]}}"#
         );
@@ -374,16 +394,17 @@ mod tests {
         assert!(text(&frame(r#""transform_matrix":[[0,0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,1]]"#)).contains("singular"));
         assert!(text(&frame(r#""transform_matrix":[[2,0,0,0],[0,1,0,0],[0,0,2,0],[0,0,0,1]]"#)).contains("rigid"));
         assert!(
-            text(&frame(&format!(r#""camera_model":"OPENCV_FISHEYE","transform_matrix":{POSE}"#)))
+            text(&frame(&format!(r#""camera_model":"THIN_PRISM_FISHEYE","transform_matrix":{POSE}"#)))
                 .contains("camera_model")
         );
         assert!(text(&frame(&format!(r#""w":"x","transform_matrix":{POSE}"#))).contains("frames[0].w"));
         let lens = |lens: &str| text(&frame(&format!(r#"{lens},"transform_matrix":{POSE}"#)));
-        for (field, value) in [("is_fisheye", "true"), ("k4", "0.1"), ("rolling_shutter", "[0,0,0,1]")] {
+        for (field, value) in [("orthographic", "true"), ("k4", "0.1"), ("rolling_shutter", "[0,0,0,1]")] {
             let error = lens(&format!(r#""{field}":{value}"#));
             assert!(error.contains(&format!("frames[0].{field}")) && error.contains("undistort"), "{error}");
         }
         assert_eq!(lens(r#""is_fisheye":false,"latlong":null,"k4":0"#), "");
+        assert!(lens(r#""latlong":true"#).contains("perspective views"));
         let error = lens(r#""fl_x":0"#);
         assert!(error.contains("frames[0]: ") && error.contains("positive"), "{error}");
     }
