@@ -3,7 +3,8 @@
 //! Meshes that are placed several times become templates (`read_scene.rs`). Colours are taken as they are: those of
 //! `lin_rec709_display` are noted. Vertex colours, other meshes and data outside of the file are not read.
 //!
-//! glTF has y up and z to the viewer, scenes here are right-down-front: they are turned by 180 degrees about x. In files of
+//! glTF has y up and z to the viewer, scenes here are right-down-front: they are turned by 180 degrees about x (files of
+//! splat-transform about z, as it turns clouds of .ply). In files of
 //! this program the root node has turned the scene's up to +y; its rotation is left out, which restores the scene's frame.
 
 use std::collections::BTreeSet;
@@ -20,6 +21,9 @@ use crate::bytes::Cursor;
 use crate::error::{IoError, Place};
 use crate::read_bytes;
 use instgs_vk::scene::InstancedScene;
+
+/// How PlayCanvas' converter calls itself.
+const SPLAT_TRANSFORM: &str = "splat-transform";
 
 /// The kernel and the colours that scenes here have.
 const KERNEL: &str = "ellipse";
@@ -92,7 +96,9 @@ fn parts(document: &Document, most: usize, notes: &mut Vec<String>, path: &Path)
     let fail = |what: &str, field: String| IoError::new(path, what).at(Place::Field(field));
     let roots = roots(document);
     let own_root = own_root(document, &roots);
-    let half_turn = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0));
+    // Both turns put y up; PlayCanvas turns clouds of .ply about z, so that this restores the frame of their cameras.
+    let about_z = document.asset.generator.starts_with(SPLAT_TRANSFORM);
+    let half_turn = DMat4::from_scale(if about_z { DVec3::new(-1.0, -1.0, 1.0) } else { DVec3::new(1.0, -1.0, -1.0) });
     let mut open: Vec<(usize, DMat4)> = roots.iter().rev().map(|&root| (root, half_turn)).collect();
     let mut visited = vec![false; document.nodes.len()];
     let mut out = Vec::new();
