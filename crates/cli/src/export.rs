@@ -21,13 +21,14 @@ use instgs_vk::scene::{InstancedScene, PixelFilter};
     instgs-vk export --scene room.instgs --to small.instgs --pack small --data room\n  \
     instgs-vk export --scene room.ply --to room.spz\n  \
     instgs-vk export --scene room.instgs --to room.sog\n  \
-    instgs-vk export --scene room.instgs --to room.glb --up 0,0,1")]
+    instgs-vk export --scene room.instgs --to room.glb --up 0,0,1\n  \
+    instgs-vk export --scene room.instgs --to room.usda")]
 pub(super) struct ExportArgs {
     /// Scene to convert: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
     scene: PathBuf,
-    /// File to write: .ply, .spz, .sog, .glb or .instgs
-    #[arg(long, value_name = "X.(ply|spz|sog|glb|instgs)")]
+    /// File to write: .ply, .spz, .sog, .glb, .usda or .instgs
+    #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|instgs)")]
     to: PathBuf,
     /// Number format of an .instgs file. f32: as they are. f16: 16 bits, except means and transforms. q8: offsets in 8
     /// bits, the rest as f16. small: everything rounded and entropy coded, with --data only as precisely as its views need
@@ -40,7 +41,7 @@ pub(super) struct ExportArgs {
     /// Closeness of pictures of the packed scene to those of the unpacked one, dB of PSNR; lower is smaller
     #[arg(long, value_name = "DB", default_value_t = USUAL_PICTURE_PSNR_DB, requires = "data")]
     picture_psnr: f64,
-    /// Direction of the scene that becomes glTF's up (+y) in a .glb [default: as for render's --orbit]
+    /// Direction of the scene that becomes up (+y) in a .glb or .usda [default: as for render's --orbit]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
     up: Option<Triple>,
     /// Report as JSON on stdout
@@ -123,8 +124,8 @@ fn spz_warning(loss: &SpzLoss, gaussians: u64) -> Option<String> {
 pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let to = args.to.as_path();
     let format = ExportFormat::of(to, args.pack.map(Pack::from))?;
-    if args.up.is_some() && format != ExportFormat::Glb {
-        printer.warning("--up is for .glb: other formats keep the scene's axes");
+    if args.up.is_some() && !matches!(format, ExportFormat::Glb | ExportFormat::Usda) {
+        printer.warning("--up is for .glb and .usda: other formats keep the scene's axes");
     }
     let scene = open_scene(&args.scene, printer)?.scene;
     let gaussians = match &args.data {

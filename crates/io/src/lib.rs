@@ -48,6 +48,7 @@ mod spz_codec;
 mod spz_write;
 mod step_columns;
 mod text;
+pub mod usda;
 pub mod view_image;
 mod view_resample;
 

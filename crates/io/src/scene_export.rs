@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::host_memory::available_bytes;
-use crate::{IoError, Pack, SpzLoss, glb, ply, scene_write, sog, spz};
+use crate::{IoError, Pack, SpzLoss, glb, ply, scene_write, sog, spz, usda};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 
@@ -20,6 +20,8 @@ pub enum ExportFormat {
     Sog,
     /// `.glb`: instances are nodes that share their template's data.
     Glb,
+    /// `.usda`: instances are prims; those without anything of their own are references to their template.
+    Usda,
     /// `.instgs`: not expanded, with packed values.
     Instgs(Pack),
 }
@@ -40,8 +42,9 @@ impl ExportFormat {
             "spz" => Ok(Self::Spz),
             "sog" => Ok(Self::Sog),
             "glb" => Ok(Self::Glb),
+            "usda" => Ok(Self::Usda),
             other => Err(IoError::new(path, format!("unknown format \".{other}\""))
-                .advise("export to .ply, .spz, .sog, .glb or .instgs")),
+                .advise("export to .ply, .spz, .sog, .glb, .usda or .instgs")),
         }
     }
 
@@ -60,7 +63,7 @@ pub struct ExportedScene {
     pub spz_loss: SpzLoss,
 }
 
-/// Writes a scene. `up` is the scene's direction that becomes glTF's +y.
+/// Writes a scene. `up` is the scene's direction that becomes +y of glTF and USD.
 ///
 /// # Errors
 /// The file cannot be written, or there is not enough memory.
@@ -76,6 +79,11 @@ pub fn export_scene(
         ExportFormat::Glb => {
             check_memory(to, "its Gaussians take", glb::glb_data_bytes(scene))?;
             glb::write_glb(to, scene, up)?;
+        }
+        ExportFormat::Usda => {
+            check_expanded_memory(to, scene)?;
+            exported.gaussians = scene.expanded_len();
+            usda::write_usda(to, scene, up)?;
         }
         ExportFormat::Ply | ExportFormat::Spz | ExportFormat::Sog => {
             check_expanded_memory(to, scene)?;

@@ -184,7 +184,7 @@ fn xyzw(rotation: DMat3) -> [f32; 4] {
 }
 
 /// The rotation that maps `up` to +y and keeps the x axis if possible; `None` if `up` is zero or not finite.
-fn up_to_y(up: DVec3) -> Option<DMat3> {
+pub(crate) fn up_to_y(up: DVec3) -> Option<DMat3> {
     let up = up.try_normalize()?;
     let side = if up.x.abs() < 0.9 { DVec3::X } else { DVec3::Z };
     let right = (side - side.dot(up) * up).normalize();
