@@ -492,6 +492,23 @@ fn files_do_not_claim_more_memory_than_they_can_code() {
     }
 }
 
+/// A run that is still going on is not resumed beside it.
+#[test]
+fn one_process_trains_in_a_folder() {
+    if skips_gpu() {
+        return;
+    }
+    let case = Case::new("23");
+    fs::create_dir(case.at("run")).unwrap();
+    let lock = instgs_io::RunLock::take(&case.at("run")).unwrap();
+    let train = "train --data . --out run --config quick --steps 2 --max-gaussians 400";
+    case.run(train).is_refused(&["run", "process", "is training in this folder"]);
+    drop(lock);
+    assert_eq!(case.run(train).code, Some(0));
+    let resumed = case.run(&format!("{train} --resume"));
+    assert!(resumed.code == Some(0) && !case.at("run/.lock").exists(), "{}", resumed.err);
+}
+
 /// Pipes never end, and names may hold what a terminal obeys.
 #[cfg(unix)]
 #[test]

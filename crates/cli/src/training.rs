@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::progress_lines::{LabelLines, NamingLines, group_lines, warn_of_names};
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, Progress, device};
-use instgs_io::IoError;
+use instgs_io::{IoError, RunLock};
 use instgs_objects::pipeline::{Message, Observer, Phase, Pipeline, PipelineJob, Prepared, Stage};
 use instgs_report::{ReportError, ReportWriter, RunReport};
 use instgs_train::TrainMessage;
@@ -26,8 +26,10 @@ pub struct Session<'a> {
 /// Runs all phases of the job's method; afterwards the run folder has all results.
 ///
 /// # Errors
-/// Faulty input, a device that fails, or an interrupted run.
+/// Faulty input, a device that fails, an interrupted run, or another process that trains in the folder.
 pub fn train_job(session: &Session<'_>, job: &PipelineJob) -> Result<RunReport, CliError> {
+    // Before anything of the folder is read that another run may be writing.
+    let _lock = RunLock::take(&job.out)?;
     let mut watcher = Watcher {
         session,
         job,
