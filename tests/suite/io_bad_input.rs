@@ -211,6 +211,7 @@ fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
         ("splat", vec![77; 64], |b| done(splat::parse_splat(b, path()))),
         ("instgs", scene_write::scene_file_bytes(&scene(), path())?, |b| done(scene_file::parse_scene_file(b, path()))),
         ("instgs f16", packed_scene(Pack::F16)?, |b| done(scene_file::parse_scene_file(b, path()))),
+        ("instgs small", packed_scene(Pack::Small)?, |b| done(scene_file::parse_scene_file(b, path()))),
         ("instgs q8", packed_scene(Pack::Q8)?, |b| done(scene_file::parse_scene_file(b, path()))),
         ("groups json", GROUPS.into(), |b| done(groups::parse_groups(b, path()))),
         ("mask png", mask_png::mask_bytes(&mask(), path())?, |b| done(mask_png::parse_mask(b, path()))),
@@ -266,8 +267,10 @@ fn random_flips() -> Outcome {
         state ^= state << 17;
         (state >> 11) as usize % below
     };
+    // INSTGS_FLIPS=1000000 looks longer.
+    let rounds = std::env::var("INSTGS_FLIPS").ok().and_then(|n| n.parse().ok()).unwrap_or(FLIPS_PER_FORMAT);
     for (name, bytes, reader) in formats()? {
-        for round in 0..FLIPS_PER_FORMAT {
+        for round in 0..rounds {
             let mut damaged = bytes.clone();
             let mut places = Vec::new();
             for _ in 0..=random(4) {
