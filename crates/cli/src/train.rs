@@ -16,6 +16,7 @@ use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_report::RunReport;
 use instgs_train::config::Method;
 use instgs_train::interrupt::Interrupt;
+use instgs_train::unused_masks;
 
 /// Trains a scene of Gaussians from photos with known cameras.
 ///
@@ -167,7 +168,8 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
     let config = args.resolved()?;
     args.check_folder()?;
     // Checked before anything is written: a folder without cameras should not leave an empty run.
-    instgs_io::read_views(&args.data)?;
+    let dataset = instgs_io::read_views(&args.data)?;
+    unused_masks(&args.data, &config.train, &dataset.views).iter().for_each(|note| printer.warning(note));
     let interrupt = Interrupt::on_ctrl_c()?;
     let gpu = device::open(device_args.choice())?;
     let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };

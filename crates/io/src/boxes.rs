@@ -128,7 +128,9 @@ pub fn with_view_names(mut boxes: Boxes, views: &[View]) -> Boxes {
     for view in views {
         let Some(photo) = view.image_path.file_name().map(|name| name.to_string_lossy().into_owned()) else { continue };
         let is_view = |name: &str| views.iter().any(|view| view.camera.name == name);
-        if !boxes.views.contains_key(&view.camera.name)
+        let named = |view: &&View| view.image_path.file_name().is_some_and(|name| name.to_string_lossy() == photo);
+        if views.iter().filter(named).count() == 1
+            && !boxes.views.contains_key(&view.camera.name)
             && !is_view(&photo)
             && let Some(list) = boxes.views.remove(&photo)
         {

@@ -15,6 +15,23 @@ const MAX_INFLATION: u64 = 1032;
 
 /// Parses the bytes of a PNG mask; `path` is only used in messages.
 pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
+    parse(bytes, path).map(|(mask, _)| mask)
+}
+
+/// As [`parse_mask`], for a folder whose file of categories gives names to ids: colours have none.
+///
+/// # Errors
+/// Also a picture in colours, whose objects are numbered anew in each.
+pub(crate) fn parse_named_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
+    match parse(bytes, path)? {
+        (mask, false) => Ok(mask),
+        (_, true) => Err(IoError::new(path, "is a mask in colours, beside a categories.json that names ids")
+            .advise("save masks with ids as grey levels, or take the file away")),
+    }
+}
+
+/// The mask, and whether its ids number colours.
+fn parse(bytes: &[u8], path: &Path) -> Result<(Mask, bool), IoError> {
     let fail = |e: png::DecodingError| IoError::new(path, format!("cannot decode the mask: {e}"));
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::IDENTITY);
@@ -38,10 +55,13 @@ pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
     reader.next_frame(&mut data).map_err(fail)?;
     // The image may be complete and the file truncated: the end marker is required too.
     reader.finish().map_err(fail)?;
+    let mut has_colors = false;
     let ids = match color {
         ColorType::Indexed => palette_ids(&data, width as usize, usize::from(bits), &palette.unwrap_or_default()),
-        ColorType::Rgb => color_ids(data.as_chunks::<3>().0.iter().copied(), path)?,
-        ColorType::Rgba => color_ids(data.as_chunks::<4>().0.iter().map(|&[r, g, b, a]| shown([r, g, b], a)), path)?,
+        ColorType::Rgb => color_ids(data.as_chunks::<3>().0.iter().copied(), path, &mut has_colors)?,
+        ColorType::Rgba => {
+            color_ids(data.as_chunks::<4>().0.iter().map(|&[r, g, b, a]| shown([r, g, b], a)), path, &mut has_colors)?
+        }
         ColorType::GrayscaleAlpha if bits == 16 => {
             let of = |&[g0, g1, a0, a1]: &[u8; 4]| if [a0, a1] == [0, 0] { 0 } else { u16::from_be_bytes([g0, g1]) };
             data.as_chunks::<4>().0.iter().map(of).collect()
@@ -52,7 +72,7 @@ pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
         ColorType::Grayscale if bits == 16 => data.as_chunks::<2>().0.iter().map(|&b| u16::from_be_bytes(b)).collect(),
         ColorType::Grayscale => packed(&data, width as usize, usize::from(bits)).map(u16::from).collect(),
     };
-    Ok(Mask { width, height, ids })
+    Ok((Mask { width, height, ids }, has_colors))
 }
 
 /// A colour, black where it is fully transparent.
@@ -64,11 +84,16 @@ fn shown(color: [u8; 3], alpha: u8) -> [u8; 3] {
 const MOST_COLORS: usize = 4096;
 
 /// Ids of a picture in colour: its grey levels if it has only greys, as black and white masks saved in colour; otherwise
-/// every colour but black is an object, numbered in the order of red, green and blue.
-fn color_ids(pixels: impl Iterator<Item = [u8; 3]> + Clone, path: &Path) -> Result<Vec<u16>, IoError> {
+/// every colour but black is an object, numbered in the order of red, green and blue, which `has_colors` then says.
+fn color_ids(
+    pixels: impl Iterator<Item = [u8; 3]> + Clone,
+    path: &Path,
+    has_colors: &mut bool,
+) -> Result<Vec<u16>, IoError> {
     if pixels.clone().all(|[r, g, b]| r == g && g == b) {
         return Ok(pixels.map(|[grey, ..]| u16::from(grey)).collect());
     }
+    *has_colors = true;
     let mut ids: BTreeMap<[u8; 3], u16> = BTreeMap::new();
     for color in pixels.clone().filter(|color| *color != [0; 3]) {
         ids.insert(color, 0);
@@ -195,7 +220,7 @@ mod tests {
         let grey_alpha = greys.map(|v| [v, 255]);
         let got = ids(encoded(ColorType::GrayscaleAlpha, BitDepth::Eight, &[], grey_alpha.as_flattened())?)?;
         assert_eq!(got, greys.map(u16::from));
-        let bits = encoded(ColorType::Grayscale, BitDepth::One, &[], &[0b01011_000, 0b00001_000])?;
+        let bits = encoded(ColorType::Grayscale, BitDepth::One, &[], &[0b0101_1000, 0b0000_1000])?;
         assert_eq!(ids(bits)?, [0, 1, 0, 1, 1, 0, 0, 0, 0, 1]);
         Ok(())
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::camera_file::parse_json;
 use crate::error::{IoError, Place};
 use crate::json::write_json;
-use crate::mask_png::{mask_bytes, parse_mask};
+use crate::mask_png::{mask_bytes, parse_mask, parse_named_mask};
 use crate::{View, atomic_write, read_bytes, view_resample};
 use instgs_vk::math::distortion::Distortion;
 
@@ -164,7 +164,8 @@ impl MaskFolder {
     pub fn of_view(&self, view: &View) -> Result<Option<Mask>, IoError> {
         let camera = &view.camera;
         let Some(path) = self.path_of(view)? else { return Ok(None) };
-        let mask = read_mask(path)?;
+        let parse = if self.categories.is_empty() { parse_mask } else { parse_named_mask };
+        let mask = parse(&read_bytes(path)?, path)?;
         let (size, want) = ((mask.width, mask.height), (camera.width, camera.height));
         if size != want {
             let what = format!("the mask has {}x{} pixels, and its view {}x{}", size.0, size.1, want.0, want.1);
@@ -201,7 +202,10 @@ impl MaskFolder {
         if let Some(path) = whole.as_ref().and_then(|whole| self.by_path.get(whole)) {
             return Ok(Some(path));
         }
-        match self.by_stem.get(name).or_else(|| self.by_stem.get(&photo)).map(Vec::as_slice) {
+        // Views of a rig have the names of their paths: the same photo of another camera is none of theirs.
+        let is_alone = view.image_path.file_stem().is_some_and(|stem| stem.to_string_lossy() == *name);
+        let by_photo = || self.by_stem.get(&photo).filter(|_| is_alone);
+        match self.by_stem.get(name).or_else(by_photo).map(Vec::as_slice) {
             None | Some([]) => Ok(None),
             Some([one]) => Ok(Some(one)),
             Some([first, second, ..]) => {

@@ -40,6 +40,8 @@ impl RunLock {
             match file.try_lock() {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) => return Err(held(folder, &mut file)),
+                // Some network file systems have no locks.
+                Err(TryLockError::Error(e)) if e.kind() == std::io::ErrorKind::Unsupported => {}
                 Err(TryLockError::Error(e)) => return Err(fail(e)),
             }
             // Its last holder removes the file: then this one is nobody's, and the next is to be locked.

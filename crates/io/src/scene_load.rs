@@ -52,7 +52,9 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         (of_cloud(gaussians, antialias), Vec::new(), file_bytes)
     } else {
         let bytes = read_bytes(path)?;
-        let content = format_by_content(&bytes).unwrap_or(&extension);
+        // The two bytes of gzip may begin a position of a .splat, whose records have 32 bytes.
+        let may_be_splat = extension == "splat" && bytes.len().is_multiple_of(32) && bytes.starts_with(&GZIP);
+        let content = format_by_content(&bytes).filter(|_| !may_be_splat).unwrap_or(&extension);
         let (scene, mut notes) = parse(&bytes, path, content)?;
         if content != extension {
             notes.push(format!("has the ending of .{extension}, but the content of .{content}, as which it is read"));
@@ -67,10 +69,13 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
     Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes })
 }
 
+/// How gzipped files begin.
+const GZIP: [u8; 2] = [0x1F, 0x8B];
+
 /// The format that the first bytes of a file tell; `None` for `.splat`, which begins with a position, and for what is none.
 fn format_by_content(bytes: &[u8]) -> Option<&'static str> {
     const STARTS: [(&[u8], &str); 5] =
-        [(b"ply", "ply"), (b"\x1F\x8B", "spz"), (b"NGSP", "spz"), (b"glTF", "glb"), (b"PK\x03\x04", "sog")];
+        [(b"ply", "ply"), (&GZIP, "spz"), (b"NGSP", "spz"), (b"glTF", "glb"), (b"PK\x03\x04", "sog")];
     let by_start = STARTS.iter().find(|(start, _)| bytes.starts_with(start)).map(|(_, format)| *format);
     // A safetensors file: the length of its header, which is a JSON object.
     let header = bytes.first_chunk::<8>().map(|length| u64::from_le_bytes(*length));

@@ -49,6 +49,11 @@ pub fn write_small_scene_file(path: &Path, scene: &InstancedScene, options: &Sma
     if !options.sensitivity.fits(scene) {
         return Err(IoError::new(path, "cannot write: the sensitivity was measured on another scene"));
     }
+    if !options.sensitivity.shows_anything() {
+        let error =
+            IoError::new(path, "cannot write: the views that say how precise it is to be show nothing of the scene");
+        return Err(error.advise("give the data set of the scene"));
+    }
     let bytes = file_bytes(scene, Pack::Small, Some(options), path)?;
     atomic_write(path, |out| out.write_all(&bytes))
 }

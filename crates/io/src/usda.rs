@@ -36,6 +36,10 @@ pub fn write_usda(path: &Path, scene: &InstancedScene, up: DVec3) -> Result<(), 
     if let Some(i) = (0..local.cloud.len()).find(|&i| !local.cloud.is_finite(i)) {
         return Err(fail(format!("Gaussian {i} has a value that is not finite")));
     }
+    let mut log_scales = local.cloud.log_scales.as_flattened().iter().chain(scene.templates.log_scales.as_flattened());
+    if log_scales.any(|scale| !scale.exp().is_finite()) {
+        return Err(fail("a Gaussian is larger than a number can say".into()));
+    }
     atomic_write(path, |out| {
         writeln!(out, "#usda 1.0\n(\n    defaultPrim = \"scene\"\n    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n")?;
         write_templates(out, scene)?;

@@ -32,6 +32,6 @@ pub mod views;
 pub use error::TrainError;
 pub use observer::{TrainMessage, TrainObserver};
 pub use sensitivity::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras, write_small};
-pub use start::{leave_out_masked, read_dataset};
+pub use start::{leave_out_masked, read_dataset, unused_masks};
 pub use trainer::{TrainJob, Trained, train};
 pub use view_pictures::{eval_options, evaluate_test_views};

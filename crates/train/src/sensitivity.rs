@@ -158,7 +158,12 @@ fn for_shared_own(scene: &InstancedScene, rows: ParameterSet<Vec<f32>>) -> Param
     }
     let (first, copies) = (scene.templates.len(), packed.own.len());
     let merged = |parameter: Parameter, values: Vec<f32>| {
-        if !matches!(parameter.owner(), Owner::Source | Owner::ShBand(_)) || values.len() < first + copies {
+        let has_own = match parameter.owner() {
+            Owner::Source => true,
+            Owner::ShBand(l) => l <= scene.templates.sh_degree,
+            Owner::Offset | Owner::Instance => false,
+        };
+        if !has_own {
             return values;
         }
         let mut own = vec![0.0; scene.own.len()];

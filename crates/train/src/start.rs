@@ -149,9 +149,8 @@ pub fn read_dataset(folder: &Path, config: &TrainConfig) -> Result<Dataset, IoEr
     let mut dataset = read_views(folder)?;
     let may_be_missing = if config.skip_missing { MissingPhotos::Skip } else { MissingPhotos::Few };
     dataset.notes.extend(leave_out_missing(&mut dataset.views, may_be_missing)?);
-    match &config.pixel_masks {
-        Some(masks) => dataset.notes.extend(put_pixel_masks(&mut dataset.views, masks)?),
-        None => dataset.notes.extend(unused_masks(folder, config, &dataset.views)),
+    if let Some(masks) = &config.pixel_masks {
+        dataset.notes.extend(put_pixel_masks(&mut dataset.views, masks)?);
     }
     Ok(dataset)
 }
@@ -173,16 +172,18 @@ fn put_pixel_masks(views: &mut [View], folder: &Path) -> Result<Option<String>, 
     }))
 }
 
-/// A note about masks that a plain cloud is not trained with.
-fn unused_masks(data: &Path, config: &TrainConfig, views: &[View]) -> Option<String> {
+/// A note about masks of pixels in the data set's `masks/` that a plain cloud is not trained with.
+pub fn unused_masks(data: &Path, config: &TrainConfig, views: &[View]) -> Option<String> {
     let folder = MaskFolder::default_for(data)?;
-    let is_used = config.method == Method::Instanced || views.iter().any(|view| view.mask_path.is_some());
+    let is_used = config.method == Method::Instanced
+        || config.pixel_masks.is_some()
+        || views.iter().any(|view| view.mask_path.is_some());
     let masks = MaskFolder::open(&folder).ok().filter(|masks| !is_used && masks.categories.is_empty())?;
     // Masks of objects are of no use to a plain cloud, and nobody expects it.
-    let of_pixels = views
-        .iter()
-        .find_map(|view| masks.of_view(view).ok().flatten())
-        .is_some_and(|mask| mask.ids_present().keys().all(|&id| id == u16::from(u8::MAX) || id == u16::MAX));
+    let of_pixels = views.iter().find_map(|view| masks.of_view(view).ok().flatten()).is_some_and(|mask| {
+        let ids = mask.ids_present();
+        !ids.is_empty() && ids.keys().all(|&id| id == u16::from(u8::MAX) || id == u16::MAX)
+    });
     of_pixels.then(|| {
         let folder = folder.display();
         format!("{folder} is not used: --pixel-masks {folder} trains only on the pixels that its masks leave")
@@ -473,15 +474,17 @@ mod tests {
         };
         let text = format!(r#"{{"w":2,"h":2,"fl_x":1,"frames":[{},{},{}]}}"#, frame(0), frame(1), frame(5));
         std::fs::write(folder.path().join("transforms.json"), text)?;
-        let text_of = |needs| read_data(folder.path(), needs).err().map(|e| e.to_string()).unwrap_or_default();
+        let config = with(&[])?;
+        let read = |needs| read_data(folder.path(), &config, needs);
+        let text_of = |needs| read(needs).err().map(|e| e.to_string()).unwrap_or_default();
+        assert!(text_of(false).contains("2 of the other 2 photos"), "{}", text_of(false));
+        (0..6).try_for_each(|n| std::fs::write(folder.path().join(format!("{n}.png")), ""))?;
         assert!(text_of(true).contains("no point cloud") && text_of(true).contains("--init"));
-        assert!(read_data(folder.path(), false)?.warnings.is_empty());
+        assert!(read(false)?.warnings.is_empty());
         std::fs::write(folder.path().join("points3d.ply"), "no ply")?;
         assert!(text_of(true).contains("points3d.ply"), "{}", text_of(true));
-        let data = read_data(folder.path(), false)?;
+        let data = read(false)?;
         assert!(data.points.is_empty() && data.warnings.len() == 1, "{:?}", data.warnings);
-        let missing = check_photos(data.train.iter().chain(&data.test)).unwrap_err().to_string();
-        assert!(missing.contains("1.png") && missing.contains("2 of the other 2 photos"), "{missing}");
         // Training cameras at 1 and 5: 1.1 times their largest distance from the mean, 2.
         assert!((data.extent - 2.2).abs() < 1e-9, "{}", data.extent);
         Ok(())

@@ -1,6 +1,6 @@
 //! Columns of integers, entropy coded: the payload of a coded tensor of `--pack small`.
 //!
-//! An integer v becomes u = 2 |v| - [v < 0]; u below 16 is a *token* of its own, a larger one the token of its highest two
+//! An integer v, of up to 45 bits, becomes u = 2 |v| - [v < 0]; u below 16 is a *token* of its own, a larger one the token of its highest two
 //! bits, followed by the lower bits as they are. Tokens are coded by asymmetric numeral systems (crate `constriction`) with
 //! the frequencies of their *model* and *context*: columns of the same kind share a model, and the context of a row is its
 //! class of precision, since values that were rounded more coarsely are smaller. Contexts with few tokens are merged.
@@ -17,12 +17,12 @@ use crate::step_columns::TableError;
 
 /// Number of contexts: the classes of precision.
 pub(super) const CONTEXTS: usize = 15;
-/// Integers have at most this magnitude, so that 2 |v| fits u32 with room.
-pub(super) const MOST_STEPS: f64 = (1 << 29) as f64;
+/// Integers have at most this magnitude: a scene's farthest Gaussian may be that many steps from its nearest.
+pub(super) const MOST_STEPS: f64 = (1u64 << 44) as f64;
 /// Values of u below this are tokens of their own.
-const EXACT: u32 = 16;
-/// Number of tokens: 16 exact ones, and two for each highest bit from 4 to 31.
-const TOKENS: usize = EXACT as usize + 2 * 28;
+const EXACT: u64 = 16;
+/// Number of tokens: 16 exact ones, and two for each highest bit from 4 to 46.
+const TOKENS: usize = EXACT as usize + 2 * 43;
 /// Bits of frequencies: a table's sum is 4096.
 const PRECISION: usize = 12;
 /// A context with fewer tokens than this shares its table with the next ones: a table takes some 40 bytes.
@@ -58,28 +58,28 @@ impl Layout<'_> {
 }
 
 /// Token, number of lower bits, and lower bits of an integer.
-fn token_of(value: i32) -> (u8, u32, u32) {
-    let u = 2 * value.unsigned_abs() - u32::from(value < 0);
+fn token_of(value: i64) -> (u8, u32, u64) {
+    let u = 2 * value.unsigned_abs() - u64::from(value < 0);
     if u < EXACT {
         return (u as u8, 0, 0);
     }
     let top = u.ilog2();
     let low = top - 1;
-    ((EXACT + 2 * (top - 4) + (u >> low & 1)) as u8, low, u & ((1 << low) - 1))
+    ((EXACT + 2 * u64::from(top - 4) + (u >> low & 1)) as u8, low, u & ((1 << low) - 1))
 }
 
 /// Number of lower bits of a token, and u without them.
-fn base_of(token: u8) -> (u32, u32) {
-    let token = u32::from(token);
+fn base_of(token: u8) -> (u32, u64) {
+    let token = u64::from(token);
     if token < EXACT {
         return (0, token);
     }
-    let (top, second) = (4 + (token - EXACT) / 2, (token - EXACT) % 2);
-    (top - 1, (2 + second) << (top - 1))
+    let (low, second) = (3 + (token - EXACT) / 2, (token - EXACT) % 2);
+    (low as u32, (2 + second) << low)
 }
 
-fn value_of(u: u32) -> i32 {
-    let magnitude = u.div_ceil(2) as i32;
+fn value_of(u: u64) -> i64 {
+    let magnitude = u.div_ceil(2) as i64;
     if u % 2 == 1 { -magnitude } else { magnitude }
 }
 
@@ -146,7 +146,7 @@ impl Bytes<'_> {
 }
 
 /// Codes integers of at most [`MOST_STEPS`], column by column.
-pub(super) fn encode(layout: &Layout<'_>, values: &[i32]) -> Vec<u8> {
+pub(super) fn encode(layout: &Layout<'_>, values: &[i64]) -> Vec<u8> {
     let models = layout.models();
     let mut counts = vec![[0u32; TOKENS]; models * CONTEXTS];
     for (place, &value) in layout.places().zip(values) {
@@ -256,7 +256,7 @@ pub(super) fn stream_bytes(models: usize, coded: &[u8]) -> Option<[usize; 2]> {
 ///
 /// # Errors
 /// The bytes are not a whole payload of this layout.
-pub(super) fn decode(layout: &Layout<'_>, coded: &[u8], mut put: impl FnMut(i32)) -> Result<(), TableError> {
+pub(super) fn decode(layout: &Layout<'_>, coded: &[u8], mut put: impl FnMut(i64)) -> Result<(), TableError> {
     let mut bytes = Bytes(coded);
     let words = u32::from_le_bytes(bytes.take()?) as usize;
     let mut table_of = Vec::with_capacity(layout.models() * CONTEXTS);
@@ -301,9 +301,9 @@ struct BitWriter {
 }
 
 impl BitWriter {
-    /// Appends the lowest `count` bits of `value`, at most 32.
-    fn push(&mut self, value: u32, count: u32) {
-        self.held |= u64::from(value) << self.count;
+    /// Appends the lowest `count` bits of `value`, at most 48.
+    fn push(&mut self, value: u64, count: u32) {
+        self.held |= value << self.count;
         self.count += count;
         while self.count >= 8 {
             self.bytes.push(self.held as u8);
@@ -327,8 +327,8 @@ struct BitReader<'a> {
 }
 
 impl BitReader<'_> {
-    /// The next `count` bits, at most 32; `None` beyond the end.
-    fn take(&mut self, count: u32) -> Option<u32> {
+    /// The next `count` bits, at most 48; `None` beyond the end.
+    fn take(&mut self, count: u32) -> Option<u64> {
         while self.count < count {
             let (&byte, rest) = self.bytes.split_first()?;
             self.bytes = rest;
@@ -338,14 +338,14 @@ impl BitReader<'_> {
         let value = self.held & ((1 << count) - 1);
         self.held >>= count;
         self.count -= count;
-        Some(value as u32)
+        Some(value)
     }
 }
 
 /// Bits that the tokens and lower bits of integers take at least: the entropy of the tokens in their contexts, and the lower
 /// bits.
 #[cfg(test)]
-fn entropy_bits(layout: &Layout<'_>, values: &[i32]) -> f64 {
+fn entropy_bits(layout: &Layout<'_>, values: &[i64]) -> f64 {
     let mut counts = vec![[0u32; TOKENS]; layout.models() * CONTEXTS];
     let mut bits = 0.0;
     for (place, &value) in layout.places().zip(values) {
@@ -365,7 +365,7 @@ mod tests {
     use super::*;
     use instgs_vk::math::rng::Rng;
 
-    fn back(layout: &Layout<'_>, coded: &[u8]) -> Result<Vec<i32>, TableError> {
+    fn back(layout: &Layout<'_>, coded: &[u8]) -> Result<Vec<i64>, TableError> {
         let mut out = Vec::new();
         decode(layout, coded, |value| out.push(value))?;
         Ok(out)
@@ -373,11 +373,11 @@ mod tests {
 
     #[test]
     fn every_integer_has_one_token() {
-        let most = MOST_STEPS as i32;
+        let most = MOST_STEPS as i64;
         for value in (-70..70).chain([-most, 1 - most, most - 1, most, 1 << 20, -(1 << 20), 12345, -99999]) {
             let (token, count, low) = token_of(value);
             let (bits, base) = base_of(token);
-            assert!(usize::from(token) < TOKENS && bits == count && u64::from(low) < 1 << count, "{value}");
+            assert!(usize::from(token) < TOKENS && bits == count && low < 1 << count, "{value}");
             assert_eq!(value_of(base | low), value);
         }
     }
@@ -395,7 +395,7 @@ mod tests {
             for &context in &contexts {
                 // Spread follows the context; the third column is constant, the last one reaches far.
                 let spread = (f64::from(context) - 6.0).exp2() * if column == 3 { 1e4 } else { 1.0 };
-                values.push(if column == 2 { -7 } else { (rng.normal() * spread).round() as i32 });
+                values.push(if column == 2 { -7 } else { (rng.normal() * spread).round() as i64 });
             }
         }
         let coded = encode(&layout, &values);
@@ -410,7 +410,7 @@ mod tests {
             let contexts: Vec<u8> = (0..rows).map(|i| (i % CONTEXTS) as u8).collect();
             let columns = [ColumnKind { model: 0, contexts: Some(&contexts) }, ColumnKind { model: 1, contexts: None }];
             let layout = Layout { rows, columns: &columns };
-            let values: Vec<i32> = (0..2 * rows as i32).map(|i| i * i - 40).collect();
+            let values: Vec<i64> = (0..2 * rows as i64).map(|i| i * i - 40).collect();
             assert_eq!(back(&layout, &encode(&layout, &values)).expect("decodes"), values);
         }
     }
@@ -422,7 +422,7 @@ mod tests {
         let contexts: Vec<u8> = (0..rows).map(|_| rng.index(CONTEXTS) as u8).collect();
         let columns = [ColumnKind { model: 0, contexts: Some(&contexts) }; 3];
         let layout = Layout { rows, columns: &columns };
-        let values: Vec<i32> = (0..3 * rows).map(|_| (rng.normal() * 30.0) as i32).collect();
+        let values: Vec<i64> = (0..3 * rows).map(|_| (rng.normal() * 30.0) as i64).collect();
         let coded = encode(&layout, &values);
         for end in 0..coded.len() {
             assert!(back(&layout, &coded[..end]).is_err(), "{end}");

@@ -7,6 +7,7 @@
 //! decoder has.
 
 use super::entropy::{self, CONTEXTS, ColumnKind, Layout, MOST_STEPS};
+use crate::host_memory::available_bytes;
 use crate::step_columns::TableError;
 
 /// Class of the middle: a step is `base * 2^(class - MIDDLE)`.
@@ -190,7 +191,7 @@ pub(super) fn encode(values: &[f32], rows: usize, plan: &Plan<'_>) -> Vec<u8> {
         for (row, value) in column(c).enumerate() {
             let step = of_class[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
             let integer = ((f64::from(value) - from) / step).round();
-            steps.push(integer as i32);
+            steps.push(integer as i64);
             if plan.delta {
                 from += integer * step;
             }
@@ -212,6 +213,10 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
             return Err(TableError::Classes);
         }
     }
+    let need = rows as u64 * width as u64 * size_of::<f32>() as u64;
+    if let Some(have) = available_bytes().filter(|&have| need > have) {
+        return Err(TableError::NoMemory { need, have });
+    }
     let mut values = Vec::new();
     values.try_reserve_exact(rows * width).map_err(TableError::Allocation)?;
     values.resize(rows * width, 0.0f32);
@@ -220,7 +225,7 @@ pub(super) fn decode(coded: &[u8], classes: &Classes) -> Result<Vec<f32>, TableE
     let mut from = f64::from(shape.centres[0]);
     entropy::decode(&Layout { rows, columns: &kinds(&shape.parts, classes) }, &coded[shape.payload..], |integer| {
         let (steps, classes) = &columns[c];
-        let value = from + f64::from(integer) * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
+        let value = from + integer as f64 * steps[usize::from(classes.map_or(MIDDLE, |classes| classes[row]))];
         // Half a step beyond the largest f32 must not become infinite.
         values[row * width + c] = value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)) as f32;
         if shape.delta {

@@ -18,12 +18,15 @@ pub(crate) fn smallest_three(quat: &[f32; 4]) -> Option<(usize, [f32; 3])> {
     Some((largest, std::array::from_fn(|_| rest.next().unwrap_or_default())))
 }
 
-/// The inverse of [`smallest_three`]; `None` if there is no such component, or the others are too large.
+/// The inverse of [`smallest_three`]; `None` if there is no such component. The largest one is at least 1/2: other components
+/// that rounding has made too large for that are shortened.
 pub(crate) fn whole_quat(index: usize, rest: [f32; 3]) -> Option<[f32; 4]> {
+    const MOST_SQUARES: f64 = 0.75;
     let squares = rest.map(|v| f64::from(v).powi(2)).iter().sum::<f64>();
-    let largest = (1.0 - squares).max(0.0).sqrt() as f32;
-    let mut rest = rest.into_iter();
-    (index < 4 && largest > 0.0)
+    let shorter = if squares > MOST_SQUARES { (MOST_SQUARES / squares).sqrt() } else { 1.0 };
+    let largest = (1.0 - squares.min(MOST_SQUARES)).sqrt() as f32;
+    let mut rest = rest.map(|v| (f64::from(v) * shorter) as f32).into_iter();
+    (index < 4 && squares.is_finite())
         .then(|| std::array::from_fn(|k| if k == index { largest } else { rest.next().unwrap_or_default() }))
 }
 

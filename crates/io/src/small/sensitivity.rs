@@ -16,6 +16,11 @@ pub struct Sensitivity {
 }
 
 impl Sensitivity {
+    /// True if any parameter shows in any view.
+    pub fn shows_anything(&self) -> bool {
+        self.rows.iter().any(|(_, rows)| rows.iter().any(|&s| s > 0.0))
+    }
+
     /// True if it has a row for every row of the scene.
     pub fn fits(&self, scene: &InstancedScene) -> bool {
         let clouds = [&scene.templates, &scene.own, &scene.background];

@@ -11,7 +11,7 @@ use instgs_vk::scene::parameters::Parameter;
 /// Largest steps: beyond them a change is no longer small, and what sensitivity says of it is wrong.
 const MOST_LOG_SCALE: f32 = 0.4;
 const MOST_LOGIT: f32 = 1.0;
-const MOST_QUAT: f32 = 0.3;
+const MOST_QUAT: f32 = 0.25;
 const MOST_SH: f32 = 0.3;
 /// Steps without sensitivity: a size changes by at most 2.5 %, an opacity by at most 1/80, the base colour (0.282 times SH)
 /// by at most 0.7 of 255 levels; a position by 1/32 of its Gaussian's size.

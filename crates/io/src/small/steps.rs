@@ -27,16 +27,29 @@ pub(super) struct TableSteps {
 /// Plans the steps of all tables, by sensitivity for pictures of `picture_psnr_db` beside the unpacked ones, or fixed ones.
 pub(super) fn plan(tables: &[Table], picture_psnr_db: Option<f64>) -> Vec<TableSteps> {
     let Some(psnr) = picture_psnr_db else { return tables.iter().map(fixed).collect() };
-    let wishes: Vec<Wishes> = tables.iter().map(Wishes::of).collect();
+    let wishes: Vec<Option<Wishes>> = tables.iter().map(|table| is_seen(table).then(|| Wishes::of(table))).collect();
     let most = 10f64.powf(-psnr / 10.0);
-    let error = |octaves: f64| tables.iter().zip(&wishes).map(|(table, wish)| wish.error(table, octaves)).sum::<f64>();
+    let error = |octaves: f64| {
+        let seen = tables.iter().zip(&wishes).filter_map(|(table, wish)| Some((table, wish.as_ref()?)));
+        seen.map(|(table, wish)| wish.error(table, octaves)).sum::<f64>()
+    };
     // Steps are 2^octaves times those for D = 1.
     let (mut low, mut high) = (-100.0, 100.0);
     for _ in 0..HALVINGS {
         let middle = (low + high) / 2.0;
         if error(middle) > most { high = middle } else { low = middle }
     }
-    tables.iter().zip(wishes).map(|(table, wish)| wish.steps(table, low)).collect()
+    let steps = |(table, wish): (&Table, Option<Wishes>)| match wish {
+        Some(wish) => wish.steps(table, low),
+        None => fixed(table),
+    };
+    tables.iter().zip(wishes).map(steps).collect()
+}
+
+/// True if a view shows anything of a table's positions.
+fn is_seen(table: &Table) -> bool {
+    let mut of_means = table.fields.iter().filter(|field| field.name == "means").flat_map(|field| &field.parts);
+    of_means.any(|part| part.sensitivity.iter().any(|&s| s > 0.0))
 }
 
 /// The classes of rows whose step is `2^octaves` times that of the middle.
@@ -103,7 +116,12 @@ impl Wishes {
                     }
                 };
                 // What no view sees counts as a millionth of the usual: its class is the coarsest.
-                let floor = 1e-6 * median(part.sensitivity.iter().map(|&s| f64::from(s))).max(1e-30);
+                let seen = part.sensitivity.iter().filter(|&&s| s > 0.0).map(|&s| f64::from(s));
+                if seen.clone().next().is_none() {
+                    of_field.push(None);
+                    continue;
+                }
+                let floor = 1e-6 * median(seen);
                 let wished: Vec<f64> = part.sensitivity.iter().map(|&s| wish(s, floor)).collect();
                 let middle = median(wished.iter().copied());
                 sums[kind].iter_mut().zip(&wished).for_each(|(sum, wish)| *sum += wish - middle);
@@ -158,7 +176,14 @@ impl Wishes {
     fn steps(mut self, table: &Table, octaves: f64) -> TableSteps {
         // What these views hardly see, others may: nothing moves by more than a part of its size.
         let of_mean = table.fields.iter().enumerate().find(|(_, field)| field.name == "means");
-        if let Some(steps) = of_mean.map(|(f, field)| self.part(f, 0, &field.parts[0], octaves).steps()) {
+        if let Some((f, field)) = of_mean {
+            // Also where the class is the finest, but for one in a hundred that are smaller than all others.
+            let mut sizes: Vec<f64> = table.fixed_mean_steps.iter().copied().filter(|&step| step > 0.0).collect();
+            sizes.sort_unstable_by(f64::total_cmp);
+            let small = sizes.get(sizes.len() / 100).copied().unwrap_or(f64::MAX);
+            let most = (MOST_FIXED_STEPS * small).log2() + f64::from(MIDDLE);
+            self.steps[f][0] = self.steps[f][0].map(|wish| wish.min(most - octaves));
+            let steps = self.part(f, 0, &field.parts[0], octaves).steps();
             for (class, fixed) in self.classes.shape.iter_mut().zip(&table.fixed_mean_steps) {
                 while *class > 0 && steps[usize::from(*class)] > MOST_FIXED_STEPS * fixed {
                     *class -= 1;

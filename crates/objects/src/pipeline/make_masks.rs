@@ -154,7 +154,7 @@ mod tests {
     /// Boxes in photos of test views are recognised and not used.
     #[test]
     fn boxes_of_test_views_are_left_out() {
-        let dataset = Dataset { views: vec![view("a", Split::Test), view("b", Split::Train)] };
+        let dataset = Dataset { views: vec![view("a", Split::Test), view("b", Split::Train)], notes: Vec::new() };
         let of = |names: &[&str]| {
             let one = ViewBox { id: None, category: None, score: None, box_px: [0.0, 0.0, 4.0, 4.0] };
             let views = names.iter().map(|name| (name.to_string(), vec![one.clone()])).collect();
