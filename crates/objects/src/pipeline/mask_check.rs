@@ -16,7 +16,7 @@ const NAMED_VIEWS: usize = 3;
 /// user, one line each. Nothing is read if the job resumes with objects that were found already.
 ///
 /// # Errors
-/// No masks; a mask that is damaged, is not grey with 8 or 16 bits, or has another size than its image; masks of which
+/// No masks; a mask that is damaged, has as many colours as a photo, or has another size than its image; masks of which
 /// none has an object; boxes of which none can be used; categories or groups that are damaged.
 pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
     if let Some(path) = &job.config.pipeline.groups {
