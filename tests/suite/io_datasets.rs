@@ -82,7 +82,15 @@ fn every_view_and_point_of_every_dataset_loads() -> Outcome {
             assert!(view.image.is_opaque() && view.camera == source.camera, "{name}: {}", view.camera.name);
         }
         let loaded = read_points(&folder)?.ok_or("no points")?;
-        assert_eq!((loaded.points.len(), loaded.dropped_non_finite), (point_count, 0), "{name}");
+        let all = loaded.points.len() + loaded.dropped_coinciding;
+        assert_eq!((all, loaded.dropped_non_finite), (point_count, 0), "{name}");
+        // Two of the reconstructions have points that are exactly where another one is.
+        let coinciding = match name {
+            "castle_p19" => 193,
+            "sceaux_540" => 280,
+            _ => 0,
+        };
+        assert_eq!(loaded.dropped_coinciding, coinciding, "{name}");
         assert_eq!(loaded.path, folder.join("points3d.ply"));
         // Images, cameras and points belong together: points have the colour of the pixels that they fall on.
         let (right, wrong) =
@@ -118,7 +126,7 @@ fn colmap_points_are_those_of_the_ply() -> Outcome {
             }
         }
         let (ply, colmap) = (read_points(&folder)?.ok_or("none")?, read_points(copy.path())?.ok_or("none")?);
-        assert_eq!(colmap.points.len(), count, "{name}");
+        assert_eq!(colmap.points.len() + colmap.dropped_coinciding, count, "{name}");
         let median = |points: &PointCloud| points.median().ok_or("none");
         let apart = median(&ply.points)?.distance(median(&colmap.points)?);
         eprintln!("{name}: {}: medians {apart:.2e} apart", colmap.path.display());

@@ -38,6 +38,8 @@ pub struct LoadedPoints {
     pub path: PathBuf,
     /// Number of points that were dropped because a coordinate is not finite (as f32).
     pub dropped_non_finite: usize,
+    /// Number of points that were dropped because an earlier one is exactly there.
+    pub dropped_coinciding: usize,
     /// What a user should know of the points, one line each.
     pub notes: Vec<String>,
 }
@@ -66,14 +68,17 @@ pub fn read_points(folder: &Path) -> Result<Option<LoadedPoints>, IoError> {
             .advise("start from random points with --set init=random, or give a trained scene with --init"));
     }
     let mut notes = Vec::new();
-    let coinciding = drop_coinciding(&mut points);
-    if coinciding > 0 {
-        notes.push(format!("{}: dropped {coinciding} points that are exactly where another one is", path.display()));
+    let dropped_coinciding = drop_coinciding(&mut points);
+    if dropped_coinciding > 0 {
+        notes.push(format!(
+            "{}: dropped {dropped_coinciding} points that are exactly where another one is",
+            path.display()
+        ));
     }
     if points.colors.iter().all(|color| *color == NO_COLOR) {
         notes.push(format!("{}: has no colours that are understood: all points start grey", path.display()));
     }
-    Ok(Some(LoadedPoints { points, path, dropped_non_finite, notes }))
+    Ok(Some(LoadedPoints { points, path, dropped_non_finite, dropped_coinciding, notes }))
 }
 
 /// Advice for the user if a dataset has no points.
