@@ -27,6 +27,15 @@ pub struct Camera {
 /// shown.
 pub const MAX_IMAGE_SIDE: u32 = 16384;
 
+/// The rows of the 4x4 matrix of a rotation and a translation.
+pub fn rigid_rows(rotation: DMat3, translation: DVec3) -> [[f64; 4]; 4] {
+    let row = |i: usize| {
+        let [x, y, z] = rotation.row(i).to_array();
+        [x, y, z, translation[i]]
+    };
+    [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
+}
+
 /// Why a camera cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CameraError {

@@ -76,6 +76,22 @@ impl InstancedScene {
     }
 }
 
+impl Gaussians {
+    /// The cloud in the frame that a similarity maps it to, SH included; as it is if that is its own.
+    pub fn placed(self, world_from_cloud: Similarity) -> Self {
+        if world_from_cloud == Similarity::IDENTITY {
+            return self;
+        }
+        let scene = InstancedScene {
+            template_ranges: vec![SourceRange { first: 0, count: self.len() as u32 }],
+            templates: self,
+            instances: vec![Instance { template: 0, world_from_template: world_from_cloud, first_offset: None }],
+            ..InstancedScene::default()
+        };
+        scene.flatten()
+    }
+}
+
 /// A Gaussian in the frame of a template, in f64.
 pub(crate) struct Local {
     mean: DVec3,

@@ -78,7 +78,7 @@ struct HostParts {
 
 pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = open_scene(&args.scene, printer)?;
-    let file_parts = file_parts(&args.scene, loaded.file_bytes)?;
+    let file_parts = file_parts(&args.scene, &loaded)?;
     let scene = &loaded.scene;
     let device_parts = planned_bytes(scene, CHUNK_SIZE);
     let flattened_ply_bytes = scene.expanded_len() * ply::row_bytes(scene.sh_degree());

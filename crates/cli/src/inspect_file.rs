@@ -6,9 +6,9 @@ use safetensors::SafeTensors;
 use safetensors::tensor::TensorInfo;
 
 use instgs_console::CliError;
-use instgs_io::IoError;
 use instgs_io::scene_small::{SUFFIX, small_shape};
 use instgs_io::small::{CODED, coded_shape, coded_streams};
+use instgs_io::{IoError, LoadedScene};
 
 /// A range of bytes of the file.
 #[derive(serde::Serialize)]
@@ -76,10 +76,10 @@ fn plain(name: &str, purpose: Purpose, bytes: u64) -> FilePart {
 }
 
 /// The file's header and tensors, or the parts of other formats as far as known.
-pub(super) fn file_parts(path: &Path, file_bytes: u64) -> Result<Vec<FilePart>, CliError> {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
+pub(super) fn file_parts(path: &Path, loaded: &LoadedScene) -> Result<Vec<FilePart>, CliError> {
+    let file_bytes = loaded.file_bytes;
     let read = || std::fs::read(path).map_err(|e| IoError::new(path, format!("cannot read: {e}")));
-    Ok(match ending.as_str() {
+    Ok(match loaded.format.as_str() {
         "instgs" => tensor_parts(&read()?, path)?,
         "ply" => {
             const END: &[u8] = b"end_header";
@@ -144,12 +144,14 @@ fn layout_of(name: &str, info: &TensorInfo, data: &[u8]) -> String {
 
 fn rows_of(name: &str, info: &TensorInfo, data: &[u8]) -> u64 {
     let bytes = &data[info.data_offsets.0..info.data_offsets.1];
-    let shape = match () {
-        () if name.ends_with(SUFFIX) => small_shape(bytes).ok(),
-        () if name.ends_with(CODED) => coded_shape(bytes).ok(),
-        () => info.shape.first().map(|&rows| (rows, 1)),
-    };
-    shape.map_or(0, |(rows, _)| rows as u64)
+    let coded = |shape: Result<(usize, usize), _>| shape.map_or(0, |(rows, _)| rows as u64);
+    if name.ends_with(SUFFIX) {
+        coded(small_shape(bytes))
+    } else if name.ends_with(CODED) {
+        coded(coded_shape(bytes))
+    } else {
+        info.shape.first().map_or(0, |&rows| rows as u64)
+    }
 }
 
 fn purpose_of(tensor: &str) -> Purpose {

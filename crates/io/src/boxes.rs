@@ -91,17 +91,15 @@ pub fn read_boxes(path: &Path) -> Result<Boxes, IoError> {
 /// The error for a JSON file without boxes; it calls files of other programs by their names.
 fn not_boxes(path: &Path, value: &Value) -> IoError {
     let has = |key: &str| value.get(key).is_some();
-    let (kind, advice) = match () {
-        () if has("annotations") && has("images") => {
-            (" (it is a COCO file)", "give one rectangle per object as views.NAME[].box_px: left, top, right, bottom")
-        }
-        () if has("shapes") && has("imagePath") => {
-            (" (it is a labelme file)", "give its rectangles as views.NAME[].box_px: left, top, right, bottom")
-        }
-        () => (
+    let (kind, advice) = if has("annotations") && has("images") {
+        (" (it is a COCO file)", "give one rectangle per object as views.NAME[].box_px: left, top, right, bottom")
+    } else if has("shapes") && has("imagePath") {
+        (" (it is a labelme file)", "give its rectangles as views.NAME[].box_px: left, top, right, bottom")
+    } else {
+        (
             "",
-            "give an object with the keys objects, boxes in the world, or views, rectangles in photos; `instgs-vk find` writes such files",
-        ),
+            "its keys are objects, boxes in the world, and views, rectangles in photos; `instgs-vk find` writes such files",
+        )
     };
     IoError::new(path, format!("is not a boxes file: it has neither objects nor views{kind}")).advise(advice)
 }

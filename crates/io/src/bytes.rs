@@ -4,6 +4,9 @@ use std::path::Path;
 
 use crate::error::{IoError, Place};
 
+/// Deflate expands a byte to at most 1032: what claims more is damaged.
+pub(crate) const MAX_INFLATION: u64 = 1032;
+
 /// Reads consecutive little-endian values; running out of bytes is an error that names the offset.
 pub(crate) struct Cursor<'a> {
     bytes: &'a [u8],

@@ -1,5 +1,5 @@
-//! Camera files (`--camera`): one object or a list of pinhole cameras, OpenCV axes. The `cameras.json` of INRIA's 3DGS is
-//! read, too.
+//! Camera files (`--camera`): one object or a list of pinhole cameras, OpenCV axes; also the `cameras.json` that INRIA's
+//! 3DGS leaves beside a trained scene.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::error::{IoError, Place};
 use crate::json::write_json;
 use crate::read_bytes;
 use crate::text::{json_error, text_of};
-use instgs_vk::scene::camera::Camera;
+use instgs_vk::scene::camera::{Camera, rigid_rows};
 
 /// Reads a camera file: one camera object or a list.
 ///
@@ -69,8 +69,6 @@ impl InriaCamera {
         let [x, y, z] = self.rotation.map(DVec3::from_array);
         // Its rows are those of world_from_view, whose columns are the view's axes.
         let view_from_world = DMat3::from_cols(x, y, z);
-        let t = -(view_from_world * DVec3::from_array(self.position));
-        let row = |i: usize| [view_from_world.row(i).x, view_from_world.row(i).y, view_from_world.row(i).z, t[i]];
         let name = crate::colmap::stem(&self.img_name);
         Camera {
             name: if name.is_empty() { self.img_name } else { name },
@@ -80,7 +78,7 @@ impl InriaCamera {
             fy: self.fy,
             cx: 0.5 * f64::from(self.width),
             cy: 0.5 * f64::from(self.height),
-            view_from_world: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+            view_from_world: rigid_rows(view_from_world, -(view_from_world * DVec3::from_array(self.position))),
         }
     }
 }

@@ -4,9 +4,10 @@
 //! is read by [`crate::point_cloud`].
 
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use glam::{DMat3, DQuat};
+use glam::{DMat3, DQuat, DVec3};
 
 use crate::bytes::Cursor;
 use crate::dataset::Split;
@@ -14,7 +15,7 @@ use crate::error::{IoError, Place};
 use crate::read_bytes;
 use crate::text::text_of;
 pub use instgs_vk::math::distortion::Distortion;
-use instgs_vk::scene::camera::Camera;
+use instgs_vk::scene::camera::{Camera, rigid_rows};
 
 /// A camera with its image's name in the file, before it becomes a view of a dataset.
 #[derive(Clone, Debug, PartialEq)]
@@ -51,15 +52,23 @@ fn kind_of(model: &Path) -> Option<&'static str> {
     ["bin", "txt"].into_iter().find(|ending| has(ending))
 }
 
+/// The number of images of a model; of a binary one as it claims, without reading it.
+fn count_images(model: &Path) -> Option<usize> {
+    if kind_of(model)? == "txt" {
+        return read_colmap(model).ok().map(|images| images.len());
+    }
+    let mut count = [0; 8];
+    std::fs::File::open(model.join("images.bin")).ok()?.read_exact(&mut count).ok()?;
+    usize::try_from(u64::from_le_bytes(count)).ok()
+}
+
 /// What a user should know of the choice of this model of a dataset: that another one has more images.
 pub(crate) fn larger_model(dataset: &Path, used: &Path, images: usize) -> Option<String> {
     let mut others: Vec<PathBuf> =
         std::fs::read_dir(dataset.join("sparse")).ok()?.flatten().map(|entry| entry.path()).collect();
     others.sort();
-    let counted = others.iter().filter(|other| other.as_path() != used).filter_map(|other| {
-        let model = read_colmap(other).ok()?;
-        Some((model.len(), other))
-    });
+    let counted = others.iter().filter(|other| other.as_path() != used);
+    let counted = counted.filter_map(|other| Some((count_images(other)?, other)));
     let (count, other) = counted.max_by_key(|(count, other)| (*count, std::cmp::Reverse((*other).clone())))?;
     (count > images).then(|| {
         format!(
@@ -300,7 +309,6 @@ fn posed(
         return Err(fail(format!("image {file} has a rotation of length {length}")));
     }
     let r = DMat3::from_quat(q / length);
-    let row = |i: usize| [r.row(i).x, r.row(i).y, r.row(i).z, t[i]];
     let camera = Camera {
         name: stem(&file),
         width: intrinsics.size[0],
@@ -309,7 +317,7 @@ fn posed(
         fy: intrinsics.focal[1],
         cx: intrinsics.centre[0],
         cy: intrinsics.centre[1],
-        view_from_world: [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]],
+        view_from_world: rigid_rows(r, DVec3::from_array(t)),
     };
     camera.validate().map_err(|e| fail(e.to_string()))?;
     Ok(PosedImage { camera, file, distortion: intrinsics.distortion, mask: None, split: None, note: None })

@@ -54,8 +54,8 @@ impl Dataset {
 
 /// Reads the views of a dataset folder from the first of these that exists: `transforms_train.json` with
 /// `transforms_test.json` (or `transforms_val.json`), `transforms.json`, `transforms_train.json` alone, `sparse/0` (or
-/// `sparse`). The split is the pair's, or that of `transforms.json` ([`nerf`]), otherwise views 0, 8, 16 ... by name are the
-/// test split.
+/// `sparse`). The split is the pair's, or that of `transforms.json` ([`nerf`]), otherwise the test split is every eighth view
+/// by name, from the first one on.
 ///
 /// A `mask_path` is an instance mask (ids of objects, 0 = none) if a `categories.json` is in its folder, in a parent
 /// folder within the dataset, or in the dataset's `masks/`, the default folder of instance masks; or if its values are
@@ -174,8 +174,8 @@ fn count_photos(folder: &Path, depth: usize) -> usize {
 /// Masks that are looked at to tell ids from valid pixels.
 const LOOKED_AT: usize = 5;
 
-/// Leaves out masks of valid pixels whose values are ids of objects, which would ignore all but the objects; returns a note
-/// about them.
+/// Leaves out masks of valid pixels whose values are ids of objects, which would ignore all but the objects. The note names
+/// one of them.
 fn drop_id_masks(views: &mut [View]) -> Option<String> {
     let mut masks: Vec<&PathBuf> = views.iter().filter_map(|view| view.mask_path.as_ref()).collect();
     masks.sort();
@@ -201,7 +201,7 @@ fn has_ids(mask: &Mask) -> bool {
 pub enum MissingPhotos {
     /// Up to half of them; more look like a wrong folder.
     Few,
-    /// All but one.
+    /// Any number that leaves a view.
     Skip,
 }
 

@@ -6,12 +6,9 @@ use std::path::Path;
 
 use png::{BitDepth, ColorType, Transformations};
 
+use crate::bytes::MAX_INFLATION;
 use crate::error::IoError;
 use crate::masks::Mask;
-
-/// Deflate expands a byte to at most 1032: a file whose header claims more pixels than that is damaged, and nothing is
-/// allocated for it.
-const MAX_INFLATION: u64 = 1032;
 
 /// Parses the bytes of a PNG mask; `path` is only used in messages.
 pub fn parse_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoError> {
@@ -46,6 +43,7 @@ fn parse(bytes: &[u8], path: &Path) -> Result<(Mask, bool), IoError> {
             .advise("save it with 8 or 16 bits of grey (ids up to 255 or 65535), or with 8 bits of colours"));
     }
     let row_bytes = (u64::from(width) * u64::from(bits) * color.samples() as u64).div_ceil(8);
+    // A header that claims more pixels is damaged, and nothing is allocated for it.
     let most = (bytes.len() as u64).saturating_mul(MAX_INFLATION);
     let whole = row_bytes.checked_mul(u64::from(height)).filter(|&total| total <= most);
     let Some(data_bytes) = whole.and_then(|total| usize::try_from(total).ok()) else {

@@ -19,7 +19,7 @@ use crate::colmap::{CUT_PANORAMA, Distortion, PosedImage, fisheye, stem};
 use crate::dataset::{Split, file_in, without_dots};
 use crate::error::{IoError, Place};
 use crate::read_bytes;
-use instgs_vk::scene::camera::Camera;
+use instgs_vk::scene::camera::{Camera, rigid_rows};
 
 /// Extensions tried, in this order, for a `file_path` without one, as in Blender's datasets.
 const ENDINGS: [&str; 6] = ["png", "jpg", "jpeg", "PNG", "JPG", "JPEG"];
@@ -241,9 +241,7 @@ impl Frame<'_> {
         let (axes, note) = rotation_of([right, up, back]).map_err(|what| self.error(FIELD, what))?;
         // OpenGL's camera looks along -z with y up: its y and z axes are negated.
         let view_from_world = DMat3::from_cols(axes[0], -axes[1], -axes[2]).transpose();
-        let t = -(view_from_world * position);
-        let row = |i: usize| [view_from_world.row(i).x, view_from_world.row(i).y, view_from_world.row(i).z, t[i]];
-        Ok(([row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]], note))
+        Ok((rigid_rows(view_from_world, -(view_from_world * position)), note))
     }
 }
 

@@ -1,7 +1,8 @@
 //! `.instgs`: instanced scenes as a safetensors file.
 //!
 //! Reads F32 and F16 tensors, offsets in U8 ([`crate::scene_pack`]), coded clouds and offsets ([`crate::small`], format 3)
-//! and clouds in the coded tables of older versions (`scene_small.rs`, format 2). Unknown tensors and metadata are kept and written again. Writing is in [`crate::scene_write`].
+//! and clouds in the coded tables of older versions (`scene_small.rs`, format 2). Unknown tensors and metadata are kept and
+//! written again. Writing is in [`crate::scene_write`].
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -220,14 +221,11 @@ impl<'a> Reader<'a> {
 
     /// Takes the coded tensor that replaces a tensor, with its name.
     fn take_coded(&mut self, name: &str) -> Result<Option<(String, TensorView<'a>)>, IoError> {
-        let Some((coded, _)) = self.form_of(name).filter(|(form, _)| form != name) else {
-            let plain = self.left.contains_key(name);
-            let other = [CODED, SUFFIX].map(|suffix| format!("{name}{suffix}"));
-            return match other.into_iter().find(|other| plain && self.left.contains_key(other)) {
-                Some(other) => Err(self.error(&other, format!("is present together with {name}"))),
-                None => Ok(None),
-            };
-        };
+        let mut forms = [CODED, SUFFIX].into_iter().map(|suffix| format!("{name}{suffix}"));
+        let Some(coded) = forms.find(|form| self.left.contains_key(form)) else { return Ok(None) };
+        if self.left.contains_key(name) {
+            return Err(self.error(&coded, format!("is present together with {name}")));
+        }
         let Some(view) = self.left.remove(&coded) else { return Ok(None) };
         if view.dtype() != Dtype::U8 {
             return Err(self.error(&coded, format!("has the type {}, not U8", dtype_name(view.dtype()))));

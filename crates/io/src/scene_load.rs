@@ -22,6 +22,8 @@ pub struct LoadedScene {
     pub notes: Vec<String>,
     /// Length of the file in bytes.
     pub file_bytes: u64,
+    /// The format that it was read as, by its ending: `instgs`, `ply`, `spz`, `sog`, `splat` or `glb`.
+    pub format: String,
 }
 
 impl LoadedScene {
@@ -47,9 +49,9 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         let what = format!("unknown scene format \".{extension}\"");
         return Err(IoError::new(path, what).advise("scenes are .instgs, .ply, .spz, .sog, .splat or .glb"));
     }
-    let (mut scene, notes, file_bytes) = if sog::is_unpacked(path) {
+    let (mut scene, notes, file_bytes, format) = if sog::is_unpacked(path) {
         let SogCloud { gaussians, antialias, file_bytes } = sog::read_sog(path)?;
-        (of_cloud(gaussians, antialias), Vec::new(), file_bytes)
+        (of_cloud(gaussians, antialias), Vec::new(), file_bytes, extension)
     } else {
         let bytes = read_bytes(path)?;
         // The two bytes of gzip may begin a position of a .splat, whose records have 32 bytes.
@@ -59,14 +61,14 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
         if content != extension {
             notes.push(format!("has the ending of .{extension}, but the content of .{content}, as which it is read"));
         }
-        (scene, notes, bytes.len() as u64)
+        (scene, notes, bytes.len() as u64, content.to_owned())
     };
     let before = scene.source_len();
     let dropped_non_finite = scene.drop_non_finite();
     if before > 0 && dropped_non_finite == before {
         return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters")));
     }
-    Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes })
+    Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes, format })
 }
 
 /// How gzipped files begin.

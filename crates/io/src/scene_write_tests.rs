@@ -235,6 +235,23 @@ fn small_keeps_half_a_step() -> Result<(), IoError> {
     Ok(())
 }
 
+/// Rotations that cannot be normalised keep all rotations of templates and their offsets as they are.
+#[test]
+fn a_rotation_without_length_leaves_the_others_right() -> Result<(), IoError> {
+    let mut scene = with_ablations();
+    scene.foreign_tensors.clear();
+    // A Gaussian of the template that no record belongs to.
+    scene.templates.push_from(&scene.templates.clone(), 0);
+    *scene.templates.quats.last_mut().expect("is there") = [0.0; 4];
+    scene.template_ranges.push(SourceRange { first: scene.templates.len() as u32 - 1, count: 1 });
+    scene.templates.quats[0] = scene.templates.quats[0].map(|v| -3.0 * v);
+    let back = through(&scene, Pack::Small)?;
+    assert_eq!(back.templates.quats, scene.templates.quats);
+    let (a, b) = (expanded_quats(&scene), expanded_quats(&back));
+    assert!(turned(&a, &b) < 0.05, "{}", turned(&a, &b));
+    Ok(())
+}
+
 /// A scene whose sensitivity differs from row to row, and is the same for all values of a row.
 fn sensitive(scene: &InstancedScene) -> Sensitivity {
     let clouds = [&scene.templates, &scene.own, &scene.background];

@@ -8,7 +8,7 @@
 use glam::{DMat3, DVec3};
 
 use instgs_vk::math::similarity::Similarity;
-use instgs_vk::scene::{Gaussians, Instance, InstancedScene, SourceRange};
+use instgs_vk::scene::Gaussians;
 
 /// Type of the extension that names the axes.
 const COORDINATE_SYSTEM: u32 = 0xADBE_0003;
@@ -77,14 +77,7 @@ impl Axes {
             return cloud;
         }
         let turn = DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y);
-        let world_from_template = Similarity::from_parts(turn, 1.0, DVec3::ZERO);
-        let scene = InstancedScene {
-            template_ranges: vec![SourceRange { first: 0, count: cloud.len() as u32 }],
-            templates: cloud,
-            instances: vec![Instance { template: 0, world_from_template, first_offset: None }],
-            ..InstancedScene::default()
-        };
-        scene.flatten()
+        cloud.placed(Similarity::from_parts(turn, 1.0, DVec3::ZERO))
     }
 }
 

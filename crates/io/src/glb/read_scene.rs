@@ -100,7 +100,7 @@ pub(super) fn scene_of(
             Placement::Similar(similarity) if users.contains_key(&shape(&part.attributes)) => {
                 builder.push_instance(&part.attributes, similarity)?;
             }
-            Placement::Similar(similarity) => background.push(placed(values.cloud(&part.attributes)?, similarity)),
+            Placement::Similar(similarity) => background.push(values.cloud(&part.attributes)?.placed(similarity)),
             Placement::Affine(matrix) => background.push(stretched(&values.cloud(&part.attributes)?, matrix)),
             Placement::Lost => {}
         }
@@ -203,20 +203,6 @@ fn push_offsets(offsets: &mut Offsets, template: &Gaussians, shown: &Gaussians, 
             offsets.sh_rest.extend(sh);
         }
     }
-}
-
-/// A cloud in the frame that a similarity maps it to.
-fn placed(cloud: Gaussians, world_from_template: Similarity) -> Gaussians {
-    if world_from_template == Similarity::IDENTITY {
-        return cloud;
-    }
-    let scene = InstancedScene {
-        template_ranges: vec![SourceRange { first: 0, count: cloud.len() as u32 }],
-        templates: cloud,
-        instances: vec![Instance { template: 0, world_from_template, first_offset: None }],
-        ..InstancedScene::default()
-    };
-    scene.flatten()
 }
 
 /// A cloud that a matrix of positive determinant maps to other shapes: covariances exactly; SH turn with the matrix's

@@ -102,7 +102,7 @@ fn put_table(out: &mut Vec<(String, ForeignTensor)>, table: &Table, plan: &steps
         let name = format!("{group}.{}", field.name);
         let how = Plan { parts, classes: &plan.classes, centred: field.centred, delta: field.delta };
         let bytes = field.can_be_coded.then(|| field::encode(&field.values, table.rows, &how));
-        match bytes.filter(|bytes| field.name != "means" || is_plausible(table.rows, bytes.len())) {
+        match bytes.filter(|bytes| !field.is_position() || is_plausible(table.rows, bytes.len())) {
             Some(bytes) => {
                 any = true;
                 out.push((name + CODED, coded(bytes)));

@@ -54,8 +54,23 @@ pub(super) struct FieldPart {
     pub(super) sensitivity: Vec<f32>,
     /// Limit of its steps.
     pub(super) most: f32,
-    /// Step without sensitivity; 0 for that of [`Table::fixed_mean_steps`].
-    pub(super) fixed: f32,
+    pub(super) fixed: FixedStep,
+}
+
+/// The step of a part without sensitivity.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) enum FixedStep {
+    /// The same for all rows.
+    Same(f32),
+    /// That of the row in [`Table::fixed_mean_steps`]: the part is a position.
+    OfSize,
+}
+
+impl Field {
+    /// True if its values are positions, or offsets of them.
+    pub(super) fn is_position(&self) -> bool {
+        self.parts.iter().any(|part| part.fixed == FixedStep::OfSize)
+    }
 }
 
 /// The tables of a scene that its file holds.
@@ -142,7 +157,7 @@ fn cloud_table(
     sensitivity: &[Vec<f32>; 8],
 ) -> Table {
     let rows = || order.iter().map(|&i| i as usize);
-    let part = |columns: usize, follows: Follows, of: usize, most: f32, fixed: f32| FieldPart {
+    let part = |columns: usize, follows: Follows, of: usize, most: f32, fixed: FixedStep| FieldPart {
         columns,
         follows,
         sensitivity: sensitivity[of].clone(),
@@ -150,15 +165,24 @@ fn cloud_table(
         fixed,
     };
     let means = rows().flat_map(|i| cloud.means[i]).collect();
-    let means = Field { delta: true, ..field("means", &[3], means, vec![part(3, Follows::Shape, 0, f32::MAX, 0.0)]) };
+    let means = Field {
+        delta: true,
+        ..field("means", &[3], means, vec![part(3, Follows::Shape, 0, f32::MAX, FixedStep::OfSize)])
+    };
     let parts: Option<Vec<(usize, [f32; 3])>> = rows().map(|i| smallest_three(&cloud.quats[i])).collect();
     let quats: Vec<f32> = rows().flat_map(|i| cloud.quats[i]).collect();
     // Sensitivity is that of the quaternion as it is; of the unit one it is its length squared times as much.
     let of_unit: Vec<f32> =
         (rows().zip(&sensitivity[1])).map(|(i, &s)| s * cloud.quats[i].iter().map(|v| v * v).sum::<f32>()).collect();
     let quat_parts = vec![
-        FieldPart { columns: 1, follows: Follows::Nothing, sensitivity: Vec::new(), most: 1.0, fixed: 1.0 },
-        FieldPart { sensitivity: of_unit, ..part(3, Follows::Shape, 1, MOST_QUAT, FIXED_QUAT) },
+        FieldPart {
+            columns: 1,
+            follows: Follows::Nothing,
+            sensitivity: Vec::new(),
+            most: 1.0,
+            fixed: FixedStep::Same(1.0),
+        },
+        FieldPart { sensitivity: of_unit, ..part(3, Follows::Shape, 1, MOST_QUAT, FixedStep::Same(FIXED_QUAT)) },
     ];
     let coded = parts
         .filter(|_| quats_free)
@@ -168,14 +192,23 @@ fn cloud_table(
         None => Field { can_be_coded: false, ..field("quats", &[4], quats, quat_parts) },
     };
     let log_scales = rows().flat_map(|i| cloud.log_scales[i]).collect();
-    let log_scales =
-        field("log_scales", &[3], log_scales, vec![part(3, Follows::Shape, 2, MOST_LOG_SCALE, FIXED_LOG_SCALE)]);
+    let log_scales = field(
+        "log_scales",
+        &[3],
+        log_scales,
+        vec![part(3, Follows::Shape, 2, MOST_LOG_SCALE, FixedStep::Same(FIXED_LOG_SCALE))],
+    );
     let logits = rows().map(|i| cloud.opacity_logits[i]).collect();
-    let logits = field("opacity_logits", &[], logits, vec![part(1, Follows::Colour, 3, MOST_LOGIT, FIXED_LOGIT)]);
+    let logits = field(
+        "opacity_logits",
+        &[],
+        logits,
+        vec![part(1, Follows::Colour, 3, MOST_LOGIT, FixedStep::Same(FIXED_LOGIT))],
+    );
     let c = cloud.sh_coefficients();
     let sh = rows().flat_map(|i| cloud.sh[i * c..][..c].as_flattened()).copied().collect();
-    let bands =
-        (0..=cloud.sh_degree as usize).map(|l| part(3 * (2 * l + 1), Follows::Colour, 4 + l, MOST_SH, FIXED_SH));
+    let bands = (0..=cloud.sh_degree as usize)
+        .map(|l| part(3 * (2 * l + 1), Follows::Colour, 4 + l, MOST_SH, FixedStep::Same(FIXED_SH)));
     let sh = field("sh", &[c, 3], sh, bands.collect());
     Table {
         group,
@@ -202,14 +235,15 @@ fn template_rows(scene: &InstancedScene) -> (Vec<Option<u32>>, bool) {
 }
 
 /// What normalising the template's quaternions multiplies them by, by offset record, so that offsets can follow; `None` if
-/// they cannot, because a record belongs to several Gaussians.
+/// they cannot, because a record belongs to several Gaussians, or if a quaternion has no length: then all stay as they are.
 fn quat_scales(scene: &InstancedScene) -> Option<Vec<f32>> {
     if scene.offsets.quats.is_empty() {
         return Some(Vec::new());
     }
+    let scales: Option<Vec<f64>> = scene.templates.quats.iter().map(normal_scale).collect();
     let (rows, several) = template_rows(scene);
-    let scale = |row: &Option<u32>| row.map_or(Some(1.0), |row| normal_scale(&scene.templates.quats[row as usize]));
-    rows.iter().map(|row| scale(row).map(|scale| scale as f32)).collect::<Option<Vec<f32>>>().filter(|_| !several)
+    let of = |scales: Vec<f64>| rows.iter().map(|row| row.map_or(1.0, |row| scales[row as usize] as f32)).collect();
+    scales.filter(|_| !several).map(of)
 }
 
 fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, quat_scales: Option<&[f32]>) -> Table {
@@ -221,28 +255,42 @@ fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, quat
         let each = all.len() / rows.max(1);
         if each == 0 { Vec::new() } else { all.chunks(each).map(|c| c.iter().sum::<f32>() / each as f32).collect() }
     };
-    let part = |columns: usize, follows: Follows, parameter: Parameter, most: f32, fixed: f32| {
+    let part = |columns: usize, follows: Follows, parameter: Parameter, most: f32, fixed: FixedStep| {
         vec![FieldPart { columns, follows, sensitivity: of(parameter), most, fixed }]
     };
     let means = offsets.means.as_flattened().to_vec();
-    let means = field("means", &[3], means, part(3, Follows::Shape, Parameter::OffsetMeans, f32::MAX, 0.0));
+    let means =
+        field("means", &[3], means, part(3, Follows::Shape, Parameter::OffsetMeans, f32::MAX, FixedStep::OfSize));
     let sh_dc = offsets.sh_dc.as_flattened().to_vec();
-    let sh_dc =
-        field("sh_dc", &[3], sh_dc, part(3, Follows::Colour, Parameter::OffsetShDc, MOST_SH, OFFSETS * FIXED_SH));
-    let logits = part(1, Follows::Colour, Parameter::OffsetOpacityLogits, MOST_LOGIT, OFFSETS * FIXED_LOGIT);
+    let sh_dc = field(
+        "sh_dc",
+        &[3],
+        sh_dc,
+        part(3, Follows::Colour, Parameter::OffsetShDc, MOST_SH, FixedStep::Same(OFFSETS * FIXED_SH)),
+    );
+    let logits =
+        part(1, Follows::Colour, Parameter::OffsetOpacityLogits, MOST_LOGIT, FixedStep::Same(OFFSETS * FIXED_LOGIT));
     let logits = field("opacity_logits", &[], offsets.opacity_logits.clone(), logits);
     let mut fields = vec![means, sh_dc, logits];
     if !offsets.sh_rest.is_empty() {
         let rest = offsets.sh_rest.len() / rows;
-        let parts = part(3 * rest, Follows::Colour, Parameter::OffsetShRest, MOST_SH, OFFSETS * FIXED_SH);
+        let parts =
+            part(3 * rest, Follows::Colour, Parameter::OffsetShRest, MOST_SH, FixedStep::Same(OFFSETS * FIXED_SH));
         fields.push(field("sh_rest", &[rest, 3], offsets.sh_rest.as_flattened().to_vec(), parts));
     }
     if !offsets.log_scales.is_empty() {
-        let parts = part(3, Follows::Shape, Parameter::OffsetLogScales, MOST_LOG_SCALE, OFFSETS * FIXED_LOG_SCALE);
+        let parts = part(
+            3,
+            Follows::Shape,
+            Parameter::OffsetLogScales,
+            MOST_LOG_SCALE,
+            FixedStep::Same(OFFSETS * FIXED_LOG_SCALE),
+        );
         fields.push(field("log_scales", &[3], offsets.log_scales.as_flattened().to_vec(), parts));
     }
     if !offsets.quats.is_empty() {
-        let mut parts = part(4, Follows::Shape, Parameter::OffsetQuats, MOST_QUAT, OFFSETS * FIXED_QUAT);
+        let mut parts =
+            part(4, Follows::Shape, Parameter::OffsetQuats, MOST_QUAT, FixedStep::Same(OFFSETS * FIXED_QUAT));
         let scale = |record: usize| quat_scales.map_or(1.0, |scales| scales[record]);
         parts[0].sensitivity.iter_mut().enumerate().for_each(|(r, s)| *s /= scale(r).powi(2));
         let quats = offsets.quats.iter().enumerate().flat_map(|(r, quat)| quat.map(|v| v * scale(r))).collect();

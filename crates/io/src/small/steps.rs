@@ -7,7 +7,7 @@
 
 use super::entropy::CONTEXTS;
 use super::field::{Classes, Follows, MIDDLE, Part};
-use super::source::{Field, FieldPart, Table};
+use super::source::{Field, FieldPart, FixedStep, Table};
 
 /// Halvings of the range in which D is sought: 2^-60 of a range of 200 octaves.
 const HALVINGS: usize = 60;
@@ -48,7 +48,7 @@ pub(super) fn plan(tables: &[Table], picture_psnr_db: Option<f64>) -> Vec<TableS
 
 /// True if a view shows anything of a table's positions.
 fn is_seen(table: &Table) -> bool {
-    let mut of_means = table.fields.iter().filter(|field| field.name == "means").flat_map(|field| &field.parts);
+    let mut of_means = table.fields.iter().filter(|field| field.is_position()).flat_map(|field| &field.parts);
     of_means.any(|part| part.sensitivity.iter().any(|&s| s > 0.0))
 }
 
@@ -70,13 +70,11 @@ fn fixed(table: &Table) -> TableSteps {
         table.fixed_mean_steps.iter().map(|step| step.max(f64::from(f32::MIN_POSITIVE)).log2()).collect();
     let middle = median(octaves.iter().copied());
     let part = |part: &FieldPart| {
-        let is_mean = part.fixed == 0.0;
-        Part {
-            columns: part.columns,
-            step: if is_mean { middle.exp2() as f32 } else { part.fixed },
-            most: part.most,
-            follows: if is_mean { Follows::Shape } else { Follows::Nothing },
-        }
+        let (step, follows) = match part.fixed {
+            FixedStep::OfSize => (middle.exp2() as f32, Follows::Shape),
+            FixedStep::Same(step) => (step, Follows::Nothing),
+        };
+        Part { columns: part.columns, step, most: part.most, follows }
     };
     TableSteps {
         classes: Classes {
@@ -137,7 +135,12 @@ impl Wishes {
     }
 
     fn part(&self, field: usize, index: usize, part: &FieldPart, octaves: f64) -> Part {
-        let step = self.steps[field][index].map_or(part.fixed, |wish| (wish + octaves).exp2() as f32);
+        let step = match (self.steps[field][index], part.fixed) {
+            (Some(wish), _) => (wish + octaves).exp2() as f32,
+            (None, FixedStep::Same(step)) => step,
+            // Positions that no view sees, of a table that is planned by others: as exact as can be.
+            (None, FixedStep::OfSize) => 0.0,
+        };
         Part {
             columns: part.columns,
             step: step.clamp(f32::MIN_POSITIVE, f32::MAX),
@@ -175,7 +178,7 @@ impl Wishes {
 
     fn steps(mut self, table: &Table, octaves: f64) -> TableSteps {
         // What these views hardly see, others may: nothing moves by more than a part of its size.
-        let of_mean = table.fields.iter().enumerate().find(|(_, field)| field.name == "means");
+        let of_mean = table.fields.iter().enumerate().find(|(_, field)| field.is_position());
         if let Some((f, field)) = of_mean {
             // Also where the class is the finest, but for one in a hundred that are smaller than all others.
             let mut sizes: Vec<f64> = table.fixed_mean_steps.iter().copied().filter(|&step| step > 0.0).collect();

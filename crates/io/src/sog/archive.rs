@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-use crate::bytes::Cursor;
+use crate::bytes::{Cursor, MAX_INFLATION};
 use crate::error::{IoError, Place};
 
 const LOCAL: u32 = u32::from_le_bytes(*b"PK\x03\x04");
@@ -28,9 +28,6 @@ const DATE: u16 = 0x21;
 const FLAG_ENCRYPTED: u16 = 1;
 const STORED: u16 = 0;
 const DEFLATED: u16 = 8;
-/// Deflate expands a byte to at most 1032: an entry that claims more is damaged.
-const MAX_INFLATION: u64 = 1032;
-
 /// One entry of the directory.
 struct Entry {
     flags: u16,
