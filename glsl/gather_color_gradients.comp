@@ -56,9 +56,9 @@ void main() {
         if (w == NO_WORK_ITEM || local >= instance.source_count) continue;
         vec3 by_color = color_cotangents[w * WORKGROUP_SIZE + lane];
         if (by_color == vec3(0.0)) continue;
-        vec3 dc_offset = vec3(0.0);
-        if (instance.first_offset != NO_OFFSET) dc_offset = offset_sh_dc[instance.first_offset + local];
-        vec4 extended = vec4(evaluate_sh(instance, local, dc_offset, source_gradients[w * WORKGROUP_SIZE + lane].direction), 1.0);
+        vec3 base = sh0[instance.first_source + local];
+        if (instance.first_offset != NO_OFFSET) base += offset_sh_dc[instance.first_offset + local];
+        vec4 extended = vec4(evaluate_sh(instance, local, base, source_gradients[w * WORKGROUP_SIZE + lane].direction), 1.0);
         [[unroll]] for (uint r = 0; r < 3; ++r) {
             vec4 row = by_color[r] * extended;
             if (all(is_below(row, GRADIENT_MAX))) rows[r] += row;

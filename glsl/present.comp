@@ -32,7 +32,9 @@ layout(scalar, binding = 4) writeonly buffer Pixels { uint pixels[]; };      // 
 layout(scalar, binding = 5) readonly buffer Counters { uint counters[]; };   // COUNTER_* of the picture
 layout(scalar, binding = 6) readonly buffer TileRanges { uvec2 tile_ranges[]; };  // first and end intersection per tile
 layout(scalar, binding = 7) readonly buffer Instances { Instance instances[]; };  // rows of instances, background last
-layout(scalar, binding = 8) readonly buffer OffsetMeans { vec3 offset_means[]; };  // mean offsets, template frame
+layout(scalar, binding = 8) readonly buffer OffsetMeans { vec3 offset_means[]; };  // mean offsets, template frame, of scenes in f32
+layout(scalar, binding = 10) readonly buffer PackedOffsetMeans { uint packed_offset_means[]; };  // those of packed scenes
+layout(scalar, binding = 11) readonly buffer OffsetRanges { float offset_ranges[]; };  // limits of their codes
 layout(scalar, binding = 9) readonly buffer Marks { uint marks[]; };              // red, green and blue from the lowest byte, by pixel of the picture
 layout(scalar, push_constant) uniform PresentParams {
     uvec2 size_px;        // width and height of the picture
@@ -43,7 +45,10 @@ layout(scalar, push_constant) uniform PresentParams {
     uint posed_rows;      // rows of instances besides the background
     uint tile_size;       // side of a tile of the picture, pixels
     uvec2 capacities;     // candidates and work items that the picture's buffers held
+    uint offset_count;    // offset records of the scene
 };
+
+#include "packed_offsets.glsl"
 
 const vec3 LINE_COLOR = vec3(1.0, 0.72, 0.0);
 const uint LINE_LEAST = 8, LINE_MOST = 17;  // of 25
@@ -106,9 +111,10 @@ uint first_row_of(uint instance) {
 vec3 offset_heat(uvec2 point) {
     if (point.x >= instance_count) return vec3(0.0);
     Instance instance = instances[first_row_of(point.x)];
-    if (instance.first_offset == NO_OFFSET || point.y >= instance.source_count) return vec3(0.0);
+    if (instance.first_offset == NO_OFFSET || point.y >= instance.source_count || offset_count == 0) return vec3(0.0);
     // The id buffer may be of the scene before an edit.
-    vec3 offset = offset_means[min(instance.first_offset + point.y, uint(offset_means.length()) - 1)];
+    uint record = min(instance.first_offset + point.y, offset_count - 1);
+    vec3 offset = OFFSET_BITS == 0 ? offset_means[record] : mean_and_logit_offset(record).xyz;
     float moved = length(offset), hottest = range.y * instance.bound_radius;
     return heat(moved < hottest ? moved / hottest : moved > 0.0 ? 1.0 : 0.0);
 }

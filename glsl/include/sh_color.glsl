@@ -1,9 +1,9 @@
 // The colour that SH gives a Gaussian of an instance, before the instance's colour matrix and the clamp at 0. The including
-// file includes `sh_bands.glsl` and declares SH_DEGREE and the buffer of band 0.
+// file declares SH_DEGREE and how bands 1 to 3 are read (`sh_bands.glsl`, `packed_scene.glsl`).
 
-// INRIA order and signs; constants are the usual normalisation factors.
-vec3 evaluate_sh(Instance instance, uint local, vec3 dc_offset, vec3 dir) {
-    vec3 color = 0.28209479177387814 * (sh0[instance.first_source + local] + dc_offset);
+// INRIA order and signs; constants are the usual normalisation factors. `base` is coefficient 0, offset included.
+vec3 evaluate_sh(Instance instance, uint local, vec3 base, vec3 dir) {
+    vec3 color = 0.28209479177387814 * base;
     float x = dir.x, y = dir.y, z = dir.z;
     float xx = x * x, yy = y * y, zz = z * z;
     // The spec constant removes the code of bands that no template of the scene has.

@@ -9,6 +9,7 @@ use super::variant::Variant;
 use super::*;
 use crate::gpu::interface::Kernel;
 use crate::gpu::{Gpu, GpuError, Pipeline, PipelineCache};
+use crate::scene::DevicePrecision;
 
 /// The forward kernels, compiled for one variant (tile size included) and for the traits of a scene.
 #[allow(missing_docs, reason = "each field is the pipeline of the kernel it is named after")]
@@ -19,12 +20,20 @@ pub struct Pipelines {
     pub cull_instances: Pipeline<cull_instances::CullInstances>,
     pub cull_chunks: Pipeline<cull_chunks::CullChunks>,
     pub emit_work_items: Pipeline<emit_work_items::EmitWorkItems>,
-    pub preprocess_instance_expand: Pipeline<preprocess_instance_expand::PreprocessInstanceExpand>,
+    pub expand: ExpandPipeline,
     pub compact_visible: Pipeline<compact_visible::CompactVisible>,
     pub plan_slab: Pipeline<plan_slab::PlanSlab>,
     pub emit_intersections: Pipeline<emit_intersections::EmitIntersections>,
     pub tile_ranges: Pipeline<tile_ranges::TileRanges>,
     pub tile_blend: Pipeline<tile_blend::TileBlend>,
+}
+
+/// The kernel that expands instances, for scenes as they are or packed.
+pub enum ExpandPipeline {
+    /// For scenes in f32.
+    Full(Pipeline<preprocess_instance_expand::PreprocessInstanceExpand>),
+    /// For packed scenes.
+    Packed(Pipeline<preprocess_instance_expand_packed::PreprocessInstanceExpandPacked>),
 }
 
 /// The kernels of a training step besides the forward kernels.
@@ -124,6 +133,8 @@ pub struct PresentVariant {
     pub outline: bool,
     /// True if picture and window differ in size.
     pub scaled: bool,
+    /// How the device holds the scene.
+    pub precision: DevicePrecision,
 }
 
 /// The three scan passes; `*_gather` read their values through an index list.
@@ -215,6 +226,7 @@ impl Pipelines {
         let levels = ("LEVELS", u32::from(traits.levels));
         let colors = traits.color_matrices_constant();
         let training_constant = ("TRAINING", u32::from(training));
+        let mut expand = [&[tile, levels, colors][..], &traits.constants()].concat();
         Ok(Self {
             variant,
             traits,
@@ -222,8 +234,13 @@ impl Pipelines {
             cull_instances: compiler.compile(size, &[levels])?,
             cull_chunks: compiler.compile(size, &[])?,
             emit_work_items: compiler.compile(size, &[])?,
-            preprocess_instance_expand: compiler
-                .compile(size, &[&[tile, levels, colors][..], &traits.constants()].concat())?,
+            expand: match traits.precision {
+                DevicePrecision::F32 => ExpandPipeline::Full(compiler.compile(size, &expand)?),
+                packed => {
+                    expand.push(("OFFSET_BITS", packed.offset_bits()));
+                    ExpandPipeline::Packed(compiler.compile(size, &expand)?)
+                }
+            },
             compact_visible: compiler.compile(size, &[])?,
             plan_slab: compiler.compile(size, &[])?,
             emit_intersections: compiler.compile(size, &[tile, training_constant])?,
@@ -366,8 +383,13 @@ impl PresentPipelines {
         Ok(match self.present.entry(present) {
             Entry::Occupied(there) => there.into_mut(),
             Entry::Vacant(new) => {
-                let PresentVariant { show, outline, scaled } = present;
-                let constants = [("SHOW", show), ("OUTLINE", u32::from(outline)), ("SCALED", u32::from(scaled))];
+                let PresentVariant { show, outline, scaled, precision } = present;
+                let constants = [
+                    ("SHOW", show),
+                    ("OUTLINE", u32::from(outline)),
+                    ("SCALED", u32::from(scaled)),
+                    ("OFFSET_BITS", precision.offset_bits()),
+                ];
                 let compiler = Compiler { gpu, cache, subgroup_size: variant.subgroup_size };
                 new.insert(compiler.compile(variant.workgroup_size, &constants)?)
             }

@@ -1,5 +1,7 @@
 //! Traits of a scene that kernels are specialised for.
 
+use crate::scene::DevicePrecision;
+
 /// Which SH bands are in use, and what a scene has that most have not.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneTraits {
@@ -17,6 +19,8 @@ pub struct SceneTraits {
     pub own_may_grow: bool,
     /// True if the scene has levels of detail.
     pub levels: bool,
+    /// How the device holds the scene.
+    pub precision: DevicePrecision,
 }
 
 impl SceneTraits {

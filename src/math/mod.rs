@@ -1,5 +1,6 @@
 //! L0: mathematics without state: spherical harmonics, covariances, eigenvectors, similarities, bounds, lens
-//! distortion, nearest points, Morton order, planes, seeded random numbers, order statistics, number formatting.
+//! distortion, nearest points, Morton order, planes, rotations in three numbers, seeded random numbers, order statistics,
+//! number formatting.
 
 pub mod covariance;
 pub mod digits;
@@ -12,4 +13,5 @@ pub mod plane;
 pub mod rng;
 pub mod sh;
 pub mod similarity;
+pub mod smallest_three;
 pub mod statistics;

@@ -4,6 +4,7 @@
 //! A row of the instance table shows one range of source Gaussians. An instance has a row for its template, after it one for
 //! its own Gaussians if it has any, and more for levels of detail.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
@@ -15,11 +16,15 @@ use crate::kernels::SceneTraits;
 use crate::math::similarity::Similarity;
 use crate::scene::lod::Levels;
 use crate::scene::parameters::Rows;
-use crate::scene::{InstancedScene, Owner, Parameter, ParameterSet, PixelFilter, SourceLayout, SourceRange};
+use crate::scene::{
+    DevicePrecision, InstancedScene, Owner, Parameter, ParameterSet, PixelFilter, SourceLayout, SourceRange,
+};
 
 use super::error::RenderError;
 use super::instance_table::{InstanceTable, RecordedChanges};
 use super::level_tables::build_level_tables;
+use super::packed_buffers::{PackedBuffers, planned_packed_bytes, stays_f32};
+use super::packed_scene::PackedScene;
 use super::parameter_buffers::{ParameterBuffers, planned_parameter_bytes};
 use super::scene_tables::{Tables, build_tables, scale_bound, unbounded_tables};
 
@@ -44,8 +49,13 @@ pub struct DeviceScene {
     pub instances: Buffer<types::Instance>,
     /// Bounds of chunks of `chunk_size` source Gaussians: templates and instances' own, background last.
     pub chunks: Buffer<types::Chunk>,
-    /// The parameters that training may change, except poses: source Gaussians and offsets.
+    /// The parameters that training may change, except poses: source Gaussians and offsets. A packed scene has only means and
+    /// colour matrices here.
     pub parameters: ParameterBuffers,
+    /// The other parameters of a packed scene.
+    pub packed: PackedBuffers,
+    /// How the scene is held.
+    pub precision: DevicePrecision,
     /// Number of rows, background included.
     pub instance_count: u32,
     /// Largest SH degree of templates and background.
@@ -70,48 +80,56 @@ pub struct DeviceScene {
     table: Option<InstanceTable>,
 }
 
-/// Bounds for chunk culling.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Bounds {
-    /// Bounds of the means as they are.
-    Tight,
-    /// No bounds: the means will move.
-    Everywhere,
+/// The clouds and offsets to upload.
+struct Content<'a> {
+    /// As the device sees them.
+    scene: &'a InstancedScene,
+    /// What of them is not in f32; nothing if `precision` is.
+    packed: &'a PackedScene,
+    precision: DevicePrecision,
 }
 
 impl DeviceScene {
     /// Uploads a scene for kernels with `chunk_size` threads per work-group.
     ///
     /// # Errors
-    /// Inconsistent indices, more than 2^32 - 1 expanded Gaussians, or a buffer beyond the device's limits.
-    pub fn new(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
-        Self::with_bounds(gpu, scene, chunk_size, Bounds::Tight)
-    }
-
-    /// The same as [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move at every step.
-    /// Only the device moves its instances: [`DeviceScene::place_instances`] and [`DeviceScene::show_instances`] fail.
-    pub fn unbounded(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
-        Self::with_bounds(gpu, scene, chunk_size, Bounds::Everywhere)
-    }
-
-    fn with_bounds(
+    /// Inconsistent indices, more than 2^32 - 1 expanded Gaussians, a scene that does not fit `precision`, or a buffer beyond
+    /// the device's limits.
+    pub fn new(
         gpu: &Arc<Gpu>,
         scene: &InstancedScene,
         chunk_size: u32,
-        bounds: Bounds,
+        precision: DevicePrecision,
     ) -> Result<Self, RenderError> {
         scene.validate()?;
-        check_limit(gpu, scene.source_len(), scene.sh_degree())?;
+        check_limit(gpu, scene.source_len(), scene.sh_degree(), precision)?;
+        let packed = match precision {
+            DevicePrecision::F32 => PackedScene::default(),
+            _ => PackedScene::new(scene, &scene.offset_runs(), precision)?,
+        };
+        // Bounds are those of what is drawn.
+        let seen = match precision {
+            DevicePrecision::F32 => Cow::Borrowed(scene),
+            _ => Cow::Owned(packed.unpacked(scene)),
+        };
+        let tables = build_tables(&seen, chunk_size)?;
+        let content = Content { scene: &seen, packed: &packed, precision };
+        Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)
+    }
+
+    /// The same as [`DeviceScene::new`], but nothing is culled by chunk: for training, where means move at every step, in f32.
+    /// Only the device moves its instances: [`DeviceScene::place_instances`] and [`DeviceScene::show_instances`] fail.
+    ///
+    /// # Errors
+    /// The same errors as [`DeviceScene::new`].
+    pub fn unbounded(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
+        scene.validate()?;
+        check_limit(gpu, scene.source_len(), scene.sh_degree(), DevicePrecision::F32)?;
         let mut tables = build_tables(scene, chunk_size)?;
-        if bounds == Bounds::Everywhere {
-            tables.widen();
-        }
-        let mut out = Self::with_tables(gpu, scene, &SourceLayout::of(scene), tables, chunk_size)?;
-        if bounds == Bounds::Everywhere {
-            out.table = None;
-            out.own_may_grow = !scene.own_ranges.is_empty();
-        }
-        Ok(out)
+        tables.widen();
+        let content = Content { scene, packed: &PackedScene::default(), precision: DevicePrecision::F32 };
+        let out = Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)?;
+        Ok(Self { table: None, own_may_grow: !scene.own_ranges.is_empty(), ..out })
     }
 
     /// The same as [`DeviceScene::new`], with levels of detail, for `RenderOptions::lod_error_px` above 0. Takes two to
@@ -119,37 +137,52 @@ impl DeviceScene {
     ///
     /// # Errors
     /// The same errors as [`DeviceScene::new`], with levels included in the counts.
-    pub fn with_levels(gpu: &Arc<Gpu>, scene: &InstancedScene, chunk_size: u32) -> Result<Self, RenderError> {
-        scene.validate()?;
-        let levels = Levels::of(scene);
-        check_limit(gpu, levels.templates.len() + levels.own.len() + levels.background.len(), scene.sh_degree())?;
-        let tables = build_level_tables(&levels, chunk_size)?;
-        let Levels { templates, own, background, offsets, color_from_template, coarser, .. } = levels;
-        let pixel_filter = scene.pixel_filter;
-        let clouds = InstancedScene { templates, own, background, pixel_filter, ..InstancedScene::default() };
-        let pool = InstancedScene { offsets, color_from_template, ..clouds };
-        let mut out = Self::with_tables(gpu, &pool, &SourceLayout::of(scene), tables, chunk_size)?;
-        out.expanded_len = scene.expanded_len();
-        out.coarser = Some(coarser);
-        Ok(out)
-    }
-
-    /// Uploads the clouds and offsets of `scene` with tables that index them; `layout` has the instances.
-    fn with_tables(
+    pub fn with_levels(
         gpu: &Arc<Gpu>,
         scene: &InstancedScene,
+        chunk_size: u32,
+        precision: DevicePrecision,
+    ) -> Result<Self, RenderError> {
+        scene.validate()?;
+        let mut levels = Levels::of(scene);
+        let sources = levels.templates.len() + levels.own.len() + levels.background.len();
+        check_limit(gpu, sources, scene.sh_degree(), precision)?;
+        let mut pool = InstancedScene { pixel_filter: scene.pixel_filter, ..InstancedScene::default() };
+        levels.swap_pool(&mut pool);
+        let mut packed = PackedScene::default();
+        if precision != DevicePrecision::F32 {
+            packed = PackedScene::new(&pool, &levels.offset_runs(), precision)?;
+            pool = packed.unpacked(&pool);
+        }
+        levels.swap_pool(&mut pool);
+        let tables = build_level_tables(&levels, chunk_size)?;
+        levels.swap_pool(&mut pool);
+        let content = Content { scene: &pool, packed: &packed, precision };
+        let out = Self::with_tables(gpu, &content, &SourceLayout::of(scene), tables, chunk_size)?;
+        Ok(Self { expanded_len: scene.expanded_len(), coarser: Some(levels.coarser), ..out })
+    }
+
+    /// Uploads the clouds and offsets of a scene with tables that index them; `layout` has the instances.
+    fn with_tables(
+        gpu: &Arc<Gpu>,
+        content: &Content<'_>,
         layout: &SourceLayout,
         tables: Tables,
         chunk_size: u32,
     ) -> Result<Self, RenderError> {
+        let Content { scene, packed, precision } = *content;
         let sh_degree = scene.sh_degree();
         let rows = scene.parameter_rows();
+        let is_f32 = |parameter| precision == DevicePrecision::F32 || stays_f32(parameter);
+        let rows_in_f32 = ParameterSet::from_fn(|p| if is_f32(p) { rows[p] } else { [0, 0] });
         Ok(Self {
             own_may_grow: false,
             first_rows: layout.first_rows(),
             instances: upload(gpu, "instances", &tables.instances)?,
             chunks: upload(gpu, "chunks", &tables.chunks)?,
-            parameters: ParameterBuffers::upload(gpu, scene, &rows)?,
+            parameters: ParameterBuffers::upload(gpu, scene, &rows_in_f32)?,
+            packed: PackedBuffers::upload(gpu, packed)?,
+            precision,
             instance_count: tables.instances.len() as u32,
             sh_degree,
             chunk_size,
@@ -175,7 +208,7 @@ impl DeviceScene {
     /// # Errors
     /// More Gaussians than the device can hold.
     pub fn relayout(&mut self, gpu: &Arc<Gpu>, layout: &SourceLayout) -> Result<(), RenderError> {
-        check_limit(gpu, layout.source_count(), self.sh_degree)?;
+        check_limit(gpu, layout.source_count(), self.sh_degree, self.precision)?;
         let before = download(gpu, &self.instances, self.posed_rows() as usize)?;
         let mut tables = unbounded_tables(layout, self.has(Parameter::ColorFromTemplate), self.chunk_size)?;
         let first_rows = layout.first_rows();
@@ -279,6 +312,7 @@ impl DeviceScene {
             color_matrices: self.has(Parameter::ColorFromTemplate),
             own_may_grow: self.own_may_grow,
             levels: self.has_levels(),
+            precision: self.precision,
         }
     }
 
@@ -309,7 +343,7 @@ impl DeviceScene {
 
     /// Size of all buffers, bytes.
     pub fn bytes(&self) -> u64 {
-        self.instances.bytes() + self.chunks.bytes() + self.parameters.bytes()
+        self.instances.bytes() + self.chunks.bytes() + self.parameters.bytes() + self.packed.bytes()
     }
 }
 
@@ -340,7 +374,7 @@ impl PlannedBytes {
 }
 
 /// The buffers that [`DeviceScene::new`] will allocate, without a device. The scene must be valid.
-pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
+pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32, precision: DevicePrecision) -> PlannedBytes {
     let background = scene.background.len() as u64;
     let chunks_of = |count: u32| u64::from(count.div_ceil(chunk_size));
     let own: BTreeSet<SourceRange> = scene.own_ranges.iter().copied().collect();
@@ -351,12 +385,17 @@ pub fn planned_bytes(scene: &InstancedScene, chunk_size: u32) -> PlannedBytes {
     let chunk_bytes = size_of::<types::Chunk>() as u64;
     let instance_bytes = size_of::<types::Instance>() as u64;
     let placeholder = |len: u64, bytes: u64| if len == 0 { bytes } else { 0 };
-    let parameters = planned_parameter_bytes(scene);
+    let is_f32 = |parameter| precision == DevicePrecision::F32 || stays_f32(parameter);
+    let (f32s, packed) = (planned_parameter_bytes(scene, is_f32), planned_packed_bytes(scene, precision));
+    let placeholders = placeholder(instances, instance_bytes) + placeholder(chunks, chunk_bytes);
     PlannedBytes {
-        instances: instances * instance_bytes + parameters.instances,
+        templates: f32s.templates + packed.templates,
+        own: f32s.own + packed.own,
+        background: f32s.background + packed.background,
+        offsets: f32s.offsets + packed.offsets,
+        instances: instances * instance_bytes + f32s.instances,
         chunks: chunks * chunk_bytes,
-        unused: parameters.unused + placeholder(instances, instance_bytes) + placeholder(chunks, chunk_bytes),
-        ..parameters
+        unused: f32s.unused + packed.unused + placeholders,
     }
 }
 
@@ -373,10 +412,11 @@ fn parameter_rows(layout: &SourceLayout, before: &ParameterSet<Rows>) -> Paramet
     })
 }
 
-/// Checks the number of Gaussians before anything is built: the largest array has a quaternion (16 bytes) or the
-/// highest SH band (2 l + 1 colours of 12 bytes) per Gaussian.
-fn check_limit(gpu: &Gpu, count: usize, sh_degree: u32) -> Result<(), RenderError> {
-    let largest = u64::from(16.max(12 * (2 * sh_degree + 1)));
+/// Checks the number of Gaussians before anything is built: the largest array has a quaternion (16 bytes), or a mean (12) of
+/// a packed scene, or the highest SH band (2 l + 1 colours of 12 or 6 bytes) per Gaussian.
+fn check_limit(gpu: &Gpu, count: usize, sh_degree: u32, precision: DevicePrecision) -> Result<(), RenderError> {
+    let [others, color] = if precision == DevicePrecision::F32 { [16, 12] } else { [12, 6] };
+    let largest = u64::from(others.max(color * (2 * sh_degree + 1)));
     let limit = u64::from(u32::MAX - 1).min(gpu.caps().max_storage_bytes / largest);
     if count as u64 > limit {
         return Err(RenderError::TooMany { what: "source Gaussians", needed: count as u64, limit });

@@ -23,6 +23,9 @@ pub enum RenderError {
         /// Description of the problem and of the allowed values.
         reason: String,
     },
+    /// The scene does not fit a precision below f32.
+    #[error("{0}; --device-precision f32 draws it as it is")]
+    Pack(#[from] super::packed_scene::PackError),
     /// All frames in flight are taken: wait for one first.
     #[error("{pending} pictures are on their way already; poll or wait for the oldest first")]
     Busy {

@@ -2,7 +2,8 @@
 
 use crate::gpu::interface::constants::*;
 use crate::gpu::interface::types;
-use crate::gpu::{Buffer, GpuError, Grid, Recorder};
+use crate::gpu::{Buffer, GpuError, Grid, Pipeline, Recorder};
+use crate::kernels::pipelines::ExpandPipeline;
 use crate::kernels::*;
 
 use super::device_scene::DeviceScene;
@@ -141,7 +142,47 @@ fn record_expansion(
     inputs: &ForwardInputs<'_>,
     frame: &mut FrameBuffers,
 ) -> Result<(), GpuError> {
-    let (p, scene) = (inputs.pipelines, inputs.scene);
+    let p = inputs.pipelines;
+    match &p.expand {
+        ExpandPipeline::Full(pipeline) => record_full_expansion(recorder, pipeline, inputs, frame)?,
+        ExpandPipeline::Packed(pipeline) => record_packed_expansion(recorder, pipeline, inputs, frame)?,
+    }
+    let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
+
+    let mut scan = plain(COUNTER_WORK_ITEMS);
+    scan.total_slot = COUNTER_VISIBLE;
+    scan.family = FAMILY_VISIBLE;
+    let blocks = Blocks::Indirect(args_u32(FAMILY_WORK_ITEMS, ARGS_BLOCKS));
+    let input = ScanInput::in_order(&frame.survivor_counts);
+    record_scan(
+        recorder,
+        &inputs.primitives.scan,
+        &mut frame.scratch,
+        blocks,
+        scan,
+        input,
+        &mut frame.survivor_offsets,
+    )?;
+
+    let bindings = compact_visible::Bindings {
+        splats: &frame.splats,
+        survivor_counts: &frame.survivor_counts,
+        survivor_offsets: &frame.survivor_offsets,
+        counters: &frame.scratch.counters,
+        depth_keys: &mut frame.depth_sort.keys,
+        slots: &mut frame.depth_sort.values,
+    };
+    recorder.dispatch_indirect(&p.compact_visible, &frame.scratch.args, per_item, &(), bindings)
+}
+
+/// The expansion of a scene in f32.
+fn record_full_expansion(
+    recorder: &mut Recorder,
+    pipeline: &Pipeline<preprocess_instance_expand::PreprocessInstanceExpand>,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
+    let scene = inputs.scene;
     let parameters = &scene.parameters;
     let bindings = preprocess_instance_expand::Bindings {
         instances: &scene.instances,
@@ -169,32 +210,46 @@ fn record_expansion(
     };
     let params = preprocess_instance_expand::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
     let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
-    recorder.dispatch_indirect(&p.preprocess_instance_expand, &frame.scratch.args, per_item, &params, bindings)?;
+    recorder.dispatch_indirect(pipeline, &frame.scratch.args, per_item, &params, bindings)
+}
 
-    let mut scan = plain(COUNTER_WORK_ITEMS);
-    scan.total_slot = COUNTER_VISIBLE;
-    scan.family = FAMILY_VISIBLE;
-    let blocks = Blocks::Indirect(args_u32(FAMILY_WORK_ITEMS, ARGS_BLOCKS));
-    let input = ScanInput::in_order(&frame.survivor_counts);
-    record_scan(
-        recorder,
-        &inputs.primitives.scan,
-        &mut frame.scratch,
-        blocks,
-        scan,
-        input,
-        &mut frame.survivor_offsets,
-    )?;
-
-    let bindings = compact_visible::Bindings {
-        splats: &frame.splats,
-        survivor_counts: &frame.survivor_counts,
-        survivor_offsets: &frame.survivor_offsets,
+/// The expansion of a packed scene.
+fn record_packed_expansion(
+    recorder: &mut Recorder,
+    pipeline: &Pipeline<preprocess_instance_expand_packed::PreprocessInstanceExpandPacked>,
+    inputs: &ForwardInputs<'_>,
+    frame: &mut FrameBuffers,
+) -> Result<(), GpuError> {
+    let scene = inputs.scene;
+    let packed = &scene.packed;
+    let [sh0, sh1, sh2, sh3] = &packed.sh;
+    let [packed_offset_means, offset_sh_dc, offset_log_scales, offset_quats] = &packed.offsets;
+    let bindings = preprocess_instance_expand_packed::Bindings {
+        instances: &scene.instances,
+        work_items: &frame.work_items,
         counters: &frame.scratch.counters,
-        depth_keys: &mut frame.depth_sort.keys,
-        slots: &mut frame.depth_sort.values,
+        means: &scene.parameters.means,
+        shapes: &packed.shapes,
+        quats: &packed.quats,
+        sh0,
+        sh1,
+        sh2,
+        sh3,
+        packed_offset_means,
+        offset_sh_dc,
+        offset_log_scales,
+        offset_quats,
+        offset_sh_rest: &packed.offset_sh_rest,
+        offset_ranges: &packed.offset_ranges,
+        color_from_template: &scene.parameters.color_from_template,
+        splats: &mut frame.splats,
+        footprints: &mut frame.footprints,
+        tile_counts: &mut frame.tile_counts,
+        survivor_counts: &mut frame.survivor_counts,
     };
-    recorder.dispatch_indirect(&p.compact_visible, &frame.scratch.args, per_item, &(), bindings)
+    let params = preprocess_instance_expand_packed::Params { view: inputs.view, lod_error_px: inputs.lod_error_px };
+    let per_item = args(FAMILY_WORK_ITEMS, ARGS_ITEMS);
+    recorder.dispatch_indirect(pipeline, &frame.scratch.args, per_item, &params, bindings)
 }
 
 /// One depth slab: the next run of splats whose intersections fit, sorted by tile and blended onto the picture.

@@ -47,14 +47,16 @@ macro_rules! parameter_buffers {
 for_parameters!(parameter_buffers);
 
 impl ParameterBuffers {
-    /// Uploads the parameters of a scene.
+    /// Uploads the parameters of a scene that have `rows`.
     ///
     /// # Errors
     /// A buffer exceeds the device's limits; the error names it.
     pub fn upload(gpu: &Arc<Gpu>, scene: &InstancedScene, rows: &ParameterSet<Rows>) -> Result<Self, GpuError> {
         let mut out = Self::new(gpu, "", rows)?;
         for (parameter, buffer) in out.scalars_mut() {
-            write(gpu, buffer, &scene.parameter(parameter))?;
+            if rows[parameter] != [0, 0] {
+                write(gpu, buffer, &scene.parameter(parameter))?;
+            }
         }
         Ok(out)
     }
@@ -83,10 +85,11 @@ impl ParameterBuffers {
     }
 }
 
-/// Bytes of the parameters of a scene, without a device and without tables.
-pub(super) fn planned_parameter_bytes(scene: &InstancedScene) -> PlannedBytes {
+/// Bytes of the parameters of a scene that are `kept` in f32, without a device and without tables.
+pub(super) fn planned_parameter_bytes(scene: &InstancedScene, kept: impl Fn(Parameter) -> bool) -> PlannedBytes {
     let mut out = PlannedBytes::default();
     for (parameter, rows) in scene.parameter_rows() {
+        let rows = if kept(parameter) { rows } else { [0, 0] };
         let row_bytes = 4 * parameter.width() as u64;
         let [first, background] = rows.map(|rows| rows as u64 * row_bytes);
         match parameter.owner() {

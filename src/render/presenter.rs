@@ -6,6 +6,7 @@ use crate::gpu::interface::constants::SHOW_NOTHING;
 use crate::gpu::staging::{download, upload};
 use crate::gpu::{Buffer, Gpu, Grid, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{PresentPipelines, PresentVariant, Variant, present};
+use crate::scene::Parameter;
 
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
@@ -115,6 +116,8 @@ impl Presenter {
             tile_ranges: &frame.tile_ranges,
             instances: &picture.scene.instances,
             offset_means: &picture.scene.parameters.offset_means,
+            packed_offset_means: &picture.scene.packed.offsets[0],
+            offset_ranges: &picture.scene.packed.offset_ranges,
             marks: picture.marks.map_or(&self.no_marks, |m| &m.by_pixel),
         };
         let grid = Grid::threads(shown_px[0] * shown_px[1], self.variant.workgroup_size);
@@ -130,6 +133,7 @@ impl Presenter {
             show: if surfaces && marks { show.code().0 } else { SHOW_NOTHING },
             outline: chosen && picture.surfaces.is_some(),
             scaled,
+            precision: picture.scene.precision,
         }
     }
 
@@ -141,6 +145,7 @@ impl Presenter {
             range: show.code().1,
             instance_count: (self.looks.1.len() as u32).min(picture.scene.posed_instances()),
             posed_rows: picture.scene.posed_rows(),
+            offset_count: picture.scene.counts.rows[Parameter::OffsetMeans][0] as u32,
             tile_size: tile_size_for(&self.gpu, picture.renderer.variant(), size_px),
             ..present::Params::default()
         }

@@ -1,7 +1,7 @@
 //! Settings of a picture besides the camera, and the two together as kernels take them.
 
 use crate::gpu::interface::types;
-use crate::scene::{Camera, PixelFilter};
+use crate::scene::{Camera, DevicePrecision, PixelFilter};
 
 use super::error::RenderError;
 
@@ -20,12 +20,15 @@ pub struct RenderOptions {
     /// wide, pixels ([`crate::scene::lod`]); 0 = everything at full detail. Above 0 it needs a scene that was uploaded
     /// with levels ([`Renderer::upload_for`](super::Renderer::upload_for)).
     pub lod_error_px: f32,
+    /// How the device holds scenes that are uploaded with these options
+    /// ([`Renderer::upload_for`](super::Renderer::upload_for)).
+    pub device_precision: DevicePrecision,
     /// Limits the intersection buffer; frames that need more are blended in depth slabs. `None` = the device's limit.
     pub max_intersections: Option<u32>,
 }
 
 impl Default for RenderOptions {
-    /// The INRIA constants: near 0.2, dilation 0.3, black background; everything at full detail.
+    /// The INRIA constants: near 0.2, dilation 0.3, black background; everything at full detail, in f32.
     fn default() -> Self {
         Self {
             near: 0.2,
@@ -33,6 +36,7 @@ impl Default for RenderOptions {
             antialias: false,
             background: [0.0; 3],
             lod_error_px: 0.0,
+            device_precision: DevicePrecision::F32,
             max_intersections: None,
         }
     }

@@ -7,7 +7,7 @@ use crate::gpu::interface::types;
 use crate::gpu::staging::download;
 use crate::gpu::{Gpu, GpuError, PipelineCache, Recorder, user_cache_path};
 use crate::kernels::{Pipelines, Primitives, SceneTraits, Variant};
-use crate::scene::Camera;
+use crate::scene::{Camera, DevicePrecision};
 
 use super::device_scene::DeviceScene;
 use super::error::RenderError;
@@ -130,20 +130,20 @@ impl Renderer {
         (self.frame, self.capacities, self.most_intersections) = (None, INITIAL, u32::MAX);
     }
 
-    /// Uploads a scene for this renderer.
+    /// Uploads a scene for this renderer, in f32.
     pub fn upload(&self, scene: &crate::scene::InstancedScene) -> Result<DeviceScene, RenderError> {
-        DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size)
+        DeviceScene::new(&self.gpu, scene, self.variant.workgroup_size, DevicePrecision::F32)
     }
 
-    /// Uploads a scene with levels of detail if `lod_error_px` of `options` is above 0. Such a scene can also be
-    /// rendered at full detail or with any other error.
+    /// Uploads a scene in the precision of `options`, with levels of detail if their `lod_error_px` is above 0. Such a scene
+    /// can also be rendered at full detail or with any other error.
     pub fn upload_for(
         &self,
         scene: &crate::scene::InstancedScene,
         options: &RenderOptions,
     ) -> Result<DeviceScene, RenderError> {
         let upload = if options.lod_error_px > 0.0 { DeviceScene::with_levels } else { DeviceScene::new };
-        upload(&self.gpu, scene, self.variant.workgroup_size)
+        upload(&self.gpu, scene, self.variant.workgroup_size, options.device_precision)
     }
 
     /// Renders a picture and leaves it on the device (see [`Renderer::download`]).

@@ -1,6 +1,7 @@
 //! The scene as plain CPU data, independent of file formats and of the GPU.
 
 pub mod camera;
+pub mod device_precision;
 pub mod edit;
 pub mod flatten;
 pub mod gaussians;
@@ -8,6 +9,7 @@ pub mod instanced_scene;
 pub mod labels;
 pub mod lod;
 pub mod object_box;
+pub mod offset_runs;
 pub mod offsets;
 pub mod parameters;
 pub mod pixel_filter;
@@ -22,6 +24,7 @@ pub mod trajectory;
 pub mod up;
 
 pub use camera::{Camera, CameraError};
+pub use device_precision::DevicePrecision;
 pub use gaussians::Gaussians;
 pub use instanced_scene::{Group, Instance, InstancedScene, SourceRange};
 pub use labels::InstanceLabel;

@@ -3,7 +3,7 @@
 use instgs_vk::kernels::Variant;
 use instgs_vk::render::device_scene::planned_bytes;
 use instgs_vk::render::{RenderOptions, Renderer};
-use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::{DevicePrecision, InstancedScene};
 
 use crate::common::golden::{GoldenCase, golden_cases};
 use crate::common::gpu::{alpha, assert_silent, depth, device_options, gpu, render_picture, rgb};
@@ -125,7 +125,7 @@ fn rare_offsets_against_the_twin() {
         }
         shown += usize::from(compare(&without).max_abs_error > 1e-2);
         let uploaded = renderer.upload(&case.scene).unwrap();
-        assert_eq!(uploaded.bytes(), planned_bytes(&case.scene, uploaded.chunk_size).total());
+        assert_eq!(uploaded.bytes(), planned_bytes(&case.scene, uploaded.chunk_size, DevicePrecision::F32).total());
         assert!(uploaded.download(&gpu, &case.scene).unwrap() == case.scene, "seed {seed}");
     }
     println!("rare offsets: worst {:.1e}, flattened {:.1e}; shown in {shown} of 40", worst[0], worst[1]);

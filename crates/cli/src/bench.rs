@@ -5,11 +5,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 
 use super::bench_report::print_report;
-use instgs_console::args::{JsonArgs, LookArgs, ViewArgs, open_scene, parse_lod};
+use instgs_console::args::{JsonArgs, LookArgs, PrecisionArgs, ViewArgs, open_scene, parse_lod, parse_precision};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer};
 use instgs_eval::bench::{self, MeasurePhase, Subject};
 use instgs_io::LoadedScene;
+use instgs_vk::render::RenderOptions;
+use instgs_vk::scene::DevicePrecision;
 
 /// Measures frame time and memory of a scene, alone or side by side with another one.
 ///
@@ -19,6 +21,7 @@ use instgs_io::LoadedScene;
 #[command(after_help = "Examples:\n  \
     instgs-vk bench --scene garden.ply --camera cameras.json --frames 30\n  \
     instgs-vk bench --scene room.instgs --against room.ply --orbit 8 --size 640x360 --json report.json\n  \
+    instgs-vk bench --scene room.instgs --against room.instgs --against-precision f32 --data room\n  \
     instgs-vk bench --scene room.instgs --data room --lod 1,2,4")]
 pub(super) struct BenchArgs {
     /// Scene to measure: .instgs, .ply, .spz, .sog, .splat or .glb
@@ -27,6 +30,11 @@ pub(super) struct BenchArgs {
     /// Scene to compare with, from the same cameras
     #[arg(long, value_name = "S2")]
     against: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) precision: PrecisionArgs,
+    /// The same for the scene to compare with [default: that of --device-precision]
+    #[arg(long, value_name = "P", value_parser = parse_precision, requires = "against")]
+    against_precision: Option<DevicePrecision>,
     #[command(flatten)]
     pub(super) views: ViewArgs,
     /// Timed frames of each scene, cycling through the cameras
@@ -54,9 +62,10 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
         printer.warning(format_args!("{frames} frames are too few for {count} cameras: the first {frames} are timed"));
     }
     let gpu = device::open(device_args.choice())?;
-    let scene = subject(&args.scene, &loaded, &args.look);
+    let scene = subject(&args.scene, &loaded, &args.look, args.precision.precision());
     let against = args.against.as_deref().zip(loaded_against.as_ref());
-    let against = against.map(|(path, loaded)| subject(path, loaded, &args.look));
+    let against_precision = args.against_precision.unwrap_or(args.precision.precision());
+    let against = against.map(|(path, loaded)| subject(path, loaded, &args.look, against_precision));
     let mut progress = printer.progress("bench", args.frames.into());
     let mut on_event = |phase| {
         if phase == MeasurePhase::Timed {
@@ -75,11 +84,16 @@ pub(super) fn run(args: &BenchArgs, device_args: &DeviceArgs, printer: &Printer)
     Ok(())
 }
 
-pub(super) fn subject<'a>(path: &Path, loaded: &'a LoadedScene, look: &LookArgs) -> Subject<'a> {
+pub(super) fn subject<'a>(
+    path: &Path,
+    loaded: &'a LoadedScene,
+    look: &LookArgs,
+    device_precision: DevicePrecision,
+) -> Subject<'a> {
     Subject {
         name: path.display().to_string(),
         scene: &loaded.scene,
         file_bytes: loaded.file_bytes,
-        options: look.options(&loaded.scene),
+        options: RenderOptions { device_precision, ..look.options(&loaded.scene) },
     }
 }

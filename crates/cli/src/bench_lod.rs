@@ -17,7 +17,7 @@ pub(super) fn run(
     let views = views(args, loaded, printer)?;
     let gpu = device::open(choice)?;
     let mut progress = printer.progress("bench", args.frames.into());
-    let subject = subject(&args.scene, loaded, &args.look);
+    let subject = subject(&args.scene, loaded, &args.look, args.precision.precision());
     let report = run_lod(&gpu, &subject, &args.lod, &views, args.frames, &mut || progress.step(""))?;
     drop(progress);
     device::check_validation(&gpu)?;

@@ -34,6 +34,7 @@ fn main_table(report: &Report) -> Table {
     let file_name =
         |s: &SceneReport| Path::new(&s.scene).file_name().map_or(s.scene.clone(), |n| n.to_string_lossy().into());
     row("", &file_name, None);
+    row("numbers on the device", &|s| s.device_precision.name().into(), None);
     row("ms, median", &|s| format!("{:.2}", s.ms.median), None);
     row("ms, p10 - p90", &|s| format!("{:.2} - {:.2}", s.ms.p10, s.ms.p90), None);
     row("frames per second", &|s| format!("{:.2}", s.fps), ratio.map(|r| r.fps));

@@ -1,18 +1,19 @@
 //! `instgs-vk inspect`: the use of a scene's bytes in the file, on the host and on the device.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use clap::Args;
 
 use super::inspect_file::{FilePart, FileSums, file_parts};
 use super::inspect_groups::{GroupReport, RANGE_BYTES, groups, groups_table, ratio};
-use instgs_console::args::open_scene;
+use instgs_console::args::{PrecisionArgs, open_scene};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
 use instgs_eval::Counts;
 use instgs_io::ply;
 use instgs_vk::render::device_scene::{PlannedBytes, planned_bytes};
-use instgs_vk::scene::PixelFilter;
+use instgs_vk::scene::{DevicePrecision, PixelFilter};
 
 /// Gaussians per chunk in the figures for the device: the usual work-group size (`instgs-vk info` shows it).
 const CHUNK_SIZE: u32 = 256;
@@ -24,6 +25,8 @@ pub(super) struct InspectArgs {
     /// Scene to inspect: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(value_name = "S")]
     scene: PathBuf,
+    #[command(flatten)]
+    precision: PrecisionArgs,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
@@ -44,7 +47,11 @@ struct Inspection {
     /// The parts of the file from front to back; their sum is `bytes.file`.
     file_parts: Vec<FilePart>,
     host_parts: HostParts,
+    /// Bytes on the device in `device_precision`; their sum is `bytes.device_scene`.
     device_parts: PlannedBytes,
+    device_precision: DevicePrecision,
+    /// That sum in every precision.
+    device_scene_by_precision: BTreeMap<&'static str, u64>,
     /// Size of the flattened scene as .ply over that of this file, for all groups and the background.
     flattened_ply_bytes: u64,
     shrink: f64,
@@ -80,7 +87,10 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
     let loaded = open_scene(&args.scene, printer)?;
     let file_parts = file_parts(&args.scene, &loaded)?;
     let scene = &loaded.scene;
-    let device_parts = planned_bytes(scene, CHUNK_SIZE);
+    let device_precision = args.precision.precision();
+    let device_parts = planned_bytes(scene, CHUNK_SIZE, device_precision);
+    let device_scene_by_precision =
+        DevicePrecision::ALL.map(|precision| (precision.name(), planned_bytes(scene, CHUNK_SIZE, precision).total()));
     let flattened_ply_bytes = scene.expanded_len() * ply::row_bytes(scene.sh_degree());
     let report = Inspection {
         scene: args.scene.display().to_string(),
@@ -100,6 +110,8 @@ pub(super) fn run(args: &InspectArgs, printer: &Printer) -> Result<(), CliError>
             template_ranges: RANGE_BYTES * scene.template_ranges.len() as u64,
         },
         device_parts,
+        device_precision,
+        device_scene_by_precision: device_scene_by_precision.into(),
         flattened_ply_bytes,
         shrink: ratio(flattened_ply_bytes, loaded.file_bytes),
         groups: groups(scene, &file_parts),
@@ -172,7 +184,7 @@ fn print(report: &Inspection, printer: &Printer) {
         ]),
     );
     section(
-        "device scene bytes",
+        &format!("device scene bytes ({})", report.device_precision.name()),
         bytes.device_scene,
         &named(&[
             ("templates", device_parts.templates),
@@ -184,6 +196,9 @@ fn print(report: &Inspection, printer: &Printer) {
             ("unused", device_parts.unused),
         ]),
     );
+    for (precision, total) in &report.device_scene_by_precision {
+        section(&format!("device scene in {precision}"), *total, &[]);
+    }
     section("flattened .ply rows", report.flattened_ply_bytes, &[]);
     printer.line(table);
     printer.line(format_args!("this file is {:.2}x smaller than the flattened .ply", report.shrink));

@@ -6,7 +6,7 @@ use std::time::Instant;
 use clap::Args;
 
 use super::picture_files::{self, Format};
-use instgs_console::args::{LodArgs, LookArgs, ViewArgs, create_folder, open_scene};
+use instgs_console::args::{LodArgs, LookArgs, PrecisionArgs, ViewArgs, create_folder, open_scene};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, failed_to_render};
 use instgs_vk::render::Renderer;
@@ -39,6 +39,8 @@ pub(super) struct RenderArgs {
     look: LookArgs,
     #[command(flatten)]
     lod: LodArgs,
+    #[command(flatten)]
+    precision: PrecisionArgs,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
@@ -67,7 +69,7 @@ struct RenderedFrame {
 
 pub(super) fn run(args: &RenderArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let loaded = open_scene(&args.scene, printer)?;
-    let options = args.lod.apply(args.look.options(&loaded.scene));
+    let options = args.precision.apply(args.lod.apply(args.look.options(&loaded.scene)));
     let cameras = args.views.cameras(&loaded.scene, options.near, printer)?;
     let names = picture_files::names(&cameras)?;
     create_folder(&args.out)?;

@@ -12,7 +12,7 @@ use instgs_io::{IoError, LoadedScene, View, load_scene, read_cameras, read_views
 use instgs_vk::render::RenderOptions;
 use instgs_vk::scene::camera::MAX_IMAGE_SIDE;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{Camera, InstancedScene, PixelFilterChoice};
+use instgs_vk::scene::{Camera, DevicePrecision, InstancedScene, PixelFilterChoice};
 
 /// Picture size of `--orbit` without `--size`.
 const ORBIT_SIZE: (u32, u32) = (1280, 720);
@@ -200,6 +200,27 @@ impl LodArgs {
     }
 }
 
+/// The flag for the numbers of a scene on the device, for commands that draw without learning or judging.
+#[derive(Args)]
+pub struct PrecisionArgs {
+    /// Numbers of the scene in device memory: f32, f16 (half the bytes; pictures differ by a hundredth of a dB), or q8, which
+    /// is f16 with offsets in 8 bits
+    #[arg(long, value_name = "P", value_parser = parse_precision, default_value = "f16")]
+    device_precision: DevicePrecision,
+}
+
+impl PrecisionArgs {
+    /// The precision.
+    pub fn precision(&self) -> DevicePrecision {
+        self.device_precision
+    }
+
+    /// The render options with the flag's precision.
+    pub fn apply(&self, options: RenderOptions) -> RenderOptions {
+        RenderOptions { device_precision: self.device_precision, ..options }
+    }
+}
+
 impl LookArgs {
     /// What the flags ask of the pixel filter.
     pub fn pixel_filter(&self) -> PixelFilterChoice {
@@ -242,6 +263,12 @@ pub fn absolute(flag: &str, path: &Path) -> Result<String, CliError> {
 /// Creates a folder and its parents.
 pub fn create_folder(path: &Path) -> Result<(), CliError> {
     Ok(instgs_io::run_folder::create(path)?)
+}
+
+/// Parses the name of a precision.
+pub fn parse_precision(text: &str) -> Result<DevicePrecision, String> {
+    let found = DevicePrecision::ALL.into_iter().find(|precision| precision.name() == text);
+    found.ok_or_else(|| "want f32, f16 or q8".into())
 }
 
 /// Parses a picture size `WxH`, pixels.

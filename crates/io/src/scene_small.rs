@@ -4,9 +4,9 @@
 //! 256 Gaussians, rotations as the index of the largest component of (w, x, y, z) and the other three in steps of 1/127 of
 //! their maximum, 1 / sqrt 2, the index being a multiple of that step too.
 
-use crate::small::whole_quat;
 pub use crate::step_columns::TableError;
 use crate::step_columns::{Shape, decode};
+use instgs_vk::math::smallest_three::whole_quat;
 
 /// Suffix of the name of a coded tensor.
 pub const SUFFIX: &str = ".small";

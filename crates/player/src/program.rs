@@ -13,7 +13,7 @@ use crate::swapchain::PresentMode;
 use crate::views::View;
 use crate::window::{self, WindowJob};
 use crate::{PlayerError, SceneViewer, ViewerOptions};
-use instgs_console::args::{LodArgs, LookArgs, Triple, parse_size, parse_up};
+use instgs_console::args::{LodArgs, LookArgs, PrecisionArgs, Triple, parse_size, parse_up};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::{CliError, Printer, exit_code, parse};
 use instgs_io::json::as_map;
@@ -89,6 +89,8 @@ struct PlayerArgs {
     look: LookArgs,
     #[command(flatten)]
     lod: LodArgs,
+    #[command(flatten)]
+    precision: PrecisionArgs,
     #[command(flatten)]
     device: DeviceArgs,
 }
@@ -227,7 +229,7 @@ fn viewer_options(args: &PlayerArgs, scene: &InstancedScene) -> Result<ViewerOpt
     };
     let words = "--level needs --show tile-load, offsets or ellipses";
     let show = show.ok_or_else(|| CliError::msg(words))?;
-    Ok(ViewerOptions { render: args.lod.apply(args.look.options(scene)), show })
+    Ok(ViewerOptions { render: args.precision.apply(args.lod.apply(args.look.options(scene))), show })
 }
 
 /// The cameras of the frames of `--frames`.

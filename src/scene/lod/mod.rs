@@ -91,6 +91,15 @@ pub struct Levels {
 }
 
 impl Levels {
+    /// Exchanges the clouds, offsets and colour matrices with those of `pool`.
+    pub fn swap_pool(&mut self, pool: &mut InstancedScene) {
+        std::mem::swap(&mut self.templates, &mut pool.templates);
+        std::mem::swap(&mut self.own, &mut pool.own);
+        std::mem::swap(&mut self.background, &mut pool.background);
+        std::mem::swap(&mut self.offsets, &mut pool.offsets);
+        std::mem::swap(&mut self.color_from_template, &mut pool.color_from_template);
+    }
+
     /// Builds the levels of a valid scene.
     pub fn of(scene: &InstancedScene) -> Self {
         let mut out = Self {

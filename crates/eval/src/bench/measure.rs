@@ -122,7 +122,7 @@ impl<'a> Run<'a> {
         gpu.reset_memory_peak();
         let (before, _) = gpu.memory_usage();
         let mut renderer = Renderer::new(gpu).map_err(fail)?;
-        let scene = renderer.upload(subject.scene).map_err(fail)?;
+        let scene = renderer.upload_for(subject.scene, &subject.options).map_err(fail)?;
         warm_up(&mut renderer, &scene, subject, cameras, on_event)?;
         let (_, peak) = gpu.memory_usage();
         let stats = vec![FrameStats::default(); cameras.len()];
@@ -168,6 +168,7 @@ impl<'a> Run<'a> {
             device: gpu.caps().name.clone(),
             driver: gpu.caps().driver.clone(),
             variant,
+            device_precision: scene.precision,
             resolution: [cameras[0].width, cameras[0].height],
             frames,
             ms,

@@ -6,6 +6,7 @@ use crate::{Bytes, Counts};
 use instgs_io::json::as_map;
 use instgs_vk::kernels::Variant;
 use instgs_vk::math::statistics::Percentiles;
+use instgs_vk::scene::DevicePrecision;
 
 /// Measurement of one scene, or of two in turn.
 #[derive(Clone, Debug, Serialize)]
@@ -32,6 +33,8 @@ pub struct SceneReport {
     pub driver: String,
     /// Sizes of the kernels.
     pub variant: Variant,
+    /// How the device held the scene.
+    pub device_precision: DevicePrecision,
     /// Width and height of the first camera, pixels; `cameras` has those of each.
     pub resolution: [u32; 2],
     /// Number of timed frames.

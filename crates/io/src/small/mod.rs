@@ -14,18 +14,16 @@
 
 mod entropy;
 mod field;
-mod rotation;
 mod sensitivity;
 mod source;
 mod steps;
 
 pub use sensitivity::{Sensitivity, SmallOptions};
 
-pub(crate) use rotation::whole_quat;
-
 use crate::scene_pack::floats;
 use crate::step_columns::TableError;
 use field::{Classes, Follows, Part, Plan};
+use instgs_vk::math::smallest_three::whole_quat;
 use instgs_vk::scene::instanced_scene::{ForeignTensor, InstancedScene};
 use source::Table;
 

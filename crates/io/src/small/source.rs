@@ -1,11 +1,12 @@
 //! What `--pack small` codes: the clouds and the offsets of a scene as tables of fields, in the order of the file.
 
 use super::field::Follows;
-use super::rotation::{normal_scale, smallest_three};
 use super::sensitivity::Sensitivity;
 use instgs_vk::math::morton::morton_order;
+use instgs_vk::math::smallest_three::{normal_scale, smallest_three};
 use instgs_vk::scene::gaussians::Gaussians;
 use instgs_vk::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::offset_runs::sources_of_records;
 use instgs_vk::scene::parameters::Parameter;
 
 /// Largest steps: beyond them a change is no longer small, and what sensitivity says of it is wrong.
@@ -218,22 +219,6 @@ fn cloud_table(
     }
 }
 
-/// By offset record, the row of the template's Gaussian that it belongs to, and whether it belongs to several.
-fn template_rows(scene: &InstancedScene) -> (Vec<Option<u32>>, bool) {
-    let mut rows = vec![None; scene.offsets.len()];
-    let mut several = false;
-    for instance in &scene.instances {
-        let Some(first) = instance.first_offset else { continue };
-        let range = scene.template_ranges[instance.template as usize];
-        for local in 0..range.count {
-            let row = &mut rows[(first + local) as usize];
-            several |= row.is_some_and(|row| row != range.first + local);
-            *row = Some(range.first + local);
-        }
-    }
-    (rows, several)
-}
-
 /// What normalising the template's quaternions multiplies them by, by offset record, so that offsets can follow; `None` if
 /// they cannot, because a record belongs to several Gaussians, or if a quaternion has no length: then all stay as they are.
 fn quat_scales(scene: &InstancedScene) -> Option<Vec<f32>> {
@@ -241,7 +226,7 @@ fn quat_scales(scene: &InstancedScene) -> Option<Vec<f32>> {
         return Some(Vec::new());
     }
     let scales: Option<Vec<f64>> = scene.templates.quats.iter().map(normal_scale).collect();
-    let (rows, several) = template_rows(scene);
+    let (rows, several) = sources_of_records(&scene.offset_runs(), scene.offsets.len());
     let of = |scales: Vec<f64>| rows.iter().map(|row| row.map_or(1.0, |row| scales[row as usize] as f32)).collect();
     scales.filter(|_| !several).map(of)
 }
@@ -296,7 +281,7 @@ fn offsets_table(scene: &InstancedScene, sensitivity: Option<&Sensitivity>, quat
         let quats = offsets.quats.iter().enumerate().flat_map(|(r, quat)| quat.map(|v| v * scale(r))).collect();
         fields.push(field("quats", &[4], quats, parts));
     }
-    let (template_rows, _) = template_rows(scene);
+    let (template_rows, _) = sources_of_records(&scene.offset_runs(), rows);
     let step = |row: &Option<u32>| {
         let size = row.map_or(0.0, |row| size(&scene.templates.log_scales[row as usize]));
         f64::from(OFFSETS) * FIXED_MEAN_PER_SIZE * size

@@ -2,7 +2,7 @@
 
 /// What a quaternion (w, x, y, z) is multiplied by to have length 1 and a positive largest component; `None` if it is zero
 /// or not finite.
-pub(crate) fn normal_scale(quat: &[f32; 4]) -> Option<f64> {
+pub fn normal_scale(quat: &[f32; 4]) -> Option<f64> {
     let q = quat.map(f64::from);
     let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
     (length.is_finite() && length > 0.0).then(|| q[largest(&q)].signum() / length)
@@ -10,7 +10,7 @@ pub(crate) fn normal_scale(quat: &[f32; 4]) -> Option<f64> {
 
 /// Index of the largest component, and the other three of the unit quaternion in which it is positive; `None` for a
 /// quaternion that is zero or not finite.
-pub(crate) fn smallest_three(quat: &[f32; 4]) -> Option<(usize, [f32; 3])> {
+pub fn smallest_three(quat: &[f32; 4]) -> Option<(usize, [f32; 3])> {
     let scale = normal_scale(quat)?;
     let q = quat.map(f64::from);
     let largest = largest(&q);
@@ -20,7 +20,7 @@ pub(crate) fn smallest_three(quat: &[f32; 4]) -> Option<(usize, [f32; 3])> {
 
 /// The inverse of [`smallest_three`]; `None` if there is no such component. The largest one is at least 1/2: other components
 /// that rounding has made too large for that are shortened.
-pub(crate) fn whole_quat(index: usize, rest: [f32; 3]) -> Option<[f32; 4]> {
+pub fn whole_quat(index: usize, rest: [f32; 3]) -> Option<[f32; 4]> {
     const MOST_SQUARES: f64 = 0.75;
     let squares = rest.map(|v| f64::from(v).powi(2)).iter().sum::<f64>();
     let shorter = if squares > MOST_SQUARES { (MOST_SQUARES / squares).sqrt() } else { 1.0 };

@@ -1,0 +1,120 @@
+//! A packed scene in device memory.
+
+use std::sync::Arc;
+
+use crate::gpu::interface::constants::{CODED_CHANNELS, RECORDS_PER_RANGE};
+use crate::gpu::staging::upload;
+use crate::gpu::{Buffer, Gpu, GpuError};
+use crate::scene::{DevicePrecision, InstancedScene, Owner, Parameter};
+
+use super::device_scene::PlannedBytes;
+use super::packed_scene::PackedScene;
+
+/// A buffer for every array of [`PackedScene`], in its order. An array without elements has one that is unused, since Vulkan
+/// has no empty buffers; scenes in f32 have only such.
+#[allow(missing_docs, reason = "each field is the array of the same name")]
+pub struct PackedBuffers {
+    pub shapes: Buffer<u32>,
+    pub quats: Buffer<u32>,
+    pub sh: [Buffer<u32>; 4],
+    pub offsets: [Buffer<u32>; 4],
+    pub offset_sh_rest: Buffer<u32>,
+    pub offset_ranges: Buffer<f32>,
+}
+
+/// Number of buffers.
+const BUFFERS: u64 = 12;
+
+impl PackedBuffers {
+    /// Uploads a packed scene.
+    ///
+    /// # Errors
+    /// A buffer exceeds the device's limits; the error names it.
+    pub fn upload(gpu: &Arc<Gpu>, scene: &PackedScene) -> Result<Self, GpuError> {
+        let [sh0, sh1, sh2, sh3] = &scene.sh;
+        let [means, sh_dc, log_scales, quats] = &scene.offsets;
+        Ok(Self {
+            shapes: upload(gpu, "packed shapes", &scene.shapes)?,
+            quats: upload(gpu, "packed quats", &scene.quats)?,
+            sh: [
+                upload(gpu, "packed SH band 0", sh0)?,
+                upload(gpu, "packed SH band 1", sh1)?,
+                upload(gpu, "packed SH band 2", sh2)?,
+                upload(gpu, "packed SH band 3", sh3)?,
+            ],
+            offsets: [
+                upload(gpu, "packed offsets of means", means)?,
+                upload(gpu, "packed offsets of SH 0", sh_dc)?,
+                upload(gpu, "packed offsets of scales", log_scales)?,
+                upload(gpu, "packed offsets of quats", quats)?,
+            ],
+            offset_sh_rest: upload(gpu, "packed offsets of SH", &scene.offset_sh_rest)?,
+            offset_ranges: upload(gpu, "ranges of offsets", &scene.offset_ranges)?,
+        })
+    }
+
+    /// Size of all buffers, bytes.
+    pub fn bytes(&self) -> u64 {
+        let of_words = [&self.shapes, &self.quats, &self.offset_sh_rest];
+        let words = of_words.into_iter().chain(&self.sh).chain(&self.offsets);
+        words.map(Buffer::bytes).sum::<u64>() + self.offset_ranges.bytes()
+    }
+}
+
+/// True if a packed scene keeps the parameter in f32.
+pub(super) const fn stays_f32(parameter: Parameter) -> bool {
+    matches!(parameter, Parameter::Means | Parameter::ColorFromTemplate)
+}
+
+/// Bytes of the packed arrays of a scene, by content, without a device.
+pub(super) fn planned_packed_bytes(scene: &InstancedScene, precision: DevicePrecision) -> PlannedBytes {
+    let mut out = PlannedBytes::default();
+    if precision == DevicePrecision::F32 {
+        return PlannedBytes { unused: BUFFERS * WORD, ..out };
+    }
+    let rows = scene.parameter_rows();
+    let codes = precision == DevicePrecision::Q8;
+    // The arrays that hold the parameters: whole words, and one where there is nothing.
+    let arrays: [&[Parameter]; BUFFERS as usize - 1] = [
+        &[Parameter::LogScales, Parameter::OpacityLogits],
+        &[Parameter::Quats],
+        &[Parameter::Sh0],
+        &[Parameter::Sh1],
+        &[Parameter::Sh2],
+        &[Parameter::Sh3],
+        &[Parameter::OffsetMeans, Parameter::OffsetOpacityLogits],
+        &[Parameter::OffsetShDc],
+        &[Parameter::OffsetLogScales],
+        &[Parameter::OffsetQuats],
+        &[Parameter::OffsetShRest],
+    ];
+    for parameters in arrays {
+        let (owner, [posed, of_background]) = (parameters[0].owner(), rows[parameters[0]].map(|rows| rows as u64));
+        let coded = codes && owner == Owner::Offset && parameters[0] != Parameter::OffsetShRest;
+        let row_bytes = if coded { WORD } else { row_halves(parameters) * WORD / 2 };
+        let of_own = if posed == 0 || owner == Owner::Offset { 0 } else { scene.own.len() as u64 };
+        let [posed, of_background, of_own] = [posed, of_background, of_own].map(|rows| rows * row_bytes);
+        if owner == Owner::Offset {
+            out.offsets += posed;
+        } else {
+            (out.templates, out.own) = (out.templates + posed - of_own, out.own + of_own);
+            out.background += of_background;
+        }
+        let whole = (posed + of_background).next_multiple_of(WORD).max(WORD);
+        out.unused += whole - posed - of_background;
+    }
+    let records = if codes { scene.offsets.len() as u64 } else { 0 };
+    let ranges = records.div_ceil(RECORDS_PER_RANGE.into()) * 2 * u64::from(CODED_CHANNELS) * WORD;
+    out.offsets += ranges;
+    out.unused += if ranges == 0 { WORD } else { 0 };
+    out
+}
+
+/// Bytes of a word, and of an f32.
+const WORD: u64 = 4;
+
+/// Numbers of 16 bits that a row has of some parameters. A quaternion of a source Gaussian is three codes.
+fn row_halves(parameters: &[Parameter]) -> u64 {
+    let halves = |parameter: &Parameter| if *parameter == Parameter::Quats { 3 } else { parameter.width() as u64 };
+    parameters.iter().map(halves).sum()
+}
