@@ -10,8 +10,8 @@ layout(constant_id = 7) const uint OFFSET_SH_REST = 0;     // 1 = the scene has 
 
 // Three f16 numbers of two words, from the upper half of the first one on if `first` is odd.
 vec3 three_halves(uvec2 words, uint first) {
-    vec2 a = unpackHalf2x16(words.x), b = unpackHalf2x16(words.y);
-    return (first & 1) == 0 ? vec3(a, b.x) : vec3(a.y, b);
+    bool odd = (first & 1) == 1;
+    return vec3(unpackHalf2x16(odd ? (words.x >> 16) | (words.y << 16) : words.x), unpackHalf2x16(odd ? words.y >> 16 : words.y).x);
 }
 
 // Places 0, 1 and 2 in the quaternion of the three numbers that are stored when component `largest` is not.
@@ -82,17 +82,35 @@ vec3 with_sh_offset(Instance instance, uint local, uint c, vec3 own) {
     return own;
 }
 
-vec3 sh1_of(Instance instance, uint local, uint m) {
-    uint first = 3 * (3 * (instance.first_in_band[0] + local) + m);
-    return with_sh_offset(instance, local, 1 + m, three_halves(WORDS_OF_THREE(sh1, first), first));
+// The coefficients of a band, of which there are 3, 5 or 7, from `words` on; the first number is in the upper half of the first
+// word if `odd` is 1.
+void coefficients_of(uint words[12], uint odd, out vec3 c[7]) {
+    vec2 pairs[11];
+    [[unroll]] for (uint k = 0; k < 11; ++k) {
+        pairs[k] = unpackHalf2x16(odd == 0 ? words[k] : (words[k] >> 16) | (words[k + 1] << 16));
+    }
+    [[unroll]] for (uint m = 0; m < 7; ++m) {
+        [[unroll]] for (uint i = 0; i < 3; ++i) c[m][i] = pairs[(3 * m + i) / 2][(3 * m + i) % 2];
+    }
 }
 
-vec3 sh2_of(Instance instance, uint local, uint m) {
-    uint first = 3 * (5 * (instance.first_in_band[1] + local) + m);
-    return with_sh_offset(instance, local, 4 + m, three_halves(WORDS_OF_THREE(sh2, first), first));
+void read_sh1(Instance instance, uint local, out vec3 c[7]) {
+    uint first = 9 * (instance.first_in_band[0] + local), words[12];
+    [[unroll]] for (uint k = 0; k < 12; ++k) words[k] = k < 5 ? sh1[(first >> 1) + k] : 0;
+    coefficients_of(words, first & 1, c);
+    [[unroll]] for (uint m = 0; m < 3; ++m) c[m] = with_sh_offset(instance, local, 1 + m, c[m]);
 }
 
-vec3 sh3_of(Instance instance, uint local, uint m) {
-    uint first = 3 * (7 * (instance.first_in_band[2] + local) + m);
-    return with_sh_offset(instance, local, 9 + m, three_halves(WORDS_OF_THREE(sh3, first), first));
+void read_sh2(Instance instance, uint local, out vec3 c[7]) {
+    uint first = 15 * (instance.first_in_band[1] + local), words[12];
+    [[unroll]] for (uint k = 0; k < 12; ++k) words[k] = k < 8 ? sh2[(first >> 1) + k] : 0;
+    coefficients_of(words, first & 1, c);
+    [[unroll]] for (uint m = 0; m < 5; ++m) c[m] = with_sh_offset(instance, local, 4 + m, c[m]);
+}
+
+void read_sh3(Instance instance, uint local, out vec3 c[7]) {
+    uint first = 21 * (instance.first_in_band[2] + local), words[12];
+    [[unroll]] for (uint k = 0; k < 12; ++k) words[k] = k < 11 ? sh3[(first >> 1) + k] : 0;
+    coefficients_of(words, first & 1, c);
+    [[unroll]] for (uint m = 0; m < 7; ++m) c[m] = with_sh_offset(instance, local, 9 + m, c[m]);
 }
