@@ -33,6 +33,15 @@ pub(crate) fn assert_silent(gpu: &Gpu) {
     assert!(messages.is_empty(), "validation messages:\n{}", messages.join("\n"));
 }
 
+/// How far sin and cos of the device may be off: hardly at all on lavapipe, whose functions are as good as the host's, and
+/// elsewhere as far as Vulkan allows (2^-11; what it allows for log and exp is less).
+pub(crate) fn trigonometric_error(gpu: &Gpu) -> f64 {
+    if gpu.caps().is_llvmpipe { 0.0 } else { 1.0 / 2048.0 }
+}
+
+/// The smallest number that a device may not take for 0, and a little more.
+pub(crate) const SMALLEST_NORMAL: f32 = 2e-38;
+
 /// Renderer options that mean the same as the twin's.
 pub(crate) fn device_options(options: &instgs_reference::RenderOptions) -> RenderOptions {
     RenderOptions {

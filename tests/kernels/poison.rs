@@ -4,7 +4,7 @@ use instgs_vk::math::rng::Rng;
 use instgs_vk::render::{Picture, RenderOptions, Renderer};
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
-use crate::common::gpu::{alpha, assert_silent, gpu, render_picture, rgb};
+use crate::common::gpu::{SMALLEST_NORMAL, alpha, assert_silent, gpu, render_picture, rgb};
 use crate::common::{ImageComparison, single_channel};
 
 fn camera(width: u32, height: u32) -> Camera {
@@ -43,7 +43,8 @@ fn all_finite(picture: &Picture) -> bool {
     picture.colors.iter().flatten().chain(&picture.depths).all(|v| v.is_finite())
 }
 
-const POISON: [f32; 9] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 1e-42, 0.0, 88.8, -200.0];
+const POISON: [f32; 9] =
+    [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, SMALLEST_NORMAL, 0.0, 88.8, -200.0];
 
 /// Poison in any one parameter of some Gaussians leaves the others' picture finite, and as the twin has it.
 #[test]

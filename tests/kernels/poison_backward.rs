@@ -8,13 +8,13 @@ use instgs_vk::kernels::Variant;
 use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::{Camera, Gaussians, InstancedScene};
 
-use crate::common::gpu::{assert_silent, gpu};
+use crate::common::gpu::{SMALLEST_NORMAL, assert_silent, gpu};
 use crate::common::gpu_gradients::GradientRunner;
 use crate::common::random_scene::random_case;
 use crate::common::tensor::TensorComparison;
 
 pub(crate) const POISON: [f32; 11] =
-    [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, 1e-42, 0.0, 1e16, 40.0, 88.8, -200.0];
+    [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN, SMALLEST_NORMAL, 0.0, 1e16, 40.0, 88.8, -200.0];
 
 const COUNT: usize = 60;
 
