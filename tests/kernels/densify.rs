@@ -453,7 +453,9 @@ fn instances_grow_alone() {
                 sh.fold(0.0, f64::max),
             ];
             worst = errors.into_iter().fold(worst, f64::max);
-            assert!(errors.iter().all(|&e| e < 2e-5), "own {j} of {k} from {i}, {made:?}: {errors:?}");
+            let allowed = 1e-5 + allowed_error(&gpu, &case.cloud, i);
+            let is_right = errors[0] < allowed && errors[1..].iter().all(|&e| e < 2e-5);
+            assert!(is_right, "own {j} of {k} from {i}, {made:?}: {errors:?}");
         }
         grown[2] += outcome.cloned + outcome.split;
         assert_eq!(outcome.own as usize, want.own.iter().map(Vec::len).sum::<usize>());

@@ -8,6 +8,7 @@ use glam::{DQuat, DVec3, Vec3};
 use instgs_io::{read_boxes, write_boxes, write_groups, write_ply};
 use instgs_objects::register::{Against, FindError, FindInput, FindOptions, Found, find_alike};
 use instgs_synth::dataset::{Options, build};
+use instgs_vk::math::rng::Rng;
 use instgs_vk::scene::{Boxes, Gaussians, ObjectBox, PixelFilter, PosedGroup};
 
 use crate::common::program::{error_of, program};
@@ -83,6 +84,28 @@ fn all_cars_are_found_from_one() {
         );
     }
     assert_eq!(found.against(&object, &moved).unwrap().right, 0);
+}
+
+/// The ground of a cloud after a few hundred steps is a rough layer, a fifth of a car's height thick, with stray Gaussians
+/// below: cars still stand on it, and none is found sunk into it
+#[test]
+fn cars_are_found_on_the_rough_ground_of_an_early_cloud() {
+    let recipe = recipe("cars", 5, 4);
+    let mut labelled = recipe.labelled();
+    let mut rng = Rng::new(7);
+    for (mean, label) in labelled.cloud.means.iter_mut().zip(&labelled.labels) {
+        let is_ground = *label == 0 && mean[2].abs() < 0.05;
+        let stray = if rng.chance(0.1) { -0.7 * rng.uniform() } else { 0.0 };
+        mean[2] += (if is_ground { 0.12 * rng.normal() + stray } else { 0.02 * rng.normal() }) as f32;
+    }
+    for id in [1, 2] {
+        let object = box_of(&recipe, id);
+        let found = find(&labelled, &object, &FindOptions::default()).unwrap();
+        assert!(found.on_support, "{:?}", found.rejected);
+        let cars = Found { objects: found.objects[..4].to_vec(), ..found.clone() };
+        is_right(&cars, &object, &labelled.truth);
+        assert!(found.objects.len() <= 5, "{:?}", found.objects);
+    }
 }
 
 /// Chairs among tables and vases, close to each other.

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::refine::{Candidate, explained};
-use super::select::{AROUND, SECTORS, Selected, half_extent, level_reach, sector};
+use super::select::{AROUND, SECTORS, Selected, densest_layer, half_extent, level_reach, sector};
 use super::{FindOptions, Found, FoundObject, RejectedPlace, moved_box, world_map};
 use crate::register::pose::Pose;
 use instgs_vk::scene::ObjectBox;
@@ -22,6 +22,9 @@ const STANDS: f64 = 0.1;
 const BELOW: f64 = 0.5;
 /// ... at most this many times the Gaussians at its level may lie. Trained ground is uneven, and tables have legs.
 const BELOW_PART: f64 = 3.0;
+/// Early clouds have stray Gaussians below the ground, on which a sunk pose would stand: at its level must be at least this part
+/// of the Gaussians in the fullest layer that is as thick, from [`BELOW`] below to as far above.
+const FULL_PART: f64 = 0.25;
 /// Another object can stand in the box, a table over a chair. Then the object must be found nearly whole ...
 const WHOLE: f64 = 0.8;
 /// ... and explain more than this part of the points there.
@@ -83,12 +86,16 @@ fn not_standing(selected: &Selected, pose: &Pose) -> Option<String> {
     let off = STANDS * 2.0 * half_extent(&there, up);
     let reach = AROUND * level_reach(&there, up);
     let (mut has_ground, mut at_level, mut below) = ([false; SECTORS], 0, 0);
+    let mut around = Vec::new();
     for &p in &selected.ground {
         let away = (p - there.center).reject_from(up);
         if away.length() > reach || there.contains(there.center + away) {
             continue;
         }
         let above = up.dot(p) - level;
+        if above.abs() < BELOW / STANDS * off {
+            around.push((above, sector(away, up)));
+        }
         if above.abs() < off {
             has_ground[sector(away, up)] = true;
             at_level += 1;
@@ -98,6 +105,9 @@ fn not_standing(selected: &Selected, pose: &Pose) -> Option<String> {
     }
     let sectors = has_ground.iter().filter(|has| **has).count();
     let stands = sectors >= STANDING_SECTORS && f64::from(below) <= BELOW_PART * f64::from(at_level);
+    around.sort_by(|a: &(f64, usize), b| a.0.total_cmp(&b.0));
+    let fullest = densest_layer(&around, 2.0 * off).map_or(0, <[_]>::len);
+    let stands = stands && f64::from(at_level) >= FULL_PART * fullest as f64;
     (!stands).then(|| "there is no surface to stand on".into())
 }
 

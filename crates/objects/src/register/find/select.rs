@@ -22,8 +22,9 @@ const BOX_UPRIGHT: f64 = 0.44;
 pub(super) const AROUND: f64 = 1.6;
 /// Height in which it is searched above and below the box's bottom, as a part of the box's height.
 const NEAR_BOTTOM: f64 = 0.25;
-/// Thickness of the layer that supports an object, as a part of the box's height.
-const LAYER: f64 = 0.06;
+/// Thickness of the layer that supports an object, as a part of the box's height: the first that holds enough Gaussians. The
+/// ground of early clouds is rough.
+const LAYERS: [f64; 2] = [0.06, 0.12];
 /// Least part of the Gaussians around the bottom in the layer: a wall around a window fills the height evenly.
 const LAYER_PART: f64 = 0.4;
 /// Number of sectors that directions about the up axis are divided into.
@@ -32,8 +33,8 @@ pub(super) const SECTORS: usize = 8;
 const LAYER_SECTORS: usize = 6;
 /// Least number of Gaussians in the layer.
 const LAYER_GAUSSIANS: usize = 6;
-/// The object begins this part of its height above the median of the layer.
-const ABOVE: f64 = 0.04;
+/// The object begins this part of the layer's thickness above its median.
+const ABOVE: f64 = 2.0 / 3.0;
 /// The object must explain the points in this many times its box: a surface that goes on beyond the box, like a floor
 /// beyond a table's top, is not the object.
 const SURROUNDINGS: f64 = 1.2;
@@ -143,23 +144,28 @@ fn support(ground: &[DVec3], object: &ObjectBox, up: DVec3) -> Option<f64> {
         }
     }
     around.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // The layer with most Gaussians.
-    let mut best = 0..0;
-    let mut end = 0;
-    for first in 0..around.len() {
-        while end < around.len() && around[end].0 <= around[first].0 + LAYER * height {
-            end += 1;
-        }
+    let begins = |part: f64| {
+        let layer = densest_layer(&around, part * height)?;
+        let sectors = (0..SECTORS).filter(|k| layer.iter().any(|l| l.1 == *k)).count();
+        let is_support = layer.len() >= LAYER_GAUSSIANS
+            && layer.len() as f64 >= LAYER_PART * around.len() as f64
+            && sectors >= LAYER_SECTORS;
+        is_support.then(|| bottom + layer[layer.len() / 2].0 + ABOVE * part * height)
+    };
+    LAYERS.into_iter().find_map(begins)
+}
+
+/// The part of ascending heights, each with its sector, within a layer of this thickness that has most of them; the lowest of
+/// several, `None` without any.
+pub(super) fn densest_layer(heights: &[(f64, usize)], thickness: f64) -> Option<&[(f64, usize)]> {
+    let (mut best, mut end) = (0..0, 0);
+    for first in 0..heights.len() {
+        end += heights[end..].iter().take_while(|h| h.0 <= heights[first].0 + thickness).count();
         if end - first > best.len() {
             best = first..end;
         }
     }
-    let layer = &around[best];
-    let sectors = (0..SECTORS).filter(|k| layer.iter().any(|l| l.1 == *k)).count();
-    let is_support = layer.len() >= LAYER_GAUSSIANS
-        && layer.len() as f64 >= LAYER_PART * around.len() as f64
-        && sectors >= LAYER_SECTORS;
-    is_support.then(|| bottom + layer[layer.len() / 2].0 + ABOVE * height)
+    (!best.is_empty()).then(|| &heights[best])
 }
 
 /// Points of the whole scene, on Gaussians within the same limits of opacity and size as the object's points.
