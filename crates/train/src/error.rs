@@ -35,6 +35,16 @@ pub enum TrainError {
     /// The scene cannot be trained or shown.
     #[error(transparent)]
     Render(#[from] RenderError),
+    /// A run cannot be resumed, since its photos, masks or cameras are not those of the checkpoint.
+    #[error("{change}; the data set is not that of the checkpoint of step {step} ({count} {}): restore it, or continue on the changed one with --accept-changed-data", if *count == 1 { "change" } else { "changes" })]
+    DataChanged {
+        /// The first change, with its file.
+        change: String,
+        /// Number of changes.
+        count: usize,
+        /// Number of finished steps of the checkpoint.
+        step: u64,
+    },
     /// There is no view to train on.
     #[error("there are no training views")]
     NoViews,

@@ -29,16 +29,25 @@ pub(super) enum FirstExposures {
 }
 
 impl FirstExposures {
-    /// Takes those of a checkpoint out of it, one for each of `photos`; `path` is for messages.
+    /// Takes those of a checkpoint out of it, one for each of `photos`; `path` is for messages. If the data set changed, `places`
+    /// has for each photo its index in the checkpoint, and photos without one start unchanged.
     ///
     /// # Errors
     /// A tensor is damaged, or of another number of photos.
-    pub(super) fn take(checkpoint: &mut Checkpoint, photos: usize, path: &Path) -> Result<Self, IoError> {
+    pub(super) fn take(
+        checkpoint: &mut Checkpoint,
+        photos: usize,
+        places: Option<&[Option<usize>]>,
+        path: &Path,
+    ) -> Result<Self, IoError> {
         if !checkpoint.tensors.contains_key(TENSORS[0]) {
             return Ok(Self::Unchanged);
         }
         let [rows, moments] = TENSORS;
         let saved: [Vec<f32>; 2] = [checkpoint.take(rows, &[12], path)?, checkpoint.take(moments, &[24], path)?];
+        if let Some(places) = places {
+            return Ok(Self::Saved(replaced(&saved, places)));
+        }
         if [saved[0].len() / 12, saved[1].len() / 24] != [photos; 2] {
             let what = format!("has exposures of {} photos, but the data set has {photos}", saved[0].len() / 12);
             return Err(IoError::new(path, what));
@@ -85,6 +94,15 @@ impl FirstExposures {
         }
         Ok(Some(out))
     }
+}
+
+/// Rows of exposures and their moments in another order of photos; those of no photo before are as at the start.
+fn replaced([rows, moments]: &[Vec<f32>; 2], places: &[Option<usize>]) -> [Vec<f32>; 2] {
+    let unchanged = NO_EXPOSURE.as_flattened();
+    let row = |place: &Option<usize>| place.and_then(|k| rows.get(12 * k..12 * k + 12)).unwrap_or(unchanged).to_vec();
+    let moment =
+        |place: &Option<usize>| place.and_then(|k| moments.get(24 * k..24 * k + 24)).unwrap_or(&[0.0; 24]).to_vec();
+    [places.iter().flat_map(row).collect(), places.iter().flat_map(moment).collect()]
 }
 
 /// Puts exposures into a checkpoint. The device must be idle.

@@ -18,6 +18,7 @@ pub mod initial;
 pub mod interrupt;
 pub mod memory;
 pub mod observer;
+mod same_data;
 pub mod sensitivity;
 mod start;
 pub mod state_file;
@@ -31,6 +32,7 @@ pub mod views;
 
 pub use error::TrainError;
 pub use observer::{TrainMessage, TrainObserver};
+pub use same_data::check_finished;
 pub use sensitivity::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras, write_small};
 pub use start::{leave_out_masked, read_dataset, unused_masks};
 pub use trainer::{TrainJob, Trained, train};

@@ -7,7 +7,7 @@ use instgs_io::checkpoint::{self, Checkpoint};
 use instgs_io::dataset::{Dataset, MissingPhotos, Split, leave_out_missing, read_views};
 use instgs_io::point_cloud::{advice_without_points, read_points};
 use instgs_io::view_image::IGNORED;
-use instgs_io::{IoError, MaskFolder, View, load_scene};
+use instgs_io::{Fingerprint, IoError, MaskFolder, View, load_scene};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
@@ -20,6 +20,7 @@ use super::error::TrainError;
 use super::exposures::FirstExposures;
 use super::given::given_cloud;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
+use super::same_data::{self, SameData};
 use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
 use super::trainer::TrainJob;
 use super::view_store::{self, PrefetchLimits};
@@ -38,6 +39,8 @@ pub(super) struct TrainData {
     pub(super) points: PointCloud,
     /// Scene extent, scene units.
     pub(super) extent: f64,
+    /// What tells this data set from another; filled before the first step.
+    pub(super) print: Fingerprint,
     /// Warnings for the user before the first step, one line each.
     pub(super) warnings: Vec<String>,
 }
@@ -137,7 +140,7 @@ pub(super) fn read_data(folder: &Path, config: &TrainConfig, needs_points: bool)
     };
     let cameras: Vec<Camera> = train.iter().map(|v| v.camera.clone()).collect();
     let extent = scene_extent(&cameras, &points);
-    Ok(TrainData { train, test, points, extent, warnings })
+    Ok(TrainData { train, test, points, extent, print: Fingerprint::default(), warnings })
 }
 
 /// Reads the views that a run trains on and is judged by: those with photos, and with the masks of pixels that the
@@ -210,10 +213,17 @@ pub(super) fn load_all(
     let config = &job.config;
     let resumed = find_checkpoint(job)?;
     let mut data = read_data(&job.data, config, needs_points(config, &resumed))?;
+    data.print = same_data::fingerprint(job, &data)?;
+    let same = match &resumed.found {
+        Some((_, checkpoint)) => same_data::check(job, checkpoint, &data.print)?,
+        None => SameData::default(),
+    };
+    data.warnings.extend(same.warning);
+    let places = same.places.as_deref();
     let variant = Variant::for_device(gpu.caps());
     let start = match config.method {
-        Method::Gaussians => first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?,
-        Method::Instanced => first_instanced(gpu, job, resumed, &mut data, variant.workgroup_size)?,
+        Method::Gaussians => first_state(gpu, config, resumed, &mut data, places, variant.workgroup_size)?,
+        Method::Instanced => first_instanced(gpu, job, resumed, &mut data, places, variant.workgroup_size)?,
     };
     let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
     data.warnings.extend(doubts(&cameras, &data.points, data.extent, config.near));
@@ -263,18 +273,19 @@ pub(super) struct Start {
     pub(super) exposures: FirstExposures,
 }
 
-/// Makes the device state that a run starts from.
+/// Makes the device state that a run starts from; `places` as in [`SameData`].
 pub(super) fn first_state(
     gpu: &Arc<Gpu>,
     config: &TrainConfig,
     resumed: Resumed,
     data: &mut TrainData,
+    places: Option<&[Option<usize>]>,
     chunk_size: u32,
 ) -> Result<Start, TrainError> {
     data.warnings.extend(resumed.warnings);
     if let Some((path, mut found)) = resumed.found {
         let (step, due) = (found.step, densification_is_due(&found));
-        let exposures = FirstExposures::take(&mut found, data.train.len(), &path)?;
+        let exposures = FirstExposures::take(&mut found, data.train.len(), places, &path)?;
         let state = from_checkpoint(gpu, found, &path, chunk_size)?;
         return Ok(Start { state, step, due, exposures });
     }
@@ -297,12 +308,14 @@ pub(super) fn first_state(
     Ok(Start { state, step: 0, due: false, exposures: FirstExposures::Unchanged })
 }
 
-/// The merged scene that the joint phase starts from, with the checkpoint's values if there is one.
+/// The merged scene that the joint phase starts from, with the checkpoint's values if there is one; `places` as in
+/// [`SameData`].
 fn first_instanced(
     gpu: &Arc<Gpu>,
     job: &TrainJob,
     resumed: Resumed,
     data: &mut TrainData,
+    places: Option<&[Option<usize>]>,
     chunk_size: u32,
 ) -> Result<Start, TrainError> {
     data.warnings.extend(resumed.warnings);
@@ -327,7 +340,7 @@ fn first_instanced(
         return Ok(Start { state, step: 0, due: false, exposures });
     };
     let (step, due) = (found.step, densification_is_due(&found));
-    let exposures = FirstExposures::take(&mut found, data.train.len(), &path)?;
+    let exposures = FirstExposures::take(&mut found, data.train.len(), places, &path)?;
     restore(gpu, &mut state, found, &path)?;
     Ok(Start { state, step, due, exposures })
 }
@@ -447,7 +460,14 @@ mod tests {
         let out = folder.path().to_path_buf();
         let needs = |sets: &[&str], resume: bool| {
             let config = with(&[&["sh_degree=2"], sets].concat())?;
-            let job = TrainJob { data: out.clone(), out: out.clone(), config, config_file: None, resume };
+            let job = TrainJob {
+                data: out.clone(),
+                out: out.clone(),
+                config,
+                config_file: None,
+                resume,
+                accept_changed_data: false,
+            };
             Ok::<_, Box<dyn std::error::Error>>(needs_points(&job.config, &find_checkpoint(&job)?))
         };
         assert!(needs(&[], false)? && needs(&[], true)?);
@@ -460,7 +480,9 @@ mod tests {
         // A damaged checkpoint gives a warning, and points are needed again.
         std::fs::write(&path, "x")?;
         assert!(needs(&[], true)?);
-        let job = TrainJob { data: out.clone(), out: out.clone(), config: with(&[])?, config_file: None, resume: true };
+        let config = with(&[])?;
+        let job =
+            TrainJob { data: out.clone(), out, config, config_file: None, resume: true, accept_changed_data: false };
         assert_eq!(find_checkpoint(&job)?.warnings.len(), 1);
         Ok(())
     }

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use instgs_eval::{EvalReport, Evaluated};
 use instgs_io::json::write_json;
-use instgs_io::{IoError, RunFolder, View, atomic_write, checkpoint, write_ply, write_scene_file};
+use instgs_io::{Fingerprint, IoError, RunFolder, View, atomic_write, checkpoint, write_ply, write_scene_file};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::optim::{Adam, ExposureStep};
@@ -23,6 +23,7 @@ use super::facts::{Bytes, Counts, DatasetFacts, StageTime, TrainFacts};
 use super::interrupt::Interrupt;
 use super::memory::memory_uses;
 use super::observer::{TrainMessage, TrainObserver};
+use super::same_data;
 use super::start::{Loaded, Start, TrainData, load_all};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
@@ -50,6 +51,8 @@ pub struct TrainJob {
     pub config_file: Option<String>,
     /// Whether to resume from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
+    /// Whether to resume although photos, masks or cameras are not those of the checkpoint.
+    pub accept_changed_data: bool,
 }
 
 impl TrainJob {
@@ -80,6 +83,7 @@ struct Run<'a> {
     extent: f64,
     views: TrainViews,
     test: &'a [View],
+    print: Fingerprint,
     runner: StepRunner,
     state: DeviceState,
     order: ViewOrder,
@@ -340,6 +344,7 @@ impl<'a> Run<'a> {
             order: ViewOrder::new(config.seed, views.len()),
             views,
             test: &data.test,
+            print: data.print.clone(),
             runner,
             state,
             times: StepTimes::default(),
@@ -444,7 +449,9 @@ impl<'a> Run<'a> {
     /// Writes a checkpoint. `due` says that the densification after `done` steps is still to be done.
     fn save_checkpoint(&mut self, done: u64, due: bool) -> Result<PathBuf, TrainError> {
         let folder = self.job.folder().checkpoints();
-        let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &mut self.state, done, due)?)?;
+        let mut state = to_checkpoint(self.gpu, &mut self.state, done, due)?;
+        same_data::put(&self.print, &mut state.metadata);
+        let path = checkpoint::save(&folder, &state)?;
         checkpoint::prune(&folder, checkpoint::KEEP)?;
         Ok(path)
     }

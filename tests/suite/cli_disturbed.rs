@@ -1,0 +1,160 @@
+//! Trainings that are killed, interrupted and disturbed, as a user may.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::common::dataset::{photograph, write_points};
+use crate::common::paddock::embedded_scene;
+use crate::common::program::{built, error_of, program, skips_gpu};
+use assert_cmd::Command;
+use instgs_io::{checkpoint, read_exposures};
+use instgs_vk::scene::trajectory::Orbit;
+
+/// A folder with `data`: 12 photos, two of them for test, and points.
+fn folder() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path().to_path_buf();
+    let scene = embedded_scene();
+    photograph(program(), &scene, &Orbit::around(&scene, None).cameras(12, (96, 54)), &at);
+    write_points(&scene.flatten(), 20, &at.join("data/points3d.ply"));
+    (folder, at)
+}
+
+/// Checkpoints at steps of a report and between two of them.
+const OPTIONS: [&str; 12] = [
+    "--config",
+    "quick",
+    "--steps",
+    "96",
+    "--max-gaussians",
+    "1200",
+    "--set",
+    "checkpoint_every=16",
+    "--set",
+    "densify.start=10",
+    "--set",
+    "densify.every=8",
+];
+
+fn arguments(at: &Path, out: &str, more: &[&str]) -> Vec<String> {
+    let path = |name: &str| at.join(name).display().to_string();
+    let given = ["train".into(), "--data".into(), path("data"), "--out".into(), path(out)];
+    given.into_iter().chain(OPTIONS.iter().chain(more).map(|text| (*text).to_owned())).collect()
+}
+
+fn train(at: &Path, out: &str, more: &[&str]) -> Command {
+    let mut command = program();
+    command.args(arguments(at, out, more));
+    command
+}
+
+fn start(at: &Path, out: &str, more: &[&str]) -> Child {
+    let mut command = std::process::Command::new(built("instgs-vk"));
+    command.args(arguments(at, out, more)).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+/// Waits until a checkpoint of `step` steps, or of more, is there.
+fn wait_for(at: &Path, out: &str, step: u64, child: &mut Child) {
+    let step_of = |path: PathBuf| {
+        let name = path.file_stem()?.to_string_lossy().into_owned();
+        name.strip_prefix("step_")?.parse::<u64>().ok()
+    };
+    let folder = at.join(out).join("checkpoints");
+    let reached = || fs::read_dir(&folder).is_ok_and(|f| f.flatten().any(|e| step_of(e.path()) >= Some(step)));
+    let start = Instant::now();
+    while !reached() {
+        assert!(start.elapsed() < Duration::from_secs(120), "no checkpoint of step {step}");
+        assert!(child.try_wait().unwrap().is_none(), "it ended before step {step}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Trains until there is a checkpoint of `step` steps, and kills it.
+fn killed_after(at: &Path, out: &str, step: u64, more: &[&str]) {
+    let mut child = start(at, out, more);
+    wait_for(at, out, step, &mut child);
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+fn scene_bytes(at: &Path, out: &str) -> Vec<u8> {
+    fs::read(at.join(out).join("scene.instgs")).unwrap()
+}
+
+/// The checkpoint after the last step.
+fn last_checkpoint(at: &Path, out: &str) -> Vec<u8> {
+    fs::read(at.join(out).join("checkpoints").join(checkpoint::file_name(96))).unwrap()
+}
+
+/// A photo that was exchanged, a mask, a camera, or a view that is gone: the run says so and does not go on, unless that is
+/// wanted. As it was, it goes on to the bytes of the uninterrupted run.
+#[test]
+fn a_changed_data_set_is_refused_or_accepted() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    let exposures = ["--set", "exposure.rate=1e-2"];
+    train(&at, "whole", &exposures).assert().success();
+    killed_after(&at, "run", 32, &exposures);
+    let config = fs::read(at.join("run/config.toml")).unwrap();
+    let refused = |words: &[&str]| {
+        let text = error_of(&mut train(&at, "run", &["--resume"]));
+        words.iter().chain(&["--accept-changed-data"]).for_each(|word| assert!(text.contains(word), "{word}: {text}"));
+        assert!(fs::read(at.join("run/config.toml")).unwrap() == config && !at.join("run/scene.instgs").exists());
+    };
+    // Two photos are exchanged: as many as before, and of the same size.
+    let photo = |name: &str| at.join("data/images").join(name);
+    let exchange = || {
+        fs::rename(photo("003.png"), photo("x.png")).unwrap();
+        fs::rename(photo("005.png"), photo("003.png")).unwrap();
+        fs::rename(photo("x.png"), photo("005.png")).unwrap();
+    };
+    exchange();
+    refused(&["003.png", "photo", "2 changes", "step "]);
+    exchange();
+    let transforms = at.join("data/transforms.json");
+    let good = fs::read_to_string(&transforms).unwrap();
+    let mut views: serde_json::Value = serde_json::from_str(&good).unwrap();
+    let place = &mut views["frames"][4]["transform_matrix"][0][3];
+    *place = (place.as_f64().unwrap() + 0.01).into();
+    fs::write(&transforms, views.to_string()).unwrap();
+    refused(&["004.png", "its camera changed"]);
+    fs::write(&transforms, &good).unwrap();
+    let points = at.join("data/points3d.ply");
+    fs::rename(&points, at.join("points")).unwrap();
+    refused(&["extent", "points"]);
+    fs::rename(at.join("points"), &points).unwrap();
+
+    // Of another run the photo is exchanged and one is gone, and that is wanted.
+    copy_folder(&at.join("run"), &at.join("other"));
+    let kept = fs::read(photo("003.png")).unwrap();
+    fs::copy(photo("005.png"), photo("003.png")).unwrap();
+    fs::rename(photo("007.png"), at.join("007.png")).unwrap();
+    let accepted = train(&at, "other", &["--resume", "--accept-changed-data"]).assert().success();
+    let said = String::from_utf8(accepted.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("003.png") && said.contains("continuing on the changed data set"), "{said}");
+    let exposed = read_exposures(&at.join("other/exposures.json")).unwrap();
+    assert_eq!(exposed.len() + 1, read_exposures(&at.join("whole/exposures.json")).unwrap().len());
+    // What was accepted is what the run now has.
+    train(&at, "other", &["--resume", "--steps", "100"]).assert().success();
+    fs::write(photo("003.png"), kept).unwrap();
+    fs::rename(at.join("007.png"), photo("007.png")).unwrap();
+
+    train(&at, "run", &["--resume"]).assert().success();
+    assert!(last_checkpoint(&at, "run") == last_checkpoint(&at, "whole"));
+    assert!(scene_bytes(&at, "run") == scene_bytes(&at, "whole"));
+}
+
+fn copy_folder(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().map(|entry| entry.unwrap()) {
+        let target = to.join(entry.file_name());
+        match entry.file_type().unwrap().is_dir() {
+            true => copy_folder(&entry.path(), &target),
+            false => drop(fs::copy(entry.path(), target).unwrap()),
+        }
+    }
+}
