@@ -1,6 +1,7 @@
 //! Trainings that are killed, interrupted and disturbed, as a user may.
 
 use std::fs;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
@@ -11,6 +12,7 @@ use crate::common::program::{built, error_of, program, skips_gpu};
 use assert_cmd::Command;
 use instgs_io::{checkpoint, read_exposures};
 use instgs_vk::scene::trajectory::Orbit;
+use serde_json::Value;
 
 /// A folder with `data`: 12 photos, two of them for test, and points.
 fn folder() -> (tempfile::TempDir, PathBuf) {
@@ -117,7 +119,7 @@ fn a_changed_data_set_is_refused_or_accepted() {
     exchange();
     let transforms = at.join("data/transforms.json");
     let good = fs::read_to_string(&transforms).unwrap();
-    let mut views: serde_json::Value = serde_json::from_str(&good).unwrap();
+    let mut views: Value = serde_json::from_str(&good).unwrap();
     let place = &mut views["frames"][4]["transform_matrix"][0][3];
     *place = (place.as_f64().unwrap() + 0.01).into();
     fs::write(&transforms, views.to_string()).unwrap();
@@ -157,4 +159,67 @@ fn copy_folder(from: &Path, to: &Path) {
             false => drop(fs::copy(entry.path(), target).unwrap()),
         }
     }
+}
+
+/// The events of a log as `docs/reliability.md` compares them: without times, and without the lines of processes that went on or
+/// were asked to stop; of the path of a checkpoint the file's name.
+fn comparable_events(at: &Path, out: &str) -> Vec<Value> {
+    let text = fs::read_to_string(at.join(out).join("events.jsonl")).unwrap();
+    assert!(text.ends_with('\n'));
+    let comparable = |line: &str| {
+        let mut event: Value = serde_json::from_str(line).unwrap();
+        let fields = event.as_object_mut().unwrap();
+        fields.remove("seconds");
+        fields.remove("steps_per_second");
+        if let Some(path) = fields.get_mut("path") {
+            *path = Path::new(path.as_str().unwrap()).file_name().unwrap().to_string_lossy().into();
+        }
+        let is_of_process = event["resumed"] == true || event["interrupted"] == true;
+        (!is_of_process).then_some(event)
+    };
+    text.lines().filter_map(comparable).collect()
+}
+
+/// Killed while it is evaluated, between reports and before a densification, with a line cut off, and stopped by Ctrl-C: the
+/// log is that of the uninterrupted run.
+#[cfg(unix)]
+#[test]
+fn the_log_of_a_killed_run_is_that_of_an_uninterrupted_one() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    let often = ["--set", "eval_every=16", "--set", "sh_every=24", "--set", "exposure.rate=1e-2"];
+    train(&at, "whole", &often).assert().success();
+    let whole = comparable_events(&at, "whole");
+    let has = |kind: &str| whole.iter().filter(|event| event["event"] == kind).count();
+    assert_eq!(["step", "checkpoint", "evaluated", "finished"].map(has), [10, 6, 6, 1], "{whole:?}");
+    assert!(has("densified") > 2 && has("sh_degree") > 1, "{whole:?}");
+    // Before the first checkpoint: all of it begins anew.
+    let mut child = start(&at, "run", &often);
+    while !fs::read_to_string(at.join("run/events.jsonl")).is_ok_and(|text| text.contains("started")) {
+        assert!(child.try_wait().unwrap().is_none());
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let resume = [&often[..], &["--resume"]].concat();
+    for step in [16, 32, 48] {
+        killed_after(&at, "run", step, &resume);
+        let mut log = fs::OpenOptions::new().append(true).open(at.join("run/events.jsonl")).unwrap();
+        log.write_all(br#"{"event":"step","step":"#).unwrap();
+    }
+    // Asked to stop at a step of no report.
+    let mut child = start(&at, "run", &resume);
+    wait_for(&at, "run", 64, &mut child);
+    let stopped = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(stopped.success() && !child.wait().unwrap().success());
+    train(&at, "run", &resume).assert().success();
+    let run = comparable_events(&at, "run");
+    let differs = whole.iter().zip(&run).find(|(a, b)| a != b);
+    assert!(whole == run, "{} and {} events; {differs:?}", whole.len(), run.len());
+    assert!(last_checkpoint(&at, "run") == last_checkpoint(&at, "whole"));
+    // Started again when all is done, it ends as it did.
+    train(&at, "run", &resume).assert().success();
+    assert!(comparable_events(&at, "run") == whole);
 }

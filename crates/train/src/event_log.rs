@@ -16,12 +16,14 @@ pub struct EventLog {
     file: BufWriter<File>,
 }
 
-/// Numbers of lines that were dropped when a log was resumed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Dropped {
-    /// Events after the checkpoint's step, which will happen again.
+/// What became of the lines of a log that was resumed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Kept {
+    /// The events that were kept, in order.
+    pub events: Vec<Event>,
+    /// Number of events dropped that are of later steps, which will happen again.
     pub later: usize,
-    /// Lines that are not events, such as a last line cut off by a crash.
+    /// Number of lines dropped that are not events, such as a last line cut off by a crash.
     pub damaged: usize,
 }
 
@@ -35,30 +37,45 @@ impl EventLog {
         Ok(Self { path: path.into(), file: BufWriter::new(file) })
     }
 
-    /// Opens the log of a run that continues after `step` finished steps: keeps the events up to that step, in order
-    /// and unchanged, and drops the rest. A missing file counts as empty.
+    /// Opens the log of a run that continues after `step` finished steps: keeps the lines for which `choose` gives true, in
+    /// order and unchanged, and drops the rest. `choose` gets all events, and gives one value for each. A missing file counts as
+    /// empty.
     ///
     /// # Errors
     /// The file cannot be read or written; then it is unchanged.
-    pub fn resume(path: &Path, step: u64) -> Result<(Self, Dropped), IoError> {
+    pub fn resume(
+        path: &Path,
+        step: u64,
+        choose: &mut dyn FnMut(&[Event]) -> Vec<bool>,
+    ) -> Result<(Self, Kept), IoError> {
         let bytes = if path.exists() { read_bytes(path)? } else { Vec::new() };
-        let (mut kept, mut dropped) = (Vec::with_capacity(bytes.len()), Dropped::default());
+        let (mut whole, mut events, mut kept) = (Vec::new(), Vec::new(), Kept::default());
         for line in lines(&bytes) {
             match line.event() {
-                Some(event) if event.step() <= step => {
-                    kept.extend_from_slice(line.bytes);
-                    kept.push(b'\n');
+                Some(event) => {
+                    whole.push(line.bytes);
+                    events.push(event);
                 }
-                Some(_) => dropped.later += 1,
-                None => dropped.damaged += 1,
+                None => kept.damaged += 1,
             }
         }
-        if kept != bytes {
-            atomic_write(path, |out| out.write_all(&kept))?;
+        let chosen = choose(&events);
+        let mut text = Vec::with_capacity(bytes.len());
+        for ((line, event), stays) in whole.into_iter().zip(events).zip(chosen) {
+            if stays {
+                text.extend_from_slice(line);
+                text.push(b'\n');
+                kept.events.push(event);
+            } else {
+                kept.later += usize::from(event.step() > step);
+            }
+        }
+        if text != bytes {
+            atomic_write(path, |out| out.write_all(&text))?;
         }
         let file = OpenOptions::new().append(true).create(true).open(path);
         let file = file.map_err(|e| IoError::os(path, "cannot write", &e))?;
-        Ok((Self { path: path.into(), file: BufWriter::new(file) }, dropped))
+        Ok((Self { path: path.into(), file: BufWriter::new(file) }, kept))
     }
 }
 
@@ -160,6 +177,10 @@ mod tests {
         Ok(())
     }
 
+    fn resume(path: &Path, step: u64) -> Result<(EventLog, Kept), IoError> {
+        EventLog::resume(path, step, &mut |events| events.iter().map(|event| event.step() <= step).collect())
+    }
+
     /// For every length that a crash may leave: a log resumed at step 3 and continued equals that of a run without the
     /// crash, except for events that had not reached the file.
     #[test]
@@ -171,14 +192,15 @@ mod tests {
         for length in 0..=bytes.len() {
             fs::write(&path, &bytes[..length])?;
             let lines = bytes[..length].iter().filter(|&&b| b == b'\n').count();
-            let (mut log, dropped) = EventLog::resume(&path, 3)?;
+            let (mut log, kept) = resume(&path, 3)?;
             log.event(&step(4))?;
             drop(log);
             let mut want = sample()[..lines.min(4)].to_vec();
             want.push(step(4));
             assert_eq!(read_events(&path)?, want, "cut at {length}");
             let cut = usize::from(length > 0 && bytes[length - 1] != b'\n');
-            assert_eq!(dropped, Dropped { later: lines.saturating_sub(4), damaged: cut });
+            let events = sample()[..lines.min(4)].to_vec();
+            assert_eq!(kept, Kept { events, later: lines.saturating_sub(4), damaged: cut });
         }
         Ok(())
     }
@@ -203,8 +225,8 @@ mod tests {
         fs::write(&path, [fs::read(&path)?, b"{\"event\":\"x\"}\n".to_vec()].concat())?;
         let error = read_events(&path).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(error.contains("line 2"), "{error}");
-        let (_, dropped) = EventLog::resume(&path, 9)?;
-        assert_eq!(dropped, Dropped { later: 0, damaged: 1 });
+        let (_, kept) = resume(&path, 9)?;
+        assert_eq!((kept.events.len(), kept.later, kept.damaged), (1, 0, 1));
         assert_eq!(read_events(&path)?.len(), 1);
         Ok(())
     }

@@ -20,6 +20,7 @@ use super::error::TrainError;
 use super::exposures::FirstExposures;
 use super::given::given_cloud;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
+use super::log_state::LogState;
 use super::same_data::{self, SameData};
 use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
 use super::trainer::TrainJob;
@@ -221,10 +222,14 @@ pub(super) fn load_all(
     data.warnings.extend(same.warning);
     let places = same.places.as_deref();
     let variant = Variant::for_device(gpu.caps());
-    let start = match config.method {
+    let mut start = match config.method {
         Method::Gaussians => first_state(gpu, config, resumed, &mut data, places, variant.workgroup_size)?,
         Method::Instanced => first_instanced(gpu, job, resumed, &mut data, places, variant.workgroup_size)?,
     };
+    if places.is_some() {
+        // They count by the views of before.
+        start.log.losses.clear();
+    }
     let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
     data.warnings.extend(doubts(&cameras, &data.points, data.extent, config.near));
     data.warnings.iter().try_for_each(|warning| warn(warning))?;
@@ -271,6 +276,8 @@ pub(super) struct Start {
     pub(super) due: bool,
     /// What the exposures of the photos begin with.
     pub(super) exposures: FirstExposures,
+    /// What the log goes on from.
+    pub(super) log: LogState,
 }
 
 /// Makes the device state that a run starts from; `places` as in [`SameData`].
@@ -285,9 +292,10 @@ pub(super) fn first_state(
     data.warnings.extend(resumed.warnings);
     if let Some((path, mut found)) = resumed.found {
         let (step, due) = (found.step, densification_is_due(&found));
+        let log = LogState::take(&mut found, &path)?;
         let exposures = FirstExposures::take(&mut found, data.train.len(), places, &path)?;
         let state = from_checkpoint(gpu, found, &path, chunk_size)?;
-        return Ok(Start { state, step, due, exposures });
+        return Ok(Start { state, step, due, exposures, log });
     }
     let (degree, shape) = (config.sh_degree, InitialShape::new(config));
     let cloud = match (&config.init_scene, config.init) {
@@ -305,7 +313,7 @@ pub(super) fn first_state(
     };
     let cloud = capped(cloud, most_at_first(config), &mut data.warnings);
     let state = DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?;
-    Ok(Start { state, step: 0, due: false, exposures: FirstExposures::Unchanged })
+    Ok(Start { state, step: 0, due: false, exposures: FirstExposures::Unchanged, log: LogState::default() })
 }
 
 /// The merged scene that the joint phase starts from, with the checkpoint's values if there is one; `places` as in
@@ -337,12 +345,13 @@ fn first_instanced(
     let mut state = DeviceState::new(gpu, &scene, chunk_size)?;
     let Some((path, mut found)) = resumed.found else {
         let exposures = FirstExposures::of_plain_cloud(&job.folder())?;
-        return Ok(Start { state, step: 0, due: false, exposures });
+        return Ok(Start { state, step: 0, due: false, exposures, log: LogState::default() });
     };
     let (step, due) = (found.step, densification_is_due(&found));
+    let log = LogState::take(&mut found, &path)?;
     let exposures = FirstExposures::take(&mut found, data.train.len(), places, &path)?;
     restore(gpu, &mut state, found, &path)?;
-    Ok(Start { state, step, due, exposures })
+    Ok(Start { state, step, due, exposures, log })
 }
 
 /// The largest number of Gaussians that training may start from. If the strategy adds Gaussians, points give at most
