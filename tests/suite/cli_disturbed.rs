@@ -223,3 +223,64 @@ fn the_log_of_a_killed_run_is_that_of_an_uninterrupted_one() {
     train(&at, "run", &resume).assert().success();
     assert!(comparable_events(&at, "run") == whole);
 }
+
+/// The log, and then the whole folder, are removed while the run goes on: it ends with all its results.
+#[cfg(unix)]
+#[test]
+fn a_folder_removed_in_the_middle_is_made_again() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    train(&at, "whole", &[]).assert().success();
+    for removed in ["log/events.jsonl", "folder"] {
+        let out = removed.split('/').next().unwrap();
+        let mut child = start(&at, out, &[]);
+        wait_for(&at, out, 32, &mut child);
+        let path = at.join(removed);
+        match path.is_dir() {
+            // A file that appears meanwhile makes the removal fail.
+            true => while fs::remove_dir_all(&path).is_err_and(|e| e.kind() != std::io::ErrorKind::NotFound) {},
+            false => fs::remove_file(&path).unwrap(),
+        }
+        let output = child.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{removed}: {said}");
+        assert!(said.lines().all(|line| line.starts_with("warning: ")) && said.contains("was removed"), "{said}");
+        assert!(scene_bytes(&at, out) == scene_bytes(&at, "whole"), "{removed}");
+        assert!(comparable_events(&at, out) == comparable_events(&at, "whole"), "{removed}");
+        for file in ["config.toml", "report.json", "report.html", "trained.json", "point_cloud.ply"] {
+            assert!(at.join(out).join(file).is_file(), "{removed}: {file}");
+        }
+    }
+}
+
+/// Too little device memory: one line with the budget, what memory is used for, and what would fit.
+#[test]
+fn what_would_fit_is_said_when_memory_runs_out() {
+    if skips_gpu() {
+        return;
+    }
+    let (_folder, at) = folder();
+    let with = |out: &str, mb: u64| train(&at, out, &["--set", &format!("device_memory_mb={mb}")]);
+    let mut advised = 0;
+    let enough = (0..8).map(|k| 1 << k).find(|&budget: &u64| {
+        let output = with(&format!("run{budget}"), budget).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        if output.status.success() {
+            return true;
+        }
+        let errors: Vec<&str> = said.lines().filter(|line| line.starts_with("error: ")).collect();
+        assert_eq!(errors.len(), 1, "{said}");
+        let words = ["out of device memory for ", &format!("the budget is {budget}.0 MiB, and "), " MiB are in use ("];
+        words.iter().for_each(|word| assert!(errors[0].contains(word), "{word}: {said}"));
+        // Before the first step too little is known for advice.
+        if let Some((_, least)) = errors[0].split_once("device_memory_mb=") {
+            let least: u64 = least.split(')').next().unwrap().parse().unwrap();
+            assert!(least > budget, "{said}");
+            advised += 1;
+        }
+        false
+    });
+    assert!(enough.is_some_and(|budget| budget > 8) && advised > 1, "{enough:?} MiB, {advised} times with advice");
+}

@@ -74,7 +74,7 @@ pub use nerf_write::write_transforms;
 pub use ply::{read_ply, write_ply};
 pub use point_cloud::{LoadedPoints, read_points, write_points};
 pub use run_folder::RunFolder;
-pub use run_lock::RunLock;
+pub use run_lock::{RunLock, is_at};
 pub use scene_export::{ExportFormat, ExportedScene, export_scene};
 pub use scene_file::read_scene_file;
 pub use scene_load::{LoadedScene, load_scene, save_scene};

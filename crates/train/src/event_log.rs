@@ -1,19 +1,21 @@
 //! The log of a run, `RUN/events.jsonl`: one event per line.
 
 use std::fs::{File, OpenOptions};
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use super::events::{Event, EventSink};
-use instgs_io::{IoError, Place, atomic_write, read_bytes};
+use instgs_io::{IoError, Place, atomic_write, is_at, read_bytes};
 
 /// Appends events to a file. A checkpoint relies on the events before it, and they are in the file only once
 /// [`Self::flush`] was called: flush before a checkpoint is written. Events other than steps and overflows flush by
-/// themselves.
+/// themselves. If the file or its folder is removed meanwhile, it is then written anew as it was.
 #[derive(Debug)]
 pub struct EventLog {
     path: PathBuf,
     file: BufWriter<File>,
+    /// Whether the file was written anew since [`Self::was_restored`] was last asked.
+    restored: bool,
 }
 
 /// What became of the lines of a log that was resumed.
@@ -33,8 +35,8 @@ impl EventLog {
     /// # Errors
     /// The file cannot be written.
     pub fn create(path: &Path) -> Result<Self, IoError> {
-        let file = File::create(path).map_err(|e| IoError::os(path, "cannot write", &e))?;
-        Ok(Self { path: path.into(), file: BufWriter::new(file) })
+        atomic_write(path, |_| Ok(()))?;
+        Self::open(path)
     }
 
     /// Opens the log of a run that continues after `step` finished steps: keeps the lines for which `choose` gives true, in
@@ -73,9 +75,41 @@ impl EventLog {
         if text != bytes {
             atomic_write(path, |out| out.write_all(&text))?;
         }
-        let file = OpenOptions::new().append(true).create(true).open(path);
+        Ok((Self::open(path)?, kept))
+    }
+
+    /// Opens the file, which may be missing, to append to it.
+    fn open(path: &Path) -> Result<Self, IoError> {
+        // Read again where it is removed.
+        let file = OpenOptions::new().read(true).append(true).create(true).open(path);
         let file = file.map_err(|e| IoError::os(path, "cannot write", &e))?;
-        Ok((Self { path: path.into(), file: BufWriter::new(file) }, kept))
+        Ok(Self { path: path.into(), file: BufWriter::new(file), restored: false })
+    }
+
+    /// Writes the file anew if its path no longer leads to it.
+    fn restore(&mut self) -> Result<(), IoError> {
+        if is_at(self.file.get_ref(), &self.path) {
+            return Ok(());
+        }
+        let fail = |e: std::io::Error| IoError::os(&self.path, "was removed and cannot be written anew", &e);
+        let (mut bytes, mut file) = (Vec::new(), self.file.get_ref());
+        file.rewind().and_then(|()| file.read_to_end(&mut bytes)).map_err(fail)?;
+        if let Some(folder) = self.path.parent() {
+            std::fs::create_dir_all(folder).map_err(fail)?;
+        }
+        atomic_write(&self.path, |out| out.write_all(&bytes))?;
+        *self = Self { restored: true, ..Self::open(&self.path)? };
+        Ok(())
+    }
+
+    /// True once after the file was removed and written anew.
+    pub fn was_restored(&mut self) -> bool {
+        std::mem::take(&mut self.restored)
+    }
+
+    /// Path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 }
 
@@ -92,7 +126,8 @@ impl EventSink for EventLog {
 
     /// Hands all events to the operating system, so that they survive the end of this process.
     fn flush(&mut self) -> Result<(), IoError> {
-        self.file.flush().map_err(|e| IoError::os(&self.path, "cannot write", &e))
+        self.file.flush().map_err(|e| IoError::os(&self.path, "cannot write", &e))?;
+        self.restore()
     }
 }
 
@@ -214,6 +249,30 @@ mod tests {
         assert!(read_events(&path)?.is_empty());
         log.event(&Event::Checkpoint { step: 1, path: "x".into() })?;
         assert_eq!(read_events(&path)?.len(), 2);
+        Ok(())
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_removed_log_is_written_anew() -> Test {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("run/events.jsonl");
+        fs::create_dir(folder.path().join("run"))?;
+        let checkpoint = |step| Event::Checkpoint { step, path: "x".into() };
+        let mut log = EventLog::create(&path)?;
+        let mut want = Vec::new();
+        for (number, removed) in [Some(path.clone()), None, Some(folder.path().join("run"))].into_iter().enumerate() {
+            let events = [step(number as u64 + 1), checkpoint(number as u64 + 1)];
+            match &removed {
+                Some(path) if path.is_dir() => fs::remove_dir_all(path)?,
+                Some(path) => fs::remove_file(path)?,
+                None => {}
+            }
+            events.iter().try_for_each(|event| log.event(event))?;
+            want.extend(events);
+            assert_eq!((log.was_restored(), log.was_restored()), (removed.is_some(), false));
+            assert_eq!(read_events(&path)?, want);
+        }
         Ok(())
     }
 

@@ -22,6 +22,7 @@ pub mod memory;
 pub mod observer;
 mod results;
 mod resumed_log;
+mod run_files;
 mod same_data;
 pub mod sensitivity;
 mod start;

@@ -23,10 +23,11 @@ use super::facts::{Bytes, Counts, DatasetFacts, StageTime, TrainFacts};
 use super::interrupt::Interrupt;
 use super::log_and_observer::LogAndObserver;
 use super::log_state::{LogState, Room};
-use super::memory::memory_uses;
+use super::memory::{Needs, memory_uses};
 use super::observer::{TrainMessage, TrainObserver};
 use super::results::{cleaned, evaluate_at_end, write_scene};
 use super::resumed_log::{Past, open_log};
+use super::run_files::RunFiles;
 use super::same_data;
 use super::start::{Loaded, Start, TrainData, load_all};
 use super::state_file::to_checkpoint;
@@ -96,6 +97,16 @@ struct Run<'a> {
     clock: Clock,
     /// What the log has of an earlier process.
     past: Past,
+    files: &'a RunFiles,
+}
+
+/// What a run begins with.
+struct Begin<'a> {
+    data: &'a TrainData,
+    variant: Variant,
+    start: Start,
+    views: TrainViews,
+    past: Past,
 }
 
 /// Why a checkpoint is written.
@@ -144,10 +155,11 @@ pub fn train(
     });
     let load = Instant::now();
     let phase = TrainJob { config: job.config.own_phase(), ..job.clone() };
-    let (Loaded { data, variant, start, views }, log, past) = load_for(gpu, job, &phase, observer)?;
+    let files = RunFiles::new(job.folder(), config_text(job)?);
+    let (Loaded { data, variant, start, views }, log, past) = load_for(gpu, &files, &phase, observer)?;
     let (job, first_step) = (&phase, start.step);
     let mut sink = LogAndObserver { log, observer };
-    let mut run = Run::new(gpu, job, &data, variant, start, views, past)?;
+    let mut run = Run::new(gpu, job, &files, Begin { data: &data, variant, start, views, past })?;
     let mut stages = vec![StageTime::since("load", load)];
     run.clock.reported.0 = first_step;
     run.announce(&mut sink, first_step, &data)?;
@@ -161,6 +173,7 @@ pub fn train(
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
     let mut scene = run.state.download(gpu)?;
+    files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
     scene.pixel_filter = job.config.pixel_filter();
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
@@ -214,24 +227,23 @@ pub fn train(
     Ok(Trained { scene, dropped_non_finite, pruned, interrupted, facts })
 }
 
-/// Writes the configuration of `job`, loads everything that the training of `phase` needs, and opens its log. If that fails
+/// The text of `config.toml`.
+fn config_text(job: &TrainJob) -> Result<String, TrainError> {
+    job.config_file.clone().map_or_else(|| Ok(job.config.to_toml()?), Ok)
+}
+
+/// Writes the first `files`, loads everything that the training of `phase` needs, and opens its log. If that fails
 /// the folder keeps the configuration that it had.
 fn load_for(
     gpu: &Arc<Gpu>,
-    job: &TrainJob,
+    files: &RunFiles,
     phase: &TrainJob,
     observer: &mut dyn TrainObserver,
 ) -> Result<(Loaded, EventLog, Past), TrainError> {
-    let folder = job.folder();
-    folder.create()?;
-    let path = folder.config();
+    let path = phase.folder().config();
     let before = std::fs::read(&path).ok();
-    let text = match &job.config_file {
-        Some(text) => text.clone(),
-        None => job.config.to_toml()?,
-    };
     // Written before pictures are read, which may take minutes, so that a run killed then can be resumed.
-    atomic_write(&path, |out| out.write_all(text.as_bytes()))?;
+    files.write()?;
     let loaded = load_all(gpu, phase, &mut |text| observer.notify(TrainMessage::Warning(text)));
     let opened = loaded.and_then(|loaded| {
         let (log, past) = open_log(phase, loaded.start.step, loaded.start.due, observer)?;
@@ -254,15 +266,8 @@ fn evaluated(step: u64, report: &EvalReport) -> Event {
 }
 
 impl<'a> Run<'a> {
-    fn new(
-        gpu: &'a Arc<Gpu>,
-        job: &'a TrainJob,
-        data: &'a TrainData,
-        variant: Variant,
-        start: Start,
-        views: TrainViews,
-        past: Past,
-    ) -> Result<Self, TrainError> {
+    fn new(gpu: &'a Arc<Gpu>, job: &'a TrainJob, files: &'a RunFiles, begin: Begin<'a>) -> Result<Self, TrainError> {
+        let Begin { data, variant, start, views, past } = begin;
         let config = &job.config;
         let mut runner = StepRunner::new(gpu, variant, views.largest_px(), true)?;
         let LogState { losses, room } = start.log;
@@ -285,6 +290,7 @@ impl<'a> Run<'a> {
             times: StepTimes::default(),
             clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses },
             past,
+            files,
         })
     }
 
@@ -376,6 +382,7 @@ impl<'a> Run<'a> {
         self.densify(done, sink)?;
         let pause = Instant::now();
         if config.checkpoints_at(done) || stop {
+            self.files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
             sink.flush()?;
             let path = self.save_checkpoint(done, Saving::Whole)?;
             sink.event(&Event::Checkpoint { step: done, path })?;
@@ -440,7 +447,25 @@ impl<'a> Run<'a> {
     /// Saves the state after `step` steps, and returns the error with the step and the checkpoint.
     fn given_up(&mut self, step: u64, error: TrainError, sink: &mut dyn EventSink) -> TrainError {
         let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step, Saving::Failed).ok());
-        TrainError::Step { step, error: Box::new(error), saved }
+        let remedy = self.remedy(&error);
+        TrainError::Step { step, error: Box::new(error), remedy, saved }
+    }
+
+    /// What would fit, if the error is that memory ran out.
+    fn remedy(&self, error: &TrainError) -> Option<String> {
+        let needs = Needs {
+            missing: error.missing_bytes()?,
+            gaussians: self.state.source_count() as u64,
+            gaussian_bytes: self.state_bytes(),
+            picture_bytes: self.views.bytes(),
+            budget_mb: self.job.config.device_memory_mb,
+        };
+        Some(needs.what_fits())
+    }
+
+    /// Bytes of the Gaussians on the device, with gradients and moments.
+    fn state_bytes(&self) -> u64 {
+        self.state.scene.bytes() + self.state.gradients.bytes() + self.state.moments.bytes()
     }
 
     fn report(&mut self, outcome: &StepOutcome, sink: &mut dyn EventSink) -> Result<(), TrainError> {
@@ -477,8 +502,7 @@ impl<'a> Run<'a> {
 
     /// True if a second copy of the state might exceed the device's memory or the budget.
     fn memory_is_tight(&self) -> bool {
-        let state = self.state.scene.bytes() + self.state.gradients.bytes() + self.state.moments.bytes();
-        self.gpu.memory_usage().0 + state > (self.gpu.memory_budget() as f64 * TIGHT) as u64
+        self.gpu.memory_usage().0 + self.state_bytes() > (self.gpu.memory_budget() as f64 * TIGHT) as u64
     }
 
     /// Clones, splits, prunes, and resets opacities if the schedule says so.
@@ -492,7 +516,10 @@ impl<'a> Run<'a> {
             None
         };
         let outcome = self.strategy.after_step(&mut self.state, config, done, self.extent);
-        let outcome = outcome.map_err(|error| TrainError::Step { step: done, error: Box::new(error.into()), saved })?;
+        let outcome = outcome.map_err(|error| {
+            let error: TrainError = error.into();
+            TrainError::Step { step: done, remedy: self.remedy(&error), error: Box::new(error), saved }
+        })?;
         let Some(outcome) = outcome else { return Ok(()) };
         if config.densifies_at(done) {
             sink.event(&Event::Densified {
