@@ -58,7 +58,7 @@ impl Memory {
         let (used, budget) = (self.current_bytes.load(Ordering::Relaxed), self.budget_bytes.load(Ordering::Relaxed));
         let needed = used.saturating_add(bytes);
         if needed > budget {
-            let reason = format!("the budget is {}, and {}", mebibytes(budget), uses(&allocator, used));
+            let reason = format!("the budget is {}, and {}", readable(budget), uses(&allocator, used));
             return Err(fail(needed - budget, reason));
         }
         let allocation = allocator
@@ -126,19 +126,20 @@ fn described<'a>(used: u64, allocations: impl Iterator<Item = (&'a str, u64)>) -
     largest.sort_by_key(|(_, (bytes, _))| std::cmp::Reverse(*bytes));
     let one = |(name, (bytes, count)): &(&str, (u64, usize))| {
         let times = if *count > 1 { format!("{count} times ") } else { String::new() };
-        format!("{times}{name} {}", mebibytes(*bytes))
+        format!("{times}{name}: {}", readable(*bytes))
     };
     let named: Vec<String> = largest.iter().take(NAMED).map(one).collect();
     let more = largest.len().saturating_sub(NAMED);
     match (named.is_empty(), more) {
         (true, _) => "nothing is in use".into(),
-        (false, 0) => format!("{} are in use ({})", mebibytes(used), named.join(", ")),
-        (false, _) => format!("{} are in use ({}, and {more} smaller uses)", mebibytes(used), named.join(", ")),
+        (false, 0) => format!("{} are in use ({})", readable(used), named.join("; ")),
+        (false, _) => format!("{} are in use ({}; {more} smaller uses)", readable(used), named.join("; ")),
     }
 }
 
-fn mebibytes(bytes: u64) -> String {
-    format!("{:.1} MiB", bytes as f64 / f64::from(1 << 20))
+fn readable(bytes: u64) -> String {
+    let (unit, name) = if bytes < 1 << 20 { (1 << 10, "KiB") } else { (1 << 20, "MiB") };
+    format!("{:.1} {name}", bytes as f64 / f64::from(unit))
 }
 
 #[cfg(test)]
@@ -149,10 +150,14 @@ mod tests {
     fn the_largest_uses_are_named() {
         let mib = |n: u64| n << 20;
         let two = [("pictures", mib(1)), ("keys", mib(5)), ("pictures", mib(6))];
-        assert_eq!(described(mib(12), two.into_iter()), "12.0 MiB are in use (2 times pictures 7.0 MiB, keys 5.0 MiB)");
+        assert_eq!(
+            described(mib(12), two.into_iter()),
+            "12.0 MiB are in use (2 times pictures: 7.0 MiB; keys: 5.0 MiB)"
+        );
         let many = ["a", "b", "c", "d", "e", "f"].into_iter().zip((1..=6).map(mib));
         let text = described(mib(21), many);
-        assert_eq!(text, "21.0 MiB are in use (f 6.0 MiB, e 5.0 MiB, d 4.0 MiB, c 3.0 MiB, and 2 smaller uses)");
+        assert_eq!(text, "21.0 MiB are in use (f: 6.0 MiB; e: 5.0 MiB; d: 4.0 MiB; c: 3.0 MiB; 2 smaller uses)");
+        assert_eq!(described(512, [("moments, all", 512)].into_iter()), "0.5 KiB are in use (moments, all: 0.5 KiB)");
         assert_eq!(described(0, [].into_iter()), "nothing is in use");
     }
 }

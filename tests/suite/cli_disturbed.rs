@@ -141,7 +141,7 @@ fn a_changed_data_set_is_refused_or_accepted() {
     let exposed = read_exposures(&at.join("other/exposures.json")).unwrap();
     assert_eq!(exposed.len() + 1, read_exposures(&at.join("whole/exposures.json")).unwrap().len());
     // What was accepted is what the run now has.
-    train(&at, "other", &["--resume", "--steps", "100"]).assert().success();
+    train(&at, "other", &["--resume"]).assert().success();
     fs::write(photo("003.png"), kept).unwrap();
     fs::rename(at.join("007.png"), photo("007.png")).unwrap();
 
@@ -272,7 +272,7 @@ fn what_would_fit_is_said_when_memory_runs_out() {
         }
         let errors: Vec<&str> = said.lines().filter(|line| line.starts_with("error: ")).collect();
         assert_eq!(errors.len(), 1, "{said}");
-        let words = ["out of device memory for ", &format!("the budget is {budget}.0 MiB, and "), " MiB are in use ("];
+        let words = ["out of device memory for ", &format!("the budget is {budget}.0 MiB, and "), "iB are in use ("];
         words.iter().for_each(|word| assert!(errors[0].contains(word), "{word}: {said}"));
         // Before the first step too little is known for advice.
         if let Some((_, least)) = errors[0].split_once("device_memory_mb=") {

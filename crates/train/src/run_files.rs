@@ -1,6 +1,5 @@
 //! The files of a run that are written before its first step, and again if someone removes them.
 
-
 use instgs_io::{IoError, RunFolder, atomic_write};
 
 /// The run folder and the text of its configuration.

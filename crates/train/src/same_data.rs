@@ -59,8 +59,8 @@ pub(super) fn check(job: &TrainJob, checkpoint: &Checkpoint, now: &Fingerprint) 
     if !job.accept_changed_data {
         return Err(TrainError::DataChanged { change: first, count, step: checkpoint.step });
     }
-    let more = if count > 1 { format!(", and {} other changes", count - 1) } else { String::new() };
-    let warning = format!("{first}{more}; continuing on the changed data set");
+    let more = if count > 1 { format!(" ({count} changes)") } else { String::new() };
+    let warning = format!("{first}; continuing on the changed data set{more}");
     Ok(SameData { places: Some(now.places_in(&earlier)), warning: Some(warning) })
 }
 
