@@ -128,3 +128,31 @@ pub(super) fn save(
         .collect();
     Ok(write_exposures(&folder.exposures(), &named)?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exposures_stay_with_their_photos() -> Result<(), Box<dyn std::error::Error>> {
+        let sample = || {
+            let mut checkpoint = Checkpoint::default();
+            checkpoint.put(TENSORS[0], &[2, 12], (0u8..24).map(f32::from).collect());
+            checkpoint.put(TENSORS[1], &[2, 24], (0u8..48).map(f32::from).collect());
+            checkpoint
+        };
+        let path = Path::new("c");
+        let error = FirstExposures::take(&mut sample(), 3, None, path).expect_err("another number of photos");
+        assert!(error.to_string().contains("exposures of 2 photos, but the data set has 3"), "{error}");
+        // The first photo was the second, one is new, and the place of the last is damaged.
+        let places = [Some(1), None, Some(0), Some(2)];
+        let taken = FirstExposures::take(&mut sample(), 4, Some(&places), path)?;
+        let FirstExposures::Saved([rows, moments]) = taken else { panic!("{taken:?}") };
+        assert_eq!((rows.len(), moments.len()), (4 * 12, 4 * 24));
+        assert_eq!(([rows[0], rows[24]], [moments[0], moments[48]]), ([12.0, 0.0], [24.0, 0.0]));
+        let unchanged = NO_EXPOSURE.as_flattened();
+        assert!(rows[12..24] == *unchanged && rows[36..] == *unchanged);
+        assert!(moments[24..48].iter().chain(&moments[72..]).all(|moment| *moment == 0.0));
+        Ok(())
+    }
+}
