@@ -52,7 +52,9 @@ pub enum GpuError {
         name: String,
         /// Size of the allocation, bytes.
         bytes: u64,
-        /// Message of the allocator.
+        /// Bytes by which the allocation exceeds the budget or the device's memory: `bytes`, less what is left of a budget.
+        missing: u64,
+        /// The budget, or the message of the allocator, and what memory is used for.
         reason: String,
     },
     /// A kernel uses more storage buffers than the device allows in one stage.

@@ -1,5 +1,6 @@
 //! Device memory through gpu-allocator, with running totals.
 
+use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -34,6 +35,7 @@ impl Memory {
         let allocator = allocator.map_err(|e| GpuError::OutOfMemory {
             name: "the allocator".into(),
             bytes: 0,
+            missing: 0,
             reason: e.to_string(),
         })?;
         Ok(Self {
@@ -50,12 +52,15 @@ impl Memory {
         requirements: vk::MemoryRequirements,
         location: MemoryLocation,
     ) -> Result<Allocation, GpuError> {
-        let fail = |reason: String| GpuError::OutOfMemory { name: name.into(), bytes: requirements.size, reason };
+        let bytes = requirements.size;
+        let fail = |missing: u64, reason: String| GpuError::OutOfMemory { name: name.into(), bytes, missing, reason };
+        let mut allocator = self.allocator.lock().map_err(|_| fail(0, "the allocator is poisoned".into()))?;
         let (used, budget) = (self.current_bytes.load(Ordering::Relaxed), self.budget_bytes.load(Ordering::Relaxed));
-        if used.saturating_add(requirements.size) > budget {
-            return Err(fail(format!("{used} bytes are in use and the budget is {budget}")));
+        let needed = used.saturating_add(bytes);
+        if needed > budget {
+            let reason = format!("the budget is {}, and {}", readable(budget), uses(&allocator, used));
+            return Err(fail(needed - budget, reason));
         }
-        let mut allocator = self.allocator.lock().map_err(|_| fail("the allocator is poisoned".into()))?;
         let allocation = allocator
             .allocate(&AllocationCreateDesc {
                 name,
@@ -64,7 +69,8 @@ impl Memory {
                 linear: true,
                 allocation_scheme: AllocationScheme::GpuAllocatorManaged,
             })
-            .map_err(|e| fail(e.to_string()))?;
+            .map_err(|e| e.to_string());
+        let allocation = allocation.map_err(|e| fail(bytes, format!("{e}, and {}", uses(&allocator, used))))?;
         let now = self.current_bytes.fetch_add(allocation.size(), Ordering::Relaxed) + allocation.size();
         self.peak_bytes.fetch_max(now, Ordering::Relaxed);
         Ok(allocation)
@@ -96,5 +102,62 @@ impl Memory {
     /// Makes the current total the new peak.
     pub(crate) fn reset_peak(&self) {
         self.peak_bytes.store(self.current_bytes.load(Ordering::Relaxed), Ordering::Relaxed);
+    }
+}
+
+/// Number of uses that an error names.
+const NAMED: usize = 4;
+
+/// What memory is used for, the largest uses first.
+fn uses(allocator: &Allocator, used: u64) -> String {
+    let live = allocator.generate_report().allocations;
+    described(used, live.iter().map(|allocation| (allocation.name.as_str(), allocation.size)))
+}
+
+/// The text of [`uses`], of names and bytes of all allocations.
+fn described<'a>(used: u64, allocations: impl Iterator<Item = (&'a str, u64)>) -> String {
+    let mut by_name: BTreeMap<&str, (u64, usize)> = BTreeMap::new();
+    for (name, bytes) in allocations {
+        let (total, count) = by_name.entry(name).or_default();
+        *total += bytes;
+        *count += 1;
+    }
+    let mut largest: Vec<_> = by_name.into_iter().collect();
+    largest.sort_by_key(|(_, (bytes, _))| std::cmp::Reverse(*bytes));
+    let one = |(name, (bytes, count)): &(&str, (u64, usize))| {
+        let times = if *count > 1 { format!("{count} times ") } else { String::new() };
+        format!("{times}{name}: {}", readable(*bytes))
+    };
+    let named: Vec<String> = largest.iter().take(NAMED).map(one).collect();
+    let more = largest.len().saturating_sub(NAMED);
+    match (named.is_empty(), more) {
+        (true, _) => "nothing is in use".into(),
+        (false, 0) => format!("{} are in use ({})", readable(used), named.join("; ")),
+        (false, _) => format!("{} are in use ({}; {more} smaller uses)", readable(used), named.join("; ")),
+    }
+}
+
+fn readable(bytes: u64) -> String {
+    let (unit, name) = if bytes < 1 << 20 { (1 << 10, "KiB") } else { (1 << 20, "MiB") };
+    format!("{:.1} {name}", bytes as f64 / f64::from(unit))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::described;
+
+    #[test]
+    fn the_largest_uses_are_named() {
+        let mib = |n: u64| n << 20;
+        let two = [("pictures", mib(1)), ("keys", mib(5)), ("pictures", mib(6))];
+        assert_eq!(
+            described(mib(12), two.into_iter()),
+            "12.0 MiB are in use (2 times pictures: 7.0 MiB; keys: 5.0 MiB)"
+        );
+        let many = ["a", "b", "c", "d", "e", "f"].into_iter().zip((1..=6).map(mib));
+        let text = described(mib(21), many);
+        assert_eq!(text, "21.0 MiB are in use (f: 6.0 MiB; e: 5.0 MiB; d: 4.0 MiB; c: 3.0 MiB; 2 smaller uses)");
+        assert_eq!(described(512, [("moments, all", 512)].into_iter()), "0.5 KiB are in use (moments, all: 0.5 KiB)");
+        assert_eq!(described(0, [].into_iter()), "nothing is in use");
     }
 }

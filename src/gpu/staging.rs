@@ -89,5 +89,5 @@ fn read_mapped<T: bytemuck::AnyBitPattern + bytemuck::NoUninit>(
 }
 
 fn not_mapped(name: &str) -> GpuError {
-    GpuError::OutOfMemory { name: name.into(), bytes: 0, reason: "no host-visible memory".into() }
+    GpuError::OutOfMemory { name: name.into(), bytes: 0, missing: 0, reason: "no host-visible memory".into() }
 }

@@ -151,7 +151,13 @@ fn run_folder(gpu: &std::sync::Arc<Gpu>, at: &Path) -> PipelineJob {
     write_groups(&run.join("groups.json"), &groups).unwrap();
     let built = build(&cloud, &labels, &groups, &TemplateOptions::default()).unwrap();
     write_scene_file(&run.join("initial.instgs"), &built.scene).unwrap();
-    PipelineJob { data: at.join("data"), out: run, config: RunConfig::default(), resume: true }
+    PipelineJob {
+        data: at.join("data"),
+        out: run,
+        config: RunConfig::default(),
+        resume: true,
+        accept_changed_data: false,
+    }
 }
 
 /// Which object's colour the picture has where the object stands; by hue, as pictures are shaded.

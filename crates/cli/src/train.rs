@@ -87,6 +87,9 @@ pub(super) struct TrainArgs {
     /// Continue from the newest checkpoint of RUN with RUN's configuration and seed; flags given now take precedence
     #[arg(long)]
     resume: bool,
+    /// Continue although photos, masks of pixels or cameras are not those that RUN began with
+    #[arg(long, requires = "resume")]
+    accept_changed_data: bool,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
@@ -172,7 +175,13 @@ pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer)
     unused_masks(&args.data, &config.train, &dataset.views).iter().for_each(|note| printer.warning(note));
     let interrupt = Interrupt::on_ctrl_c()?;
     let gpu = device::open(device_args.choice())?;
-    let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config, resume: args.resume };
+    let job = PipelineJob {
+        data: args.data.clone(),
+        out: args.out.clone(),
+        config,
+        resume: args.resume,
+        accept_changed_data: args.accept_changed_data,
+    };
     let report = train_job(&Session { gpu: &gpu, interrupt: &interrupt, printer }, &job)?;
     if args.json {
         return printer.json(&report);

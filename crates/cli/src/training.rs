@@ -126,6 +126,7 @@ impl TrainProgress<'_> {
                 self.bar = None;
                 self.printer.warning(text);
             }
+            TrainMessage::Note(text) => self.printer.warning(text),
             TrainMessage::Rewound { step } => {
                 self.printer.line(format_args!("continuing from step {step}; later steps are repeated"));
             }

@@ -81,17 +81,17 @@ fn held(folder: &Path, file: &mut File) -> IoError {
     error.advise("wait until it is done, or stop it, or choose another folder")
 }
 
-/// True if the path leads to this open file.
+/// True if the path leads to this open file, and not to another or nowhere. Only Unix lets an open file be removed.
 #[cfg(unix)]
-fn is_at(file: &File, path: &Path) -> bool {
+pub fn is_at(file: &File, path: &Path) -> bool {
     use std::os::unix::fs::MetadataExt;
     let id = |metadata: std::fs::Metadata| (metadata.dev(), metadata.ino());
     matches!((file.metadata().map(id), std::fs::metadata(path).map(id)), (Ok(a), Ok(b)) if a == b)
 }
 
-/// Elsewhere the file is not removed.
+/// True: elsewhere an open file is not removed.
 #[cfg(not(unix))]
-fn is_at(_: &File, _: &Path) -> bool {
+pub fn is_at(_: &File, _: &Path) -> bool {
     true
 }
 

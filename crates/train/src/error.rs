@@ -23,18 +23,30 @@ pub enum TrainError {
     #[error(transparent)]
     Eval(#[from] EvalError),
     /// A step failed; `saved` is the checkpoint that was written before giving up.
-    #[error("step {step}: {error}{}", saved.as_ref().map(|p| format!("; the state before it is in {}, continue with --resume", p.display())).unwrap_or_default())]
+    #[error("step {step}: {error}{}{}", remedy.as_ref().map(|remedy| format!("; {remedy}")).unwrap_or_default(), saved.as_ref().map(|p| format!("; the state before it is in {}, continue with --resume", p.display())).unwrap_or_default())]
     Step {
         /// Number of finished steps.
         step: u64,
         /// The error of the step.
         error: Box<TrainError>,
+        /// What would fit, if memory ran out.
+        remedy: Option<String>,
         /// The checkpoint to resume from, if one could be written.
         saved: Option<PathBuf>,
     },
     /// The scene cannot be trained or shown.
     #[error(transparent)]
     Render(#[from] RenderError),
+    /// A run cannot be resumed, since its photos, masks or cameras are not those of the checkpoint.
+    #[error("{change}; the data set is not that of the checkpoint of step {step} ({count} {}): restore it, or continue on the changed one with --accept-changed-data", if *count == 1 { "change" } else { "changes" })]
+    DataChanged {
+        /// The first change, with its file.
+        change: String,
+        /// Number of changes.
+        count: usize,
+        /// Number of finished steps of the checkpoint.
+        step: u64,
+    },
     /// There is no view to train on.
     #[error("there are no training views")]
     NoViews,
@@ -50,4 +62,18 @@ pub enum TrainError {
         /// Number of finished steps.
         steps: u64,
     },
+}
+
+impl TrainError {
+    /// Bytes of device memory that were missing, if that is the error.
+    pub(super) fn missing_bytes(&self) -> Option<u64> {
+        match self {
+            Self::Gpu(GpuError::OutOfMemory { missing, .. })
+            | Self::Render(RenderError::Gpu(GpuError::OutOfMemory { missing, .. })) => Some(*missing),
+            Self::Eval(EvalError::Render {
+                error: RenderError::Gpu(GpuError::OutOfMemory { missing, .. }), ..
+            }) => Some(*missing),
+            _ => None,
+        }
+    }
 }

@@ -1,27 +1,31 @@
 //! The log of a run, `RUN/events.jsonl`: one event per line.
 
 use std::fs::{File, OpenOptions};
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 
 use super::events::{Event, EventSink};
-use instgs_io::{IoError, Place, atomic_write, read_bytes};
+use instgs_io::{IoError, Place, atomic_write, is_at, read_bytes};
 
 /// Appends events to a file. A checkpoint relies on the events before it, and they are in the file only once
 /// [`Self::flush`] was called: flush before a checkpoint is written. Events other than steps and overflows flush by
-/// themselves.
+/// themselves. If the file or its folder is removed meanwhile, it is then written anew as it was.
 #[derive(Debug)]
 pub struct EventLog {
     path: PathBuf,
     file: BufWriter<File>,
+    /// Whether the file was written anew since [`Self::was_restored`] was last asked.
+    restored: bool,
 }
 
-/// Numbers of lines that were dropped when a log was resumed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Dropped {
-    /// Events after the checkpoint's step, which will happen again.
+/// What became of the lines of a log that was resumed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Kept {
+    /// The events that were kept, in order.
+    pub events: Vec<Event>,
+    /// Number of events dropped that are of later steps, which will happen again.
     pub later: usize,
-    /// Lines that are not events, such as a last line cut off by a crash.
+    /// Number of lines dropped that are not events, such as a last line cut off by a crash.
     pub damaged: usize,
 }
 
@@ -31,34 +35,81 @@ impl EventLog {
     /// # Errors
     /// The file cannot be written.
     pub fn create(path: &Path) -> Result<Self, IoError> {
-        let file = File::create(path).map_err(|e| IoError::os(path, "cannot write", &e))?;
-        Ok(Self { path: path.into(), file: BufWriter::new(file) })
+        atomic_write(path, |_| Ok(()))?;
+        Self::open(path)
     }
 
-    /// Opens the log of a run that continues after `step` finished steps: keeps the events up to that step, in order
-    /// and unchanged, and drops the rest. A missing file counts as empty.
+    /// Opens the log of a run that continues after `step` finished steps: keeps the lines for which `choose` gives true, in
+    /// order and unchanged, and drops the rest. `choose` gets all events, and gives one value for each. A missing file counts as
+    /// empty.
     ///
     /// # Errors
     /// The file cannot be read or written; then it is unchanged.
-    pub fn resume(path: &Path, step: u64) -> Result<(Self, Dropped), IoError> {
+    pub fn resume(
+        path: &Path,
+        step: u64,
+        choose: &mut dyn FnMut(&[Event]) -> Vec<bool>,
+    ) -> Result<(Self, Kept), IoError> {
         let bytes = if path.exists() { read_bytes(path)? } else { Vec::new() };
-        let (mut kept, mut dropped) = (Vec::with_capacity(bytes.len()), Dropped::default());
+        let (mut whole, mut events, mut kept) = (Vec::new(), Vec::new(), Kept::default());
         for line in lines(&bytes) {
             match line.event() {
-                Some(event) if event.step() <= step => {
-                    kept.extend_from_slice(line.bytes);
-                    kept.push(b'\n');
+                Some(event) => {
+                    whole.push(line.bytes);
+                    events.push(event);
                 }
-                Some(_) => dropped.later += 1,
-                None => dropped.damaged += 1,
+                None => kept.damaged += 1,
             }
         }
-        if kept != bytes {
-            atomic_write(path, |out| out.write_all(&kept))?;
+        let chosen = choose(&events);
+        let mut text = Vec::with_capacity(bytes.len());
+        for ((line, event), stays) in whole.into_iter().zip(events).zip(chosen) {
+            if stays {
+                text.extend_from_slice(line);
+                text.push(b'\n');
+                kept.events.push(event);
+            } else {
+                kept.later += usize::from(event.step() > step);
+            }
         }
-        let file = OpenOptions::new().append(true).create(true).open(path);
+        if text != bytes {
+            atomic_write(path, |out| out.write_all(&text))?;
+        }
+        Ok((Self::open(path)?, kept))
+    }
+
+    /// Opens the file, which may be missing, to append to it.
+    fn open(path: &Path) -> Result<Self, IoError> {
+        // Read again where it is removed.
+        let file = OpenOptions::new().read(true).append(true).create(true).open(path);
         let file = file.map_err(|e| IoError::os(path, "cannot write", &e))?;
-        Ok((Self { path: path.into(), file: BufWriter::new(file) }, dropped))
+        Ok(Self { path: path.into(), file: BufWriter::new(file), restored: false })
+    }
+
+    /// Writes the file anew if its path no longer leads to it.
+    fn restore(&mut self) -> Result<(), IoError> {
+        if is_at(self.file.get_ref(), &self.path) {
+            return Ok(());
+        }
+        let fail = |e: std::io::Error| IoError::os(&self.path, "was removed and cannot be written anew", &e);
+        let (mut bytes, mut file) = (Vec::new(), self.file.get_ref());
+        file.rewind().and_then(|()| file.read_to_end(&mut bytes)).map_err(fail)?;
+        if let Some(folder) = self.path.parent() {
+            std::fs::create_dir_all(folder).map_err(fail)?;
+        }
+        atomic_write(&self.path, |out| out.write_all(&bytes))?;
+        *self = Self { restored: true, ..Self::open(&self.path)? };
+        Ok(())
+    }
+
+    /// True once after the file was removed and written anew.
+    pub fn was_restored(&mut self) -> bool {
+        std::mem::take(&mut self.restored)
+    }
+
+    /// Path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 }
 
@@ -75,7 +126,8 @@ impl EventSink for EventLog {
 
     /// Hands all events to the operating system, so that they survive the end of this process.
     fn flush(&mut self) -> Result<(), IoError> {
-        self.file.flush().map_err(|e| IoError::os(&self.path, "cannot write", &e))
+        self.file.flush().map_err(|e| IoError::os(&self.path, "cannot write", &e))?;
+        self.restore()
     }
 }
 
@@ -160,6 +212,10 @@ mod tests {
         Ok(())
     }
 
+    fn resume(path: &Path, step: u64) -> Result<(EventLog, Kept), IoError> {
+        EventLog::resume(path, step, &mut |events| events.iter().map(|event| event.step() <= step).collect())
+    }
+
     /// For every length that a crash may leave: a log resumed at step 3 and continued equals that of a run without the
     /// crash, except for events that had not reached the file.
     #[test]
@@ -171,14 +227,15 @@ mod tests {
         for length in 0..=bytes.len() {
             fs::write(&path, &bytes[..length])?;
             let lines = bytes[..length].iter().filter(|&&b| b == b'\n').count();
-            let (mut log, dropped) = EventLog::resume(&path, 3)?;
+            let (mut log, kept) = resume(&path, 3)?;
             log.event(&step(4))?;
             drop(log);
             let mut want = sample()[..lines.min(4)].to_vec();
             want.push(step(4));
             assert_eq!(read_events(&path)?, want, "cut at {length}");
             let cut = usize::from(length > 0 && bytes[length - 1] != b'\n');
-            assert_eq!(dropped, Dropped { later: lines.saturating_sub(4), damaged: cut });
+            let events = sample()[..lines.min(4)].to_vec();
+            assert_eq!(kept, Kept { events, later: lines.saturating_sub(4), damaged: cut });
         }
         Ok(())
     }
@@ -195,6 +252,30 @@ mod tests {
         Ok(())
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn a_removed_log_is_written_anew() -> Test {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("run/events.jsonl");
+        fs::create_dir(folder.path().join("run"))?;
+        let checkpoint = |step| Event::Checkpoint { step, path: "x".into() };
+        let mut log = EventLog::create(&path)?;
+        let mut want = Vec::new();
+        for (number, removed) in [Some(path.clone()), None, Some(folder.path().join("run"))].into_iter().enumerate() {
+            let events = [step(number as u64 + 1), checkpoint(number as u64 + 1)];
+            match &removed {
+                Some(path) if path.is_dir() => fs::remove_dir_all(path)?,
+                Some(path) => fs::remove_file(path)?,
+                None => {}
+            }
+            events.iter().try_for_each(|event| log.event(event))?;
+            want.extend(events);
+            assert_eq!((log.was_restored(), log.was_restored()), (removed.is_some(), false));
+            assert_eq!(read_events(&path)?, want);
+        }
+        Ok(())
+    }
+
     #[test]
     fn a_foreign_line_is_an_error_with_its_number() -> Test {
         let folder = tempfile::tempdir()?;
@@ -203,8 +284,8 @@ mod tests {
         fs::write(&path, [fs::read(&path)?, b"{\"event\":\"x\"}\n".to_vec()].concat())?;
         let error = read_events(&path).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(error.contains("line 2"), "{error}");
-        let (_, dropped) = EventLog::resume(&path, 9)?;
-        assert_eq!(dropped, Dropped { later: 0, damaged: 1 });
+        let (_, kept) = resume(&path, 9)?;
+        assert_eq!((kept.events.len(), kept.later, kept.damaged), (1, 0, 1));
         assert_eq!(read_events(&path)?.len(), 1);
         Ok(())
     }

@@ -184,6 +184,15 @@ pub trait EventSink {
     fn flush(&mut self) -> Result<(), IoError> {
         Ok(())
     }
+
+    /// Receives a warning for the user: one line, which is no event.
+    ///
+    /// # Errors
+    /// The same error as [`EventSink::event`].
+    fn warn(&mut self, text: &str) -> Result<(), IoError> {
+        let _ = text;
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -29,16 +29,25 @@ pub(super) enum FirstExposures {
 }
 
 impl FirstExposures {
-    /// Takes those of a checkpoint out of it, one for each of `photos`; `path` is for messages.
+    /// Takes those of a checkpoint out of it, one for each of `photos`; `path` is for messages. If the data set changed, `places`
+    /// has for each photo its index in the checkpoint, and photos without one start unchanged.
     ///
     /// # Errors
     /// A tensor is damaged, or of another number of photos.
-    pub(super) fn take(checkpoint: &mut Checkpoint, photos: usize, path: &Path) -> Result<Self, IoError> {
+    pub(super) fn take(
+        checkpoint: &mut Checkpoint,
+        photos: usize,
+        places: Option<&[Option<usize>]>,
+        path: &Path,
+    ) -> Result<Self, IoError> {
         if !checkpoint.tensors.contains_key(TENSORS[0]) {
             return Ok(Self::Unchanged);
         }
         let [rows, moments] = TENSORS;
         let saved: [Vec<f32>; 2] = [checkpoint.take(rows, &[12], path)?, checkpoint.take(moments, &[24], path)?];
+        if let Some(places) = places {
+            return Ok(Self::Saved(replaced(&saved, places)));
+        }
         if [saved[0].len() / 12, saved[1].len() / 24] != [photos; 2] {
             let what = format!("has exposures of {} photos, but the data set has {photos}", saved[0].len() / 12);
             return Err(IoError::new(path, what));
@@ -87,6 +96,15 @@ impl FirstExposures {
     }
 }
 
+/// Rows of exposures and their moments in another order of photos; those of no photo before are as at the start.
+fn replaced([rows, moments]: &[Vec<f32>; 2], places: &[Option<usize>]) -> [Vec<f32>; 2] {
+    let unchanged = NO_EXPOSURE.as_flattened();
+    let row = |place: &Option<usize>| place.and_then(|k| rows.get(12 * k..12 * k + 12)).unwrap_or(unchanged).to_vec();
+    let moment =
+        |place: &Option<usize>| place.and_then(|k| moments.get(24 * k..24 * k + 24)).unwrap_or(&[0.0; 24]).to_vec();
+    [places.iter().flat_map(row).collect(), places.iter().flat_map(moment).collect()]
+}
+
 /// Puts exposures into a checkpoint. The device must be idle.
 pub(super) fn put(gpu: &Arc<Gpu>, exposures: &mut Exposures, checkpoint: &mut Checkpoint) -> Result<(), TrainError> {
     let photos = exposures.views();
@@ -109,4 +127,32 @@ pub(super) fn save(
         .map(|(view, photo_from_scene)| PhotoExposure { view: view.camera.name.clone(), photo_from_scene })
         .collect();
     Ok(write_exposures(&folder.exposures(), &named)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn exposures_stay_with_their_photos() -> Result<(), Box<dyn std::error::Error>> {
+        let sample = || {
+            let mut checkpoint = Checkpoint::default();
+            checkpoint.put(TENSORS[0], &[2, 12], (0u8..24).map(f32::from).collect());
+            checkpoint.put(TENSORS[1], &[2, 24], (0u8..48).map(f32::from).collect());
+            checkpoint
+        };
+        let path = Path::new("c");
+        let error = FirstExposures::take(&mut sample(), 3, None, path).expect_err("another number of photos");
+        assert!(error.to_string().contains("exposures of 2 photos, but the data set has 3"), "{error}");
+        // The first photo was the second, one is new, and the place of the last is damaged.
+        let places = [Some(1), None, Some(0), Some(2)];
+        let taken = FirstExposures::take(&mut sample(), 4, Some(&places), path)?;
+        let FirstExposures::Saved([rows, moments]) = taken else { panic!("{taken:?}") };
+        assert_eq!((rows.len(), moments.len()), (4 * 12, 4 * 24));
+        assert_eq!(([rows[0], rows[24]], [moments[0], moments[48]]), ([12.0, 0.0], [24.0, 0.0]));
+        let unchanged = NO_EXPOSURE.as_flattened();
+        assert!(rows[12..24] == *unchanged && rows[36..] == *unchanged);
+        assert!(moments[24..48].iter().chain(&moments[72..]).all(|moment| *moment == 0.0));
+        Ok(())
+    }
 }

@@ -9,6 +9,8 @@ use instgs_io::IoError;
 pub enum TrainMessage<'a> {
     /// A warning for the user, before the first step or about the result: one line.
     Warning(&'a str),
+    /// A warning while steps go on: one line.
+    Note(&'a str),
     /// The run continues from this step; later steps of an earlier process are repeated.
     Rewound {
         /// Number of finished steps.

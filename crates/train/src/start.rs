@@ -7,7 +7,7 @@ use instgs_io::checkpoint::{self, Checkpoint};
 use instgs_io::dataset::{Dataset, MissingPhotos, Split, leave_out_missing, read_views};
 use instgs_io::point_cloud::{advice_without_points, read_points};
 use instgs_io::view_image::IGNORED;
-use instgs_io::{IoError, MaskFolder, View, load_scene};
+use instgs_io::{Fingerprint, IoError, MaskFolder, View, load_scene};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::scene::instanced_scene::SAME_COLOR;
@@ -20,6 +20,8 @@ use super::error::TrainError;
 use super::exposures::FirstExposures;
 use super::given::given_cloud;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
+use super::log_state::LogState;
+use super::same_data::{self, SameData};
 use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
 use super::trainer::TrainJob;
 use super::view_store::{self, PrefetchLimits};
@@ -38,6 +40,8 @@ pub(super) struct TrainData {
     pub(super) points: PointCloud,
     /// Scene extent, scene units.
     pub(super) extent: f64,
+    /// What tells this data set from another; filled before the first step.
+    pub(super) print: Fingerprint,
     /// Warnings for the user before the first step, one line each.
     pub(super) warnings: Vec<String>,
 }
@@ -137,7 +141,7 @@ pub(super) fn read_data(folder: &Path, config: &TrainConfig, needs_points: bool)
     };
     let cameras: Vec<Camera> = train.iter().map(|v| v.camera.clone()).collect();
     let extent = scene_extent(&cameras, &points);
-    Ok(TrainData { train, test, points, extent, warnings })
+    Ok(TrainData { train, test, points, extent, print: Fingerprint::default(), warnings })
 }
 
 /// Reads the views that a run trains on and is judged by: those with photos, and with the masks of pixels that the
@@ -210,11 +214,22 @@ pub(super) fn load_all(
     let config = &job.config;
     let resumed = find_checkpoint(job)?;
     let mut data = read_data(&job.data, config, needs_points(config, &resumed))?;
-    let variant = Variant::for_device(gpu.caps());
-    let start = match config.method {
-        Method::Gaussians => first_state(gpu, config, resumed, &mut data, variant.workgroup_size)?,
-        Method::Instanced => first_instanced(gpu, job, resumed, &mut data, variant.workgroup_size)?,
+    data.print = same_data::fingerprint(job, &data)?;
+    let same = match &resumed.found {
+        Some((_, checkpoint)) => same_data::check(job, checkpoint, &data.print)?,
+        None => SameData::default(),
     };
+    data.warnings.extend(same.warning);
+    let places = same.places.as_deref();
+    let variant = Variant::for_device(gpu.caps());
+    let mut start = match config.method {
+        Method::Gaussians => first_state(gpu, config, resumed, &mut data, places, variant.workgroup_size)?,
+        Method::Instanced => first_instanced(gpu, job, resumed, &mut data, places, variant.workgroup_size)?,
+    };
+    if places.is_some() {
+        // They count by the views of before.
+        start.log.losses.clear();
+    }
     let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
     data.warnings.extend(doubts(&cameras, &data.points, data.extent, config.near));
     data.warnings.iter().try_for_each(|warning| warn(warning))?;
@@ -261,22 +276,26 @@ pub(super) struct Start {
     pub(super) due: bool,
     /// What the exposures of the photos begin with.
     pub(super) exposures: FirstExposures,
+    /// What the log goes on from.
+    pub(super) log: LogState,
 }
 
-/// Makes the device state that a run starts from.
+/// Makes the device state that a run starts from; `places` as in [`SameData`].
 pub(super) fn first_state(
     gpu: &Arc<Gpu>,
     config: &TrainConfig,
     resumed: Resumed,
     data: &mut TrainData,
+    places: Option<&[Option<usize>]>,
     chunk_size: u32,
 ) -> Result<Start, TrainError> {
     data.warnings.extend(resumed.warnings);
     if let Some((path, mut found)) = resumed.found {
         let (step, due) = (found.step, densification_is_due(&found));
-        let exposures = FirstExposures::take(&mut found, data.train.len(), &path)?;
+        let log = LogState::take(&mut found, &path)?;
+        let exposures = FirstExposures::take(&mut found, data.train.len(), places, &path)?;
         let state = from_checkpoint(gpu, found, &path, chunk_size)?;
-        return Ok(Start { state, step, due, exposures });
+        return Ok(Start { state, step, due, exposures, log });
     }
     let (degree, shape) = (config.sh_degree, InitialShape::new(config));
     let cloud = match (&config.init_scene, config.init) {
@@ -294,15 +313,17 @@ pub(super) fn first_state(
     };
     let cloud = capped(cloud, most_at_first(config), &mut data.warnings);
     let state = DeviceState::new(gpu, &InstancedScene::from_cloud(cloud), chunk_size)?;
-    Ok(Start { state, step: 0, due: false, exposures: FirstExposures::Unchanged })
+    Ok(Start { state, step: 0, due: false, exposures: FirstExposures::Unchanged, log: LogState::default() })
 }
 
-/// The merged scene that the joint phase starts from, with the checkpoint's values if there is one.
+/// The merged scene that the joint phase starts from, with the checkpoint's values if there is one; `places` as in
+/// [`SameData`].
 fn first_instanced(
     gpu: &Arc<Gpu>,
     job: &TrainJob,
     resumed: Resumed,
     data: &mut TrainData,
+    places: Option<&[Option<usize>]>,
     chunk_size: u32,
 ) -> Result<Start, TrainError> {
     data.warnings.extend(resumed.warnings);
@@ -324,12 +345,13 @@ fn first_instanced(
     let mut state = DeviceState::new(gpu, &scene, chunk_size)?;
     let Some((path, mut found)) = resumed.found else {
         let exposures = FirstExposures::of_plain_cloud(&job.folder())?;
-        return Ok(Start { state, step: 0, due: false, exposures });
+        return Ok(Start { state, step: 0, due: false, exposures, log: LogState::default() });
     };
     let (step, due) = (found.step, densification_is_due(&found));
-    let exposures = FirstExposures::take(&mut found, data.train.len(), &path)?;
+    let log = LogState::take(&mut found, &path)?;
+    let exposures = FirstExposures::take(&mut found, data.train.len(), places, &path)?;
     restore(gpu, &mut state, found, &path)?;
-    Ok(Start { state, step, due, exposures })
+    Ok(Start { state, step, due, exposures, log })
 }
 
 /// The largest number of Gaussians that training may start from. If the strategy adds Gaussians, points give at most
@@ -447,7 +469,14 @@ mod tests {
         let out = folder.path().to_path_buf();
         let needs = |sets: &[&str], resume: bool| {
             let config = with(&[&["sh_degree=2"], sets].concat())?;
-            let job = TrainJob { data: out.clone(), out: out.clone(), config, config_file: None, resume };
+            let job = TrainJob {
+                data: out.clone(),
+                out: out.clone(),
+                config,
+                config_file: None,
+                resume,
+                accept_changed_data: false,
+            };
             Ok::<_, Box<dyn std::error::Error>>(needs_points(&job.config, &find_checkpoint(&job)?))
         };
         assert!(needs(&[], false)? && needs(&[], true)?);
@@ -460,7 +489,9 @@ mod tests {
         // A damaged checkpoint gives a warning, and points are needed again.
         std::fs::write(&path, "x")?;
         assert!(needs(&[], true)?);
-        let job = TrainJob { data: out.clone(), out: out.clone(), config: with(&[])?, config_file: None, resume: true };
+        let config = with(&[])?;
+        let job =
+            TrainJob { data: out.clone(), out, config, config_file: None, resume: true, accept_changed_data: false };
         assert_eq!(find_checkpoint(&job)?.warnings.len(), 1);
         Ok(())
     }

@@ -4,16 +4,16 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use instgs_eval::{EvalReport, Evaluated};
+use instgs_eval::EvalReport;
 use instgs_io::json::write_json;
-use instgs_io::{IoError, RunFolder, View, atomic_write, checkpoint, write_ply, write_scene_file};
+use instgs_io::{Fingerprint, RunFolder, View, atomic_write, checkpoint};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::kernels::Variant;
 use instgs_vk::optim::{Adam, ExposureStep};
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::{InstancedScene, RepeatedBytes};
 
-use super::config::{Method, TrainConfig};
+use super::config::TrainConfig;
 use super::device_state::DeviceState;
 use super::error::TrainError;
 use super::event_log::EventLog;
@@ -21,8 +21,14 @@ use super::events::{Event, EventSink};
 use super::exposures;
 use super::facts::{Bytes, Counts, DatasetFacts, StageTime, TrainFacts};
 use super::interrupt::Interrupt;
-use super::memory::memory_uses;
+use super::log_and_observer::LogAndObserver;
+use super::log_state::{LogState, Room};
+use super::memory::{Needs, memory_uses};
 use super::observer::{TrainMessage, TrainObserver};
+use super::results::{cleaned, evaluate_at_end, write_scene};
+use super::resumed_log::{Past, open_log};
+use super::run_files::RunFiles;
+use super::same_data;
 use super::start::{Loaded, Start, TrainData, load_all};
 use super::state_file::to_checkpoint;
 use super::step_runner::{StepOutcome, StepPlan, StepRunner, StepTimes};
@@ -50,6 +56,8 @@ pub struct TrainJob {
     pub config_file: Option<String>,
     /// Whether to resume from the newest checkpoint of the run folder, if there is one.
     pub resume: bool,
+    /// Whether to resume although photos, masks or cameras are not those of the checkpoint.
+    pub accept_changed_data: bool,
 }
 
 impl TrainJob {
@@ -80,14 +88,36 @@ struct Run<'a> {
     extent: f64,
     views: TrainViews,
     test: &'a [View],
+    print: Fingerprint,
     runner: StepRunner,
     state: DeviceState,
     order: ViewOrder,
     strategy: Strategy,
     times: StepTimes,
     clock: Clock,
-    /// Whether the event that the cloud cannot grow further was sent.
-    full_reported: bool,
+    /// What the log has of an earlier process.
+    past: Past,
+    files: &'a RunFiles,
+}
+
+/// What a run begins with.
+struct Begin<'a> {
+    data: &'a TrainData,
+    variant: Variant,
+    start: Start,
+    views: TrainViews,
+    past: Past,
+}
+
+/// Why a checkpoint is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Saving {
+    /// All is done that follows the step.
+    Whole,
+    /// The densification after the step is still to be done.
+    DensificationDue,
+    /// What follows the step failed.
+    Failed,
 }
 
 /// Wall time of the steps alone, without evaluations and checkpoints.
@@ -103,23 +133,6 @@ struct Clock {
 impl Clock {
     fn seconds(&self) -> f64 {
         self.started.elapsed().as_secs_f64() - self.elsewhere
-    }
-}
-
-/// The run's log and its observer, as one receiver of events.
-struct LogAndObserver<'a> {
-    log: EventLog,
-    observer: &'a mut dyn TrainObserver,
-}
-
-impl EventSink for LogAndObserver<'_> {
-    fn event(&mut self, event: &Event) -> Result<(), IoError> {
-        self.log.event(event)?;
-        self.observer.notify(TrainMessage::Event(event))
-    }
-
-    fn flush(&mut self) -> Result<(), IoError> {
-        self.log.flush()
     }
 }
 
@@ -142,17 +155,16 @@ pub fn train(
     });
     let load = Instant::now();
     let phase = TrainJob { config: job.config.own_phase(), ..job.clone() };
-    let (Loaded { data, variant, start, views }, log) = load_for(gpu, job, &phase, observer)?;
-    let (job, first_step, due) = (&phase, start.step, start.due);
+    let files = RunFiles::new(job.folder(), config_text(job)?);
+    let (Loaded { data, variant, start, views }, log, past) = load_for(gpu, &files, &phase, observer)?;
+    let (job, first_step) = (&phase, start.step);
     let mut sink = LogAndObserver { log, observer };
-    let mut run = Run::new(gpu, job, &data, variant, start, views)?;
+    let mut run = Run::new(gpu, job, &files, Begin { data: &data, variant, start, views, past })?;
     let mut stages = vec![StageTime::since("load", load)];
     run.clock.reported.0 = first_step;
     run.announce(&mut sink, first_step, &data)?;
-    if due {
-        run.densify(first_step, &mut sink)?;
-    }
-    run.clock.started = Instant::now();
+    run.catch_up(&mut sink)?;
+    (run.clock.started, run.clock.elsewhere) = (Instant::now(), 0.0);
     let done = run.steps(&mut sink, interrupt, first_step)?;
     let train_seconds = run.clock.seconds();
     stages.push(StageTime { name: "train".into(), seconds: train_seconds });
@@ -161,6 +173,7 @@ pub fn train(
     let device_peak = gpu.memory_usage().1;
     let save = Instant::now();
     let mut scene = run.state.download(gpu)?;
+    files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
     scene.pixel_filter = job.config.pixel_filter();
     scene.source = format!("instgs-vk train, {done} steps");
     let (dropped_non_finite, pruned) = cleaned(&mut scene, &job.config);
@@ -214,28 +227,27 @@ pub fn train(
     Ok(Trained { scene, dropped_non_finite, pruned, interrupted, facts })
 }
 
-/// Writes the configuration of `job`, loads everything that the training of `phase` needs, and opens its log. If that fails
+/// The text of `config.toml`.
+fn config_text(job: &TrainJob) -> Result<String, TrainError> {
+    job.config_file.clone().map_or_else(|| Ok(job.config.to_toml()?), Ok)
+}
+
+/// Writes the first `files`, loads everything that the training of `phase` needs, and opens its log. If that fails
 /// the folder keeps the configuration that it had.
 fn load_for(
     gpu: &Arc<Gpu>,
-    job: &TrainJob,
+    files: &RunFiles,
     phase: &TrainJob,
     observer: &mut dyn TrainObserver,
-) -> Result<(Loaded, EventLog), TrainError> {
-    let folder = job.folder();
-    folder.create()?;
-    let path = folder.config();
+) -> Result<(Loaded, EventLog, Past), TrainError> {
+    let path = phase.folder().config();
     let before = std::fs::read(&path).ok();
-    let text = match &job.config_file {
-        Some(text) => text.clone(),
-        None => job.config.to_toml()?,
-    };
     // Written before pictures are read, which may take minutes, so that a run killed then can be resumed.
-    atomic_write(&path, |out| out.write_all(text.as_bytes()))?;
+    files.write()?;
     let loaded = load_all(gpu, phase, &mut |text| observer.notify(TrainMessage::Warning(text)));
     let opened = loaded.and_then(|loaded| {
-        let log = open_log(phase, loaded.start.step, observer)?;
-        Ok((loaded, log))
+        let (log, past) = open_log(phase, loaded.start.step, loaded.start.due, observer)?;
+        Ok((loaded, log, past))
     });
     if opened.is_err() {
         // Nothing began: remove the file, or restore that of the run that was there. If this fails as well, the first
@@ -248,88 +260,20 @@ fn load_for(
     opened
 }
 
-/// Opens the log of a run that continues after `step` finished steps.
-fn open_log(job: &TrainJob, step: u64, observer: &mut dyn TrainObserver) -> Result<EventLog, TrainError> {
-    let path = job.folder().events();
-    if !job.resume {
-        return Ok(EventLog::create(&path)?);
-    }
-    let (log, dropped) = EventLog::resume(&path, step)?;
-    if dropped.later > 0 {
-        observer.notify(TrainMessage::Rewound { step })?;
-    }
-    Ok(log)
-}
-
-/// Writes the trained scene; returns the length of the file that counts as the result, bytes.
-fn write_scene(job: &TrainJob, scene: &InstancedScene, done: u64) -> Result<u64, TrainError> {
-    if scene.expanded_len() == 0 {
-        return Err(TrainError::NothingLeft { steps: done });
-    }
-    let folder = job.folder();
-    let mut result = folder.scene();
-    write_scene_file(&result, scene)?;
-    if job.config.method == Method::Gaussians {
-        result = folder.point_cloud();
-        write_ply(&result, &scene.background, scene.pixel_filter)?;
-    }
-    let bytes = std::fs::metadata(&result).map_err(|e| IoError::new(&result, format!("cannot be read: {e}")))?.len();
-    Ok(bytes)
-}
-
-/// Quality of the trained scene on the test views; `None` without test views.
-fn evaluate_at_end(
-    gpu: &Arc<Gpu>,
-    scene: &InstancedScene,
-    test: &[View],
-    config: &TrainConfig,
-    observer: &mut dyn TrainObserver,
-) -> Result<Option<EvalReport>, TrainError> {
-    if test.is_empty() {
-        return Ok(None);
-    }
-    let mut renderer = Renderer::new(gpu)?;
-    let device_scene = renderer.upload(scene)?;
-    let mut tell = |view: Evaluated<'_>| observer.notify(TrainMessage::TestView(&view));
-    evaluate_test_views(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
-}
-
-/// Blending skips an alpha below this.
-const LOWEST_DRAWN_OPACITY: f64 = 1.0 / 255.0;
-
-/// Removes non-finite Gaussians and those that no instance shows, and makes those that one shows its own; returns how many
-/// Gaussians were removed for each reason.
-fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
-    let dropped = scene.drop_non_finite();
-    let prune = config.method == Method::Instanced && config.joint.prune_opacity > 0.0;
-    let mut pruned = 0;
-    if prune {
-        pruned = scene.prune_transparent(config.joint.prune_opacity);
-        scene.give_to_single_users(config.joint.prune_opacity.min(LOWEST_DRAWN_OPACITY));
-    }
-    if scene.own.is_empty() {
-        scene.own_ranges.clear();
-    }
-    scene.recentre_offsets();
-    (dropped, pruned)
-}
-
 fn evaluated(step: u64, report: &EvalReport) -> Event {
     let mean = report.mean;
     Event::Evaluated { step, views: report.views.len() as u64, psnr: mean.psnr, ssim: mean.ssim, lpips: mean.lpips }
 }
 
 impl<'a> Run<'a> {
-    fn new(
-        gpu: &'a Arc<Gpu>,
-        job: &'a TrainJob,
-        data: &'a TrainData,
-        variant: Variant,
-        start: Start,
-        views: TrainViews,
-    ) -> Result<Self, TrainError> {
+    fn new(gpu: &'a Arc<Gpu>, job: &'a TrainJob, files: &'a RunFiles, begin: Begin<'a>) -> Result<Self, TrainError> {
+        let Begin { data, variant, start, views, past } = begin;
         let config = &job.config;
-        let runner = StepRunner::new(gpu, variant, views.largest_px(), true)?;
+        let mut runner = StepRunner::new(gpu, variant, views.largest_px(), true)?;
+        let LogState { losses, room } = start.log;
+        if let Some(room) = room.filter(|room| room.largest_px == views.largest_px()) {
+            runner.set_intersections(room.intersections);
+        }
         let mut state = start.state;
         state.exposures = start.exposures.upload(gpu, config, &runner, &data.train, views.largest_px())?;
         Ok(Self {
@@ -340,11 +284,13 @@ impl<'a> Run<'a> {
             order: ViewOrder::new(config.seed, views.len()),
             views,
             test: &data.test,
+            print: data.print.clone(),
             runner,
             state,
             times: StepTimes::default(),
-            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses: Vec::new() },
-            full_reported: false,
+            clock: Clock { started: Instant::now(), elsewhere: 0.0, reported: (0, 0.0), losses },
+            past,
+            files,
         })
     }
 
@@ -367,7 +313,7 @@ impl<'a> Run<'a> {
         let config = &self.job.config;
         let mut done = first;
         while done < config.steps {
-            if done == first || config.sh_degree_at(done) != config.sh_degree_at(done - 1) {
+            if done == 0 || config.sh_degree_at(done) != config.sh_degree_at(done - 1) {
                 sink.event(&Event::ShDegree { step: done, degree: config.sh_degree_at(done) })?;
             }
             let plan = self.plan(done)?;
@@ -420,31 +366,55 @@ impl<'a> Run<'a> {
             || config.evaluates_at(done) && done < config.steps
     }
 
+    /// Does and logs what an earlier process did not get to after the step that this one goes on from.
+    fn catch_up(&mut self, sink: &mut dyn EventSink) -> Result<(), TrainError> {
+        let past = self.past;
+        if past.due {
+            return self.between_steps(past.step, sink, false);
+        }
+        past.missing_checkpoint(self.job).iter().try_for_each(|event| sink.event(event))?;
+        if past.misses_evaluation(&self.job.config) { self.evaluate_after(past.step, sink) } else { Ok(()) }
+    }
+
     /// Does the work after `done` finished steps; with `stop`, no step follows.
     fn between_steps(&mut self, done: u64, sink: &mut dyn EventSink, stop: bool) -> Result<(), TrainError> {
         let config = &self.job.config;
         self.densify(done, sink)?;
         let pause = Instant::now();
         if config.checkpoints_at(done) || stop {
+            self.files.restore()?.iter().try_for_each(|text| sink.warn(text))?;
             sink.flush()?;
-            let path = self.save_checkpoint(done, false)?;
+            let path = self.save_checkpoint(done, Saving::Whole)?;
             sink.event(&Event::Checkpoint { step: done, path })?;
         }
-        if config.evaluates_at(done) && done < config.steps && !self.test.is_empty() {
-            let report = match self.evaluate() {
-                Ok(report) => report,
-                Err(error) => return Err(self.given_up(done, error, sink)),
-            };
-            sink.event(&evaluated(done, &report))?;
+        if config.evaluates_at(done) && done < config.steps {
+            self.evaluate_after(done, sink)?;
         }
         self.clock.elsewhere += pause.elapsed().as_secs_f64();
         Ok(())
     }
 
-    /// Writes a checkpoint. `due` says that the densification after `done` steps is still to be done.
-    fn save_checkpoint(&mut self, done: u64, due: bool) -> Result<PathBuf, TrainError> {
+    /// Evaluates the test views, if there are any, after `done` finished steps that others follow.
+    fn evaluate_after(&mut self, done: u64, sink: &mut dyn EventSink) -> Result<(), TrainError> {
+        if self.test.is_empty() {
+            return Ok(());
+        }
+        match self.evaluate() {
+            Ok(report) => Ok(sink.event(&evaluated(done, &report))?),
+            Err(error) => Err(self.given_up(done, error, sink)),
+        }
+    }
+
+    /// Writes a checkpoint after `done` finished steps.
+    fn save_checkpoint(&mut self, done: u64, saving: Saving) -> Result<PathBuf, TrainError> {
         let folder = self.job.folder().checkpoints();
-        let path = checkpoint::save(&folder, &to_checkpoint(self.gpu, &mut self.state, done, due)?)?;
+        let mut state = to_checkpoint(self.gpu, &mut self.state, done, saving == Saving::DensificationDue)?;
+        same_data::put(&self.print, &mut state.metadata);
+        // Room that a failed step asked for may be more than the device has.
+        let (intersections, largest_px) = (self.runner.frame().intersections(), self.views.largest_px());
+        let room = (saving != Saving::Failed).then_some(Room { intersections, largest_px });
+        LogState { losses: self.clock.losses.clone(), room }.put(&mut state);
+        let path = checkpoint::save(&folder, &state)?;
         checkpoint::prune(&folder, checkpoint::KEEP)?;
         Ok(path)
     }
@@ -476,8 +446,26 @@ impl<'a> Run<'a> {
 
     /// Saves the state after `step` steps, and returns the error with the step and the checkpoint.
     fn given_up(&mut self, step: u64, error: TrainError, sink: &mut dyn EventSink) -> TrainError {
-        let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step, false).ok());
-        TrainError::Step { step, error: Box::new(error), saved }
+        let saved = sink.flush().ok().and_then(|()| self.save_checkpoint(step, Saving::Failed).ok());
+        let remedy = self.remedy(&error);
+        TrainError::Step { step, error: Box::new(error), remedy, saved }
+    }
+
+    /// What would fit, if the error is that memory ran out.
+    fn remedy(&self, error: &TrainError) -> Option<String> {
+        let needs = Needs {
+            missing: error.missing_bytes()?,
+            gaussians: self.state.source_count() as u64,
+            gaussian_bytes: self.state_bytes(),
+            picture_bytes: self.views.bytes(),
+            budget_mb: self.job.config.device_memory_mb,
+        };
+        Some(needs.what_fits())
+    }
+
+    /// Bytes of the Gaussians on the device, with gradients and moments.
+    fn state_bytes(&self) -> u64 {
+        self.state.scene.bytes() + self.state.gradients.bytes() + self.state.moments.bytes()
     }
 
     fn report(&mut self, outcome: &StepOutcome, sink: &mut dyn EventSink) -> Result<(), TrainError> {
@@ -514,8 +502,7 @@ impl<'a> Run<'a> {
 
     /// True if a second copy of the state might exceed the device's memory or the budget.
     fn memory_is_tight(&self) -> bool {
-        let state = self.state.scene.bytes() + self.state.gradients.bytes() + self.state.moments.bytes();
-        self.gpu.memory_usage().0 + state > (self.gpu.memory_budget() as f64 * TIGHT) as u64
+        self.gpu.memory_usage().0 + self.state_bytes() > (self.gpu.memory_budget() as f64 * TIGHT) as u64
     }
 
     /// Clones, splits, prunes, and resets opacities if the schedule says so.
@@ -524,12 +511,15 @@ impl<'a> Run<'a> {
         // Arrays are replaced one at a time: if memory runs out midway the state is lost, so it is saved first.
         let saved = if config.densifies_at(done) && self.memory_is_tight() {
             sink.flush()?;
-            Some(self.save_checkpoint(done, true)?)
+            Some(self.save_checkpoint(done, Saving::DensificationDue)?)
         } else {
             None
         };
         let outcome = self.strategy.after_step(&mut self.state, config, done, self.extent);
-        let outcome = outcome.map_err(|error| TrainError::Step { step: done, error: Box::new(error.into()), saved })?;
+        let outcome = outcome.map_err(|error| {
+            let error: TrainError = error.into();
+            TrainError::Step { step: done, remedy: self.remedy(&error), error: Box::new(error), saved }
+        })?;
         let Some(outcome) = outcome else { return Ok(()) };
         if config.densifies_at(done) {
             sink.event(&Event::Densified {
@@ -542,7 +532,7 @@ impl<'a> Run<'a> {
                 gaussians: u64::from(outcome.gaussians),
             })?;
         }
-        if outcome.device_full && !std::mem::replace(&mut self.full_reported, true) {
+        if outcome.device_full && !std::mem::replace(&mut self.past.device_full, true) {
             sink.event(&Event::DeviceFull { step: done, gaussians: u64::from(outcome.gaussians) })?;
         }
         if outcome.opacity_reset {

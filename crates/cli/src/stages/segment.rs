@@ -72,7 +72,13 @@ struct Report<'a> {
 
 pub(crate) fn run(args: &SegmentArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     check_folder(&args.out)?;
-    let job = PipelineJob { data: args.data.clone(), out: args.out.clone(), config: args.resolved()?, resume: false };
+    let job = PipelineJob {
+        data: args.data.clone(),
+        out: args.out.clone(),
+        config: args.resolved()?,
+        resume: false,
+        accept_changed_data: false,
+    };
     let folder = job.folder();
     let mut warnings = check_masks(&job)?;
     let given = given_plain_cloud(&args.scene, &job.config.train)?;

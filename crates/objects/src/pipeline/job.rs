@@ -18,6 +18,8 @@ pub struct PipelineJob {
     pub config: RunConfig,
     /// Whether to continue from the files that the run folder has.
     pub resume: bool,
+    /// Whether to continue although photos, masks of pixels or cameras are not those that the run began with.
+    pub accept_changed_data: bool,
 }
 
 impl PipelineJob {
@@ -37,6 +39,7 @@ impl PipelineJob {
             config: self.config.train.clone(),
             config_file: Some(self.config.to_toml()?),
             resume: self.resume,
+            accept_changed_data: self.accept_changed_data,
         })
     }
 

@@ -92,6 +92,7 @@ mod tests {
             out: "run".into(),
             config: ConfigBuilder::new().file("instgs")?.finish()?,
             resume: false,
+            accept_changed_data: false,
         };
         let text = |job: &PipelineJob| MaskSource::of(job).err().map(|e| e.to_string()).unwrap_or_default();
         assert!(text(&job).contains("has no masks") && text(&job).contains("--prompt"), "{}", text(&job));

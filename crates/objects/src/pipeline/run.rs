@@ -20,8 +20,8 @@ use instgs_train::config::Method;
 use instgs_train::facts::{Bytes, Counts, Metrics, StageTime, TrainFacts};
 use instgs_train::given::{GivenCloud, given_cloud};
 use instgs_train::interrupt::Interrupt;
-use instgs_train::read_dataset;
 use instgs_train::{TrainMessage, Trained, evaluate_test_views, leave_out_masked, train};
+use instgs_train::{check_finished, read_dataset};
 use instgs_vk::gpu::Gpu;
 use instgs_vk::render::Renderer;
 use instgs_vk::scene::InstancedScene;
@@ -53,7 +53,7 @@ const OF_JOINT_PHASE: [&str; 14] = [
 /// use instgs_train::interrupt::Interrupt;
 ///
 /// let config = ConfigBuilder::new().file("instgs_quick")?.finish()?;
-/// let job = PipelineJob { data: "cars".into(), out: "runs/cars".into(), config, resume: false };
+/// let job = PipelineJob { data: "cars".into(), out: "runs/cars".into(), config, resume: false, accept_changed_data: false };
 /// let gpu = Gpu::open(&GpuOptions::default())?;
 /// let pipeline = Pipeline { gpu: &gpu, interrupt: &Interrupt::new() };
 /// let finished = pipeline.run(&job, &mut |message: Message<'_>| {
@@ -160,6 +160,11 @@ impl Pipeline<'_> {
         let done = if job.resume { finished_training(&run)? } else { None };
         let facts = match done {
             Some(facts) if facts.steps == phase.config.train.steps => {
+                // With a checkpoint of the joint phase the data set is compared with that.
+                if !has_checkpoint(&job.folder()) {
+                    let warning = check_finished(&phase.training()?)?;
+                    warning.iter().try_for_each(|text| observer.notify(Message::Warning(text)))?;
+                }
                 observer.notify(Message::Reused { folder: &run, config: &phase.config, facts: &facts })?;
                 facts
             }
@@ -214,6 +219,11 @@ impl Pipeline<'_> {
         let report = evaluate_test_views(&mut renderer, &device_scene, &test, config, &mut |_| Ok(()))?;
         Ok(Some(report.mean))
     }
+}
+
+/// True if a phase has begun to train in the folder.
+fn has_checkpoint(run: &RunFolder) -> bool {
+    std::fs::read_dir(run.checkpoints()).is_ok_and(|mut files| files.next().is_some())
 }
 
 /// The facts of a finished training, if there is one; for versions that wrote none, from its report.

@@ -53,7 +53,13 @@ impl Runs<'_> {
         }
         train_job(
             self.session,
-            &PipelineJob { data: self.data.into(), out: folder.path().into(), config, resume: true },
+            &PipelineJob {
+                data: self.data.into(),
+                out: folder.path().into(),
+                config,
+                resume: true,
+                accept_changed_data: false,
+            },
         )
     }
 

@@ -1,0 +1,68 @@
+//! What a training leaves: the scene without what nobody sees, its files, and its quality on the test views.
+
+use std::sync::Arc;
+
+use instgs_eval::{EvalReport, Evaluated};
+use instgs_io::{IoError, View, write_ply, write_scene_file};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::Renderer;
+use instgs_vk::scene::InstancedScene;
+
+use super::config::{Method, TrainConfig};
+use super::error::TrainError;
+use super::observer::{TrainMessage, TrainObserver};
+use super::trainer::TrainJob;
+use super::view_pictures::evaluate_test_views;
+
+/// Writes the trained scene; returns the length of the file that counts as the result, bytes.
+pub(super) fn write_scene(job: &TrainJob, scene: &InstancedScene, done: u64) -> Result<u64, TrainError> {
+    if scene.expanded_len() == 0 {
+        return Err(TrainError::NothingLeft { steps: done });
+    }
+    let folder = job.folder();
+    let mut result = folder.scene();
+    write_scene_file(&result, scene)?;
+    if job.config.method == Method::Gaussians {
+        result = folder.point_cloud();
+        write_ply(&result, &scene.background, scene.pixel_filter)?;
+    }
+    let bytes = std::fs::metadata(&result).map_err(|e| IoError::new(&result, format!("cannot be read: {e}")))?.len();
+    Ok(bytes)
+}
+
+/// Quality of the trained scene on the test views; `None` without test views.
+pub(super) fn evaluate_at_end(
+    gpu: &Arc<Gpu>,
+    scene: &InstancedScene,
+    test: &[View],
+    config: &TrainConfig,
+    observer: &mut dyn TrainObserver,
+) -> Result<Option<EvalReport>, TrainError> {
+    if test.is_empty() {
+        return Ok(None);
+    }
+    let mut renderer = Renderer::new(gpu)?;
+    let device_scene = renderer.upload(scene)?;
+    let mut tell = |view: Evaluated<'_>| observer.notify(TrainMessage::TestView(&view));
+    evaluate_test_views(&mut renderer, &device_scene, test, config, &mut tell).map(Some)
+}
+
+/// Blending skips an alpha below this.
+const LOWEST_DRAWN_OPACITY: f64 = 1.0 / 255.0;
+
+/// Removes non-finite Gaussians and those that no instance shows, and makes those that one shows its own; returns how many
+/// Gaussians were removed for each reason.
+pub(super) fn cleaned(scene: &mut InstancedScene, config: &TrainConfig) -> (usize, usize) {
+    let dropped = scene.drop_non_finite();
+    let prune = config.method == Method::Instanced && config.joint.prune_opacity > 0.0;
+    let mut pruned = 0;
+    if prune {
+        pruned = scene.prune_transparent(config.joint.prune_opacity);
+        scene.give_to_single_users(config.joint.prune_opacity.min(LOWEST_DRAWN_OPACITY));
+    }
+    if scene.own.is_empty() {
+        scene.own_ranges.clear();
+    }
+    scene.recentre_offsets();
+    (dropped, pruned)
+}
