@@ -370,7 +370,7 @@ mod tests {
             for (q, back) in quat.iter().zip(back) {
                 let off = (f64::from(*q) * scale - f64::from(back)).abs();
                 // Half a step for three, and up to three times as much for the largest.
-                assert!(off < 1.5 * 0.70711 / 16383.0, "{k}: {quat:?} {back:?}");
+                assert!(off < 1.5 * std::f64::consts::FRAC_1_SQRT_2 / 16383.0, "{k}: {quat:?} {back:?}");
             }
         }
         let axes: [[f32; 4]; 4] = std::array::from_fn(|k| std::array::from_fn(|i| if i == k { -2.0 } else { 0.0 }));
