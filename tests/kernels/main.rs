@@ -20,6 +20,7 @@ mod lod;
 mod mask_contribution;
 mod mcmc;
 mod overflow;
+mod pipelines;
 mod plan_slab;
 mod poison;
 mod poison_backward;
