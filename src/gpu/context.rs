@@ -170,7 +170,7 @@ impl Gpu {
 
     fn assemble(parts: Parts) -> Result<Arc<Self>, GpuError> {
         let memory = Memory::new(&parts.raw.instance, &parts.raw.device, parts.raw.physical)?;
-        let timeline = Timeline::new(&parts.raw.device)?;
+        let timeline = Timeline::new(&parts.raw.device);
         let messages = parts.owned_instance.as_ref().map(OwnedInstance::messages).unwrap_or_default();
         let RawDevice { entry, instance, physical, device, queue, queue_family, queue_lock } = parts.raw;
         Ok(Arc::new(Self {

@@ -15,13 +15,13 @@ const DRIVER_FOLDERS: [&str; 3] = ["/usr/share/vulkan/icd.d", "/usr/local/share/
 pub enum FamilyError {
     /// Mesa's driver for AMD's GPUs is not installed.
     #[error(
-        "no {file} in {}: install Mesa's Vulkan drivers (tools/setup does), name the file with --driver, or pass \
-         --allow-missing to go without",
-        DRIVER_FOLDERS.join(", ")
+        "Mesa's driver for AMD's GPUs is not at {}: install Mesa's Vulkan drivers (tools/setup does), name the file with \
+         --driver, or pass --allow-missing to go without",
+        looked_at.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
     )]
     NoDriver {
-        /// Name of the driver's manifest.
-        file: String,
+        /// Paths that its manifest could have.
+        looked_at: Vec<PathBuf>,
     },
     /// The program could not be run again.
     #[error("compiling for {family}: cannot run {}: {source}", program.display())]
@@ -53,14 +53,18 @@ pub enum FamilyError {
     },
 }
 
-/// The manifest of Mesa's driver for AMD's GPUs of this machine's architecture.
+/// The manifest of Mesa's driver for AMD's GPUs: `named`, or that of the system for this machine's architecture.
 ///
 /// # Errors
-/// It is not installed.
-pub fn find_driver() -> Result<PathBuf, FamilyError> {
+/// It is not there.
+pub fn find_driver(named: Option<&Path>) -> Result<PathBuf, FamilyError> {
     let file = format!("radeon_icd.{}.json", std::env::consts::ARCH);
-    let found = DRIVER_FOLDERS.map(|folder| Path::new(folder).join(&file)).into_iter().find(|path| path.is_file());
-    found.ok_or(FamilyError::NoDriver { file })
+    let of_system = || DRIVER_FOLDERS.iter().map(|folder| Path::new(folder).join(&file)).collect();
+    let looked_at = named.map_or_else(of_system, |path| vec![path.into()]);
+    match looked_at.iter().find(|path| path.is_file()) {
+        Some(path) => Ok(path.clone()),
+        None => Err(FamilyError::NoDriver { looked_at }),
+    }
 }
 
 /// Compiles for all families at once.

@@ -97,7 +97,7 @@ pub fn main() -> ExitCode {
 
 fn run_gate(args: &GateArgs, printer: &Printer) -> Result<(), CliError> {
     let budgets = Budgets::read(&args.budgets)?;
-    let driver = match args.driver.clone().map_or_else(find_driver, Ok) {
+    let driver = match find_driver(args.driver.as_deref()) {
         Err(error) if args.allow_missing => {
             printer.warning(format_args!("NO KERNEL WAS COMPILED FOR GPUS: {error}"));
             return Ok(());
