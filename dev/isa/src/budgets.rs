@@ -23,8 +23,8 @@ pub struct Budgets {
     pub kernels: BTreeMap<String, Budget>,
     /// By family of GPUs; instead of both.
     pub families: BTreeMap<String, FamilyBudgets>,
-    /// What breaks its budget today.
-    pub known: Vec<Known>,
+    /// What breaks its budget today, by kernel.
+    pub known: BTreeMap<String, Known>,
 }
 
 /// Budgets on one family of GPUs.
@@ -37,20 +37,32 @@ pub struct FamilyBudgets {
     pub kernels: BTreeMap<String, Budget>,
 }
 
-/// A broken budget that is put up with for now, but may get no worse.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+/// Broken budgets of a kernel that are put up with for now, but may get no worse.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Known {
+    /// Why, and what would mend it.
+    pub why: String,
+    /// The limits for now, by family: only of figures that break their budgets.
+    pub families: BTreeMap<String, Budget>,
+}
+
+/// An entry of [`Budgets::known`] that nothing needs any more.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Mended {
     /// Stem of the kernel's file.
     pub kernel: String,
     /// Family of GPUs.
     pub family: String,
-    /// The figure that breaks its budget.
+    /// The figure that keeps its budget.
     pub figure: Figure,
-    /// The limit for now.
-    pub value: u64,
-    /// Why, and what would mend it.
-    pub why: String,
+}
+
+impl Display for Mended {
+    fn fmt(&self, f: &mut Formatter<'_>) -> std::fmt::Result {
+        let Self { kernel, family, figure } = self;
+        write!(f, "{kernel} on {family}: {figure} keeps its budget now, so take it out of known.{kernel}")
+    }
 }
 
 /// A figure beyond its limit.
@@ -89,8 +101,8 @@ pub struct Verdict {
     pub violations: Vec<Violation>,
     /// Limits that are broken within what is known.
     pub known: Vec<Violation>,
-    /// Entries of `known` that nothing needs any more.
-    pub mended: Vec<Known>,
+    /// What is known and no longer broken.
+    pub mended: Vec<Mended>,
 }
 
 impl Budgets {
@@ -116,12 +128,13 @@ impl Budgets {
     fn check(&self) -> Result<(), String> {
         let exist: BTreeSet<&str> = ALL_SHADERS.iter().map(|shader| shader.name).collect();
         let of_families = self.families.values().flat_map(|family| family.kernels.keys());
-        let named = self.kernels.keys().chain(of_families).chain(self.known.iter().map(|k| &k.kernel));
+        let named = self.kernels.keys().chain(of_families).chain(self.known.keys());
         if let Some(unknown) = named.into_iter().find(|name| !exist.contains(name.as_str())) {
             return Err(format!("there is no kernel {unknown}: name one of glsl/*.comp"));
         }
-        match self.known.iter().find(|known| !self.families.contains_key(&known.family)) {
-            Some(known) => Err(format!("known: there is no family {}: add families.{0}", known.family)),
+        let mut known = self.known.values().flat_map(|known| known.families.keys());
+        match known.find(|family| !self.families.contains_key(*family)) {
+            Some(family) => Err(format!("known: there is no family {family}: add families.{family}")),
             None => Ok(()),
         }
     }
@@ -143,23 +156,38 @@ impl Budgets {
         let rows = families.iter().flat_map(|(family, device)| device.kernels.iter().map(move |row| (family, row)));
         let (known, violations) = rows
             .flat_map(|(family, row)| broken(row, family, &self.of(&row.kernel, family)))
-            .partition(|violation| self.known.iter().any(|known| known.covers(violation)));
+            .partition(|violation| self.is_known(violation));
         let mut verdict = Verdict { violations, known, mended: Vec::new() };
-        let breaks = |known: &&Known| !verdict.violations.iter().chain(&verdict.known).any(|v| known.is_about(v));
-        // A family that was not looked at says nothing.
-        let looked_at = self.known.iter().filter(|known| families.contains_key(&known.family));
-        verdict.mended = looked_at.filter(breaks).cloned().collect();
+        verdict.mended = self.mended(families, &verdict);
         verdict
+    }
+
+    fn is_known(&self, violation: &Violation) -> bool {
+        let Violation { kernel, family, figure, value, .. } = violation;
+        let limit = self.known.get(kernel).and_then(|known| known.families.get(family)?.get(figure));
+        matches!((value, limit), (Some(value), Some(limit)) if keeps(*figure, *value, *limit))
+    }
+
+    /// Of the families that were looked at: the others say nothing.
+    fn mended(&self, families: &BTreeMap<String, DeviceFigures>, verdict: &Verdict) -> Vec<Mended> {
+        let mut out = Vec::new();
+        for (kernel, known) in &self.known {
+            for (family, limits) in known.families.iter().filter(|(family, _)| families.contains_key(*family)) {
+                for &figure in limits.keys() {
+                    let one = Mended { kernel: kernel.clone(), family: family.clone(), figure };
+                    if !verdict.violations.iter().chain(&verdict.known).any(|v| v.is_about(&one)) {
+                        out.push(one);
+                    }
+                }
+            }
+        }
+        out
     }
 }
 
-impl Known {
-    fn is_about(&self, violation: &Violation) -> bool {
-        (&self.kernel, &self.family, self.figure) == (&violation.kernel, &violation.family, violation.figure)
-    }
-
-    fn covers(&self, violation: &Violation) -> bool {
-        self.is_about(violation) && violation.value.is_some_and(|value| keeps(self.figure, value, self.value))
+impl Violation {
+    fn is_about(&self, Mended { kernel, family, figure }: &Mended) -> bool {
+        (&self.kernel, &self.family, &self.figure) == (kernel, family, figure)
     }
 }
 

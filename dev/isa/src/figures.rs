@@ -29,7 +29,7 @@ pub enum Figure {
 /// All figures, and what drivers call them: of RADV (AMD), NVK (NVIDIA), ANV (Intel) and Turnip (Adreno), in this order where
 /// they differ. Names are compared without case, and several that one driver gives are added.
 const NAMES: [(Figure, &[&str]); 7] = [
-    (Figure::Registers, &["vgprs", "number of gprs"]),
+    (Figure::Registers, &["vgprs", "number of gprs", "registers used"]),
     (Figure::Spills, &["spilled vgprs", "spilled sgprs", "spills to memory", "spill count"]),
     (Figure::ScratchBytes, &["scratch size", "slm size", "scratch memory size"]),
     (Figure::Waves, &["subgroups per simd", "max warps/sm", "max waves per core"]),
@@ -67,13 +67,19 @@ impl Display for Figure {
 /// Values of those figures that a driver gives.
 pub type Figures = BTreeMap<Figure, u64>;
 
-/// Figures of one piece of machine code.
-fn figures(executable: &Executable) -> Figures {
+/// Bytes in the driver's unit of the code's length: Turnip counts instructions' halves.
+fn code_unit(driver: &str) -> u64 {
+    if driver.to_lowercase().contains("turnip") { 4 } else { 1 }
+}
+
+/// Figures of one piece of machine code, whose length is in units of `code_unit` bytes.
+fn figures(executable: &Executable, code_unit: u64) -> Figures {
     let mut out = Figures::new();
     for (name, value) in &executable.statistics {
         let name = name.to_lowercase();
         if let Some((figure, _)) = NAMES.iter().find(|(_, names)| names.contains(&name.as_str())) {
-            *out.entry(*figure).or_default() += *value as u64;
+            let unit = if *figure == Figure::CodeBytes { code_unit } else { 1 };
+            *out.entry(*figure).or_default() += *value as u64 * unit;
         }
     }
     out
@@ -119,9 +125,10 @@ pub struct DeviceFigures {
 impl DeviceFigures {
     /// Figures of all pipelines that a device has compiled in `seconds`.
     pub(crate) fn new(caps: &DeviceCaps, subgroup_size: u32, seconds: f64, compiled: &[CompiledPipeline]) -> Self {
+        let unit = code_unit(&caps.driver);
         let one = |pipeline: &CompiledPipeline| {
             let others = compiled.iter().filter(|other| other.kernel == pipeline.kernel);
-            let pieces: Vec<Figures> = pipeline.executables.iter().map(figures).collect();
+            let pieces: Vec<Figures> = pipeline.executables.iter().map(|piece| figures(piece, unit)).collect();
             KernelFigures {
                 kernel: pipeline.kernel.into(),
                 specialisation: specialisation(&pipeline.constants, others.map(|other| &other.constants[..])),
@@ -160,9 +167,12 @@ mod tests {
     #[test]
     fn drivers_names_become_figures_and_unknown_ones_are_left_out() {
         let amd = executable(&[("VGPRs", 96.0), ("Spilled VGPRs", 3.0), ("Spilled SGPRs", 2.0), ("Hash", 7.0)]);
-        assert_eq!(figures(&amd), Figures::from([(Figure::Registers, 96), (Figure::Spills, 5)]));
+        assert_eq!(figures(&amd, 1), Figures::from([(Figure::Registers, 96), (Figure::Spills, 5)]));
         let nvidia = executable(&[("Number of GPRs", 64.0), ("Max warps/SM", 32.0)]);
-        assert_eq!(figures(&nvidia), Figures::from([(Figure::Registers, 64), (Figure::Waves, 32)]));
+        assert_eq!(figures(&nvidia, 1), Figures::from([(Figure::Registers, 64), (Figure::Waves, 32)]));
+        let adreno = executable(&[("Code size", 50.0), ("Instruction Count", 25.0)]);
+        let unit = code_unit("turnip Mesa driver Mesa 25.0.7");
+        assert_eq!(figures(&adreno, unit), Figures::from([(Figure::CodeBytes, 200), (Figure::Instructions, 25)]));
     }
 
     #[test]

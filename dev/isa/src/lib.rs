@@ -123,10 +123,7 @@ fn run_gate(args: &GateArgs, printer: &Printer) -> Result<(), CliError> {
 /// Prints what is broken; an error if anything is.
 fn outcome(verdict: &Verdict, budgets: &str, printer: &Printer) -> Result<(), CliError> {
     verdict.violations.iter().for_each(|violation| printer.warning(violation));
-    for known in &verdict.mended {
-        let budgets::Known { kernel, family, figure, .. } = known;
-        printer.warning(format_args!("{kernel} on {family} keeps its budget of {figure} now: remove it from `known`"));
-    }
+    verdict.mended.iter().for_each(|mended| printer.warning(mended));
     match verdict.violations.len() + verdict.mended.len() {
         0 => Ok(()),
         count => Err(CliError::msg(format!("{budgets}: {count} entries do not fit the kernels; see above"))),
