@@ -60,7 +60,10 @@ fn kernels_beyond_a_budget_are_named_one_a_line() {
     let broken: Vec<&str> = said.lines().filter(|line| line.starts_with("warning: ")).collect();
     assert_eq!(broken.len(), 2, "with TRAINING and without: {said}");
     for line in broken {
-        assert!(line.starts_with("warning: tile_blend (TRAINING=") && line.contains("on gfx1100: code_bytes "), "{line}");
+        assert!(
+            line.starts_with("warning: tile_blend (TRAINING=") && line.contains("on gfx1100: code_bytes "),
+            "{line}"
+        );
         assert!(line.ends_with(", budget at most 100"), "{line}");
     }
     let table = std::fs::read_to_string(table).unwrap();

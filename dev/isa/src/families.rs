@@ -75,7 +75,8 @@ pub fn compile_for<'a>(
     families: impl Iterator<Item = &'a String>,
     driver: &Path,
 ) -> Result<BTreeMap<String, DeviceFigures>, FamilyError> {
-    let started = families.map(|family| Ok((family, Running::start(family, driver)?))).collect::<Result<Vec<_>, _>>()?;
+    let started =
+        families.map(|family| Ok((family, Running::start(family, driver)?))).collect::<Result<Vec<_>, _>>()?;
     started.into_iter().map(|(family, running)| Ok((family.clone(), running.finish(family)?))).collect()
 }
 
@@ -84,7 +85,8 @@ struct Running(Option<Child>);
 
 impl Running {
     fn start(family: &str, driver: &Path) -> Result<Self, FamilyError> {
-        let start = |source, program: &Path| FamilyError::Start { family: family.into(), program: program.into(), source };
+        let start =
+            |source, program: &Path| FamilyError::Start { family: family.into(), program: program.into(), source };
         let program = std::env::current_exe().map_err(|e| start(e, Path::new("this program")))?;
         let child = Command::new(&program)
             .args(["here", "--json"])

@@ -185,8 +185,7 @@ mod tests {
 
     #[test]
     fn a_specialisation_names_what_differs() {
-        let constants =
-            |training| vec![("WORKGROUP_SIZE".to_owned(), 128), ("TRAINING".to_owned(), training)];
+        let constants = |training| vec![("WORKGROUP_SIZE".to_owned(), 128), ("TRAINING".to_owned(), training)];
         let all = [constants(0), constants(1)];
         assert_eq!(specialisation(&all[1], all.iter().map(|c| &c[..])), "TRAINING=1");
         assert_eq!(specialisation(&all[1], all[1..].iter().map(|c| &c[..])), "");
