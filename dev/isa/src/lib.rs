@@ -113,7 +113,10 @@ fn run_gate(args: &GateArgs, printer: &Printer) -> Result<(), CliError> {
         let DeviceFigures { subgroup_size, seconds, kernels, .. } = device;
         printer.line(format_args!("{name}: {} pipelines at {subgroup_size} lanes in {seconds:.1} s", kernels.len()));
     }
-    verdict.known.iter().for_each(|known| printer.line(format_args!("known: {known}")));
+    for (kernel, known) in &budgets.known {
+        let families: Vec<&str> = known.families.keys().map(String::as_str).collect();
+        printer.line(format_args!("known: {kernel} on {}: {}", families.join(", "), known.why));
+    }
     if let Some(path) = &args.write_table {
         table::write(path, &table::markdown(&families))?;
     }
