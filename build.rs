@@ -40,7 +40,8 @@ fn main() {
         let debug = shader.compile(&compiler, OptimizationLevel::Zero);
         let optimised = shader.compile(&compiler, OptimizationLevel::Performance);
         fs::write(out_dir.join(format!("{stem}.spv")), &optimised).expect("OUT_DIR is writable");
-        modules.push_str(&shader.rust_module(&stem, &debug, &mut structs));
+        let uses_subgroups = uses_subgroups(&optimised);
+        modules.push_str(&shader.rust_module(&stem, &debug, uses_subgroups, &mut structs));
         writeln!(all_shaders, "    &shaders::{stem}::SHADER,").expect("writing to a String");
     }
     let mut out = String::from("/// Structs that shaders share, generated from `glsl/`.\npub mod types {\n");
@@ -124,7 +125,13 @@ impl ShaderSource {
     }
 
     /// The generated `pub mod stem { ... }`; shared structs go to `structs`.
-    fn rust_module(&self, stem: &str, spirv: &[u8], structs: &mut BTreeMap<String, GeneratedStruct>) -> String {
+    fn rust_module(
+        &self,
+        stem: &str,
+        spirv: &[u8],
+        uses_subgroups: bool,
+        structs: &mut BTreeMap<String, GeneratedStruct>,
+    ) -> String {
         let entry_points = spirq::ReflectConfig::new()
             .spv(spirv.to_vec())
             .ref_all_rscs(true)
@@ -195,7 +202,7 @@ impl ShaderSource {
         write!(
             out,
             "/// The compiled shader and its interface.\npub static SHADER: Shader = Shader {{ name: {stem:?}, \
-             spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.spv\")), \
+             spirv: include_bytes!(concat!(env!(\"OUT_DIR\"), \"/{stem}.spv\")), uses_subgroups: {uses_subgroups}, \
              bindings: &[{infos}], spec_constants: &[{specs}], \
              push_constant_bytes: std::mem::size_of::<{params_type}>() as u32 }};\n\
              /// Kernel marker type.\npub struct {kernel};\n\
@@ -286,6 +293,42 @@ impl ShaderSource {
         );
         GeneratedStruct { layout, text }
     }
+}
+
+/// True if a module has subgroup operations, built-ins about subgroups, or barriers of a subgroup.
+fn uses_subgroups(spirv: &[u8]) -> bool {
+    const HEADER_WORDS: usize = 5;
+    const OP_CONSTANT: u32 = 43;
+    const OP_DECORATE: u32 = 71;
+    const BARRIERS: [u32; 2] = [224, 225];
+    const DECORATION_BUILT_IN: u32 = 11;
+    const SCOPE_SUBGROUP: u32 = 3;
+    // OpGroupNonUniformElect to OpGroupNonUniformQuadSwap; OpSubgroupBallotKHR to OpSubgroupReadInvocationKHR.
+    let is_operation = |op: u32| (333..=366).contains(&op) || (4421..=4432).contains(&op);
+    // SubgroupSize to SubgroupLocalInvocationId; SubgroupEqMask to SubgroupLtMask.
+    let is_built_in = |number: u32| (36..=41).contains(&number) || (4416..=4420).contains(&number);
+    let words: Vec<u32> = spirv.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+    let mut subgroup_scopes = Vec::new();
+    let mut at = HEADER_WORDS;
+    while at < words.len() {
+        let (op, length) = (words[at] & 0xffff, (words[at] >> 16).max(1) as usize);
+        let operands = &words[at + 1..at + length];
+        let found = match (op, operands) {
+            (OP_CONSTANT, &[_, id, SCOPE_SUBGROUP]) => {
+                subgroup_scopes.push(id);
+                false
+            }
+            (OP_DECORATE, &[_, DECORATION_BUILT_IN, number]) => is_built_in(number),
+            // The scope of execution, or of memory.
+            (op, &[scope, ..]) if BARRIERS.contains(&op) => subgroup_scopes.contains(&scope),
+            (op, _) => is_operation(op),
+        };
+        if found {
+            return true;
+        }
+        at += length;
+    }
+    false
 }
 
 /// One storage buffer of a shader.

@@ -37,6 +37,8 @@ pub struct DeviceCaps {
     pub max_storage_buffers: u32,
     /// Nanoseconds per timestamp tick.
     pub timestamp_period_ns: f32,
+    /// True for GPUs of Intel's.
+    pub is_intel: bool,
     /// True for llvmpipe (lavapipe), Mesa's CPU driver.
     pub is_llvmpipe: bool,
     /// Number of loop iterations after which the driver silently ends the loops of a shader invocation; `None` = no
@@ -46,6 +48,9 @@ pub struct DeviceCaps {
 
 /// gallivm's limit (`LP_MAX_TGSI_LOOP_ITERATIONS`, still there in Mesa 22.3 for compute shaders).
 const LLVMPIPE_LOOP_LIMIT: u32 = 65535;
+
+/// PCI vendor of Intel's devices.
+const INTEL_VENDOR_ID: u32 = 0x8086;
 
 impl DeviceCaps {
     /// Reads the properties of a physical device.
@@ -87,6 +92,7 @@ impl DeviceCaps {
                 .min(core.limits.max_compute_work_group_count[1]),
             max_storage_buffers: core.limits.max_per_stage_descriptor_storage_buffers,
             timestamp_period_ns: core.limits.timestamp_period,
+            is_intel: core.vendor_id == INTEL_VENDOR_ID,
             is_llvmpipe,
             loop_iteration_limit: is_llvmpipe.then_some(LLVMPIPE_LOOP_LIMIT),
         }

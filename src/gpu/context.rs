@@ -16,6 +16,7 @@ use super::error::GpuError;
 use super::instance::{OwnedInstance, choose_device, enumerate};
 use super::memory::Memory;
 use super::pipeline::PipelineStore;
+use super::statistics::DriverStatistics;
 use super::timeline::{SubmissionCounts, Ticket, Timeline};
 use super::validation::ValidationMessages;
 
@@ -48,6 +49,8 @@ pub struct GpuOptions {
     pub validation: bool,
     /// The display whose windows the device is to draw into; without one it draws into buffers only.
     pub display: Option<RawDisplayHandle>,
+    /// Ask the driver what it made of every pipeline, for [`Gpu::compiled_pipelines`]; an error if it does not say.
+    pub pipeline_statistics: bool,
     /// Pretend that kernels may bind at most this many storage buffers, to test that limit.
     pub most_storage_buffers: Option<u32>,
     /// Pretend that a binding has at most this many bytes, to test how large scenes behave on such a device.
@@ -80,6 +83,8 @@ pub struct Gpu {
     /// Number of valid bits in a timestamp; 0 = the queue has no timestamps.
     pub(super) timestamp_bits: u32,
     debug_names: Option<ext::debug_utils::Device>,
+    /// What the driver says of pipelines, if the device was opened for it.
+    pub(super) statistics: Option<DriverStatistics>,
     caps: DeviceCaps,
     messages: ValidationMessages,
     physical: vk::PhysicalDevice,
@@ -101,6 +106,7 @@ struct Parts {
     caps: DeviceCaps,
     timestamp_bits: u32,
     debug_names: Option<ext::debug_utils::Device>,
+    statistics: Option<DriverStatistics>,
 }
 
 impl Gpu {
@@ -115,15 +121,16 @@ impl Gpu {
         let (physical, mut caps) = choose_device(&instance, &options.device)?;
         caps.max_storage_bytes = caps.max_storage_bytes.min(options.most_binding_bytes.unwrap_or(u64::MAX));
         caps.max_storage_buffers = caps.max_storage_buffers.min(options.most_storage_buffers.unwrap_or(u32::MAX));
-        let opened = OwnedDevice::new(&instance, physical, &caps, options.display.is_some())?;
+        let opened = OwnedDevice::new(&instance, physical, &caps, options)?;
         let device = opened.device.clone();
         let (queue_family, timestamp_bits) = (opened.queue_family, opened.timestamp_bits);
         // SAFETY: the family was requested with one queue at device creation.
         let queue = unsafe { device.get_device_queue(queue_family, 0) };
         let debug_names = options.validation.then(|| ext::debug_utils::Device::new(&instance, &device));
+        let statistics = options.pipeline_statistics.then(|| DriverStatistics::new(&instance, &device));
         let raw = RawDevice { entry, instance, physical, device, queue, queue_family, queue_lock: None };
         let (owned_device, owned_instance) = (Some(opened), Some(owned));
-        Self::assemble(Parts { owned_device, owned_instance, raw, caps, timestamp_bits, debug_names })
+        Self::assemble(Parts { owned_device, owned_instance, raw, caps, timestamp_bits, debug_names, statistics })
     }
 
     /// Uses a device of the caller's. Nothing of it is destroyed here.
@@ -157,12 +164,13 @@ impl Gpu {
         };
         let timestamp_bits = family.timestamp_valid_bits;
         let (owned_device, owned_instance) = (None, None);
-        Self::assemble(Parts { owned_device, owned_instance, raw, caps, timestamp_bits, debug_names: None })
+        let (debug_names, statistics) = (None, None);
+        Self::assemble(Parts { owned_device, owned_instance, raw, caps, timestamp_bits, debug_names, statistics })
     }
 
     fn assemble(parts: Parts) -> Result<Arc<Self>, GpuError> {
         let memory = Memory::new(&parts.raw.instance, &parts.raw.device, parts.raw.physical)?;
-        let timeline = Timeline::new(&parts.raw.device)?;
+        let timeline = Timeline::new(&parts.raw.device);
         let messages = parts.owned_instance.as_ref().map(OwnedInstance::messages).unwrap_or_default();
         let RawDevice { entry, instance, physical, device, queue, queue_family, queue_lock } = parts.raw;
         Ok(Arc::new(Self {
@@ -176,6 +184,7 @@ impl Gpu {
             queue_family,
             timestamp_bits: parts.timestamp_bits,
             debug_names: parts.debug_names,
+            statistics: parts.statistics,
             caps: parts.caps,
             messages,
             physical,

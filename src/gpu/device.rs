@@ -5,7 +5,7 @@ use std::ffi::CStr;
 use ash::{khr, vk};
 
 use super::caps::DeviceCaps;
-use super::context::QueueLock;
+use super::context::{GpuOptions, QueueLock};
 use super::error::GpuError;
 
 /// A device of the caller's for [`Gpu::from_raw`](super::Gpu::from_raw), which lists the requirements.
@@ -78,16 +78,20 @@ pub(super) struct OwnedDevice {
 }
 
 impl OwnedDevice {
-    /// Creates a device with a queue for compute and, if it `shows` pictures in windows, for graphics.
+    /// Creates a device with a queue for compute and, if `options` have a display to show pictures on, for graphics.
     pub(super) fn new(
         instance: &ash::Instance,
         physical: vk::PhysicalDevice,
         caps: &DeviceCaps,
-        shows: bool,
+        options: &GpuOptions,
     ) -> Result<Self, GpuError> {
         check_features(instance, physical, caps)?;
+        let shows = options.display.is_some();
         if shows {
             check_shows(instance, physical, caps)?;
+        }
+        if options.pipeline_statistics {
+            check_statistics(instance, physical, caps)?;
         }
         let families = queue_family_properties(instance, physical);
         // The user interface is drawn by a graphics pipeline.
@@ -108,12 +112,20 @@ impl OwnedDevice {
         if shows {
             extensions.push(khr::swapchain::NAME);
         }
+        let mut executables =
+            vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
+        if options.pipeline_statistics {
+            extensions.push(khr::pipeline_executable_properties::NAME);
+        }
         let extensions: Vec<_> = extensions.into_iter().map(CStr::as_ptr).collect();
-        let info = vk::DeviceCreateInfo::default()
+        let mut info = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
             .enabled_extension_names(&extensions)
             .push_next(&mut v12)
             .push_next(&mut v13);
+        if options.pipeline_statistics {
+            info = info.push_next(&mut executables);
+        }
         // SAFETY: features were checked, pointers live through the call.
         let device = unsafe { instance.create_device(physical, &info, None) }.map_err(GpuError::vulkan("device"))?;
         Ok(Self { device, queue_family, timestamp_bits })
@@ -166,6 +178,15 @@ fn check_shows(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &De
         return missing("VK_KHR_swapchain (pictures in windows)");
     }
     if v13.dynamic_rendering == 0 { missing("dynamicRendering") } else { Ok(()) }
+}
+
+/// Fails if the driver does not say what it makes of pipelines.
+fn check_statistics(instance: &ash::Instance, physical: vk::PhysicalDevice, caps: &DeviceCaps) -> Result<(), GpuError> {
+    if has_extension(&device_extensions(instance, physical)?, khr::pipeline_executable_properties::NAME) {
+        return Ok(());
+    }
+    let feature = "VK_KHR_pipeline_executable_properties (the driver's statistics of kernels)".into();
+    Err(GpuError::MissingFeature { device: caps.name.clone(), feature })
 }
 
 /// Fails with the name of the first required feature that is missing.

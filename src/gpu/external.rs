@@ -56,7 +56,7 @@ impl Recorder {
     /// Creates a recorder for [`Recorder::begin_in`].
     pub(crate) fn for_callers(gpu: &Arc<Gpu>) -> Result<Self, GpuError> {
         let mut recorder = Self::new(gpu)?;
-        recorder.callers = Some(Timeline::new(&gpu.device)?);
+        recorder.callers = Some(Timeline::with_semaphore(&gpu.device)?);
         Ok(recorder)
     }
 
@@ -82,9 +82,10 @@ impl Recorder {
         let Some(callers) = self.callers.as_ref().filter(|_| self.recording && self.commands != self.own) else {
             return Err(self.refuse("a picture", "it was not begun"));
         };
+        let semaphore = callers.semaphore().map_err(GpuError::vulkan("timeline semaphore"))?;
         let ticket = callers.next();
         callers.submitted(ticket);
-        let signal = Signal { semaphore: callers.semaphore, value: ticket.0 };
+        let signal = Signal { semaphore, value: ticket.0 };
         self.barrier(FOR_THE_HOST);
         self.submitted = Some(Submitted::Callers(ticket));
         self.close();
@@ -130,7 +131,7 @@ impl Recorder {
     pub(crate) unsafe fn forget_callers(&mut self) -> Result<(), GpuError> {
         if let Some(Submitted::Callers(_)) = self.submitted {
             // The skipped value must not be signalled later: a new semaphore starts again.
-            self.callers = Some(Timeline::new(&self.gpu.device)?);
+            self.callers = Some(Timeline::with_semaphore(&self.gpu.device)?);
             self.submitted = None;
         }
         self.abandon();

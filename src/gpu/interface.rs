@@ -10,6 +10,8 @@ pub struct Shader {
     pub name: &'static str,
     /// Optimised SPIR-V, bytes.
     pub spirv: &'static [u8],
+    /// True if its code depends on which invocations share a subgroup.
+    pub uses_subgroups: bool,
     /// Storage buffers that the shader declares.
     pub bindings: &'static [BindingInfo],
     /// Specialisation constants.

@@ -90,8 +90,8 @@ struct Compiled {
     set_layout: vk::DescriptorSetLayout,
 }
 
-/// Kernel, subgroup size and spec constants.
-type Key = (&'static str, u32, Vec<(String, u32)>);
+/// Kernel, required subgroup size if it needs one, and spec constants.
+type Key = (&'static str, Option<u32>, Vec<(String, u32)>);
 
 /// The pipelines of a device, which live as long as it does, so that the phases of a run share them. Drivers may
 /// compile a kernel only when it is first run, which Vulkan's cache does not avoid; lavapipe takes 0.1 to 0.15 s for
@@ -114,6 +114,14 @@ impl PipelineStore {
         let compiled = create()?;
         pipelines.insert(key, compiled);
         Ok(compiled)
+    }
+
+    /// The keys and handles of all pipelines, in the order of the keys.
+    pub(super) fn handles(&self) -> Vec<(Key, vk::Pipeline)> {
+        let pipelines = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut all: Vec<_> = pipelines.iter().map(|(key, compiled)| (key.clone(), compiled.handle)).collect();
+        all.sort();
+        all
     }
 
     /// Destroys all pipelines.
@@ -155,11 +163,22 @@ impl<K: Kernel> Pipeline<K> {
         constants: &[(&str, u32)],
     ) -> Result<Self, GpuError> {
         let named = constants.iter().map(|&(name, value)| (name.to_owned(), value)).collect();
-        let key = (K::SHADER.name, subgroup_size, named);
-        let create = || compile(gpu, cache, K::SHADER, subgroup_size, constants);
+        if !gpu.caps().subgroup_sizes().contains(&subgroup_size) {
+            let reason = format!("the device has no subgroups of {subgroup_size}");
+            return Err(GpuError::Kernel { kernel: K::SHADER.name.into(), reason });
+        }
+        let required = required_subgroup_size(K::SHADER, gpu.caps().can_require_subgroup_size, subgroup_size);
+        let key = (K::SHADER.name, required, named);
+        let create = || compile(gpu, cache, K::SHADER, required, constants);
         let Compiled { handle, layout, set_layout } = gpu.pipelines.get_or_create(key, create)?;
         Ok(Self { gpu: gpu.clone(), handle, layout, set_layout, kernel: PhantomData })
     }
+}
+
+/// The subgroup size that a pipeline asks for, where the device takes wishes. A kernel without subgroup operations asks for
+/// none: drivers then choose what suits its registers best (Intel's spill thousands of them at the largest size).
+fn required_subgroup_size(shader: &Shader, can_require: bool, subgroup_size: u32) -> Option<u32> {
+    (can_require && shader.uses_subgroups).then_some(subgroup_size)
 }
 
 /// Objects that [`compile`] has created so far; destroyed unless they are taken over.
@@ -185,14 +204,10 @@ fn compile(
     gpu: &Gpu,
     cache: &PipelineCache,
     shader: &Shader,
-    subgroup_size: u32,
+    required_subgroup_size: Option<u32>,
     constants: &[(&str, u32)],
 ) -> Result<Compiled, GpuError> {
     check_bindings(gpu, shader)?;
-    if !gpu.caps().subgroup_sizes().contains(&subgroup_size) {
-        let reason = format!("the device has no subgroups of {subgroup_size}");
-        return Err(GpuError::Kernel { kernel: shader.name.into(), reason });
-    }
     let (entries, data) = specialisation(shader, constants)?;
     let words = ash::util::read_spv(&mut std::io::Cursor::new(shader.spirv))
         .map_err(|e| GpuError::Kernel { kernel: shader.name.into(), reason: e.to_string() })?;
@@ -208,18 +223,24 @@ fn compile(
     made.module =
         unsafe { gpu.device.create_shader_module(&module_info, None) }.map_err(GpuError::vulkan(shader.name))?;
     let specialization = vk::SpecializationInfo::default().map_entries(&entries).data(&data);
-    let mut required =
-        vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default().required_subgroup_size(subgroup_size);
+    let mut required = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default()
+        .required_subgroup_size(required_subgroup_size.unwrap_or_default());
     let mut stage = vk::PipelineShaderStageCreateInfo::default()
         .stage(vk::ShaderStageFlags::COMPUTE)
-        .flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS)
         .module(made.module)
         .name(c"main")
         .specialization_info(&specialization);
-    if gpu.caps().can_require_subgroup_size {
+    if shader.uses_subgroups {
+        stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS);
+    }
+    if required_subgroup_size.is_some() {
         stage = stage.push_next(&mut required);
     }
-    let info = [vk::ComputePipelineCreateInfo::default().stage(stage).layout(made.layout)];
+    let flags = match gpu.statistics {
+        Some(_) => vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR,
+        None => vk::PipelineCreateFlags::empty(),
+    };
+    let info = [vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(made.layout)];
     // SAFETY: every pointer of `info` lives through the call.
     let created = unsafe { gpu.device.create_compute_pipelines(cache.handle, &info, None) };
     let handle = created.map_err(|(_, e)| e).map_err(GpuError::vulkan(shader.name))?[0];
@@ -288,4 +309,21 @@ fn create_layout(
     let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets).push_constant_ranges(used);
     // SAFETY: the arrays live through the call.
     unsafe { gpu.device.create_pipeline_layout(&info, None) }.map_err(GpuError::vulkan(shader.name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gpu::interface::shaders::{adam, image_loss_rows, radix_sort_scatter, scan_reduce, tile_blend};
+
+    #[test]
+    fn only_kernels_with_subgroup_operations_require_a_size() {
+        for shader in [&adam::SHADER, &image_loss_rows::SHADER] {
+            assert_eq!(required_subgroup_size(shader, true, 32), None, "{}", shader.name);
+        }
+        for shader in [&tile_blend::SHADER, &scan_reduce::SHADER, &radix_sort_scatter::SHADER] {
+            assert_eq!(required_subgroup_size(shader, true, 32), Some(32), "{}", shader.name);
+            assert_eq!(required_subgroup_size(shader, false, 32), None, "{}: the device takes no wishes", shader.name);
+        }
+    }
 }

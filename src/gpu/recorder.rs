@@ -376,7 +376,8 @@ impl Recorder {
         let timeline = &self.gpu.timeline;
         let accepted = self.gpu.with_queue(|queue| {
             let ticket = timeline.next();
-            let signals = [whole(timeline.semaphore).value(ticket.0), whole(signalled.unwrap_or_default())];
+            let own = timeline.semaphore()?;
+            let signals = [whole(own).value(ticket.0), whole(signalled.unwrap_or_default())];
             let info = [vk::SubmitInfo2::default()
                 .wait_semaphore_infos(waits)
                 .command_buffer_infos(&commands)

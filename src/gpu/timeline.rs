@@ -1,5 +1,6 @@
 //! A timeline semaphore per device: every submission signals the next value.
 
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use ash::vk;
@@ -24,7 +25,8 @@ pub struct SubmissionCounts {
 /// The semaphore and the value of the last accepted submission.
 pub(crate) struct Timeline {
     device: ash::Device,
-    pub(crate) semaphore: vk::Semaphore,
+    /// Created for the first submission: devices that can only compile have none.
+    semaphore: OnceLock<vk::Semaphore>,
     last: AtomicU64,
     /// True once the device is lost: nothing is in flight any more.
     lost: AtomicBool,
@@ -35,14 +37,30 @@ pub(crate) struct Timeline {
 }
 
 impl Timeline {
-    pub(crate) fn new(device: &ash::Device) -> Result<Self, GpuError> {
+    pub(crate) fn new(device: &ash::Device) -> Self {
+        let [last, finished, waits, drains] = [0; 4].map(AtomicU64::new);
+        let (device, semaphore, lost) = (device.clone(), OnceLock::new(), AtomicBool::new(false));
+        Self { device, semaphore, last, lost, finished, waits, drains }
+    }
+
+    /// The same with the semaphore, so that nothing can fail later.
+    pub(crate) fn with_semaphore(device: &ash::Device) -> Result<Self, GpuError> {
+        let timeline = Self::new(device);
+        timeline.semaphore().map_err(GpuError::vulkan("timeline semaphore"))?;
+        Ok(timeline)
+    }
+
+    /// The semaphore that submissions signal. The caller holds the queue's lock, or is the only user, so
+    /// that nobody else creates it meanwhile.
+    pub(crate) fn semaphore(&self) -> Result<vk::Semaphore, vk::Result> {
+        if let Some(&semaphore) = self.semaphore.get() {
+            return Ok(semaphore);
+        }
         let mut kind = vk::SemaphoreTypeCreateInfo::default().semaphore_type(vk::SemaphoreType::TIMELINE);
         let info = vk::SemaphoreCreateInfo::default().push_next(&mut kind);
         // SAFETY: the device has the timelineSemaphore feature (required at creation); the chain lives through the call.
-        let semaphore =
-            unsafe { device.create_semaphore(&info, None) }.map_err(GpuError::vulkan("timeline semaphore"))?;
-        let [last, finished, waits, drains] = [0; 4].map(AtomicU64::new);
-        Ok(Self { device: device.clone(), semaphore, last, lost: AtomicBool::new(false), finished, waits, drains })
+        let semaphore = unsafe { self.device.create_semaphore(&info, None) }?;
+        Ok(*self.semaphore.get_or_init(|| semaphore))
     }
 
     /// The value that the next submission signals. The caller holds the queue's lock until it has called `submitted`.
@@ -72,11 +90,13 @@ impl Timeline {
         if ticket.0 <= self.finished.load(Ordering::SeqCst) {
             return Ok(());
         }
+        // Without a submission there is no ticket to wait for.
+        let Some(&semaphore) = self.semaphore.get() else { return Ok(()) };
         self.waits.fetch_add(1, Ordering::SeqCst);
         if ticket == self.last() {
             self.drains.fetch_add(1, Ordering::SeqCst);
         }
-        let (semaphores, values) = ([self.semaphore], [ticket.0]);
+        let (semaphores, values) = ([semaphore], [ticket.0]);
         let info = vk::SemaphoreWaitInfo::default().semaphores(&semaphores).values(&values);
         // SAFETY: the semaphore belongs to `device` and the arrays live through the call.
         let waited = unsafe { self.device.wait_semaphores(&info, u64::MAX) };
@@ -104,8 +124,9 @@ impl Timeline {
         if self.lost.load(Ordering::SeqCst) {
             return Ticket(u64::MAX);
         }
+        let Some(&semaphore) = self.semaphore.get() else { return Ticket(0) };
         // SAFETY: a timeline semaphore of this device.
-        match unsafe { self.device.get_semaphore_counter_value(self.semaphore) } {
+        match unsafe { self.device.get_semaphore_counter_value(semaphore) } {
             Ok(value) => Ticket(value),
             Err(vk::Result::ERROR_DEVICE_LOST) => {
                 self.lost.store(true, Ordering::SeqCst);
@@ -118,7 +139,9 @@ impl Timeline {
 
 impl Drop for Timeline {
     fn drop(&mut self) {
-        // SAFETY: the owner has waited for the submissions that signal the semaphore, or the device is lost.
-        unsafe { self.device.destroy_semaphore(self.semaphore, None) };
+        if let Some(semaphore) = self.semaphore.take() {
+            // SAFETY: the owner has waited for the submissions that signal the semaphore, or the device is lost.
+            unsafe { self.device.destroy_semaphore(semaphore, None) };
+        }
     }
 }

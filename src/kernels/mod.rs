@@ -3,11 +3,13 @@
 //! compiled `SHADER` and a marker type for its pipeline, all generated from the GLSL (see `gpu::interface`). The
 //! pipelines of the renderer and the trainer are in [`pipelines`].
 
+pub mod every_pipeline;
 pub mod pipelines;
 pub mod scene_traits;
 pub mod variant;
 
 pub use crate::gpu::interface::shaders::*;
+pub use every_pipeline::compile_every_pipeline;
 pub use pipelines::{
     BackwardPipelines, DensifyPipelines, ExposurePipelines, MarkPipelines, McmcStepPipelines, Pipelines,
     PresentPipelines, PresentVariant, Primitives, SegmentPipelines, SurfacePipelines,

@@ -22,11 +22,10 @@ pub struct Variant {
 }
 
 impl Variant {
-    /// The variant for a device: subgroups of 32 if available, else the largest size.
+    /// The variant for a device: subgroups of 32 if available, of 16 on Intel's, else the largest size.
     pub fn for_device(caps: &DeviceCaps) -> Self {
-        let sizes = caps.subgroup_sizes();
-        let preferred = if sizes.contains(&32) { 32 } else { sizes.last().copied().unwrap_or(caps.max_subgroup_size) };
-        Self::for_subgroup_size(caps, preferred)
+        let preferred = preferred_subgroup_size(&caps.subgroup_sizes(), caps.is_intel);
+        Self::for_subgroup_size(caps, preferred.unwrap_or(caps.max_subgroup_size))
     }
 
     /// The variant for one of `caps.subgroup_sizes()`.
@@ -46,5 +45,28 @@ impl Variant {
             // 9 sums for each of 32 splats do not fit registers.
             transpose_moments: subgroup_size <= 16,
         }
+    }
+}
+
+/// The size to use among ascending `sizes`; `None` if there are none. On Intel's, a value of 32 lanes takes two or four of a
+/// thread's 128 registers, and the driver spills thousands of values of the larger kernels.
+fn preferred_subgroup_size(sizes: &[u32], is_intel: bool) -> Option<u32> {
+    let wanted = if is_intel { 16 } else { 32 };
+    if sizes.contains(&wanted) { Some(wanted) } else { sizes.last().copied() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn intel_gets_16_lanes_and_others_32_where_they_have_them() {
+        assert_eq!(preferred_subgroup_size(&[8, 16, 32], true), Some(16));
+        assert_eq!(preferred_subgroup_size(&[16, 32], true), Some(16));
+        assert_eq!(preferred_subgroup_size(&[8, 16, 32], false), Some(32));
+        assert_eq!(preferred_subgroup_size(&[32, 64], false), Some(32));
+        assert_eq!(preferred_subgroup_size(&[64], false), Some(64));
+        assert_eq!(preferred_subgroup_size(&[4, 8], true), Some(8));
+        assert_eq!(preferred_subgroup_size(&[], true), None);
     }
 }

@@ -11,8 +11,14 @@ use crate::kernels::{Primitives, Variant};
 use super::scan::ScanScratch;
 use super::sort::{DigitTables, Sort, SortBuffers, record_sort};
 
-/// Three blocks, the last one partly filled.
-const TEST_LEN: u32 = 2 * BLOCK_SIZE + 77;
+/// Blocks of keys that are filled; one more holds the rest. Their histograms are scanned, and take more than two scan blocks:
+/// with fewer keys no scan would carry the sum of one block to the next.
+const FULL_BLOCKS: u32 = 2 * BLOCK_SIZE / RADIX_SIZE;
+const TEST_LEN: u32 = FULL_BLOCKS * BLOCK_SIZE + 77;
+const _: () = assert!(
+    TEST_LEN.div_ceil(BLOCK_SIZE) * RADIX_SIZE > 2 * BLOCK_SIZE && !TEST_LEN.is_multiple_of(BLOCK_SIZE),
+    "the scan's block sums and a partly filled block are part of the test"
+);
 
 /// Sorts known pairs, which also runs the scan, and compares with the host.
 ///

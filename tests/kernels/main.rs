@@ -21,6 +21,7 @@ mod mask_contribution;
 mod mcmc;
 mod overflow;
 mod packed;
+mod pipelines;
 mod plan_slab;
 mod poison;
 mod poison_backward;
