@@ -1,0 +1,78 @@
+//! `instgs-vk completions` and `instgs-vk man`: what shells and `man` know of this program, made from its own definitions.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Command, ValueEnum};
+use clap_complete::Shell;
+use clap_mangen::Man;
+
+use super::evidence;
+use instgs_console::args::create_folder;
+use instgs_console::{CliError, Printer};
+use instgs_io::atomic_write;
+
+/// Prints the completions of a shell: a script that it loads.
+#[derive(Args)]
+#[command(after_help = "Examples:\n  \
+    instgs-vk completions bash > ~/.local/share/bash-completion/completions/instgs-vk\n  \
+    instgs-vk completions zsh > ~/.zfunc/_instgs-vk        (with fpath+=~/.zfunc before compinit in ~/.zshrc)\n  \
+    instgs-vk completions fish > ~/.config/fish/completions/instgs-vk.fish")]
+pub(super) struct CompletionsArgs {
+    /// The shell
+    #[arg(value_name = "SHELL")]
+    shell: ShellArg,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum ShellArg {
+    Bash,
+    Zsh,
+    Fish,
+}
+
+/// Writes the man pages of the program and its commands to a folder.
+#[derive(Args)]
+#[command(after_help = "Example:\n  instgs-vk man ~/.local/share/man/man1        (then: man instgs-vk-train)")]
+pub(super) struct ManArgs {
+    /// Folder for the pages; created if necessary
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+}
+
+pub(super) fn completions(args: &CompletionsArgs, command: Command, printer: &Printer) {
+    let shell = match args.shell {
+        ShellArg::Bash => Shell::Bash,
+        ShellArg::Zsh => Shell::Zsh,
+        ShellArg::Fish => Shell::Fish,
+    };
+    let mut command = with_evidence(command);
+    let name = command.get_name().to_owned();
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut command, name, &mut script);
+    printer.file(&script);
+}
+
+/// The commands of `instgs-evidence` by name; their flags are known only to that program.
+fn with_evidence(command: Command) -> Command {
+    evidence::COMMANDS.iter().fold(command, |all, (name, what)| all.subcommand(Command::new(*name).about(*what)))
+}
+
+pub(super) fn man(args: &ManArgs, mut command: Command, printer: &Printer) -> Result<(), CliError> {
+    create_folder(&args.folder)?;
+    command.build();
+    let count = write_pages(&command, command.get_name(), &args.folder)?;
+    printer.line(format_args!("{count} man pages in {}", args.folder.display()));
+    Ok(())
+}
+
+/// Writes the page `name.1` and those of the subcommands; returns their number.
+fn write_pages(command: &Command, name: &str, folder: &Path) -> Result<usize, CliError> {
+    let titled = command.clone().name(name.to_owned());
+    let page = Man::new(titled);
+    atomic_write(&folder.join(format!("{name}.1")), |out| page.render(&mut &mut *out))?;
+    let mut count = 1;
+    for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
+        count += write_pages(sub, &format!("{name}-{}", sub.get_name()), folder)?;
+    }
+    Ok(count)
+}
