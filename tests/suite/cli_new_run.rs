@@ -26,7 +26,8 @@ fn folder() -> tempfile::TempDir {
     let masks = folder.path().join("data/masks");
     fs::create_dir(&masks).unwrap();
     for (name, ids) in [("001.png", 2), ("002.png", 3)] {
-        let mask = image::GrayImage::from_fn(SIZE.0, SIZE.1, |x, _| image::Luma([if x < ids { x as u8 + 1 } else { 0 }]));
+        let mask =
+            image::GrayImage::from_fn(SIZE.0, SIZE.1, |x, _| image::Luma([if x < ids { x as u8 + 1 } else { 0 }]));
         mask.save(masks.join(name)).unwrap();
     }
     folder
@@ -60,7 +61,8 @@ fn a_dry_run_says_what_the_run_uses() {
     let at = folder.path();
     let before = entries(at);
     let options = ["data", "--config", "quick", "--steps", "20", "--max-gaussians", "3000", "--set", "init=random"];
-    let options = [&options[..], &["--set", "init_count=3000", "--set", "strategy=none", "--out", "run", "--json"]].concat();
+    let options =
+        [&options[..], &["--set", "init_count=3000", "--set", "strategy=none", "--out", "run", "--json"]].concat();
     let planned = json_of(train(at, &[&options[..], &["--dry-run"]].concat()));
     assert_eq!(entries(at), before, "nothing is written");
     assert_eq!((&planned["train_views"], &planned["test_views"]), (&14.into(), &2.into()), "{planned}");

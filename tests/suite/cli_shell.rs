@@ -68,7 +68,8 @@ fn keys_are_listed_and_explained() {
     let some = stdout_of(&["config", "list", "mcmc."]);
     assert!(some.lines().all(|line| line.starts_with("mcmc.")) && some.lines().count() == 9, "{some}");
     let text = stdout_of(&["config", "show", "densify.recycle"]);
-    for words in ["densify.recycle = 0.0", "A cloud at its cap", "a number from 0.0, below 1.0", "instgs_renders: 0.05"] {
+    for words in ["densify.recycle = 0.0", "A cloud at its cap", "a number from 0.0, below 1.0", "instgs_renders: 0.05"]
+    {
         assert!(text.contains(words), "{words}: {text}");
     }
     assert!(text.lines().all(|line| line.chars().count() <= 110), "{text}");

@@ -90,8 +90,10 @@ fn a_link_to_nothing_is_found() {
     let text = "# A b, c\n[a](#a-b-c) `[x](y)` [b](docs/none.md) [c](docs/glossary.md#scene) [d](docs/glossary.md#none)\n\
         [e](https://example.org/x)\n```\n[f](no)\n```\n[g](#none)";
     assert!(anchors(text).contains("a-b-c"));
-    let found: Vec<String> = broken(&page, text).iter().map(|line| line.rsplit_once(": there").unwrap().0.into()).collect();
-    let want = ["#a-b-c", "docs/none.md", "docs/glossary.md#none", "#none"].map(|link| format!("{}: {link}", page.display()));
+    let found: Vec<String> =
+        broken(&page, text).iter().map(|line| line.rsplit_once(": there").unwrap().0.into()).collect();
+    let want =
+        ["#a-b-c", "docs/none.md", "docs/glossary.md#none", "#none"].map(|link| format!("{}: {link}", page.display()));
     // "#a-b-c" is a heading of the text here, not of the file.
     assert_eq!(found, want);
 }
@@ -101,9 +103,8 @@ fn the_readme_is_short_and_its_pictures_are_small() {
     let text = std::fs::read_to_string(repository().join("README.md")).unwrap();
     assert!(text.lines().count() < 180, "{} lines", text.lines().count());
     let pictures = links(&text).into_iter().filter(|link| link.contains("docs/pictures/"));
-    let sizes: Vec<(String, u64)> = pictures
-        .map(|link| (link.clone(), std::fs::metadata(repository().join(&link)).unwrap().len()))
-        .collect();
+    let sizes: Vec<(String, u64)> =
+        pictures.map(|link| (link.clone(), std::fs::metadata(repository().join(&link)).unwrap().len())).collect();
     assert!(sizes.len() == 2 && sizes[0].1 <= 250_000 && sizes[1].1 <= 800_000, "{sizes:?}");
 }
 

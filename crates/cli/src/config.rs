@@ -140,7 +140,9 @@ type PresetValues = Vec<(&'static str, Vec<(String, String, String)>)>;
 
 fn preset_values() -> Result<PresetValues, CliError> {
     let default = RunConfig::default();
-    let of = |(name, _): &(&'static str, &str)| Ok((*name, ConfigBuilder::new().file(name)?.finish()?.differences(&default)?));
+    let of = |(name, _): &(&'static str, &str)| {
+        Ok((*name, ConfigBuilder::new().file(name)?.finish()?.differences(&default)?))
+    };
     PRESETS.iter().map(of).collect()
 }
 

@@ -144,7 +144,8 @@ fn print(report: &DryRun, printer: &Printer) {
     row("start", report.start.clone());
     if let Some(masks) = &report.masks {
         row("masks", masks.clone());
-        let expected = report.objects.map_or("known once masks of different photos are matched".into(), |n| n.to_string());
+        let expected =
+            report.objects.map_or("known once masks of different photos are matched".into(), |n| n.to_string());
         row("objects", expected);
         row("groups", report.groups.clone().unwrap_or_else(|| "found by registration".into()));
     }

@@ -35,17 +35,15 @@ pub(super) fn claim(data: &Path) -> Result<PathBuf, CliError> {
 fn names(data: &Path) -> impl Iterator<Item = PathBuf> + use<> {
     let days = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs() / SECONDS_A_DAY);
     let first = format!("{}-{}", name(data), date(days));
-    (1..u32::MAX).map(move |number| {
-        Path::new(RUNS).join(if number == 1 { first.clone() } else { format!("{first}-{number}") })
-    })
+    (1..u32::MAX)
+        .map(move |number| Path::new(RUNS).join(if number == 1 { first.clone() } else { format!("{first}-{number}") }))
 }
 
 /// The name of the data set's folder, also of `.` and `a/..`, as a name that needs no quotes in a shell.
 fn name(data: &Path) -> String {
     let full = std::fs::canonicalize(data).unwrap_or_else(|_| data.into());
     let name = full.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let safe: String =
-        name.chars().map(|c| if c.is_alphanumeric() || "._-".contains(c) { c } else { '_' }).collect();
+    let safe: String = name.chars().map(|c| if c.is_alphanumeric() || "._-".contains(c) { c } else { '_' }).collect();
     // A leading "-" would be taken for a flag, a leading "." hides the folder.
     let safe = safe.trim_start_matches(['-', '.']);
     if safe.is_empty() { "run".into() } else { safe.into() }

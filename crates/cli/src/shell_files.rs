@@ -57,22 +57,20 @@ fn with_evidence(command: Command) -> Command {
     evidence::COMMANDS.iter().fold(command, |all, (name, what)| all.subcommand(Command::new(*name).about(*what)))
 }
 
-pub(super) fn man(args: &ManArgs, mut command: Command, printer: &Printer) -> Result<(), CliError> {
+pub(super) fn man(args: &ManArgs, command: Command, printer: &Printer) -> Result<(), CliError> {
     create_folder(&args.folder)?;
+    let mut command = command.disable_help_subcommand(true);
     command.build();
-    let count = write_pages(&command, command.get_name(), &args.folder)?;
+    let count = write_pages(&command, &args.folder)?;
     printer.line(format_args!("{count} man pages in {}", args.folder.display()));
     Ok(())
 }
 
-/// Writes the page `name.1` and those of the subcommands; returns their number.
-fn write_pages(command: &Command, name: &str, folder: &Path) -> Result<usize, CliError> {
-    let titled = command.clone().name(name.to_owned());
-    let page = Man::new(titled);
-    atomic_write(&folder.join(format!("{name}.1")), |out| page.render(&mut &mut *out))?;
-    let mut count = 1;
-    for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
-        count += write_pages(sub, &format!("{name}-{}", sub.get_name()), folder)?;
-    }
-    Ok(count)
+/// Writes the page of a command, for instance `instgs-vk-train.1`, and those of its subcommands; returns their number.
+fn write_pages(command: &Command, folder: &Path) -> Result<usize, CliError> {
+    let page = Man::new(command.clone());
+    atomic_write(&folder.join(page.get_filename()), |out| page.render(out))?;
+    let of_subcommands: Result<Vec<usize>, CliError> =
+        command.get_subcommands().map(|sub| write_pages(sub, folder)).collect();
+    Ok(1 + of_subcommands?.into_iter().sum::<usize>())
 }

@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
+use super::error::PipelineError;
 use super::job::PipelineJob;
 use super::label_gaussians::training_views;
 use super::make_masks::training_boxes;
 use super::mask_check::check_masks;
 use super::mask_source::MaskSource;
-use super::error::PipelineError;
 use instgs_io::{IoError, MaskFolder, Split, View, read_groups, read_points};
 use instgs_train::config::{Init, Method};
 use instgs_train::facts::MemoryUse;
