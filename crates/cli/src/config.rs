@@ -140,7 +140,7 @@ type PresetValues = Vec<(&'static str, Vec<(String, String, String)>)>;
 
 fn preset_values() -> Result<PresetValues, CliError> {
     let default = RunConfig::default();
-    let of = |(name, _): &(&'static str, &str)| {
+    let of = |(name, _): &(&'static str, &str)| -> Result<_, CliError> {
         Ok((*name, ConfigBuilder::new().file(name)?.finish()?.differences(&default)?))
     };
     PRESETS.iter().map(of).collect()

@@ -133,7 +133,7 @@ fn mask_text(masks: &MaskForecast, train_views: usize) -> String {
 }
 
 fn print(report: &DryRun, printer: &Printer) {
-    let mut row = |name: &str, value: String| printer.line(format_args!("{name:<16}{value}"));
+    let row = |name: &str, value: String| printer.line(format_args!("{name:<16}{value}"));
     row("data", report.data.display().to_string());
     row("run folder", report.out.display().to_string());
     row("device", format!("{}, {} MiB", report.device, mebibytes(report.device_heap_bytes)));

@@ -38,7 +38,9 @@ pub(super) fn run(args: &ViewArgs, device_args: &DeviceArgs) -> Result<ExitCode,
     })?;
     // The scene comes last, behind "--": its name may begin with "-".
     let mut all = args.flags.clone();
-    all.extend(device_args.as_given().into_iter().flat_map(|device| ["--device".into(), device.into()]));
+    if let Some(device) = device_args.as_given() {
+        all.extend(["--device", device].map(OsString::from));
+    }
     all.extend(["--".into(), args.scene.clone().into_os_string()]);
     programs::become_program(&program, &all)
 }
