@@ -67,7 +67,9 @@ fn report(job: &PipelineJob, device: String, device_heap_bytes: u64, found: Fore
     let least_device_bytes = found.memory.iter().map(|used| used.bytes).sum();
     if least_device_bytes > device_heap_bytes {
         let (wanted, there) = (mebibytes(least_device_bytes), mebibytes(device_heap_bytes));
-        notes.push(format!("the device has {there} MiB, and {wanted} would be used: lower --max-gaussians or --width"));
+        notes.push(format!(
+            "the device has {there} MiB, and a cloud of max_gaussians would use {wanted}: lower --max-gaussians if it may grow so far"
+        ));
     }
     DryRun {
         data: job.data.clone(),

@@ -62,8 +62,7 @@ pub fn planned_uses(config: &TrainConfig, pictures_px: &[[u32; 2]], heap_bytes: 
     let pictures = pictures_px.len() as u64;
     let bytes = bytes_of_all.min(picture_budget(config, heap_bytes));
     let each = bytes_of_all as f64 / pictures.max(1) as f64;
-    let pictures =
-        MemoryUse { name: PICTURES.into(), bytes, per: "picture".into(), count: pictures, bytes_each: each };
+    let pictures = MemoryUse { name: PICTURES.into(), bytes, per: "picture".into(), count: pictures, bytes_each: each };
     uses.into_iter().map(of).chain([pictures]).collect()
 }
 

@@ -82,8 +82,7 @@ mod tests {
     #[test]
     fn comments_belong_to_the_keys_below_them() {
         let file = "# About the file.\n\n# First,\n# of two.\na = 1\nb = \"x\"\n# Third.\nc = 2\n\n# A part.\n[s]\nd = 3\n# E.\ne = 4";
-        let found: Vec<[String; 4]> =
-            entries(file).into_iter().map(|e| [e.name, e.value, e.text, e.section]).collect();
+        let found: Vec<[String; 4]> = entries(file).into_iter().map(|e| [e.name, e.value, e.text, e.section]).collect();
         let want = [
             ["a", "1", "First, of two.", ""],
             ["b", "\"x\"", "First, of two.", ""],
