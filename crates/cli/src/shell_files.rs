@@ -48,8 +48,13 @@ pub(super) fn completions(args: &CompletionsArgs, command: Command, printer: &Pr
     let mut command = with_evidence(command);
     let name = command.get_name().to_owned();
     let mut script = Vec::new();
-    clap_complete::generate(shell, &mut command, name, &mut script);
-    printer.file(&script);
+    clap_complete::generate(shell, &mut command, name.clone(), &mut script);
+    printer.file(one_spelling(&name, &String::from_utf8_lossy(&script)).as_bytes());
+}
+
+/// clap_complete 4.6.11 spells a "-" of the program's name in two ways in its script for bash, which then finds no flags.
+fn one_spelling(name: &str, script: &str) -> String {
+    script.replace(&name.replace('-', "__subcmd__"), &name.replace('-', "__"))
 }
 
 /// The commands of `instgs-evidence` by name; their flags are known only to that program.
