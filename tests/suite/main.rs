@@ -20,6 +20,8 @@ mod cli_eval;
 mod cli_instanced;
 mod cli_lod;
 mod cli_masks;
+mod cli_new_run;
+mod cli_shell;
 mod cli_stages;
 mod cli_train;
 mod consensus;
@@ -27,6 +29,7 @@ mod consensus;
 mod detect;
 #[cfg(feature = "onnx")]
 mod detect_runs;
+mod docs;
 mod examples;
 mod find;
 mod find_wall;

@@ -2,29 +2,33 @@
 //! and comparisons of instanced and plain scenes. They are a program of their own because users need neither a ray
 //! tracer nor tables of evidence.
 
-use std::env::consts::EXE_SUFFIX;
 use std::ffi::OsString;
-use std::path::Path;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
+use super::programs;
 use instgs_console::CliError;
 
-/// The paragraph of `--help` about them.
-pub(crate) const HELP: &str = "\
-Commands that run the program instgs-evidence (each has --help):
-  demo      All steps on generated photos of eight cars: trains, compares, draws
-  synth     Makes a ray-traced data set with known poses, masks and depths
-  compare   Trains an instanced scene and 3DGS of the same time and bytes, and compares them
-  tables    The comparison for a list of scenes, with rivals, ablations and plots";
+const PROGRAM: &str = "instgs-evidence";
 
-/// Names of the subcommands.
-const COMMANDS: [&str; 4] = ["demo", "synth", "compare", "tables"];
+/// Names of the subcommands, and what each does.
+pub(crate) const COMMANDS: [(&str, &str); 4] = [
+    ("demo", "All steps on generated photos of eight cars: trains, compares, draws"),
+    ("synth", "Makes a ray-traced data set with known poses, masks and depths"),
+    ("compare", "Trains an instanced scene and 3DGS of the same time and bytes, and compares them"),
+    ("tables", "The comparison for a list of scenes, with rivals, ablations and plots"),
+];
+
+/// The paragraph of `--help` about them.
+pub(crate) fn help() -> String {
+    let lines = COMMANDS.map(|(name, what)| format!("\n  {name:<10}{what}"));
+    format!("Commands that run the program {PROGRAM} (each has --help):{}", lines.concat())
+}
 
 /// Runs the program `instgs-evidence` with the same arguments if the subcommand belongs to it; `None` if it does not.
 pub(crate) fn run_if_asked(args: impl Iterator<Item = OsString>) -> Option<Result<ExitCode, CliError>> {
     let args: Vec<OsString> = args.collect();
     let name = subcommand(&args)?;
-    COMMANDS.contains(&name).then(|| run(&args, name))
+    COMMANDS.iter().any(|(known, _)| *known == name).then(|| run(&args, name))
 }
 
 /// The first argument that is no flag, not the value of `--device` (which may come before a subcommand), and not `help`.
@@ -41,28 +45,12 @@ fn subcommand(args: &[OsString]) -> Option<&str> {
 }
 
 fn run(args: &[OsString], name: &str) -> Result<ExitCode, CliError> {
-    let program = std::env::current_exe()?.with_file_name(format!("instgs-evidence{EXE_SUFFIX}"));
-    if !program.is_file() {
-        let place = program.display();
-        return Err(CliError::msg(format!(
-            "{name} is a command of instgs-evidence, which does not exist ({place}): cargo build --release makes it"
-        )));
+    match programs::beside(PROGRAM)? {
+        Some(program) => programs::become_program(&program, args),
+        None => Err(CliError::msg(format!(
+            "{name} is a command of {PROGRAM}, which is not beside this program: cargo build --release makes it"
+        ))),
     }
-    let mut command = Command::new(&program);
-    command.args(args);
-    // Replaces this process, so that signals reach the program.
-    #[cfg(unix)]
-    return Err(not_started(&program, &std::os::unix::process::CommandExt::exec(&mut command)));
-    #[cfg(not(unix))]
-    {
-        let status = command.status().map_err(|error| not_started(&program, &error))?;
-        let code = status.code().and_then(|code| u8::try_from(code).ok());
-        Ok(ExitCode::from(code.unwrap_or(instgs_console::FAILURE)))
-    }
-}
-
-fn not_started(program: &Path, error: &std::io::Error) -> CliError {
-    CliError::msg(format!("{}: cannot be started: {error}", program.display()))
 }
 
 #[cfg(test)]

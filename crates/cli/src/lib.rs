@@ -6,6 +6,8 @@
 mod bench;
 mod bench_lod;
 pub mod bench_report;
+mod config;
+mod dry_run;
 mod edit;
 mod edit_flags;
 mod eval;
@@ -20,16 +22,20 @@ pub mod lpips_args;
 pub mod mask_args;
 mod masks;
 mod picture_files;
+mod programs;
 pub mod progress_lines;
 mod render;
+mod run_name;
+mod shell_files;
 mod stages;
 mod train;
 pub mod training;
+mod view;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
-use instgs_console::{CliError, Printer, device, exit_code, parse};
+use clap::{CommandFactory, Parser, Subcommand};
+use instgs_console::{CliError, Printer, SUCCESS, device, exit_code, parse};
 
 /// Shared-template Gaussian instancing on raw Vulkan: small, fast, editable 3D Gaussian scenes.
 #[derive(Parser)]
@@ -38,7 +44,7 @@ use instgs_console::{CliError, Printer, device, exit_code, parse};
     version,
     arg_required_else_help = true,
     max_term_width = 110,
-    after_help = evidence::HELP
+    after_help = evidence::help()
 )]
 struct Cli {
     #[command(flatten)]
@@ -62,6 +68,10 @@ enum Command {
     Register(stages::register::RegisterArgs),
     Merge(stages::merge::MergeArgs),
     Find(find::FindArgs),
+    View(view::ViewArgs),
+    Config(config::ConfigArgs),
+    Completions(shell_files::CompletionsArgs),
+    Man(shell_files::ManArgs),
 }
 
 /// Runs the program with the process's arguments.
@@ -74,7 +84,7 @@ pub fn main() -> ExitCode {
         Err(code) => return code,
     };
     let printer = Printer::new(cli.command.json_on_stdout());
-    exit_code(run(&cli, &printer), &printer)
+    run(&cli, &printer).unwrap_or_else(|error| exit_code(Err(error), &printer))
 }
 
 impl Command {
@@ -94,12 +104,14 @@ impl Command {
             Self::Register(args) => args.json,
             Self::Merge(args) => args.json,
             Self::Find(args) => args.json,
+            Self::Config(args) => args.json_on_stdout(),
+            Self::View(_) | Self::Completions(_) | Self::Man(_) => false,
         }
     }
 }
 
-fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
-    match &cli.command {
+fn run(cli: &Cli, printer: &Printer) -> Result<ExitCode, CliError> {
+    let done = match &cli.command {
         Command::Info(args) => info::run(args, &cli.device, printer),
         Command::Render(args) => render::run(args, &cli.device, printer),
         Command::Eval(args) => eval::run(args, &cli.device, printer),
@@ -113,13 +125,21 @@ fn run(cli: &Cli, printer: &Printer) -> Result<(), CliError> {
         Command::Register(args) => stages::register::run(args, &cli.device, printer),
         Command::Merge(args) => stages::merge::run(args, printer),
         Command::Find(args) => find::run(args, printer),
-    }
+        // The only one with an exit code of its own: the player's.
+        Command::View(args) => return view::run(args, &cli.device),
+        Command::Config(args) => config::run(args, printer),
+        Command::Completions(args) => {
+            shell_files::completions(args, Cli::command(), printer);
+            Ok(())
+        }
+        Command::Man(args) => shell_files::man(args, Cli::command(), printer),
+    };
+    done.map(|()| ExitCode::from(SUCCESS))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_argument_definitions_are_consistent() {

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
+use super::dry_run;
 use super::mask_args::MaskArgs;
+use super::run_name;
 use super::training::{Session, train_job};
 use instgs_console::args::absolute;
 use instgs_console::device::{self, DeviceArgs};
@@ -31,18 +33,23 @@ use instgs_train::unused_masks;
 /// continues, and pictures in RUN/stages, which report.html shows too.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
-    instgs-vk train --data fox --out runs/fox --config quick --width 270\n  \
-    instgs-vk train --data garden --out runs/garden --set strategy=mcmc --max-gaussians 500000\n  \
-    instgs-vk train --data garden --out runs/garden --resume\n  \
-    instgs-vk train --data cars --out runs/cars --config instgs_quick\n  \
-    instgs-vk train --data cars --groups cars/groups.json --out runs/cars --config instgs_quick")]
+    instgs-vk train fox --config quick --width 270\n  \
+    instgs-vk train cars --config instgs_quick --dry-run\n  \
+    instgs-vk train cars --config instgs_quick --out runs/cars\n  \
+    instgs-vk train cars --out runs/cars --resume\n  \
+    instgs-vk train garden --set strategy=mcmc --max-gaussians 500000\n  \
+    instgs-vk train hall --groups hall/groups.json --config instgs_sparse")]
 pub(super) struct TrainArgs {
     /// Dataset folder with photos and cameras
-    #[arg(long, value_name = "DIR")]
-    data: PathBuf,
-    /// Run folder; created if necessary
+    #[arg(value_name = "DATA", required_unless_present = "data_flag", conflicts_with = "data_flag")]
+    data: Option<PathBuf>,
+    /// The same as DATA
+    #[arg(id = "data_flag", long = "data", value_name = "DATA")]
+    data_flag: Option<PathBuf>,
+    /// Run folder; created if necessary [default: runs/NAME-DATE of the data set's name, or with a number behind it if
+    /// there is one]
     #[arg(long, value_name = "RUN")]
-    out: PathBuf,
+    out: Option<PathBuf>,
     /// Kind of scene: 3dgs, a plain cloud, or instgs, templates with instances
     #[arg(long, value_name = "METHOD")]
     method: Option<String>,
@@ -85,21 +92,29 @@ pub(super) struct TrainArgs {
     #[arg(long, value_name = "N")]
     eval_every: Option<u64>,
     /// Continue from the newest checkpoint of RUN with RUN's configuration and seed; flags given now take precedence
-    #[arg(long)]
+    #[arg(long, requires = "out")]
     resume: bool,
     /// Continue although photos, masks of pixels or cameras are not those that RUN began with
     #[arg(long, requires = "resume")]
     accept_changed_data: bool,
+    /// Say what would be used (photos, masks, steps, memory) and stop; nothing is written
+    #[arg(long, conflicts_with = "resume")]
+    dry_run: bool,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
 }
 
 impl TrainArgs {
+    /// Folder of the data set; clap has seen to it that there is one.
+    fn data(&self) -> &Path {
+        self.data.as_ref().or(self.data_flag.as_ref()).map_or(Path::new(""), PathBuf::as_path)
+    }
+
     fn resolved(&self) -> Result<RunConfig, CliError> {
-        let own = RunFolder::new(&self.out).config();
+        let own = self.out.as_ref().map(|out| RunFolder::new(out).config()).filter(|own| self.resume && own.is_file());
         let mut builder = ConfigBuilder::new();
-        if self.resume && own.is_file() {
+        if let Some(own) = own {
             builder = builder.file(&own.display().to_string())?;
         }
         if let Some(file) = &self.config {
@@ -157,36 +172,55 @@ impl TrainArgs {
         }
     }
 
+    /// Refuses a folder given by `--out` that holds a run, unless that is to be resumed.
     fn check_folder(&self) -> Result<(), CliError> {
-        let Some(found) = RunFolder::new(&self.out).trace_of_run() else { return Ok(()) };
+        let Some(out) = &self.out else { return Ok(()) };
+        let Some(found) = RunFolder::new(out).trace_of_run() else { return Ok(()) };
         if self.resume {
             return Ok(());
         }
-        let error = IoError::new(&self.out, format!("holds a run already ({found})"));
+        let error = IoError::new(out, format!("holds a run already ({found})"));
         Err(error.advise("continue it with --resume, or choose another folder").into())
     }
 }
 
 pub(super) fn run(args: &TrainArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let config = args.resolved()?;
+    let (config, data) = (args.resolved()?, args.data());
     args.check_folder()?;
-    // Checked before anything is written: a folder without cameras should not leave an empty run.
-    let dataset = instgs_io::read_views(&args.data)?;
-    unused_masks(&args.data, &config.train, &dataset.views).iter().for_each(|note| printer.warning(note));
-    let interrupt = Interrupt::on_ctrl_c()?;
-    let gpu = device::open(device_args.choice())?;
-    let job = PipelineJob {
-        data: args.data.clone(),
-        out: args.out.clone(),
-        config,
+    let job = |out| PipelineJob {
+        data: data.into(),
+        out,
+        config: config.clone(),
         resume: args.resume,
         accept_changed_data: args.accept_changed_data,
     };
-    let report = train_job(&Session { gpu: &gpu, interrupt: &interrupt, printer }, &job)?;
+    if args.dry_run {
+        let out = args.out.clone().unwrap_or_else(|| run_name::unused(data));
+        return dry_run::run(&job(out), device_args, args.json, printer);
+    }
+    // Checked before anything is written: a folder without cameras should not leave an empty run.
+    let dataset = instgs_io::read_views(data)?;
+    unused_masks(data, &config.train, &dataset.views).iter().for_each(|note| printer.warning(note));
+    let interrupt = Interrupt::on_ctrl_c()?;
+    let gpu = device::open(device_args.choice())?;
+    let job = job(match &args.out {
+        Some(out) => out.clone(),
+        None => run_name::claim(data)?,
+    });
+    if args.out.is_none() {
+        printer.line(format_args!("the run folder is {}", job.out.display()));
+    }
+    let session = Session { gpu: &gpu, interrupt: &interrupt, printer };
+    let report = train_job(&session, &job).inspect_err(|_| {
+        if args.out.is_none() {
+            // Only if it is empty: nobody asked for a folder of a run that never began.
+            let _ = std::fs::remove_dir(&job.out);
+        }
+    })?;
     if args.json {
         return printer.json(&report);
     }
-    print_report(&report, &args.out, printer);
+    print_report(&report, &job.out, printer);
     Ok(())
 }
 

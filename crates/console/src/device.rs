@@ -22,6 +22,11 @@ pub struct DeviceArgs {
 }
 
 impl DeviceArgs {
+    /// The flag's value; `None` without the flag.
+    pub fn as_given(&self) -> Option<&str> {
+        self.device.as_deref()
+    }
+
     /// The device of the flag, else of the variable, else the best device.
     pub fn choice(&self) -> DeviceChoice {
         let variable = || std::env::var(DEVICE_VARIABLE).ok().filter(|text| !text.is_empty());

@@ -33,6 +33,11 @@ impl Printer {
         }
     }
 
+    /// Writes the bytes of a file to stdout, as they are: a script for a shell, which may hold tabs.
+    pub fn file(&self, bytes: &[u8]) {
+        let _ = std::io::stdout().lock().write_all(bytes);
+    }
+
     /// Writes the JSON report to stdout.
     pub fn json(&self, report: &impl serde::Serialize) -> Result<(), CliError> {
         let _ = std::io::stdout().lock().write_all(&json_bytes(report)?);

@@ -1,10 +1,76 @@
-//! Uses of device memory in training, each with the unit that it grows with.
+//! Uses of device memory in training, each with the unit that it grows with: of a run, and as far as they are known before.
 
+use super::config::{Method, TrainConfig};
 use super::device_state::DeviceState;
 use super::facts::MemoryUse;
 use super::step_runner::StepRunner;
 use super::views::TrainViews;
 use instgs_vk::gpu::interface::types;
+use instgs_vk::scene::gaussians::sh_coefficients;
+
+/// Fraction of the device's memory for training pictures if the user sets no limit.
+const PICTURE_SHARE: f64 = 0.25;
+/// Names of the uses that [`planned_uses`] knows, too.
+const PARAMETERS: &str = "parameters";
+const GRADIENTS: &str = "gradients and statistics";
+const MOMENTS: &str = "Adam's moments";
+const SLOTS: &str = "projected Gaussians and their gradients";
+const PIXELS: &str = "picture, loss and its windows";
+const PICTURES: &str = "training pictures";
+/// f32 values of a Gaussian besides its SH coefficients: centre, quaternion, log scales, opacity logit.
+const VALUES_WITHOUT_SH: u64 = 3 + 4 + 3 + 1;
+/// Bytes of the statistics of densification for each Gaussian.
+const STATISTICS_BYTES: u64 = 12;
+/// Bytes of a slot: those of [`per_slot_bytes`], and the gradient of its source.
+const SLOT_BYTES: u64 = 172;
+/// Bytes of a pixel of the picture that is compared: colours, depths, cotangents and the windows of SSIM.
+const PIXEL_BYTES: u64 = 172;
+
+/// Device memory that training pictures may take, bytes, on a device with `heap_bytes`.
+pub fn picture_budget(config: &TrainConfig, heap_bytes: u64) -> u64 {
+    match config.device_memory_mb {
+        0 => (heap_bytes as f64 * PICTURE_SHARE) as u64,
+        // Pictures get half of the budget.
+        mb => u64::from(mb) << 19,
+    }
+}
+
+/// The uses of device memory that are known before a run: those of `max_gaussians` Gaussians and of the training pictures,
+/// whose sizes are `pictures_px`. The (splat, tile) pairs, which depend on the views, and small buffers come on top. In a
+/// run, `heap_bytes` is the memory of the device.
+pub fn planned_uses(config: &TrainConfig, pictures_px: &[[u32; 2]], heap_bytes: u64) -> Vec<MemoryUse> {
+    let gaussians = u64::from(config.max_gaussians);
+    let values = VALUES_WITHOUT_SH + 3 * sh_coefficients(config.sh_degree) as u64;
+    let may_expand = config.method == Method::Instanced && config.joint.grow_fraction > 0.0;
+    let expanded = if may_expand { config.joint.max_expanded.max(1.0) } else { 1.0 };
+    let areas = pictures_px.iter().map(|[width, height]| u64::from(*width) * u64::from(*height));
+    let bytes_of_all = 4 * areas.clone().sum::<u64>();
+    let uses = [
+        (PARAMETERS, "Gaussian", gaussians, 4 * values),
+        (GRADIENTS, "Gaussian", gaussians, 4 * values + STATISTICS_BYTES),
+        (MOMENTS, "Gaussian", gaussians, 8 * values),
+        (SLOTS, "Gaussian", (gaussians as f64 * expanded) as u64, SLOT_BYTES),
+        (PIXELS, "pixel", areas.max().unwrap_or(0), PIXEL_BYTES),
+    ];
+    let of = |(name, per, count, each): (&str, &str, u64, u64)| MemoryUse {
+        name: name.into(),
+        bytes: count * each,
+        per: per.into(),
+        count,
+        bytes_each: each as f64,
+    };
+    let pictures = pictures_px.len() as u64;
+    let bytes = bytes_of_all.min(picture_budget(config, heap_bytes));
+    let each = bytes_of_all as f64 / pictures.max(1) as f64;
+    let pictures = MemoryUse { name: PICTURES.into(), bytes, per: "picture".into(), count: pictures, bytes_each: each };
+    uses.into_iter().map(of).chain([pictures]).collect()
+}
+
+/// Bytes of a slot of a frame: splat, footprint, tile count, first emission, two buffers of depth keys and slots, scanned
+/// offset.
+const fn per_slot_bytes() -> u64 {
+    (size_of::<types::Splat>() + size_of::<types::Footprint>() + 4 + 4 + 16 + 4) as u64
+}
 
 /// The uses that make up nearly all of the device's memory; each is `count` times `bytes_each`.
 pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews) -> Vec<MemoryUse> {
@@ -14,19 +80,12 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
         let bytes_each = if count > 0 { bytes as f64 / count as f64 } else { 0.0 };
         out.push(MemoryUse { name: name.into(), bytes, per: per.into(), count, bytes_each });
     };
-    push("parameters", "Gaussian", state.scene.bytes(), gaussians);
-    push("gradients and statistics", "Gaussian", state.gradients.bytes(), gaussians);
-    push("Adam's moments", "Gaussian", state.moments.bytes(), gaussians);
+    push(PARAMETERS, "Gaussian", state.scene.bytes(), gaussians);
+    push(GRADIENTS, "Gaussian", state.gradients.bytes(), gaussians);
+    push(MOMENTS, "Gaussian", state.moments.bytes(), gaussians);
     if let Some((frame, backward)) = runner.frame().buffers() {
         let slots = u64::from(frame.plan.slots);
-        // Splat, footprint, tile count, first emission, two buffers of depth keys and slots, scanned offset.
-        let per_slot = (size_of::<types::Splat>() + size_of::<types::Footprint>() + 4 + 4 + 16 + 4) as u64;
-        push(
-            "projected Gaussians and their gradients",
-            "Gaussian",
-            slots * per_slot + backward.source_gradients.bytes(),
-            slots,
-        );
+        push(SLOTS, "Gaussian", slots * per_slot_bytes() + backward.source_gradients.bytes(), slots);
         let intersections = u64::from(frame.plan.capacities.intersections);
         // Two buffers of tile keys and emission indices, slot by emission.
         push(
@@ -40,12 +99,12 @@ pub fn memory_uses(state: &DeviceState, runner: &StepRunner, views: &TrainViews)
             + backward.row_moments.bytes()
             + backward.ssim_gradients.bytes()
             + backward.row_gradients.bytes();
-        push("picture, loss and its windows", "pixel", frame.colors.bytes() + frame.depths.bytes() + loss, pixels);
+        push(PIXELS, "pixel", frame.colors.bytes() + frame.depths.bytes() + loss, pixels);
     }
     if let Some(exposures) = &state.exposures {
         push("exposures", "picture", exposures.bytes(), exposures.views() as u64);
     }
-    push("training pictures", "picture", views.bytes(), views.resident() as u64);
+    push(PICTURES, "picture", views.bytes(), views.resident() as u64);
     out
 }
 

@@ -21,14 +21,13 @@ use super::exposures::FirstExposures;
 use super::given::given_cloud;
 use super::initial::{InitialShape, from_points, random_in_view, scene_extent};
 use super::log_state::LogState;
+use super::memory::picture_budget;
 use super::same_data::{self, SameData};
 use super::state_file::{densification_is_due, from_checkpoint, restore, size_of_cloud};
 use super::trainer::TrainJob;
 use super::view_store::{self, PrefetchLimits};
 use super::views::{TrainViews, ViewsPlan};
 
-/// Fraction of the device's memory for training pictures if the user sets no limit.
-const PICTURE_SHARE: f64 = 0.25;
 /// Sub-stream of the seed for random starts ("init" in ASCII).
 const INIT_STREAM: u64 = 0x696e_6974;
 
@@ -233,11 +232,7 @@ pub(super) fn load_all(
     let cameras: Vec<Camera> = data.train.iter().map(|v| v.camera.clone()).collect();
     data.warnings.extend(doubts(&cameras, &data.points, data.extent, config.near));
     data.warnings.iter().try_for_each(|warning| warn(warning))?;
-    let budget_bytes = match config.device_memory_mb {
-        0 => (gpu.device_heap_bytes() as f64 * PICTURE_SHARE) as u64,
-        // Pictures get half of the budget.
-        mb => u64::from(mb) << 19,
-    };
+    let budget_bytes = picture_budget(config, gpu.device_heap_bytes());
     let width = (config.width > 0).then_some(config.width);
     let plan = ViewsPlan { views: &data.train, width, budget_bytes, seed: config.seed, first_step: start.step };
     let views = TrainViews::load(gpu, &plan, || ())?;

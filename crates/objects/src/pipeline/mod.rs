@@ -6,6 +6,7 @@
 pub mod build_templates;
 pub mod config;
 mod error;
+mod forecast;
 mod job;
 pub mod label_gaussians;
 mod make_masks;
@@ -19,6 +20,7 @@ mod stage_kinds;
 
 pub use build_templates::{MergedScene, build_templates};
 pub use error::PipelineError;
+pub use forecast::{Forecast, GroupForecast, MaskForecast, ObjectForecast, StartForecast, forecast};
 pub use job::PipelineJob;
 pub use label_gaussians::{CloudLabels, label_gaussians, training_views};
 pub use make_masks::{masks_from_prompt, write_masks_from_boxes};

@@ -8,6 +8,7 @@
 
 pub mod empty_is_none;
 mod error;
+mod explain;
 mod joint;
 pub mod keys;
 mod load;
@@ -22,6 +23,7 @@ use toml::Table;
 use keys::Key;
 
 pub use error::ConfigError;
+pub use explain::{KeyText, explain};
 pub use joint::{JointConfig, JointRates, OffsetConfig, PoseRateConfig};
 pub use load::{Configuration, Layers, differences, to_toml};
 pub use schedule::{GaussianRates, PoseRates, Rates};
