@@ -10,7 +10,7 @@ use instgs_console::args::absolute;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
-use instgs_io::{IoError, RunFolder};
+use instgs_io::RunFolder;
 use instgs_objects::pipeline::PipelineJob;
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_report::RunReport;
@@ -155,12 +155,7 @@ impl TrainArgs {
     }
 
     fn check_folder(&self) -> Result<(), CliError> {
-        let Some(found) = RunFolder::new(&self.out).trace_of_run() else { return Ok(()) };
-        if self.resume {
-            return Ok(());
-        }
-        let error = IoError::new(&self.out, format!("holds a run already ({found})"));
-        Err(error.advise("continue it with --resume, or choose another folder").into())
+        if self.resume { Ok(()) } else { Ok(RunFolder::new(&self.out).expect_no_run()?) }
     }
 }
 
