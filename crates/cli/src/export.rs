@@ -10,8 +10,8 @@ use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
 use instgs_io::{ExportFormat, Pack, export_scene};
 use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
-use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::trajectory::Orbit;
 
 /// Writes a scene as .ply, .spz or .sog (instances are expanded into plain Gaussians), as .glb (glTF with
 /// KHR_gaussian_splatting: instances become nodes that share their template's data), or as .instgs.
