@@ -70,8 +70,7 @@ impl SplitArg {
         Ok(views)
     }
 
-    /// The dataset's views of this split, at least one, and what a user should know of how they were read.
-    pub fn views_and_notes(self, folder: &Path) -> Result<(Vec<View>, Vec<String>), CliError> {
+    fn views_and_notes(self, folder: &Path) -> Result<(Vec<View>, Vec<String>), CliError> {
         let wanted = |of_view: Split| match self {
             Self::All => true,
             Self::Test => of_view == Split::Test,

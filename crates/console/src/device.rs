@@ -24,16 +24,12 @@ pub struct DeviceArgs {
 impl DeviceArgs {
     /// The device of the flag, else of the variable, else the best device.
     pub fn choice(&self) -> DeviceChoice {
-        choice_of(self.device.clone())
+        let variable = || std::env::var(DEVICE_VARIABLE).ok().filter(|text| !text.is_empty());
+        let text = self.device.clone().or_else(variable);
+        text.map_or(DeviceChoice::Best, |text| {
+            text.parse().unwrap_or_else(|never: std::convert::Infallible| match never {})
+        })
     }
-}
-
-/// The device that a text names, else that of the variable, else the best device.
-pub fn choice_of(device: Option<String>) -> DeviceChoice {
-    let variable = || std::env::var(DEVICE_VARIABLE).ok().filter(|text| !text.is_empty());
-    device.or_else(variable).map_or(DeviceChoice::Best, |text| {
-        text.parse().unwrap_or_else(|never: std::convert::Infallible| match never {})
-    })
 }
 
 /// True if the environment enables the validation layers.

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use glam::DVec3;
-use instgs_console::args::SplitArg;
 use instgs_vk::scene;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::arrays::{from_rows, matrix, vector};
-use crate::error::{OrRaise, raised, warn};
+use crate::error::{OrRaise, raised};
+use crate::views::views_of;
 
 /// A pinhole camera in OpenCV's axes: x right, y down, z forward. Pixel (i, j) has its centre at (i + 0.5, j + 0.5).
 #[pyclass(module = "instgs", frozen)]
@@ -79,9 +79,7 @@ impl Camera {
     #[staticmethod]
     #[pyo3(signature = (data, split = "test"))]
     fn of_data(py: Python<'_>, data: PathBuf, split: &str) -> PyResult<Vec<Self>> {
-        let split = parse_split(split)?;
-        let (views, notes) = py.detach(|| split.views_and_notes(&data)).or_raise()?;
-        notes.iter().try_for_each(|note| warn(py, note))?;
+        let views = views_of(py, &data, split)?;
         Ok(views.into_iter().map(|view| Self { camera: view.camera }).collect())
     }
 
@@ -147,15 +145,5 @@ impl Camera {
     fn __repr__(&self) -> String {
         let scene::Camera { name, width, height, .. } = &self.camera;
         format!("<instgs.Camera \"{name}\": {width} x {height}>")
-    }
-}
-
-/// The split of that name.
-pub(crate) fn parse_split(name: &str) -> PyResult<SplitArg> {
-    match name {
-        "test" => Ok(SplitArg::Test),
-        "train" => Ok(SplitArg::Train),
-        "all" => Ok(SplitArg::All),
-        other => Err(raised(format_args!("split \"{other}\" is none of test, train and all"))),
     }
 }

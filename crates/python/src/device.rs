@@ -2,12 +2,16 @@
 
 use std::sync::Arc;
 
-use instgs_console::device::{choice_of, open};
-use instgs_vk::gpu::Gpu;
+use instgs_vk::gpu::{DeviceChoice, Gpu, GpuOptions};
 use pyo3::prelude::*;
 
-use crate::error::OrRaise;
+use crate::error::{OrRaise, raised};
 use crate::json::to_python;
+
+/// The environment variable that names the device where the user's code names none, as for the programs.
+const DEVICE_VARIABLE: &str = "INSTGS_DEVICE";
+/// Set to 1, everything runs under the validation layers and fails on their first message; for tests, as for the programs.
+const VALIDATION_VARIABLE: &str = "INSTGS_VALIDATION";
 
 /// A device by its number or a part of its name.
 #[derive(FromPyObject)]
@@ -20,16 +24,22 @@ pub(crate) enum DeviceName {
 
 /// Opens the device, else that of the environment variable INSTGS_DEVICE, else the best one.
 pub(crate) fn open_device(py: Python<'_>, name: Option<DeviceName>) -> PyResult<Arc<Gpu>> {
-    let text = name.map(|name| match name {
-        DeviceName::Number(number) => number.to_string(),
-        DeviceName::Name(text) => text,
-    });
-    py.detach(|| open(choice_of(text))).or_raise()
+    let variable = || std::env::var(DEVICE_VARIABLE).ok().filter(|text| !text.is_empty()).map(DeviceName::Name);
+    let device = match name.or_else(variable) {
+        None => DeviceChoice::Best,
+        Some(DeviceName::Number(number)) => DeviceChoice::Index(number),
+        Some(DeviceName::Name(text)) => text.parse().or_raise()?,
+    };
+    let validation = std::env::var_os(VALIDATION_VARIABLE).is_some_and(|value| value == "1");
+    py.detach(|| Gpu::open(&GpuOptions { device, validation, ..GpuOptions::default() })).or_raise()
 }
 
-/// Fails if the validation layers, which INSTGS_VALIDATION=1 turns on, reported a message.
+/// Fails if the validation layers reported a message; always succeeds without them.
 pub(crate) fn check_validation(gpu: &Gpu) -> PyResult<()> {
-    instgs_console::device::check_validation(gpu).or_raise()
+    match gpu.validation_messages().take().first() {
+        None => Ok(()),
+        Some(message) => Err(raised(format_args!("validation layers: {message}"))),
+    }
 }
 
 /// The Vulkan devices of this machine, in the order of their numbers: name, driver and limits of each.

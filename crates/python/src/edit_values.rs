@@ -42,14 +42,14 @@ impl<'a, 'py> Values<'a, 'py> {
     }
 
     /// Takes a value of a plain type, if it was given.
-    pub(crate) fn taken<T: for<'b> FromPyObject<'b, 'py>>(&mut self, name: &str) -> PyResult<Option<T>> {
+    pub(crate) fn taken<T: FromPyObjectOwned<'py>>(&mut self, name: &str) -> PyResult<Option<T>> {
         let Some(value) = self.any(name) else { return Ok(None) };
         let wrong = |_| raised(format_args!("{name}={value} is not of the right kind"));
         value.extract().map(Some).map_err(wrong)
     }
 
     /// Takes a value of a plain type that must be there.
-    pub(crate) fn needed<T: for<'b> FromPyObject<'b, 'py>>(&mut self, name: &str) -> PyResult<T> {
+    pub(crate) fn needed<T: FromPyObjectOwned<'py>>(&mut self, name: &str) -> PyResult<T> {
         self.taken(name)?.ok_or_else(|| missing(name))
     }
 

@@ -9,12 +9,12 @@ use instgs_io::dataset::{MissingPhotos, leave_out_missing};
 use instgs_vk::render::{self, RenderOptions};
 use pyo3::prelude::*;
 
-use crate::camera::parse_split;
 use crate::device::{DeviceName, check_validation, open_device};
 use crate::error::{OrRaise, raised, warn};
 use crate::json::to_python;
 use crate::look::Look;
 use crate::scene::Scene;
+use crate::views::views_of;
 
 /// Why an evaluation ended early.
 enum Stopped {
@@ -81,11 +81,9 @@ pub(crate) fn eval<'py>(
 
 /// The views to compare, with photos. Remarks are warnings.
 fn views(py: Python<'_>, data: PathBuf, split: &str, skip_missing: bool) -> PyResult<Vec<View>> {
-    let split = parse_split(split)?;
-    let (mut views, mut notes) = py.detach(|| split.views_and_notes(&data)).or_raise()?;
+    let mut views = views_of(py, &data, split)?;
     let may_be_missing = if skip_missing { MissingPhotos::Skip } else { MissingPhotos::Few };
-    notes.extend(leave_out_missing(&mut views, may_be_missing).or_raise()?);
-    notes.iter().try_for_each(|note| warn(py, note))?;
+    leave_out_missing(&mut views, may_be_missing).or_raise()?.iter().try_for_each(|note| warn(py, note))?;
     Ok(views)
 }
 

@@ -22,6 +22,7 @@ mod save;
 mod scene;
 mod synth;
 mod train;
+mod views;
 
 use pyo3::prelude::*;
 

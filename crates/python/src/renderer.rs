@@ -91,11 +91,6 @@ impl Renderer {
         let state = Mutex::new(py.detach(state).or_raise()?);
         Ok(Self { gpu, state })
     }
-
-    /// The device.
-    pub(crate) fn gpu(&self) -> &Arc<Gpu> {
-        &self.gpu
-    }
 }
 
 #[pymethods]

@@ -8,7 +8,6 @@ use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene;
 use instgs_vk::scene::trajectory::Orbit;
 use instgs_vk::scene::{InstancedScene, SourceRange};
-use numpy::PyArrayMethods;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 

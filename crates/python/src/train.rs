@@ -7,8 +7,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::ScopedJoinHandle;
 use std::time::Duration;
 
-use instgs_console::args::absolute;
-use instgs_console::{CliError, device};
 use instgs_io::{IoError, RunFolder, RunLock, load_scene, read_views};
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_objects::pipeline::{Message, Observer, Pipeline, PipelineJob, Prepared};
@@ -20,11 +18,14 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyString};
 use toml::Value;
 
-use crate::device::{DeviceName, open_device};
+use crate::device::{DeviceName, check_validation, open_device};
 use crate::error::{OrRaise, raised, warn};
 use crate::events::{Told, told};
 use crate::json::to_python;
 use crate::scene::Scene;
+
+/// Why a run ended early.
+type RunError = Box<dyn std::error::Error + Send + Sync>;
 
 /// How often the caller's thread looks for Ctrl-C.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
@@ -80,6 +81,7 @@ pub(crate) fn train(
     let gpu = open_device(py, device)?;
     let job = PipelineJob { data, out, config, resume };
     let report = run_beside(py, &gpu, &job, on_event.as_ref())?;
+    check_validation(&gpu)?;
     let scene = py.detach(|| load_scene(&job.folder().scene())).or_raise()?.scene;
     Ok(Trained { scene: Py::new(py, Scene::of(scene))?, report: to_python(py, &report)?.unbind(), folder: job.out })
 }
@@ -126,7 +128,8 @@ fn toml_value(key: &str, value: &Bound<'_, PyAny>) -> PyResult<Value> {
         return Ok(Value::String(value.extract()?));
     }
     match value.extract::<PathBuf>() {
-        Ok(path) => absolute(key, &path).map(Value::String).or_raise(),
+        // A resumed run may be in another folder.
+        Ok(path) => Ok(Value::String(std::path::absolute(path).or_raise()?.display().to_string())),
         Err(_) => Err(raised(format_args!("set: {key} = {value} is no number, text or path"))),
     }
 }
@@ -147,8 +150,8 @@ fn run_beside(py: Python<'_>, gpu: &Arc<Gpu>, job: &PipelineJob, on_event: Optio
     })
 }
 
-fn join(worker: ScopedJoinHandle<'_, Result<RunReport, CliError>>) -> Result<RunReport, CliError> {
-    worker.join().unwrap_or_else(|_| Err(CliError::msg("the run ended in a fault of this program; see stderr")))
+fn join(worker: ScopedJoinHandle<'_, Result<RunReport, RunError>>) -> Result<RunReport, RunError> {
+    worker.join().unwrap_or_else(|_| Err("the run ended in a fault of this program; see stderr".into()))
 }
 
 /// Passes on what the run tells until it ends. Ctrl-C or an exception of the user's callback asks it to stop; the first of
@@ -187,12 +190,11 @@ fn pass_on(py: Python<'_>, told: Told, on_event: Option<&Py<PyAny>>) -> PyResult
 }
 
 /// Runs the job and writes its reports.
-fn run(gpu: &Arc<Gpu>, interrupt: &Interrupt, job: &PipelineJob, sender: Sender<Told>) -> Result<RunReport, CliError> {
+fn run(gpu: &Arc<Gpu>, interrupt: &Interrupt, job: &PipelineJob, sender: Sender<Told>) -> Result<RunReport, RunError> {
     // Before anything of the folder is read that another run may be writing.
     let _lock = RunLock::take(&job.out)?;
     let mut watcher = Watcher { gpu, job, interrupt, sender, report: ReportWriter::new() };
     let finished = Pipeline { gpu, interrupt }.run(job, &mut watcher)?;
-    device::check_validation(gpu)?;
     if finished.objects.is_some()
         && let Err(error) = watcher.report.draw_trained_templates(gpu, job)
     {
