@@ -2,26 +2,31 @@
 
 use instgs_objects::pipeline::{Message, Phase};
 use instgs_train::TrainMessage;
-use serde_json::{Value, json};
+use instgs_train::events::Event;
+use serde::Serialize;
+use serde_json::json;
 
 /// What the thread that trains tells the one that called.
 pub(crate) enum Told {
-    /// An event, for the user's callback.
-    Event(Value),
+    /// An event, for the user's callback: its JSON.
+    Event(String),
     /// A remark for the user.
     Warning(String),
 }
 
-/// The message as the user gets it; `None` for what says nothing new.
+/// An event of a training with its phase. Never a `serde_json::Value`, which widens f32 to other digits than those of the log.
+#[derive(Serialize)]
+struct OfPhase<'a> {
+    #[serde(flatten)]
+    event: &'a Event,
+    phase: &'static str,
+}
+
+/// The message as the user gets it; `None` for what says nothing new, and for what JSON cannot hold.
 pub(crate) fn told(message: &Message<'_>) -> Option<Told> {
     let event = match message {
-        Message::Warning(text) | Message::Training { message: TrainMessage::Warning(text), .. } => {
-            return Some(Told::Warning((*text).into()));
-        }
-        Message::Training { phase, message } => of_training(message).map(|mut event| {
-            event["phase"] = phase_name(*phase).into();
-            event
-        })?,
+        Message::Warning(text) => return Some(Told::Warning((*text).into())),
+        Message::Training { phase, message } => return of_training(phase_name(*phase), message),
         Message::PhaseStarted(phase) => json!({"event": "phase_started", "phase": phase_name(*phase)}),
         Message::StageStarted(stage) => json!({"event": "stage_started", "stage": stage.name()}),
         Message::StageFinished(time) => {
@@ -33,19 +38,20 @@ pub(crate) fn told(message: &Message<'_>) -> Option<Told> {
         Message::Reused { folder, .. } => json!({"event": "reused", "folder": folder.path()}),
         Message::NamesFound(_) | Message::Trained { .. } => return None,
     };
-    Some(Told::Event(event))
+    Some(Told::Event(event.to_string()))
 }
 
-/// An event of a training; `None` for a warning, and for what JSON cannot hold.
-fn of_training(message: &TrainMessage<'_>) -> Option<Value> {
-    match message {
-        TrainMessage::Event(event) => serde_json::to_value(event).ok(),
-        TrainMessage::Rewound { step } => Some(json!({"event": "rewound", "step": step})),
+fn of_training(phase: &'static str, message: &TrainMessage<'_>) -> Option<Told> {
+    let event = match message {
+        TrainMessage::Warning(text) => return Some(Told::Warning((*text).into())),
+        TrainMessage::Event(event) => serde_json::to_string(&OfPhase { event, phase }).ok()?,
+        TrainMessage::Rewound { step } => json!({"event": "rewound", "step": step, "phase": phase}).to_string(),
         TrainMessage::TestView(view) => {
-            Some(json!({"event": "test_view", "view": view.name, "psnr": view.metrics.psnr, "ssim": view.metrics.ssim}))
+            let (psnr, ssim) = (view.metrics.psnr, view.metrics.ssim);
+            json!({"event": "test_view", "view": view.name, "psnr": psnr, "ssim": ssim, "phase": phase}).to_string()
         }
-        TrainMessage::Warning(_) => None,
-    }
+    };
+    Some(Told::Event(event))
 }
 
 fn phase_name(phase: Phase) -> &'static str {

@@ -21,7 +21,7 @@ use toml::Value;
 use crate::device::{DeviceName, check_validation, open_device};
 use crate::error::{OrRaise, raised, warn};
 use crate::events::{Told, told};
-use crate::json::to_python;
+use crate::json::{text_to_python, to_python};
 use crate::scene::Scene;
 
 /// Why a run ended early.
@@ -184,7 +184,7 @@ fn listen(
 fn pass_on(py: Python<'_>, told: Told, on_event: Option<&Py<PyAny>>) -> PyResult<()> {
     match (told, on_event) {
         (Told::Warning(text), _) => warn(py, text),
-        (Told::Event(event), Some(on_event)) => on_event.call1(py, (to_python(py, &event)?,)).map(drop),
+        (Told::Event(event), Some(on_event)) => on_event.call1(py, (text_to_python(py, &event)?,)).map(drop),
         (Told::Event(_), None) => Ok(()),
     }
 }
