@@ -8,10 +8,10 @@ use instgs_console::args::{Triple, open_scene, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
-use instgs_io::{ExportFormat, Pack, SpzLoss, export_scene};
+use instgs_io::{ExportFormat, Pack, export_scene};
 use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
+use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
-use instgs_vk::scene::{InstancedScene, PixelFilter};
 
 /// Writes a scene as .ply, .spz or .sog (instances are expanded into plain Gaussians), as .glb (glTF with
 /// KHR_gaussian_splatting: instances become nodes that share their template's data), or as .instgs.
@@ -100,33 +100,6 @@ fn pack_small(
     device::check_validation(&gpu)
 }
 
-/// What an .spz file of that many Gaussians could not hold, in one line; `None` if it holds everything.
-fn spz_warning(loss: &SpzLoss, gaussians: u64) -> Option<String> {
-    let SpzLoss { positions, scales, colours, sh } = loss;
-    let clamped = [
-        (colours, "colours", format!("by {:.1}", colours.farthest)),
-        (sh, "SH", format!("by {:.1}", sh.farthest)),
-        (scales, "sizes", format!("by {:.1} in the logarithm", scales.farthest)),
-    ];
-    let lost = clamped.into_iter().filter(|(clamped, _, _)| clamped.gaussians > 0);
-    let mut parts: Vec<String> = lost
-        .map(|(clamped, what, farthest)| {
-            let count = clamped.gaussians;
-            format!("{count} of {gaussians} Gaussians have {what} beyond what .spz can hold (the farthest {farthest})")
-        })
-        .collect();
-    if !parts.is_empty() {
-        parts = vec![format!("{}: they were clamped", parts.join(", "))];
-    }
-    if positions.gaussians > 0 {
-        parts.push(format!(
-            "{} of {gaussians} Gaussians moved by more than their size, up to {:.2e} units, since .spz rounds positions",
-            positions.gaussians, positions.farthest
-        ));
-    }
-    (!parts.is_empty()).then(|| format!("{}; use .ply or .instgs", parts.join(", and ")))
-}
-
 pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let to = args.to.as_path();
     let format = ExportFormat::of(to, args.pack.map(Pack::from))?;
@@ -142,28 +115,12 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
         _ => {
             let up = Orbit::around(&scene, args.up.map(Triple::direction)).up;
             let exported = export_scene(to, &scene, format, up)?;
-            if let Some(what) = spz_warning(&exported.spz_loss, exported.gaussians) {
-                printer.warning(format_args!("{}: {what}", to.display()));
-            }
+            exported.notes(to, &scene, format).iter().for_each(|note| printer.warning(note));
             exported.gaussians
         }
     };
     if args.data.is_some() && format != ExportFormat::Instgs(Pack::Small) {
         printer.warning("--data is for --pack small: other formats keep one precision everywhere");
-    }
-    let filter = scene.pixel_filter;
-    if format == ExportFormat::Glb && filter.antialias {
-        printer.warning(format_args!(
-            "{}: .glb has no place for the scene's antialias flag; render it with --antialias",
-            to.display()
-        ));
-    }
-    if !matches!(format, ExportFormat::Instgs(_)) && !filter.has_usual_dilation() {
-        let (to, dilation, usual) = (to.display(), filter.dilation_px2, PixelFilter::default().dilation_px2);
-        printer.warning(format_args!(
-            "{to}: other viewers widen splats by {usual} px^2 instead of this scene's {dilation}, which blurs what is finer \
-             than their pixels; here, .ply keeps it, and other formats are rendered with --dilation {dilation}"
-        ));
     }
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };
     let bytes = std::fs::metadata(to).map_or(0, |m| m.len());
@@ -181,28 +138,4 @@ pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer
         if flattened_instances > 0 { format!(", {flattened_instances} instances expanded") } else { String::new() };
     printer.line(format_args!("{}: {} Gaussians{how}, {} bytes", report.to, grouped(gaussians), grouped(bytes)));
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use instgs_io::spz::Clamped;
-
-    use super::*;
-
-    #[test]
-    fn losses_of_spz_are_one_line() {
-        let clamped = |gaussians, farthest| Clamped { gaussians, farthest };
-        assert_eq!(spz_warning(&SpzLoss::default(), 60), None);
-        let mut loss = SpzLoss { colours: clamped(12, 1.7), ..SpzLoss::default() };
-        let want = "12 of 60 Gaussians have colours beyond what .spz can hold (the farthest by 1.7): they were clamped; \
-            use .ply or .instgs";
-        assert_eq!(spz_warning(&loss, 60).as_deref(), Some(want));
-        (loss.scales, loss.positions) = (clamped(3, 2f64.ln()), clamped(5, 0.25));
-        let text = spz_warning(&loss, 60).unwrap_or_default();
-        for part in
-            ["3 of 60 Gaussians have sizes", "by 0.7 in the logarithm", "5 of 60 Gaussians moved", "2.50e-1 units"]
-        {
-            assert!(text.contains(part) && !text.contains('\n'), "{text}");
-        }
-    }
 }

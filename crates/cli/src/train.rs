@@ -12,7 +12,7 @@ use instgs_console::args::absolute;
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
-use instgs_io::{IoError, RunFolder};
+use instgs_io::RunFolder;
 use instgs_objects::pipeline::PipelineJob;
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_report::RunReport;
@@ -174,13 +174,10 @@ impl TrainArgs {
 
     /// Refuses a folder given by `--out` that holds a run, unless that is to be resumed.
     fn check_folder(&self) -> Result<(), CliError> {
-        let Some(out) = &self.out else { return Ok(()) };
-        let Some(found) = RunFolder::new(out).trace_of_run() else { return Ok(()) };
-        if self.resume {
-            return Ok(());
+        match &self.out {
+            Some(out) if !self.resume => Ok(RunFolder::new(out).expect_no_run()?),
+            _ => Ok(()),
         }
-        let error = IoError::new(out, format!("holds a run already ({found})"));
-        Err(error.advise("continue it with --resume, or choose another folder").into())
     }
 }
 

@@ -15,6 +15,7 @@ pub mod checkpoint;
 pub mod colmap;
 pub mod dataset;
 pub mod error;
+mod export_notes;
 pub mod exposures;
 pub mod fingerprint;
 pub mod glb;

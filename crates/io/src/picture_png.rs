@@ -1,5 +1,6 @@
 //! Rendered pictures as PNG files.
 
+use std::io::Write;
 use std::path::Path;
 
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
@@ -18,10 +19,15 @@ pub fn write_png(path: &Path, rgb: &[u8], (width, height): (u32, u32)) -> Result
             format!("cannot write: {} bytes where {want} make {width}x{height}", rgb.len()),
         ));
     }
-    atomic_write(path, |out| {
-        let encoder = PngEncoder::new(out);
-        encoder.write_image(rgb, width, height, ExtendedColorType::Rgb8).map_err(std::io::Error::other)
-    })
+    atomic_write(path, |out| encode_png(out, rgb, (width, height)))
+}
+
+/// Writes the bytes of a PNG file: a picture of 8-bit `rgb`, row by row from the top.
+///
+/// # Errors
+/// The length of `rgb` is not `3 * width * height`, or `out` cannot be written.
+pub fn encode_png(out: impl Write, rgb: &[u8], (width, height): (u32, u32)) -> std::io::Result<()> {
+    PngEncoder::new(out).write_image(rgb, width, height, ExtendedColorType::Rgb8).map_err(std::io::Error::other)
 }
 
 #[cfg(test)]

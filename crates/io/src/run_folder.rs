@@ -136,6 +136,16 @@ impl RunFolder {
         first_there([self.config(), run.path, self.checkpoints(), self.report(), self.point_cloud()])
     }
 
+    /// Fails if the folder holds a run, which a new one would mix with.
+    ///
+    /// # Errors
+    /// It does; the text names a file that shows it.
+    pub fn expect_no_run(&self) -> Result<(), IoError> {
+        let Some(found) = self.trace_of_run() else { return Ok(()) };
+        let error = IoError::new(&self.path, format!("holds a run already ({found})"));
+        Err(error.advise("continue it with --resume, or choose another folder"))
+    }
+
     /// The name of a file that shows that a scene was segmented or trained here, if there is one.
     pub fn trace_of_segments(&self) -> Option<String> {
         let run = self.plain_cloud_run();

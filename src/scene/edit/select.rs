@@ -73,8 +73,11 @@ impl Selector {
         matches!(self, Self::Group(_) | Self::Template(_))
     }
 
-    /// The selected instances in ascending order, at least one; the error lists what exists.
-    pub(super) fn resolve(&self, scene: &InstancedScene) -> Result<Vec<usize>, EditReason> {
+    /// The selected instances in ascending order, at least one.
+    ///
+    /// # Errors
+    /// It names no instance of the scene; the text lists what exists.
+    pub fn resolve(&self, scene: &InstancedScene) -> Result<Vec<usize>, EditReason> {
         let count = scene.instances.len();
         let found: Vec<usize> = match self {
             Self::Index(index) => (*index < count).then_some(*index).into_iter().collect(),

@@ -1,0 +1,87 @@
+//! What a file that [`export_scene`](crate::export_scene) wrote could not hold of the scene, in words.
+
+use std::path::Path;
+
+use crate::{ExportFormat, ExportedScene, SpzLoss};
+use instgs_vk::scene::{InstancedScene, PixelFilter};
+
+impl ExportedScene {
+    /// What the file `to` lacks of the scene and what other viewers draw differently, one line each for the user.
+    pub fn notes(&self, to: &Path, scene: &InstancedScene, format: ExportFormat) -> Vec<String> {
+        let (to, filter) = (to.display(), scene.pixel_filter);
+        let mut notes: Vec<String> = spz_note(&self.spz_loss, self.gaussians).into_iter().collect();
+        if format == ExportFormat::Glb && filter.antialias {
+            notes.push(".glb has no place for the scene's antialias flag; render it with --antialias".into());
+        }
+        if !matches!(format, ExportFormat::Instgs(_)) && !filter.has_usual_dilation() {
+            let (dilation, usual) = (filter.dilation_px2, PixelFilter::default().dilation_px2);
+            notes.push(format!(
+                "other viewers widen splats by {usual} px^2 instead of this scene's {dilation}, which blurs what is finer than \
+                 their pixels; here, .ply keeps it, and other formats are rendered with --dilation {dilation}"
+            ));
+        }
+        notes.into_iter().map(|note| format!("{to}: {note}")).collect()
+    }
+}
+
+/// What an .spz file of that many Gaussians could not hold, in one line; `None` if it holds everything.
+fn spz_note(loss: &SpzLoss, gaussians: u64) -> Option<String> {
+    let SpzLoss { positions, scales, colours, sh } = loss;
+    let clamped = [
+        (colours, "colours", format!("by {:.1}", colours.farthest)),
+        (sh, "SH", format!("by {:.1}", sh.farthest)),
+        (scales, "sizes", format!("by {:.1} in the logarithm", scales.farthest)),
+    ];
+    let lost = clamped.into_iter().filter(|(clamped, _, _)| clamped.gaussians > 0);
+    let mut parts: Vec<String> = lost
+        .map(|(clamped, what, farthest)| {
+            let count = clamped.gaussians;
+            format!("{count} of {gaussians} Gaussians have {what} beyond what .spz can hold (the farthest {farthest})")
+        })
+        .collect();
+    if !parts.is_empty() {
+        parts = vec![format!("{}: they were clamped", parts.join(", "))];
+    }
+    if positions.gaussians > 0 {
+        parts.push(format!(
+            "{} of {gaussians} Gaussians moved by more than their size, up to {:.2e} units, since .spz rounds positions",
+            positions.gaussians, positions.farthest
+        ));
+    }
+    (!parts.is_empty()).then(|| format!("{}; use .ply or .instgs", parts.join(", and ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Pack;
+    use crate::spz::Clamped;
+
+    #[test]
+    fn losses_of_spz_are_one_line() {
+        let clamped = |gaussians, farthest| Clamped { gaussians, farthest };
+        assert_eq!(spz_note(&SpzLoss::default(), 60), None);
+        let mut loss = SpzLoss { colours: clamped(12, 1.7), ..SpzLoss::default() };
+        let want = "12 of 60 Gaussians have colours beyond what .spz can hold (the farthest by 1.7): they were clamped; \
+            use .ply or .instgs";
+        assert_eq!(spz_note(&loss, 60).as_deref(), Some(want));
+        (loss.scales, loss.positions) = (clamped(3, 2f64.ln()), clamped(5, 0.25));
+        let text = spz_note(&loss, 60).unwrap_or_default();
+        for part in
+            ["3 of 60 Gaussians have sizes", "by 0.7 in the logarithm", "5 of 60 Gaussians moved", "2.50e-1 units"]
+        {
+            assert!(text.contains(part) && !text.contains('\n'), "{text}");
+        }
+    }
+
+    #[test]
+    fn formats_without_the_pixel_filter_are_named() {
+        let pixel_filter = PixelFilter { antialias: true, dilation_px2: 0.1 };
+        let scene = InstancedScene { pixel_filter, ..InstancedScene::default() };
+        let notes = |format| ExportedScene::default().notes(Path::new("x"), &scene, format);
+        assert_eq!(notes(ExportFormat::Instgs(Pack::F32)), [""; 0]);
+        let glb = notes(ExportFormat::Glb);
+        assert!(glb.len() == 2 && glb[0].contains("antialias") && glb[1].contains("--dilation 0.1"), "{glb:?}");
+        assert!(notes(ExportFormat::Ply).len() == 1 && notes(ExportFormat::Ply)[0].starts_with("x: "));
+    }
+}

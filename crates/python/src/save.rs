@@ -1,0 +1,65 @@
+//! Writing a scene, as the command line's `export` does.
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+use instgs_io::{ExportFormat, Pack, export_scene};
+use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
+use instgs_vk::scene::InstancedScene;
+use instgs_vk::scene::trajectory::Orbit;
+use pyo3::prelude::*;
+
+use crate::device::{DeviceName, check_validation, open_device};
+use crate::error::{OrRaise, raised, warn};
+
+/// How a scene is written.
+pub(crate) struct How {
+    /// Number format of an `.instgs` file.
+    pub(crate) pack: Option<Pack>,
+    /// Data set whose views say how precise a small file must be.
+    pub(crate) data: Option<PathBuf>,
+    /// Closeness of its pictures, dB.
+    pub(crate) picture_psnr: Option<f64>,
+    /// Direction that becomes +y.
+    pub(crate) up: Option<DVec3>,
+}
+
+/// The pack of that name.
+pub(crate) fn parse_pack(name: &str) -> PyResult<Pack> {
+    match name {
+        "f32" => Ok(Pack::F32),
+        "f16" => Ok(Pack::F16),
+        "q8" => Ok(Pack::Q8),
+        "small" => Ok(Pack::Small),
+        other => Err(raised(format_args!("pack \"{other}\" is none of f32, f16, q8 and small"))),
+    }
+}
+
+/// Writes the scene in the format of the path's ending.
+pub(crate) fn save(
+    py: Python<'_>,
+    scene: &InstancedScene,
+    to: &Path,
+    how: How,
+    device: Option<DeviceName>,
+) -> PyResult<()> {
+    let format = ExportFormat::of(to, how.pack).or_raise()?;
+    if let Some(data) = &how.data {
+        if format != ExportFormat::Instgs(Pack::Small) {
+            return Err(raised("data is for pack=\"small\": other formats keep one precision everywhere"));
+        }
+        let psnr = how.picture_psnr.unwrap_or(USUAL_PICTURE_PSNR_DB);
+        if !(10.0..=120.0).contains(&psnr) {
+            return Err(raised(format_args!("picture_psnr is {psnr}: must be from 10 to 120 dB")));
+        }
+        let gpu = open_device(py, device)?;
+        let write = || -> Result<(), instgs_train::TrainError> {
+            let cameras = sensitivity_cameras(data)?;
+            write_small(&gpu, to, scene, &cameras, psnr, || ())
+        };
+        py.detach(write).or_raise()?;
+        return check_validation(&gpu);
+    }
+    let exported = py.detach(|| export_scene(to, scene, format, Orbit::around(scene, how.up).up)).or_raise()?;
+    exported.notes(to, scene, format).into_iter().try_for_each(|note| warn(py, note))
+}

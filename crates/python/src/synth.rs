@@ -1,0 +1,28 @@
+//! `instgs.synth`: data sets with known truth, to try things with.
+
+use std::path::PathBuf;
+
+use instgs_synth::dataset::{self, Options};
+use pyo3::prelude::*;
+
+use crate::error::OrRaise;
+
+/// Renders photos of a procedural scene with repeated objects, with masks, depths, poses, cameras and points, into a folder.
+///
+/// name: "cars", or another scene of `instgs-vk synth`; size: (width, height), pixels; instances: the number of objects, by
+/// default the scene's. The same values give the same bytes. Raises Error.
+#[pyfunction]
+#[pyo3(signature = (out, name = "cars", *, views = 48, size = (320, 180), seed = 1, instances = None))]
+pub(crate) fn synth(
+    py: Python<'_>,
+    out: PathBuf,
+    name: &str,
+    views: u32,
+    size: (u32, u32),
+    seed: u64,
+    instances: Option<u32>,
+) -> PyResult<()> {
+    let options = Options { views, size, seed, instances, ..Options::default() };
+    py.detach(|| dataset::write(name, &out, &options, &mut |_| ())).or_raise()?;
+    Ok(())
+}
