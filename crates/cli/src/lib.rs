@@ -11,6 +11,7 @@ mod edit_flags;
 mod eval;
 mod evidence;
 mod export;
+mod export_page;
 mod find;
 mod info;
 mod inspect;

@@ -48,7 +48,7 @@ export class Controls {
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     window.addEventListener("keydown", (event) => this.keyDown(event));
-    window.addEventListener("keyup", (event) => this.held.delete(event.code));
+    window.addEventListener("keyup", (event) => this.keyUp(event));
     window.addEventListener("blur", () => this.held.clear());
   }
 
@@ -135,7 +135,14 @@ export class Controls {
     this.isFast = event.shiftKey;
   }
 
-  /** Moves by what is held down since the last frame. */
+  /** @param {KeyboardEvent} event */
+  keyUp(event) {
+    // A press may be shorter than a frame.
+    this.fly();
+    this.held.delete(event.code);
+  }
+
+  /** Moves by what has been held down since it was last called. */
   fly() {
     if (this.held.size === 0) return;
     const now = performance.now();

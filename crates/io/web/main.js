@@ -42,9 +42,10 @@ function cameraOfHash() {
 /** @param {any} scene */
 function showFacts(scene) {
   const [instances, templates] = [scene.names.length, scene.templateCounts.length];
-  const drawn = `${grouped(scene.count)} Gaussians`;
-  const of = `${grouped(instances)} instances of ${templates} template${templates > 1 ? "s" : ""}`;
-  byId("facts").textContent = instances ? `${of}, ${drawn} drawn` : drawn;
+  const facts = [`${grouped(scene.count)} Gaussians`];
+  const plural = (/** @type {number} */ count, /** @type {string} */ what) => `${grouped(count)} ${what}${count === 1 ? "" : "s"}`;
+  if (instances) facts.unshift(plural(instances, "instance"), plural(templates, "template"));
+  byId("facts").textContent = facts.join(" · ");
 }
 
 /**
@@ -173,6 +174,11 @@ Object.assign(window, {
     setCamera: async (/** @type {any} */ camera) => (await started).viewer.setFixed(camera),
     camera: async () => (await started).viewer.cameraFile(),
     pick: async (/** @type {number} */ x, /** @type {number} */ y) => (await (await started).viewer.pick(x, y))?.object ?? null,
+    objects: async () => {
+      const { viewer } = await started;
+      const hidden = [...viewer.looks].filter(([, look]) => !look.shown).map(([object]) => object);
+      return { names: viewer.scene.names, selected: [...viewer.selected], hidden };
+    },
     select: async (/** @type {number[]} */ objects) => {
       const { viewer, panel } = await started;
       viewer.select(objects);

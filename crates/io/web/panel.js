@@ -54,6 +54,7 @@ export class Panel {
     const list = byId("list");
     scene.templateCounts.forEach((/** @type {number} */ gaussians, /** @type {number} */ template) => {
       const objects = [...scene.names.keys()].filter((k) => scene.names[k].template === template);
+      objects.sort((a, b) => scene.names[a].id - scene.names[b].id);
       if (objects.length > 0) list.append(this.group(objects, gaussians));
     });
     if (scene.backgroundCount > 0) {
@@ -157,13 +158,7 @@ export class Panel {
     const colour = /** @type {HTMLInputElement} */ (byId("colour"));
     colour.addEventListener("input", () => {
       viewer.setLook(viewer.selected, { tint: rgbOf(colour.value) });
-      // Light on the selection would hide the colour.
-      viewer.renderer.setLit(false);
       this.refresh();
-    });
-    colour.addEventListener("change", () => {
-      viewer.renderer.setLit(true);
-      viewer.invalidate();
     });
   }
 

@@ -27,7 +27,8 @@ export class Renderer {
     this.scene = scene;
     this.count = 0;
     this.background = [0, 0, 0];
-    this.lit = 1;
+    /** Brightness of what is not selected. */
+    this.dim = 1;
     const { texels } = scene;
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
     if ([texels.geometry, texels.sh, texels.offsets].some((t) => t.height > most)) {
@@ -93,21 +94,13 @@ export class Renderer {
   /**
    * How a row looks.
    * @param {number} row
-   * @param {{shown: boolean, lit: number, tint: number[]}} look `tint` is red, green, blue, and how much
+   * @param {{shown: boolean, selected: boolean, tint: number[]}} look `tint` is red, green, blue, and how much
    */
   setLook(row, look) {
     const at = 4 * ROW_TEXELS * row;
     this.rowTexels.data.set(look.tint, at + 24);
-    this.rowTexels.data.set([look.shown ? 1 : 0, look.lit], at + 30);
+    this.rowTexels.data.set([Number(look.shown), Number(look.selected)], at + 30);
     this.rowsChanged = true;
-  }
-
-  /**
-   * Whether selected objects are lit.
-   * @param {boolean} isLit
-   */
-  setLit(isLit) {
-    this.lit = isLit ? 1 : 0;
   }
 
   /** @param {CameraFile} camera what is drawn; the canvas gets its size */
@@ -144,7 +137,7 @@ export class Renderer {
     gl.uniform2f(splats.at("u_principal_px"), camera.cx, camera.cy);
     gl.uniform2f(splats.at("u_size_px"), camera.width, camera.height);
     gl.uniform1f(splats.at("u_near"), NEAR);
-    gl.uniform1f(splats.at("u_lit"), this.lit);
+    gl.uniform1f(splats.at("u_dim"), this.dim);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.bindVertexArray(this.vertexArray);

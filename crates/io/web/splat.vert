@@ -18,7 +18,7 @@ uniform vec2 u_size_px;
 uniform float u_near;
 uniform float u_dilation_px2;
 uniform float u_antialias;     // 1 = opacity makes up for the dilation
-uniform float u_lit;           // 1 = what is selected is lit
+uniform float u_dim;           // brightness of what is not selected
 
 layout(location = 0) in uvec2 a_splat;  // Gaussian in the pool, row
 
@@ -32,7 +32,7 @@ struct Row {
   int first;
   int first_offset;
   bool shown;
-  float lit;
+  bool selected;
 };
 
 vec4 texel(sampler2D of, int i) {
@@ -43,7 +43,7 @@ Row row_at(int r) {
   vec4 last = texel(u_rows, 8 * r + 7);
   return Row(vec4[3](texel(u_rows, 8 * r), texel(u_rows, 8 * r + 1), texel(u_rows, 8 * r + 2)),
              vec4[3](texel(u_rows, 8 * r + 3), texel(u_rows, 8 * r + 4), texel(u_rows, 8 * r + 5)), texel(u_rows, 8 * r + 6),
-             int(last.x), int(last.y), last.z > 0.5, last.w);
+             int(last.x), int(last.y), last.z > 0.5, last.w > 0.5);
 }
 
 vec3 transformed(vec4 rows[3], vec3 p) {
@@ -111,11 +111,11 @@ vec3 sh_color(int source, int record, vec3 dir) {
   return color + 0.5;
 }
 
-// What the page makes of a colour: the tint with the lightness of what was there, and light on what is selected.
+// What the page makes of a colour: the tint with the lightness of what was there, and less light where something else is selected.
 vec3 looked(Row row, vec3 color) {
   float lightness = dot(color, vec3(0.2126, 0.7152, 0.0722));
   color = mix(color, row.tint.rgb * lightness * 1.6, row.tint.a);
-  return mix(color, vec3(1.0, 0.62, 0.1) * (0.35 + lightness), u_lit * row.lit);
+  return row.selected ? color : color * u_dim;
 }
 
 void main() {

@@ -99,8 +99,8 @@ function offsetTexels(offsets, coefficients) {
 }
 
 /**
- * World and colour matrices; tint (red, green, blue, how much); first Gaussian, first offset, whether it is shown, how much it
- * is lit as selected. Indices are exact as floats up to 2^24, which no scene in a page has.
+ * World and colour matrices; tint (red, green, blue, how much); first Gaussian, first offset, whether it is shown, and whether
+ * it is selected. Indices are exact as floats up to 2^24, which no scene in a page has.
  * @param {import("./scene.js").Row[]} rows
  */
 function rowTexels(rows) {

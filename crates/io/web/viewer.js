@@ -5,8 +5,8 @@ import { Renderer } from "./renderer.js";
 
 /** Largest number of canvas pixels per CSS pixel: more costs time, and is hardly seen. */
 const MOST_PIXEL_RATIO = 2;
-/** How much a selected object is lit. */
-const LIT = 0.45;
+/** Brightness of the rest while something is selected. */
+const DIMMED = 0.4;
 
 /** How an object looks. @typedef {{shown: boolean, tint: number[] | null}} Look */
 /** The background's number among objects; instances count from 0. */
@@ -153,10 +153,11 @@ export class Viewer {
   applyLooks() {
     this.scene.rows.forEach((/** @type {import("./scene.js").Row} */ row, /** @type {number} */ r) => {
       const look = this.looks.get(row.owner) ?? { shown: true, tint: null };
-      const lit = this.selected.has(row.owner) ? LIT : 0;
-      this.shownRows[r] = look.shown ? 1 : 0;
-      this.renderer.setLook(r, { shown: look.shown, lit, tint: look.tint ? [...look.tint, 1] : [0, 0, 0, 0] });
+      const tint = look.tint ? [...look.tint, 1] : [0, 0, 0, 0];
+      this.shownRows[r] = Number(look.shown);
+      this.renderer.setLook(r, { shown: look.shown, selected: this.selected.has(row.owner), tint });
     });
+    this.renderer.dim = this.selected.size > 0 ? DIMMED : 1;
     this.invalidate();
   }
 

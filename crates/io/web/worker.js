@@ -11,6 +11,23 @@ import { sceneTexels } from "./textures.js";
 
 /** @type {DepthOrder | undefined} */
 let order;
+/** What `sorted` holds the order for. */
+let sortedFor = "";
+/** @type {Uint32Array} */
+let sorted = new Uint32Array(0);
+
+/**
+ * Flat indices in the order of a view, nearest first; sorted anew only if the view is another one.
+ * @param {DepthOrder} of
+ * @param {import("./pick.js").View} view
+ * @param {Uint8Array} shown
+ */
+function sortedOf(of, { view, near }, shown) {
+  const key = `${view.slice(8)} ${near} ${shown}`;
+  if (key !== sortedFor) sorted = of.sorted(view, near, shown);
+  sortedFor = key;
+  return sorted;
+}
 
 /** @param {string} text */
 async function load(text) {
@@ -33,13 +50,13 @@ async function answer(message) {
   if (!order) throw new Error("the scene is not there yet");
   const { id, shown } = message;
   if (message.sort) {
-    const sorted = order.sorted(message.sort.view, message.sort.near, shown);
+    const list = sortedOf(order, message.sort, shown);
     const out = message.buffer?.length >= 2 * order.flat.count ? message.buffer : new Uint32Array(2 * order.flat.count);
-    writeDrawList(sorted, order.flat, out);
-    return postMessage({ id, order: out, count: sorted.length }, { transfer: [out.buffer] });
+    writeDrawList(list, order.flat, out);
+    return postMessage({ id, order: out, count: list.length }, { transfer: [out.buffer] });
   }
-  const sorted = order.sorted(message.pick.view, message.pick.near, shown);
-  postMessage({ id, picked: pick(order.scene, order.flat, sorted, message.pick, message.x, message.y) });
+  const list = sortedOf(order, message.pick, shown);
+  postMessage({ id, picked: pick(order.scene, order.flat, list, message.pick, message.x, message.y) });
 }
 
 self.onmessage = (event) => {
