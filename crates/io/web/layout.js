@@ -1,4 +1,4 @@
-// How the scene lies in textures: what worker, page and splat.vert agree on.
+// How the scene lies in textures: what worker, page and project.frag agree on.
 
 /** Width of all textures, texels; every WebGL2 device has this. */
 export const TEXTURE_WIDTH = 2048;

@@ -145,14 +145,9 @@ async function start() {
   const worker = startWorker();
   const scene = await unpacked(worker);
   const canvas = /** @type {HTMLCanvasElement} */ (byId("picture"));
-  const shaders = {
-    splatVertex: textOf("splat-vert"),
-    splatFragment: textOf("splat-frag"),
-    screenVertex: textOf("screen-vert"),
-    screenFragment: textOf("screen-frag"),
-  };
   // A shader's first line must be its version.
-  for (const [name, text] of Object.entries(shaders)) shaders[/** @type {keyof typeof shaders} */ (name)] = text.trimStart();
+  const names = ["project-frag", "quad-vert", "quad-frag", "screen-vert", "screen-frag"];
+  const shaders = /** @type {any} */ (Object.fromEntries(names.map((name) => [name, textOf(name).trimStart()])));
   const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), shaders);
   canvas.addEventListener("webglcontextlost", () => fail("the graphics card was lost; load the page again"));
   const panel = new Panel(viewer);
@@ -161,6 +156,7 @@ async function start() {
   showFacts(scene);
   const fixed = cameraOfHash();
   await (fixed ? viewer.setFixed(fixed) : viewer.settled());
+  viewer.renderer.finish();
   byId("status").hidden = true;
   return { viewer, panel };
 }

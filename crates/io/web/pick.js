@@ -1,4 +1,4 @@
-// What a pixel shows: the splat at which half of the light is absorbed, nearest first. The projection is that of splat.vert, in
+// What a pixel shows: the splat at which half of the light is absorbed, nearest first. The projection is that of project.frag, in
 // JavaScript: a pixel needs few splats, and the list is in order here.
 
 const LEAST_ALPHA = 1 / 255;

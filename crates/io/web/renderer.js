@@ -1,7 +1,7 @@
-// Draws the scene with WebGL2: one quad per splat, from the farthest to the nearest, into a picture of half floats, and that over
-// the background.
+// Draws the scene with WebGL2: projects each splat once, draws them as quads from the farthest to the nearest into a picture of half
+// floats, and that over the background.
 
-import { NEAR } from "./camera.js";
+import { NEAR, viewOf } from "./camera.js";
 import { ROW_TEXELS, TEXTURE_WIDTH } from "./layout.js";
 
 const GEOMETRY_UNIT = 0;
@@ -10,7 +10,16 @@ const OFFSETS_UNIT = 2;
 const ROWS_UNIT = 3;
 const BLENDED_UNIT = 4;
 
-/** @typedef {{splatVertex: string, splatFragment: string, screenVertex: string, screenFragment: string}} Shaders */
+const LIST_UNIT = 5;
+/** Texture units of what project.frag writes for a splat, and their names in quad.vert. */
+const PROJECTED = [{ unit: 6, name: "u_place" }, { unit: 7, name: "u_color" }, { unit: 8, name: "u_reach" }];
+/** Splats in each instance of the draw call. */
+const BATCH = 1024;
+
+/**
+ * Sources by the names of their files.
+ * @typedef {{"project-frag": string, "quad-vert": string, "quad-frag": string, "screen-vert": string, "screen-frag": string}} Shaders
+ */
 /** @typedef {import("./camera.js").CameraFile} CameraFile */
 
 export class Renderer {
@@ -31,14 +40,14 @@ export class Renderer {
     this.dim = 1;
     const { texels } = scene;
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE);
-    if ([texels.geometry, texels.sh, texels.offsets].some((t) => t.height > most)) {
+    if (Math.max(texels.geometry.height, texels.sh.height, texels.offsets.height, linesOf(scene.count)) > most) {
       throw new Error("the scene has more Gaussians than this graphics card takes in one texture");
     }
-    this.splats = program(gl, withConstants(shaders.splatVertex, texels), shaders.splatFragment);
-    this.screen = program(gl, shaders.screenVertex, shaders.screenFragment);
-    // Half floats where they can be blended to; else 8 bits, whose rounding shows in smooth places.
-    const hasHalf = gl.getExtension("EXT_color_buffer_float") || gl.getExtension("EXT_color_buffer_half_float");
-    this.blendedFormat = hasHalf ? gl.RGBA16F : gl.RGBA8;
+    this.projection = program(gl, shaders["screen-vert"], withConstants(shaders["project-frag"], constantsOf(texels)));
+    this.quads = program(gl, withConstants(shaders["quad-vert"], { BATCH }), shaders["quad-frag"]);
+    this.screen = program(gl, shaders["screen-vert"], shaders["screen-frag"]);
+    // For what is projected, and for blending: 8 bits, rounded splat by splat, would show in smooth places.
+    if (!gl.getExtension("EXT_color_buffer_float")) throw new Error("this browser cannot draw to floats, which the picture needs");
     texture(gl, GEOMETRY_UNIT, texels.geometry);
     texture(gl, SH_UNIT, texels.sh);
     texture(gl, OFFSETS_UNIT, texels.offsets);
@@ -46,35 +55,58 @@ export class Renderer {
     texture(gl, ROWS_UNIT, texels.rows);
     this.framebuffer = gl.createFramebuffer();
     this.blendedSize = [0, 0];
-    this.drawList = gl.createBuffer();
-    this.vertexArray = this.vertexArrayOfList();
+    /** Pairs of Gaussian and row, in whole lines of a texture. */
+    this.list = new Uint32Array(2 * TEXTURE_WIDTH * linesOf(scene.count));
+    this.projected = this.makeProjected();
+    this.quadArray = this.arrayOfQuads();
     // Without attributes: the triangle over the picture.
     this.noAttributes = gl.createVertexArray();
     this.setConstants();
   }
 
-  vertexArrayOfList() {
+  /** Two triangles for each quad of a batch. */
+  arrayOfQuads() {
     const { gl } = this;
     const made = gl.createVertexArray();
     gl.bindVertexArray(made);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.drawList);
-    gl.bufferData(gl.ARRAY_BUFFER, Math.max(8, 8 * this.scene.count), gl.DYNAMIC_DRAW);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribIPointer(0, 2, gl.UNSIGNED_INT, 8, 0);
-    gl.vertexAttribDivisor(0, 1);
+    const corners = Uint16Array.from({ length: 6 * BATCH }, (_, i) => 4 * Math.floor(i / 6) + [0, 1, 2, 2, 1, 3][i % 6]);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
     gl.bindVertexArray(null);
     return made;
   }
 
+  /** Room for the list, and for projected splats. */
+  makeProjected() {
+    const { gl } = this;
+    const height = linesOf(this.scene.count);
+    gl.activeTexture(gl.TEXTURE0 + LIST_UNIT);
+    nearestTexture(gl);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RG32UI, TEXTURE_WIDTH, height);
+    const made = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, made);
+    PROJECTED.forEach(({ unit }, k) => {
+      gl.activeTexture(gl.TEXTURE0 + unit);
+      const to = nearestTexture(gl);
+      gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32F, TEXTURE_WIDTH, height);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + k, gl.TEXTURE_2D, to, 0);
+    });
+    gl.drawBuffers(PROJECTED.map((_, k) => gl.COLOR_ATTACHMENT0 + k));
+    return made;
+  }
+
   setConstants() {
-    const { gl, splats, screen, scene } = this;
-    gl.useProgram(splats.program);
-    gl.uniform1i(splats.at("u_geometry"), GEOMETRY_UNIT);
-    gl.uniform1i(splats.at("u_sh"), SH_UNIT);
-    gl.uniform1i(splats.at("u_offsets"), OFFSETS_UNIT);
-    gl.uniform1i(splats.at("u_rows"), ROWS_UNIT);
-    gl.uniform1f(splats.at("u_dilation_px2"), scene.dilation);
-    gl.uniform1f(splats.at("u_antialias"), scene.antialias ? 1 : 0);
+    const { gl, projection, screen, scene } = this;
+    gl.useProgram(projection.program);
+    gl.uniform1i(projection.at("u_list"), LIST_UNIT);
+    gl.uniform1i(projection.at("u_geometry"), GEOMETRY_UNIT);
+    gl.uniform1i(projection.at("u_sh"), SH_UNIT);
+    gl.uniform1i(projection.at("u_offsets"), OFFSETS_UNIT);
+    gl.uniform1i(projection.at("u_rows"), ROWS_UNIT);
+    gl.uniform1f(projection.at("u_dilation_px2"), scene.dilation);
+    gl.uniform1f(projection.at("u_antialias"), scene.antialias ? 1 : 0);
+    gl.useProgram(this.quads.program);
+    PROJECTED.forEach(({ unit, name }) => gl.uniform1i(this.quads.at(name), unit));
     gl.useProgram(screen.program);
     gl.uniform1i(screen.at("u_blended"), BLENDED_UNIT);
   }
@@ -86,8 +118,9 @@ export class Renderer {
    */
   setOrder(list, count) {
     const { gl } = this;
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.drawList);
-    gl.bufferSubData(gl.ARRAY_BUFFER, 0, list, 0, 2 * count);
+    this.list.set(list.subarray(0, 2 * count));
+    gl.activeTexture(gl.TEXTURE0 + LIST_UNIT);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, linesOf(count), gl.RG_INTEGER, gl.UNSIGNED_INT, this.list);
     this.count = count;
   }
 
@@ -112,11 +145,18 @@ export class Renderer {
     if (this.rowsChanged) texture(gl, ROWS_UNIT, this.rowTexels);
     this.rowsChanged = false;
     this.sizeBlended(width, height);
+    if (this.count > 0) this.project(camera);
     gl.viewport(0, 0, width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
-    this.drawSplats(camera);
+    gl.useProgram(this.quads.program);
+    gl.uniform2f(this.quads.at("u_size_px"), width, height);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.uniform1i(this.quads.at("u_count"), this.count);
+    gl.bindVertexArray(this.quadArray);
+    gl.drawElementsInstanced(gl.TRIANGLES, 6 * BATCH, gl.UNSIGNED_SHORT, 0, Math.ceil(this.count / BATCH));
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.disable(gl.BLEND);
     gl.useProgram(this.screen.program);
@@ -126,22 +166,29 @@ export class Renderer {
   }
 
   /** @param {CameraFile} camera */
-  drawSplats(camera) {
-    const { gl, splats } = this;
-    const rows = camera.view_from_world.slice(0, 3);
-    const position = [0, 1, 2].map((k) => -rows.reduce((sum, row) => sum + row[k] * row[3], 0));
-    gl.useProgram(splats.program);
-    gl.uniform4fv(splats.at("u_view"), rows.flat());
-    gl.uniform3fv(splats.at("u_position"), position);
-    gl.uniform2f(splats.at("u_focal_px"), camera.fx, camera.fy);
-    gl.uniform2f(splats.at("u_principal_px"), camera.cx, camera.cy);
-    gl.uniform2f(splats.at("u_size_px"), camera.width, camera.height);
-    gl.uniform1f(splats.at("u_near"), NEAR);
-    gl.uniform1f(splats.at("u_dim"), this.dim);
-    gl.enable(gl.BLEND);
-    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.bindVertexArray(this.vertexArray);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+  project(camera) {
+    const { gl, projection } = this;
+    const { view, position } = viewOf(camera);
+    gl.useProgram(projection.program);
+    gl.uniform4fv(projection.at("u_view"), view);
+    gl.uniform3fv(projection.at("u_position"), position);
+    gl.uniform2f(projection.at("u_focal_px"), camera.fx, camera.fy);
+    gl.uniform2f(projection.at("u_principal_px"), camera.cx, camera.cy);
+    gl.uniform2f(projection.at("u_size_px"), camera.width, camera.height);
+    gl.uniform1f(projection.at("u_near"), NEAR);
+    gl.uniform1f(projection.at("u_dim"), this.dim);
+    gl.uniform1i(projection.at("u_count"), this.count);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.projected);
+    gl.viewport(0, 0, TEXTURE_WIDTH, linesOf(this.count));
+    gl.disable(gl.BLEND);
+    gl.bindVertexArray(this.noAttributes);
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  /** Waits until what was asked for is drawn. */
+  finish() {
+    const { gl } = this;
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
   }
 
   /**
@@ -156,7 +203,7 @@ export class Renderer {
     this.blended = gl.createTexture();
     gl.activeTexture(gl.TEXTURE0 + BLENDED_UNIT);
     gl.bindTexture(gl.TEXTURE_2D, this.blended);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, this.blendedFormat, width, height);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.blended, 0);
     this.blendedSize = [width, height];
@@ -164,12 +211,11 @@ export class Renderer {
 }
 
 /**
- * The shader for scenes of this kind: what a scene has not, its shader has no code for.
- * @param {string} source
+ * Constants of the projection: what a scene has not, its shader has no code for.
  * @param {import("./textures.js").SceneTexels} texels
  */
-function withConstants(source, texels) {
-  const constants = {
+function constantsOf(texels) {
+  return {
     COEFFICIENTS: texels.coefficients,
     SH_TEXELS: texels.sh.texels,
     OFFSET_TEXELS: texels.offsets.texels,
@@ -177,6 +223,13 @@ function withConstants(source, texels) {
     OFFSET_SH_REST: texels.hasShRest ? 1 : 0,
     FIRST_SH_REST: texels.hasShape ? 4 : 2,
   };
+}
+
+/**
+ * @param {string} source
+ * @param {Record<string, number>} constants
+ */
+function withConstants(source, constants) {
   const lines = Object.entries(constants).map(([name, value]) => `#define ${name} ${value}\n`);
   // The version must be the first line.
   return source.replace("\n", `\n${lines.join("")}`);
@@ -212,6 +265,26 @@ function program(gl, vertex, fragment) {
 }
 
 /**
+ * Lines of a texture that so many items take, one texel each.
+ * @param {number} items
+ */
+function linesOf(items) {
+  return Math.max(1, Math.ceil(items / TEXTURE_WIDTH));
+}
+
+/**
+ * A new texture on the active unit that is read texel by texel.
+ * @param {WebGL2RenderingContext} gl
+ */
+function nearestTexture(gl) {
+  const made = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_2D, made);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+  return made;
+}
+
+/**
  * Uploads texels to a texture unit, in place of what was there.
  * @param {WebGL2RenderingContext} gl
  * @param {number} unit
@@ -219,13 +292,7 @@ function program(gl, vertex, fragment) {
  */
 function texture(gl, unit, texels) {
   gl.activeTexture(gl.TEXTURE0 + unit);
-  let bound = gl.getParameter(gl.TEXTURE_BINDING_2D);
-  if (!bound) {
-    bound = gl.createTexture();
-    gl.bindTexture(gl.TEXTURE_2D, bound);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
-  }
+  if (!gl.getParameter(gl.TEXTURE_BINDING_2D)) nearestTexture(gl);
   const { data, height } = texels;
   const [inner, format, type] =
     data instanceof Float32Array ? [gl.RGBA32F, gl.RGBA, gl.FLOAT] : [gl.RGBA32UI, gl.RGBA_INTEGER, gl.UNSIGNED_INT];

@@ -1,4 +1,4 @@
-// The scene as texels: what the vertex shader (splat.vert) reads. Templates and offsets are stored once, however many instances
+// The scene as texels: what project.frag reads. Templates and offsets are stored once, however many instances
 // there are.
 
 import { GEOMETRY_TEXELS, ROW_TEXELS, TEXTURE_WIDTH } from "./layout.js";
@@ -10,14 +10,6 @@ import { halfOfFloat } from "./safetensors.js";
  * @typedef {{geometry: Texels, sh: Texels, offsets: Texels, rows: Texels, coefficients: number, hasShape: boolean,
  *   hasShRest: boolean}} SceneTexels
  */
-
-/**
- * Number of texels, of 8 halves each, of a Gaussian's SH.
- * @param {number} coefficients
- */
-export function shTexels(coefficients) {
-  return Math.ceil((3 * coefficients) / 8);
-}
 
 /**
  * @param {import("./scene.js").Scene} scene
@@ -61,17 +53,20 @@ function geometryTexels(pool) {
 }
 
 /**
- * SH in half floats, two in each 32 bits.
+ * SH in half floats: two coefficients in each texel, each red, green, blue and nothing.
  * @param {import("./scene.js").Cloud} pool
  * @returns {Texels}
  */
 function shTexelsOf(pool) {
-  const texels = shTexels(pool.coefficients);
-  const width = 3 * pool.coefficients;
+  const { coefficients } = pool;
+  const texels = Math.ceil(coefficients / 2);
   const height = Math.max(1, Math.ceil((pool.count * texels) / TEXTURE_WIDTH));
   const halves = new Uint16Array(8 * TEXTURE_WIDTH * height);
   for (let i = 0; i < pool.count; i++) {
-    for (let c = 0; c < width; c++) halves[8 * texels * i + c] = halfOfFloat(pool.sh[width * i + c]);
+    for (let c = 0; c < coefficients; c++) {
+      const [from, to] = [3 * (coefficients * i + c), 8 * texels * i + 4 * c];
+      for (let k = 0; k < 3; k++) halves[to + k] = halfOfFloat(pool.sh[from + k]);
+    }
   }
   return { data: new Uint32Array(halves.buffer), texels, height };
 }
@@ -84,16 +79,19 @@ function shTexelsOf(pool) {
 function offsetTexels(offsets, coefficients) {
   const hasShape = offsets.quats.length > 0 || offsets.logScales.length > 0;
   const rest = offsets.shRest.length ? offsets.shRest.length / offsets.count : 0;
-  const room4 = 2 + (hasShape ? 2 : 0) + (rest ? Math.ceil((3 * (coefficients - 1)) / 4) : 0);
-  const out = room(offsets.count, room4);
+  const firstRest = hasShape ? 4 : 2;
+  const texels = firstRest + (rest ? coefficients - 1 : 0);
+  const out = room(offsets.count, texels);
   for (let i = 0; i < offsets.count; i++) {
-    const at = 4 * room4 * i;
+    const at = 4 * texels * i;
     out.data.set(offsets.means.subarray(3 * i, 3 * i + 3), at);
     out.data[at + 3] = offsets.logits[i];
     out.data.set(offsets.shDc.subarray(3 * i, 3 * i + 3), at + 4);
     out.data.set(offsets.quats.subarray(4 * i, 4 * i + 4), at + 8);
     if (hasShape) out.data.set(offsets.logScales.subarray(3 * i, 3 * i + 3), at + 12);
-    out.data.set(offsets.shRest.subarray(rest * i, rest * (i + 1)), at + (hasShape ? 16 : 8));
+    for (let k = 0; k < rest; k += 3) {
+      out.data.set(offsets.shRest.subarray(rest * i + k, rest * i + k + 3), at + 4 * (firstRest + k / 3));
+    }
   }
   return out;
 }

@@ -88,8 +88,9 @@ pub fn write_page(path: &Path, scene: &InstancedScene, options: &PageOptions<'_>
     let page = filled(&[
         ("TITLE", &escaped(&title)),
         ("STYLE", web!("page.css")),
-        ("SPLAT_VERT", web!("splat.vert")),
-        ("SPLAT_FRAG", web!("splat.frag")),
+        ("PROJECT_FRAG", web!("project.frag")),
+        ("QUAD_VERT", web!("quad.vert")),
+        ("QUAD_FRAG", web!("quad.frag")),
         ("SCREEN_VERT", web!("screen.vert")),
         ("SCREEN_FRAG", web!("screen.frag")),
         ("WORKER", &linked(&WORKER)),

@@ -1,13 +1,15 @@
 #version 300 es
-// A splat as a quad: the twin of glsl/preprocess_instance_expand.comp, one Gaussian of one row of the scene per instance of the
-// draw call. Texels are laid out by textures.js.
+// Projects splats, each once: the twin of glsl/preprocess_instance_expand.comp. A pixel is one Gaussian of one row of the scene, in
+// the order of drawing; quad.vert draws from what stands in it. Texels are laid out by textures.js.
 precision highp float;
 precision highp int;
 precision highp sampler2D;
 precision highp usampler2D;
 
+uniform usampler2D u_list;     // Gaussian in the pool, row
+uniform int u_count;           // number of splats in the list
 uniform sampler2D u_geometry;  // 3 texels a Gaussian
-uniform usampler2D u_sh;       // SH_TEXELS a Gaussian, halves
+uniform usampler2D u_sh;       // SH_TEXELS a Gaussian, halves, two coefficients in each
 uniform sampler2D u_offsets;   // OFFSET_TEXELS a record
 uniform sampler2D u_rows;      // 8 texels a row
 uniform vec4 u_view[3];        // rows of view_from_world
@@ -20,10 +22,9 @@ uniform float u_dilation_px2;
 uniform float u_antialias;     // 1 = opacity makes up for the dilation
 uniform float u_dim;           // brightness of what is not selected
 
-layout(location = 0) in uvec2 a_splat;  // Gaussian in the pool, row
-
-out vec2 v_sigmas;     // place in the splat, standard deviations
-flat out vec4 v_color;  // colour and opacity
+layout(location = 0) out vec4 o_place;  // centre, and standard deviation along the longer axis as a vector, pixels
+layout(location = 1) out vec4 o_color;  // colour and opacity
+layout(location = 2) out vec4 o_reach;  // standard deviation along the shorter axis, pixels; where the quad ends, standard deviations, 0 = not drawn
 
 struct Row {
   vec4 world[3];
@@ -65,27 +66,17 @@ mat3 rotation_of(vec4 wxyz) {
 
 // SH in direction `dir`, INRIA's order and signs; `record` is the offset record, -1 if there is none.
 vec3 sh_color(int source, int record, vec3 dir) {
-  vec2 pairs[4 * SH_TEXELS];
+  vec3 sh[2 * SH_TEXELS];
   for (int t = 0; t < SH_TEXELS; ++t) {
     int i = SH_TEXELS * source + t;
     uvec4 bits = texelFetch(u_sh, ivec2(i & 2047, i >> 11), 0);
-    pairs[4 * t] = unpackHalf2x16(bits.x);
-    pairs[4 * t + 1] = unpackHalf2x16(bits.y);
-    pairs[4 * t + 2] = unpackHalf2x16(bits.z);
-    pairs[4 * t + 3] = unpackHalf2x16(bits.w);
+    sh[2 * t] = vec3(unpackHalf2x16(bits.x), unpackHalf2x16(bits.y).x);
+    sh[2 * t + 1] = vec3(unpackHalf2x16(bits.z), unpackHalf2x16(bits.w).x);
   }
-#define VALUE(i) (((i) & 1) == 0 ? pairs[(i) >> 1].x : pairs[(i) >> 1].y)
-  vec3 sh[COEFFICIENTS];
-  for (int c = 0; c < COEFFICIENTS; ++c) sh[c] = vec3(VALUE(3 * c), VALUE(3 * c + 1), VALUE(3 * c + 2));
   if (record >= 0) {
     sh[0] += texel(u_offsets, OFFSET_TEXELS * record + 1).xyz;
 #if OFFSET_SH_REST
-    for (int c = 1; c < COEFFICIENTS; ++c) {
-      for (int k = 0; k < 3; ++k) {
-        int at = 3 * (c - 1) + k;
-        sh[c][k] += texel(u_offsets, OFFSET_TEXELS * record + FIRST_SH_REST + at / 4)[at % 4];
-      }
-    }
+    for (int c = 1; c < COEFFICIENTS; ++c) sh[c] += texel(u_offsets, OFFSET_TEXELS * record + FIRST_SH_REST + c - 1).xyz;
 #endif
   }
   vec3 color = 0.28209479177387814 * sh[0];
@@ -119,11 +110,14 @@ vec3 looked(Row row, vec3 color) {
 }
 
 void main() {
-  gl_Position = vec4(2.0, 2.0, 2.0, 1.0);  // outside: what returns early is not drawn
-  v_sigmas = vec2(0.0);
-  v_color = vec4(0.0);
-  int source = int(a_splat.x);
-  Row row = row_at(int(a_splat.y));
+  o_place = vec4(0.0);
+  o_color = vec4(0.0);
+  o_reach = vec4(0.0);
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  if (2048 * at.y + at.x >= u_count) return;
+  uvec2 splat = texelFetch(u_list, at, 0).xy;
+  int source = int(splat.x);
+  Row row = row_at(int(splat.y));
   if (!row.shown) return;
   int record = row.first_offset < 0 ? -1 : row.first_offset + source - row.first;
   vec4 mean_logit = texel(u_geometry, 3 * source);
@@ -178,10 +172,8 @@ void main() {
   vec3 rgb = sh_color(source, record, len > 0.0 ? dir / len : vec3(0.0, 0.0, 1.0));
   rgb = vec3(dot(row.color[0], vec4(rgb, 1.0)), dot(row.color[1], vec4(rgb, 1.0)), dot(row.color[2], vec4(rgb, 1.0)));
   if (!all(lessThan(rgb, vec3(1e15)))) return;
-  v_color = vec4(looked(row, max(rgb, 0.0)), opacity);
+  o_color = vec4(looked(row, max(rgb, 0.0)), opacity);
 
-  vec2 corner = vec2((gl_VertexID & 1) == 0 ? -1.0 : 1.0, gl_VertexID < 2 ? -1.0 : 1.0);
-  v_sigmas = reach * corner;
-  vec2 at = center + v_sigmas.x * sqrt(longer) * axis + v_sigmas.y * sqrt(shorter) * vec2(-axis.y, axis.x);
-  gl_Position = vec4(2.0 * at.x / u_size_px.x - 1.0, 1.0 - 2.0 * at.y / u_size_px.y, 0.0, 1.0);
+  o_place = vec4(center, sqrt(longer) * axis);
+  o_reach = vec4(sqrt(shorter), reach, 0.0, 0.0);
 }
