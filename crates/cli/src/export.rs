@@ -34,8 +34,9 @@ pub(super) struct ExportArgs {
     /// File to write: .ply, .spz, .sog, .glb, .usda, .instgs or .html
     #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|instgs|html)")]
     pub(super) to: PathBuf,
-    /// Number format of an .instgs file [default: f32], and of the scene in an .html [default: small]. f32: as they are. f16: 16 bits, except means and transforms. q8: offsets in 8
-    /// bits, the rest as f16. small: everything rounded and entropy coded, with --data only as precisely as its views need
+    /// Number format of an .instgs file [default: f32], or of the scene in an .html [default: small]. f32: as they are. f16: 16
+    /// bits, except means and transforms. q8: offsets in 8 bits, the rest as f16. small: everything rounded and entropy coded,
+    /// with --data only as precisely as its views need
     #[arg(long, value_enum)]
     pack: Option<PackArg>,
     /// Dataset whose training views say how precise --pack small must be: far fewer bytes for the same pictures. Photos

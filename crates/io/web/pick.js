@@ -37,8 +37,10 @@ export function pick(scene, flat, sorted, view, px, py) {
 function splatOf(scene, source, row) {
   const { pool, offsets } = scene;
   const record = row.firstOffset < 0 ? -1 : row.firstOffset + source - row.first;
-  const of = (/** @type {Float32Array} */ own, /** @type {Float32Array} */ added, /** @type {number} */ width) =>
-    Array.from({ length: width }, (_, k) => own[width * source + k] + (record < 0 || !added.length ? 0 : added[width * record + k]));
+  const of = (/** @type {Float32Array} */ own, /** @type {Float32Array} */ added, /** @type {number} */ width) => {
+    const change = (/** @type {number} */ k) => (record < 0 || !added.length ? 0 : added[width * record + k]);
+    return Array.from({ length: width }, (_, k) => own[width * source + k] + change(k));
+  };
   const [x, y, z] = of(pool.means, offsets.means, 3);
   const m = row.world;
   return {

@@ -24,7 +24,8 @@ uniform float u_dim;           // brightness of what is not selected
 
 layout(location = 0) out vec4 o_place;  // centre, and standard deviation along the longer axis as a vector, pixels
 layout(location = 1) out vec4 o_color;  // colour and opacity
-layout(location = 2) out vec4 o_reach;  // standard deviation along the shorter axis, pixels; where the quad ends, standard deviations, 0 = not drawn
+layout(location = 2) out vec4 o_reach;  // standard deviation along the shorter axis, pixels; half the quad's side in standard
+                                        // deviations, 0 = not drawn
 
 struct Row {
   vec4 world[3];

@@ -1,6 +1,6 @@
 #version 300 es
-// A projected splat (project.frag) as a quad that holds its ellipse of alpha 1/255. An instance of the draw call is BATCH splats, four
-// vertices each: many small instances are slow on some devices.
+// A projected splat (project.frag) as a quad that holds its ellipse of alpha 1/255. An instance of the draw call is BATCH splats,
+// four vertices each: many small instances are slow on some devices.
 precision highp float;
 precision highp int;
 precision highp sampler2D;

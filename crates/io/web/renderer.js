@@ -1,5 +1,5 @@
-// Draws the scene with WebGL2: projects each splat once, draws them as quads from the farthest to the nearest into a picture of half
-// floats, and that over the background.
+// Draws the scene with WebGL2: projects each splat once, draws them as quads from the farthest to the nearest into a picture of
+// half floats, and that over the background.
 
 import { NEAR, viewOf } from "./camera.js";
 import { ROW_TEXELS, TEXTURE_WIDTH } from "./layout.js";
@@ -18,7 +18,8 @@ const BATCH = 1024;
 
 /**
  * Sources by the names of their files.
- * @typedef {{"project-frag": string, "quad-vert": string, "quad-frag": string, "screen-vert": string, "screen-frag": string}} Shaders
+ * @typedef {{"project-frag": string, "quad-vert": string, "quad-frag": string, "screen-vert": string,
+ *   "screen-frag": string}} Shaders
  */
 /** @typedef {import("./camera.js").CameraFile} CameraFile */
 
