@@ -4,17 +4,20 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 
+use super::export_page;
 use instgs_console::args::{Triple, open_scene, parse_up};
 use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
-use instgs_io::{ExportFormat, Pack, export_scene};
-use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
+use instgs_io::small::{Sensitivity, SmallOptions};
+use instgs_io::{ExportFormat, Pack, export_scene, write_small_scene_file};
+use instgs_train::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
 
 /// Writes a scene as .ply, .spz or .sog (instances are expanded into plain Gaussians), as .glb (glTF with
-/// KHR_gaussian_splatting: instances become nodes that share their template's data), or as .instgs.
+/// KHR_gaussian_splatting: instances become nodes that share their template's data), as .instgs, or as .html: one file that
+/// holds the packed scene and draws it in a browser, without a server.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
     instgs-vk export --scene room.instgs --to room.ply\n  \
@@ -22,16 +25,18 @@ use instgs_vk::scene::trajectory::Orbit;
     instgs-vk export --scene room.ply --to room.spz\n  \
     instgs-vk export --scene room.instgs --to room.sog\n  \
     instgs-vk export --scene room.instgs --to room.glb --up 0,0,1\n  \
-    instgs-vk export --scene room.instgs --to room.usda")]
+    instgs-vk export --scene room.instgs --to room.usda\n  \
+    instgs-vk export --scene room.instgs --to room.html")]
 pub(super) struct ExportArgs {
     /// Scene to convert: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
-    scene: PathBuf,
-    /// File to write: .ply, .spz, .sog, .glb, .usda or .instgs
-    #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|instgs)")]
-    to: PathBuf,
-    /// Number format of an .instgs file. f32: as they are. f16: 16 bits, except means and transforms. q8: offsets in 8
-    /// bits, the rest as f16. small: everything rounded and entropy coded, with --data only as precisely as its views need
+    pub(super) scene: PathBuf,
+    /// File to write: .ply, .spz, .sog, .glb, .usda, .instgs or .html
+    #[arg(long, value_name = "X.(ply|spz|sog|glb|usda|instgs|html)")]
+    pub(super) to: PathBuf,
+    /// Number format of an .instgs file [default: f32], or of the scene in an .html [default: small]. f32: as they are. f16: 16
+    /// bits, except means and transforms. q8: offsets in 8 bits, the rest as f16. small: everything rounded and entropy coded,
+    /// with --data only as precisely as its views need
     #[arg(long, value_enum)]
     pack: Option<PackArg>,
     /// Dataset whose training views say how precise --pack small must be: far fewer bytes for the same pictures. Photos
@@ -41,10 +46,11 @@ pub(super) struct ExportArgs {
     /// Closeness of pictures of the packed scene to those of the unpacked one as predicted for small errors, dB of PSNR; they
     /// come out some 3 dB lower. Lower is smaller
     #[arg(long, value_name = "DB", default_value_t = USUAL_PICTURE_PSNR_DB, requires = "data", value_parser = parse_psnr)]
-    picture_psnr: f64,
-    /// Direction of the scene that becomes up (+y) in a .glb or .usda [default: as for render's --orbit]
+    pub(super) picture_psnr: f64,
+    /// Direction of the scene that becomes up (+y) in a .glb or .usda, or points up in an .html [default: as for render's --orbit;
+    /// for .html that of the training views, if the scene lies in the folder of its run]
     #[arg(long, value_name = "X,Y,Z", value_parser = parse_up, allow_hyphen_values = true)]
-    up: Option<Triple>,
+    pub(super) up: Option<Triple>,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
@@ -67,7 +73,7 @@ enum PackArg {
 struct Exported {
     scene: String,
     to: String,
-    /// Number of Gaussians in the new file: expanded, or the stored ones for .glb and .instgs.
+    /// Number of Gaussians in the new file: expanded, or the stored ones for .glb, .instgs and .html.
     gaussians: u64,
     flattened_instances: usize,
     bytes: u64,
@@ -84,44 +90,60 @@ impl From<PackArg> for Pack {
     }
 }
 
-/// Writes the scene as small as the views of a data set allow.
-fn pack_small(
-    args: &ExportArgs,
+/// How precise the scene must be for the views of a data set.
+fn measured(
     scene: &InstancedScene,
     data: &Path,
     device_args: &DeviceArgs,
     printer: &Printer,
-) -> Result<(), CliError> {
+) -> Result<Sensitivity, CliError> {
     let cameras = sensitivity_cameras(data)?;
     let gpu = device::open(device_args.choice())?;
     let mut progress = printer.progress("views", cameras.len() as u64);
-    write_small(&gpu, &args.to, scene, &cameras, args.picture_psnr, || progress.step("measured"))?;
+    let sensitivity = measure_sensitivity(&gpu, scene, &cameras, || progress.step("measured"))?;
     drop(progress);
-    device::check_validation(&gpu)
+    device::check_validation(&gpu)?;
+    Ok(sensitivity)
+}
+
+/// Writes the scene in the format and returns how many Gaussians the file holds.
+fn write(
+    args: &ExportArgs,
+    scene: &InstancedScene,
+    format: ExportFormat,
+    sensitivity: Option<&Sensitivity>,
+    printer: &Printer,
+) -> Result<u64, CliError> {
+    let to = args.to.as_path();
+    match (format, sensitivity) {
+        (ExportFormat::Page(pack), _) => export_page::write(args, scene, pack, sensitivity, printer)?,
+        (ExportFormat::Instgs(Pack::Small), Some(sensitivity)) => {
+            write_small_scene_file(to, scene, &SmallOptions { sensitivity, picture_psnr_db: args.picture_psnr })?;
+        }
+        _ => {
+            let up = Orbit::around(scene, args.up.map(Triple::direction)).up;
+            let exported = export_scene(to, scene, format, up)?;
+            exported.notes(to, scene, format).iter().for_each(|note| printer.warning(note));
+            return Ok(exported.gaussians);
+        }
+    }
+    Ok(scene.source_len() as u64)
 }
 
 pub(super) fn run(args: &ExportArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
     let to = args.to.as_path();
     let format = ExportFormat::of(to, args.pack.map(Pack::from))?;
-    if args.up.is_some() && !matches!(format, ExportFormat::Glb | ExportFormat::Usda) {
-        printer.warning("--up is for .glb and .usda: other formats keep the scene's axes");
+    if args.up.is_some() && !matches!(format, ExportFormat::Glb | ExportFormat::Usda | ExportFormat::Page(_)) {
+        printer.warning("--up is for .glb, .usda and .html: other formats keep the scene's axes");
     }
     let scene = open_scene(&args.scene, printer)?.scene;
-    let gaussians = match &args.data {
-        Some(data) if format == ExportFormat::Instgs(Pack::Small) => {
-            pack_small(args, &scene, data, device_args, printer)?;
-            scene.source_len() as u64
-        }
-        _ => {
-            let up = Orbit::around(&scene, args.up.map(Triple::direction)).up;
-            let exported = export_scene(to, &scene, format, up)?;
-            exported.notes(to, &scene, format).iter().for_each(|note| printer.warning(note));
-            exported.gaussians
-        }
-    };
-    if args.data.is_some() && format != ExportFormat::Instgs(Pack::Small) {
+    let is_small = matches!(format, ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small));
+    if args.data.is_some() && !is_small {
         printer.warning("--data is for --pack small: other formats keep one precision everywhere");
     }
+    let data = args.data.as_ref().filter(|_| is_small);
+    let sensitivity = data.map(|data| measured(&scene, data, device_args, printer)).transpose()?;
+    let gaussians = write(args, &scene, format, sensitivity.as_ref(), printer)?;
     let flattened_instances = if format.is_expanded() { scene.instances.len() } else { 0 };
     let bytes = std::fs::metadata(to).map_or(0, |m| m.len());
     let report = Exported {

@@ -13,6 +13,7 @@ mod edit_flags;
 mod eval;
 mod evidence;
 mod export;
+mod export_page;
 mod find;
 mod info;
 mod inspect;

@@ -13,7 +13,7 @@ impl ExportedScene {
         if format == ExportFormat::Glb && filter.antialias {
             notes.push(".glb has no place for the scene's antialias flag; render it with --antialias".into());
         }
-        if !matches!(format, ExportFormat::Instgs(_)) && !filter.has_usual_dilation() {
+        if !matches!(format, ExportFormat::Instgs(_) | ExportFormat::Page(_)) && !filter.has_usual_dilation() {
             let (dilation, usual) = (filter.dilation_px2, PixelFilter::default().dilation_px2);
             notes.push(format!(
                 "other viewers widen splats by {usual} px^2 instead of this scene's {dilation}, which blurs what is finer than \

@@ -3,7 +3,7 @@
 //! data.
 //!
 //! Scenes: [`load_scene`] and [`save_scene`] (`.instgs`, `.ply`, `.spz`, `.sog`, `.splat`,
-//! `.glb`); [`export_scene`]. Views:
+//! `.glb`); [`export_scene`], also as a page for browsers ([`write_page`]). Views:
 //! [`dataset::read_views`], [`load_view`] for their images, [`read_points`], and [`camera_file`]. Repeated objects:
 //! [`MaskFolder`] and [`read_groups`]. Float images: [`ktx2`]. Training state: [`checkpoint`]. The
 //! files of a run: [`RunFolder`].
@@ -28,6 +28,7 @@ pub mod mask_png;
 pub mod masks;
 pub mod nerf;
 pub mod nerf_write;
+pub mod page;
 pub mod picture_png;
 pub mod ply;
 mod ply_packed;
@@ -72,6 +73,7 @@ pub use glb::{read_glb, write_glb};
 pub use groups::{read_groups, write_groups};
 pub use masks::{Mask, MaskFolder, read_mask, write_categories, write_mask};
 pub use nerf_write::write_transforms;
+pub use page::{PageOptions, write_page};
 pub use ply::{read_ply, write_ply};
 pub use point_cloud::{LoadedPoints, read_points, write_points};
 pub use run_folder::RunFolder;

@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use crate::host_memory::available_bytes;
-use crate::{IoError, Pack, SpzLoss, glb, ply, scene_write, sog, spz, usda};
+use crate::{IoError, Pack, PageOptions, SpzLoss, glb, ply, scene_write, sog, spz, usda, write_page};
 use instgs_vk::scene::gaussians::sh_coefficients;
 use instgs_vk::scene::instanced_scene::InstancedScene;
 
@@ -24,10 +24,12 @@ pub enum ExportFormat {
     Usda,
     /// `.instgs`: not expanded, with packed values.
     Instgs(Pack),
+    /// `.html`: a page that holds the `.instgs` file with packed values and draws it.
+    Page(Pack),
 }
 
 impl ExportFormat {
-    /// The format for a file name; `pack` is only valid for `.instgs`.
+    /// The format for a file name; `pack` is only valid for `.instgs` and `.html`.
     ///
     /// # Errors
     /// An unknown extension, or a pack for another format.
@@ -35,16 +37,17 @@ impl ExportFormat {
         let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         match ending.as_str() {
             "instgs" => Ok(Self::Instgs(pack.unwrap_or(Pack::F32))),
-            _ if pack.is_some() => {
-                Err(IoError::new(path, "--pack is for .instgs files").advise("leave it out, or export to .instgs"))
-            }
+            // A page is to be sent to people.
+            "html" => Ok(Self::Page(pack.unwrap_or(Pack::Small))),
+            _ if pack.is_some() => Err(IoError::new(path, "--pack is for .instgs and .html files")
+                .advise("leave it out, or export to .instgs or .html")),
             "ply" => Ok(Self::Ply),
             "spz" => Ok(Self::Spz),
             "sog" => Ok(Self::Sog),
             "glb" => Ok(Self::Glb),
             "usda" => Ok(Self::Usda),
             other => Err(IoError::new(path, format!("unknown format \".{other}\""))
-                .advise("export to .ply, .spz, .sog, .glb, .usda or .instgs")),
+                .advise("export to .ply, .spz, .sog, .glb, .usda, .instgs or .html")),
         }
     }
 
@@ -63,7 +66,7 @@ pub struct ExportedScene {
     pub spz_loss: SpzLoss,
 }
 
-/// Writes a scene. `up` is the scene's direction that becomes +y of glTF and USD.
+/// Writes a scene. `up` is the scene's direction that becomes +y of glTF and USD, and points up in a page.
 ///
 /// # Errors
 /// The file cannot be written, or there is not enough memory.
@@ -76,6 +79,9 @@ pub fn export_scene(
     let mut exported = ExportedScene { gaussians: scene.source_len() as u64, ..ExportedScene::default() };
     match format {
         ExportFormat::Instgs(pack) => scene_write::write_scene_file_packed(to, scene, pack)?,
+        ExportFormat::Page(pack) => {
+            write_page(to, scene, &PageOptions { pack, small: None, camera: None, up })?;
+        }
         ExportFormat::Glb => {
             check_memory(to, "its Gaussians take", glb::glb_data_bytes(scene))?;
             glb::write_glb(to, scene, up)?;

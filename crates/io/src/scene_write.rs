@@ -46,6 +46,16 @@ pub fn packed_scene_file_bytes(scene: &InstancedScene, pack: Pack, path: &Path) 
 /// # Errors
 /// The scene is inconsistent, the sensitivity is of another scene, or the file cannot be written.
 pub fn write_small_scene_file(path: &Path, scene: &InstancedScene, options: &SmallOptions<'_>) -> Result<(), IoError> {
+    let bytes = small_scene_file_bytes(scene, options, path)?;
+    atomic_write(path, |out| out.write_all(&bytes))
+}
+
+/// The bytes that [`write_small_scene_file`] writes.
+pub(crate) fn small_scene_file_bytes(
+    scene: &InstancedScene,
+    options: &SmallOptions<'_>,
+    path: &Path,
+) -> Result<Vec<u8>, IoError> {
     if !options.sensitivity.fits(scene) {
         return Err(IoError::new(path, "cannot write: the sensitivity was measured on another scene"));
     }
@@ -54,8 +64,7 @@ pub fn write_small_scene_file(path: &Path, scene: &InstancedScene, options: &Sma
             IoError::new(path, "cannot write: the views that say how precise it is to be show nothing of the scene");
         return Err(error.advise("give the data set of the scene"));
     }
-    let bytes = file_bytes(scene, Pack::Small, Some(options), path)?;
-    atomic_write(path, |out| out.write_all(&bytes))
+    file_bytes(scene, Pack::Small, Some(options), path)
 }
 
 fn file_bytes(

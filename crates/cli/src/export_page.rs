@@ -1,0 +1,41 @@
+//! `instgs-vk export --to X.html`: what a page needs besides the scene.
+
+use std::path::Path;
+
+use instgs_console::{CliError, Printer};
+use instgs_io::small::{Sensitivity, SmallOptions};
+use instgs_io::{Pack, PageOptions, RunFolder, read_cameras, write_page};
+use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::up::up_direction;
+use instgs_vk::scene::{Camera, InstancedScene};
+
+use super::export::ExportArgs;
+use instgs_console::args::Triple;
+
+/// Writes the page of a scene. It begins at the first training view if the scene lies in its run's folder.
+pub(super) fn write(
+    args: &ExportArgs,
+    scene: &InstancedScene,
+    pack: Pack,
+    sensitivity: Option<&Sensitivity>,
+    printer: &Printer,
+) -> Result<(), CliError> {
+    let cameras = cameras_beside(&args.scene, printer);
+    let given = args.up.map(Triple::direction);
+    let up = given.or_else(|| up_direction(&cameras)).unwrap_or_else(|| Orbit::around(scene, None).up);
+    let small = sensitivity.map(|sensitivity| SmallOptions { sensitivity, picture_psnr_db: args.picture_psnr });
+    let options = PageOptions { pack, small: small.as_ref(), camera: cameras.first(), up };
+    Ok(write_page(&args.to, scene, &options)?)
+}
+
+/// The training views of the run that a scene lies in; none if there is no such file, or none that can be read.
+fn cameras_beside(scene: &Path, printer: &Printer) -> Vec<Camera> {
+    let file = RunFolder::new(scene.parent().unwrap_or(Path::new("."))).cameras();
+    if !file.is_file() {
+        return Vec::new();
+    }
+    read_cameras(&file).unwrap_or_else(|error| {
+        printer.warning(format_args!("{error}: the page begins with the whole scene"));
+        Vec::new()
+    })
+}

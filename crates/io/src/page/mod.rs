@@ -1,0 +1,156 @@
+//! `.html`: a page that holds a scene and draws it, in one file that a browser opens without a server.
+//!
+//! The scene lies in the page as the `.instgs` file that it is, deflated and as text (`base85.rs`); instances stay instances. The
+//! program that unpacks and draws it is in `crates/io/web`, JavaScript modules that [`linked`] turns into two plain scripts, since
+//! browsers load no modules from files: one for the page, one for its worker. `docs/page.md` describes the page for users.
+//!
+//! Whatever comes from the scene or its file name is data: the title is escaped, cameras are JSON without `<`, and the names of
+//! groups are within the packed scene, which the program sets as text.
+
+mod base85;
+
+use std::io::Write;
+use std::path::Path;
+
+use flate2::Compression;
+use flate2::write::DeflateEncoder;
+use glam::DVec3;
+
+use crate::scene_pack::Pack;
+use crate::scene_write::{packed_scene_file_bytes, small_scene_file_bytes};
+use crate::small::SmallOptions;
+use crate::{IoError, atomic_write};
+use base85::base85;
+use instgs_vk::scene::camera::Camera;
+use instgs_vk::scene::instanced_scene::InstancedScene;
+use instgs_vk::scene::trajectory::Orbit;
+
+/// The page, with `{{NAME}}` where something goes.
+const TEMPLATE: &str = include_str!("../../web/page.html");
+
+/// A file of `crates/io/web` in this program.
+macro_rules! web {
+    ($name:literal) => {
+        include_str!(concat!("../../web/", $name))
+    };
+}
+
+/// Modules of the worker, each after those that it uses.
+const WORKER: [&str; 9] = [
+    web!("base85.js"),
+    web!("safetensors.js"),
+    web!("coded.js"),
+    web!("scene.js"),
+    web!("layout.js"),
+    web!("textures.js"),
+    web!("order.js"),
+    web!("pick.js"),
+    web!("worker.js"),
+];
+
+/// Modules of the page.
+const MAIN: [&str; 8] = [
+    web!("linear.js"),
+    web!("camera.js"),
+    web!("layout.js"),
+    web!("renderer.js"),
+    web!("viewer.js"),
+    web!("panel.js"),
+    web!("controls.js"),
+    web!("main.js"),
+];
+
+/// What a page is to be, besides its scene.
+#[derive(Clone, Copy, Debug)]
+pub struct PageOptions<'a> {
+    /// Number format of the scene in the page.
+    pub pack: Pack,
+    /// How precise [`Pack::Small`] must be; not for other formats.
+    pub small: Option<&'a SmallOptions<'a>>,
+    /// The first view; the scene as a whole if there is none.
+    pub camera: Option<&'a Camera>,
+    /// Unit vector that points up in the picture, world frame.
+    pub up: DVec3,
+}
+
+/// Writes a scene as a page. The same scene and options give the same bytes. Its title is the file's name.
+///
+/// # Errors
+/// The scene is inconsistent, the options are of another scene, or the file cannot be written.
+pub fn write_page(path: &Path, scene: &InstancedScene, options: &PageOptions<'_>) -> Result<(), IoError> {
+    let file = match options.small.filter(|_| options.pack == Pack::Small) {
+        Some(small) => small_scene_file_bytes(scene, small, path)?,
+        None => packed_scene_file_bytes(scene, options.pack, path)?,
+    };
+    let title = path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into_owned());
+    let start = start_json(scene, options).map_err(|e| IoError::new(path, format!("cannot write: {e}")))?;
+    let packed = deflated(&file).map_err(|e| IoError::os(path, "cannot write", &e))?;
+    let page = filled(&[
+        ("TITLE", &escaped(&title)),
+        ("STYLE", web!("page.css")),
+        ("PROJECT_FRAG", web!("project.frag")),
+        ("QUAD_VERT", web!("quad.vert")),
+        ("QUAD_FRAG", web!("quad.frag")),
+        ("SCREEN_VERT", web!("screen.vert")),
+        ("SCREEN_FRAG", web!("screen.frag")),
+        ("WORKER", &linked(&WORKER)),
+        ("MAIN", &linked(&MAIN)),
+        ("START", &start),
+        ("SCENE", &base85(&packed)),
+    ]);
+    atomic_write(path, |out| out.write_all(page.as_bytes()))
+}
+
+/// Where the page begins, as `camera.js` reads it (its `Start`): JSON that may stand in a script element.
+fn start_json(scene: &InstancedScene, options: &PageOptions<'_>) -> serde_json::Result<String> {
+    let orbit = Orbit::around(scene, Some(options.up));
+    let start = serde_json::json!({
+        "camera": options.camera,
+        "center": orbit.center.to_array(),
+        "distance": orbit.distance,
+        "up": orbit.up.to_array(),
+    });
+    // The only character that could end the element; JSON has it only within strings.
+    Ok(serde_json::to_string(&start)?.replace('<', "\\u003c"))
+}
+
+fn deflated(bytes: &[u8]) -> std::io::Result<Vec<u8>> {
+    let mut encoder = DeflateEncoder::new(Vec::new(), Compression::best());
+    encoder.write_all(bytes)?;
+    encoder.finish()
+}
+
+/// Text as HTML, for elements and attributes.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;").replace('\'', "&#39;")
+}
+
+/// One plain script of modules: without their imports and exports, names in a scope of their own. Imports take one line each,
+/// and modules that go together have no top-level name twice.
+fn linked(modules: &[&str]) -> String {
+    let mut out = String::from("\"use strict\";\n(() => {\n");
+    for line in modules.iter().flat_map(|module| module.lines()).filter(|line| !line.starts_with("import ")) {
+        out.push_str(line.strip_prefix("export ").unwrap_or(line));
+        out.push('\n');
+    }
+    out.push_str("})();\n");
+    out
+}
+
+/// The template with values in place of their names; values are not looked through again.
+fn filled(values: &[(&str, &str)]) -> String {
+    let mut out = String::with_capacity(TEMPLATE.len() + values.iter().map(|(_, value)| value.len()).sum::<usize>());
+    let mut rest = TEMPLATE;
+    while let Some((before, after)) = rest.split_once("{{") {
+        out.push_str(before);
+        let (name, after) = after.split_once("}}").unwrap_or((after, ""));
+        let value = values.iter().find(|(other, _)| *other == name);
+        out.push_str(value.map_or("", |(_, value)| value));
+        rest = after;
+    }
+    out.push_str(rest);
+    out
+}
+
+#[cfg(test)]
+mod tests;

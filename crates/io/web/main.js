@@ -1,0 +1,191 @@
+// Starts the page, and connects its parts. Programs find it as `window.instgs` (docs/page.md).
+
+import { Controls } from "./controls.js";
+import { Panel, byId, grouped, rgbOf } from "./panel.js";
+import { BACKGROUND, Viewer } from "./viewer.js";
+
+const THEME_KEY = "instgs-theme";
+
+/** @param {string} id */
+const textOf = (id) => byId(id).textContent ?? "";
+
+/** The worker, from the text that the page holds. */
+function startWorker() {
+  const url = URL.createObjectURL(new Blob([textOf("worker-source")], { type: "text/javascript" }));
+  const worker = new Worker(url);
+  URL.revokeObjectURL(url);
+  return worker;
+}
+
+/**
+ * The scene, unpacked by the worker.
+ * @param {Worker} worker
+ * @returns {Promise<any>}
+ */
+function unpacked(worker) {
+  return new Promise((resolve, reject) => {
+    worker.onmessage = ({ data }) => (data.error ? reject(new Error(data.error)) : resolve(data.scene));
+    worker.onerror = (event) => reject(new Error(event.message || "the worker did not start"));
+    const data = byId("scene-data");
+    worker.postMessage({ load: (data.textContent ?? "").trim() });
+    // The text is no longer needed.
+    data.textContent = "";
+  });
+}
+
+/** The camera of `#camera=JSON`, for pictures of a given view. */
+function cameraOfHash() {
+  const found = /^#camera=(.+)$/.exec(location.hash);
+  return found ? JSON.parse(decodeURIComponent(found[1])) : null;
+}
+
+/** @param {any} scene */
+function showFacts(scene) {
+  const [instances, templates] = [scene.names.length, scene.templateCounts.length];
+  const facts = [`${grouped(scene.count)} Gaussians`];
+  const plural = (/** @type {number} */ count, /** @type {string} */ what) => `${grouped(count)} ${what}${count === 1 ? "" : "s"}`;
+  if (instances) facts.unshift(plural(instances, "instance"), plural(templates, "template"));
+  byId("facts").textContent = facts.join(" · ");
+}
+
+/**
+ * Buttons that are not about objects.
+ * @param {Viewer} viewer
+ * @param {Controls} controls
+ */
+function connectTools(viewer, controls) {
+  const fly = byId("fly");
+  fly.addEventListener("click", () => {
+    controls.isFlying = !controls.isFlying;
+    fly.setAttribute("aria-pressed", String(controls.isFlying));
+  });
+  byId("reset").addEventListener("click", () => {
+    viewer.camera.reset();
+    viewer.invalidate();
+  });
+  byId("theme").addEventListener("click", () => {
+    const isDark = getComputedStyle(document.documentElement).colorScheme === "dark";
+    setTheme(isDark ? "light" : "dark");
+  });
+  byId("fold-panel").addEventListener("click", () => foldPanel(!document.body.classList.contains("folded")));
+  const background = /** @type {HTMLInputElement} */ (byId("background"));
+  background.addEventListener("input", () => viewer.setBackground(rgbOf(background.value)));
+  byId("save").addEventListener("click", () => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([viewer.scene.file], { type: "application/octet-stream" }));
+    link.download = `${document.title}.instgs`;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  });
+}
+
+/** @param {boolean} isFolded */
+function foldPanel(isFolded) {
+  document.body.classList.toggle("folded", isFolded);
+  byId("fold-panel").setAttribute("aria-expanded", String(!isFolded));
+}
+
+/** @param {string} theme */
+function setTheme(theme) {
+  document.documentElement.dataset.theme = theme;
+  try {
+    localStorage.setItem(THEME_KEY, theme);
+  } catch {
+    // Pages from a file may have no storage; the theme then lasts as long as the page.
+  }
+}
+
+function restoreTheme() {
+  try {
+    const theme = localStorage.getItem(THEME_KEY);
+    if (theme) document.documentElement.dataset.theme = theme;
+  } catch {
+    // As above.
+  }
+}
+
+/**
+ * What a click, a double click and a key do.
+ * @param {Viewer} viewer
+ * @param {Panel} panel
+ * @returns {import("./controls.js").Handlers}
+ */
+function handlersOf(viewer, panel) {
+  return {
+    click: async (x, y) => {
+      const picked = await viewer.pick(x, y);
+      if (picked && picked.object !== BACKGROUND) panel.toggle([picked.object]);
+      else panel.toggle([...viewer.selected]);
+    },
+    doubleClick: async (x, y) => {
+      const picked = await viewer.pick(x, y);
+      if (picked && !viewer.fixed) viewer.camera.lookAt(picked.point);
+      viewer.invalidate();
+    },
+    key: (code) => {
+      if (code === "Escape") panel.toggle([...viewer.selected]);
+      if (code === "KeyH") panel.hideSelected();
+      if (code === "KeyR") byId("reset").click();
+      if (code === "KeyF") byId("fly").click();
+    },
+  };
+}
+
+/** @param {unknown} error */
+function fail(error) {
+  const status = byId("status");
+  status.textContent = `The scene cannot be shown: ${error instanceof Error ? error.message : String(error)}.`;
+  status.hidden = false;
+  status.classList.add("failed");
+}
+
+async function start() {
+  restoreTheme();
+  foldPanel(matchMedia("(max-width: 700px)").matches);
+  const worker = startWorker();
+  const scene = await unpacked(worker);
+  const canvas = /** @type {HTMLCanvasElement} */ (byId("picture"));
+  // A shader's first line must be its version.
+  const names = ["project-frag", "quad-vert", "quad-frag", "screen-vert", "screen-frag"];
+  const shaders = /** @type {any} */ (Object.fromEntries(names.map((name) => [name, textOf(name).trimStart()])));
+  const viewer = new Viewer(canvas, worker, scene, JSON.parse(textOf("start-data")), shaders);
+  canvas.addEventListener("webglcontextlost", () => fail("the graphics card was lost; load the page again"));
+  const panel = new Panel(viewer);
+  const controls = new Controls(viewer, handlersOf(viewer, panel));
+  connectTools(viewer, controls);
+  showFacts(scene);
+  const fixed = cameraOfHash();
+  await (fixed ? viewer.setFixed(fixed) : viewer.settled());
+  viewer.renderer.finish();
+  byId("status").hidden = true;
+  return { viewer, panel };
+}
+
+const started = start();
+started.catch(fail);
+/** For programs; docs/page.md says what each does. */
+Object.assign(window, {
+  instgs: {
+    ready: started.then(() => performance.now()),
+    setCamera: async (/** @type {any} */ camera) => (await started).viewer.setFixed(camera),
+    camera: async () => (await started).viewer.cameraFile(),
+    pick: async (/** @type {number} */ x, /** @type {number} */ y) => (await (await started).viewer.pick(x, y))?.object ?? null,
+    objects: async () => {
+      const { viewer } = await started;
+      const hidden = [...viewer.looks].filter(([, look]) => !look.shown).map(([object]) => object);
+      return { names: viewer.scene.names, selected: [...viewer.selected], hidden };
+    },
+    select: async (/** @type {number[]} */ objects) => {
+      const { viewer, panel } = await started;
+      viewer.select(objects);
+      panel.refresh();
+      await viewer.settled();
+    },
+    setLook: async (/** @type {number[]} */ objects, /** @type {any} */ look) => {
+      const { viewer, panel } = await started;
+      viewer.setLook(objects, look);
+      panel.refresh();
+      await viewer.settled();
+    },
+  },
+});
