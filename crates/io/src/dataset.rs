@@ -280,7 +280,7 @@ fn unique_names(views: &mut [(View, PathBuf)]) {
 }
 
 /// Number of leading folders that all paths have in common.
-fn shared_folders<'a>(mut paths: impl Iterator<Item = &'a Path>) -> usize {
+pub(crate) fn shared_folders<'a>(mut paths: impl Iterator<Item = &'a Path>) -> usize {
     let folders = |path: &'a Path| path.parent().unwrap_or(path).components().collect::<Vec<_>>();
     let first = paths.next().map(folders).unwrap_or_default();
     let shared = |most: usize, path| first[..most].iter().zip(folders(path)).take_while(|(a, b)| *a == b).count();
