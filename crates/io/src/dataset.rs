@@ -108,14 +108,16 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
         }
     }
     if views.is_empty() {
-        return Err(IoError::new(folder, "its camera files have no views"));
+        return Err(IoError::new(folder, "its camera files have no views")
+            .advise("find the cameras again, or give a folder whose files list photos"));
     }
     views.sort_by(|a, b| a.0.image_path.cmp(&b.0.image_path));
     if let Some(pair) = views.windows(2).find(|w| w[0].0.image_path == w[1].0.image_path) {
         return Err(IoError::new(
             folder,
             format!("the image {} appears twice in its camera files", pair[0].1.display()),
-        ));
+        )
+        .advise("leave one of the two there"));
     }
     notes.extend(fisheye_note(views.iter().map(|(view, _)| view)));
     unique_names(&mut views);

@@ -93,16 +93,18 @@ fn number_in_photos(photos: &[Vec<Seen>]) -> Result<Numbered, String> {
     if next > MAX_INSTANCE_ID + 1 {
         return Err(too_many(next as usize - 1));
     }
-    let ids_in = |photo: &Vec<Seen>| {
+    let mut ids = Vec::with_capacity(photos.len());
+    for photo in photos {
         let mut next = first_of_kind.clone();
-        let id = |seen: &Seen| {
+        let mut ids_in = Vec::with_capacity(photo.len());
+        for seen in photo {
             let next = next.entry(seen.category.as_deref()).or_default();
+            ids_in.push(*next as u16);
             *next += 1;
-            (*next - 1) as u16
-        };
-        photo.iter().map(id).collect()
-    };
-    Ok(Numbered { ids: photos.iter().map(ids_in).collect(), categories })
+        }
+        ids.push(ids_in);
+    }
+    Ok(Numbered { ids, categories })
 }
 
 fn too_many(count: usize) -> String {

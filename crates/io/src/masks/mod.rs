@@ -102,7 +102,8 @@ pub fn write_mask(path: &Path, mask: &Mask) -> Result<(), IoError> {
 /// Reads a `categories.json`: an object that maps ids to names. An entry for 0, which is no object, is ignored.
 pub fn read_categories(path: &Path) -> Result<BTreeMap<u32, String>, IoError> {
     let serde_json::Value::Object(entries) = parse_json(&read_bytes(path)?, path)? else {
-        return Err(IoError::new(path, "is not a JSON object that maps ids to names"));
+        return Err(IoError::new(path, "is not a JSON object that maps ids to names")
+            .advise("for instance {\"1\": \"car\", \"2\": \"car\"}"));
     };
     let mut categories = BTreeMap::new();
     for (key, value) in entries {
