@@ -52,7 +52,7 @@ pub fn ktx2_bytes(image: &FloatImage, path: &Path) -> Result<Vec<u8>, IoError> {
             image.channels,
             image.values.len()
         );
-        return Err(IoError::new(path, what));
+        return Err(IoError::new(path, what).advise("give one value for each channel of each pixel"));
     }
     let dfd = data_format_descriptor(channel_ids);
     let writer = key_value(b"KTXwriter", concat!("instgs-vk ", env!("CARGO_PKG_VERSION")).as_bytes());

@@ -15,7 +15,7 @@ const LONGEST: usize = 300;
 
 /// Messages without place and next step that need none, and why. Each is the beginning of the text after the path, or a part of
 /// the code that makes it.
-const SELF_EXPLANATORY: [(&str, &str); 14] = [
+const SELF_EXPLANATORY: [(&str, &str); 12] = [
     ("cannot read: ", "the system's reason follows: it is missing, or may not be read"),
     ("cannot write: {e}", "the reason of the system or of an encoder follows"),
     ("cannot create the folder: {e}", "the system's reason follows"),
@@ -26,10 +26,8 @@ const SELF_EXPLANATORY: [(&str, &str); 14] = [
     ("cannot write: {id} is not a mask id", "a fault of a caller of this library"),
     ("cannot write: the sensitivity was", "a fault of a caller of this library"),
     ("cannot write: Gaussian {i} has a value that is not finite", "which Gaussian is the place"),
+    ("cannot write: the up direction", "a fault of a caller of this library"),
     ("cannot write: more than 2^32 splats", "no scene of this size can be had in this format"),
-    ("cannot write: the image has", "a fault of a caller of this library"),
-    ("path, what)", "made above from parts that are listed on their own"),
-    ("claims ", "the numbers that do not agree are the place"),
 ];
 
 /// The code of every `IoError::new(...)` in this crate, with what follows it in its statement.
