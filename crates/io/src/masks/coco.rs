@@ -20,6 +20,7 @@ use super::runs::Runs;
 use super::shape::Shape;
 
 #[derive(Deserialize)]
+#[serde(expecting = "a COCO file: an object with images, annotations and categories")]
 struct CocoFile {
     images: Vec<ImageFields>,
     annotations: Vec<Annotation>,

@@ -20,7 +20,7 @@ use super::polygon::{self, Polygon};
 use super::shape::Shape;
 
 #[derive(Deserialize)]
-#[serde(rename_all = "camelCase")]
+#[serde(rename_all = "camelCase", expecting = "a file of labelme: an object with shapes")]
 struct LabelmeFile {
     shapes: Vec<ShapeFields>,
     image_path: Option<String>,
