@@ -367,7 +367,10 @@ mod tests {
         let reserved = Checkpoint { metadata: [("step".into(), "9".into())].into(), ..Checkpoint::default() };
         assert!(text(reserved.write(path).err()).contains("metadata step"));
         let scene = crate::scene_write::scene_file_bytes(&Default::default(), path)?;
-        assert_eq!(text(parse(&scene, path).err()), "x: is not a checkpoint of instgs-vk; move it out of the run folder");
+        assert_eq!(
+            text(parse(&scene, path).err()),
+            "x: is not a checkpoint of instgs-vk; move it out of the run folder"
+        );
         Ok(())
     }
 }
