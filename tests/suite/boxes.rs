@@ -287,7 +287,7 @@ fn masks_of_distorted_photos_are_distorted() {
     for (view, mask) in synthetic.views.iter().zip(&bent) {
         write_mask(&folder.path().join(format!("{}.png", view.camera.name)), mask).unwrap();
     }
-    let masks = MaskFolder::open(folder.path()).unwrap();
+    let masks = MaskFolder::open(folder.path(), &synthetic.views).unwrap();
     let again: Vec<Mask> = synthetic.views.iter().map(|view| masks.of_view(view).unwrap().unwrap()).collect();
     let overlaps = [&bent, &again].map(|masks| overlap(&straight, masks));
     println!("against the pinhole's: {:.3} distorted, {:.3} undistorted again", overlaps[0], overlaps[1]);

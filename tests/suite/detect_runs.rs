@@ -59,7 +59,7 @@ fn a_prompt_becomes_a_folder_of_masks() -> Outcome {
     let report = masks_in(&out, &views, "car. chair. potted plant.")?;
     println!("{report:?}");
     assert!(report.masks > 2 && report.views == 2 && report.phrases.len() == 3, "{report:?}");
-    let masks = MaskFolder::open(&out)?;
+    let masks = MaskFolder::open(&out, &views)?;
     let boxes = read_boxes(&out.join("boxes.json"))?;
     let mut next = 1;
     for view in &views {

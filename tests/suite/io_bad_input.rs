@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use glam::DVec3;
 use instgs_io::{
-    Mask, Pack, camera_file, colmap, glb, groups, ktx2, mask_png, nerf, ply, point_cloud, scene_file, scene_write, sog,
-    splat, spz, write_glb,
+    Mask, Pack, camera_file, colmap, glb, groups, ktx2, mask_png, masks, nerf, ply, point_cloud, scene_file,
+    scene_write, sog, splat, spz, write_glb,
 };
 use instgs_vk::math::similarity::Similarity;
 use instgs_vk::scene::gaussians::sh_coefficients;
@@ -193,6 +193,20 @@ fn mask() -> Mask {
     Mask { width: 5, height: 3, ids: (0..15).map(|i| i * 300 % 7).collect() }
 }
 
+const COCO: &str = r#"{"images":[{"id":1,"file_name":"a/1.jpg","width":9,"height":6},{"id":"2","file_name":"a/2.jpg"}],
+    "annotations":[{"id":7,"image_id":1,"category_id":3,"track_id":5,"segmentation":{"size":[6,9],"counts":"5150L20N000000020N400001OO"}},
+    {"id":8,"image_id":1,"category_id":3,"attributes":{"track_id":6},"segmentation":[[1,1,5.5,1,5.5,4,1,4],[2,0,7,5,2,5]]},
+    {"id":9,"image_id":"2","category_id":3,"track_id":5,"segmentation":{"size":[64,64],"counts":[70,900,3126]}}],
+    "categories":[{"id":3,"name":"car"}]}"#;
+
+/// A file of labelme with every kind of shape.
+const LABELME: &str = r#"{"shapes":[{"label":"car_1","points":[[1,1],[5.5,1],[3,4]],"shape_type":"polygon","group_id":null},
+    {"label":"car_2","points":[[0,0],[3,3]],"shape_type":"rectangle","group_id":4},
+    {"label":"ball","points":[[4,4],[6,5]],"shape_type":"circle"},
+    {"label":"tree","points":[[2,2],[6,4]],"shape_type":"mask","mask":
+    "iVBORw0KGgoAAAANSUhEUgAAAAUAAAADAQAAAABzTfhVAAAADklEQVR4nGNIYPjAoAEABN4Bedmhh2wAAAAASUVORK5CYII="},
+    {"label":"here","points":[[2,2]],"shape_type":"point"}],"imagePath":"a.jpg","imageWidth":9,"imageHeight":6}"#;
+
 /// Name of a format, a small valid file of it, and its reader.
 type Format = (&'static str, Vec<u8>, Reader);
 
@@ -215,6 +229,10 @@ fn formats() -> Result<Vec<Format>, Box<dyn std::error::Error>> {
         ("instgs q8", packed_scene(Pack::Q8)?, |b| done(scene_file::parse_scene_file(b, path()))),
         ("groups json", GROUPS.into(), |b| done(groups::parse_groups(b, path()))),
         ("mask png", mask_png::mask_bytes(&mask(), path())?, |b| done(mask_png::parse_mask(b, path()))),
+        ("coco json", COCO.into(), |b| done(masks::coco::parse_coco(b, path()).and_then(|m| m.draw_all(64)))),
+        ("labelme json", LABELME.into(), |b| {
+            done(masks::labelme::parse_labelme(b, path()).and_then(|m| m.draw_all(64)))
+        }),
         ("camera json", CAMERAS.into(), |b| done(camera_file::parse_cameras(b, path()))),
         ("transforms json", TRANSFORMS.into(), |b| done(nerf::parse_transforms(b, path()))),
         ("ktx2", ktx2::ktx2_bytes(&image, path())?, |b| done(ktx2::parse_ktx2(b, path()))),

@@ -171,8 +171,8 @@ fn every_view_of_the_sets_with_objects_has_a_mask_of_its_size() -> Outcome {
     // 8 bits of grey, and 16.
     for (name, views, objects) in [("room18", 72, 18), ("sceaux_540", 11, 12)] {
         let folder = shared_data(name);
-        let masks = MaskFolder::open(&MaskFolder::default_for(&folder).ok_or("no masks")?)?;
         let dataset = read_views(&folder)?;
+        let masks = MaskFolder::open(&MaskFolder::default_for(&folder).ok_or("no masks")?, &dataset.views)?;
         assert_eq!((dataset.views.len(), masks.categories.len()), (views, objects), "{name}");
         let mut seen = std::collections::BTreeSet::new();
         for view in &dataset.views {

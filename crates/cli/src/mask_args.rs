@@ -11,7 +11,8 @@ use instgs_objects::pipeline::config::ConfigBuilder;
 /// At most one of a folder, boxes and words may be given.
 #[derive(Args)]
 pub struct MaskArgs {
-    /// Folder with a PNG of object ids per image [default: DATA/masks]; for instgs
+    /// Masks: a folder with a PNG of object ids per image, or other programs' masks (COCO, labelme, a PNG per object),
+    /// see docs/masks.md [default: DATA/masks]; for instgs
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
     /// boxes.json: boxes around objects, in the world or in photos of training views, to make masks from; for instgs

@@ -74,8 +74,9 @@ pub fn read_boxes(path: &Path) -> Result<Boxes, IoError> {
     if value.get("objects").is_none() && value.get("views").is_none() {
         return Err(not_boxes(path, &value));
     }
-    let fields: BoxesFields =
-        serde_json::from_value(value).map_err(|e| IoError::new(path, format!("is not a boxes file: {e}")))?;
+    let fields: BoxesFields = serde_json::from_value(value).map_err(|e| {
+        IoError::new(path, format!("is not a boxes file: {e}")).advise("`instgs-vk find` writes such files")
+    })?;
     let mut objects = Vec::with_capacity(fields.objects.len());
     for (i, fields) in fields.objects.into_iter().enumerate() {
         let at = Place::Field(format!("objects[{i}]"));

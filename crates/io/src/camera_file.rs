@@ -28,10 +28,15 @@ pub fn parse_cameras(bytes: &[u8], path: &Path) -> Result<Vec<Camera>, IoError> 
         return Err(IoError::new(path, format!("is no camera file: {what}")).advise(advice));
     }
     let values = match root {
-        serde_json::Value::Array(values) if values.is_empty() => return Err(IoError::new(path, "holds no camera")),
+        serde_json::Value::Array(values) if values.is_empty() => {
+            return Err(IoError::new(path, "holds no camera").advise("put one into its list"));
+        }
         serde_json::Value::Array(values) => values,
         one @ serde_json::Value::Object(_) => vec![one],
-        _ => return Err(IoError::new(path, "is neither a camera object nor a list of them")),
+        _ => {
+            return Err(IoError::new(path, "is neither a camera object nor a list of them")
+                .advise("give the cameras of a data set with --data, or write such a list"));
+        }
     };
     let mut cameras = Vec::with_capacity(values.len());
     for (i, value) in values.into_iter().enumerate() {

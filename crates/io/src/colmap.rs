@@ -227,7 +227,12 @@ pub(crate) fn lines<'a>(bytes: &'a [u8], path: &Path) -> Result<Vec<(u64, &'a st
 
 pub(crate) fn number<T: std::str::FromStr>(word: Option<&str>, fail: &dyn Fn(String) -> IoError) -> Result<T, IoError> {
     let word = word.ok_or_else(|| fail("ends early".into()))?;
-    word.parse().map_err(|_| fail(format!("\"{}\" is not a valid number here", word.escape_debug())))
+    word.parse().map_err(|_| {
+        // A file that is no text may have words of any length.
+        let shown: String = word.chars().take(24).collect();
+        let more = if shown.len() < word.len() { "..." } else { "" };
+        fail(format!("\"{}{more}\" is not a valid number here", shown.escape_debug()))
+    })
 }
 
 fn parse_cameras_txt(bytes: &[u8], path: &Path) -> Result<Cameras, IoError> {

@@ -108,14 +108,16 @@ pub fn read_views(folder: &Path) -> Result<Dataset, IoError> {
         }
     }
     if views.is_empty() {
-        return Err(IoError::new(folder, "its camera files have no views"));
+        return Err(IoError::new(folder, "its camera files have no views")
+            .advise("find the cameras again, or give a folder whose files list photos"));
     }
     views.sort_by(|a, b| a.0.image_path.cmp(&b.0.image_path));
     if let Some(pair) = views.windows(2).find(|w| w[0].0.image_path == w[1].0.image_path) {
         return Err(IoError::new(
             folder,
             format!("the image {} appears twice in its camera files", pair[0].1.display()),
-        ));
+        )
+        .advise("leave one of the two there"));
     }
     notes.extend(fisheye_note(views.iter().map(|(view, _)| view)));
     unique_names(&mut views);
@@ -280,7 +282,7 @@ fn unique_names(views: &mut [(View, PathBuf)]) {
 }
 
 /// Number of leading folders that all paths have in common.
-fn shared_folders<'a>(mut paths: impl Iterator<Item = &'a Path>) -> usize {
+pub(crate) fn shared_folders<'a>(mut paths: impl Iterator<Item = &'a Path>) -> usize {
     let folders = |path: &'a Path| path.parent().unwrap_or(path).components().collect::<Vec<_>>();
     let first = paths.next().map(folders).unwrap_or_default();
     let shared = |most: usize, path| first[..most].iter().zip(folders(path)).take_while(|(a, b)| *a == b).count();

@@ -63,6 +63,16 @@ impl IoError {
         self
     }
 
+    /// An error about a file of the right kind that lost or never had a part.
+    pub fn damaged(path: &Path, what: impl Into<String>) -> Self {
+        Self::new(path, what).advise("copy the file again, or have its program write it anew")
+    }
+
+    /// An error about a file whose content does not fit the available memory.
+    pub fn too_large(path: &Path, what: impl Into<String>) -> Self {
+        Self::new(path, what).advise("close other programs, or use a machine with more memory")
+    }
+
     /// An error of the operating system while doing `doing` ("cannot read", "cannot write").
     pub fn os(path: &Path, doing: &str, error: &std::io::Error) -> Self {
         Self::new(path, format!("{doing}: {error}"))

@@ -33,7 +33,8 @@ pub fn read_exposures(path: &Path) -> Result<Vec<PhotoExposure>, IoError> {
     let exposures: Vec<PhotoExposure> = read_json(path)?;
     let is_bad = |exposure: &&PhotoExposure| !exposure.photo_from_scene.as_flattened().iter().all(|v| v.is_finite());
     match exposures.iter().find(is_bad) {
-        Some(bad) => Err(IoError::new(path, format!("the exposure of {} has a number that is not finite", bad.view))),
+        Some(bad) => Err(IoError::new(path, format!("the exposure of {} has a number that is not finite", bad.view))
+            .advise("remove the file: exposures then begin unchanged")),
         None => Ok(exposures),
     }
 }

@@ -57,7 +57,7 @@ pub fn read_groups(path: &Path) -> Result<Vec<PosedGroup>, IoError> {
 /// Parses the bytes of a file of groups; `path` is only used in messages.
 pub fn parse_groups(bytes: &[u8], path: &Path) -> Result<Vec<PosedGroup>, IoError> {
     let serde_json::Value::Array(values) = parse_json(bytes, path)? else {
-        return Err(IoError::new(path, "is not a list of groups"));
+        return Err(IoError::new(path, "is not a list of groups").advise("`instgs-vk register` writes such files"));
     };
     let mut groups = Vec::with_capacity(values.len());
     for (g, value) in values.into_iter().enumerate() {

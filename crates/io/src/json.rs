@@ -7,16 +7,26 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::{IoError, atomic_write, read_bytes};
 use crate::error::Place;
-use crate::text::text_of;
+use crate::text::{json_error, text_of};
 
 /// Reads a record from a JSON file.
 ///
 /// # Errors
 /// The file is missing, is not JSON, or does not match the type; the error names the line.
 pub fn read_json<T: DeserializeOwned>(path: &Path) -> Result<T, IoError> {
-    let bytes = read_bytes(path)?;
-    serde_json::from_str(text_of(&bytes, path)?)
-        .map_err(|e| IoError::new(path, format!("cannot be used: {e}")).at(Place::Line(e.line() as u64)))
+    parse_record(&read_bytes(path)?, path)
+}
+
+/// Parses the bytes of a JSON file as a record; `path` is only used in messages.
+///
+/// # Errors
+/// The same errors as [`read_json`], but for a missing file.
+pub(crate) fn parse_record<T: DeserializeOwned>(bytes: &[u8], path: &Path) -> Result<T, IoError> {
+    let text = text_of(bytes, path)?;
+    serde_json::from_str(text).map_err(|e| match e.is_data() {
+        true => IoError::new(path, format!("cannot be used: {e}")).at(Place::Line(e.line() as u64)),
+        false => json_error(text, path, &e),
+    })
 }
 
 /// Writes a record as indented JSON.

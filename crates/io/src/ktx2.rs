@@ -52,7 +52,7 @@ pub fn ktx2_bytes(image: &FloatImage, path: &Path) -> Result<Vec<u8>, IoError> {
             image.channels,
             image.values.len()
         );
-        return Err(IoError::new(path, what));
+        return Err(IoError::new(path, what).advise("give one value for each channel of each pixel"));
     }
     let dfd = data_format_descriptor(channel_ids);
     let writer = key_value(b"KTXwriter", concat!("instgs-vk ", env!("CARGO_PKG_VERSION")).as_bytes());
@@ -131,9 +131,10 @@ fn has_impossible_blocks(bytes: &[u8]) -> bool {
 /// Parses the bytes of a `.ktx2`; `path` is only used in messages.
 pub fn parse_ktx2(bytes: &[u8], path: &Path) -> Result<FloatImage, IoError> {
     if has_impossible_blocks(bytes) {
-        return Err(IoError::new(path, "has a descriptor of impossible texel blocks"));
+        return Err(IoError::damaged(path, "has a descriptor of impossible texel blocks"));
     }
-    let reader = ktx2::Reader::new(bytes).map_err(|e| IoError::new(path, format!("is not a whole KTX2 file: {e}")))?;
+    let reader =
+        ktx2::Reader::new(bytes).map_err(|e| IoError::damaged(path, format!("is not a whole KTX2 file: {e}")))?;
     let header = reader.header();
     let channels = match header.format {
         Some(ktx2::Format::R32_SFLOAT) => 1,
@@ -149,7 +150,7 @@ pub fn parse_ktx2(bytes: &[u8], path: &Path) -> Result<FloatImage, IoError> {
     }
     let (width, height) = (header.pixel_width, header.pixel_height);
     let need = u64::from(width).checked_mul(u64::from(height)).and_then(|n| n.checked_mul(4 * u64::from(channels)));
-    let level = reader.levels().next().ok_or_else(|| IoError::new(path, "has no image level"))?;
+    let level = reader.levels().next().ok_or_else(|| IoError::damaged(path, "has no image level"))?;
     let flat = header.pixel_depth <= 1 && header.layer_count <= 1 && header.face_count == 1;
     if !flat || need != Some(level.data.len() as u64) {
         let what = format!("a {width}x{height} image needs {need:?} bytes, level 0 has {}", level.data.len());

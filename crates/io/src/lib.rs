@@ -26,6 +26,8 @@ pub mod json;
 pub mod ktx2;
 pub mod mask_png;
 pub mod masks;
+#[cfg(test)]
+mod message_tests;
 pub mod nerf;
 pub mod nerf_write;
 pub mod page;
@@ -140,7 +142,7 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, IoError> {
     }
     if let Some(have) = host_memory::available_bytes().filter(|&have| kind.len() > have) {
         let (need, have) = (kind.len() >> 20, have >> 20);
-        return Err(IoError::new(path, format!("has {need} MiB, but {have} MiB of memory are available")));
+        return Err(IoError::too_large(path, format!("has {need} MiB, but {have} MiB of memory are available")));
     }
     fs::read(path).map_err(fail)
 }

@@ -29,7 +29,7 @@ pub(crate) fn parse_named_mask(bytes: &[u8], path: &Path) -> Result<Mask, IoErro
 
 /// The mask, and whether its ids number colours.
 fn parse(bytes: &[u8], path: &Path) -> Result<(Mask, bool), IoError> {
-    let fail = |e: png::DecodingError| IoError::new(path, format!("cannot decode the mask: {e}"));
+    let fail = |e: png::DecodingError| IoError::damaged(path, format!("cannot decode the mask: {e}"));
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(Transformations::IDENTITY);
     let mut reader = decoder.read_info().map_err(fail)?;
@@ -47,7 +47,7 @@ fn parse(bytes: &[u8], path: &Path) -> Result<(Mask, bool), IoError> {
     let most = (bytes.len() as u64).saturating_mul(MAX_INFLATION);
     let whole = row_bytes.checked_mul(u64::from(height)).filter(|&total| total <= most);
     let Some(data_bytes) = whole.and_then(|total| usize::try_from(total).ok()) else {
-        return Err(IoError::new(path, format!("the mask is too short for its {width}x{height} pixels")));
+        return Err(IoError::damaged(path, format!("the mask is too short for its {width}x{height} pixels")));
     };
     let mut data = vec![0; data_bytes];
     reader.next_frame(&mut data).map_err(fail)?;

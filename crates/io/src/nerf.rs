@@ -220,6 +220,7 @@ impl Frame<'_> {
             .into_dimensions()
             .map_err(|e| {
                 IoError::new(image, format!("the file gives no w and h, and the image's size cannot be read: {e}"))
+                    .advise("put w and h, its size in pixels, into transforms.json")
             })
     }
 

@@ -44,7 +44,9 @@ pub fn read_ply(path: &Path) -> Result<Gaussians, IoError> {
 /// Parses the bytes of a `.ply`; `path` is only used in messages.
 pub fn parse_ply(bytes: &[u8], path: &Path) -> Result<PlyCloud, IoError> {
     let table = PlyTable::parse(bytes, path)?;
-    let vertex = table.element("vertex").ok_or_else(|| IoError::new(path, "has no element vertex"))?;
+    let vertex = table
+        .element("vertex")
+        .ok_or_else(|| IoError::new(path, "has no element vertex").advise("a scene has one vertex per Gaussian"))?;
     let pixel_filter = filter_of(&table.comments);
     let (mut gaussians, file_degree) = if vertex.column("packed_position").is_some() {
         ply_packed::read(&table, path)?
@@ -197,13 +199,13 @@ pub(crate) fn rest_columns(element: &Element, path: &Path) -> Result<RestColumns
     let count = element.properties.iter().filter(|p| p.name.starts_with("f_rest_")).count();
     let Some(stored) = (0..=4).find(|&d| 3 * (sh_coefficients(d) - 1) == count) else {
         let what = format!("has {count} f_rest properties; SH degrees 0 to 4 have 0, 9, 24, 45 or 72");
-        return Err(IoError::new(path, what));
+        return Err(IoError::damaged(path, what));
     };
     let find = |k: usize| {
         let name = format!("f_rest_{k}");
         element
             .column(&name)
-            .ok_or_else(|| IoError::new(path, format!("element {} has no property {name}", element.name)))
+            .ok_or_else(|| IoError::damaged(path, format!("element {} has no property {name}", element.name)))
     };
     let (kept, per_channel) = (stored.min(MAX_SH_DEGREE), count / 3);
     let triple = |k: usize| Ok([find(k)?, find(per_channel + k)?, find(2 * per_channel + k)?]);

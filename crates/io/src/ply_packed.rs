@@ -21,10 +21,10 @@ type Ranges = [(f64, f64); 9];
 /// Reads a table whose vertices are packed; returns the cloud, and the SH degree stored in the file.
 pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<(Gaussians, u32), IoError> {
     let missing = |element: &str, name: &str| {
-        IoError::new(path, format!("compressed PLY: element {element} has no property {name}"))
+        IoError::damaged(path, format!("compressed PLY: element {element} has no property {name}"))
     };
     let element = |name: &str| {
-        table.element(name).ok_or_else(|| IoError::new(path, format!("compressed PLY without element {name}")))
+        table.element(name).ok_or_else(|| IoError::damaged(path, format!("compressed PLY without element {name}")))
     };
     let (chunk, vertex) = (element("chunk")?, element("vertex")?);
     let mut range_columns = [None; 9];
@@ -44,12 +44,12 @@ pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<(Gaussians, u32)
     let (sh_degree, stored) = rest.as_ref().map_or((0, 0), |rest| (rest.kept, rest.stored));
     let triples = rest.map_or(Vec::new(), |rest| rest.triples);
     if sh.is_some_and(|e| e.count != vertex.count) {
-        return Err(IoError::new(path, "compressed PLY: elements sh and vertex differ in length"));
+        return Err(IoError::damaged(path, "compressed PLY: elements sh and vertex differ in length"));
     }
     if vertex.count.div_ceil(SPLATS_PER_CHUNK as u64) != chunk.count {
         let what =
             format!("compressed PLY: {} splats need one chunk per 256, the file has {}", vertex.count, chunk.count);
-        return Err(IoError::new(path, what));
+        return Err(IoError::damaged(path, what));
     }
 
     let mut ranges: Vec<Ranges> = Vec::new();
@@ -69,7 +69,7 @@ pub(crate) fn read(table: &PlyTable<'_>, path: &Path) -> Result<(Gaussians, u32)
     let per_channel = sh_coefficients(sh_degree) - 1;
     for (i, &[position, rotation, scale, colour]) in splats.iter().enumerate() {
         let Some(range) = ranges.get(i / SPLATS_PER_CHUNK) else {
-            return Err(IoError::new(path, format!("compressed PLY: splat {i} has no chunk")));
+            return Err(IoError::damaged(path, format!("compressed PLY: splat {i} has no chunk")));
         };
         let within = |channel: usize, t: f64| (range[channel].0 * (1.0 - t) + range[channel].1 * t) as f32;
         let [x, y, z] = unpack_11_10_11(position);

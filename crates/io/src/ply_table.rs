@@ -197,7 +197,7 @@ impl<'a> PlyTable<'a> {
             }
         }
         let Some(encoding) = encoding else {
-            return Err(IoError::new(path, "the PLY header has no format line"));
+            return Err(IoError::damaged(path, "the PLY header has no format line"));
         };
         (table.encoding, table.body) = (encoding, position);
         Ok(table)
@@ -260,7 +260,7 @@ impl<'a> PlyTable<'a> {
                     "element {} has a list property, which clouds of points or Gaussians do not have",
                     element.name
                 );
-                return Err(IoError::new(self.path, what));
+                return Err(IoError::new(self.path, what).advise("give a cloud, not a mesh"));
             }
             position = match sink {
                 Some(sink) => self.rows(element, position, &mut **sink)?,

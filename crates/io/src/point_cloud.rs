@@ -128,9 +128,13 @@ const COLOR_NAMES: [[&str; 3]; 3] =
 /// in messages.
 pub fn parse_points_ply(bytes: &[u8], path: &Path) -> Result<PointCloud, IoError> {
     let table = PlyTable::parse(bytes, path)?;
-    let vertex = table.element("vertex").ok_or_else(|| IoError::new(path, "has no element vertex"))?;
+    let vertex = table
+        .element("vertex")
+        .ok_or_else(|| IoError::new(path, "has no element vertex").advise("a cloud has one vertex per point"))?;
     let column = |name: &str| {
-        vertex.column(name).ok_or_else(|| IoError::new(path, format!("element vertex has no property {name}")))
+        vertex.column(name).ok_or_else(|| {
+            IoError::new(path, format!("element vertex has no property {name}")).advise("points have x, y and z")
+        })
     };
     let xyz = [column("x")?, column("y")?, column("z")?];
     let columns = |names: [&str; 3]| {

@@ -39,7 +39,7 @@ pub fn read_scene_file(path: &Path) -> Result<InstancedScene, IoError> {
 
 /// Parses the bytes of an `.instgs` file; `path` is only used in messages.
 pub fn parse_scene_file(bytes: &[u8], path: &Path) -> Result<InstancedScene, IoError> {
-    let malformed = |e| IoError::new(path, format!("is not a whole safetensors file: {e}"));
+    let malformed = |e| IoError::damaged(path, format!("is not a whole safetensors file: {e}"));
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
     let tensors = SafeTensors::deserialize(bytes).map_err(malformed)?;
     let mut metadata: BTreeMap<String, String> =

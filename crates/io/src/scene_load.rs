@@ -66,7 +66,8 @@ pub fn load_scene(path: &Path) -> Result<LoadedScene, IoError> {
     let before = scene.source_len();
     let dropped_non_finite = scene.drop_non_finite();
     if before > 0 && dropped_non_finite == before {
-        return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters")));
+        return Err(IoError::new(path, format!("none of its {before} Gaussians has finite parameters"))
+            .advise("its training failed: train it again, or export it anew"));
     }
     Ok(LoadedScene { scene, dropped_non_finite, notes, file_bytes, format })
 }

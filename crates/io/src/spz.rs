@@ -64,7 +64,8 @@ pub fn read_spz(path: &Path) -> Result<SpzCloud, IoError> {
 /// Parses the bytes of an `.spz` file; `path` is only used in messages.
 pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
     if bytes.starts_with(&[0x1f, 0x8b]) {
-        let broken = |e: std::io::Error| IoError::new(path, format!("the gzip stream is damaged or truncated: {e}"));
+        let broken =
+            |e: std::io::Error| IoError::damaged(path, format!("the gzip stream is damaged or truncated: {e}"));
         let mut stream = flate2::bufread::GzDecoder::new(bytes);
         let mut plain = Vec::new();
         stream.by_ref().take(HEADER_BYTES as u64).read_to_end(&mut plain).map_err(broken)?;
@@ -79,7 +80,8 @@ pub fn parse_spz(bytes: &[u8], path: &Path) -> Result<SpzCloud, IoError> {
         return arrays_in_one_piece(&header, &plain[HEADER_BYTES..], path);
     }
     if !bytes.starts_with(b"NGSP") {
-        return Err(IoError::new(path, "is not an SPZ file: neither gzip nor the letters NGSP at its start"));
+        return Err(IoError::new(path, "is not an SPZ file: neither gzip nor the letters NGSP at its start")
+            .advise("a file's ending says what it is: .ply, .spz, .sog, .splat, .glb or .instgs"));
     }
     let mut cursor = Cursor::new(bytes, path);
     let header = Header::parse(&mut cursor, path)?;

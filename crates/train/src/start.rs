@@ -160,7 +160,7 @@ pub fn read_dataset(folder: &Path, config: &TrainConfig) -> Result<Dataset, IoEr
 
 /// Gives views the masks of a folder; returns a note about those that have none.
 fn put_pixel_masks(views: &mut [View], folder: &Path) -> Result<Option<String>, IoError> {
-    let masks = MaskFolder::open(folder)?;
+    let masks = MaskFolder::open(folder, views)?;
     let mut without = 0;
     for view in views.iter_mut() {
         view.mask_path = masks.file_of(view)?.map(Path::to_path_buf);
@@ -181,7 +181,7 @@ pub fn unused_masks(data: &Path, config: &TrainConfig, views: &[View]) -> Option
     let is_used = config.method == Method::Instanced
         || config.pixel_masks.is_some()
         || views.iter().any(|view| view.mask_path.is_some());
-    let masks = MaskFolder::open(&folder).ok().filter(|masks| !is_used && masks.categories.is_empty())?;
+    let masks = MaskFolder::open(&folder, views).ok().filter(|masks| !is_used && masks.categories.is_empty())?;
     // Masks of objects are of no use to a plain cloud, and nobody expects it.
     let of_pixels = views.iter().find_map(|view| masks.of_view(view).ok().flatten()).is_some_and(|mask| {
         let ids = mask.ids_present();

@@ -51,7 +51,7 @@ struct SourceArgs {
     /// Boxes around objects, in the world or in photos (boxes.json); needs --scene
     #[arg(long, value_name = "JSON")]
     boxes: Option<PathBuf>,
-    /// Folder of existing masks: only the page is made
+    /// Existing masks, as for train: only the page is made
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
 }
@@ -69,24 +69,25 @@ pub(super) fn run(args: &MasksArgs, device_args: &DeviceArgs, printer: &Printer)
     let views = read_views(&args.data)?.views;
     let source = &args.source;
     if let Some(masks) = &source.masks {
-        let masks = MaskFolder::open(masks)?;
+        let masks = MaskFolder::open(masks, &views)?;
+        masks.notes.iter().for_each(|note| printer.warning(note));
         create_folder(&args.out)?;
         let page = write_page(&args.out, &views, &masks, printer)?;
         if args.json {
             return printer.json(&PageReport { views: views.len(), page });
         }
     } else if let Some(text) = &source.prompt {
-        check_folder(&args.out)?;
+        check_folder(&args.out, &views)?;
         let report = prompt::make(&views, text, &args.prompt, &args.out, printer)?;
-        write_page(&args.out, &views, &MaskFolder::open(&args.out)?, printer)?;
+        write_page(&args.out, &views, &MaskFolder::open(&args.out, &views)?, printer)?;
         if args.json {
             return printer.json(&report);
         }
         prompt::print(&report, printer);
     } else if let Some(path) = &source.boxes {
-        check_folder(&args.out)?;
+        check_folder(&args.out, &views)?;
         let report = boxes::make(&views, path, &args.boxes, &args.out, device_args, printer)?;
-        write_page(&args.out, &views, &MaskFolder::open(&args.out)?, printer)?;
+        write_page(&args.out, &views, &MaskFolder::open(&args.out, &views)?, printer)?;
         if args.json {
             return printer.json(&report);
         }
@@ -96,8 +97,8 @@ pub(super) fn run(args: &MasksArgs, device_args: &DeviceArgs, printer: &Printer)
 }
 
 /// Refuses a folder that has masks: the ids of two sets of masks would be mixed up.
-fn check_folder(out: &Path) -> Result<(), CliError> {
-    let has_masks = out.is_dir() && MaskFolder::open(out).is_ok();
+fn check_folder(out: &Path, views: &[View]) -> Result<(), CliError> {
+    let has_masks = out.is_dir() && MaskFolder::open(out, views).is_ok();
     match has_masks {
         true => Err(IoError::new(out, "holds masks already").advise("choose another folder").into()),
         false => Ok(()),

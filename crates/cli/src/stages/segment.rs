@@ -37,7 +37,7 @@ pub(crate) struct SegmentArgs {
     /// Dataset folder that the scene was trained on
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// Folder with a PNG of object ids per image [default: DATA/masks]
+    /// Masks, as for train [default: DATA/masks]
     #[arg(long, value_name = "DIR")]
     masks: Option<PathBuf>,
     /// Folder for the results; created if necessary

@@ -215,13 +215,16 @@ impl Checkpoint {
     }
 }
 
+/// What to do with a checkpoint that is of no use.
+const EARLIER: &str = "remove it, and the run computes anew what it held";
+
 /// Parses the bytes of a checkpoint; `path` is only used in messages.
 ///
 /// # Errors
 /// The same as [`Checkpoint::read`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Checkpoint, IoError> {
-    let damaged = |what: &str| IoError::new(path, format!("is damaged: {what}"));
-    let malformed = |e| IoError::new(path, format!("is not a whole checkpoint: {e}"));
+    let damaged = |what: &str| IoError::new(path, format!("is damaged: {what}")).advise(EARLIER);
+    let malformed = |e| IoError::new(path, format!("is not a whole checkpoint: {e}")).advise(EARLIER);
     let (length, header) = SafeTensors::read_metadata(bytes).map_err(malformed)?;
     let tensors = SafeTensors::deserialize(bytes).map_err(malformed)?;
     let mut metadata: BTreeMap<String, String> =
@@ -232,7 +235,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Checkpoint, IoError> {
             let error = IoError::new(path, format!("has the format {other}, not {FORMAT}"));
             return Err(error.advise("continue it with the version of instgs-vk that wrote it"));
         }
-        _ => return Err(IoError::new(path, "is not a checkpoint of instgs-vk")),
+        _ => return Err(IoError::new(path, "is not a checkpoint of instgs-vk").advise("move it out of the run folder")),
     }
     let (head, data) = bytes.split_at_checked(8 + length).ok_or_else(|| damaged("it is too short"))?;
     let mut head = head.to_vec();
@@ -364,7 +367,10 @@ mod tests {
         let reserved = Checkpoint { metadata: [("step".into(), "9".into())].into(), ..Checkpoint::default() };
         assert!(text(reserved.write(path).err()).contains("metadata step"));
         let scene = crate::scene_write::scene_file_bytes(&Default::default(), path)?;
-        assert_eq!(text(parse(&scene, path).err()), "x: is not a checkpoint of instgs-vk");
+        assert_eq!(
+            text(parse(&scene, path).err()),
+            "x: is not a checkpoint of instgs-vk; move it out of the run folder"
+        );
         Ok(())
     }
 }

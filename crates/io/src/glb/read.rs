@@ -49,7 +49,7 @@ pub fn read_glb(path: &Path) -> Result<GlbScene, IoError> {
 /// Parses the bytes of a `.glb` file; `path` is only used in messages.
 pub fn parse_glb(bytes: &[u8], path: &Path) -> Result<GlbScene, IoError> {
     let (json, binary) = chunks(bytes, path)?;
-    let invalid = |e: serde_json::Error| IoError::new(path, format!("has a JSON part that cannot be used: {e}"));
+    let invalid = |e: serde_json::Error| IoError::damaged(path, format!("has a JSON part that cannot be used: {e}"));
     let document: Document = serde_json::from_slice(json).map_err(invalid)?;
     let mut notes = Vec::new();
     let parts = parts(&document, json.len(), &mut notes, path)?;

@@ -122,7 +122,7 @@ fn check_count(parts: &[Part], values: &Values<'_>) -> Result<(), IoError> {
     }
     if count > values.binary.len() {
         let what = format!("claims {count} Gaussians in {} bytes, more than they can hold", values.binary.len());
-        return Err(IoError::new(values.path, what));
+        return Err(IoError::damaged(values.path, what));
     }
     Ok(())
 }
@@ -138,7 +138,7 @@ fn check_copies(parts: &[Part], placements: &[Placement], values: &Values<'_>) -
     match available_bytes() {
         Some(have) if count.saturating_mul(EACH) > have => {
             let what = format!("has {count} Gaussians in stretched copies, more than the available memory holds");
-            Err(IoError::new(values.path, what))
+            Err(IoError::too_large(values.path, what))
         }
         _ => Ok(()),
     }

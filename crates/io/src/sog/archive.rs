@@ -51,7 +51,7 @@ impl<'a> Archive<'a> {
         let end = end_record(bytes).ok_or_else(|| {
             let what =
                 if bytes.starts_with(b"PK") { "is a damaged or truncated ZIP archive" } else { "is no ZIP archive" };
-            IoError::new(path, format!("{what}: its directory is not at its end"))
+            IoError::damaged(path, format!("{what}: its directory is not at its end"))
         })?;
         let mut cursor = Cursor::new(bytes, path);
         const WHAT: &str = "the end of the archive";

@@ -39,7 +39,10 @@ pub fn read_sog(path: &Path) -> Result<SogCloud, IoError> {
     let meta = Meta::parse(&meta_bytes, &meta_path)?;
     let file = |name: &str| -> Result<Cow<'_, [u8]>, IoError> {
         let is_plain = Path::new(name).file_name() == Some(OsStr::new(name));
-        let outside = || IoError::new(&meta_path, format!("names the file \"{name}\", which is not in its folder"));
+        let outside = || {
+            IoError::new(&meta_path, format!("names the file \"{name}\", which is not in its folder"))
+                .advise("write names of files without folders there")
+        };
         if is_plain { read_bytes(&folder.join(name)).map(Cow::Owned) } else { Err(outside()) }
     };
     let lengths = meta.files().map(|name| std::fs::metadata(folder.join(name)).map_or(0, |m| m.len()));
@@ -120,7 +123,7 @@ impl Reader<'_, '_> {
         match available_bytes() {
             Some(have) if need > have => {
                 let (need, have) = (need >> 20, have >> 20);
-                Err(IoError::new(self.path, format!("takes {need} MiB to read, {have} MiB are available")))
+                Err(IoError::too_large(self.path, format!("takes {need} MiB to read, {have} MiB are available")))
             }
             _ => Ok(()),
         }

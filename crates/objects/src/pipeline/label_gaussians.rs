@@ -162,8 +162,8 @@ pub fn label_gaussians(
         return Ok(CloudLabels { stages: vec![StageTime::since(Stage::Segment.name(), started)], ..earlier });
     }
     let clock = Stage::Consensus.begin(observer)?;
-    let masks = MaskFolder::open(&mask_folder(job)?)?;
     let (views, cameras) = training_views(job)?;
+    let masks = MaskFolder::open(&mask_folder(job)?, &views)?;
     let options = label_options(job);
     let mask_of_view = |i: usize| Ok(masks.of_view(&views[i])?);
     let mut sweeps =

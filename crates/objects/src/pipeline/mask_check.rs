@@ -31,8 +31,8 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
         return training_boxes(job, path).map(|_| Vec::new());
     }
     let folder = source.folder(job);
-    let masks = MaskFolder::open(&folder)?;
     let (views, _) = training_views(job)?;
+    let masks = MaskFolder::open(&folder, &views)?;
     let has_object = |view: &View| -> Result<bool, IoError> {
         Ok(masks.of_view(view)?.is_some_and(|mask| mask.ids.iter().any(|&id| id != 0)))
     };
@@ -48,7 +48,8 @@ pub fn check_masks(job: &PipelineJob) -> Result<Vec<String>, IoError> {
         let advice = "a mask has the stem of its view's image, or its whole name, and ids above 0 where objects are";
         return Err(IoError::new(&folder, what).advise(advice));
     }
-    Ok(without_mask_line(&views_without_mask(&masks, &views)?, views.len()).into_iter().collect())
+    let without = without_mask_line(&views_without_mask(&masks, &views)?, views.len());
+    Ok(masks.notes.into_iter().chain(without).collect())
 }
 
 /// The names of the views that have no mask, in order.

@@ -44,14 +44,15 @@ impl Inputs {
         let labels = folder.labels();
         let consensus: Consensus = read_json(&folder.consensus())?;
         let groups = folder.groups();
+        // A resumed run needs no masks once it has labels.
+        let masks = mask_folder(job).ok().and_then(|folder| MaskFolder::open(&folder, &views).ok());
         Ok(Self {
             views,
             cameras,
             cloud: load_scene(&folder.point_cloud())?.scene.background,
             labels: Checkpoint::read(&labels)?.take(LABEL_TENSOR, &[], &labels)?,
             table: consensus.table,
-            // A resumed run needs no masks once it has labels.
-            masks: mask_folder(job).ok().and_then(|folder| MaskFolder::open(&folder).ok()),
+            masks,
             groups: if groups.is_file() { read_groups(&groups)? } else { Vec::new() },
         })
     }

@@ -95,7 +95,7 @@ pub fn add_trained_templates(
 pub fn review_segments(job: &PipelineJob) -> Result<(), IoError> {
     let (views, _) = training_views(job)?;
     let found: Consensus = read_json(&job.folder().consensus())?;
-    review(&job.folder().review(), &views, &MaskFolder::open(&mask_folder(job)?)?, Some(&found))
+    review(&job.folder().review(), &views, &MaskFolder::open(&mask_folder(job)?, &views)?, Some(&found))
 }
 
 fn painter(gpu: &Arc<Gpu>, job: &PipelineJob) -> Result<Painter, RenderError> {

@@ -216,7 +216,7 @@ mod tests {
         masked(at, "b", &[4, 5, 6, 6])?;
         masked(at, "c", &[1])?;
         write_categories(&at.join("masks/categories.json"), &[(1, "car".to_owned()), (6, "car".to_owned())].into())?;
-        let masks = MaskFolder::open(&at.join("masks"))?;
+        let masks = MaskFolder::open(&at.join("masks"), &views)?;
         let sheet = sheet(&views, &masks, None)?;
         assert_eq!(sheet.views.iter().map(|v| v.masks).collect::<Vec<_>>(), [Some(3), Some(3), Some(1), None]);
         assert_eq!(sheet.warnings.len(), 2, "{:?}", sheet.warnings);
@@ -238,7 +238,7 @@ mod tests {
         let views = vec![view(at, "a")?, view(at, "b")?];
         masked(at, "a", &[1; 16])?;
         masked(at, "b", &[2; 16])?;
-        let masks = MaskFolder::open(&at.join("masks"))?;
+        let masks = MaskFolder::open(&at.join("masks"), &views)?;
         let found = Consensus {
             table: IdTable::PerView(vec![[(1, 7)].into(), [(2, 7)].into()]),
             report: ConsensusReport {

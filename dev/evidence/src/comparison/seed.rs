@@ -168,7 +168,7 @@ fn measure(
     on_picture: &mut dyn FnMut(&str, &Evaluated<'_>),
 ) -> Result<(), CliError> {
     let masks = runs.config.pipeline.masks.clone().or_else(|| MaskFolder::default_for(&comparison.data));
-    let masks = masks.map(|folder| MaskFolder::open(&folder)).transpose()?;
+    let masks = masks.map(|folder| MaskFolder::open(&folder, views)).transpose()?;
     let width = (runs.config.train.width > 0).then_some(runs.config.train.width);
     let options = eval_options(&runs.config.train);
     let (masks, lpips) = (masks.as_ref(), comparison.lpips.as_ref());

@@ -165,7 +165,7 @@ fn segmentation(runs: &Runs<'_>, report: &RunReport, views: &[View]) -> Result<S
         .filter(|_| runs.config.pipeline.masks.is_none() && runs.config.train.width == 0);
     let mean_accuracy = match masks {
         Some(folder) => {
-            let masks = MaskFolder::open(&folder)?;
+            let masks = MaskFolder::open(&folder, views)?;
             label_accuracy(runs.data, views, &masks, &cloud.means, &segmented)?
         }
         None => None,
@@ -188,7 +188,7 @@ fn ablations(
 ) -> Result<Vec<Ablation>, CliError> {
     let test: Vec<View> = views.iter().filter(|view| view.split == Split::Test).cloned().collect();
     let masks = runs.config.pipeline.masks.clone().or_else(|| MaskFolder::default_for(runs.data));
-    let masks = masks.map(|folder| MaskFolder::open(&folder)).transpose()?;
+    let masks = masks.map(|folder| MaskFolder::open(&folder, views)).transpose()?;
     let measure = Measure {
         gpu: evidence.session.gpu,
         views: &test,
