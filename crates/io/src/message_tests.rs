@@ -1,5 +1,7 @@
 //! Every message of this crate: each has the file, and a place in it or a next step, unless it says itself what to do.
 
+#![allow(clippy::print_stdout, reason = "--nocapture shows the messages, to be read side by side")]
+
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 

@@ -22,7 +22,7 @@ struct Edge {
 /// # Errors
 /// A corner that is farther than any picture reaches.
 pub(super) fn check(polygon: &Polygon) -> Result<(), String> {
-    match polygon.iter().flatten().find(|v| !(v.abs() <= FARTHEST_PX)) {
+    match polygon.iter().flatten().find(|v| v.is_nan() || v.abs() > FARTHEST_PX) {
         Some(v) => Err(format!("has the coordinate {v:e}, which is in no picture")),
         None => Ok(()),
     }
@@ -37,7 +37,8 @@ pub(super) fn for_each(polygons: &[Polygon], (width, height): (u32, u32), visit:
     let first = edges.first().map_or(0, |edge| edge.top.max(0.0) as u32);
     let rows = first..height.min(bottom.max(0.0).ceil() as u32);
     let (mut next, mut crossed): (usize, Vec<&Edge>) = (0, Vec::new());
-    let (mut crossings, mut parts): (Vec<(usize, f64)>, Vec<(u32, u32)>) = Default::default();
+    let mut crossings: Vec<(usize, f64)> = Vec::new();
+    let mut parts: Vec<(u32, u32)> = Vec::new();
     for y in rows {
         let center = f64::from(y) + 0.5;
         while let Some(edge) = edges.get(next).filter(|edge| edge.top <= center) {

@@ -355,10 +355,13 @@ fn write_objects(root: &Path, scale: u32, name: &dyn Fn(&str, usize) -> String) 
     Ok(())
 }
 
+/// The file of an object in a photo, the ids that the objects get, and their categories.
+type Layout<'a> = (&'a dyn Fn(&str, usize) -> String, [u16; 3], &'a [(u32, &'a str)]);
+
 #[test]
 fn a_file_per_object_and_photo_is_a_mask_of_ids() -> Outcome {
     let kinds = ["", "car_4", "tree_9"];
-    let layouts: [(&dyn Fn(&str, usize) -> String, [u16; 3], &[(u32, &str)]); 6] = [
+    let layouts: [Layout<'_>; 6] = [
         (&|photo, object| format!("{photo}/{object}.png"), [0, 1, 2], &[]),
         (&|photo, object| format!("{photo}/{}.png", object - 1), [0, 1, 2], &[]),
         (&|photo, object| format!("{photo}.jpg/mask_{object}.png"), [0, 1, 2], &[]),

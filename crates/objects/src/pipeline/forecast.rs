@@ -176,7 +176,7 @@ fn objects(job: &PipelineJob, views: &[View]) -> Result<ObjectForecast, IoError>
 }
 
 fn masks_in(folder: PathBuf, views: &[View]) -> Result<MaskForecast, IoError> {
-    let masks = MaskFolder::open(&folder)?;
+    let masks = MaskFolder::open(&folder, views)?;
     let (mut with_mask, mut most_in_view, mut all) = (0, 0, BTreeSet::new());
     for view in views {
         let Some(mask) = masks.of_view(view)? else { continue };
