@@ -1,7 +1,7 @@
 //! `.html`: a page that holds a scene and draws it, in one file that a browser opens without a server.
 //!
 //! The scene lies in the page as the `.instgs` file that it is, deflated and as text (`base85.rs`); instances stay instances. The
-//! program that unpacks and draws it is in `crates/io/web`, JavaScript modules that [`linked`] turns into two plain scripts, since
+//! program that unpacks and draws it is in `crates/io/web`, JavaScript modules that `linked` turns into two plain scripts, since
 //! browsers load no modules from files: one for the page, one for its worker. `docs/page.md` describes the page for users.
 //!
 //! Whatever comes from the scene or its file name is data: the title is escaped, cameras are JSON without `<`, and the names of
