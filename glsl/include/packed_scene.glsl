@@ -82,35 +82,46 @@ vec3 with_sh_offset(Instance instance, uint local, uint c, vec3 own) {
     return own;
 }
 
-// The coefficients of a band, of which there are 3, 5 or 7, from `words` on; the first number is in the upper half of the first
-// word if `odd` is 1.
-void coefficients_of(uint words[12], uint odd, out vec3 c[7]) {
+// The coefficients of the band that was begun last: words of a band are read once for all of its coefficients.
+vec3 band[7];
+
+// Fills `band` from the words of a band; its first number is in the upper half of the first word if `odd` is 1.
+void begin_band(uint words[12], uint odd) {
     vec2 pairs[11];
     [[unroll]] for (uint k = 0; k < 11; ++k) {
         pairs[k] = unpackHalf2x16(odd == 0 ? words[k] : (words[k] >> 16) | (words[k + 1] << 16));
     }
     [[unroll]] for (uint m = 0; m < 7; ++m) {
-        [[unroll]] for (uint i = 0; i < 3; ++i) c[m][i] = pairs[(3 * m + i) / 2][(3 * m + i) % 2];
+        [[unroll]] for (uint i = 0; i < 3; ++i) band[m][i] = pairs[(3 * m + i) / 2][(3 * m + i) % 2];
     }
 }
 
-void read_sh1(Instance instance, uint local, out vec3 c[7]) {
+void begin_sh1(Instance instance, uint local) {
     uint first = 9 * (instance.first_in_band[0] + local), words[12];
     [[unroll]] for (uint k = 0; k < 12; ++k) words[k] = k < 5 ? sh1[(first >> 1) + k] : 0;
-    coefficients_of(words, first & 1, c);
-    [[unroll]] for (uint m = 0; m < 3; ++m) c[m] = with_sh_offset(instance, local, 1 + m, c[m]);
+    begin_band(words, first & 1);
 }
 
-void read_sh2(Instance instance, uint local, out vec3 c[7]) {
+void begin_sh2(Instance instance, uint local) {
     uint first = 15 * (instance.first_in_band[1] + local), words[12];
     [[unroll]] for (uint k = 0; k < 12; ++k) words[k] = k < 8 ? sh2[(first >> 1) + k] : 0;
-    coefficients_of(words, first & 1, c);
-    [[unroll]] for (uint m = 0; m < 5; ++m) c[m] = with_sh_offset(instance, local, 4 + m, c[m]);
+    begin_band(words, first & 1);
 }
 
-void read_sh3(Instance instance, uint local, out vec3 c[7]) {
+void begin_sh3(Instance instance, uint local) {
     uint first = 21 * (instance.first_in_band[2] + local), words[12];
     [[unroll]] for (uint k = 0; k < 12; ++k) words[k] = k < 11 ? sh3[(first >> 1) + k] : 0;
-    coefficients_of(words, first & 1, c);
-    [[unroll]] for (uint m = 0; m < 7; ++m) c[m] = with_sh_offset(instance, local, 9 + m, c[m]);
+    begin_band(words, first & 1);
+}
+
+vec3 sh1_of(Instance instance, uint local, uint m) {
+    return with_sh_offset(instance, local, 1 + m, band[m]);
+}
+
+vec3 sh2_of(Instance instance, uint local, uint m) {
+    return with_sh_offset(instance, local, 4 + m, band[m]);
+}
+
+vec3 sh3_of(Instance instance, uint local, uint m) {
+    return with_sh_offset(instance, local, 9 + m, band[m]);
 }

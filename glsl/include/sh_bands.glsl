@@ -23,15 +23,9 @@ vec3 sh3_of(Instance instance, uint local, uint m) {
     return with_sh_offset(instance, local, 9 + m, sh3[7 * (instance.first_in_band[2] + local) + m]);
 }
 
-// All coefficients of a band.
-void read_sh1(Instance instance, uint local, out vec3 c[7]) {
-    [[unroll]] for (uint m = 0; m < 3; ++m) c[m] = sh1_of(instance, local, m);
-}
+// Coefficients are read one by one: nothing is kept for a band.
+void begin_sh1(Instance instance, uint local) {}
 
-void read_sh2(Instance instance, uint local, out vec3 c[7]) {
-    [[unroll]] for (uint m = 0; m < 5; ++m) c[m] = sh2_of(instance, local, m);
-}
+void begin_sh2(Instance instance, uint local) {}
 
-void read_sh3(Instance instance, uint local, out vec3 c[7]) {
-    [[unroll]] for (uint m = 0; m < 7; ++m) c[m] = sh3_of(instance, local, m);
-}
+void begin_sh3(Instance instance, uint local) {}
