@@ -10,8 +10,8 @@ use instgs_io::{IoError, run_folder};
 const RUNS: &str = "runs";
 const SECONDS_A_DAY: u64 = 24 * 60 * 60;
 
-/// The first of `runs/NAME-DATE`, `runs/NAME-DATE-2`, ... that does not exist. NAME is that of the data set's folder, DATE is
-/// today's (UTC).
+/// The first of `runs/NAME-DATE`, `runs/NAME-DATE-2`, ... that does not exist: NAME is that of the data set's folder, DATE the
+/// present day in UTC, so that a run has the same name wherever it is started.
 pub(super) fn unused(data: &Path) -> PathBuf {
     names(data).find(|path| !path.exists()).unwrap_or_default()
 }

@@ -18,7 +18,7 @@ use instgs_io::atomic_write;
     instgs-vk completions zsh > ~/.zfunc/_instgs-vk        (with fpath+=~/.zfunc before compinit in ~/.zshrc)\n  \
     instgs-vk completions fish > ~/.config/fish/completions/instgs-vk.fish")]
 pub(super) struct CompletionsArgs {
-    /// The shell
+    /// The shell that is to complete commands and flags
     #[arg(value_name = "SHELL")]
     shell: ShellArg,
 }

@@ -43,11 +43,11 @@ pub(super) struct TrainArgs {
     /// Dataset folder with photos and cameras
     #[arg(value_name = "DATA", required_unless_present = "data_flag", conflicts_with = "data_flag")]
     data: Option<PathBuf>,
-    /// The same as DATA
+    /// Dataset folder, as a flag instead of the argument DATA
     #[arg(id = "data_flag", long = "data", value_name = "DATA")]
     data_flag: Option<PathBuf>,
-    /// Run folder; created if necessary [default: runs/NAME-DATE of the data set's name, or with a number behind it if
-    /// there is one]
+    /// Run folder; created if necessary [default: runs/NAME-DATE, NAME being the data set's; with a number behind it where
+    /// that folder exists]
     #[arg(long, value_name = "RUN")]
     out: Option<PathBuf>,
     /// Kind of scene: 3dgs, a plain cloud, or instgs, templates with instances
