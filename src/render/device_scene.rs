@@ -82,7 +82,7 @@ pub struct DeviceScene {
 
 /// The clouds and offsets to upload.
 struct Content<'a> {
-    /// As the device sees them.
+    /// With the shapes that the device sees.
     scene: &'a InstancedScene,
     /// What of them is not in f32; nothing if `precision` is.
     packed: &'a PackedScene,
@@ -110,7 +110,7 @@ impl DeviceScene {
         // Bounds are those of what is drawn.
         let seen = match precision {
             DevicePrecision::F32 => Cow::Borrowed(scene),
-            _ => Cow::Owned(packed.unpacked(scene)),
+            _ => Cow::Owned(packed.with_unpacked_shapes(scene)),
         };
         let tables = build_tables(&seen, chunk_size)?;
         let content = Content { scene: &seen, packed: &packed, precision };
@@ -152,7 +152,7 @@ impl DeviceScene {
         let mut packed = PackedScene::default();
         if precision != DevicePrecision::F32 {
             packed = PackedScene::new(&pool, &levels.offset_runs(), precision)?;
-            pool = packed.unpacked(&pool);
+            pool = packed.with_unpacked_shapes(&pool);
         }
         levels.swap_pool(&mut pool);
         let tables = build_level_tables(&levels, chunk_size)?;

@@ -137,6 +137,18 @@ impl PackedScene {
     /// of a template have length 1, and its offsets go with that.
     pub fn unpacked(&self, scene: &InstancedScene) -> InstancedScene {
         let rows = scene.parameter_rows();
+        let mut out = self.with_unpacked_shapes(scene);
+        for (band, words) in BANDS.into_iter().zip(&self.sh) {
+            out.set_parameter(band, rows[band], &from_halves(words, numbers(&rows, band)));
+        }
+        let rest = from_halves(&self.offset_sh_rest, numbers(&rows, Parameter::OffsetShRest));
+        out.set_parameter(Parameter::OffsetShRest, rows[Parameter::OffsetShRest], &rest);
+        out
+    }
+
+    /// The same, with the SH of `scene` as it is: bounds do not depend on colours, which are most of a scene's numbers.
+    pub(super) fn with_unpacked_shapes(&self, scene: &InstancedScene) -> InstancedScene {
+        let rows = scene.parameter_rows();
         let mut out = scene.clone();
         let mut set = |parameter: Parameter, values: &[f32]| out.set_parameter(parameter, rows[parameter], values);
         let [log_scales, logits] =
@@ -146,10 +158,6 @@ impl PackedScene {
         let codes: Vec<u16> = split(&self.quats).collect();
         let quats = codes.as_chunks().0.iter().take(rows[Parameter::Quats].iter().sum()).flat_map(quat_of);
         set(Parameter::Quats, &quats.collect::<Vec<f32>>());
-        for (band, words) in BANDS.into_iter().zip(&self.sh) {
-            set(band, &from_halves(words, numbers(&rows, band)));
-        }
-        set(Parameter::OffsetShRest, &from_halves(&self.offset_sh_rest, numbers(&rows, Parameter::OffsetShRest)));
         let offsets =
             if self.offset_ranges.is_empty() { self.offsets_of_halves(&rows) } else { self.decoded_offsets(&rows) };
         for (Channels { parameter, .. }, values) in CODED.into_iter().zip(&offsets) {
