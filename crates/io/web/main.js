@@ -95,13 +95,16 @@ function setTheme(theme) {
   }
 }
 
+/** The theme that was chosen here before, else the browser's. */
 function restoreTheme() {
+  let chosen = null;
   try {
-    const theme = localStorage.getItem(THEME_KEY);
-    if (theme) document.documentElement.dataset.theme = theme;
+    chosen = localStorage.getItem(THEME_KEY);
   } catch {
     // As above.
   }
+  const usual = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  document.documentElement.dataset.theme = chosen ?? usual;
 }
 
 /**
