@@ -137,9 +137,10 @@ class Scene:
         up: Optional[ArrayLike] = None,
         device: Optional[_Device] = None,
     ) -> None:
-        """Writes the scene: .instgs, .glb and .usda keep instances; .ply, .spz and .sog have them expanded.
+        """Writes the scene: .instgs, .glb, .usda and .html (a page that draws it) keep instances; .ply, .spz and .sog have them
+        expanded.
 
-        pack is for .instgs; with data, a data set's folder, "small" is only as precise as its views need for pictures of
+        pack is for .instgs and .html; with data, a data set's folder, "small" is only as precise as its views need for pictures of
         picture_psnr dB. up: the direction that becomes +y of .glb and .usda. device: for data. Raises Error."""
     def copy(self) -> Scene:
         """An independent copy."""
@@ -405,7 +406,8 @@ def train(
 
     method: by default the configuration's. config: a preset ("quick", "instgs_quick", ...) or a TOML file. set: values above
     the configuration's, {"steps": 500, "joint.steps": 300}; a path object becomes absolute. resume: continue the run in out
-    with its configuration; accept_changed_data: although the data set has changed since. on_event: called with a dict for every event, as in events.jsonl, with the "phase".
+    with its configuration; accept_changed_data: although the data set has changed since. on_event: called with a dict for every
+    event, as in events.jsonl, with the "phase".
 
     Ctrl-C, and an exception of on_event, stop the run after the step, with a checkpoint; then that exception is raised.
     Raises Error."""

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use glam::DVec3;
-use instgs_io::{ExportFormat, Pack, export_scene};
-use instgs_train::{USUAL_PICTURE_PSNR_DB, sensitivity_cameras, write_small};
+use instgs_io::small::SmallOptions;
+use instgs_io::{ExportFormat, Pack, PageOptions, export_scene, write_page, write_small_scene_file};
+use instgs_train::{USUAL_PICTURE_PSNR_DB, measure_sensitivity, sensitivity_cameras};
 use instgs_vk::scene::InstancedScene;
 use instgs_vk::scene::trajectory::Orbit;
+use instgs_vk::scene::up_direction;
 use pyo3::prelude::*;
 
 use crate::device::{DeviceName, check_validation, open_device};
@@ -45,7 +47,7 @@ pub(crate) fn save(
 ) -> PyResult<()> {
     let format = ExportFormat::of(to, how.pack).or_raise()?;
     if let Some(data) = &how.data {
-        if format != ExportFormat::Instgs(Pack::Small) {
+        if !matches!(format, ExportFormat::Instgs(Pack::Small) | ExportFormat::Page(Pack::Small)) {
             return Err(raised("data is for pack=\"small\": other formats keep one precision everywhere"));
         }
         let psnr = how.picture_psnr.unwrap_or(USUAL_PICTURE_PSNR_DB);
@@ -55,7 +57,16 @@ pub(crate) fn save(
         let gpu = open_device(py, device)?;
         let write = || -> Result<(), instgs_train::TrainError> {
             let cameras = sensitivity_cameras(data)?;
-            write_small(&gpu, to, scene, &cameras, psnr, || ())
+            let sensitivity = measure_sensitivity(&gpu, scene, &cameras, || ())?;
+            let small = SmallOptions { sensitivity: &sensitivity, picture_psnr_db: psnr };
+            let up = how.up.or_else(|| up_direction(&cameras)).unwrap_or_else(|| Orbit::around(scene, None).up);
+            match format {
+                ExportFormat::Page(pack) => {
+                    write_page(to, scene, &PageOptions { pack, small: Some(&small), camera: cameras.first(), up })?;
+                }
+                _ => write_small_scene_file(to, scene, &small)?,
+            }
+            Ok(())
         };
         py.detach(write).or_raise()?;
         return check_validation(&gpu);

@@ -73,6 +73,14 @@ def test_flatten_places_every_instance(scene):
     assert np.array_equal(cloud.means[-60:], scene.background.means)
 
 
+def test_a_page_holds_the_scene(scene, tmp_path):
+    scene.save(tmp_path / "small.html")
+    scene.save(tmp_path / "f32.html", pack="f32")
+    pages = [(tmp_path / f"{pack}.html").read_text() for pack in ("small", "f32")]
+    assert all(page.lower().startswith("<!doctype html>") for page in pages)
+    assert len(pages[0]) < len(pages[1]) and len(pages[0]) < 300_000
+
+
 def test_saved_scenes_come_back(scene, tmp_path):
     scene.save(tmp_path / "a.instgs")
     back = instgs.Scene.load(tmp_path / "a.instgs")
@@ -100,7 +108,7 @@ def test_errors_are_one_line_of_one_class(scene, tmp_path):
         (lambda: instgs.Scene.load(tmp_path / "missing.ply"), "missing.ply"),
         (lambda: instgs.Scene.load(tmp_path / "x.obj"), "scenes are .instgs, .ply"),
         (lambda: scene.save(tmp_path / "x.xyz"), "export to .ply"),
-        (lambda: scene.save(tmp_path / "x.ply", pack="f16"), "is for .instgs files"),
+        (lambda: scene.save(tmp_path / "x.ply", pack="f16"), "is for .instgs and .html files"),
         (lambda: scene.save(tmp_path / "x.instgs", pack="f8"), "none of f32, f16, q8 and small"),
         (lambda: instgs.Scene(instances=[(0, placed(0, 0, 0))]), "instance 0 uses template 0, but there are 0"),
         (lambda: instgs.Scene(templates=[], instances=[(0, np.zeros((3, 4)))]), "the matrix of instance 0 has determinant"),
