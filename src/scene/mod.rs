@@ -17,6 +17,7 @@ pub mod point_cloud;
 pub mod posed_group;
 pub mod prune;
 pub mod recentre;
+pub mod removable;
 pub mod repeated_bytes;
 pub mod single_use;
 pub mod source_layout;

@@ -67,7 +67,7 @@ impl InstancedScene {
     /// Keeps the marked template Gaussians with their offset records; returns the number removed, including those that
     /// were removed elsewhere. If there are any, unknown tensors parallel to these arrays are dropped: they would no longer
     /// be aligned.
-    fn keep_templates(&mut self, keep: &[bool], dropped_elsewhere: usize) -> usize {
+    pub(super) fn keep_templates(&mut self, keep: &[bool], dropped_elsewhere: usize) -> usize {
         let dropped = keep.iter().filter(|&&k| !k).count();
         if dropped > 0 {
             self.compact_templates(keep);

@@ -25,6 +25,7 @@ mod masks;
 mod picture_files;
 mod programs;
 pub mod progress_lines;
+mod prune;
 mod render;
 mod run_name;
 mod shell_files;
@@ -63,6 +64,7 @@ enum Command {
     Inspect(inspect::InspectArgs),
     Export(export::ExportArgs),
     Edit(edit::EditArgs),
+    Prune(prune::PruneArgs),
     Train(train::TrainArgs),
     Masks(masks::MasksArgs),
     Segment(stages::segment::SegmentArgs),
@@ -99,6 +101,7 @@ impl Command {
             Self::Inspect(args) => args.json,
             Self::Export(args) => args.json,
             Self::Edit(args) => args.json,
+            Self::Prune(args) => args.json,
             Self::Train(args) => args.json,
             Self::Masks(args) => args.json,
             Self::Segment(args) => args.json,
@@ -120,6 +123,7 @@ fn run(cli: &Cli, printer: &Printer) -> Result<ExitCode, CliError> {
         Command::Inspect(args) => inspect::run(args, printer),
         Command::Export(args) => export::run(args, &cli.device, printer),
         Command::Edit(args) => edit::run(args, printer),
+        Command::Prune(args) => prune::run(args, &cli.device, printer),
         Command::Train(args) => train::run(args, &cli.device, printer),
         Command::Masks(args) => masks::run(args, &cli.device, printer),
         Command::Segment(args) => stages::segment::run(args, &cli.device, printer),

@@ -20,6 +20,7 @@ mod log_and_observer;
 mod log_state;
 pub mod memory;
 pub mod observer;
+pub mod pruning;
 mod results;
 mod resumed_log;
 mod run_files;
