@@ -508,10 +508,36 @@ fn packed_exports_are_smaller_and_load() {
         };
         let bytes = ["30", "60"].map(needed);
         assert!(bytes[0] < bytes[1], "{bytes:?}");
+        prunes(&scene, &at);
     }
     let text = error_of(&mut export("x.ply", "f16"));
     assert!(text.contains("--pack is for .instgs"), "{text}");
     assert!(!at("x.ply").exists());
+}
+
+/// `prune` of the scene `scene.instgs`, from the views of `data`.
+fn prunes(scene: &InstancedScene, at: &impl Fn(&str) -> PathBuf) {
+    let prune = |out: &str, goal: [&str; 2]| {
+        let mut command = program();
+        command.args(["prune", "--json", "--scene"]).arg(at("scene.instgs")).arg("--data").arg(at("data"));
+        command.arg("--out").arg(at(out)).args(goal);
+        command
+    };
+    let report = json_of(&mut prune("half.instgs", ["--keep", "0.5"]));
+    let half = load_scene(&at("half.instgs")).unwrap().scene;
+    let of_report = |name: &str| report[name].as_u64().unwrap();
+    assert_eq!(of_report("drawn_before"), scene.expanded_len());
+    assert_eq!(
+        (of_report("gaussians"), of_report("drawn") + of_report("hidden")),
+        (half.source_len() as u64, half.expanded_len())
+    );
+    assert!(of_report("drawn") < scene.expanded_len() && half.instances.len() == scene.instances.len());
+    let close = json_of(&mut prune("close.instgs", ["--picture-psnr", "60"]));
+    assert!(close["drawn"].as_u64() > report["drawn"].as_u64());
+    assert!(close["picture_psnr"].as_f64().is_none_or(|psnr| psnr >= 60.0));
+    let text = error_of(&mut prune("half.ply", ["--keep", "0.5"]));
+    assert!(text.contains("is written as .instgs"), "{text}");
+    prune("half.instgs", ["--keep", "0"]).assert().code(2);
 }
 
 /// Of a dataset, every eighth view is one for tests.

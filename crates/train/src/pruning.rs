@@ -38,9 +38,10 @@ pub fn prune(scene: &InstancedScene, sensitivity: &Sensitivity, cameras: &[Camer
     let removables = Removables::of(scene);
     let costs = removal_costs(scene, &removables, sensitivity);
     let is_framed = |removable: &Removable| {
-        removables.centres_world(scene, removable).iter().any(|&centre| {
-            cameras.iter().any(|camera| camera.pixel_of(centre).is_some_and(|at| camera.has_pixel(at)))
-        })
+        removables
+            .centres_world(scene, removable)
+            .iter()
+            .any(|&centre| cameras.iter().any(|camera| camera.pixel_of(centre).is_some_and(|at| camera.has_pixel(at))))
     };
     let mut order: Vec<usize> = (0..costs.len()).filter(|&i| is_framed(&removables.all[i])).collect();
     let per_draw = |i: usize| costs[i] / removables.all[i].draws() as f64;
