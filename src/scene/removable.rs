@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use crate::scene::instanced_scene::InstancedScene;
+use crate::scene::instanced_scene::{InstancedScene, SourceRange};
 
 /// The opacity logit of a template's Gaussian where one instance does not show it: 6e-6 after the sigmoid, far below 1/255, so
 /// that it is never blended.
@@ -49,6 +49,19 @@ pub struct Removables {
     pub all: Vec<Removable>,
     /// Instances that show the parts, one run for each.
     users: Vec<u32>,
+    /// By instance, and then for the background, the flat index of its first expanded Gaussian.
+    first_flat: Vec<usize>,
+    /// By instance, how a local index follows from a part: what instances have of templates and of their own.
+    firsts: Vec<Firsts>,
+}
+
+/// The first Gaussians that an instance shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Firsts {
+    /// Its template, among the templates' Gaussians.
+    template: SourceRange,
+    /// Index of its first own Gaussian.
+    own: u32,
 }
 
 impl Removables {
@@ -66,7 +79,15 @@ impl Removables {
             shown.extend((own.first..own.first + own.count).map(|i| (Part::Own(i), k)));
         }
         shown.sort_unstable();
-        let mut out = Self { all: Vec::new(), users: shown.iter().map(|&(_, k)| k).collect() };
+        let mut out = Self { users: shown.iter().map(|&(_, k)| k).collect(), ..Self::default() };
+        let mut flat = 0;
+        for (k, instance) in scene.instances.iter().enumerate() {
+            let (template, own) = (scene.template_ranges[instance.template as usize], scene.own_range(k));
+            out.first_flat.push(flat);
+            out.firsts.push(Firsts { template, own: own.first });
+            flat += (template.count + own.count) as usize;
+        }
+        out.first_flat.push(flat);
         let mut first_user = 0;
         for of_part in shown.chunk_by(|a, b| a.0 == b.0) {
             out.all.push(Removable { part: of_part[0].0, first_user, users: of_part.len() });
@@ -82,16 +103,23 @@ impl Removables {
         &self.users[of.first_user..of.first_user + of.users]
     }
 
-    /// The opacity logit of a part, offset included.
-    pub fn opacity_logit(scene: &InstancedScene, part: Part) -> f32 {
-        match part {
-            Part::Record { record, gaussian } => {
-                scene.templates.opacity_logits[gaussian as usize] + scene.offsets.opacity_logits[record as usize]
-            }
-            Part::Template(i) => scene.templates.opacity_logits[i as usize],
-            Part::Own(i) => scene.own.opacity_logits[i as usize],
-            Part::Background(i) => scene.background.opacity_logits[i as usize],
-        }
+    /// The indices of a part in the flat order of expanded Gaussians.
+    pub fn flat_indices(&self, of: &Removable) -> impl Iterator<Item = usize> + '_ {
+        let part = of.part;
+        let background = match part {
+            Part::Background(i) => Some(self.first_flat[self.firsts.len()] + i as usize),
+            _ => None,
+        };
+        let of_user = move |&k: &u32| {
+            let Firsts { template, own } = self.firsts[k as usize];
+            let local = match part {
+                Part::Record { gaussian, .. } | Part::Template(gaussian) => gaussian - template.first,
+                Part::Own(i) => template.count + i - own,
+                Part::Background(i) => i,
+            };
+            self.first_flat[k as usize] + local as usize
+        };
+        background.into_iter().chain(self.users(of).iter().map(of_user))
     }
 
     /// The places where a part is drawn, world units.
@@ -157,7 +185,7 @@ mod tests {
     use super::*;
     use crate::math::similarity::Similarity;
     use crate::scene::gaussians::Gaussians;
-    use crate::scene::instanced_scene::{Instance, SourceRange};
+    use crate::scene::instanced_scene::Instance;
     use crate::scene::offsets::Offsets;
 
     fn cloud(x: &[f32]) -> Gaussians {
@@ -223,6 +251,18 @@ mod tests {
         let shared = removables.all.iter().find(|r| r.part == shared).expect("a shared record");
         assert_eq!((shared.draws(), removables.users(shared)), (2, &[2, 3][..]));
         assert_eq!(removables.centres_world(&scene, shared), [32.5, 42.5].map(|x| DVec3::new(x, 0.0, 0.0)));
+        // Where a part says that it is drawn, the flat cloud has it; no place is missing or named twice.
+        let flat = scene.flatten();
+        let mut named = vec![0; flat.len()];
+        for removable in &removables.all {
+            let centres = removables.centres_world(&scene, removable);
+            assert_eq!(removables.flat_indices(removable).count(), centres.len());
+            for (at, centre) in removables.flat_indices(removable).zip(centres) {
+                named[at] += 1;
+                assert_eq!(DVec3::from(flat.means[at].map(f64::from)), centre, "{:?}", removable.part);
+            }
+        }
+        assert!(named.iter().all(|&count| count == 1), "{named:?}");
     }
 
     #[test]

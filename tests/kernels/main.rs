@@ -28,6 +28,7 @@ mod poison_backward;
 mod poses;
 mod preprocess_instance_expand;
 mod present;
+mod pruning;
 mod radix_sort;
 mod recycle;
 mod scale;

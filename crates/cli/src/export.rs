@@ -56,7 +56,7 @@ pub(super) struct ExportArgs {
     pub(super) json: bool,
 }
 
-pub(super) fn parse_psnr(text: &str) -> Result<f64, String> {
+fn parse_psnr(text: &str) -> Result<f64, String> {
     let psnr: f64 = text.parse().map_err(|_| format!("\"{text}\" is no number"))?;
     if (10.0..=120.0).contains(&psnr) { Ok(psnr) } else { Err("must be from 10 to 120 dB".into()) }
 }

@@ -9,17 +9,16 @@ use instgs_console::device::DeviceArgs;
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, device};
 use instgs_io::{ExportFormat, export_scene};
-use instgs_train::pruning::{PruneGoal, prune};
-use instgs_train::{measure_sensitivity, sensitivity_cameras};
+use instgs_train::pruning::{picture_psnr, prune};
+use instgs_train::sensitivity_cameras;
 use instgs_vk::scene::trajectory::Orbit;
 
-/// Removes the Gaussians that pictures would miss least: the scene gets smaller and draws faster. Each is judged by how much the
-/// training views of a data set would change without it, in every instance on its own; photos are not read, only cameras.
+/// Removes the Gaussians that pictures show least of: the scene gets smaller and draws faster. Each is judged by its weight in the
+/// pixels of a data set's training views, in every instance on its own; photos are not read, only cameras.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  \
-    instgs-vk prune --scene room.instgs --data room --out lean.instgs --keep 0.7\n  \
-    instgs-vk prune --scene room.ply --data room --out lean.ply --picture-psnr 45")]
-#[command(group = clap::ArgGroup::new("goal").required(true).args(["keep", "picture_psnr"]))]
+    instgs-vk prune --scene room.instgs --data room --keep 0.7 --out lean.instgs\n  \
+    instgs-vk prune --scene room.ply --data room --keep 0.5 --out lean.ply")]
 pub(super) struct PruneArgs {
     /// Scene to prune: .instgs, .ply, .spz, .sog, .splat or .glb
     #[arg(long, value_name = "S")]
@@ -27,16 +26,12 @@ pub(super) struct PruneArgs {
     /// Data set whose training views say what shows
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
+    /// Part of the Gaussians that is kept, of those that are drawn: instances expanded
+    #[arg(long, value_name = "PART", value_parser = parse_part)]
+    keep: f64,
     /// File to write: .instgs, or .ply, .spz or .sog if the scene has no instances
     #[arg(long, value_name = "S2")]
     out: PathBuf,
-    /// Part of the Gaussians that is kept, of those that are drawn: instances expanded
-    #[arg(long, value_name = "PART", value_parser = parse_part)]
-    keep: Option<f64>,
-    /// Closeness of pictures to those of the whole scene, dB of PSNR, as predicted from each Gaussian alone: what is removed
-    /// together shows more. Lower removes more
-    #[arg(long, value_name = "DB", value_parser = super::export::parse_psnr)]
-    picture_psnr: Option<f64>,
     /// Report as JSON on stdout
     #[arg(long)]
     pub(super) json: bool,
@@ -58,17 +53,12 @@ struct Report {
     hidden: u64,
     /// Number of stored Gaussians.
     gaussians: u64,
-    /// Predicted PSNR of pictures against those of the whole scene, dB.
-    picture_psnr: Option<f64>,
+    /// PSNR between the training views' pictures of the two scenes, dB.
+    picture_psnr: f64,
     bytes: u64,
 }
 
 pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer) -> Result<(), CliError> {
-    let goal = match (args.keep, args.picture_psnr) {
-        (Some(part), _) => PruneGoal::Keep(part),
-        (None, Some(psnr_db)) => PruneGoal::PicturePsnr(psnr_db),
-        (None, None) => return Err(CliError::msg("prune: say how much with --keep or --picture-psnr")),
-    };
     let format = ExportFormat::of(&args.out, None)?;
     let scene = open_scene(&args.scene, printer)?.scene;
     let is_kept_as_it_is = matches!(format, ExportFormat::Instgs(_))
@@ -83,10 +73,10 @@ pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer)
     let cameras = sensitivity_cameras(&args.data)?;
     let gpu = device::open(device_args.choice())?;
     let mut progress = printer.progress("views", cameras.len() as u64);
-    let sensitivity = measure_sensitivity(&gpu, &scene, &cameras, || progress.step("measured"))?;
+    let pruned = prune(&gpu, &scene, &cameras, args.keep, || progress.step("rendered"))?;
     drop(progress);
+    let picture_psnr = picture_psnr(&gpu, [&scene, &pruned.scene], &cameras)?;
     device::check_validation(&gpu)?;
-    let pruned = prune(&scene, &sensitivity, &cameras, goal);
     let up = Orbit::around(&scene, None).up;
     let exported = export_scene(&args.out, &pruned.scene, format, up)?;
     exported.notes(&args.out, &pruned.scene, format).iter().for_each(|note| printer.warning(note));
@@ -97,16 +87,16 @@ pub(super) fn run(args: &PruneArgs, device_args: &DeviceArgs, printer: &Printer)
         drawn: scene.expanded_len() - pruned.fewer,
         hidden: pruned.hidden,
         gaussians: pruned.scene.source_len() as u64,
-        picture_psnr: pruned.picture_psnr_db,
+        picture_psnr,
         bytes: std::fs::metadata(&args.out).map_or(0, |m| m.len()),
     };
     if args.json {
         return printer.json(&report);
     }
-    let closeness = report.picture_psnr.map_or("nothing that shows is gone".to_owned(), |psnr| {
-        format!("predicted: {psnr:.1} dB between pictures of the two")
-    });
     let (drawn, before, bytes) = (grouped(report.drawn), grouped(report.drawn_before), grouped(report.bytes));
-    printer.line(format_args!("{}: draws {drawn} of {before} Gaussians, {bytes} bytes; {closeness}", report.out));
+    printer.line(format_args!(
+        "{}: draws {drawn} of {before} Gaussians, {bytes} bytes; {picture_psnr:.1} dB between pictures of the two",
+        report.out
+    ));
     Ok(())
 }

@@ -1,23 +1,18 @@
-//! Removes what pictures lose least by: the squared error that each expanded Gaussian's absence adds, from its sensitivity.
+//! Removes what pictures show least of: each expanded Gaussian is judged by the sum of its blending weights, alpha times the
+//! transmittance in front of it, over all pixels of some views.
 //!
-//! A pixel's colour is affine in each alpha, so taking one Gaussian away changes it by exactly `alpha dC/dalpha`. The opacity's
-//! logit l has `dalpha/dl = alpha (1 - o)` with the opacity o, so the change is `(dC/dl) / (1 - o)` in every pixel, and the mean
-//! of its square is the sensitivity to the logit over `(1 - o)^2`. Alphas above 0.99 have no derivative and are missed, and
-//! errors of several Gaussians are added as if they were independent: both make the prediction too good where much is removed.
+//! What a picture would lose without a Gaussian is no measure: of two layers of one surface each can stand in for the other, both
+//! would be missed little, and without both there is a hole. Weights of the layers behind are small, so the front one stays.
 
-use instgs_io::small::Sensitivity;
-use instgs_vk::math::covariance::sigmoid;
-use instgs_vk::scene::removable::{Part, Removable, Removables};
-use instgs_vk::scene::{Camera, InstancedScene, Parameter};
+use std::sync::Arc;
 
-/// How much is to be removed.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum PruneGoal {
-    /// So that at most this part of the expanded Gaussians is left, above 0 and at most 1.
-    Keep(f64),
-    /// As long as the predicted PSNR of pictures against those of the whole scene stays above this, dB.
-    PicturePsnr(f64),
-}
+use instgs_eval::{EvalError, PicturePair, psnr};
+use instgs_vk::gpu::Gpu;
+use instgs_vk::render::{CONTRIBUTION_ONE, ContributionRenderer, RenderOptions, Renderer};
+use instgs_vk::scene::removable::{Removable, Removables};
+use instgs_vk::scene::{Camera, InstancedScene};
+
+use super::error::TrainError;
 
 /// A scene of fewer Gaussians.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,71 +23,98 @@ pub struct Pruned {
     pub fewer: u64,
     /// How many of them are still stored, since other instances show the same Gaussian of their template.
     pub hidden: u64,
-    /// The predicted PSNR of pictures against those of the whole scene, dB; `None` if nothing that shows was removed.
-    pub picture_psnr_db: Option<f64>,
 }
 
-/// Removes expanded Gaussians in the order of what each costs. What no camera has in its frame stays, as other views may show
-/// it. `sensitivity` is that of the scene from these cameras.
-pub fn prune(scene: &InstancedScene, sensitivity: &Sensitivity, cameras: &[Camera], goal: PruneGoal) -> Pruned {
+/// Removes expanded Gaussians of least weight until at most a part of them, above 0 and at most 1, is drawn. What no camera has
+/// in its frame stays, as other views may show it. Expands the scene: as a plain cloud it must fit into memory. `on_view` is
+/// called after each camera.
+///
+/// # Errors
+/// There are no cameras, a scene beyond the device's limits, or a failing device.
+pub fn prune(
+    gpu: &Arc<Gpu>,
+    scene: &InstancedScene,
+    cameras: &[Camera],
+    keep: f64,
+    on_view: impl FnMut(),
+) -> Result<Pruned, TrainError> {
+    if cameras.is_empty() {
+        return Err(TrainError::NoViews);
+    }
     let removables = Removables::of(scene);
-    let costs = removal_costs(scene, &removables, sensitivity);
+    let weights = blending_weights(gpu, scene, cameras, on_view)?;
     let is_framed = |removable: &Removable| {
-        removables
-            .centres_world(scene, removable)
-            .iter()
-            .any(|&centre| cameras.iter().any(|camera| camera.pixel_of(centre).is_some_and(|at| camera.has_pixel(at))))
+        let is_in = |centre| cameras.iter().any(|c| c.pixel_of(centre).is_some_and(|at| c.has_pixel(at)));
+        removables.centres_world(scene, removable).into_iter().any(is_in)
     };
-    let mut order: Vec<usize> = (0..costs.len()).filter(|&i| is_framed(&removables.all[i])).collect();
-    let per_draw = |i: usize| costs[i] / removables.all[i].draws() as f64;
-    // Stable: those of the same cost go in the order of the scene.
-    order.sort_by(|&a, &b| per_draw(a).total_cmp(&per_draw(b)));
-    let before: usize = removables.all.iter().map(Removable::draws).sum();
-    let (mut drawn, mut error) = (before as f64, 0.0);
-    let mut is_removed = vec![false; costs.len()];
-    for i in order {
-        let goes = match goal {
-            PruneGoal::Keep(part) => drawn > part * before as f64,
-            PruneGoal::PicturePsnr(psnr_db) => error + costs[i] <= 10f64.powf(-psnr_db / 10.0),
-        };
-        if !goes {
+    let weight_per_draw = |removable: &Removable| {
+        let sum: f64 = removables.flat_indices(removable).map(|flat| weights[flat]).sum();
+        sum / removable.draws() as f64
+    };
+    let all = removables.all.iter().enumerate();
+    let mut order: Vec<(f64, usize)> = all
+        .filter(|(_, removable)| is_framed(removable))
+        .map(|(i, removable)| (weight_per_draw(removable), i))
+        .collect();
+    // Stable: those of the same weight go in the order of the scene.
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut drawn = scene.expanded_len() as f64;
+    let goal = keep * drawn;
+    let mut is_removed = vec![false; removables.all.len()];
+    for (_, i) in order {
+        if drawn <= goal {
             break;
         }
         is_removed[i] = true;
         drawn -= removables.all[i].draws() as f64;
-        error += costs[i];
     }
     let (pruned, fewer) = removables.removed(scene, &is_removed);
-    Pruned {
-        fewer: fewer as u64,
-        hidden: fewer as u64 - (scene.expanded_len() - pruned.expanded_len()),
-        picture_psnr_db: (error > 0.0).then(|| -10.0 * error.log10()),
-        scene: pruned,
-    }
+    let fewer = fewer as u64;
+    Ok(Pruned { fewer, hidden: fewer - (scene.expanded_len() - pruned.expanded_len()), scene: pruned })
 }
 
-/// The mean squared error of pictures that each removal adds, in the order of [`Removables::all`]; colours from 0 to 1.
-pub fn removal_costs(scene: &InstancedScene, removables: &Removables, sensitivity: &Sensitivity) -> Vec<f64> {
-    let (templates, own) = (scene.templates.len(), scene.own.len());
-    let sources = &sensitivity.rows[Parameter::OpacityLogits];
-    let records = &sensitivity.rows[Parameter::OffsetOpacityLogits];
-    // What a template's Gaussian shows by offsets is part of its own sensitivity.
-    let mut by_offsets = vec![0.0; templates];
-    for removable in &removables.all {
-        if let Part::Record { record, gaussian } = removable.part {
-            by_offsets[gaussian as usize] += f64::from(records[record as usize]);
-        }
+/// By expanded Gaussian in flat order, the sum of its blending weights over all pixels of all cameras, pixels.
+fn blending_weights(
+    gpu: &Arc<Gpu>,
+    scene: &InstancedScene,
+    cameras: &[Camera],
+    mut on_view: impl FnMut(),
+) -> Result<Vec<f64>, TrainError> {
+    let cloud = InstancedScene { pixel_filter: scene.pixel_filter, ..InstancedScene::from_cloud(scene.flatten()) };
+    let options = RenderOptions::default().filtered(scene.pixel_filter);
+    let mut renderer = ContributionRenderer::new(gpu, &cloud)?;
+    // Integers: the order of the cameras changes nothing.
+    let mut sums = vec![0u64; cloud.background.len()];
+    for camera in cameras {
+        let everywhere = vec![0; camera.width as usize * camera.height as usize];
+        let (contributions, _) = renderer.contributions(camera, &options, &everywhere)?;
+        contributions.iter().for_each(|c| sums[c.gaussian as usize] += c.weight);
+        on_view();
     }
-    let shown = |part: Part| match part {
-        Part::Record { record, .. } => f64::from(records[record as usize]),
-        Part::Template(i) => (f64::from(sources[i as usize]) - by_offsets[i as usize]).max(0.0),
-        Part::Own(i) => f64::from(sources[templates + i as usize]),
-        Part::Background(i) => f64::from(sources[templates + own + i as usize]),
-    };
-    let cost = |removable: &Removable| {
-        let logit = f64::from(Removables::opacity_logit(scene, removable.part));
-        // 1 - o without cancellation.
-        shown(removable.part) / sigmoid(-logit).powi(2)
-    };
-    removables.all.iter().map(cost).collect()
+    Ok(sums.into_iter().map(|sum| sum as f64 / f64::from(CONTRIBUTION_ONE)).collect())
+}
+
+/// PSNR between pictures of two scenes from these cameras, each with its own pixel filter: the mean over the cameras, dB.
+///
+/// # Errors
+/// There are no cameras, a scene beyond the device's limits, or a failing device.
+pub fn picture_psnr(gpu: &Arc<Gpu>, scenes: [&InstancedScene; 2], cameras: &[Camera]) -> Result<f64, TrainError> {
+    if cameras.is_empty() {
+        return Err(TrainError::NoViews);
+    }
+    let mut renderer = Renderer::new(gpu)?;
+    let uploaded = [renderer.upload(scenes[0])?, renderer.upload(scenes[1])?];
+    let mut sum = 0.0;
+    for camera in cameras {
+        let mut pictures = Vec::new();
+        for (scene, uploaded) in scenes.iter().zip(&uploaded) {
+            let options = RenderOptions::default().filtered(scene.pixel_filter);
+            renderer.render(uploaded, camera, &options)?;
+            let picture = renderer.download()?;
+            pictures.push(picture.colors.iter().map(|&[r, g, b, _]| [r, g, b]).collect::<Vec<_>>());
+        }
+        let pair = PicturePair::new((camera.width, camera.height), &pictures[0], &pictures[1], None);
+        sum += psnr(&pair.map_err(|error| EvalError::Pair { view: camera.name.clone(), error })?);
+    }
+    Ok(sum / cameras.len() as f64)
 }
