@@ -190,7 +190,7 @@ mod tests {
             View {
                 camera: Camera::look_at(&format!("{i:02}"), eye, target, DVec3::Z, 0.9, (64, 64)),
                 image_path: format!("{i:02}.png").into(),
-                split: if i % 4 == 0 { Split::Test } else { Split::Train },
+                split: if i.is_multiple_of(4) { Split::Test } else { Split::Train },
                 distortion: None,
                 mask_path: None,
             }
