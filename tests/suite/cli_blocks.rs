@@ -136,5 +136,9 @@ fn two_blocks_become_one_scene_with_one_template() {
     assert_eq!((refined.instances.len(), refined.template_ranges.len()), (scene.instances.len(), 1));
     println!("joined {unrefined:.2} dB, refined {:.2} dB", psnr());
     assert!(psnr() > unrefined - 0.1);
-    assert!(error_of(&mut join(&["--refine", &run], &both)).contains("holds a run already"));
+    // Again: it is done, and stays as it is. Another run's folder is not touched.
+    join(&["--refine", &run, "--refine-steps", "40"], &both).assert().success();
+    assert!(load_scene(&joined).unwrap().scene == refined);
+    let other = out.join("block_00/run").display().to_string();
+    assert!(error_of(&mut join(&["--refine", &other], &both)).contains("holds another run"));
 }

@@ -11,7 +11,7 @@ use instgs_blocks::{JoinInput, JoinReport, Joined, join};
 use instgs_console::device::{self, DeviceArgs};
 use instgs_console::table::{Table, grouped};
 use instgs_console::{CliError, Printer};
-use instgs_io::{IoError, RunFolder, Split, copy_file, read_views, save_scene, write_scene_file};
+use instgs_io::{IoError, RunFolder, Split, copy_file, load_scene, read_views, save_scene, write_scene_file};
 use instgs_objects::pipeline::PipelineJob;
 use instgs_objects::pipeline::config::{ConfigBuilder, RunConfig};
 use instgs_train::config::Method;
@@ -38,7 +38,8 @@ pub(super) struct JoinArgs {
     /// Dataset folder of the whole [default: the one that was split]
     #[arg(long, value_name = "DATA")]
     data: Option<PathBuf>,
-    /// Train the joined scene on the whole data set in this run folder, and write the result
+    /// Train the joined scene on the whole data set in this run folder, and write the result; the same command again goes on
+    /// after it was stopped
     #[arg(long, value_name = "RUN")]
     refine: Option<PathBuf>,
     /// Steps of that training
@@ -71,9 +72,6 @@ pub(super) fn run(args: &JoinArgs, device_args: &DeviceArgs, printer: &Printer) 
             .advise("instances are kept in .instgs files")
             .into());
     }
-    if let Some(run) = &args.refine {
-        RunFolder::new(run).expect_no_run()?;
-    }
     let runs = read_runs(&args.runs)?;
     let data = args.data.clone().unwrap_or_else(|| runs.plan.data.clone());
     let config = args.refine.as_ref().map(|_| args.refine_config(&runs.files[0])).transpose()?;
@@ -85,7 +83,8 @@ pub(super) fn run(args: &JoinArgs, device_args: &DeviceArgs, printer: &Printer) 
     joined.report.warnings.iter().for_each(|text| printer.warning(text));
     match (&args.refine, config) {
         (Some(run), Some(config)) => {
-            let job = PipelineJob { data, out: run.clone(), config, resume: false, accept_changed_data: false };
+            let resume = is_begun(run, &joined.scene)?;
+            let job = PipelineJob { data, out: run.clone(), config, resume, accept_changed_data: false };
             joined.scene = refined(&gpu, &job, &joined.scene, printer)?;
             copy_file(&job.folder().scene(), &args.out)?;
         }
@@ -107,6 +106,28 @@ fn cameras(data: &Path, args: &JoinArgs, printer: &Printer) -> Result<Vec<Camera
     }
 }
 
+/// True if the refinement of this very scene has begun in the folder: then it goes on.
+///
+/// # Errors
+/// The folder holds a run of another scene, or of another kind.
+fn is_begun(run: &Path, scene: &InstancedScene) -> Result<bool, IoError> {
+    let folder = RunFolder::new(run);
+    if folder.initial_scene().is_file() && !folder.plain_cloud_run().path().exists() {
+        // Compared as it is read back: an empty tensor has no SH degree in a file.
+        let begun = load_scene(&folder.initial_scene())?.scene;
+        if begun.background == scene.background && begun.instances == scene.instances {
+            return Ok(true);
+        }
+    }
+    match folder.trace_of_run() {
+        Some(found) => {
+            let error = IoError::new(run, format!("holds another run ({found})"));
+            Err(error.advise("choose another folder for --refine"))
+        }
+        None => Ok(false),
+    }
+}
+
 /// Trains the joined scene in a run folder of its own; returns the scene after that.
 fn refined(
     gpu: &Arc<Gpu>,
@@ -115,7 +136,9 @@ fn refined(
     printer: &Printer,
 ) -> Result<InstancedScene, CliError> {
     job.folder().create()?;
-    write_scene_file(&job.folder().initial_scene(), scene)?;
+    if !job.resume {
+        write_scene_file(&job.folder().initial_scene(), scene)?;
+    }
     let interrupt = Interrupt::on_ctrl_c()?;
     refine_scene(&Session { gpu, interrupt: &interrupt, printer }, job)
 }

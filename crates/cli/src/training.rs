@@ -186,8 +186,7 @@ pub fn refine_scene(session: &Session<'_>, job: &PipelineJob) -> Result<Instance
     };
     let trained = train(session.gpu, &training, session.interrupt, &mut tell).map_err(PipelineError::from)?;
     if trained.interrupted {
-        let (steps, data, out) = (trained.facts.steps, job.data.clone(), job.out.clone());
-        return Err(PipelineError::Interrupted { steps, data, out }.into());
+        return Err(CliError::msg(format!("stopped after {} steps; the same command continues", trained.facts.steps)));
     }
     Ok(trained.scene)
 }

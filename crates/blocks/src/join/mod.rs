@@ -6,6 +6,8 @@ mod objects;
 mod runs;
 mod seams;
 mod shown;
+#[cfg(test)]
+mod tests;
 
 use std::sync::Arc;
 

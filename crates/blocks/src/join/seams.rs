@@ -36,6 +36,14 @@ pub(super) fn background(
         let object = &found[one.object];
         let others: Vec<usize> = (0..scenes.len()).filter(|b| !one.blocks.contains(b)).collect();
         let shown = instance_in_world(&scenes[object.block], object.instance);
+        let is_within = |b: &usize| {
+            let cell = plan.blocks[*b].cell;
+            shown.means.iter().all(|&mean| cell.owns(plan.ground.flat(widened(mean))))
+        };
+        // Most objects: the ground below them is all of blocks that know them.
+        if one.blocks.iter().any(is_within) {
+            continue;
+        }
         let reach = Reach::of(&shown);
         let touched: Vec<usize> =
             others.into_iter().filter(|&b| reach.holds_any(&scenes[b].background, &stays[b])).collect();
