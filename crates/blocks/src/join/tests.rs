@@ -153,8 +153,7 @@ fn blocks_of_a_row_become_one_row() {
 fn plain_clouds_are_joined_by_ownership() {
     let scenes = [InstancedScene::from_cloud(floor()), InstancedScene::from_cloud(floor())];
     let plan = plan();
-    let Joined { scene, report } =
-        join(&JoinInput { plan: &plan, scenes: &scenes, cameras: &[], gpu: None }).unwrap();
+    let Joined { scene, report } = join(&JoinInput { plan: &plan, scenes: &scenes, cameras: &[], gpu: None }).unwrap();
     assert_eq!((scene.background.len(), scene.instances.len()), (floor().len(), 0));
     assert_eq!(report.blocks[0].background + report.blocks[1].background, floor().len());
     let error = join(&JoinInput { plan: &plan, scenes: &scenes[..1], cameras: &[], gpu: None }).err();
