@@ -27,8 +27,8 @@ impl Surroundings {
     }
 
     /// The grid cell of a point in contracted space. Within the rectangle space is as it is, in units of half its size;
-    /// beyond, a distance r becomes 2 - 1 / r (the contraction of Mip-NeRF 360, by the maximum norm), so grid cells grow with the square of the
-    /// distance, and all of space is at most `4 * STEPS` of them wide.
+    /// beyond, a distance r becomes 2 - 1 / r (the contraction of Mip-NeRF 360, by the maximum norm). So grid cells grow with the
+    /// square of the distance, and all of space is at most `4 * STEPS` of them wide.
     fn grid_cell(&self, point: DVec3) -> [i64; 3] {
         let [x, y] = self.ground.flat(point);
         let flat = [(x - self.middle[0]) / self.half[0], (y - self.middle[1]) / self.half[1]];

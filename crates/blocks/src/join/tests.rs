@@ -12,8 +12,8 @@ use crate::plan::Block;
 
 /// Points of the objects' surfaces.
 const POINTS: usize = 1500;
-/// Largest distance of a joined object's Gaussian from the surface, scene units.
-const NEAR: f64 = 0.08;
+/// Distance from the nearest of a surface's points, scene units, beyond which a Gaussian is not on it: twice their spacing.
+const NEAR: f64 = 0.15;
 
 fn push(out: &mut Gaussians, at: DVec3, color: [f32; 3]) {
     out.means.push(at.as_vec3().to_array());
@@ -129,7 +129,7 @@ fn blocks_of_a_row_become_one_row() {
         let surface = instgs_vk::math::nearest::PointSet::new(&surface_at(x).means);
         let far = shown.means.iter().filter(|&&mean| surface.distance(mean) > NEAR).count();
         assert!(far < POINTS / 50, "{k}: {far}");
-        let other = Similarity::from_parts(DMat3::from_rotation_z(0.4 * x + 3.14), 1.0, DVec3::X * x);
+        let other = Similarity::from_parts(DMat3::from_rotation_z(0.4 * x + std::f64::consts::PI), 1.0, DVec3::X * x);
         let planted = instgs_vk::math::nearest::PointSet::new(&object(9).placed(other).means);
         assert!(shown.means.iter().filter(|&&mean| planted.distance(mean) > NEAR).count() > POINTS / 10);
         let old = if k == 4 { 1 } else { 2 };
