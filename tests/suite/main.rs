@@ -14,6 +14,7 @@ mod architecture;
 mod boxes;
 mod cases;
 mod cli;
+mod cli_blocks;
 mod cli_disturbed;
 mod cli_edit;
 mod cli_eval;

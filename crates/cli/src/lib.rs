@@ -19,6 +19,7 @@ mod info;
 mod inspect;
 mod inspect_file;
 mod inspect_groups;
+mod join;
 pub mod lpips_args;
 pub mod mask_args;
 mod masks;
@@ -29,6 +30,7 @@ mod prune;
 mod render;
 mod run_name;
 mod shell_files;
+mod split;
 mod stages;
 mod train;
 pub mod training;
@@ -71,6 +73,8 @@ enum Command {
     Register(stages::register::RegisterArgs),
     Merge(stages::merge::MergeArgs),
     Find(find::FindArgs),
+    Split(split::SplitArgs),
+    Join(join::JoinArgs),
     View(view::ViewArgs),
     Config(config::ConfigArgs),
     Completions(shell_files::CompletionsArgs),
@@ -108,6 +112,8 @@ impl Command {
             Self::Register(args) => args.json,
             Self::Merge(args) => args.json,
             Self::Find(args) => args.json,
+            Self::Split(args) => args.json,
+            Self::Join(args) => args.json,
             Self::Config(args) => args.json_on_stdout(),
             Self::View(_) | Self::Completions(_) | Self::Man(_) => false,
         }
@@ -130,6 +136,8 @@ fn run(cli: &Cli, printer: &Printer) -> Result<ExitCode, CliError> {
         Command::Register(args) => stages::register::run(args, &cli.device, printer),
         Command::Merge(args) => stages::merge::run(args, printer),
         Command::Find(args) => find::run(args, printer),
+        Command::Split(args) => split::run(args, printer),
+        Command::Join(args) => join::run(args, &cli.device, printer),
         // The only one with an exit code of its own: the player's.
         Command::View(args) => return view::run(args, &cli.device),
         Command::Config(args) => config::run(args, printer),

@@ -6,12 +6,13 @@ use super::progress_lines::{LabelLines, NamingLines, group_lines, warn_of_names}
 use instgs_console::table::grouped;
 use instgs_console::{CliError, Printer, Progress, device};
 use instgs_io::{IoError, RunLock};
-use instgs_objects::pipeline::{Message, Observer, Phase, Pipeline, PipelineJob, Prepared, Stage};
+use instgs_objects::pipeline::{Message, Observer, Phase, Pipeline, PipelineError, PipelineJob, Prepared, Stage};
 use instgs_report::{ReportError, ReportWriter, RunReport};
-use instgs_train::TrainMessage;
 use instgs_train::events::Event;
 use instgs_train::interrupt::Interrupt;
+use instgs_train::{TrainMessage, train};
 use instgs_vk::gpu::Gpu;
+use instgs_vk::scene::InstancedScene;
 
 /// Device, interrupt and printer of a command, shared by its runs.
 pub struct Session<'a> {
@@ -168,4 +169,24 @@ impl TrainProgress<'_> {
             _ => {}
         }
     }
+}
+
+/// Trains the scene that lies in the run folder as the start of a joint phase, without the phases before; returns the trained
+/// scene.
+///
+/// # Errors
+/// Faulty input, a device that fails, an interrupted run, or another process that trains in the folder.
+pub fn refine_scene(session: &Session<'_>, job: &PipelineJob) -> Result<InstancedScene, CliError> {
+    let _lock = RunLock::take(&job.out)?;
+    let mut progress = TrainProgress { printer: session.printer, bar: None };
+    let training = job.training().map_err(PipelineError::from)?;
+    let mut tell = |message: TrainMessage<'_>| {
+        progress.tell(message);
+        Ok(())
+    };
+    let trained = train(session.gpu, &training, session.interrupt, &mut tell).map_err(PipelineError::from)?;
+    if trained.interrupted {
+        return Err(CliError::msg(format!("stopped after {} steps; the same command continues", trained.facts.steps)));
+    }
+    Ok(trained.scene)
 }

@@ -74,7 +74,7 @@ pub use fingerprint::Fingerprint;
 pub use glb::{read_glb, write_glb};
 pub use groups::{read_groups, write_groups};
 pub use masks::{Mask, MaskFolder, read_mask, write_categories, write_mask};
-pub use nerf_write::write_transforms;
+pub use nerf_write::{Frame, write_frames, write_transforms};
 pub use page::{PageOptions, write_page};
 pub use ply::{read_ply, write_ply};
 pub use point_cloud::{LoadedPoints, read_points, write_points};

@@ -25,7 +25,7 @@ pub(super) struct InstanceCloud {
 }
 
 impl InstanceCloud {
-    fn new(cloud: &Gaussians, labelled: &[u32], world_from_template: &Similarity) -> Self {
+    pub(super) fn new(cloud: &Gaussians, labelled: &[u32], world_from_template: &Similarity) -> Self {
         let template_from_world = TemplateFromWorld::new(world_from_template);
         let (mut indices, mut means) = (Vec::new(), Vec::new());
         for &i in labelled {

@@ -8,6 +8,7 @@
 //!
 //! Measurements of drawing, matching and settling: `docs/notes/objects.md`.
 
+pub mod adopt;
 pub mod assemble;
 mod common_pose;
 pub mod error;
@@ -20,6 +21,7 @@ mod sample;
 mod settle;
 mod template_cloud;
 
+pub use adopt::{Adopted, Adopter};
 pub use assemble::{Built, build};
 pub use error::TemplateError;
 pub use instance_cloud::MIN_INSTANCE_GAUSSIANS;

@@ -1,0 +1,252 @@
+//! Which part of the ground each block owns, and which views and points it is trained on.
+
+use glam::DVec3;
+use instgs_io::{Dataset, IoError, Split};
+use instgs_vk::math::sh::widened;
+use instgs_vk::scene::{Camera, PointCloud, up_direction};
+use rayon::prelude::*;
+use std::path::Path;
+
+use crate::cell::{Cell, Ground};
+use crate::far::Surroundings;
+use crate::plan::{Block, Plan};
+
+/// Most points that views are compared by; of more, every k-th counts.
+const SAMPLED: usize = 60_000;
+/// Part of the points at each end of an axis that do not count for the extent of a block: strays.
+const STRAYS: f64 = 0.02;
+/// Least number of points that views show per block.
+const FEWEST_POINTS: usize = 16;
+/// Least number of training views of a block.
+const FEWEST_VIEWS: usize = 2;
+
+/// How a data set is to be divided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DivideOptions {
+    /// Number of blocks, 2 or more.
+    pub blocks: usize,
+    /// Margin on each side of a block, as a part of the block's extent along that axis.
+    pub overlap: f64,
+    /// A view belongs to a block if at least this part of the points in its frame lie within the block and its margin.
+    pub least_share: f64,
+}
+
+impl Default for DivideOptions {
+    fn default() -> Self {
+        Self { blocks: 2, overlap: 0.15, least_share: 0.15 }
+    }
+}
+
+/// A plan, and what each block gets.
+pub struct Division {
+    /// The plan.
+    pub plan: Plan,
+    /// By block, indices of its views in the data set.
+    pub views: Vec<Vec<usize>>,
+    /// By block, indices of its points: first those within cell and margin, then those farther away.
+    pub points: Vec<Vec<usize>>,
+}
+
+/// Divides the views and points of the data set in folder `data`, an absolute path. The ground is cut in two, along the longer
+/// extent of the points that training views show, so that the parts have points in proportion to their blocks, and so on.
+///
+/// # Errors
+/// There are too few points or views for so many blocks, or the cameras do not agree on an up axis.
+pub fn divide(
+    data: &Path,
+    dataset: &Dataset,
+    points: &PointCloud,
+    options: &DivideOptions,
+) -> Result<Division, IoError> {
+    let world: Vec<DVec3> = points.positions.iter().map(|&p| widened(p)).collect();
+    let training: Vec<Camera> = dataset.split(Split::Train).map(|view| view.camera.clone()).collect();
+    let up = up_direction(&training).ok_or_else(|| {
+        IoError::new(data, "its cameras do not agree on what is up, so there is no ground to divide")
+            .advise("blocks are for captures whose cameras are about level")
+    })?;
+    let shown: Vec<usize> = in_frames(&training, &world);
+    if shown.len() < options.blocks * FEWEST_POINTS {
+        let what = format!("its training views show {} points, too few for {} blocks", shown.len(), options.blocks);
+        return Err(IoError::new(data, what).advise("give a denser point cloud, or fewer blocks"));
+    }
+    let shown_points: Vec<DVec3> = shown.iter().map(|&i| world[i]).collect();
+    let ground = Ground::of_points(up, &shown_points);
+    let mut flat: Vec<[f64; 2]> = shown_points.iter().map(|&p| ground.flat(p)).collect();
+    let mut parts = Vec::new();
+    bisect(&mut flat, Cell::default(), options.blocks, &mut parts);
+    let mut division = Division { plan: Plan::new(data.into(), ground, Vec::new()), views: vec![], points: vec![] };
+    let shares = Shares::new(dataset, &shown_points, ground);
+    let digits = (parts.len() - 1).to_string().len().max(2);
+    for (number, part) in parts.iter().enumerate() {
+        let margin = [0, 1].map(|axis: usize| options.overlap * (part.high[axis] - part.low[axis]));
+        let grown = part.cell.grown(margin);
+        let views = shares.views_of(&grown, options.least_share);
+        let train_views = views.iter().filter(|&&v| dataset.views[v].split == Split::Train).count();
+        if train_views < FEWEST_VIEWS {
+            let what = format!("block {number} of {} would have {train_views} training views", options.blocks);
+            return Err(IoError::new(data, what).advise("give fewer blocks, or a lower --least-share"));
+        }
+        let (near, far): (Vec<usize>, Vec<usize>) = (0..world.len()).partition(|&i| grown.owns(ground.flat(world[i])));
+        let cameras: Vec<&Camera> = views.iter().map(|&v| &dataset.views[v].camera).collect();
+        let low = [0, 1].map(|axis: usize| part.low[axis] - margin[axis]);
+        let high = [0, 1].map(|axis: usize| part.high[axis] + margin[axis]);
+        let around = Surroundings::new(ground, low, high);
+        let in_view = |&i: &usize| cameras.iter().any(|camera| is_framed(camera, world[i]));
+        let far = around.thinned(&world, far.into_iter().filter(in_view));
+        division.plan.blocks.push(Block {
+            name: format!("block_{number:0digits$}"),
+            cell: part.cell,
+            margin,
+            train_views,
+            test_views: views.len() - train_views,
+            points: near.len(),
+            far_points: far.len(),
+        });
+        division.views.push(views);
+        division.points.push([near, far].concat());
+    }
+    Ok(division)
+}
+
+/// A part of the ground, and where its points lie without strays.
+struct Part {
+    cell: Cell,
+    low: [f64; 2],
+    high: [f64; 2],
+}
+
+/// Cuts a cell into `count` parts by the points in it.
+fn bisect(flat: &mut [[f64; 2]], cell: Cell, count: usize, out: &mut Vec<Part>) {
+    let ranges = [0, 1].map(|axis: usize| extent(flat, axis));
+    if count == 1 {
+        out.push(Part { cell, low: ranges.map(|r| r[0]), high: ranges.map(|r| r[1]) });
+        return;
+    }
+    let length = ranges.map(|[low, high]| high - low);
+    let axis = usize::from(length[1] > length[0]);
+    flat.sort_by(|a, b| a[axis].total_cmp(&b[axis]));
+    let below = count / 2;
+    let middle = flat.len() * below / count;
+    let at = 0.5 * (flat[middle.saturating_sub(1)][axis] + flat[middle][axis]);
+    let [low_cell, high_cell] = cell.cut(axis, at);
+    let (low_part, high_part) = flat.split_at_mut(middle);
+    bisect(low_part, low_cell, below, out);
+    bisect(high_part, high_cell, count - below, out);
+}
+
+/// Least and largest coordinate along an axis without strays.
+fn extent(flat: &[[f64; 2]], axis: usize) -> [f64; 2] {
+    let mut values: Vec<f64> = flat.iter().map(|p| p[axis]).collect();
+    values.sort_by(f64::total_cmp);
+    let stray = (STRAYS * values.len() as f64) as usize;
+    [values[stray], values[values.len() - 1 - stray]]
+}
+
+fn is_framed(camera: &Camera, point: DVec3) -> bool {
+    camera.pixel_of(point).is_some_and(|at| camera.has_pixel(at))
+}
+
+/// Indices of the points in the frame of at least one camera.
+fn in_frames(cameras: &[Camera], points: &[DVec3]) -> Vec<usize> {
+    let seen = |&i: &usize| cameras.iter().any(|camera| is_framed(camera, points[i]));
+    (0..points.len()).into_par_iter().filter(seen).collect()
+}
+
+/// Where the points in every view's frame lie on the ground.
+struct Shares {
+    of_view: Vec<Vec<[f64; 2]>>,
+}
+
+impl Shares {
+    fn new(dataset: &Dataset, points: &[DVec3], ground: Ground) -> Self {
+        let every = points.len().div_ceil(SAMPLED).max(1);
+        let sampled: Vec<(DVec3, [f64; 2])> = points.iter().step_by(every).map(|&p| (p, ground.flat(p))).collect();
+        let framed = |view: &instgs_io::View| {
+            sampled.iter().filter(|(p, _)| is_framed(&view.camera, *p)).map(|(_, flat)| *flat).collect()
+        };
+        Self { of_view: dataset.views.par_iter().map(framed).collect() }
+    }
+
+    /// Indices of the views of which at least a part `least` shows a cell.
+    fn views_of(&self, cell: &Cell, least: f64) -> Vec<usize> {
+        let shows = |framed: &Vec<[f64; 2]>| {
+            let inside = framed.iter().filter(|at| cell.owns(**at)).count();
+            inside > 0 && inside as f64 >= least * framed.len() as f64
+        };
+        self.of_view.iter().enumerate().filter(|(_, framed)| shows(framed)).map(|(v, _)| v).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use instgs_io::View;
+
+    /// A street along x, 40 by 4, seen straight down by a camera every two metres.
+    fn street() -> (Dataset, PointCloud) {
+        let view = |i: u32| {
+            let eye = DVec3::new(2.0 * f64::from(i), 0.0, 6.0);
+            let target = eye + DVec3::new(0.0, 2.0, -6.0);
+            View {
+                camera: Camera::look_at(&format!("{i:02}"), eye, target, DVec3::Z, 0.9, (64, 64)),
+                image_path: format!("{i:02}.png").into(),
+                split: if i.is_multiple_of(4) { Split::Test } else { Split::Train },
+                distortion: None,
+                mask_path: None,
+            }
+        };
+        let mut cloud = PointCloud::default();
+        for i in 0..400u16 {
+            for j in 0..4u16 {
+                cloud.positions.push([0.1 * f32::from(i), f32::from(j), 0.0]);
+                cloud.colors.push([9; 3]);
+            }
+        }
+        (Dataset { views: (0..21).map(view).collect(), notes: Vec::new() }, cloud)
+    }
+
+    #[test]
+    fn a_street_is_cut_across_into_parts_of_equal_points() -> Result<(), Box<dyn std::error::Error>> {
+        let (dataset, cloud) = street();
+        let options = DivideOptions { blocks: 3, ..DivideOptions::default() };
+        let division = divide(Path::new("/street"), &dataset, &cloud, &options)?;
+        let blocks = &division.plan.blocks;
+        assert_eq!(blocks.iter().map(|b| b.name.as_str()).collect::<Vec<_>>(), ["block_00", "block_01", "block_02"]);
+        let ground = division.plan.ground;
+        let mut owned = [0usize; 3];
+        for position in &cloud.positions {
+            owned[division.plan.owner(ground.flat(widened(*position))).ok_or("no owner")?] += 1;
+        }
+        assert!(owned.iter().all(|&n| (480..=590).contains(&n)), "{owned:?}");
+        // The cut is across the street: the first axis is the street's, and the second is not bounded.
+        assert!(ground.axes[0][0].abs() > 0.999 && blocks.iter().all(|b| b.cell.low[1].is_none()));
+        for (b, views) in division.views.iter().enumerate() {
+            let own = &blocks[b];
+            assert_eq!(views.len(), own.train_views + own.test_views);
+            assert!(views.len() >= 7 && views.len() < 15, "{b}: {}", views.len());
+            // Whoever stands in the middle of the block sees it.
+            let near = division.points[b][..own.points].iter().map(|&i| f64::from(cloud.positions[i][0]));
+            let middle = near.sum::<f64>() / own.points as f64;
+            let nearest = (middle / 2.0).round() as usize;
+            assert!(views.contains(&nearest), "{b}: {nearest} of {views:?}");
+            assert!(own.points > 530 && own.far_points > 0 && own.far_points < 530, "{own:?}");
+        }
+        // Every view belongs to a block.
+        assert!((0..21).all(|v| division.views.iter().any(|views| views.contains(&v))));
+        Ok(())
+    }
+
+    #[test]
+    fn too_many_blocks_are_refused() {
+        let (dataset, cloud) = street();
+        let text = |blocks| {
+            let options = DivideOptions { blocks, ..DivideOptions::default() };
+            divide(Path::new("/street"), &dataset, &cloud, &options).err().map(|e| e.to_string()).unwrap_or_default()
+        };
+        assert!(text(400).contains("too few for 400 blocks"), "{}", text(400));
+        let few = Dataset { views: dataset.views[..2].to_vec(), notes: Vec::new() };
+        let options = DivideOptions { blocks: 2, ..DivideOptions::default() };
+        let error = divide(Path::new("/street"), &few, &cloud, &options).err().map(|e| e.to_string());
+        assert!(error.is_some_and(|text| text.contains("training views")));
+    }
+}

@@ -1,0 +1,214 @@
+//! Puts the joined scene together.
+
+use std::collections::BTreeMap;
+
+use instgs_objects::template::{Adopter, OffsetKinds, Unmatched};
+use instgs_vk::scene::instanced_scene::SAME_COLOR;
+use instgs_vk::scene::{Gaussians, Group, Instance, InstancedScene, Offsets, SourceRange};
+
+use super::kinds::{Kinds, UsedTemplate, after};
+use super::objects::{BlockObject, KeptObject};
+use super::seams::BlockBackground;
+use super::shown::instance_in_world;
+use super::{BlockReport, JoinInput, JoinReport, Joined, KindReport};
+use crate::error::BlocksError;
+
+/// What the scene is made of.
+pub(super) struct Parts<'a> {
+    pub found: &'a [BlockObject],
+    pub kept: &'a [KeptObject],
+    pub kinds: &'a Kinds,
+    pub background: Vec<BlockBackground>,
+}
+
+/// The joined scene and its report.
+pub(super) fn assemble(input: &JoinInput<'_>, parts: Parts<'_>) -> Result<Joined, BlocksError> {
+    let Parts { found, kept, kinds, background } = parts;
+    let mut builder = Builder::new(input.scenes);
+    let mut report = JoinReport { warnings: kinds.warnings.clone(), ..JoinReport::default() };
+    report.duplicates = kept.iter().map(|one| one.blocks.len() - 1).sum();
+    let mut of_block = vec![0; input.scenes.len()];
+    for (kind, &chief) in kinds.reference.iter().enumerate() {
+        let reference = &kinds.used[chief];
+        let template = input.scenes[reference.block]
+            .templates
+            .range(input.scenes[reference.block].template_ranges[reference.template]);
+        let gaussians = template.len();
+        let members: Vec<(&BlockObject, &UsedTemplate)> = kept
+            .iter()
+            .map(|one| &found[one.object])
+            .filter_map(|object| Some((object, kinds.of(input.scenes, object)?)))
+            .filter(|(_, used)| used.kind == kind)
+            .collect();
+        members.iter().for_each(|(object, _)| of_block[object.block] += 1);
+        builder.begin_template(template, reference.name.clone(), members.len());
+        for (object, used) in &members {
+            let is_reference = std::ptr::eq(*used, reference);
+            builder.push_instance(&input.scenes[object.block], object.instance, used, is_reference);
+        }
+        report.templates.push(KindReport {
+            name: reference.name.clone(),
+            block: input.plan.blocks[reference.block].name.clone(),
+            templates: kinds.used.iter().filter(|used| used.kind == kind).count(),
+            instances: members.len(),
+            gaussians,
+        });
+    }
+    for ((block, planned), instances) in background.iter().zip(&input.plan.blocks).zip(of_block) {
+        builder.scene.background.append(&block.gaussians);
+        report.blocks.push(BlockReport {
+            name: planned.name.clone(),
+            instances,
+            background: block.gaussians.len(),
+            outside: block.outside,
+            covered: block.covered,
+        });
+    }
+    let mut scene = builder.scene;
+    scene.source = format!("instgs-vk: joined from {} blocks", input.scenes.len());
+    scene.validate()?;
+    Ok(Joined { scene, report })
+}
+
+/// The scene so far.
+struct Builder {
+    scene: InstancedScene,
+    /// Kinds of offsets that the blocks' scenes have.
+    kinds: OffsetKinds,
+    has_own: bool,
+    has_colors: bool,
+    /// The current template, once an object that was not made with it needs it.
+    adopter: Option<Adopter>,
+    /// By block and first record, where an instance's records were copied to: instances may share them.
+    moved: BTreeMap<(usize, u32), u32>,
+    next_id: u32,
+}
+
+impl Builder {
+    fn new(scenes: &[InstancedScene]) -> Self {
+        let any = |is: &dyn Fn(&InstancedScene) -> bool| scenes.iter().any(is);
+        let has_offsets = any(&|scene| !scene.offsets.is_empty());
+        let degree = scenes.iter().map(|scene| scene.templates.sh_degree).max().unwrap_or(0);
+        let background = Gaussians { sh_degree: scenes[0].background.sh_degree, ..Gaussians::default() };
+        let cloud = || Gaussians { sh_degree: degree, ..Gaussians::default() };
+        Self {
+            scene: InstancedScene {
+                templates: cloud(),
+                own: cloud(),
+                background,
+                pixel_filter: scenes[0].pixel_filter,
+                ..InstancedScene::default()
+            },
+            kinds: OffsetKinds {
+                position: has_offsets,
+                sh_dc: has_offsets,
+                opacity: has_offsets,
+                sh_rest: any(&|scene| !scene.offsets.sh_rest.is_empty()),
+                covariance: any(&|scene| !scene.offsets.quats.is_empty()),
+            },
+            has_own: any(&|scene| !scene.own.is_empty()),
+            has_colors: any(&|scene| !scene.color_from_template.is_empty()),
+            adopter: None,
+            moved: BTreeMap::new(),
+            next_id: 1,
+        }
+    }
+
+    fn begin_template(&mut self, template: Gaussians, name: Option<String>, instances: usize) {
+        let scene = &mut self.scene;
+        let range = SourceRange { first: scene.templates.len() as u32, count: template.len() as u32 };
+        let ids = self.next_id..self.next_id + instances as u32;
+        self.next_id = ids.end;
+        let template_id = scene.template_ranges.len() as u32;
+        scene.groups.push(Group { template_id, name, instance_ids: ids.collect() });
+        scene.template_ranges.push(range);
+        scene.templates.append(&template);
+        self.adopter = None;
+        self.moved.clear();
+    }
+
+    /// Adds instance `k` of a block's scene, one of the template `used`, to the current template.
+    fn push_instance(&mut self, from: &InstancedScene, k: usize, used: &UsedTemplate, is_reference: bool) {
+        let template = self.scene.template_ranges.len() as u32 - 1;
+        let own_first = self.scene.own.len() as u32;
+        let old = &from.instances[k];
+        let mut color = SAME_COLOR;
+        let instance = if is_reference {
+            color = from.color_matrix(k).copied().unwrap_or(SAME_COLOR);
+            from.own_range(k).indices().for_each(|i| self.scene.own.push_from(&from.own, i));
+            let first_offset = old.first_offset.map(|first| self.copied_records(from, used, first));
+            Instance { template, world_from_template: old.world_from_template, first_offset }
+        } else {
+            let world_from_template = after(old.world_from_template, used.template_from_reference);
+            self.adopted(from, k, Instance { template, world_from_template, first_offset: None })
+        };
+        let scene = &mut self.scene;
+        scene.instances.push(instance);
+        if self.has_own {
+            scene.own_ranges.push(SourceRange { first: own_first, count: scene.own.len() as u32 - own_first });
+        }
+        if self.has_colors {
+            scene.color_from_template.push(color);
+        }
+    }
+
+    /// Copies an instance's records, once if several instances share them; returns the index of the first copy.
+    fn copied_records(&mut self, from: &InstancedScene, used: &UsedTemplate, first: u32) -> u32 {
+        if let Some(&there) = self.moved.get(&(used.block, first)) {
+            return there;
+        }
+        let count = from.template_ranges[used.template].count;
+        let there = self.scene.offsets.len() as u32;
+        for m in first..first + count {
+            push_record(
+                &mut self.scene.offsets,
+                &from.offsets,
+                m as usize,
+                self.kinds,
+                self.scene.templates.sh_coefficients(),
+            );
+        }
+        self.moved.insert((used.block, first), there);
+        there
+    }
+
+    /// An instance of the current template that looks like instance `k` of a block's scene.
+    fn adopted(&mut self, from: &InstancedScene, k: usize, mut instance: Instance) -> Instance {
+        let range = self.scene.template_ranges[instance.template as usize];
+        let adopter = self.adopter.get_or_insert_with(|| Adopter::new(self.scene.templates.range(range)));
+        let unmatched = if self.has_own { Unmatched::Own } else { Unmatched::Drop };
+        let adopted = adopter.adopt(&instance_in_world(from, k), &instance.world_from_template, self.kinds, unmatched);
+        if !adopted.offsets.is_empty() {
+            instance.first_offset = Some(self.scene.offsets.len() as u32);
+            (0..adopted.offsets.len()).for_each(|m| {
+                push_record(
+                    &mut self.scene.offsets,
+                    &adopted.offsets,
+                    m,
+                    self.kinds,
+                    self.scene.templates.sh_coefficients(),
+                );
+            });
+        }
+        self.scene.own.append(&adopted.own);
+        instance
+    }
+}
+
+/// Appends a record, with zeros for kinds that its scene has not.
+fn push_record(out: &mut Offsets, from: &Offsets, m: usize, kinds: OffsetKinds, sh_coefficients: usize) {
+    out.means.push(from.means[m]);
+    out.sh_dc.push(from.sh_dc[m]);
+    out.opacity_logits.push(from.opacity_logits[m]);
+    if kinds.sh_rest {
+        let rest = sh_coefficients - 1;
+        match from.sh_rest.is_empty() {
+            true => out.sh_rest.resize(out.sh_rest.len() + rest, [0.0; 3]),
+            false => out.sh_rest.extend_from_slice(from.rest_of(m)),
+        }
+    }
+    if kinds.covariance {
+        out.log_scales.push(from.log_scales.get(m).copied().unwrap_or_default());
+        out.quats.push(from.quats.get(m).copied().unwrap_or_default());
+    }
+}
