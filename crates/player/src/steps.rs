@@ -47,11 +47,14 @@ pub(super) struct Parts {
     foreign_tensors: Option<BTreeMap<String, ForeignTensor>>,
 }
 
-/// One undo step: the scene's parts, the selection and the hidden instances before a change.
+/// One undo step: the scene's parts, the selection, and the hidden and locked instances before a change.
 pub(super) struct Step {
+    /// Name of the change.
+    pub(super) what: &'static str,
     pub(super) parts: Parts,
     pub(super) chosen: BTreeSet<usize>,
     pub(super) hidden: BTreeSet<usize>,
+    pub(super) locked: BTreeSet<usize>,
 }
 
 impl Parts {
