@@ -35,6 +35,8 @@ const GAP: f32 = 8.0;
 const BAR: f32 = 46.0;
 /// Height in points that a panel's title and margins take.
 const TITLE: f32 = 52.0;
+/// Room for the bar that scrolls a panel.
+const SCROLL_BAR: egui::Margin = egui::Margin { left: 0, right: 10, top: 0, bottom: 2 };
 /// Width of the panels' contents, points.
 pub(super) const WIDTH: f32 = 264.0;
 
@@ -245,7 +247,10 @@ fn panel(ctx: &Context, title: &str, place: Place, open: &mut bool, contents: im
         .default_width(WIDTH)
         .resizable(false)
         .show(ctx, |ui| {
-            egui::ScrollArea::vertical().max_height(place.height).show(ui, contents);
+            egui::ScrollArea::vertical().max_height(place.height).show(ui, |ui| {
+                // The bar that scrolls lies over the right edge.
+                egui::Frame::new().inner_margin(SCROLL_BAR).show(ui, contents);
+            });
         });
 }
 

@@ -28,7 +28,7 @@ pub(super) fn lay_out(ctx: &Context, facts: &Facts<'_>, panels: &mut OpenPanels,
         let text = rate(facts);
         // Beside the tools only where it does not cover them.
         if taken.right() + 160.0 < ctx.content_rect().right() {
-            Frame::popup(ui.style()).show(ui, |ui| ui.label(text));
+            Frame::popup(ui.style()).show(ui, |ui| ui.add(egui::Label::new(text).extend()));
         }
     });
 }
@@ -85,7 +85,12 @@ fn rate(facts: &Facts<'_>) -> String {
         _ => String::new(),
     };
     match facts.clock.rate() {
-        Some(rate) => format!("{:.0} FPS{reduced}", 1e3 / rate.median_ms),
+        Some(rate) => {
+            let fps = 1e3 / rate.median_ms;
+            // Below ten, a whole number says too little.
+            let decimals = usize::from(fps < 9.95);
+            format!("{fps:.decimals$} FPS{reduced}")
+        }
         None => "still".into(),
     }
 }

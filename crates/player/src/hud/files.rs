@@ -58,7 +58,9 @@ impl FilePanel {
                 panels.save_as = false;
             }
         });
-        (panels.open, panels.save_as) = (panels.open && opens, panels.save_as && saves);
+        // The field has the focus, and takes the key before the window does.
+        let stays = !ctx.input(|input| input.key_pressed(egui::Key::Escape));
+        (panels.open, panels.save_as) = (panels.open && opens && stays, panels.save_as && saves && stays);
     }
 
     fn opening(&mut self, ui: &mut Ui, facts: &Facts<'_>) -> Option<PathBuf> {
