@@ -49,6 +49,7 @@ fn takes_back_and_does_again(mut scene: InstancedScene) {
         Edit::MoveBy { which: which(), by: DVec3::X },
         Edit::Duplicate { which: which(), by: DVec3::Y, turn: None },
         Edit::Recolour { which: Selector::Index(0), rgb: [0.1, 0.0, 0.0] },
+        Edit::Reset { which: Selector::Index(0), what: instgs_vk::scene::edit::Extra::All },
         Edit::Recolour { which: Selector::Template(0), rgb: [0.0, 0.1, 0.0] },
         Edit::Scale { which: Selector::Index(1), by: 1.5 },
         Edit::Swap { which: Selector::Index(0), template: 1 },
@@ -60,7 +61,6 @@ fn takes_back_and_does_again(mut scene: InstancedScene) {
         Edit::Rename { template: 1, name: "seat".into() },
         Edit::Mirror { which: which(), normal: DVec3::X, point: None },
         Edit::MakeUnique { which: Selector::Index(1) },
-        Edit::Reset { which: Selector::Index(0), what: instgs_vk::scene::edit::Extra::All },
         Edit::Give { which: Selector::Index(0), margin: 1e3 },
         Edit::Take { which: Selector::Index(0) },
         Edit::Delete { which: which() },
@@ -68,7 +68,8 @@ fn takes_back_and_does_again(mut scene: InstancedScene) {
     let mut states = vec![scene.clone()];
     for edit in &edits {
         let (outcome, changed) = editor.apply(&mut scene, edit).unwrap();
-        let places = matches!(edit, Edit::MoveBy { .. } | Edit::Scale { .. });
+        // A name is nothing that is uploaded.
+        let places = matches!(edit, Edit::MoveBy { .. } | Edit::Scale { .. } | Edit::Rename { .. });
         assert_eq!(matches!(changed, Changed::Places(_)), places, "{edit:?}");
         if !outcome.added.is_empty() {
             assert_eq!(editor.chosen().iter().copied().collect::<Vec<_>>(), outcome.added);

@@ -201,7 +201,8 @@ fn scattered_copies_are_previewed() {
         desk.click("Preview");
         assert!(desk.editor.is_live() && desk.scene.instances.len() == before.instances.len() + 5);
         (0..3).for_each(|_| assert_eq!(desk.frame(Vec::new()), []));
-        desk.drag("Copies", 10.0);
+        let copies = desk.place("5").center();
+        desk.pictures(drag(copies, 30.0));
         assert!(desk.editor.is_live() && desk.scene.instances.len() > before.instances.len() + 5);
         desk.click(button);
         assert!(!desk.editor.is_live() && desk.editor.steps() == steps);
