@@ -48,6 +48,8 @@ fn takes_back_and_does_again(mut scene: InstancedScene) {
     let edits = [
         Edit::MoveBy { which: which(), by: DVec3::X },
         Edit::Duplicate { which: which(), by: DVec3::Y, turn: None },
+        Edit::Give { which: Selector::Index(0), margin: 1e3 },
+        Edit::Take { which: Selector::Index(0) },
         Edit::Recolour { which: Selector::Index(0), rgb: [0.1, 0.0, 0.0] },
         Edit::Reset { which: Selector::Index(0), what: instgs_vk::scene::edit::Extra::All },
         Edit::Recolour { which: Selector::Template(0), rgb: [0.0, 0.1, 0.0] },
@@ -61,8 +63,6 @@ fn takes_back_and_does_again(mut scene: InstancedScene) {
         Edit::Rename { template: 1, name: "seat".into() },
         Edit::Mirror { which: which(), normal: DVec3::X, point: None },
         Edit::MakeUnique { which: Selector::Index(1) },
-        Edit::Give { which: Selector::Index(0), margin: 1e3 },
-        Edit::Take { which: Selector::Index(0) },
         Edit::Delete { which: which() },
     ];
     let mut states = vec![scene.clone()];
